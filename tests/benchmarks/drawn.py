@@ -4,6 +4,7 @@ Needs Chromium, node's packages (`npm ci` in tests/clients) and websockets.
 """
 
 import json
+import shutil
 import tempfile
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
@@ -26,12 +27,20 @@ class _Quiet(SimpleHTTPRequestHandler):
         """Nothing."""
 
 
-def frame_times(files: list[Path], clip: str) -> list[float]:
+def missing() -> str:
+    """Say which program is missing; empty if none is."""
+    if shutil.which("chromium") is None:
+        return "no chromium"
+    return "" if _MODULES.is_dir() else "no packages of node (`npm ci` in tests/clients)"
+
+
+def frame_times(files: list[Path], clip: str, frames: int = 60) -> list[float]:
     """Median milliseconds of a frame of each file, which show the same: the clip plays, seen as a whole.
 
     Args:
-        files: Baked, .glb.
-        clip: Of all of them.
+        files: Baked files, .glb.
+        clip: The name of a clip that all of them have.
+        frames: Frames that are drawn.
     """
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -40,7 +49,7 @@ def frame_times(files: list[Path], clip: str) -> list[float]:
         (folder / "drawn.mjs").symlink_to(HERE / "drawn.mjs")
         for number, file in enumerate(files):
             (folder / f"{number}.glb").symlink_to(file.resolve())
-        (folder / "asked.json").write_text(json.dumps({"count": len(files), "clip": clip}))
+        (folder / "asked.json").write_text(json.dumps({"count": len(files), "clip": clip, "frames": frames}))
         with ThreadingHTTPServer(("127.0.0.1", 0), partial(_Quiet, directory=name)) as server:
             Thread(target=server.serve_forever, daemon=True).start()
             with browsing(folder, f"http://127.0.0.1:{server.server_port}/") as page:

@@ -30,7 +30,6 @@ from wrinklecli.editor.page.page import Page  # noqa: E402
 from wrinklecli.editor.session import Session  # noqa: E402
 from wrinklecli.numeric.guard import guarded  # noqa: E402
 
-_TIMES = 20
 _LIMB_TOOLS = """\
 version: 1
 tools:
@@ -66,8 +65,8 @@ class Felt:
         return f"{self.name:16}{self.triangles:8,} triangles{self.vertices:8,} vertices   ms: {', '.join(found)}"
 
 
-def felt(asset: Path, tools: Path) -> Felt:
-    """Measure an asset; the tools file is written to."""
+def felt(asset: Path, tools: Path, edits: int = 20) -> Felt:
+    """Measure an asset, with so many edits of each kind; the tools file is written to."""
     session = Session(asset, tools)
     if not session.tools():
         session.accept(session.proposals()[0])
@@ -100,7 +99,7 @@ def felt(asset: Path, tools: Path) -> Felt:
     clock, processor = {}, {}
     with guarded(str(asset)):
         for what, job in jobs.items():
-            clock[what], processor[what] = _medians(job, _TIMES)
+            clock[what], processor[what] = _medians(job, edits)
             page.commit()
         clock["refined"], processor["refined"] = _medians(lambda _: session.refine(), 1)
     tab.close()

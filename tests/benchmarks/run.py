@@ -1,31 +1,31 @@
-"""What baking costs, each as a ratio to something measured in the same run on the same machine.
+"""Measures what baking costs, each time as a ratio to something else in the same run on the same machine.
 
-    python tests/benchmarks/run.py                          all rows, printed as a table
-    python tests/benchmarks/run.py --only frames --only help  some
-    python tests/benchmarks/run.py --release 0.2.0          also as a row of results.csv
+    python tests/benchmarks/run.py                          all rows, a line for each
+    python tests/benchmarks/run.py --only frames --only start  those of some sections
+    python tests/benchmarks/run.py --release 0.2.0          also as a row of results.csv, and as the table of README.md
     python tests/benchmarks/run.py --assets DIR             with hand.glb and simple_skin.gltf from there
     python tests/benchmarks/run.py --markdown               the table as Markdown, on stdout
+    python tests/benchmarks/run.py --readme                 the table of README.md anew from results.csv; nothing is run
+    python tests/benchmarks/run.py --tiny                   as little as runs each line, once: are the sections right?
 
-The rows that Blender is measured in need `bpy` in an environment of its own, which tests/benchmarks/blender.sh makes.
-There Blender does what blender_keyshapes.py says, with as many threads as it likes.
-Medians of several runs, alternating with what they are compared with, one thread.
+The rows of Blender need `bpy` in an environment of its own, which tests/benchmarks/blender.sh makes. There Blender runs
+blender_keyshapes.py, with as many threads as it likes. All else is medians of several runs with one thread, which take
+turns with the runs that they are compared with. `rows.py` has the goals.
 
 The paper's figures: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004, on a 1.7 GHz PC.
 """
 
 import argparse
-import csv
 import importlib.util
 import json
 import os
-import platform
-import shutil
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+import traceback
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -45,6 +45,7 @@ import numpy as np  # noqa: E402
 import yaml  # noqa: E402
 from assets import finer, longer, more_clips  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
+from rows import Row, markdown, record, write_readme  # noqa: E402
 
 import wrinklecli  # noqa: E402
 from kit.crowd import write_crowds, write_frames  # noqa: E402
@@ -69,68 +70,137 @@ from wrinklecli.tools.records import Length  # noqa: E402
 Floats = NDArray[np.float64]
 Command = tuple[str | Path, ...]
 
-# Sample, levels, and the paper's frames per second.
-WORKLOADS = (("head", 1, 13.0), ("head", 2, 3.6), ("wrist", 0, 188.0), ("wrist", 2, 23.0), ("trousers", 1, 17.0))
-CHUNK = 250  # frames
-LONGER = 50_000  # frames: what they cost is to stand out from how unevenly processes start
-REPEATS = 9
 FPS = 30
+Three = tuple[int, int, int]
 
 
 @dataclass(frozen=True)
-class Row:
-    """One line of the table.
+class Sizes:
+    """How much is measured.
 
     Attributes:
-        name: What was measured, without spaces: a column of results.csv.
-        what: The same for people.
-        over: What it is compared with.
-        ratio: The one over the other.
-        reach: The ratio to reach, and
-        least: whether it is the least; else the most.
-        shown: What was measured, with its unit.
+        workloads: Sample, levels, and the paper's frames per second.
+        frames: Frames that are posed at once.
+        longer: Frames by which a clip is longer: what they cost is to stand out from how unevenly processes start.
+        most_repeats: Runs of which the median is taken, at most.
+        growth: Few, some and many frames of a clip.
+        tools, instances, shown: Few, some and many of them; a bake shows its frames one after another. Instances are so
+            many that they take the memory, and not the code that draws them.
+        clips: Clips of one asset.
+        edits: Times that something is dragged in the editor.
+        small_assets: Assets of one batch, and
+        alone: how many of them are baked one by one.
+        folds: Names of the folds with contact.
+        drawn: Frames that three.js draws.
     """
 
-    name: str
-    what: str
-    over: str
-    ratio: float
-    reach: float
-    least: bool
-    shown: str
+    workloads: Sequence[tuple[str, int, float]]
+    frames: int
+    longer: int
+    most_repeats: int
+    growth: Three
+    tools: Three
+    instances: Three
+    shown: Three
+    clips: int
+    edits: int
+    small_assets: int
+    alone: int
+    folds: Sequence[str]
+    drawn: int
 
-    @property
-    def held(self) -> bool:
-        """Whether the ratio was reached."""
-        return self.ratio >= self.reach if self.least else self.ratio <= self.reach
 
-    @property
-    def wanted(self) -> str:
-        """The ratio to reach, for people."""
-        return f"{'≥' if self.least else '≤'} {self.reach:g}"
+FULL = Sizes(
+    workloads=(("head", 1, 13.0), ("head", 2, 3.6), ("wrist", 0, 188.0), ("wrist", 2, 23.0), ("trousers", 1, 17.0)),
+    frames=250,
+    longer=50_000,
+    most_repeats=11,
+    growth=(100, 1000, 10_000),
+    tools=(5, 100, 400),
+    instances=(400, 1600, 6400),
+    shown=(10, 200, 800),
+    clips=24,
+    edits=20,
+    small_assets=1000,
+    alone=25,
+    folds=("elbow", "elbow_off_axis", "sleeve", "nose", "knee", "hand"),
+    drawn=60,
+)
+# Where some are as many as many, they run once.
+TINY = Sizes(
+    workloads=(("wrist", 0, 188.0), ("trousers", 0, 17.0)),
+    frames=4,
+    longer=60,
+    most_repeats=1,
+    growth=(10, 20, 20),
+    tools=(1, 2, 2),
+    instances=(1, 4, 4),
+    shown=(2, 3, 3),
+    clips=2,
+    edits=1,
+    small_assets=4,
+    alone=1,
+    folds=("nose",),
+    drawn=2,
+)
 
-    def __str__(self) -> str:
-        """A line."""
-        verdict = "ok " if self.held else "NOT"
-        return f"{verdict} {self.what}, over {self.over}: {self.ratio:.3g} ({self.wanted}), {self.shown}"
+
+@dataclass(frozen=True)
+class Subject:
+    """An asset with a tool and a clip.
+
+    Attributes:
+        asset: The file.
+        tool: One tool, as YAML.
+        clip: A clip that shortens it.
+        keep: Centre and radius, bind space, of the surface around the tool.
+    """
+
+    asset: Path
+    tool: str
+    clip: str
+    keep: tuple[Floats, float]
 
 
 @dataclass(frozen=True)
 class Places:
-    """Where things are.
+    """Where things are, and how much is measured.
 
     Attributes:
-        folder: For what is made.
-        assets: Assets that the project does not have.
+        folder: For the files that are made.
+        assets: Assets that the project does not have; None takes its own in their place.
         blender: A Python that can import bpy, if there is one.
+        sizes: How much is measured.
     """
 
     folder: Path
-    assets: Path
+    assets: Path | None
     blender: str | None
+    sizes: Sizes = FULL
+
+    def repeats(self, most: int) -> int:
+        """The number of runs of which a median is taken."""
+        return min(most, self.sizes.most_repeats)
+
+    def hand(self) -> Subject | None:
+        """A real hand, if it is there; the sample wrist in place of it."""
+        if self.assets is None:
+            return Subject(ROOT / "samples" / "wrist.glb", PALM, "flex", (np.zeros(3), 0.06))
+        hand = Subject(self.assets / "hand.glb", HAND, "bend", (np.array([-0.473, 0.2465, 0.1938]), 0.06))
+        return hand if found(hand.asset) else None
+
+    def few_vertices(self) -> Subject | None:
+        """Ten vertices, if they are there; a small limb in place of them."""
+        nowhere = np.zeros(3), 0.0
+        if self.assets is None:
+            limb = limb_asset(rings=7, sides=6).write(self.folder / "limb.glb")
+            return Subject(limb, json.dumps(limb_tool(bumps=2)), "bend", nowhere)
+        bend = "{name: bend, origin: [-0.4, 0.6, 0.0], target: [-0.4, 1.4, 0.0], width: 0.8, bumps: 2}"
+        skin = Subject(self.assets / "simple_skin.gltf", bend, "", nowhere)
+        return skin if found(skin.asset) else None
 
 
-def timed(*jobs: Callable[[], object], repeats: int = REPEATS) -> list[float]:
+def timed(*jobs: Callable[[], object], repeats: int) -> list[float]:
     """Median seconds of jobs that take turns."""
     seconds: list[list[float]] = [[] for _ in jobs]
     for _ in range(repeats):
@@ -145,21 +215,28 @@ def run(*command: str | Path, code: str = "", blender: str | None = None) -> flo
     """Seconds of a process of this Python, or of Blender's with all its threads."""
     arguments = [blender or sys.executable, *(("-c", code) if code else ()), *map(str, command)]
     start = time.perf_counter()
-    subprocess.run(
-        arguments,
-        cwd=ROOT,
-        env=_unlimited if blender else None,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        check=True,
-    )
+    _output(arguments, _unlimited if blender else None)
     return time.perf_counter() - start
+
+
+def _output(arguments: list[str], environment: dict[str, str] | None = None) -> str:
+    """What a process prints on its standard output.
+
+    Raises:
+        RuntimeError: It fails; with the end of what it said.
+    """
+    done = subprocess.run(arguments, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise RuntimeError(f"{' '.join(arguments)}: exit code {done.returncode}: {done.stderr.strip()[-2000:]}")
+    return done.stdout
 
 
 # A process counts what its parent held when it began, so the parent must be small: not this one, but one between.
 WATCH = """
 import resource, subprocess, sys
-subprocess.run(sys.argv[1:], check=True)
+done = subprocess.run(sys.argv[1:])
+if done.returncode:
+    sys.exit(done.returncode)
 taken = resource.getrusage(resource.RUSAGE_CHILDREN)
 print(taken.ru_utime + taken.ru_stime, taken.ru_maxrss)
 """
@@ -168,8 +245,7 @@ print(taken.ru_utime + taken.ru_stime, taken.ru_maxrss)
 def watched(*command: str | Path, code: str) -> tuple[float, float]:
     """Processor seconds, and greatest memory in MB (Linux counts in KB), of a process of this Python."""
     arguments = [sys.executable, "-S", "-c", WATCH, sys.executable, "-c", code, *map(str, command)]
-    done = subprocess.run(arguments, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, check=True)
-    seconds, peak = done.stdout.split()[-2:]
+    seconds, peak = _output(arguments).split()[-2:]
     return float(seconds), float(peak) / 1024
 
 
@@ -192,14 +268,25 @@ def planned(sample: str, levels: int) -> tuple[MeshPlan, Clip]:
     return plan_mesh(document, node, tools, settings, clips, Length(1.0, percent=True)), clips[0]
 
 
-def frames(_: Places) -> Iterator[Row]:
+def one_clip(places: Places, sample: str) -> Path:
+    """Write a sample's tools file for an asset that has its first clip alone: it names no clip."""
+    settings = yaml.safe_load((ROOT / "configs" / f"{sample}.yaml").read_text(encoding="utf-8"))
+    for tool in settings["tools"]:
+        tool.pop("clips", None)
+    path = places.folder / f"{sample}_one_clip.yaml"
+    path.write_text(json.dumps(settings), encoding="utf-8")
+    return path
+
+
+def frames(places: Places) -> Iterator[Row]:
     """Posed and wrinkled positions and normals of all members, in process."""
-    for workload in WORKLOADS:
-        yield from finished(*workload)
+    for workload in places.sizes.workloads:
+        yield from finished(places, *workload)
 
 
-def finished(sample: str, levels: int, paper: float) -> Iterator[Row]:
+def finished(places: Places, sample: str, levels: int, paper: float) -> Iterator[Row]:
     """The frames of one workload."""
+    count = places.sizes.frames
     plan, clip = planned(sample, levels)
     rig, fine = plan.rig, plan.fine
     patches = [each.patch for each in carried_patches_of(plan)]
@@ -218,11 +305,11 @@ def finished(sample: str, levels: int, paper: float) -> Iterator[Row]:
         fine.normals[members],
         np.concatenate([np.zeros_like(old), turns]),
     )
-    times = np.linspace(clip.start, clip.end, CHUNK)
+    times = np.linspace(clip.start, clip.end, count)
 
     def heights() -> Floats:
         seen = activities(patches, rig, clip, times)
-        found = [weights_of(p.curve, s.amplitudes).reshape(CHUNK, -1) for p, s in zip(patches, seen, strict=True)]
+        found = [weights_of(p.curve, s.amplitudes).reshape(count, -1) for p, s in zip(patches, seen, strict=True)]
         return np.concatenate([morph_weights(rig, clip, times), np.concatenate(found, axis=1)[:, shown]], axis=1)
 
     known, played = joint_matrices(rig, clip, times), heights()
@@ -233,15 +320,18 @@ def finished(sample: str, levels: int, paper: float) -> Iterator[Row]:
         np.matmul((weights @ rows).reshape(len(weights), -1, 4), homogeneous[:, :, None])
 
     whole, finishing, least = timed(
-        lambda: pose(skin, joint_matrices(rig, clip, times), heights()), lambda: pose(skin, known, played), floor
+        lambda: pose(skin, joint_matrices(rig, clip, times), heights()),
+        lambda: pose(skin, known, played),
+        floor,
+        repeats=places.repeats(9),
     )
     label = f"{sample}, max_levels {levels}, {len(members)} members"
-    rate = CHUNK / whole
+    rate = count / whole
     what, over = f"finished frames a second, {label}", f"the paper's {paper:g}"
-    yield Row(f"frames_{sample}_{levels}", what, over, rate / paper, 100, True, f"{rate:,.0f}/s")
+    yield Row(f"frames_{sample}_{levels}", what, over, rate / paper, f"{rate:,.0f}/s")
     what, over = f"time to pose and wrinkle, {label}", "skinning positions alone"
-    each = f"{1e9 * finishing / CHUNK / len(members):.0f} ns per vertex"
-    yield Row(f"floor_{sample}_{levels}", what, over, finishing / least, 3, False, each)
+    each = f"{1e9 * finishing / count / len(members):.0f} ns per vertex"
+    yield Row(f"floor_{sample}_{levels}", what, over, finishing / least, each)
 
 
 def spread(vertices: NDArray[np.intp], values: Floats, members: NDArray[np.intp]) -> Floats:
@@ -252,57 +342,54 @@ def spread(vertices: NDArray[np.intp], values: Floats, members: NDArray[np.intp]
 
 
 def rates(places: Places) -> Iterator[Row]:
-    """What a longer clip costs more."""
-    for sample, levels, paper in WORKLOADS:
-        rate = LONGER / longer_costs(places.folder, sample, levels)
+    """The cost of a longer clip beyond that of a short one."""
+    for sample, levels, paper in places.sizes.workloads:
+        rate = places.sizes.longer / longer_costs(places, sample, levels)
         what = f"frames of a longer clip that a bake takes a second, {sample}, max_levels {levels}"
-        yield Row(f"bake_{sample}_{levels}", what, f"the paper's {paper:g}", rate / paper, 500, True, f"{rate:,.0f}/s")
+        yield Row(f"bake_{sample}_{levels}", what, f"the paper's {paper:g}", rate / paper, f"{rate:,.0f}/s")
 
 
-def longer_costs(folder: Path, sample: str, levels: int) -> float:
-    """Seconds that `LONGER` frames more take."""
-    asset, tools = ROOT / "samples" / f"{sample}.glb", ROOT / "configs" / f"{sample}.yaml"
+def longer_costs(places: Places, sample: str, levels: int) -> float:
+    """Seconds that a clip takes more if it is longer."""
+    folder, asset, tools = places.folder, ROOT / "samples" / f"{sample}.glb", one_clip(places, sample)
     short = longer(asset, folder / f"{sample}_short.glb", 100 / FPS)
-    long = longer(asset, folder / f"{sample}_long.glb", (LONGER + 100) / FPS)
+    long = longer(asset, folder / f"{sample}_long.glb", (places.sizes.longer + 100) / FPS)
 
     def job(clip: Path) -> None:
         bake(clip, tools, folder / "out.glb", "--max-levels", str(levels))
 
-    brief, extended = timed(lambda: job(short), lambda: job(long), repeats=7)
+    brief, extended = timed(lambda: job(short), lambda: job(long), repeats=places.repeats(7))
     return extended - brief
 
 
 def growth(places: Places) -> Iterator[Row]:
     """Bytes, memory and time of long clips."""
-    folder = places.folder
-    tools, asset = ROOT / "configs" / "trousers.yaml", ROOT / "samples" / "trousers.glb"
-    clips = {count: longer(asset, folder / f"trousers_{count}.glb", count / FPS) for count in (100, 1000, 10_000)}
-    for mode, reach in (("morph", 1.5), ("frames", 2.5)):
+    folder, (few, some, many) = places.folder, places.sizes.growth
+    tools, asset = one_clip(places, "trousers"), ROOT / "samples" / "trousers.glb"
+    clips = {count: longer(asset, folder / f"trousers_{count}.glb", count / FPS) for count in (few, some, many)}
+    # A .glb holds 4 GiB, and 10,000 frames of the refined mesh take more.
+    for mode, options in (("morph", ()), ("frames", ("--max-levels", "0"))):
         peaks, seconds = {}, {}
-        for count in (100, 10_000):
-            command = ("bake", clips[count], tools, "-o", folder / f"{mode}_{count}.glb", "-q", "--mode", mode)
-            runs = [watched(*command, code=WRINKLE) for _ in range(3)]
+        for count in (few, many):
+            out = folder / f"{mode}_{count}.glb"
+            command: Command = ("bake", clips[count], tools, "-o", out, "-q", "--mode", mode, *options)
+            runs = [watched(*command, code=WRINKLE) for _ in range(places.repeats(3))]
             peaks[count] = statistics.median(peak for _, peak in runs)
             seconds[count] = statistics.median(each for each, _ in runs)
-        what = f"peak memory, trousers, --mode {mode}, 10,000 frames"
-        yield Row(
-            f"memory_{mode}", what, "100 frames", peaks[10_000] / peaks[100], reach, False, f"{peaks[10_000]:.0f} MB"
-        )
-        per_frame = seconds[10_000] / 10_000 / (seconds[100] / 100)
-        what, shown = (
-            f"time per frame, trousers, --mode {mode}, 10,000 frames",
-            f"{1e3 * seconds[10_000] / 10_000:.2f} ms",
-        )
-        yield Row(f"pace_{mode}", what, "100 frames", per_frame, 1.0, False, shown)
+            out.unlink()
+        what, over = f"trousers, --mode {mode}, {many:,} frames", f"{few:,} frames"
+        yield Row(f"memory_{mode}", f"peak memory, {what}", over, peaks[many] / peaks[few], f"{peaks[many]:.0f} MB")
+        pace, before = (seconds[count] / count for count in (many, few))
+        yield Row(f"pace_{mode}", f"time per frame, {what}", over, pace / before, f"{1e3 * pace:.2f} ms")
     grown, tracks = [], []
-    for count in (1000, 10_000):
+    for count in (few if some == many else some, many):
         out = folder / f"growth_{count}.glb"
         bake(clips[count], tools, out)
         grown.append(out.stat().st_size - clips[count].stat().st_size)
         tracks.append(track_bytes(out))
     what, over = "bytes that ten times the frames add, trousers", "those that they add to the weight tracks"
     ratio = (grown[1] - grown[0]) / (tracks[1] - tracks[0])
-    yield Row("bytes", what, over, ratio, 1.001, False, f"{(grown[1] - grown[0]) / 1e3:,.0f} kB")
+    yield Row("bytes", what, over, ratio, f"{(grown[1] - grown[0]) / 1e3:,.0f} kB")
 
 
 def track_bytes(path: Path) -> int:
@@ -318,90 +405,92 @@ def track_bytes(path: Path) -> int:
 
 
 def scaling(places: Places) -> Iterator[Row]:
-    """How time and memory grow with what a file has many of: exponents, beyond what few take."""
+    """Exponents by which time and memory grow with the tools, instances and frames of a file, beyond those of few."""
     folder = places.folder
     picture = ("-o", folder / "many.png", "-q")
 
     def baked(count: int) -> Command:
         return "bake", *write_tube(folder, count), "-q", "-o", folder / "tube.glb"
 
-    # Of instances so many that they, and not what draws them, take the memory.
-    tools, instances, frames = (5, 100, 400), (400, 1600, 6400), (10, 200, 800)
-    yield from grown("tools", tools, baked)
-    yield from grown("tools", tools, lambda count: ("check", *write_tube(folder, count)))
-    yield from grown("instances", instances, lambda count: ("diff", *write_crowds(folder, count)))
-    yield from grown("instances", instances, lambda count: ("preview", write_crowds(folder, count)[0], *picture))
-    yield from grown("frames", frames, lambda count: ("diff", *write_frames(folder, count)))
-    yield from grown("frames", frames, lambda count: ("preview", write_frames(folder, count)[0], *picture))
+    for name, command in (
+        ("tools", baked),
+        ("tools", lambda count: ("check", *write_tube(folder, count))),
+        ("instances", lambda count: ("diff", *write_crowds(folder, count))),
+        ("instances", lambda count: ("preview", write_crowds(folder, count)[0], *picture)),
+        ("shown", lambda count: ("diff", *write_frames(folder, count))),
+        ("shown", lambda count: ("preview", write_frames(folder, count)[0], *picture)),
+    ):
+        yield from grown(places, name, command)
 
 
-def grown(name: str, counts: tuple[int, int, int], command: Callable[[int], Command]) -> Iterator[Row]:
-    """The exponents of a command's time and memory, from few, some and many of what it is given."""
+def grown(places: Places, name: str, command: Callable[[int], Command]) -> Iterator[Row]:
+    """The exponents of a command's time and memory, from few, some and many of a thing."""
+    counts: Three = getattr(places.sizes, name)
     few, some, many = counts
     commands = {count: command(count) for count in counts}
     # In turns, so that what else the machine does disturbs all of them.
-    runs = [[watched(*each, code=WRINKLE) for each in commands.values()] for _ in range(3)]
-    taken = dict(zip(counts, np.median(runs, axis=0), strict=True))
-    exponents = np.log((taken[many] - taken[few]) / (taken[some] - taken[few])) / np.log((many - few) / (some - few))
-    verb = commands[many][0]
+    runs = [[watched(*each, code=WRINKLE) for each in commands.values()] for _ in range(places.repeats(3))]
+    taken = dict(zip(commands, np.median(runs, axis=0), strict=True))
+    with np.errstate(all="ignore"):  # the least of each may take no longer than nothing
+        ratios = (taken[many] - taken[few]) / (taken[some] - taken[few])
+        exponents = np.log(ratios) / np.log((many - few) / (some - few))
+    verb, things = commands[many][0], {"shown": "frames"}.get(name, name)
     for what, exponent, unit, value in zip(("time", "memory"), exponents, ("s", "MB"), taken[many], strict=True):
-        label = f"exponent of {what} in {name}, wrinkle {verb}, {many} {name}"
+        label = f"exponent of {what} in {things}, wrinkle {verb}, {many} {things}"
         shown = f"{value:.3g} {unit}"
-        yield Row(f"{name}_{verb}_{what}", label, f"{some} {name}", float(exponent), 1.1, False, shown)
+        yield Row(f"exponent_{things}_{verb}_{what}", label, f"{some} {things}", float(exponent), shown)
 
 
 def density(places: Places) -> Iterator[Row]:
     """A bake of a mesh that is sixteen times as fine outside the patch."""
-    folder, asset = places.folder, places.assets / "hand.glb"
-    if not found(asset):
+    folder, hand = places.folder, places.hand()
+    if hand is None:
         return
-    centre = np.array([-0.473, 0.2465, 0.1938])
-    dense = finer(asset, folder / "dense.glb", keep=(centre, 0.06), rounds=2)
-    tools = written(folder / "hand.yaml", HAND)
+    dense, tools = finer(hand.asset, folder / "dense.glb", keep=hand.keep, rounds=2), written(folder, "hand", hand.tool)
     copy = (
         "import sys; from wrinklecli.gltf.document import read_document\n"
         "from wrinklecli.gltf.edited_document import EditedDocument; from wrinklecli.gltf.writer import write\n"
         "write(EditedDocument(read_document(sys.argv[1])), sys.argv[2])"
     )
     fine, copied = timed(
-        lambda: bake(dense, tools, folder / "out.glb"), lambda: run(dense, folder / "copy.glb", code=copy), repeats=7
+        lambda: bake(dense, tools, folder / "out.glb"),
+        lambda: run(dense, folder / "copy.glb", code=copy),
+        repeats=places.repeats(7),
     )
-    what, over = "baking hand.glb with 16 times the triangles outside the patch", "reading and writing it"
-    yield Row("density", what, over, fine / copied, 1.5, False, f"{fine:.2f} s")
+    what, over = f"baking {hand.asset.name} with 16 times the triangles outside the patch", "reading and writing it"
+    yield Row("density", what, over, fine / copied, f"{fine:.2f} s")
 
 
 def ways(places: Places) -> Iterator[Row]:
-    """What a bake of many clips takes for its proof and its report, and a diff after a change of bumps."""
-    folder, samples, configs = places.folder, ROOT / "samples", ROOT / "configs"
-    clips, tools, out = (
-        more_clips(samples / "wrist.glb", folder / "clips.glb", 24),
-        configs / "wrist.yaml",
-        folder / "o.glb",
-    )
+    """The proof and the report of a bake of many clips, and a diff after a change of bumps."""
+    folder, samples, configs, count = places.folder, ROOT / "samples", ROOT / "configs", places.sizes.clips
+    clips = more_clips(samples / "wrist.glb", folder / "clips.glb", count)
+    tools, out = configs / "wrist.yaml", folder / "o.glb"
     plain, draft, reported = timed(
         lambda: bake(clips, tools, out),
         lambda: bake(clips, tools, out, "--draft"),
         lambda: bake(clips, tools, out, "--report", str(folder / "r.json")),
-        repeats=3,
+        repeats=places.repeats(3),
     )
-    yield Row("proof_clips", "baking 24 clips", "a draft", plain / draft, 3, False, f"{plain:.2f} s")
-    yield Row(
-        "report_clips", "baking 24 clips with a report", "without", reported / plain, 3, False, f"{reported:.2f} s"
-    )
-    fewer = folder / "fewer.yaml"
-    fewer.write_text((configs / "head.yaml").read_text().replace("bumps: 5", "bumps: 3"))
-    bake(samples / "head.glb", fewer, folder / "fewer.glb")
+    what = f"baking {count} clips"
+    yield Row("proof_clips", what, "a draft", plain / draft, f"{plain:.2f} s")
+    yield Row("report_clips", f"{what} with a report", "without", reported / plain, f"{reported:.2f} s")
+    name = "wrist" if places.assets is None else "head"
+    asset, tools, fewer = samples / f"{name}.glb", configs / f"{name}.yaml", folder / "fewer.yaml"
+    fewer.write_text(tools.read_text(encoding="utf-8").replace("bumps: 5", "bumps: 3"), encoding="utf-8")
+    bake(asset, fewer, folder / "fewer.glb")
     compare = "import sys; from wrinklecli.review.diff.diff import diff; diff(sys.argv[1], sys.argv[2])"
     baking, comparing = timed(
-        lambda: bake(samples / "head.glb", configs / "head.yaml", out),
+        lambda: bake(asset, tools, out),
         lambda: run(out, folder / "fewer.glb", code=compare),
-        repeats=3,
+        repeats=places.repeats(3),
     )
-    what = "diff of head.glb with five and with three bumps"
-    yield Row("diff_bumps", what, "a bake of it", comparing / baking, 3, False, f"{comparing:.2f} s")
+    what = f"diff of {name}.glb with five and with three bumps"
+    yield Row("diff_bumps", what, "a bake of it", comparing / baking, f"{comparing:.2f} s")
 
 
 HAND = "{name: wrist, origin: [-0.4622, 0.2576, 0.1750], target: [-0.4838, 0.2355, 0.2126], width: 0.05, bumps: 4}"
+PALM = "{name: palm, origin: [-0.034, -0.0221, 0.0], target: [0.030, -0.0200, 0.0], width: 0.07, bumps: 4}"
 # The knees of configs/trousers.yaml, of the one wave that both programs make.
 KNEES = (
     "{name: knee.L, origin: [0.104, 0.635, -0.0906], target: [0.104, 0.365, -0.0844], mirror: x, width: 0.24, bumps: 6}"
@@ -409,43 +498,45 @@ KNEES = (
 
 
 def found(asset: Path) -> bool:
-    """Whether an asset is there; else says that its rows are left out."""
+    """True if an asset is there; else says that its rows are left out."""
     if not asset.is_file():
         print(f"no {asset.name} in --assets: its rows are left out", file=sys.stderr)
     return asset.is_file()
 
 
-def written(path: Path, tool: str) -> Path:
+def written(folder: Path, name: str, tool: str) -> Path:
     """Write a file of one tool."""
+    path = folder / f"{name}.yaml"
     path.write_text(f"version: 1\ntools:\n  - {tool}\n", encoding="utf-8")
     return path
 
 
 def start(places: Places) -> Iterator[Row]:
     """Short commands, over a Python that imports numpy."""
-    folder, asset = places.folder, places.assets / "simple_skin.gltf"
-    over = "python importing numpy"
-    short, importing = timed(lambda: run("--help", code=WRINKLE), lambda: run(code="import numpy"), repeats=11)
-    yield Row("help", "wrinkle --help", over, short / importing, 1.0, False, f"{short:.2f} s")
-    if not found(asset):
+    folder, few = places.folder, places.few_vertices()
+    over, repeats = "python importing numpy", places.repeats(11)
+    short, importing = timed(lambda: run("--help", code=WRINKLE), lambda: run(code="import numpy"), repeats=repeats)
+    yield Row("help", "wrinkle --help", over, short / importing, f"{short:.2f} s")
+    if few is None:
         return
-    bend = "{name: bend, origin: [-0.4, 0.6, 0.0], target: [-0.4, 1.4, 0.0], width: 0.8, bumps: 2}"
-    tools = written(folder / "bend.yaml", bend)
+    tools = written(folder, "bend", few.tool)
     baking, importing = timed(
-        lambda: bake(asset, tools, folder / "out.glb"), lambda: run(code="import numpy"), repeats=11
+        lambda: bake(few.asset, tools, folder / "out.glb"), lambda: run(code="import numpy"), repeats=repeats
     )
-    yield Row("simple_skin", "baking simple_skin.gltf", over, baking / importing, 4.0, False, f"{baking:.2f} s")
+    yield Row("simple_skin", f"baking {few.asset.name}", over, baking / importing, f"{baking:.2f} s")
 
 
 def edits(places: Places) -> Iterator[Row]:
-    """What a hand feels in `wrinkle edit`: what is dragged and let go, and a frame of a playing clip."""
+    """The times that a hand waits for in `wrinkle edit`: for a drag, for letting go, and for a frame of a clip."""
     from editor import cases, felt
 
     assets = cases(places.folder)
-    if found(asset := places.assets / "trousers.glb"):
+    if places.assets is None:
+        assets = assets[-1:]
+    elif found(asset := places.assets / "trousers.glb"):
         assets.append((asset, places.folder / "theirs.yaml"))
     for asset, tools in assets:
-        each = felt(asset, tools)
+        each = felt(asset, tools, places.sizes.edits)
         what = f"{tools.stem} of {each.triangles:,} triangles"
         dragged = max(each.clock[job] for job in ("width", "end", "bumps"))
         for name, said, seconds, reach in (
@@ -454,15 +545,15 @@ def edits(places: Places) -> Iterator[Row]:
             ("full", f"letting go of it, {what}", each.clock["refined"], 2.0),
         ):
             over, shown = f"{reach:g} s", f"{1000 * seconds:.0f} ms"
-            yield Row(f"edit_{name}_{tools.stem}", said, over, seconds / reach, 1.0, False, shown)
+            yield Row(f"edit_{name}_{tools.stem}", said, over, seconds / reach, shown)
 
 
-def batches(places: Places, count: int = 1000, alone: int = 25) -> Iterator[Row]:
+def batches(places: Places) -> Iterator[Row]:
     """Many small assets in one command: over one by one, over two workers, and with nothing to do.
 
-    What two workers could reach is what two processes do that share nothing: two cores slow each other down.
+    Two workers can reach as much as two processes that share nothing: two cores slow each other down.
     """
-    folder = places.folder / "batch"
+    folder, count = places.folder / "batch", places.sizes.small_assets
     (folder / "chars").mkdir(parents=True)
     for number in range(count):
         limb_asset(rings=7, sides=6, angle=30 + 0.1 * number).write(folder / "chars" / f"{number}.glb")
@@ -478,25 +569,29 @@ def batches(places: Places, count: int = 1000, alone: int = 25) -> Iterator[Row]
     with ThreadPoolExecutor() as both:
         list(both.map(batch, ("even", "odd"), (1, 1), ("*[02468]", "*[13579]")))
     apart = time.perf_counter() - start
-    single = [bake(folder / "chars" / f"{number}.glb", tools, folder / "out.glb") for number in range(alone)]
+    single = [
+        bake(folder / "chars" / f"{number}.glb", tools, folder / "out.glb") for number in range(places.sizes.alone)
+    ]
     each = count * statistics.median(single)
     what = f"{count:,} small assets"
-    yield Row("batch_loop", f"{what}, one bake after another", "batch", each / one, 3.0, True, f"{one:.1f} s")
-    yield Row("batch_workers", f"{what} by one worker", "two workers", one / two, 1.8, True, f"{two:.1f} s")
+    yield Row("batch_loop", f"{what}, one bake after another", "batch", each / one, f"{one:.1f} s")
+    yield Row("batch_workers", f"{what} by one worker", "two workers", one / two, f"{two:.1f} s")
     over = "two processes of one worker with half of them each"
-    yield Row("batch_shared", f"{what} by two workers", over, two / apart, 1.1, False, f"{two:.1f} s")
-    yield Row("batch_again", f"{what}, nothing to do", "the first run", again / one, 0.02, False, f"{again:.2f} s")
+    yield Row("batch_shared", f"{what} by two workers", over, two / apart, f"{two:.1f} s")
+    yield Row("batch_again", f"{what}, nothing to do", "the first run", again / one, f"{again:.2f} s")
 
 
 def blender(places: Places) -> Iterator[Row]:
     """A shape key for each frame, made by Blender."""
     if places.blender is None:
         print("no bpy (tests/benchmarks/blender.sh installs it): Blender's rows are left out", file=sys.stderr)
-        return
-    hand = places.assets / "hand.glb"
-    if found(hand):
-        yield from shape_keys(places, "hand", hand, HAND, "bend", (6, 100))
-    yield from shape_keys(places, "character", two_knees(places), KNEES, "squat", (45, 500))
+        if places.assets is not None:
+            return
+    hand = places.hand()
+    if hand is not None:
+        yield from shape_keys(places, "hand", hand.asset, hand.tool, hand.clip)
+    if places.blender is not None:
+        yield from shape_keys(places, "character", two_knees(places), KNEES, "squat")
 
 
 def two_knees(places: Places) -> Path:
@@ -511,52 +606,60 @@ def two_knees(places: Places) -> Path:
 
 def drawn(places: Places) -> Iterator[Row]:
     """A frame of meshes in parts over that of whole ones, in three.js, drawn without a GPU."""
-    if shutil.which("chromium") is None:
-        print("no chromium: rows of what is drawn are left out", file=sys.stderr)
-        return
-    from drawn import frame_times
+    from drawn import frame_times, missing
 
-    head = ROOT / "samples" / "head.glb", ROOT / "configs" / "head.yaml", "raise_brows"
-    knees = two_knees(places), written(places.folder / "knees.yaml", KNEES), "squat"
-    for name, (asset, tools, clip) in {"head": head, "character": knees}.items():
+    if lacking := missing():
+        print(f"{lacking}: rows of frames that are drawn are left out", file=sys.stderr)
+        return
+    if places.assets is None:
+        cases = {"wrist": (ROOT / "samples" / "wrist.glb", ROOT / "configs" / "wrist.yaml", "flex")}
+    else:
+        head = ROOT / "samples" / "head.glb", ROOT / "configs" / "head.yaml", "raise_brows"
+        cases = {"head": head, "character": (two_knees(places), written(places.folder, "knees", KNEES), "squat")}
+    for name, (asset, tools, clip) in cases.items():
         whole, parts = (places.folder / f"{name}_{each}.glb" for each in ("whole", "parts"))
         bake(asset, tools, whole)
         bake(asset, tools, parts, "--split")
-        one, many, bare = frame_times([whole, parts, asset], clip)
+        one, many, bare = frame_times([whole, parts, asset], clip, places.sizes.drawn)
         shown = f"{many:.0f} over {one:.0f} ms; without wrinkles {bare:.0f} ms"
         what = f"a frame of the {name} in parts, {triangles(asset):,} triangles, three.js without a GPU"
-        yield Row(f"drawn_{name}", what, "the same as a whole", many / one, 1.0, False, shown)
+        yield Row(f"drawn_{name}", what, "the same as a whole", many / one, shown)
 
 
-def shape_keys(
-    places: Places, name: str, asset: Path, tool: str, clip: str, reaches: tuple[float, float]
-) -> Iterator[Row]:
-    """Time and bytes of Blender over those of a bake: the quick way, then an artist's."""
-    tools, segments = written(places.folder / f"{name}.yaml", tool), places.folder / f"{name}.json"
+def shape_keys(places: Places, name: str, asset: Path, tool: str, clip: str) -> Iterator[Row]:
+    """Time and bytes of Blender over those of a bake: the quick way, then an artist's.
+
+    Without Blender there are no rows: its orders are written, and the bake is looked at.
+    """
+    tools, segments = written(places.folder, name, tool), places.folder / f"{name}.json"
     baked, keyed = places.folder / f"{name}_baked.glb", places.folder / f"{name}_keyed.glb"
     each = [(list(a.origin), list(a.target), a.width.value, a.bumps) for a in load_tools(tools).tools]
     segments.write_text(json.dumps([dict(zip(("origin", "target", "width", "bumps"), a, strict=True)) for a in each]))
+    options = ("--clip", clip, "--max-levels", "1")
+    if places.blender is None:
+        bake(asset, tools, baked, *options)
+        assert tallest(*played(baked, clip)) > 0.0, f"{baked}: nothing wrinkles"
+        return
     script = [HERE / "blender_keyshapes.py", asset, segments, keyed, "--clip", clip, "--fps", str(FPS)]
     label = f"{name} of {triangles(asset):,} triangles, 61 frames of {clip}"
     ways = (
         ("", "products of arrays, the patches subdivided", [], 5),
         ("_operators", "its own tools, the whole mesh subdivided", ["--operators"], 3),
     )
-    for suffix, means, options, repeats in ways:
+    for suffix, means, way, repeats in ways:
         theirs, ours = timed(
-            lambda options=options: run(*script, *options, blender=places.blender),
-            lambda: bake(asset, tools, baked, "--clip", clip, "--max-levels", "1"),
-            repeats=repeats,
+            lambda way=way: run(*script, *way, blender=places.blender),
+            lambda: bake(asset, tools, baked, *options),
+            repeats=places.repeats(repeats),
         )
         assert_alike(keyed, baked, clip, 61)
-        way = f"for {label}, a shape key each by {means}"
+        label_of_way = f"for {label}, a shape key each by {means}"
         shown = f"{theirs:.2f} s over {ours:.2f} s"
-        what, ratio = f"Blender's time {way}", theirs / ours
-        yield Row(f"blender_{name}_time{suffix}", what, "the bake's", ratio, reaches[0], True, shown)
+        yield Row(f"blender_{name}_time{suffix}", f"Blender's time {label_of_way}", "the bake's", theirs / ours, shown)
         more, less = (path.stat().st_size - asset.stat().st_size for path in (keyed, baked))
         shown = f"{more / 1e3:,.0f} kB over {less / 1e3:,.1f} kB"
-        what, ratio = f"bytes that Blender adds {way}", more / less
-        yield Row(f"blender_{name}_bytes{suffix}", what, "the bake's", ratio, reaches[1], True, shown)
+        what = f"bytes that Blender adds {label_of_way}"
+        yield Row(f"blender_{name}_bytes{suffix}", what, "the bake's", more / less, shown)
 
 
 def triangles(asset: Path) -> int:
@@ -597,23 +700,63 @@ def tallest(targets: list[Floats], weights: Floats) -> float:
 
 def contact(places: Places) -> Iterator[Row]:
     """Folds that touch, one in each bake: what is left of their crossings, what they cost, what becomes of volume."""
-    crease = limb_tool(bumps=3, max_height="8%", node="limb")
+    for name in places.sizes.folds:
+        yield from _FOLDS[name](places)
+
+
+def elbow(places: Places) -> Iterator[Row]:
+    """A limb that folds about its axis."""
     limb = limb_asset(rings=30, sides=20, angle=85).write(places.folder / "limb.glb")
-    yield from folded(places, "elbow", limb, {"version": 1, "tools": [crease]})
+    yield from folded(places, "elbow", limb, one_tool(CREASE))
+
+
+def elbow_off_axis(places: Places) -> Iterator[Row]:
+    """A limb with clips that fold it about other axes."""
     waving = waving_limb(20, rings=30, sides=20).write(places.folder / "waving.glb")
-    yield from folded(places, "elbow off its axis", waving, {"version": 1, "tools": [crease], "sampling": {"fps": 15}})
+    yield from folded(places, "elbow_off_axis", waving, {**one_tool(CREASE), "sampling": {"fps": 15}})
+
+
+def sleeve(places: Places) -> Iterator[Row]:
+    """A limb in a sleeve, which is another mesh."""
     sleeved = sleeved_limb(gap=0.05, rings=24, sides=16, angle=45).write(places.folder / "sleeved.glb")
-    yield from folded(places, "sleeve", sleeved, {"version": 1, "tools": [crease]}, parts="limb: ")
+    yield from folded(places, "sleeve", sleeved, one_tool(CREASE), parts="limb: ")
+
+
+def nose_beneath_glasses(places: Places) -> Iterator[Row]:
+    """A morph target that raises a nose towards glasses."""
     nosed = nose().write(places.folder / "nose.glb")
     bridge = {"name": "bridge", "node": "skin", "origin": [-0.5, 0, 0], "target": [0.5, 0, 0], "width": 0.8, "bumps": 4}
-    yield from folded(places, "nose", nosed, {"version": 1, "tools": [bridge]}, parts="glasses")
+    yield from folded(places, "nose", nosed, one_tool(bridge), parts="glasses")
+
+
+def knee(places: Places) -> Iterator[Row]:
+    """The left knee of the sample trousers."""
     samples = yaml.safe_load((ROOT / "configs" / "trousers.yaml").read_text(encoding="utf-8"))
-    knee = {"only": ("knee.L",), "clips": ("squat",), "max_levels": 2}
-    yield from folded(places, "knee", ROOT / "samples" / "trousers.glb", samples, **knee)
-    if found(places.assets / "hand.glb"):
-        place: dict[str, Any] = {"origin": [-0.4622, 0.2576, 0.1750], "target": [-0.4838, 0.2355, 0.2126]}
-        wrist = {"name": "wrist", **place, "width": 0.05, "bumps": 4}
-        yield from folded(places, "hand", places.assets / "hand.glb", {"version": 1, "tools": [wrist]}, clips=("bend",))
+    options = {"only": ("knee.L",), "clips": ("squat",), "max_levels": 2}
+    yield from folded(places, "knee", ROOT / "samples" / "trousers.glb", samples, **options)
+
+
+def wrist(places: Places) -> Iterator[Row]:
+    """The wrist of a real hand."""
+    hand = places.hand()
+    if hand is not None:
+        yield from folded(places, "hand", hand.asset, one_tool(yaml.safe_load(hand.tool)), clips=(hand.clip,))
+
+
+CREASE = limb_tool(bumps=3, max_height="8%", node="limb")
+_FOLDS = {
+    "elbow": elbow,
+    "elbow_off_axis": elbow_off_axis,
+    "sleeve": sleeve,
+    "nose": nose_beneath_glasses,
+    "knee": knee,
+    "hand": wrist,
+}
+
+
+def one_tool(tool: dict[str, Any]) -> dict[str, Any]:
+    """A tools file of one tool."""
+    return {"version": 1, "tools": [tool]}
 
 
 def folded(
@@ -622,18 +765,17 @@ def folded(
     """The one fold of a bake, with contact and without.
 
     Args:
-        places: Of the benchmarks.
-        name: For the rows.
-        asset: With the fold.
-        tools: Over it.
-        parts: What crosses with or through something of that name counts; left out, what crosses at the joint.
-        options: Of the bakes.
+        places: The places of the benchmarks.
+        name: The name in the rows.
+        asset: The asset with the fold.
+        tools: The tools file, with a tool over the fold.
+        parts: Crossings with or through a part of this name count; if empty, those at the joint.
+        options: The options of the bakes.
     """
     seconds, crossing, fold = [], [], {}
     for wanted in ("resolve", "off"):
         each = {**tools, "defaults": {**tools.get("defaults", {}), "contact": wanted}}
-        stem = name.replace(" ", "_")
-        path, out = places.folder / f"{stem}_{wanted}.yaml", places.folder / f"{stem}_{wanted}.glb"
+        path, out = places.folder / f"{name}_{wanted}.yaml", places.folder / f"{name}_{wanted}.glb"
         path.write_text(json.dumps(each), encoding="utf-8")
         begun = time.process_time()
         report = wrinklecli.bake(asset, path, out, **options)
@@ -647,16 +789,16 @@ def folded(
         crossing.append((sum(before for before, _ in here), sum(after for _, after in here)))
     (before, left), (_, without) = crossing
     what, over = f"crossings in a fold that touches, {name}", "those without contact"
-    yield Row(f"contact_left_{name}", what, over, left / without, 0.05, False, f"{before} -> {without} -> {left}")
+    yield Row(f"contact_left_{name}", what, over, left / without, f"{before} -> {without} -> {left}")
     spent = seconds[0] - seconds[1]
     what = f"seconds that contact takes in a fold and its clips, {name}"
-    yield Row(f"contact_seconds_{name}", what, "10", spent / 10, 1.0, False, f"{spent:.1f} s")
+    yield Row(f"contact_seconds_{name}", what, "10", spent / 10, f"{spent:.1f} s")
     targets = len(fold["targets"])
     what = f"morph targets of a fold that touches, {name}"
-    yield Row(f"contact_targets_{name}", what, "the 8 that it may have", targets / 8, 1.0, False, f"{targets}")
+    yield Row(f"contact_targets_{name}", what, "the 8 that it may have", targets / 8, f"{targets}")
     lost = 100.0 * fold["volume_lost"]
     what = f"volume that a fold loses, {name}"
-    yield Row(f"contact_volume_{name}", what, "1 % of the limb beside it", lost, 1.0, False, f"{lost:.2f} %")
+    yield Row(f"contact_volume_{name}", what, "1 % of the limb beside it", lost, f"{lost:.2f} %")
 
 
 SECTIONS = {
@@ -669,27 +811,45 @@ def main() -> int:
     """Command line: see the module's text."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", action="append", choices=SECTIONS, help="may be repeated")
-    parser.add_argument("--release", help="append a row of this name to results.csv")
+    parser.add_argument("--release", help="write a row of this name into results.csv, and README's table")
+    parser.add_argument("--readme", action="store_true", help="write README's table from results.csv, and end")
     parser.add_argument("--assets", type=Path, default=ROOT.parent / "shared" / "assets")
     parser.add_argument("--bpy", type=Path, default=ROOT / ".bpy", help="what blender.sh made")
     parser.add_argument("--markdown", action="store_true", help="the table on stdout; its rows meanwhile on stderr")
+    parser.add_argument("--tiny", action="store_true", help="run each section once on next to nothing, for its faults")
     options = parser.parse_args()
+    if options.readme:
+        write_readme()
+        return 0
+    if options.tiny and options.release:
+        parser.error("--tiny measures nothing that --release could keep")
     load, cores = os.getloadavg()[0], os.cpu_count() or 1
     print(f"load average {load:.2f}, {cores} cores", file=sys.stderr)
     if load > 0.5 * cores:
         print("warning: others are at work on this machine, which disturbs the ratios", file=sys.stderr)
-    rows = []
-    with tempfile.TemporaryDirectory() as folder:
-        places = Places(Path(folder), options.assets, with_bpy(options.bpy))
-        for name in options.only or SECTIONS:
-            for row in SECTIONS[name](places):
-                rows.append(row)
-                print(row, file=sys.stderr if options.markdown else sys.stdout, flush=True)
+    assets, sizes = (None, TINY) if options.tiny else (options.assets, FULL)
+    rows, failed = [], []
+    for name in options.only or SECTIONS:
+        # In a folder of its own, as all files together take gigabytes.
+        with tempfile.TemporaryDirectory() as folder:
+            try:
+                for row in SECTIONS[name](Places(Path(folder), assets, with_bpy(options.bpy), sizes)):
+                    rows.append(row)
+                    said = f"ran {row.what}" if options.tiny else row
+                    print(said, file=sys.stderr if options.markdown else sys.stdout, flush=True)
+            except Exception:
+                # The rows that other sections took an hour for are not lost.
+                traceback.print_exc()
+                failed.append(name)
     if options.markdown:
         print(markdown(rows))
     if options.release:
         record(options.release, rows)
-    return 0 if all(row.held for row in rows) else 1
+        write_readme()
+    if failed:
+        print(f"failed: {', '.join(failed)}", file=sys.stderr)
+        return 1
+    return 0 if options.tiny or all(row.held for row in rows) else 1
 
 
 def with_bpy(folder: Path) -> str | None:
@@ -698,33 +858,6 @@ def with_bpy(folder: Path) -> str | None:
     if own.is_file():
         return str(own)
     return sys.executable if importlib.util.find_spec("bpy") else None
-
-
-def markdown(rows: list[Row]) -> str:
-    """A table of rows."""
-    lines = ["| | over | ratio | to reach | measured |", "|---|---|---|---|---|"]
-    for row in rows:
-        ratio = f"{row.ratio:.3g}" if row.held else f"**{row.ratio:.3g}**, missed"
-        lines.append(f"| {row.what} | {row.over} | {ratio} | {row.wanted} | {row.shown} |")
-    return "\n".join(lines)
-
-
-def record(release: str, rows: list[Row]) -> None:
-    """Append a row of ratios to results.csv; columns are only added."""
-    path = HERE / "results.csv"
-    old = list(csv.DictReader(path.open())) if path.exists() else []
-    entry = {
-        "release": release,
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-        "machine": platform.machine(),
-    }
-    entry |= {row.name: f"{row.ratio:.3g}" for row in rows}
-    names = list(dict.fromkeys([*(old[0] if old else ()), *entry]))
-    with path.open("w", newline="") as file:
-        writer = csv.DictWriter(file, names, restval="")
-        writer.writeheader()
-        writer.writerows([*old, entry])
 
 
 if __name__ == "__main__":
