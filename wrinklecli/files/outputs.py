@@ -18,11 +18,10 @@ from types import TracebackType
 from typing import IO, TypeAlias
 
 from wrinklecli.errors import BakeError
+from wrinklecli.files.claims import Claims, Clash
 from wrinklecli.files.workplace import Workplace
 
 Write: TypeAlias = Callable[[IO[bytes]], object]
-# Identifies a file: its real path, or device and inode if it exists.
-_Identity: TypeAlias = str | tuple[int, int]
 
 
 @dataclass(slots=True)
@@ -52,9 +51,8 @@ class Outputs:
 
     def __init__(self, *, at_commit: Callable[[], object] = lambda: None) -> None:
         self._at_commit = at_commit
-        self._inputs: set[_Identity] = set()
+        self._claims = Claims[str]()  # an owner is what a file is besides, for messages
         self._outputs: dict[str, list[_Output]] = {}  # by real path; a device may have several
-        self._claimed: set[_Identity] = set()
         self._dropped: list[str] = []
         self._own: set[str] = set()
         self._folders: list[str] = []  # new ones, outermost first
@@ -70,13 +68,13 @@ class Outputs:
         finally:
             self.discard()
 
-    def protect(self, inputs: Iterable[str | os.PathLike[str]]) -> None:
-        """Never overwrite or drop these files; BakeError if an output is one of them, by whatever name."""
-        for path in inputs:
-            if "\0" not in os.fspath(path) and os.path.exists(path):  # a missing file cannot be overwritten
-                self._inputs |= _identities(path)
-        for output in chain.from_iterable(self._outputs.values()):
-            self._refuse_input(output)
+    def protect(self, files: Iterable[str | os.PathLike[str]], *, used: str = "an input") -> None:
+        """Never overwrite or drop these files; BakeError if an output is one of them, by whatever name.
+
+        `used` says for the message what the files are.
+        """
+        for path in files:
+            _refuse(self._claims.add_input(os.fspath(path), used))
 
     def claim(self, path: str | os.PathLike[str]) -> None:
         """Announce an output, so that a wrong path is found before the work is done.
@@ -172,21 +170,13 @@ class Outputs:
     def _claim(self, path: str) -> _Output:
         try:
             output = _Output(path, os.path.realpath(path), through=_is_written_through(path))
-            identities = _identities(path)
             if not output.through:
-                self._refuse_input(output)
-                if identities & self._claimed:
-                    raise BakeError("is another output too: each needs a name of its own", where=path)
+                _refuse(self._claims.add_output(path, "another output"))
                 _refuse_folder(os.path.dirname(output.target))
-                self._claimed |= identities
         except (OSError, ValueError) as error:
             raise _unwritable(path, error) from error
         self._outputs.setdefault(output.target, []).append(output)
         return output
-
-    def _refuse_input(self, output: _Output) -> None:
-        if not output.through and _identities(output.path) & self._inputs:
-            raise BakeError("is an input too and would be overwritten", where=output.path)
 
     def _workplace(self, output: _Output) -> Workplace:
         """The folder for a staged output: on the same disk, or any for a device or a pipe."""
@@ -216,9 +206,8 @@ class Outputs:
         self._at_commit()
         self._rename([each for each in written if not each.through])
         self._folders.clear()
-        kept = self._inputs | self._claimed
         for path in self._dropped:
-            if not _identities(path) & kept:
+            if not self._claims.has(path):
                 with suppress(OSError):
                     os.unlink(path)
 
@@ -245,12 +234,12 @@ def part_of(outputs: Outputs | None) -> AbstractContextManager[Outputs]:
     return Outputs() if outputs is None else nullcontext(outputs)
 
 
-def _identities(path: str | os.PathLike[str]) -> set[_Identity]:
-    found: set[_Identity] = {_real(os.fspath(path))}
-    with suppress(OSError, ValueError):
-        status = os.stat(path)
-        found.add((status.st_dev, status.st_ino))
-    return found
+def _refuse(clash: Clash[str] | None) -> None:
+    """Raise BakeError for an output that is an input or another output."""
+    if clash is not None and clash.is_input:
+        raise BakeError(f"is {clash.other} too and would be overwritten", where=clash.output)
+    if clash is not None:
+        raise BakeError(f"is {clash.other} too: each needs a name of its own", where=clash.output)
 
 
 def _real(path: str) -> str:

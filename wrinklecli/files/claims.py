@@ -1,0 +1,121 @@
+"""Keeps the inputs of a run apart from its outputs, and outputs from each other, by whatever names the files have."""
+
+import os
+import stat
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Generic, TypeAlias, TypeVar
+
+Identity: TypeAlias = tuple[int | str, ...]
+"""Device and inode of a file; or of the nearest folder above it that exists, and the names from there."""
+
+Owner = TypeVar("Owner")
+
+
+@dataclass(frozen=True, slots=True)
+class Clash(Generic[Owner]):
+    """An output that is also an input or another output.
+
+    Attributes:
+        output: Path of the output, as it was given.
+        writer: Owner of the output.
+        other: Owner of the input or of the other output.
+        is_input: True if the output is also an input.
+    """
+
+    output: str
+    writer: Owner
+    other: Owner
+    is_input: bool
+
+
+class Identities:
+    """Identities of files, which need not exist. Each folder is looked up once, so that many files take little time."""
+
+    def __init__(self) -> None:
+        self._folders: dict[str, tuple[str, Identity]] = {}
+
+    def of(self, path: str) -> tuple[Identity, ...]:
+        """Every identity of a file: two paths name one file if they share one.
+
+        Devices and pipes have none, as several outputs may go there.
+        """
+        folder, name = os.path.split(path)
+        if name in ("", os.curdir, os.pardir) or "\0" in path:
+            return (self._folder(path)[1],)
+        real, known = self._folder(folder)
+        found = os.path.join(real, name)
+        try:
+            status = os.lstat(found)
+            if stat.S_ISLNK(status.st_mode):
+                target = os.path.realpath(found)
+                return ((*known, name),) if os.path.islink(target) else self.of(target)  # a loop of links stays one
+        except OSError:
+            return ((*known, name),)
+        if stat.S_ISCHR(status.st_mode) or stat.S_ISFIFO(status.st_mode):
+            return ()
+        return (*known, name), (status.st_dev, status.st_ino)
+
+    def folder_of(self, path: str) -> Identity:
+        """The identity of the folder of a file, whose links are resolved."""
+        return self._folder(os.path.dirname(path))[1]
+
+    def above(self, path: str) -> Iterator[Identity]:
+        """The identity of each folder that a file is in, the nearest first."""
+        folder, known = self._folder(os.path.dirname(path))
+        yield known
+        while (upper := os.path.dirname(folder)) != folder:
+            folder, known = self._folder(upper)
+            yield known
+
+    def _folder(self, folder: str) -> tuple[str, Identity]:
+        """Real path and identity of a folder."""
+        if folder not in self._folders:
+            self._folders[folder] = self._look_up(folder)
+        return self._folders[folder]
+
+    def _look_up(self, folder: str) -> tuple[str, Identity]:
+        if "\0" in folder:
+            return folder, (folder,)
+        real = os.path.realpath(folder or os.curdir)
+        with suppress(OSError):
+            status = os.stat(real)
+            return real, (status.st_dev, status.st_ino)
+        upper, name = os.path.split(real)
+        return real, (*self._folder(upper)[1], name) if upper != real else (real,)
+
+
+class Claims(Generic[Owner]):
+    """The inputs and outputs of a run, each with its owner.
+
+    `identify` gives the identities of a path; by default it is a local path.
+    """
+
+    def __init__(self, identify: Callable[[str], tuple[Identity, ...]] | None = None) -> None:
+        self._identify = identify or Identities().of
+        self._inputs: dict[Identity, Owner] = {}
+        self._outputs: dict[Identity, tuple[str, Owner]] = {}
+
+    def add_input(self, path: str, owner: Owner) -> Clash[Owner] | None:
+        """Note that a file is read, and return the first clash with an output."""
+        clashes: list[Clash[Owner]] = []
+        for each in self._identify(path):
+            self._inputs.setdefault(each, owner)
+            if each in self._outputs:
+                clashes.append(Clash(*self._outputs[each], owner, is_input=True))
+        return clashes[0] if clashes else None
+
+    def add_output(self, path: str, owner: Owner) -> Clash[Owner] | None:
+        """Note that a file is written, and return the first clash with an input or another output."""
+        identities = self._identify(path)
+        clashes = [Clash(path, owner, self._inputs[each], is_input=True) for each in identities if each in self._inputs]
+        for each in identities:
+            if each in self._outputs:
+                clashes.append(Clash(path, owner, self._outputs[each][1], is_input=False))
+            self._outputs.setdefault(each, (path, owner))
+        return clashes[0] if clashes else None
+
+    def has(self, path: str) -> bool:
+        """True if a file is an input or an output."""
+        return any(each in self._inputs or each in self._outputs for each in self._identify(path))
