@@ -205,8 +205,8 @@ def test_what_is_missing_or_misused_is_one_line(chars: Wrinkle, monkeypatch: pyt
     for report in ("chars/c0.glb", "link.jsonl"):
         ran = chars(*PATTERN, "--report", report)
         assert ran.lines == [f"{report}: is a file of the batch too and would be overwritten"]
-    assert chars(*PATTERN, "--report", "none/r.jsonl").lines == [
-        "none/r.jsonl: cannot be written: No such file or directory"
+    assert chars(*PATTERN, "--report", "tools.yaml/r.jsonl").lines == [
+        "tools.yaml/r.jsonl: cannot be written: File exists"
     ]
     monkeypatch.setattr("importlib.util.find_spec", lambda _name: None)
     assert chars(*PATTERN, "-j", "2").lines == [

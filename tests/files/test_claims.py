@@ -47,14 +47,14 @@ def test_an_output_by_another_name_clashes(name: str, other: str, folder: Path) 
         assert read is not None
         assert (read.output, read.writer) in ((first, 1), (second, 2))
         assert (read.other, read.is_input) == (4, True)
-        assert later.has(first)
-        assert later.has(second)
+        assert later.owner_of(first) == 4
+        assert later.owner_of(second) == 4
 
 
 def test_files_of_their_own_do_not(folder: Path) -> None:
     claims = Claims[str]()
     for path in ("file", "sub/file", "new/file", "new/sub", "fil", "loop", "a\0b", "/", ""):
-        assert not claims.has(path)
+        assert claims.owner_of(path) is None
         assert claims.add_output(path, path) is None, path
     assert claims.add_input(str(folder.parent), "") is None
     (folder / "loop").symlink_to("loop")
@@ -73,12 +73,13 @@ def test_several_outputs_go_to_a_device_or_a_pipe() -> None:
 def test_the_folders_of_a_file_are_known_by_any_name() -> None:
     identities = Identities()
     for name, others in NAMES.items():
+        folder = identities.look_up(name)[0]
         for other in others:
-            if "link" not in other and "hard" not in other:
-                assert list(identities.above(name)) == list(identities.above(other))
-                assert identities.folder_of(name) == identities.folder_of(other)
-    assert identities.folder_of("sub/x") in list(identities.above("here/sub/new/x"))
-    assert identities.folder_of("sub/x") not in list(identities.above("x"))
+            if "hard" not in other:
+                assert identities.look_up(other)[0] == folder
+    assert identities.of_folder("here/sub") in list(identities.upwards("here/sub/new"))
+    assert identities.of_folder("sub") not in list(identities.upwards("new"))
+    assert identities.of_folder("") == identities.of_folder("here")
 
 
 def test_each_folder_is_looked_up_once(monkeypatch: pytest.MonkeyPatch) -> None:

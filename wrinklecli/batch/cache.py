@@ -19,6 +19,10 @@ from wrinklecli.batch import stores
 from wrinklecli.batch.cache_keys import Parts
 from wrinklecli.errors import WrinkleError
 
+TAG = "CACHEDIR.TAG"
+ENTRIES = ("keys", "files", "outs")
+"""The folders of a cache."""
+
 _VERSION = 1
 # The signature is from bford.info/cachedir.
 _TAG = b"Signature: 8a477f597d28d172789f06886806bc55\n# A cache of wrinkle batch: it may be deleted at any time.\n"
@@ -49,7 +53,7 @@ class Cache:
 
     def open(self) -> None:
         """Make sure that the cache can be written."""
-        tag = stores.join(self._place, "CACHEDIR.TAG")
+        tag = stores.join(self._place, TAG)
         with suppress(OSError):
             if stores.read(tag) == _TAG:
                 return

@@ -6,6 +6,9 @@ from typing import Any, Literal, TypeAlias
 
 from wrinklecli.numeric.memory import MAX_MEMORY, parse_bytes
 
+OTHERS = "a file of another job"
+"""Words for `BatchJob.others` in messages."""
+
 Result: TypeAlias = Literal["hit", "built", "refused", "failed", "bug"]
 
 
@@ -23,6 +26,8 @@ class BatchJob:
         tracked: Folder for the tracked files.
         report: Report to write.
         timings: Timings to write.
+        others: Files of other jobs, and of the batch, that this job may neither replace nor remove, although names that
+            depend on the bake might be theirs.
     """
 
     where: str
@@ -34,6 +39,7 @@ class BatchJob:
     tracked: str | None = None
     report: str | None = None
     timings: str | None = None
+    others: tuple[str, ...] = ()
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -58,8 +64,12 @@ class BatchJob:
         tools: Callable[[str], str],
         file: Callable[[str], str],
         folder: Callable[[str], str],
+        other: Callable[[str], str] = lambda path: path,
     ) -> "BatchJob":
-        """Replace every path by a function of it: of assets and tools to read, of files and folders to write."""
+        """Replace every path by a function of it: of assets and tools to read, of files and folders to write.
+
+        `other` gives the paths of files that belong to others.
+        """
         options = dict(self.options)
         if "anim" in options:
             options["anim"] = tuple(map(asset, options["anim"]))
@@ -74,6 +84,7 @@ class BatchJob:
             report=file(self.report) if self.report else None,
             timings=file(self.timings) if self.timings else None,
             tracked=folder(self.tracked) if self.tracked else None,
+            others=tuple(map(other, self.others)),
             options=options,
         )
 

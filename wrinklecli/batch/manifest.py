@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from wrinklecli.batch import stores
+from wrinklecli.batch.conflicts import BatchFiles, kept_apart
 from wrinklecli.batch.jobs import BatchJob
 from wrinklecli.batch.manifest_schema import JOB_KEYS, MANIFEST_SCHEMA, OPTION_KEYS, OWN_KEYS
 from wrinklecli.batch.tables import read_csv, read_json_lines
@@ -23,20 +24,22 @@ _FORMAT = Format(MANIFEST_SCHEMA, [Items("job", JOB_KEYS, OWN_KEYS)])
 _READERS = {".yaml": read_tree, ".yml": read_tree, ".csv": read_csv, ".jsonl": read_json_lines}
 _LISTS = ("tools", "anims", "anim", "clip", "tool")
 _PATHS = ("tools", "anims", "anim", "out", "tracked", "frames_dir", "report", "timings")
-_OUTPUTS = ("out", "report", "timings", "frames_dir")
 _OUTPUT_ENDINGS = (".glb", ".gltf")
 _MAX_MANIFEST = 10**8  # bytes: as many jobs as there may be, of 1 kB
 
 
-def read_manifest(path: str, given: Mapping[str, Any]) -> list[BatchJob]:
+def read_manifest(
+    path: str, given: Mapping[str, Any], *, report: str | None = None, cache: str | None = None
+) -> list[BatchJob]:
     """Read a manifest at a path or URL; the paths in it are relative to its folder.
 
     `given` has values from the command line for keys that neither a job nor the defaults name; paths in them are
-    relative to the current folder.
+    relative to the current folder. `report` and `cache` are outputs of the batch itself.
 
     Raises:
-        ConfigError: The manifest cannot be read, or has problems (a line each).
-        StoreError: Its store does not answer.
+        ConfigError: The manifest cannot be read, has problems, or an output is also an input or another output (a line
+            each).
+        StoreError: A store does not answer.
     """
     ending = os.path.splitext(path)[1].lower()
     try:
@@ -46,7 +49,8 @@ def read_manifest(path: str, given: Mapping[str, Any]) -> list[BatchJob]:
     if not text.strip():
         raise ConfigError("the file is empty, expected jobs", where=path)
     root, problems = _READERS[ending](text)
-    jobs = _Jobs(path, stores.folder_of(path), given, problems)
+    files = BatchFiles(path, report, cache)
+    jobs = _Jobs(files, given, problems)
     if root is not None:
         refused, wrong = check(root, _FORMAT)
         problems += refused
@@ -54,9 +58,11 @@ def read_manifest(path: str, given: Mapping[str, Any]) -> list[BatchJob]:
     return jobs.finished()
 
 
-def read_pattern(pattern: str, given: Mapping[str, Any]) -> list[BatchJob]:
-    """Make a job for each asset that matches a pattern; raises as `read_manifest`."""
-    jobs = _Jobs("", "", given, [])
+def read_pattern(
+    pattern: str, given: Mapping[str, Any], *, report: str | None = None, cache: str | None = None
+) -> list[BatchJob]:
+    """Make a job for each asset that matches a pattern; arguments and errors are those of `read_manifest`."""
+    jobs = _Jobs(BatchFiles("", report, cache), given, [])
     jobs.add({"asset": pattern}, Node({}, 0, "", {}), "")
     return jobs.finished()
 
@@ -64,15 +70,14 @@ def read_pattern(pattern: str, given: Mapping[str, Any]) -> list[BatchJob]:
 class _Jobs:
     """Collects jobs, and the problems of entries that cannot become one.
 
-    `name` is the path of the manifest, empty for a pattern of the command line; `given` has the command line's values.
+    `files` are those of the batch itself; `given` has the command line's values.
     """
 
-    def __init__(self, name: str, folder: str, given: Mapping[str, Any], problems: list[Problem]) -> None:
-        self._name, self._folder, self._given, self._problems = name, folder, given, problems
+    def __init__(self, files: BatchFiles, given: Mapping[str, Any], problems: list[Problem]) -> None:
+        self._files, self._given, self._problems = files, given, problems
+        self._folder = stores.folder_of(files.manifest)
         self._jobs: list[BatchJob] = []
-        # By absolute path: the path as it is written and the entry that writes it; the entry that reads it.
-        self._writers: dict[str, tuple[str, int, str]] = {}
-        self._readers: dict[str, str] = {}
+        self._places: list[tuple[int, str]] = []  # line and entry of each job
 
     def finished(self) -> list[BatchJob]:
         """Return all jobs.
@@ -80,16 +85,16 @@ class _Jobs:
         Raises:
             ConfigError: There are problems.
         """
-        for path in sorted(self._writers.keys() & self._readers.keys()):
-            written, line, entry = self._writers[path]
-            reader = self._readers[path] or "a job"
-            self._refuse(line, entry, f"would write over {printable(written)!r}, which {reader} reads")
-        if self._problems:
-            raise ConfigError.of_all(
-                ConfigError(each.message, where=self._where(each.line, each.path))
-                for each in sorted(self._problems, key=lambda each: each.line)
-            )
-        return self._jobs
+        jobs, conflicts = kept_apart(self._jobs, [entry for _, entry in self._places], self._files)
+        errors = [ConfigError(each.message, where=each.path) for each in conflicts if each.job is None]
+        for each in conflicts:
+            if each.job is not None:
+                self._refuse(*self._places[each.job], each.message)
+        for problem in sorted(self._problems, key=lambda each: each.line):
+            errors.append(ConfigError(problem.message, where=self._where(problem.line, problem.path)))
+        if errors:
+            raise ConfigError.of_all(errors)
+        return jobs
 
     def add_all(self, root: Node, wrong: set[Place]) -> None:
         """Add the jobs of all entries that the schema accepts."""
@@ -154,7 +159,7 @@ class _Jobs:
         job["asset"] = stores.join(self._folder, asset)
         options = {key: job.pop(key) for key in list(job) if key in OPTION_KEYS and key not in ("report", "timings")}
         self._jobs.append(BatchJob(where=self._where(line, entry), options=options, **job))
-        self._claim(self._jobs[-1], line, entry)
+        self._places.append((line, entry))
 
     def _paths(
         self, key: str, text: str, words: Mapping[str, str], folder: str, line: int, entry: str
@@ -172,29 +177,11 @@ class _Jobs:
             return
         yield from (stores.join(folder, each) for each in several)
 
-    def _claim(self, job: BatchJob, line: int, entry: str) -> None:
-        """Note the files that a job reads and writes, and refuse an output that another job writes too."""
-        values = {**job.options, "out": job.out, "report": job.report, "timings": job.timings}
-        outputs = [values[key] for key in _OUTPUTS if values.get(key) is not None]
-        if job.tracked is not None:
-            outputs += [stores.join(job.tracked, posixpath.basename(each)) for each in job.anims]
-        for path in outputs:
-            known = stores.absolute(path)
-            if known in self._writers:
-                other = self._writers[known][2]
-                who = other if other != entry else "another asset"
-                self._refuse(
-                    line, entry, f"{printable(path)!r} is an output of {who} too: each needs a name of its own"
-                )
-            self._writers[known] = path, line, entry
-        for path in job.inputs:
-            self._readers.setdefault(stores.absolute(path), entry)
-
     def _refuse(self, line: int, path: str, message: str) -> None:
         self._problems.append(Problem(line, path.lstrip("."), message))
 
     def _where(self, line: int, path: str) -> str:
-        shown = printable(self._name, len(self._name))
+        shown = printable(self._files.manifest, len(self._files.manifest))
         return f"{shown}:{line}: {path}".rstrip(": ") if line else path
 
 

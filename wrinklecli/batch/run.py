@@ -39,7 +39,7 @@ def run_jobs(
     refuse_without_dask(workers)
     if workers.scheduler is not None:
         # Workers of a cluster share the disks of this machine, but not its current folder.
-        paths = dict.fromkeys(("asset", "tools", "file", "folder"), absolute)
+        paths = dict.fromkeys(("asset", "tools", "file", "folder", "other"), absolute)
         jobs = [job.with_paths(**paths) for job in jobs]
         settings = replace(settings, cache=absolute(settings.cache))
     Cache(settings.cache).open()

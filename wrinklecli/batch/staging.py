@@ -10,7 +10,7 @@ from functools import partial
 
 from wrinklecli.batch import stores
 from wrinklecli.batch.cache_keys import references
-from wrinklecli.batch.jobs import BatchJob
+from wrinklecli.batch.jobs import OTHERS, BatchJob
 from wrinklecli.errors import AssetError, BakeError, WrinkleError
 from wrinklecli.gltf.files import leaves_folder, path_of
 
@@ -147,13 +147,15 @@ def send(staged: Staged, files: list[tuple[str, str]], own: set[tuple[str, str]]
     A file is its root and its path in the root. The job may replace its `own` files, which it wrote earlier.
 
     Raises:
-        WrinkleError: A store does not take a file, or has another image of that name.
+        WrinkleError: A store does not take a file, or has another image of that name, or another job has the file.
     """
     for root, path in files:
         given, local = staged.roots[root]
         if given == local:
             continue
         target = stores.join(given, path.replace(os.sep, "/"))
+        if target in staged.job.others:
+            raise BakeError(f"is {OTHERS} too and would be overwritten", where=target)
         image = root == "out" and path != os.path.basename(staged.job.out) and not path.endswith(".bin")
         try:
             with open(os.path.join(local, path), "rb") as file:

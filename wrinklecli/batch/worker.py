@@ -17,7 +17,7 @@ from typing import TypeAlias
 from wrinklecli.batch import stores
 from wrinklecli.batch.cache import Cache, Record
 from wrinklecli.batch.cache_keys import Parts, difference, key_of, parts_of, program
-from wrinklecli.batch.jobs import BatchJob, Outcome
+from wrinklecli.batch.jobs import OTHERS, BatchJob, Outcome
 from wrinklecli.batch.staging import Staged, send, staged
 from wrinklecli.batch.stores import StoreError
 from wrinklecli.errors import RefusedError, WrinkleError
@@ -150,6 +150,7 @@ def _fetched(here: Staged, cache: Cache, job: BatchJob, parts: Parts, open_outpu
     if missing:
         with open_outputs() as outputs:
             outputs.protect(here.job.inputs)
+            outputs.protect(job.others, used=OTHERS)
             for number, content in zip(missing, contents, strict=True):
                 file = record.files[number]
                 path = os.path.join(here.roots[file.root][1], file.path)

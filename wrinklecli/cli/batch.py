@@ -5,7 +5,7 @@ import os
 import sys
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +17,7 @@ from wrinklecli.cli.streams import job_outputs, leave_at_signals
 from wrinklecli.errors import WrinkleError, counted
 
 if TYPE_CHECKING:
-    from wrinklecli.batch.jobs import BatchJob, Outcome
+    from wrinklecli.batch.jobs import Outcome
 
 _CACHE = ".wrinkle-cache"
 _VERSION = 1
@@ -89,8 +89,9 @@ def batch(
     from wrinklecli.batch.worker import Settings, check_job
 
     asked = {key: value for key, value in given.items() if value}
-    every = (read_pattern if pattern else read_manifest)(manifest, asked)
     place = cache or (_CACHE if pattern else join(folder_of(manifest), _CACHE))
+    read = read_pattern if pattern else read_manifest
+    every = read(manifest, asked, report=None if report == "-" else report, cache=place)
     settings = Settings(cache=place, program=program(), retries=retry)
     done: Iterator[Outcome]
     if dry_run:
@@ -100,7 +101,7 @@ def batch(
         done = run_jobs(every, settings, workers, open_outputs=job_outputs, tell=lambda line: say(f"note: {line}"))
     leave_at_signals()  # between jobs, and where workers do them, which end with it
     monitor = _Monitor(len(every), quiet=quiet, verbose=verbose, dry_run=dry_run)
-    with _report(report, every, manifest) as write, monitor:
+    with _report(report) as write, monitor:
         for outcome in done:
             write(json.dumps(_line(outcome), allow_nan=False))
             monitor.add(outcome)
@@ -129,18 +130,15 @@ def _refuse_usage(
 
 
 @contextmanager
-def _report(path: str | None, jobs: "Sequence[BatchJob]", manifest: str) -> Iterator[Callable[[str], object]]:
+def _report(path: str | None) -> Iterator[Callable[[str], object]]:
     """Open the report and give a function that writes one line at once, so that an ended batch leaves its lines.
 
     Raises:
-        WrinkleError: The report is also an input or an output, or cannot be written.
+        WrinkleError: The report cannot be written.
     """
     if path is None or path == "-":
         yield click.echo if path else lambda _line: None
         return
-    used = (each for job in jobs for each in (job.asset, job.out, *job.tools, *job.anims))
-    if any(_is_same(path, each) for each in (manifest, *used)):
-        raise WrinkleError("is a file of the batch too and would be overwritten", where=path)
 
     def write(line: str) -> None:
         with _writing(path):
@@ -148,20 +146,13 @@ def _report(path: str | None, jobs: "Sequence[BatchJob]", manifest: str) -> Iter
             stream.flush()
 
     with _writing(path):
+        os.makedirs(os.path.dirname(path) or ".", exist_ok=True)
         stream = open(path, "w", encoding="utf-8")  # noqa: SIM115
     try:
         yield write
     finally:
         with suppress(OSError):
             stream.close()
-
-
-def _is_same(path: str, other: str) -> bool:
-    """True if two paths name one file, which need not exist."""
-    try:
-        return os.path.samefile(path, other)
-    except (OSError, ValueError):
-        return os.path.realpath(path) == os.path.realpath(other)
 
 
 @contextmanager

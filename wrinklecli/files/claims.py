@@ -31,9 +31,13 @@ class Clash(Generic[Owner]):
 
 
 class Identities:
-    """Identities of files, which need not exist. Each folder is looked up once, so that many files take little time."""
+    """Identities of files, which need not exist. Each folder is looked up once, so that many files take little time.
+
+    `have_several_names` is True if a file that was looked up has hard links.
+    """
 
     def __init__(self) -> None:
+        self.have_several_names = False
         self._folders: dict[str, tuple[str, Identity]] = {}
 
     def of(self, path: str) -> tuple[Identity, ...]:
@@ -41,32 +45,38 @@ class Identities:
 
         Devices and pipes have none, as several outputs may go there.
         """
+        return self.look_up(path)[1]
+
+    def look_up(self, path: str) -> tuple[str, tuple[Identity, ...]]:
+        """The real path of the folder that a file is in, and every identity of the file."""
         folder, name = os.path.split(path)
         if name in ("", os.curdir, os.pardir) or "\0" in path:
-            return (self._folder(path)[1],)
+            real, known = self._folder(path)
+            return os.path.dirname(real), (known,)
         real, known = self._folder(folder)
         found = os.path.join(real, name)
         try:
             status = os.lstat(found)
-            if stat.S_ISLNK(status.st_mode):
-                target = os.path.realpath(found)
-                return ((*known, name),) if os.path.islink(target) else self.of(target)  # a loop of links stays one
         except OSError:
-            return ((*known, name),)
+            return real, ((*known, name),)
+        if stat.S_ISLNK(status.st_mode):
+            target = os.path.realpath(found)
+            return (real, ((*known, name),)) if os.path.islink(target) else self.look_up(target)  # a loop stays one
         if stat.S_ISCHR(status.st_mode) or stat.S_ISFIFO(status.st_mode):
-            return ()
-        return (*known, name), (status.st_dev, status.st_ino)
+            return real, ()
+        self.have_several_names |= status.st_nlink > 1 and stat.S_ISREG(status.st_mode)
+        return real, ((*known, name), (status.st_dev, status.st_ino))
 
-    def folder_of(self, path: str) -> Identity:
-        """The identity of the folder of a file, whose links are resolved."""
-        return self._folder(os.path.dirname(path))[1]
+    def of_folder(self, folder: str) -> Identity:
+        """The identity of a folder."""
+        return self._folder(folder)[1]
 
-    def above(self, path: str) -> Iterator[Identity]:
-        """The identity of each folder that a file is in, the nearest first."""
-        folder, known = self._folder(os.path.dirname(path))
+    def upwards(self, folder: str) -> Iterator[Identity]:
+        """The identity of a folder and of each one above it."""
+        real, known = self._folder(folder)
         yield known
-        while (upper := os.path.dirname(folder)) != folder:
-            folder, known = self._folder(upper)
+        while (upper := os.path.dirname(real)) != real:
+            real, known = self._folder(upper)
             yield known
 
     def _folder(self, folder: str) -> tuple[str, Identity]:
@@ -116,6 +126,9 @@ class Claims(Generic[Owner]):
             self._outputs.setdefault(each, (path, owner))
         return clashes[0] if clashes else None
 
-    def has(self, path: str) -> bool:
-        """True if a file is an input or an output."""
-        return any(each in self._inputs or each in self._outputs for each in self._identify(path))
+    def owner_of(self, path: str) -> Owner | None:
+        """The owner of an input, or else of an output; None if the file is neither."""
+        identities = self._identify(path)
+        owners = [self._inputs[each] for each in identities if each in self._inputs]
+        owners += [self._outputs[each][1] for each in identities if each in self._outputs]
+        return owners[0] if owners else None

@@ -207,7 +207,7 @@ class Outputs:
         self._rename([each for each in written if not each.through])
         self._folders.clear()
         for path in self._dropped:
-            if not self._claims.has(path):
+            if self._claims.owner_of(path) is None:
                 with suppress(OSError):
                     os.unlink(path)
 
