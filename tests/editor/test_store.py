@@ -1,5 +1,6 @@
 """What becomes of an edited tools file on disk: merged, never overwritten, and never lost."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -108,6 +109,28 @@ def test_a_part_of_what_is_inherited_keeps_the_rest(tmp_path: Path) -> None:
     edits.set_value("b.L", ("clips", "run"), 0.7)
     assert dict(edits.settings().tools[1].clips) == {"walk": 0.5, "run": 0.7}
     assert dict(edits.settings().tools[0].clips) == {"walk": 0.5}
+
+
+def test_a_tool_that_others_merge_is_edited_alone(tmp_path: Path) -> None:
+    merging = TEXT.replace("- name: a.L     # the first", "- &T0   # the first\n    name: a.L").replace(
+        "- name: b.L\n", "- <<: *T0\n    name: b.L\n"
+    )
+    path = tmp_path / "tools.yaml"
+    path.write_text(merging)
+    edits = opened(path)
+    _, *others = edits.settings().tools
+    edits.set_value("a.L", ("bumps",), 7)
+    edits.move_point("a.L", 1, [0, 2, 1.5])
+    edits.unset("b.L", ("bumps",))
+    edits.save()
+    first, *same = load_tools(path).tools
+    assert (first.bumps, first.target) == (7, (0, 2, 1.5))
+    assert [replace(each, where="", places={}) for each in same] == [
+        replace(each, where="", places={}) for each in others
+    ]
+    while edits.undo():
+        pass
+    assert edits.text == merging
 
 
 EDITS = st.lists(

@@ -1,6 +1,8 @@
 """Edits of a tools file's text: what they do not touch keeps every byte, and what they do reads as it was meant."""
 
+import copy
 import difflib
+import itertools
 from collections.abc import Mapping
 from typing import Any
 
@@ -74,6 +76,56 @@ def test_a_part_of_what_is_repeated_or_merged_is_changed_in_one_tool_alone() -> 
     assert file.with_value(1, ("path", 1), [2, 2, 2]).tools[1]["path"] == [[0, 0, 0], [2, 2, 2]]
     assert file.with_value(3, ("clips", "run"), 5).tools[3]["clips"] == {"on": 3, "run": 5}
     assert file.with_value(0, ("path", 0), [3, 3, 3]).tools[1]["path"][0] == [0, 0, 0]
+
+
+MERGING = """\
+version: 1
+tools:
+  - &T0   # the first
+    name: a
+    width: 0.3
+    clips:
+      walk: 1  # slow
+
+  - <<: *T0
+    name: b
+  - {<<: *T0, name: c, width: 0.2}
+"""
+
+
+def test_a_tool_that_others_merge_merges_what_it_was() -> None:
+    file = ToolsText(MERGING)
+    wider = file.with_value(0, ("width",), 0.4).with_value(0, ("bumps",), 5)
+    start = MERGING.index("  - &T0")
+    assert (
+        wider.text[start : wider.text.index("  - <<: *T0")]
+        == """\
+  - <<: &T0   # the first
+      name: a
+      width: 0.3
+      clips:
+        walk: 1  # slow
+    width: 0.4
+    bumps: 5
+
+"""
+    )
+    assert wider.text.endswith(MERGING[MERGING.index("  - <<: *T0") :])
+    assert wider.tools[0] == {**file.tools[0], "width": 0.4, "bumps": 5}
+    assert wider.tools[1:] == file.tools[1:]
+    # A key that all others have themselves, or that only this tool repeats, changes where it stands.
+    assert file.with_value(0, ("name",), "d").text == MERGING.replace("name: a", "name: d")
+    assert file.with_value(1, ("clips", "walk"), 2).text == MERGING.replace(
+        "    name: b\n", "    name: b\n    clips: {walk: 2}\n"
+    )
+
+
+def test_a_merged_key_is_reset_in_one_tool_alone() -> None:
+    file = ToolsText(MERGING)
+    assert file.without(1, ("width",)).text == MERGING.replace("- <<: *T0\n", "- clips: {walk: 1}\n")
+    assert file.without(2, ("width",)).tools[2] == {"name": "c", "clips": {"walk": 1}}
+    with pytest.raises(ConfigError, match=r"^<tools>:3: holds the anchor &T0, .* write these out first$"):
+        file.without(0, ("width",))
 
 
 def test_lines_end_as_they_did() -> None:
@@ -252,6 +304,125 @@ def test_only_the_edited_lines_change(
     found = iter(after.text.split(newline))
     for line in kept:
         assert any(line == each for each in found), line
+
+
+# Values as others may repeat them: in one line, or as the block below a key.
+SHARED: dict[str, list[str]] = {
+    "width": ["0.3", "80%"],
+    "origin": ["[0, 0, 1]", "[0.5, 0, 1]"],
+    "clips": ["{walk: 1, run: 2}", "\n  walk: 1\n  # slow\n  run: 0.5"],
+    "lag": ["{frequency: 6, damping: 1}", "\n  frequency: 3"],
+}
+
+
+@st.composite
+def sharing_files(draw: st.DrawFn) -> str:
+    """A file whose tools repeat and merge each other, or parts of each other."""
+    anchors: dict[str, str] = {}  # the key of each value, or `tool`
+    count = itertools.count()
+    names = st.booleans().map(lambda named: f"&v{next(count)} " if named else "")
+    lines = ["version: 1"]
+
+    def value(key: str, *, flow: bool) -> str:
+        repeated = [name for name, of in anchors.items() if of == key]
+        if repeated and draw(st.booleans()):
+            return f"*{draw(st.sampled_from(repeated))}"
+        anchor, text = draw(names), draw(st.sampled_from(SHARED[key][: 1 if flow else None]))
+        if anchor:
+            anchors[anchor[1:-1]] = key
+        return f"{anchor}{text}".replace(" \n", "\n")
+
+    def merge() -> str:
+        merged = [name for name, of in anchors.items() if of == "tool"]
+        some = draw(st.lists(st.sampled_from(merged), max_size=2, unique=True)) if merged else []
+        return f"[{', '.join(f'*{each}' for each in some)}]" if len(some) > 1 else "".join(f"*{each}" for each in some)
+
+    if draw(st.booleans()):
+        anchor = draw(names)
+        lines.append(f"defaults: {anchor}{{width: {value('width', flow=True)}, bumps: 3}}   # for all")
+        if anchor:
+            anchors[anchor[1:-1]] = "tool"
+    lines.append("tools:")
+    for number in range(draw(st.integers(2, 4))):
+        anchor, flow = draw(names), draw(st.booleans())
+        keys = draw(st.permutations(["<<", *draw(st.lists(st.sampled_from(sorted(SHARED)), unique=True))]))
+        # In the order of the text, as an alias stands behind its anchor.
+        entries = [("name", f"t{number}"), *((key, merge() if key == "<<" else value(key, flow=flow)) for key in keys)]
+        entries = [entry for entry in entries if entry[1]]
+        if flow:
+            lines.append(f"  - {anchor}{{{', '.join(f'{key}: {text}' for key, text in entries)}}}   # tool {number}")
+        else:
+            lines += [f"  - {anchor}  # tool {number}"]
+            for key, text in entries:
+                lines += f"    {key}: {text}".replace("\n", "\n    ").split("\n")
+        if anchor:
+            anchors[anchor[1:-1]] = "tool"
+    return "\n".join(lines) + "\n"
+
+
+SHARED_EDITS = st.lists(
+    st.one_of(
+        st.tuples(st.just("with_value"), st.sampled_from([*SHARED, "bumps", "name"]), VALUES),
+        st.tuples(
+            st.just("with_value"), st.sampled_from([("clips", "walk"), ("clips", "jump"), ("origin", 1)]), VALUES
+        ),
+        st.tuples(st.just("without"), st.sampled_from([*SHARED, "bumps", ("clips", "walk"), ("lag", "frequency")])),
+        st.tuples(st.just("with_copy")),
+        st.tuples(st.just("without_tool")),
+        st.tuples(st.just("with_item")),
+    ),
+    min_size=1,
+    max_size=4,
+)
+
+
+@settings(max_examples=40)
+@given(sharing_files(), SHARED_EDITS, st.sampled_from(["\n", "\r\n"]), st.data())
+def test_an_edit_changes_one_tool_whatever_others_share_with_it(
+    text: str, edits: list[Any], newline: str, data: st.DataObject
+) -> None:
+    file = ToolsText(text.replace("\n", newline))
+    for kind, *arguments in edits:
+        tools = [copy.deepcopy(dict(each)) for each in file.tools]
+        number = data.draw(st.integers(0, len(tools) - 1))
+        steps = [arguments[0]] if arguments and isinstance(arguments[0], str) else [*(arguments or [()])[0]]
+        held = tools[number].get(steps[0]) if len(steps) > 1 else None
+        if len(steps) > 1 and not (isinstance(held, dict) if steps[1] != 1 else isinstance(held, list) and held[1:]):
+            continue
+        if kind == "with_value":
+            after = file.with_value(number, steps, arguments[1])
+            holder = tools[number] if len(steps) == 1 else tools[number][steps[0]]
+            holder[steps[-1]] = arguments[1]
+        else:
+            try:
+                after, tools = changed(file, kind, number, steps, tools)
+            except ConfigError as error:
+                assert "write " in str(error)  # noqa: PT017
+                continue
+        assert [*map(dict, after.tools)] == tools
+        assert after.header == file.header
+        assert newline == "\n" or "\n" not in after.text.replace("\r\n", "")
+        file = after
+        if not file.tools:
+            return
+
+
+def changed(
+    file: ToolsText, kind: str, number: int, steps: list[Any], tools: list[dict[str, Any]]
+) -> tuple[ToolsText, list[dict[str, Any]]]:
+    """A file and its tools after an edit."""
+    if kind == "without":
+        holder = tools[number] if len(steps) == 1 else tools[number][steps[0]]
+        holder.pop(steps[-1], None)
+        return file.without(number, steps), tools
+    if kind == "with_copy":
+        tools.insert(number + 1, {**tools[number], "name": "copy"})
+        return file.with_copy(number, "copy"), tools
+    if kind == "without_tool":
+        del tools[number]
+        return file.without_tool(number), tools
+    tools[number] = {"name": "new", "width": 0.1}
+    return file.with_item(["name: new", "width: 0.1"], instead_of=number), tools
 
 
 @pytest.mark.parametrize("name", ["head", "head_keyed", "trousers", "wrist"])

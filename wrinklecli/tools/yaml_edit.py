@@ -6,7 +6,7 @@ outside an edit cannot change. `tests/benchmarks/README.md` says how ruamel.yaml
 
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, TypeAlias
@@ -57,10 +57,38 @@ def with_part(values: Any, steps: Steps, value: Any) -> Any:
     return {**found, first: with_part(found.get(first), others, value)}
 
 
+def _without_part(values: Any, steps: Steps) -> Any:
+    """A copy of values without the value at some steps."""
+    first, *others = steps
+    if isinstance(values, list):
+        return [_without_part(each, others) if k == first else each for k, each in enumerate(values)]
+    if not isinstance(values, Mapping) or first not in values:
+        return values
+    kept = {key: each for key, each in values.items() if key != first}
+    return {**values, first: _without_part(values[first], others)} if others else kept
+
+
+def _part_of(values: Any, steps: Steps) -> Any:
+    """The value at some steps; None if there is none."""
+    for step in steps:
+        if isinstance(values, Mapping):
+            values = values.get(str(step))
+        elif isinstance(values, list) and isinstance(step, int):
+            values = values[step]
+        else:
+            return None
+    return values
+
+
 def _changed(text: str, changes: Sequence[_Change]) -> str:
     for start, end, instead in sorted(changes, key=lambda change: change[0], reverse=True):
         text = text[:start] + instead + text[end:]
     return text
+
+
+def _lines_of(values: Mapping[str, Any]) -> list[str]:
+    """A line for each key of a mapping."""
+    return [f"{written(key)}: {written(value)}" for key, value in values.items()]
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,8 +159,9 @@ def _read_part(event: yaml.Event, events: Iterator[yaml.Event], text: str) -> _P
 class ToolsText:
     """The text of a tools file; each edit gives another one.
 
-    Edits raise ConfigError for a tool that is an alias, and for a block that others repeat by an alias and that the
-    edit would remove. `number` is a tool's index, `steps` lead to a value within it.
+    An edit changes one tool alone, whatever others repeat of it by aliases or merge. What they share is written out in
+    that tool, or the tool merges what it was. Edits raise ConfigError for a tool that is an alias, and where a block
+    that others repeat would have to go. `number` is a tool's index, `steps` lead to a value within it.
 
     Attributes:
         text: The YAML; lines may end as they do on any system.
@@ -176,40 +205,44 @@ class ToolsText:
 
     def with_value(self, number: int, steps: Steps, value: Any) -> "ToolsText":
         """Set a value to plain Python (text, numbers, lists, mappings); a key that the tool lacks is added."""
-        part = self._item(number)
-        values: Any = self.tools[number]
-        for depth, step in enumerate(steps):
-            values = values[step] if isinstance(step, int) else values.get(step)
-            at, further = part.number_of(step), steps[depth + 1 :]
-            if at is not None and further and self._is_own(part.items[at]):
-                part = part.items[at]
-                continue
-            # A value that is repeated or merged from elsewhere is written out here, so that it changes here alone.
-            found = with_part(values, further, value)
-            return self._with(self._addition(part, str(step), found) if at is None else self._value_at(part, at, found))
-        raise ValueError("expected one step at least")
+
+        def is_right(edited: ToolsText) -> bool:
+            found = _part_of(edited.tools[number], steps)
+            return edited.tools == self._with_tools(number, with_part(self.tools[number], steps, found))
+
+        return self._first_right(
+            is_right,
+            lambda: self._valued(number, steps, value),
+            lambda: self._apart(number)._valued(number, steps, value),
+        )
 
     def without(self, number: int, steps: Steps) -> "ToolsText":
-        """Remove a key, if the tool itself has it."""
-        part = self._item(number)
-        for step in steps[:-1]:
-            at = part.number_of(step)
-            if at is None:
-                return self
-            part = part.items[at]
-        at = part.number_of(steps[-1])
-        return self if at is None else self._with(self._removal(part, at))
+        """Remove a key of a tool, its own one and one that it merges."""
+        tools = self._with_tools(number, _without_part(self.tools[number], steps))
+        return self._first_right(
+            lambda edited: edited.tools == tools,
+            lambda: self._unset(number, steps),
+            lambda: self._unset(number, steps)._unset(number, steps),
+            lambda: self._apart(number)._unset(number, steps),
+        )
 
     def with_tool(self, values: Mapping[str, Any]) -> "ToolsText":
         """Add a tool at the end, with a line for each of its keys."""
-        return self.with_item([f"{written(key)}: {written(value)}" for key, value in values.items()])
+        return self.with_item(_lines_of(values))
 
     def with_copy(self, number: int, name: str) -> "ToolsText":
         """Add a copy of a tool behind it, with another name and without anchors."""
+        copy = {**self.tools[number], "name": name}
         anchored = (each.start for each in self._item(number).within() if each.anchor and each.kind != "alias")
         gone = [(*found.span(), "") for at in anchored if (found := _ANCHOR.match(self.text, at))]
         lines = ToolsText(_changed(self.text, gone), self.name).lines_of(number)
-        return self._with(*self._new_tool(lines, behind=number)).with_value(number + 1, ("name",), name)
+        behind = number + 1
+        return self._first_right(
+            lambda edited: edited.tools == (*self.tools[:behind], copy, *self.tools[behind:]),
+            lambda: self._with(*self._new_tool(lines, behind=number))._valued(behind, ("name",), name),
+            # The tool repeats an anchor that it has again itself, so that the copy would repeat the new one.
+            lambda: self._with(*self._new_tool(_lines_of(copy), behind=number)),
+        )
 
     def with_item(self, lines: Sequence[str], *, instead_of: int | None = None) -> "ToolsText":
         """Add a tool at the end, or in place of the tool `instead_of`.
@@ -221,7 +254,13 @@ class ToolsText:
         if instead_of is None:
             return self._with(*self._new_tool(lines, behind=-1))
         part = self._item(instead_of)
-        return self._with((part.start, part.end, self._indented(lines, self._column(part.start))))
+        change = (part.start, part.end, self._indented(lines, self._column(part.start)))
+        # Anchors move to others only if these lines do not have them again.
+        return self._first_right(
+            lambda edited: edited.tools == self._with_tools(instead_of, *edited.tools[instead_of : instead_of + 1]),
+            lambda: ToolsText(_changed(self.text, [change]), self.name),
+            lambda: self._with(change),
+        )
 
     def lines_of(self, number: int) -> list[str]:
         """The lines of a tool, as `with_item` takes them."""
@@ -233,14 +272,81 @@ class ToolsText:
 
     def without_tool(self, number: int) -> "ToolsText":
         """Remove a tool and the comments right above it."""
-        tools, part = self._tools, self._item(number)
-        assert tools is not None
-        if tools.flow:
-            return self._with(self._removal(tools, number))
-        last = number == len(tools.items) - 1
-        end = self._line_end(part.end, behind=True) if last else self._lead(tools.items[number + 1])
-        none = [(self._behind_colon, self._behind_colon, " []")] if len(tools.items) == 1 else []
-        return self._with(*none, (self._lead(part), end, ""))
+        return self._first_right(
+            lambda edited: edited.tools == self._with_tools(number), lambda: self._with(*self._tool_removal(number))
+        )
+
+    # Edits that change one tool alone.
+
+    def _first_right(self, is_right: Callable[["ToolsText"], bool], *edits: Callable[[], "ToolsText"]) -> "ToolsText":
+        """The result of the first edit that changes what it should, and nothing that others share with it."""
+        if "*" not in self.text:  # no aliases: nothing is shared
+            return edits[0]()
+        problems: list[ConfigError] = []
+        for edit in edits:
+            try:
+                edited = edit()
+            except ConfigError as error:
+                problems.append(error)
+                continue
+            if edited._value is not None and edited.header == self.header and is_right(edited):
+                return edited
+        message = "other tools repeat a part of this one, or this one of others; write these parts out first"
+        raise problems[0] if problems else ConfigError(message, where=self.name)
+
+    def _with_tools(self, number: int, *instead: Any) -> tuple[Any, ...]:
+        """The keys of all tools, with others instead of those of a tool."""
+        return (*self.tools[:number], *instead, *self.tools[number + 1 :])
+
+    def _valued(self, number: int, steps: Steps, value: Any) -> "ToolsText":
+        """Set a value where it stands, although others may repeat the tool."""
+        part = self._item(number)
+        values: Any = self.tools[number]
+        for depth, step in enumerate(steps):
+            values = _part_of(values, (step,))
+            at, further = part.number_of(step), steps[depth + 1 :]
+            if at is not None and further and self._is_own(part.items[at]):
+                part = part.items[at]
+                continue
+            # A value that is repeated or merged from elsewhere is written out here, so that it changes here alone.
+            found = with_part(values, further, value)
+            return self._with(self._addition(part, str(step), found) if at is None else self._value_at(part, at, found))
+        raise ValueError("expected one step at least")
+
+    def _unset(self, number: int, steps: Steps) -> "ToolsText":
+        """Remove a value where it stands, although others may repeat the tool."""
+        part, values = self._item(number), self.tools[number]
+        for depth, step in enumerate(steps):
+            at, found = part.number_of(step), _part_of(values, steps[: depth + 1])
+            if depth == len(steps) - 1:
+                if at is not None:
+                    return self._with(self._removal(part, at))
+                return (
+                    self
+                    if found is None
+                    else self._with(self._written_merge(part, step, _part_of(values, steps[:depth])))
+                )
+            if found is None:
+                return self
+            if at is None or not self._is_own(part.items[at]):
+                kept = _without_part(found, steps[depth + 1 :])
+                return self._valued(number, steps[: depth + 1], kept)
+            part = part.items[at]
+        raise ValueError("expected one step at least")
+
+    def _apart(self, number: int) -> "ToolsText":
+        """Let a tool merge what it was, so that its own keys are new, and others repeat what it was."""
+        part = self._item(number)
+        if part.flow:
+            return ToolsText(
+                _changed(self.text, [(part.start, part.start, "{<<: "), (part.end, part.end, "}")]), self.name
+            )
+        first, *others = self.lines_of(number)
+        lines = [f"<<: {first}", *(f"  {line}" if line else line for line in others)]
+        if not first.startswith("&"):
+            lines = ["<<:", f"  {first}", *lines[1:]]
+        change = (part.start, part.end, self._indented(lines, self._column(part.start)))
+        return ToolsText(_changed(self.text, [change]), self.name)
 
     # The places of values in the text.
 
@@ -353,7 +459,7 @@ class ToolsText:
         start = part.start
         if part.kind != "alias" and not self._uses(part) and (found := _ANCHOR.match(self.text, start)):
             start = found.end()
-        return (start, part.end, " " * (self.text[start - 1 : start] == ":") + text)
+        return (start, part.end, " " * (not self.text[start - 1].isspace()) + text)
 
     def _addition(self, part: _Part, key: str, value: Any) -> _Change:
         """Add a key behind the last one of a mapping."""
@@ -380,6 +486,29 @@ class ToolsText:
         if self.text[line:start].lstrip().startswith("-"):  # the dash stays
             return (line + len(self.text[line:start].rstrip()), self._line_end(end), "")
         return (line, self._line_end(end, behind=True), "")
+
+    def _written_merge(self, part: _Part, key: str | int, values: Mapping[str, Any]) -> _Change:
+        """Write out what a mapping of some values merges, without a key."""
+        at = part.number_of("<<")
+        assert at is not None
+        own = {each.text for each in part.keys}
+        merged = {name: each for name, each in values.items() if name not in own and name != key}
+        if not merged:
+            return self._removal(part, at)
+        start = part.keys[at].start
+        between = ", " if part.flow else f"{self._newline}{' ' * self._column(start)}"
+        return (start, part.items[at].end, between.join(_lines_of(merged)))
+
+    def _tool_removal(self, number: int) -> list[_Change]:
+        """Remove a tool and the comments right above it."""
+        tools, part = self._tools, self._item(number)
+        assert tools is not None
+        if tools.flow:
+            return [self._removal(tools, number)]
+        last = number == len(tools.items) - 1
+        end = self._line_end(part.end, behind=True) if last else self._lead(tools.items[number + 1])
+        none = [(self._behind_colon, self._behind_colon, " []")] if len(tools.items) == 1 else []
+        return [*none, (self._lead(part), end, "")]
 
     def _new_tool(self, lines: Sequence[str], *, behind: int) -> list[_Change]:
         """Add a tool behind another one."""
