@@ -387,6 +387,15 @@ def waving_limb(clips: int, *, aside: float = 10.0, **options: Any) -> Asset:
     return asset
 
 
+def posed_limb(path: Path, *, degrees: float, time: float = 0.5) -> Path:
+    """Write a limb with the clip `pose` of a single key, which folds it by some degrees."""
+    asset = limb_asset(clip=None, rings=16, sides=10)
+    half, animation = np.radians(degrees) / 2.0, {"name": "pose"}
+    asset.channel(animation, 2, "rotation", [time], [[0.0, 0.0, np.sin(half), np.cos(half)]])
+    asset.append("animations", animation)
+    return asset.write(path)
+
+
 def nose(*, gap: float = 0.05) -> Asset:
     """A patch of skin whose one morph target brings two places together, and a bar across, `gap` above it: glasses.
 

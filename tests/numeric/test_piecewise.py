@@ -278,3 +278,22 @@ def test_a_wide_signal_is_held_few_times() -> None:
     tracemalloc.stop()
     assert len(times) > 500
     assert peak < 3.6 * 8 * 4 * len(times) * 2000
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_one_time_is_a_key_and_so_are_two(count: int) -> None:
+    """A clip of 0 s has one time, and no interval."""
+    times = np.array([0.5, 0.75])[:count]
+    how = {"tolerance": 0.1, "thinning": 0.1, "gap": KEY_GAP, "step": KEY_GAP}
+    for width in (0, 1, 3):
+
+        def signal(at: Floats, width: int = width) -> Floats:
+            return np.ones((len(at), width))
+
+        points, keys = key_points(times, signal, **how)
+        assert points.tolist() == times.tolist()
+        assert keys.tolist() == list(range(count))
+        assert [each.tolist() for each in key_times(times, lambda _, one=signal: one, **how)] == [
+            points.tolist(),
+            keys.tolist(),
+        ]

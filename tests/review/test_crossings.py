@@ -3,11 +3,12 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import wrinklecli
 from kit.command import Wrinkle
-from kit.limb import LENGTH, RADIUS, limb, limb_asset, tool, write_tools
+from kit.limb import LENGTH, RADIUS, limb, limb_asset, posed_limb, tool, write_tools
 from wrinklecli.baking.track import track
 from wrinklecli.errors import BakeError
 from wrinklecli.review.crossings import crossings
@@ -80,3 +81,33 @@ def test_frames_that_are_hidden_cost_nothing(tmp_path: Path) -> None:
     wrinklecli.bake(asset, tools, tmp_path / "morphs.glb")
     shown, morphed = (crossings(tmp_path / name).data["clips"][0] for name in ("frames.glb", "morphs.glb"))
     assert shown["counts"][0][6] == morphed["counts"][1][6] > 0
+
+
+def test_clips_of_other_files_are_compared_in_the_file_baked_with_them(tmp_path: Path) -> None:
+    """Clips of `bake --anim` are in the baked file alone; the original, which its record restores, plays them too."""
+    asset = limb_asset(clip=None, rings=12, sides=8, joints=3, morphs=2, root={"matrix": np.eye(4).ravel().tolist()})
+    bare, tools = asset.write(tmp_path / "limb.glb"), write_tools(tmp_path / "tools.yaml", tool(bumps=2))
+    anims = [
+        limb(tmp_path / "fold.glb", angle=260.0, joints=3, morphs=2, morph_clip="CUBICSPLINE"),
+        limb(tmp_path / "grow.glb", clip="grow", joints=3, root={}),
+    ]
+    wanted = crossings(bare, tools, anims=anims).data["clips"]
+    assert max(wanted[0]["counts"][0]) > 0
+    for name, options in {"morph": {}, "split": {"split": True}, "own": {"tracks": "none"}}.items():
+        wrinklecli.bake(bare, tools, tmp_path / f"{name}.glb", anims=anims, **options)
+        found = crossings(tmp_path / f"{name}.glb").data["clips"]
+        assert [clip["name"] for clip in found] == ["fold", "grow"]
+        assert [clip["counts"][0] for clip in found] == [clip["counts"][0] for clip in wanted]
+    # More clips come behind those.
+    (again,) = crossings(tmp_path / "morph.glb", anims=anims[:1], clips=["fold 2"]).data["clips"]
+    assert again["counts"][0] == wanted[0]["counts"][0]
+
+
+def test_a_clip_of_one_moment_is_counted_once(tmp_path: Path) -> None:
+    asset = posed_limb(tmp_path / "limb.glb", degrees=140.0)
+    (pose,) = crossings(asset).data["clips"]
+    assert pose["times"] == [0.5]
+    assert pose["totals"] == pose["counts"][0]
+    assert pose["totals"][0] > 0
+    (by_hand,) = crossings(asset, pose=[("joint_1", "z", 140.0)]).data["clips"]
+    assert by_hand["counts"] == pose["counts"]

@@ -75,7 +75,9 @@ def key_times(
 def key_points(
     grid: Floats, signal: Signal, *, tolerance: float, thinning: float, gap: float, step: float
 ) -> tuple[Floats, Ints]:
-    """Find what `key_times` finds within (points,) sorted points of one stretch."""
+    """Find what `key_times` finds within (points,) sorted points of one stretch; a single point is the only key."""
+    if len(grid) == 1:
+        return grid, np.zeros(1, np.intp)
     points, values = _bisected(grid, signal, tolerance, gap, step)
     return points[::_PER_INTERVAL], _thinned(points, values, thinning)
 

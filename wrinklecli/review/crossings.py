@@ -10,13 +10,15 @@ import numpy as np
 
 from wrinklecli.baking.original import original, wrinkled
 from wrinklecli.character.clip import Clip, chosen_clips, clip_grid, read_clips
+from wrinklecli.character.joined import with_clips, with_free_nodes
 from wrinklecli.character.moved import moved
+from wrinklecli.character.rig import read_rig
 from wrinklecli.character.scene import deforming_nodes
 from wrinklecli.character.scene_surface import CrossingPairs, SceneSurface, read_scene_surface
 from wrinklecli.errors import BakeError
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Floats, distinct, significant
+from wrinklecli.numeric.arrays import Floats, distinct, distinct_values, significant
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.review.check import CheckOptions
@@ -125,6 +127,8 @@ def _states(
             raise
         before, carries = document, False
         rewritten = (f"{document.path}: {_REWRITTEN}",)
+    if carries and tools is None:
+        before = _with_further_clips(before, document)
     joined = moved(before, deforming_nodes(before), options.motions)
     clips = chosen_clips(joined.clips, joined.chosen(options.clips), where=document.path)
     if tools is None:
@@ -137,9 +141,32 @@ def _states(
     return [joined.document, after], tuple(clips), planned.warnings
 
 
+def _with_further_clips(before: Document, baked: Document) -> Document:
+    """The original with the clips that only the baked file has: those of the bake's `--anim`.
+
+    The original's nodes and morph targets have the same numbers in both, and the bake's own follow.
+    """
+    rigs = {node: read_rig(before, node) for node, each in enumerate(before.items("nodes")) if "mesh" in each}
+    further = []
+    for clip in read_clips(baked):
+        if clip.index < len(before.items("animations")):
+            continue
+        channels = []
+        for channel in clip.channels:
+            if channel.path == "weights":
+                count = len(rigs[channel.node].morph_names) if channel.node in rigs else 0
+                channel = replace(channel, values=channel.values[..., :count])
+            if channel.values.size and channel.node < len(before.items("nodes")):
+                channels.append(channel)
+        further.append(replace(clip, channels=tuple(channels)))
+    moving = {channel.node for clip in further for channel in clip.channels}
+    return with_clips(with_free_nodes(before, moving), further)
+
+
 def _describe_clip(states: Sequence[_State], clip: Clip, fps: float | None) -> Json:
     """Count the crossings of each state at moments of a clip."""
-    times = np.linspace(clip.start, clip.end, _MOMENTS) if fps is None else clip_grid(clip, None, fps=fps)
+    moments = distinct_values(np.linspace(clip.start, clip.end, _MOMENTS))
+    times = moments if fps is None else clip_grid(clip, None, fps=fps)
     found = []
     for each in states:
         (own,) = [other for other in read_clips(each.document) if other.index == clip.index]

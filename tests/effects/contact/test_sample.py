@@ -1,0 +1,38 @@
+"""Contact over clips: a clip of one moment is a pose."""
+
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("ipctk", reason="needs the extra `contact`")
+
+import wrinklecli
+from kit.asset import Json
+from kit.limb import posed_limb, tool, write_tools
+from kit.player import Gltf
+from wrinklecli.review.crossings import crossings
+
+TOP = {"refinement": {"max_levels": 1}}
+
+
+@pytest.mark.quick(1)
+@pytest.mark.parametrize(
+    "more",
+    [
+        {"contact": "resolve"},
+        {"contact": {"per_clip": True}, "lag": {"frequency": 6, "damping": 0.5}},
+        {"contact": "resolve", "rest_length": {"keys": {"pose": [[0, 0.6], [0.5, 0.9]]}}},
+    ],
+)
+def test_contact_is_resolved_in_a_clip_of_one_key(more: Json, tmp_path: Path) -> None:
+    asset = posed_limb(tmp_path / "limb.glb", degrees=75.0)
+    tools = write_tools(tmp_path / "tools.yaml", tool(bumps=3, max_height="10%", **more), **TOP)
+    report = wrinklecli.bake(asset, tools, tmp_path / "out.glb")
+    (clip,) = crossings(tmp_path / "out.glb").data["clips"]
+    assert clip["totals"][0] > clip["totals"][1] == 0
+    (fold,) = report.data["folds"]
+    file = Gltf(tmp_path / "out.glb")
+    names = file.mesh("limb")["extras"]["targetNames"]
+    times, values = file.keys("pose", "limb")
+    assert times.tolist() == [0.5]
+    assert values[0, [names.index(name) for name in fold["targets"]]].any()
