@@ -12,6 +12,7 @@ from wrinklecli.baking.report import Report, as_json
 from wrinklecli.baking.timings import peak_memory
 from wrinklecli.baking.track import track
 from wrinklecli.batch.cache_keys import references
+from wrinklecli.batch.job_files import path_in
 from wrinklecli.batch.jobs import OTHERS, BatchJob, Outcome
 from wrinklecli.batch.staging import Staged
 from wrinklecli.errors import BakeError
@@ -29,7 +30,7 @@ _TRACK_FPS = 30.0  # frames per second of tracked clips if the job names none, a
 class Built:
     """A finished bake: its outcome without seconds, and its files, the main one last.
 
-    A file is its root (one of `staging.ROOTS`), its path in the root, and its local path. There are no files if `out`
+    A file is its root (one of `job_files.ROOTS`), its path in the root, and its local path. There are no files if `out`
     is no regular file.
     """
 
@@ -122,26 +123,26 @@ def _residual(report: Report) -> float | None:
 
 
 def _files_to_keep(here: Staged, written: list[str]) -> list[tuple[str, str, str]]:
-    """List the files that the cache has to keep: the written ones, and others that the outputs refer to."""
+    """List the files that the cache has to keep: the named outputs, the files that they refer to, and frames."""
     job = here.job
     if not os.path.isfile(job.out):  # a pipe or a device, which cannot be read again
         return []
-    models = [job.out, *(path for path in written if here.roots.get("tracked") and _within(path, here, "tracked"))]
-    for model in models:
+    models = [("out", job.out)]
+    if job.tracked is not None:
+        models += [("tracked", os.path.join(job.tracked, os.path.basename(each))) for each in job.anims]
+    found = [(root, path) for root in ("report", "timings") if (path := getattr(job, root))]
+    for root, model in models:
         with open(model, "rb") as file:
             uris = references(file)
-        written += [os.path.join(os.path.dirname(model), path_of(uri)) for uri in uris]
+        found += [(root, os.path.join(os.path.dirname(model), path_of(uri))) for uri in uris]
+    found += models
+    known = {os.path.abspath(path) for _, path in found}
+    if "frames_dir" in job.options:
+        found += [("frames_dir", path) for path in written if os.path.abspath(path) not in known]
     files = {}
-    for path in written:
-        for root in here.roots:
-            if os.path.exists(path) and (relative := _within(path, here, root)) is not None:
-                files[os.path.abspath(path)] = (root, relative, path)
-                break
-    main = files.pop(os.path.abspath(job.out))
-    return [*files.values(), ("out", main[1] if main[0] == "out" else os.path.basename(job.out), main[2])]
-
-
-def _within(path: str, here: Staged, root: str) -> str | None:
-    """Path relative to the folder of a root; None if it is outside."""
-    relative = os.path.relpath(path, here.roots[root][1] or ".")
-    return None if relative.split(os.sep)[0] == os.pardir else relative
+    for root, path in found:
+        relative = path_in(here.roots[root][1], path)
+        if relative is not None and os.path.exists(path):
+            files[root, relative] = path
+    main = files.pop(("out", os.path.basename(job.out)))
+    return [*((root, path, local) for (root, path), local in files.items()), ("out", os.path.basename(job.out), main)]

@@ -5,25 +5,36 @@
     files/ab/<digest>       the contents of the files
     outs/ab/<path>.json     the inputs of the output at a path, to say later what has changed
 
-Each file is written whole, and a record after the files that it names. A damaged entry counts as missing.
+Each file is written whole, and a record after the files that it names. Nothing in a cache is trusted: a record may name
+only the outputs of its job, and contents must have their digest. Every other entry counts as missing, with a warning.
 """
 
+import errno
 import hashlib
 import json
-from collections.abc import Iterable, Mapping
+import math
+import os
+import re
+from collections.abc import Iterable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from wrinklecli.batch import stores
 from wrinklecli.batch.cache_keys import Parts
-from wrinklecli.errors import WrinkleError
+from wrinklecli.batch.job_files import JobFiles
+from wrinklecli.errors import WrinkleError, shortened
 
 TAG = "CACHEDIR.TAG"
 ENTRIES = ("keys", "files", "outs")
 """The folders of a cache."""
 
 _VERSION = 1
+_MAX_ENTRY = 2**23  # bytes of a record: the files of 60,000 frames
+_LONGEST_REASON = 200  # characters of a warning, as an entry may have any text
+_DIGEST = re.compile(r"[0-9a-f]{64}")
+# Errors for an entry that is not there; some stores deny access to what is missing.
+_MISSING = (FileNotFoundError, NotADirectoryError, PermissionError)
 # The signature is from bford.info/cachedir.
 _TAG = b"Signature: 8a477f597d28d172789f06886806bc55\n# A cache of wrinkle batch: it may be deleted at any time.\n"
 
@@ -38,18 +49,32 @@ class CachedFile:
 
 
 @dataclass(frozen=True, slots=True)
+class Said:
+    """The fields of an outcome that are kept with its files; lengths are in scene units, and None if not measured."""
+
+    summary: str
+    warnings: tuple[str, ...]
+    residual: float | None
+    tallest: float | None
+
+
+@dataclass(frozen=True, slots=True)
 class Record:
     """The output files of a job, the main one last, and some fields of its outcome."""
 
     files: tuple[CachedFile, ...]
-    outcome: Mapping[str, Any]
+    said: Said
 
 
 class Cache:
-    """A cache at a path or a URL. Methods that write raise WrinkleError if they cannot."""
+    """A cache at a path or a URL. Methods that write raise WrinkleError if they cannot.
+
+    `warnings` collects a line for each entry that was refused.
+    """
 
     def __init__(self, place: str) -> None:
         self._place = place
+        self.warnings: list[str] = []
 
     def open(self) -> None:
         """Make sure that the cache can be written."""
@@ -59,26 +84,32 @@ class Cache:
                 return
         self._put(tag, _TAG)
 
-    def find(self, key: str) -> Record | None:
-        """Look up the outputs of a job by its key."""
+    def find(self, key: str, outputs: JobFiles) -> Record | None:
+        """Look up the outputs of a job by its key; None if there is no record, or one that this job cannot have."""
         entry = self._read("keys", key)
+        if entry is None:
+            return None
         try:
-            if entry is None or entry["cache"] != _VERSION:
-                return None
-            files = tuple(CachedFile(*map(str, each)) for each in entry["files"])
-            return Record(files, dict(entry["said"])) if files else None
-        except (KeyError, TypeError, ValueError):
+            return _record(entry, outputs)
+        except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
+            reason = f"lacks {error}" if isinstance(error, KeyError) else str(error)
+            self._refuse("keys", key, f"is not a record of this job ({reason})")
             return None
 
     def content(self, file: CachedFile, most: int) -> bytes | None:
         """Read the content of a file of at most so many bytes; None if it is lost, damaged or larger."""
         try:
             data = stores.read(self._path("files", file.digest), most)
-        except OSError:
+        except OSError as error:
+            if not isinstance(error, _MISSING):
+                self._refuse("files", file.digest, f"cannot be read: {stores.reason_of(error)}")
             return None
-        return data if hashlib.sha256(data).hexdigest() == file.digest else None
+        if hashlib.sha256(data).hexdigest() == file.digest:
+            return data
+        self._refuse("files", file.digest, "is damaged: its content has another digest")
+        return None
 
-    def keep(self, key: str, files: Iterable[tuple[str, str, str]], outcome: Mapping[str, Any]) -> None:
+    def keep(self, key: str, files: Iterable[tuple[str, str, str]], said: Said) -> None:
         """Store the outputs of a job: root, path in the root and present place of each file, the main one last.
 
         Raises:
@@ -91,12 +122,15 @@ class Cache:
             digest = hashlib.sha256(data).hexdigest()
             self._put(self._path("files", digest), data)
             kept.append([root, path, digest])
-        self._put(self._path("keys", key), json.dumps({"cache": _VERSION, "files": kept, "said": outcome}).encode())
+        self._put(
+            self._path("keys", key), json.dumps({"cache": _VERSION, "files": kept, "said": asdict(said)}).encode()
+        )
 
     def parts_of_output(self, out: str) -> Parts | None:
-        """The inputs that the output at a path was made from, as last noted."""
+        """The inputs that the output at a path was made from, as last noted; they may be anything."""
         entry = self._read("outs", _name_of(out))
-        return entry.get("parts") if entry is not None else None
+        parts = entry.get("parts") if entry is not None else None
+        return parts if isinstance(parts, dict) else None
 
     def note_output(self, out: str, parts: Parts) -> None:
         """Note the inputs that the output at a path is made from."""
@@ -107,17 +141,83 @@ class Cache:
         return stores.join(self._place, f"{kind}/{name[:2]}/{name}{ending}")
 
     def _read(self, kind: str, name: str) -> dict[str, Any] | None:
+        """Read an entry; None if it is missing or is no object of JSON."""
         try:
-            entry = json.loads(stores.read(self._path(kind, name)))
-        except (OSError, ValueError, RecursionError):
+            entry = json.loads(stores.read(self._path(kind, name), _MAX_ENTRY), parse_constant=_refuse_constant)
+        except _MISSING:
             return None
-        return entry if isinstance(entry, dict) else None
+        except OSError as error:
+            self._refuse(kind, name, f"cannot be read: {stores.reason_of(error)}")
+            return None
+        except (ValueError, RecursionError) as error:
+            self._refuse(kind, name, f"is not JSON: {error}")
+            return None
+        if not isinstance(entry, dict):
+            self._refuse(kind, name, "is not an object of JSON")
+            return None
+        return entry
+
+    def _refuse(self, kind: str, name: str, reason: str) -> None:
+        line = f"{self._path(kind, name)}: {shortened(reason, _LONGEST_REASON)}: ignored"
+        if line not in self.warnings:
+            self.warnings.append(line)
 
     def _put(self, path: str, data: bytes) -> None:
         try:
+            self._refuse_links(os.path.dirname(path))
             stores.put(path, data)
         except OSError as error:
-            raise WrinkleError(f"the cache cannot be written: {error.strerror or error}", where=path) from error
+            raise WrinkleError(f"the cache cannot be written: {stores.reason_of(error)}", where=path) from error
+
+    def _refuse_links(self, folder: str) -> None:
+        """Raise OSError if a link leads from a folder of the cache to another place."""
+        if stores.is_url(self._place):
+            return
+        inside = os.path.join(os.path.realpath(self._place), os.path.relpath(folder, self._place or os.curdir))
+        if os.path.realpath(folder) != os.path.normpath(inside):
+            raise OSError(errno.ELOOP, "a link leads out of it")
+
+
+def _record(entry: dict[str, Any], outputs: JobFiles) -> Record:
+    """Check an entry.
+
+    Raises:
+        KeyError, TypeError, ValueError, OverflowError: It is not the record of a job with these outputs.
+    """
+    if entry["cache"] != _VERSION:
+        raise ValueError(f"version {entry['cache']!r}")
+    files: dict[tuple[str, str], CachedFile] = {}
+    for each in entry["files"]:
+        root, path, digest = each
+        if not (isinstance(root, str) and isinstance(path, str) and isinstance(digest, str)):
+            raise TypeError(f"{each!r} is no file")
+        if not _DIGEST.fullmatch(digest) or not outputs.has(root, path, digest) or (root, path) in files:
+            raise ValueError(f"{each!r} is not its file")
+        files[root, path] = CachedFile(root, path, digest)
+    for named in outputs.named:
+        if named not in files:
+            raise ValueError(f"without {named[1]!r}")
+    main = files.pop(outputs.main)
+    said = entry["said"]
+    warnings = said["warnings"]
+    if not isinstance(said["summary"], str) or not isinstance(warnings, list):
+        raise TypeError("its outcome is none")
+    if not all(isinstance(line, str) for line in warnings):
+        raise TypeError("its warnings are none")
+    lengths = Said(said["summary"], tuple(warnings), _length(said["residual"]), _length(said["tallest"]))
+    return Record((*files.values(), main), lengths)
+
+
+def _length(value: Any) -> float | None:
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError(f"{value!r} is no length")
+    return value
+
+
+def _refuse_constant(name: str) -> Any:
+    raise ValueError(f"{name} is no number in JSON")
 
 
 def _name_of(out: str) -> str:

@@ -7,8 +7,9 @@ from dataclasses import replace
 from wrinklecli.batch.cache import Cache
 from wrinklecli.batch.cluster import Workers, refuse_without_dask, run_on_dask
 from wrinklecli.batch.jobs import BatchJob, Outcome
-from wrinklecli.batch.stores import absolute
+from wrinklecli.batch.stores import StoreError, absolute
 from wrinklecli.batch.worker import OpenOutputs, Settings, fetch_job, run_job
+from wrinklecli.errors import WrinkleError
 from wrinklecli.files.outputs import Outputs
 
 # Before workers are started, jobs are looked up in the cache here, until one of these limits:
@@ -29,10 +30,10 @@ def run_jobs(
     `open_outputs` opens the outputs that this process writes; `tell` is called with lines for the user.
 
     Raises:
-        WrinkleError: The cache cannot be written, Dask is missing, or its scheduler does not answer.
+        WrinkleError: The cache's store, or Dask's scheduler, does not answer, or Dask is missing.
     """
     if workers.scheduler is None and workers.count == 1:
-        Cache(settings.cache).open()
+        _open_cache(settings, tell)
         for job in jobs:
             yield run_job(job, settings, open_outputs=open_outputs)
         return
@@ -42,7 +43,7 @@ def run_jobs(
         paths = dict.fromkeys(("asset", "tools", "file", "folder", "other"), absolute)
         jobs = [job.with_paths(**paths) for job in jobs]
         settings = replace(settings, cache=absolute(settings.cache))
-    Cache(settings.cache).open()
+    _open_cache(settings, tell)
     to_bake: list[BatchJob] = []
     end = time.monotonic() + _LOOKUP_SECONDS
     for job in jobs:
@@ -54,3 +55,18 @@ def run_jobs(
             yield outcome
     if to_bake:
         yield from run_on_dask(to_bake, settings, workers, tell)
+
+
+def _open_cache(settings: Settings, tell: Callable[[str], object]) -> None:
+    """Say before the first bake if the cache cannot be written; then outputs are written, but not kept.
+
+    Raises:
+        StoreError: The cache's store does not answer.
+    """
+    try:
+        Cache(settings.cache).open()
+    except StoreError:
+        raise
+    except WrinkleError as error:
+        for line in error.lines:
+            tell(f"{line}; outputs are not kept")

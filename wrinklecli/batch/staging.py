@@ -10,12 +10,10 @@ from functools import partial
 
 from wrinklecli.batch import stores
 from wrinklecli.batch.cache_keys import references
+from wrinklecli.batch.job_files import ROOTS
 from wrinklecli.batch.jobs import OTHERS, BatchJob
 from wrinklecli.errors import AssetError, BakeError, WrinkleError
 from wrinklecli.gltf.files import leaves_folder, path_of
-
-ROOTS = ("report", "timings", "frames_dir", "tracked", "out")
-"""The outputs of a job, each in a folder of its own or a shared one; the main output last."""
 
 
 @dataclass(frozen=True, slots=True)

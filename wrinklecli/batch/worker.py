@@ -9,14 +9,15 @@ import os
 import socket
 import time
 import traceback
-from collections.abc import Callable
-from contextlib import AbstractContextManager, suppress
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 from wrinklecli.batch import stores
-from wrinklecli.batch.cache import Cache, Record
+from wrinklecli.batch.cache import Cache, CachedFile, Record, Said
 from wrinklecli.batch.cache_keys import Parts, difference, key_of, parts_of, program
+from wrinklecli.batch.job_files import JobFiles
 from wrinklecli.batch.jobs import OTHERS, BatchJob, Outcome
 from wrinklecli.batch.staging import Staged, send, staged
 from wrinklecli.batch.stores import StoreError
@@ -27,8 +28,10 @@ OpenOutputs: TypeAlias = Callable[[], AbstractContextManager[Outputs]]
 """Opens the outputs that a bake writes."""
 
 _FIRST_PAUSE = 0.5  # seconds before a store is asked again, doubled each time: a busy store needs a rest
-# Fields of an outcome that the cache keeps.
-_KEPT = ("summary", "warnings", "residual", "tallest", "seconds", "peak_memory")
+
+
+class _LostError(Exception):
+    """The cache has lost the content of a file, or it is damaged."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,11 +102,13 @@ def _reported(job: BatchJob, settings: Settings, action: Callable[[Staged, Cache
 def _checked(here: Staged, cache: Cache, job: BatchJob) -> Outcome:
     parts = parts_of(here.job, job)
     key = key_of(parts)
-    record = cache.find(key)
+    record = cache.find(key, JobFiles(parts))
     if record is None:
-        return Outcome(job, "built", reason=difference(cache.parts_of_output(job.out), parts), key=key)
+        reason = difference(cache.parts_of_output(job.out), parts)
+        return Outcome(job, "built", reason=reason, key=key, warnings=tuple(cache.warnings))
     in_place = not _missing_files(here, record)
-    return Outcome(job, "hit", reason="in place" if in_place else "from the cache", key=key)
+    reason = "in place" if in_place else "from the cache"
+    return Outcome(job, "hit", reason=reason, key=key, warnings=tuple(cache.warnings))
 
 
 def _run(here: Staged, cache: Cache, job: BatchJob, open_outputs: OpenOutputs) -> Outcome:
@@ -120,54 +125,84 @@ def _run(here: Staged, cache: Cache, job: BatchJob, open_outputs: OpenOutputs) -
     key = key_of(parts)
     outcome = replace(built.outcome, job=job, reason=reason, key=key)
     send(here, [(root, path) for root, path, _ in built.files], own)
-    # If an input was changed during the bake, nobody knows which version was baked.
-    if built.files and key_of(parts_of(here.job, job)) == key:
-        cache.keep(key, built.files, {name: getattr(outcome, name) for name in _KEPT})
-        cache.note_output(job.out, parts)
-    return outcome
+    with _whatever_the_cache_does(cache):
+        # If an input was changed during the bake, nobody knows which version was baked.
+        if built.files and key_of(parts_of(here.job, job)) == key:
+            cache.keep(key, built.files, Said(outcome.summary, outcome.warnings, outcome.residual, outcome.tallest))
+            cache.note_output(job.out, parts)
+    return replace(outcome, warnings=(*outcome.warnings, *cache.warnings))
+
+
+@contextmanager
+def _whatever_the_cache_does(cache: Cache) -> Iterator[None]:
+    """Turn errors of keeping outputs into warnings, as the outputs are in their places already."""
+    try:
+        yield
+    except WrinkleError as error:
+        cache.warnings += error.lines
+    except OSError as error:
+        cache.warnings.append(f"an output cannot be kept in the cache: {error}")
+    except MemoryError:
+        cache.warnings.append("the outputs take more memory to keep in the cache than there is")
 
 
 def _own_files(here: Staged, cache: Cache, before: Parts | None) -> set[tuple[str, str]]:
     """Root and path of the files that this job wrote earlier, from other inputs, and that nobody has changed since."""
-    record = None if before is None else cache.find(key_of(before))
+    try:
+        record = None if before is None else cache.find(key_of(before), JobFiles(before))
+    except (KeyError, TypeError, ValueError, AttributeError, RecursionError):  # the cache has something else there
+        return set()
     if record is None:
         return set()
     changed = _missing_files(here, record)
     unchanged = [file for number, file in enumerate(record.files) if number not in changed]
-    return {(file.root, file.path) for file in unchanged if file.root in here.roots}
+    return {(file.root, file.path) for file in unchanged}
 
 
 def _fetched(here: Staged, cache: Cache, job: BatchJob, parts: Parts, open_outputs: OpenOutputs) -> Outcome | None:
     """Put outputs from the cache into their places; None if the cache does not have all of them."""
     key = key_of(parts)
-    record = cache.find(key)
+    record = cache.find(key, JobFiles(parts))
     if record is None:
         return None
-    missing = _missing_files(here, record)
-    contents = [cache.content(record.files[number], job.max_memory) for number in missing]
-    if any(content is None for content in contents):
-        return None
+    missing = [record.files[number] for number in _missing_files(here, record)]
     if missing:
-        with open_outputs() as outputs:
-            outputs.protect(here.job.inputs)
-            outputs.protect(job.others, used=OTHERS)
-            for number, content in zip(missing, contents, strict=True):
-                file = record.files[number]
-                path = os.path.join(here.roots[file.root][1], file.path)
-                outputs.make_folders(os.path.dirname(path))
-                outputs.add_bytes(path, content or b"", last=number == len(record.files) - 1)
-        send(here, [(record.files[number].root, record.files[number].path) for number in missing], set())
-        cache.note_output(job.out, parts)
+        try:
+            with open_outputs() as outputs:
+                _add(missing, record.files[-1], here, cache, outputs)
+        except _LostError:
+            return None
+        send(here, [(file.root, file.path) for file in missing], set())
+        with _whatever_the_cache_does(cache):
+            cache.note_output(job.out, parts)
+    said = record.said
     return Outcome(
         job,
         "hit",
         reason="from the cache" if missing else "in place",
         key=key,
-        summary=str(record.outcome.get("summary", "")),
-        warnings=tuple(map(str, record.outcome.get("warnings", ()))),
-        residual=record.outcome.get("residual"),
-        tallest=record.outcome.get("tallest"),
+        summary=said.summary,
+        warnings=(*said.warnings, *cache.warnings),
+        residual=said.residual,
+        tallest=said.tallest,
     )
+
+
+def _add(files: Iterable[CachedFile], main: CachedFile, here: Staged, cache: Cache, outputs: Outputs) -> None:
+    """Copy files from the cache to outputs.
+
+    Raises:
+        _LostError: The cache does not have the content of a file.
+    """
+    outputs.protect(here.job.inputs)
+    outputs.protect(here.job.others, used=OTHERS)
+    for file in files:
+        content = cache.content(file, here.job.max_memory)
+        if content is None:
+            raise _LostError
+        path = os.path.join(here.roots[file.root][1], file.path)
+        outputs.make_folders(os.path.dirname(path))
+        outputs.add_bytes(path, content, last=file == main)
 
 
 def _missing_files(here: Staged, record: Record) -> list[int]:
@@ -175,10 +210,9 @@ def _missing_files(here: Staged, record: Record) -> list[int]:
     missing = []
     for number, file in enumerate(record.files):
         root = here.roots.get(file.root)
-        if root is None:
-            continue
-        with suppress(OSError), stores.opened(stores.join(root[0], file.path), here.job.max_memory) as there:
-            if hashlib.file_digest(there, "sha256").hexdigest() == file.digest:  # type: ignore[arg-type]
-                continue
+        if root is not None:  # an earlier job for this output had others
+            with suppress(OSError), stores.opened(stores.join(root[0], file.path), here.job.max_memory) as there:
+                if hashlib.file_digest(there, "sha256").hexdigest() == file.digest:  # type: ignore[arg-type]
+                    continue
         missing.append(number)
     return missing
