@@ -214,7 +214,8 @@ def _is_half(sites: Sites, grown: _GrownSites, centre: Floats, tensors: Floats) 
     start = int(grown.members[lost[grown.members].argmax()])
     own = float(lost[start])
     other = np.sum((sites.positions - centre * [-1.0, 1.0, 1.0]) ** 2, axis=1)
-    if lost[other < max(float(other.min()), sites.radius**2)].max() < _HALF_LOSS * own:
+    # The centre of a region round a tube lies within the tube, where no site may be within the radius.
+    if lost[other <= max(float(other.min()), sites.radius**2)].max() < _HALF_LOSS * own:
         return False
     inside = (lost >= _MIDDLE_LOSS * own) & (sites.normals @ outward > 0.0)
     inside[start] = True
