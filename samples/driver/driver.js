@@ -81,7 +81,7 @@ export function wrinkleWeights(
   const found = curve
     ? followed(curve, distance, length)
     : targets.map((_, k) => between(shortenings, weights.map((row) => row[k]), 1 - distance / length));
-  return found.map((weight) => weight * (toolExtras.strengths?.[clip] ?? 1));
+  return found.map((weight) => weight * (toolExtras.strengths?.[clip] ?? toolExtras.strength ?? 1));
 }
 
 /**

@@ -23,7 +23,7 @@ def assert_replayed(file: Gltf, node: str, clip: str, times: Floats, tolerance: 
         assert rows[-1] == 1
         assert (np.diff(rows) > 0).all()
         shortenings = 1 - anchor_distances(file, tool, node, clip, times) / tool["rest_length"]
-        strength = tool.get("strengths", {}).get(clip, 1.0)
+        strength = tool.get("strengths", {}).get(clip, tool.get("strength", 1.0))
         for column, name in zip(table.T, tool["targets"], strict=True):
             error = np.abs(played[:, names.index(name)] - strength * np.interp(shortenings, rows, column))
             assert error.max() < tolerance, (tool["name"], name, times[error.argmax()])
@@ -62,6 +62,16 @@ def test_extras_say_what_else_drives_a_tool() -> None:
     assert "browsDown" in json.dumps(
         {key: value for key, value in described.items() if key not in ("origin", "target")}
     )
+
+
+@pytest.mark.parametrize(("clip", "acts"), [("raise_brows", True), ("think", False)])
+def test_extras_say_that_a_tool_acts_in_some_clips_alone(clip: str, acts: bool) -> None:
+    after = bake_once("head", {**BROW, "strength": 0, "clips": {clip: -0.5}})
+    times = np.linspace(0.0, 2.0, 101)
+    assert after.weights("head", "raise_brows", times)[:, -1].any() == acts
+    if acts:
+        times, _ = after.keys("raise_brows", "head")
+    assert_replayed(after, "head", "raise_brows", times, 1 / 256 + 1e-3)
 
 
 @pytest.mark.parametrize("change", [sharp_keys, spline_keys])

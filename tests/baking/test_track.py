@@ -259,6 +259,19 @@ def test_strengths_and_rest_lengths_of_a_clip(rest_length: Json, strategy: str, 
         assert not made.weights("head", clip, np.linspace(0, 3, 31)).any()
 
 
+def test_a_tool_of_some_clips_stays_flat_in_all_others(tmp_path: Path) -> None:
+    for clip, acts in (("think", False), ("raise_brows", True)):
+        tool: Json = {**BROW, "strength": 0, "clips": {clip: 0.5}}
+        made, report = run(bake_once("head", tool, tracks="none"), sample("head"), tmp_path)
+        assert not report.warnings
+        if acts:
+            assert_tracks(made, bake_once("head", tool), "head", "raise_brows")
+        else:
+            assert not made.weights("head", "raise_brows", np.linspace(0, 3, 31))[
+                :, wrinkle_columns(made, "head")
+            ].any()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("clip", ["think", "raise_brows"])
 def test_keyed_rest_lengths_of_a_sample(clip: str, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -54,6 +55,7 @@ def assert_same_weights(drive: Drive, prepared: Prepared) -> Floats:
     """Compare a drive with what is read again; the weights."""
     again = read_again(drive, prepared)
     assert (again.own, dict(again.strengths), again.lag) == (drive.own, dict(drive.strengths), drive.lag)
+    assert again.strength == drive.strength
     wanted = drive.weights_in(prepared.rig, prepared.clip)(TIMES)
     assert again.weights_in(prepared.rig, prepared.clip)(TIMES) == pytest.approx(wanted, abs=1e-6)
     return wanted
@@ -65,13 +67,17 @@ WEIGHTS = st.lists(st.tuples(*[st.integers(-999, 999)] * 2), min_size=2, max_siz
 
 @pytest.mark.parametrize("signal", range(len(SIGNALS)))
 @settings(max_examples=3)
-@given(WEIGHTS, st.integers(-200, 200).map(lambda each: each / 100.0))
-def test_a_table_by_shortening_is_read_as_it_was_written(signal: int, rows: Any, strength: float) -> None:
+@given(WEIGHTS, st.integers(-200, 200).map(lambda each: each / 100.0), st.sampled_from(["fold", "another"]))
+def test_a_table_by_shortening_is_read_as_it_was_written(signal: int, rows: Any, strength: float, clip: str) -> None:
     prepared = limb(signal)
     table = Table("shortenings", np.linspace(-0.5, 0.9, len(rows)), np.array(rows) / 1000.0)
     patch = prepared.patch
-    drive = Drive("crease", patch.segment, ("a", "b"), table, patch.tool.lag, {prepared.clip.name: strength})
+    drive = Drive("crease", patch.segment, ("a", "b"), table, patch.tool.lag, {clip: strength}, strength / 2.0)
     weights = assert_same_weights(drive, prepared)
+    factor = strength if clip == prepared.clip.name else strength / 2.0
+    assert weights == pytest.approx(
+        factor * replace(drive, strengths={}, strength=1.0).weights_in(prepared.rig, prepared.clip)(TIMES)
+    )
     assert weights.shape == (len(TIMES), 2)
 
 

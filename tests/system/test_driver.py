@@ -48,6 +48,13 @@ def test_a_path_is_driven_as_it_was_baked() -> None:
     assert_driven(bare, whole, "wrist", "flex")
 
 
+def test_a_tool_of_one_clip_is_driven_in_that_clip_alone() -> None:
+    for clip in ("raise_brows", "think"):
+        tool = {**BROW, "strength": 0, "clips": {clip: 0.5}}
+        bare, whole = (bake_once("head", tool, tracks=tracks) for tracks in ("none", "all"))
+        assert_driven(bare, whole, "head", "raise_brows")
+
+
 def assert_driven(bare: Gltf, whole: Gltf, node: str, clip: str, tolerance: float = TABLE) -> None:
     """The driver's weights on one file are the tracks of another, at their keys, in shares of each tool's tallest."""
     times, values = whole.keys(clip, node)

@@ -17,8 +17,8 @@ itself for arrays of times, and a node's `extras.wrinkle` holds it in JSON:
   2 atan2(`axis` · s, 1 + trace D).
 - The response has rows of `weights`, straight between, at `shortenings`, 1 - distance / rest_length, or at `angles`.
   Where the rest length changes, `curve` takes their place: see `CurveTable`.
-- `strengths` are factors on the weights in some clips. Weights are 0 where any of the targets `own` is not: these
-  belong to one clip alone, which drives them itself.
+- `strengths` are factors on the weights in some clips; `strength` is the factor in all others. Weights are 0 where any
+  of the targets `own` is not: these belong to one clip alone, which drives them itself.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -54,6 +54,7 @@ class Drive:
         response: Weights by the measurement.
         lag: The filter; None if the weights follow at once.
         strengths: By clip, factors on the weights.
+        strength: The factor in all other clips.
         own: Names of further targets, each of one clip alone, that replace these there.
     """
 
@@ -63,6 +64,7 @@ class Drive:
     response: Table | CurveTable
     lag: Lag | None = None
     strengths: Mapping[str, float] = field(default_factory=dict)
+    strength: float = 1.0
     own: tuple[str, ...] = ()
 
     def reader(self, rig: Rig, clip: Clip) -> Callable[[Floats], Lengths | Angles]:
@@ -79,7 +81,7 @@ class Drive:
 
     def weights_in(self, rig: Rig, clip: Clip) -> Signal:
         """A function from (frames,) seconds of a clip to (frames, targets) weights."""
-        read, strength = self.reader(rig, clip), self.strengths.get(clip.name, 1.0)
+        read, strength = self.reader(rig, clip), self.strengths.get(clip.name, self.strength)
         response: Any = self.response
         return lambda times: strength * response.weights(read(times))
 
@@ -95,6 +97,7 @@ class Drive:
         return {
             **head,
             **({"strengths": factors} if factors else {}),
+            **({"strength": stored(self.strength)} if self.strength != 1.0 else {}),
             "targets": list(self.targets),
             **({"own": list(self.own)} if self.own else {}),
             **self.response.to_json(),
@@ -154,6 +157,7 @@ class StoredDrive:
             response=response,
             lag=_read_lag(data["lag"]) if "lag" in data else None,
             strengths={clip: float(factor) for clip, factor in data.get("strengths", {}).items()},
+            strength=float(data.get("strength", 1.0)),
             own=tuple(str(name) for name in data.get("own", ())),
         )
 

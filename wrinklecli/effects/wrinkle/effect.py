@@ -251,4 +251,5 @@ class WrinkleEffect(Effect):
 def tool_drive(patch: Patch, targets: tuple[str, ...], response: Table | CurveTable) -> Drive:
     """A drive by a tool's segment, with its filter and its strengths."""
     strengths = {clip: each / patch.shape_strength for clip, each in patch.tool.clips.items()}
-    return Drive(patch.tool.name, patch.segment, targets, response, patch.tool.lag, strengths)
+    others = patch.clip_strength(None)
+    return Drive(patch.tool.name, patch.segment, targets, response, patch.tool.lag, strengths, others)
