@@ -55,4 +55,6 @@ def test_one_error_reports_several_problems() -> None:
     both = WrinkleError.of_all([AssetError("one", where="a"), RefusedError.of_all([RefusedError("two", where="b")])])
     assert both.lines == ("a: one", "b: two")
     assert both.places == ("a", "b")
+    again = WrinkleError.of_all([AssetError("one", where="a"), both, AssetError("one", where="c")])
+    assert again.lines == ("a: one", "b: two", "c: one")
     assert (both.exit_code, RefusedError("two").exit_code) == (1, 3)

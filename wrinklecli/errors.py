@@ -35,10 +35,10 @@ class WrinkleError(Exception):
 
     @classmethod
     def of_all(cls, problems: Iterable["WrinkleError"]) -> "WrinkleError":
-        """One error that reports all the problems at once, a line each."""
-        error, every = cls(""), tuple(problems)
-        error.lines = tuple(line for problem in every for line in problem.lines)
-        error.places = tuple(place for problem in every for place in problem.places)
+        """One error that reports all the problems at once, a line each; a problem of many tools has one line."""
+        error = cls("")
+        pairs = (pair for each in problems for pair in zip(each.places, each.lines, strict=True))
+        error.places, error.lines = zip(*dict.fromkeys(pairs), strict=True)
         return error
 
 

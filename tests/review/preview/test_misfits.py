@@ -1,5 +1,6 @@
 """Tools that do not fit: what a preview shows of them, and what it says."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -7,11 +8,12 @@ import numpy as np
 import pytest
 
 import wrinklecli
+from kit.asset import Asset, attribute
 from kit.limb import RADIUS, limb_asset, tool, write_tools
 from kit.pictures import draw, limb, picture, reds
 from wrinklecli.baking.job import BakeOptions
 from wrinklecli.effects.wrinkle.layer import carried_patches_of
-from wrinklecli.errors import WrinkleError
+from wrinklecli.errors import AssetError, WrinkleError
 from wrinklecli.gltf.document import read_document
 from wrinklecli.review.preview.apply import plan_tools
 from wrinklecli.review.preview.misfits import find_misfits
@@ -97,3 +99,42 @@ def test_what_is_wrong_with_the_file_is_refused_as_ever(tmp_path: Path) -> None:
         plan_tools(limb(tmp_path), tools, BakeOptions())
     with pytest.raises(WrinkleError, match="no enabled tool is named"):
         plan_tools(limb(tmp_path), write_tools(tmp_path / "tools.yaml"), BakeOptions(only=["none"]))
+
+
+def flattened(asset: Asset) -> None:
+    """Put all vertices at one point."""
+    attribute(asset, 0, "POSITION")[:] = [0.1, 0.2, 0.3]
+
+
+NOTHING: dict[str, tuple[Callable[[Asset], Any], str]] = {
+    "outside": (lambda asset: asset.gltf["scenes"][0].update(nodes=[1]), "no triangles"),
+    "empty scene": (lambda asset: asset.gltf["scenes"][0].pop("nodes"), "no triangles"),
+    "one point": (flattened, "all is at one point"),
+    "scaled to 0": (lambda asset: asset.gltf["nodes"][1].update(scale=[0, 0, 0]), "all is at one point"),
+}
+
+
+@pytest.mark.parametrize("name", NOTHING)
+def test_tools_are_not_shown_on_nothing(tmp_path: Path, name: str) -> None:
+    change, said = NOTHING[name]
+    asset = limb_asset(rings=5, sides=6)
+    change(asset)
+    asset.write(tmp_path / "limb.glb")
+    tools = write_tools(tmp_path / "tools.yaml", tool(**FAR), tool(**{**FAR, "name": "b"}))
+    shots: list[tuple[str, Json]] = [("a.png", {}), ("a.png", {"rest": True}), ("a.png", {"grid": True})]
+    # The joints part what the stored pose has at one point.
+    if name != "one point":
+        shots += [("a.png", {"times": (0.5,)}), ("a.gif", {}), ("a.webp", {"grid": True})]
+    for out, options in shots:
+        with pytest.raises(AssetError, match=f"limb.glb: nothing to see: {said}"):
+            draw([tmp_path / "limb.glb"], tmp_path / out, tools=tools, size=(32, 24), **options)
+        assert not (tmp_path / out).exists()
+
+
+def test_ends_that_are_all_very_far_away_are_said_and_the_asset_is_shown(tmp_path: Path) -> None:
+    asset = limb_asset(rings=5, sides=6).write(tmp_path / "limb.glb")
+    away = tool(origin=[50.0, 50.0, 0.0], target=[51.0, 50.0, 0.0])
+    tools = write_tools(tmp_path / "tools.yaml", away, {**away, "name": "b"})
+    made = draw([asset], tmp_path / "a.png", tools=tools, size=(64, 48))
+    assert made.shown == "2 tools"
+    assert len(set(made.warnings)) >= 2

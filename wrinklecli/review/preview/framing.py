@@ -16,6 +16,9 @@ from wrinklecli.review.preview.preview_options import PreviewOptions
 from wrinklecli.review.preview.rays import visible
 from wrinklecli.review.preview.shown import ShownAsset
 
+# Why there is no picture of an asset.
+NO_TRIANGLES = "nothing to see: no triangles in the scene, or all are scaled to 0"
+ONE_POINT = "nothing to see: all is at one point"
 # View of an asset without wrinkles.
 _DEFAULT = "oblique"
 # Views of a grid.
@@ -111,7 +114,7 @@ def plan_views(
         margin = _WRINKLES_MARGIN if wrinkles.known and not options.grid else _FIGURE_MARGIN
         camera = _camera(relative, side.name, margin, options)
         if not camera.reach > 0:
-            raise AssetError("nothing to see: all is at one point", where=assets[0].document.path)
+            raise AssetError(ONE_POINT, where=assets[0].document.path)
         views.append(replace(side, cameras=tuple(replace(camera, centre=camera.centre + each) for each in centres)))
     return views
 
@@ -157,9 +160,7 @@ def _points_to_frame(assets: Sequence[ShownAsset], moment: Moment, wrinkles: _Wr
             points.append(posed.positions[used])
     found = np.concatenate(points)
     if not len(found):
-        raise AssetError(
-            "nothing to see: no triangles in the scene, or all are scaled to 0", where=assets[0].document.path
-        )
+        raise AssetError(NO_TRIANGLES, where=assets[0].document.path)
     return _bounds(found), (found.min(axis=0) + found.max(axis=0)) / 2
 
 

@@ -167,11 +167,15 @@ def misfit_overlay(misfits: Sequence[Misfit], asset: ShownAsset, moment: Moment)
 
 
 def misfit_points(misfits: Sequence[Misfit], asset: ShownAsset, moment: Moment) -> Floats:
-    """(points, 3) to frame; ends that are very far from the mesh are left out, or the asset would be a speck."""
-    if not misfits:
+    """(points, 3) to frame; ends that are very far from the mesh are left out, or the asset would be a speck.
+
+    There is none if nothing is visible at the moment.
+    """
+    visible = [posed.positions for posed in asset.posed(moment)]
+    if not misfits or not visible:
         return np.zeros((0, 3))
     pairs = np.concatenate([np.zeros((0, 2, 3)), *(misfit.places(asset, moment) for misfit in misfits)])
-    everything = np.concatenate([posed.positions for posed in asset.posed(moment)])
+    everything = np.concatenate(visible)
     reach = _FARTHEST * float(np.linalg.norm(np.ptp(everything, axis=0)))
     near = np.linalg.norm(pairs[:, 1] - pairs[:, 0], axis=1) <= reach
     points: Floats = np.concatenate([pairs[:, 0], pairs[near, 1]])

@@ -16,7 +16,7 @@ from wrinklecli.numeric.guard import Progress
 from wrinklecli.review.preview.apply import PlannedTools, apply_tools
 from wrinklecli.review.preview.camera import Camera, camera_axes, parse_view
 from wrinklecli.review.preview.cards import Card, CardSheet, Picture, cards_size
-from wrinklecli.review.preview.framing import View, plan_views
+from wrinklecli.review.preview.framing import NO_TRIANGLES, ONE_POINT, View, plan_views
 from wrinklecli.review.preview.misfits import RED, Misfit, find_misfits, misfit_overlay, misfit_points
 from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.preview.overlay import placed_words
@@ -303,21 +303,28 @@ def _refusal(misfit: Misfit) -> list[Sequence[Fact]]:
 
 
 def _misfit_cards(asset: ShownAsset, misfits: Sequence[Misfit], options: PreviewOptions) -> Iterator[Card]:
-    """A card of each tool that does not fit: the points that it names, close up and with the whole asset."""
+    """A card of each tool that does not fit: the points that it names, close up and with the whole asset.
+
+    Raises:
+        AssetError: There is nothing to see.
+    """
     if not misfits:
         return
     stored, size = Moment(None, 0.0), options.picture_size
     snapshot = _dimmed(replace(take_snapshot(asset, stored, heat=options.heat), marks=()), options)
     whole = snapshot.corners.reshape(-1, 3)
+    if not len(whole) or not np.ptp(whole, axis=0).any():
+        raise AssetError(ONE_POINT if len(whole) else NO_TRIANGLES, where=asset.document.path)
     for misfit in misfits:
         points = misfit_points([misfit], asset, stored)
         overlay = misfit_overlay([misfit], asset, stored)
         pictures = []
         for label, framed in (("close", points), ("whole", np.concatenate([whole, points]))):
             axes = camera_axes(*parse_view(misfit.view))
-            camera = Camera.framing(
-                framed if len(framed) else whole, axes, aspect=size[0] / size[1], margin=_MARGINS[label]
-            )
+            # Points that are all very far away have no more than one place on the mesh to look at.
+            if not len(framed) or not np.ptp(framed, axis=0).any():
+                framed = whole
+            camera = Camera.framing(framed, axes, aspect=size[0] / size[1], margin=_MARGINS[label])
             picture = render(snapshot, camera, size=size, style=options.style, overlay=overlay)
             pictures.append(Picture(picture, label, placed_words(overlay, camera, size)))
         yield Card(misfit.name, RED, "does not fit", _refusal(misfit), pictures)
