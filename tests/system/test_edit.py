@@ -3,10 +3,14 @@
 import json
 import os
 import shutil
+import threading
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import numpy as np
 import pytest
+import viser
 from numpy.typing import NDArray
 
 import wrinklecli
@@ -42,6 +46,38 @@ def take_picture(tab: Tab, name: str) -> None:
     """Keep what the tab shows, where somebody wants to look at it."""
     if folder := os.environ.get("WRINKLE_SCREENSHOTS"):
         tab.screenshot(Path(folder, f"{name}.png"))
+
+
+@pytest.mark.slow
+def test_a_browser_opens_the_page_by_its_token_alone_and_lets_no_site_in(tmp_path: Path) -> None:
+    page = Page(Session(shutil.copy(ROOT / "samples" / "wrist.glb", tmp_path)), "0.0.0.0")
+    start = f"http://127.0.0.1:{page.port}"
+    attack = f"""<iframe src="{start}/"></iframe><script>
+    const socket = new WebSocket("{start.replace("http", "ws")}", ["viser-v{viser.__version__}"]);
+    socket.onopen = () => document.title = "let in"; socket.onerror = () => document.title = "kept out";
+    </script>"""
+    (tmp_path / "index.html").write_text(attack)
+    site = ThreadingHTTPServer(("127.0.0.1", 0), partial(SimpleHTTPRequestHandler, directory=str(tmp_path)))
+    threading.Thread(target=site.serve_forever, daemon=True).start()
+    try:
+        with browsing(tmp_path, f"{start}/", SIZE) as tab:
+            tab.wait("document.body?.innerText.includes('with its token')")
+            assert not page.server.get_clients()
+            for address in (page.address.replace("0.0.0.0", "127.0.0.1"), f"{start}/"):  # then by the cookie
+                tab.call("Page.navigate", url=address)
+                tab.wait("document.body?.innerText.includes('wrist.yaml')")
+                until(page.server.get_clients, "a connected tab")
+            # Another site of the same browser, which has the cookie.
+            connected = set(page.server.get_clients())
+            tab.call("Page.navigate", url=f"http://127.0.0.1:{site.server_port}/")
+            tab.wait("document.title === 'kept out'")
+            (frame,) = tab.call("Page.getFrameTree")["frameTree"]["childFrames"]
+            assert frame["frame"]["unreachableUrl"] == f"{start}/"
+            assert set(page.server.get_clients()) <= connected
+    finally:
+        site.shutdown()
+        site.server_close()
+        page.close()
 
 
 @pytest.mark.slow

@@ -1,5 +1,6 @@
 """`wrinkle edit`."""
 
+import re
 import signal
 import threading
 import webbrowser
@@ -13,6 +14,19 @@ from wrinklecli.cli.output import emit, say, say_findings, warn
 from wrinklecli.errors import WrinkleError
 
 _PORT = 8765
+_NAME = re.compile(r"([A-Za-z0-9._-]+)")
+
+
+def _host(_context: click.Context, parameter: click.Parameter, value: str) -> str:
+    if not value:  # which would be every address
+        raise click.BadParameter("expected an address or a name; 0.0.0.0 is every address", param=parameter)
+    return value
+
+
+def _names(_context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> tuple[str, ...]:
+    for value in values:
+        opt.parsed(value, _NAME, parameter, "a name such as studio.example, without http:// and port")
+    return values
 
 
 @click.command(
@@ -27,8 +41,18 @@ _PORT = 8765
 @opt.whole("--port", bounds=(0, 65_535), text="The port of the page; 0 takes any port that is free.", default=_PORT)
 @opt.valued(
     "--host",
-    text="The address to listen on. At any other than this machine's own, whoever reaches it sees and changes all.",
+    text="The address to listen on. At any other than this machine's own, the printed address has a token, and whoever"
+    " has that sees and changes all.",
     default="127.0.0.1",
+    callback=_host,
+)
+@opt.valued(
+    "--allow-host",
+    text="Also open the page by this name, such as that of this machine or of a proxy; may be repeated. Addresses,"
+    " localhost and --host are always allowed.",
+    metavar="NAME",
+    multiple=True,
+    callback=_names,
 )
 @opt.flag("--no-browser", text="Print the page's address, and open no browser.")
 @opt.allow_external()
@@ -39,6 +63,7 @@ def edit(
     tools: str | None,
     port: int,
     host: str,
+    allow_host: tuple[str, ...],
     heat: bool,
     no_browser: bool,
     quiet: bool,
@@ -51,6 +76,8 @@ def edit(
     stay as they were.
     The page needs no network, but viser: pip install 'wrinklecli[edit]'. Ctrl-C ends it.
 
+    The page opens only where it is asked for by an address, localhost, --host or --allow-host, and by no other site.
+
     Exit codes: 0 done; 1 the input is at fault, or the port is taken; 2 wrong usage; 70 a bug.
     """
     from wrinklecli.numeric.guard import guarded
@@ -60,8 +87,8 @@ def edit(
         from wrinklecli.editor.session import Session
 
         try:
+            from wrinklecli.editor.page.access import is_own
             from wrinklecli.editor.page.page import Page
-            from wrinklecli.editor.page.server import is_own
         except ImportError as error:
             raise WrinkleError(f"needs viser ({error}): pip install 'wrinklecli[edit]'", where="edit") from None
     ended = threading.Event()
@@ -70,18 +97,19 @@ def edit(
         ended.set()
 
     session = Session(asset, tools, ReadOptions(**options))
-    page = Page(session, host, port, heat=heat)
+    page = Page(session, host, port, names=allow_host, heat=heat)
     for each in (signal.SIGINT, signal.SIGTERM):
         signal.signal(each, end)
-    address = f"http://{f'[{host}]' if ':' in host else host}:{page.port}"
-    emit(address)
+    emit(page.address)
     if not quiet:
         if not is_own(host):
-            warn(f"whoever reaches {host} sees the asset and changes the tools: the page asks for no password")
+            warn(
+                "whoever has this address sees the asset and changes the tools; it goes over the network as plain text"
+            )
         say(f"edits {session.path}; Ctrl-C ends it")
         say_findings(session.notes, ())
     if not no_browser:
-        webbrowser.open(address)
+        webbrowser.open(page.address)
     # In steps, as a thread that waits for ever hears no signal on Windows.
     while not ended.wait(0.5):
         pass

@@ -10,6 +10,7 @@ from functools import partial
 from typing import Any
 
 from wrinklecli.editor.baked_file import BakedFile
+from wrinklecli.editor.page.access import Access
 from wrinklecli.editor.page.controls import ToolControls
 from wrinklecli.editor.page.panels import FileButtons, PosePanel, SuggestPanel
 from wrinklecli.editor.page.player import Charts, Player
@@ -53,18 +54,28 @@ _HINT = (
 class Page:
     """A page that shows a session until `close`, at a host and a port, of which 0 stands for any free one.
 
-    With `heat` it begins with the surface coloured by its compression. See `PageHost` for its attributes.
+    `names` are further names by which the page may be asked for. With `heat` it begins with the surface coloured by its
+    compression. See `PageHost` for its attributes.
 
     Raises:
         WrinkleError: The port is taken, or the host is no address of this machine.
     """
 
-    def __init__(self, session: Session, host: str = "127.0.0.1", port: int = 0, *, heat: bool = False) -> None:
+    def __init__(
+        self,
+        session: Session,
+        host: str = "127.0.0.1",
+        port: int = 0,
+        *,
+        names: Sequence[str] = (),
+        heat: bool = False,
+    ) -> None:
         self.session = session
         self.work = WorkQueue(self._fail)
         # Actions that take seconds have a thread of their own, so that a clip plays on.
         self.slow = WorkQueue(lambda error: self.work.put(object(), lambda: self._fail(error)))
-        self.server = serve(host, port)
+        self._access = Access.to(host, names)
+        self.server = serve(self._access, port)
         self._pointer = Pointer(self)
         self._viewport = Viewport(self, self._pointer.drag)
         self._pointer.listen(self._viewport)
@@ -83,6 +94,11 @@ class Page:
     def port(self) -> int:
         """Port on which the page is served."""
         return self.server.get_port()
+
+    @property
+    def address(self) -> str:
+        """Address of the page, with its token if it has one."""
+        return self._access.address(self.port)
 
     def close(self) -> None:
         """Finish the current edit and end the server; a running save is finished, a running bake is given up."""
@@ -150,7 +166,7 @@ class Page:
         """Show a message, or remove it. It has room for two lines, so that nothing below moves."""
         self._message.content = f'<div style="min-height:{_MESSAGE_HEIGHT}em">{paragraph_of(text, colour)}</div>'
 
-    def _fail(self, error: Exception) -> None:
+    def _fail(self, error: BaseException) -> None:
         """Show an error; the page goes on."""
         if isinstance(error, WrinkleError):
             self.say("\n".join(error.lines[:_MAX_LINES]), BAD)

@@ -11,7 +11,16 @@ from wrinklecli.character.posing import posable
 from wrinklecli.editor.baked_file import BakedFile, bake_saved
 from wrinklecli.editor.free_pose import POSE, FreePose
 from wrinklecli.editor.page.player import Player
-from wrinklecli.editor.page.widgets import ASKS, PageHost, add_button, add_group, add_shortcut, on_set, paragraph
+from wrinklecli.editor.page.widgets import (
+    ASKS,
+    PageHost,
+    add_button,
+    add_group,
+    add_shortcut,
+    on_set,
+    paragraph,
+    value_within,
+)
 from wrinklecli.editor.proposals import Proposal
 from wrinklecli.errors import ConfigError
 from wrinklecli.gltf.document import Document
@@ -154,6 +163,8 @@ class SuggestPanel:
         self._page.say(f"{len(proposals)} found: a click takes one" if proposals else "nothing found that folds")
 
     def _accept(self, number: int, proposal: Proposal) -> None:
+        if number not in self._buttons:  # the second click of two, or that of another tab
+            return
         self._page.commit()
         name = self._page.session.accept(proposal)
         self._buttons.pop(number).remove()
@@ -201,11 +212,11 @@ class PosePanel:
         self._options.content = paragraph(f"<code>{html.escape(pose.options)}</code>" if pose.options else "")
 
     def _turn(self, axis: str) -> None:
-        degrees = float(self._axes[axis].value)
+        degrees = value_within(self._axes[axis])
         self._take(self._session.pose.with_turn(self._joint.value, axis, degrees))
 
     def _set_weight(self) -> None:
-        self._take(self._session.pose.with_weight(self._morph.value, float(self._weight.value)))
+        self._take(self._session.pose.with_weight(self._morph.value, value_within(self._weight)))
 
     def _take(self, pose: FreePose) -> None:
         self._session.take_pose(pose)

@@ -8,7 +8,7 @@ import viser
 from viser import uplot
 
 from wrinklecli.editor.free_pose import POSE
-from wrinklecli.editor.page.widgets import PageHost, add_button, add_shortcut, on_set
+from wrinklecli.editor.page.widgets import PageHost, add_button, add_shortcut, on_set, value_within
 from wrinklecli.numeric.arrays import Floats
 
 _REST = "as stored"
@@ -59,7 +59,7 @@ class Player:
     @property
     def time(self) -> float:
         """Shown time of the clip, seconds."""
-        return float(self._time.value)
+        return value_within(self._time)
 
     def refresh(self) -> None:
         """Offer other clips if the asset was exported again."""
@@ -106,12 +106,12 @@ class Player:
         start, end = (clip.start, clip.end) if clip is not None else (0.0, 0.0)
         self._time.min, self._time.max = start, max(end, start + _TIME_STEP)
         self._time.disabled = end <= start
-        self._time.value = float(np.clip(self.time, self._time.min, self._time.max))
+        self._time.value = self.time
 
     def _tick(self) -> None:
         """Show the present frame of a clip that plays, and queue the next one."""
         now = time.monotonic()
-        passed = (now - self._last) * float(self._speed.value)
+        passed = (now - self._last) * value_within(self._speed)
         self._last = now
         self._elapsed = (self._elapsed + passed) % (self._time.max - self._time.min)
         moment = self._time.min + self._elapsed

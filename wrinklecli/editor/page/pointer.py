@@ -48,7 +48,7 @@ class Pointer:
 
     async def _clicked(self, event: viser.SceneClickEvent) -> None:
         origin, direction = np.array(event.ray_origin, float), np.array(event.ray_direction, float)
-        self._work.put(object(), lambda: self._click(origin, direction))
+        self._work.put_event(lambda: self._click(origin, direction))
 
     def _click(self, origin: Floats, direction: Floats) -> None:
         hit = self._viewport.hit(origin, direction)

@@ -1,5 +1,6 @@
 """The 3D view: the session's meshes at the player's moment, tools on them, cameras, and what is under the mouse."""
 
+import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -195,7 +196,8 @@ class Viewport:
         start.look_at, start.position, start.up, start.fov = wanted.centre, position, _UP, FOV
         start.near, start.far = distance / _DEPTH, distance * _DEPTH
         for client in self._server.get_clients().values():
-            with client.atomic():
+            # A tab may say that it sees from where nothing can be seen; it then stays there.
+            with contextlib.suppress(ValueError), client.atomic():
                 client.camera.up_direction = _UP
                 client.camera.fov = FOV
                 client.camera.near, client.camera.far = start.near, start.far

@@ -81,6 +81,11 @@ class PageHost(Protocol):
         """Turn a draft or a typed value into an edit."""
 
 
+def value_within(slider: Any) -> float:
+    """The value of a slider within its ends, beyond which its box lets one type."""
+    return float(min(max(slider.value, slider.min), slider.max))
+
+
 class TypedText:
     """A line of text that someone types. The program changes it only to show something new."""
 
@@ -111,14 +116,14 @@ def add_group(page: PageHost, title: str, actions: Mapping[str, Action]) -> None
     """Add a row of buttons, one for each action."""
 
     async def clicked(event: Any) -> None:
-        page.work.put(object(), actions[event.target.value])
+        page.work.put_event(actions[event.target.value])
 
     page.server.gui.add_button_group(title, tuple(actions)).on_click(clicked)
 
 
 def _on_event(register: Callable[[Any], object], work: WorkQueue, action: Action) -> None:
     async def called(_event: object) -> None:
-        work.put(object(), action)  # a key of its own: no event replaces another
+        work.put_event(action)
 
     register(called)
 

@@ -4,6 +4,7 @@ Callbacks of a page arrive from many tabs, and faster than they can be answered,
 queue. A new action replaces an action that waits under the same key, such as the previous position of a slider.
 """
 
+import logging
 import threading
 import time
 from collections.abc import Callable, Hashable
@@ -11,11 +12,13 @@ from typing import TypeAlias
 
 Action: TypeAlias = Callable[[], None]
 
+_MAX_EVENTS = 256  # events that may wait; while one is handled, nobody clicks more often
+
 
 class WorkQueue:
-    """Actions to perform. If one raises an exception, `fail` is called with it, and the queue goes on."""
+    """Actions to perform. If one raises an exception, `fail` is called with it; nothing that happens ends the queue."""
 
-    def __init__(self, fail: Callable[[Exception], None]) -> None:
+    def __init__(self, fail: Callable[[BaseException], None]) -> None:
         self._fail = fail
         self._asked: dict[Hashable, Action] = {}
         self._due: dict[Hashable, tuple[float, Action]] = {}
@@ -28,6 +31,12 @@ class WorkQueue:
         with self._changed:
             self._asked[key] = action
             self._changed.notify()
+
+    def put_event(self, action: Action) -> None:
+        """Perform an action behind all that wait, unless so many wait that no hand has caused them."""
+        with self._changed:
+            if len(self._asked) < _MAX_EVENTS:
+                self.put(object(), action)
 
     def put_later(self, key: Hashable, seconds: float, action: Action) -> None:
         """Perform an action after some seconds, instead of the one that waits under the key."""
@@ -57,8 +66,15 @@ class WorkQueue:
         while (action := self._next()) is not None:
             try:
                 action()
-            except Exception as error:
-                self._fail(error)
+            except BaseException as error:
+                self._report(error)
+
+    def _report(self, error: BaseException) -> None:
+        """Call `fail`, whose own faults end nothing either."""
+        try:
+            self._fail(error)
+        except BaseException as another:
+            logging.getLogger(__name__).error("this is a bug of wrinkle's", exc_info=another)
 
     def _next(self) -> Action | None:
         """Wait for the next action; None at the end."""

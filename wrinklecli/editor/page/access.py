@@ -1,0 +1,121 @@
+"""Who may connect to the page: those who asked for it at its own address, and have its token where others reach it.
+
+Any site that a browser shows may connect to this machine's ports, and its owner may let a name of his point here. So a
+request has to name the page by an address or by a known name, and its site has to be the page itself. The token stands
+in the printed address, as Jupyter has it; a cookie keeps it for what the page loads and for its websocket.
+"""
+
+import http
+import ipaddress
+import re
+import secrets
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+from urllib.parse import parse_qsl
+
+from websockets.asyncio.server import ServerConnection
+from websockets.http11 import Request, Response
+
+Answer: TypeAlias = Callable[[ServerConnection, Request], Response | None]
+"""Answers a request, or returns None to open a websocket."""
+
+_TOKEN_BYTES = 24  # random ones, which nobody guesses
+_HOST = re.compile(r"(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9._-]+)(?::([0-9]{1,5}))?")
+_ORIGIN = re.compile(rf"(https?)://({_HOST.pattern})")
+_DEFAULT_PORTS = {"http": 80, "https": 443}
+_HEADERS = {
+    "Content-Security-Policy": "frame-ancestors 'none'",  # no other site shows the page under its own buttons
+    "Referrer-Policy": "no-referrer",  # the token stays here
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Access:
+    """Who may connect to a page that listens at a host.
+
+    Attributes:
+        host: The host.
+        names: Names by which the page may be asked for, beside the host, `localhost` and addresses.
+        token: What whoever connects has to know; None if nobody but this machine reaches the page.
+    """
+
+    host: str
+    names: tuple[str, ...] = ()
+    token: str | None = None
+
+    @classmethod
+    def to(cls, host: str, names: Sequence[str] = ()) -> "Access":
+        """Let in whoever asks for a host or one of some names, with a new token unless the host is this machine."""
+        return cls(host, tuple(names), None if is_own(host) else secrets.token_urlsafe(_TOKEN_BYTES))
+
+    def address(self, port: int) -> str:
+        """The address of the page at a port."""
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"http://{host}:{port}" + (f"/?token={self.token}" if self.token else "")
+
+    def checked(self, answer: Answer, port: int) -> Answer:
+        """Refuse the requests to a port that nobody should make, and answer the others."""
+        cookie = f"wrinkle_edit_{port}"
+
+        def checked_answer(connection: ServerConnection, request: Request) -> Response | None:
+            refusal = self._refusal(request, cookie)
+            if refusal is not None:
+                return connection.respond(http.HTTPStatus.FORBIDDEN, f"wrinkle edit: {refusal}\n")
+            response = answer(connection, request)
+            if response is not None:
+                response.headers.update(_HEADERS)
+                if self.token is not None:
+                    response.headers["Set-Cookie"] = f"{cookie}={self.token}; Path=/; HttpOnly; SameSite=Strict"
+            return response
+
+        return checked_answer
+
+    def _refusal(self, request: Request, cookie: str) -> str | None:
+        """The reason to refuse a request; None if there is none."""
+        hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
+        host = _HOST.fullmatch(hosts[0]) if len(hosts) == 1 else None
+        if host is None or not self._is_known(host[1]):
+            return "this page has another name; --allow-host NAME lets it be asked for by NAME"
+        if origins and (len(origins) > 1 or not _is_same(origins[0], host)):
+            return "another site asks for this page"
+        query = parse_qsl(request.path.partition("?")[2], keep_blank_values=True)
+        # The page would take others, even one that lets it show what another server sends.
+        if any(key != "token" for key, _ in query):
+            return "the page's address has no other options than token"
+        if self.token is not None:
+            pairs = (
+                pair.strip().partition("=") for each in request.headers.get_all("Cookie") for pair in each.split(";")
+            )
+            found = [*(value for _, value in query), *(value for name, _, value in pairs if name == cookie)]
+            token = self.token.encode()
+            if not any(secrets.compare_digest(each.encode(errors="surrogateescape"), token) for each in found):
+                return "this page opens at the whole address that the command has printed, with its token"
+        return None
+
+    def _is_known(self, host: str) -> bool:
+        """True if the page may be asked for by the host of a `Host` header."""
+        return _is_address(host.strip("[]")) or host.lower() in {"localhost", *map(str.lower, (self.host, *self.names))}
+
+
+def is_own(host: str) -> bool:
+    """True if no other machine reaches a host."""
+    return ipaddress.ip_address(host).is_loopback if _is_address(host) else host == "localhost"
+
+
+def _is_address(host: str) -> bool:
+    try:
+        ipaddress.ip_address(host)
+    except ValueError:
+        return False
+    return True
+
+
+def _is_same(origin: str, host: re.Match[str]) -> bool:
+    """True if an `Origin` is that of the site which a `Host` header names."""
+    site = _ORIGIN.fullmatch(origin)
+    if site is None:
+        return False
+    scheme, _, name, port = site.groups()
+    default = _DEFAULT_PORTS[scheme]
+    return (name.lower(), int(port or default)) == (host[1].lower(), int(host[2] or default))
