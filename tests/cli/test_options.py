@@ -1,5 +1,6 @@
 """Options read values from words; no command runs here."""
 
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -93,3 +94,38 @@ def test_an_option_is_read(arguments: Sequence[str], key: str, value: object) ->
 def test_an_option_is_refused(arguments: Sequence[str]) -> None:
     with pytest.raises(click.UsageError):
         read(arguments)
+
+
+def paths() -> list[tuple[str, str]]:
+    """Every option and argument that is a path, with its command."""
+    return [
+        (name, each.name or "")
+        for name, command in cli.commands.items()
+        for each in command.params
+        if isinstance(each.type, click.Path)
+    ]
+
+
+@pytest.mark.parametrize(("command", "name"), paths())
+def test_an_empty_path_is_refused(command: str, name: str) -> None:
+    (wanted,) = (each for each in cli.commands[command].params if each.name == name)
+    option = [] if isinstance(wanted, click.Argument) else [wanted.opts[-1]]
+    others = [each for each in cli.commands[command].params if each.required and each is not wanted]
+    rest = [
+        word for each in others for word in ([each.opts[-1], "x.glb"] if isinstance(each, click.Option) else ["x.glb"])
+    ]
+    before = rest[: list(cli.commands[command].params).index(wanted)] if not option else rest
+    with pytest.raises(click.BadParameter, match="the path is empty"):
+        read([command, *before, *option, "", *rest[len(before) :]])
+
+
+def test_every_path_is_one() -> None:
+    """Options that name a file or a folder, by their placeholders."""
+    named = {
+        (name, each.name)
+        for name, command in cli.commands.items()
+        for each in command.params
+        if isinstance(each, click.Option) and re.search(r"FILE|DIR|PATH|OUT|TOOLS", str(each.metavar))
+    }
+    assert named <= set(paths())
+    assert {("bake", "frames_dir"), ("batch", "cache"), ("batch", "out"), ("track", "folder")} <= named

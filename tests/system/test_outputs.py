@@ -1,17 +1,20 @@
 """What commands write: never over what they read, all of it or nothing, and as it should be found."""
 
+import itertools
 import json
 import os
 import re
 import stat
 from pathlib import Path
 
+import click
 import pytest
 
 import wrinklecli
 from kit.command import Wrinkle, files
 from kit.limb import limb_asset, tool, write_tools
 from kit.variants import PNG
+from wrinklecli.cli import cli
 
 # Commands, and what the name of their output ends in.
 WRITING = {
@@ -41,36 +44,84 @@ def small_tools(folder: Path, **keys: int) -> Path:
     return write_tools(folder / "tools.yaml", tool(bumps=1) | keys, refinement={"max_levels": 0}, sampling={"fps": 4})
 
 
-@pytest.mark.quick(4)
-@pytest.mark.parametrize("name", WRITING)
-def test_no_output_is_written_over_a_file_of_the_asset_or_the_tools(name: str, folder: Path, wrinkle: Wrinkle) -> None:
-    command, ending = WRITING[name]
-    inputs = [path.name for path in folder.iterdir() if "tools.yaml" in command or path.name != "tools.yaml"]
-    outputs = [each for each in inputs if each.endswith(ending)]
-    for number, each in enumerate(inputs):
-        outputs += [f"link{number}{ending}", f"hard{number}{ending}"]
-        os.symlink(each, outputs[-2])
-        os.link(each, outputs[-1])
-    before = files(folder)
-    for output in outputs:
-        ran = wrinkle(*command.format(output).split())
-        said = [line for line in ran.lines if not line.startswith("warning: ")]
-        assert (ran.code, ran.out, said) == (1, "", [f"{output}: is an input too and would be overwritten"])
-    assert files(folder) == before
+# Each option that writes, by command and parameter: a command that also has every option that reads, what the name of
+# its output ends in, and the files that it reads besides those that the assets refer to.
+BAKE = "bake limb.gltf tools.yaml --anim run.gltf"
+CLIPS = ("limb.gltf", "run.gltf")
+KEPT_APART = {
+    ("bake", "output"): (BAKE + " -o {}.glb", (*CLIPS, "tools.yaml")),
+    ("bake", "output, as .gltf"): (BAKE + " -o {}.gltf", (*CLIPS, "tools.yaml")),
+    ("bake", "report"): (BAKE + " -o out.glb --report {}", (*CLIPS, "tools.yaml")),
+    ("bake", "timings"): (BAKE + " -o out.glb --timings {}", (*CLIPS, "tools.yaml")),
+    ("bake", "depfile"): (BAKE + " -o out.glb --depfile {}", (*CLIPS, "tools.yaml")),
+    ("bake", "frames_dir"): (BAKE + " --clip fold --frames-dir {}", (*CLIPS, "tools.yaml")),
+    ("suggest", "output"): ("suggest limb.gltf --anim run.gltf -o {}", CLIPS),
+    ("check", "plot"): ("check limb.gltf tools.yaml --anim run.gltf --plot {}.svg", (*CLIPS, "tools.yaml")),
+    ("preview", "output"): (
+        "preview limb.gltf --tools tools.yaml --anim run.gltf -o {}.png --rest --size 32x32",
+        (*CLIPS, "tools.yaml"),
+    ),
+    ("preview", "output, of two assets"): ("preview limb.gltf run.gltf -o {}.png --rest --size 32x32", CLIPS),
+    ("track", "folder"): ("track baked.gltf limb.gltf run.gltf -o {}", (*CLIPS, "baked.gltf")),
+}
+# The other options that write: `schema` reads nothing, and `tests/batch/test_conflicts.py` has those of `batch`.
+APART = {("schema", "output"), ("batch", "out"), ("batch", "report"), ("batch", "cache")}
+READ_ONLY = {"asset", "assets", "tools", "anims", "baked", "manifest", "a", "b"}
 
 
-@pytest.mark.parametrize("output", ["limb.gltf", "limb.bin", "skin.png", "tools.yaml"])
-def test_a_track_is_never_written_over_an_input(output: str, folder: Path, wrinkle: Wrinkle) -> None:
-    wrinklecli.bake(folder / "limb.gltf", folder / "tools.yaml", folder / "baked.glb")
-    (folder / "tracked").mkdir()
-    (folder / "tracked" / "limb.gltf").symlink_to(f"../{output}")
-    before = files(folder)
-    ran = wrinkle("track", "baked.glb", "limb.gltf", "-o", "tracked")
-    if output == "tools.yaml":
-        assert ran.code == 0
-    else:
-        assert (ran.code, ran.lines) == (1, ["tracked/limb.gltf: is an input too and would be overwritten"])
-        assert files(folder) == before
+def test_every_option_that_writes_is_in_the_table() -> None:
+    paths = {
+        (name, str(each.name))
+        for name, command in cli.commands.items()
+        for each in command.params
+        if isinstance(each.type, click.Path) and each.name not in READ_ONLY
+    }
+    assert paths == {(command, name.partition(",")[0]) for command, name in KEPT_APART} | APART
+
+
+@pytest.fixture
+def read(folder: Path) -> Path:
+    """Two assets that refer to other files, tools, and a bake."""
+    limb_asset(rings=7, sides=6).write(folder / "run.gltf")
+    return folder
+
+
+@pytest.mark.quick(2)
+@pytest.mark.parametrize(("command", "option"), KEPT_APART)
+def test_no_option_writes_over_what_another_reads(command: str, option: str, read: Path, wrinkle: Wrinkle) -> None:
+    line, named = KEPT_APART[command, option]
+    if command == "track":
+        wrinklecli.bake(read / "limb.gltf", read / "tools.yaml", read / "baked.gltf")
+    ending = re.findall(r"{}(\.\w+)?", line)[0]
+    inputs = [*named, *(name for name in files(read) if name.endswith((".bin", ".png")))]
+    (read / "here").symlink_to(".")
+    # A folder of outputs gets the files of an earlier run, which are links here.
+    own = {"frames_dir": "fold_0001.obj", "folder": "run.gltf"}.get(option)
+    for number, (each, kind) in enumerate(itertools.product(inputs, ("itself", "link", "hard link", "folder link"))):
+        output = f"{number}{ending}"
+        if own is not None:
+            (read / f"to{number}").mkdir()
+            output, shown = f"to{number}", f"to{number}/{own}"
+            made = read / shown
+        else:
+            shown, made = output, read / output
+        if kind in ("itself", "folder link"):
+            if own is not None or not each.endswith(ending):
+                continue
+            output = shown = each if kind == "itself" else f"here/{each}"
+        elif kind == "link":
+            made.symlink_to(read / each)
+        else:
+            os.link(read / each, made)
+        before = files(read)
+        words = line.replace(f"{{}}{ending}", "{}").format(output).split()
+        ran = wrinkle(*words)
+        said = [text for text in ran.lines if not text.startswith("warning: ")]
+        assert (ran.code, ran.out, said) == (1, "", [f"{shown}: is an input too and would be overwritten"]), (
+            each,
+            kind,
+        )
+        assert files(read) == before
 
 
 def test_a_track_that_cannot_be_written_leaves_none(folder: Path, wrinkle: Wrinkle) -> None:

@@ -30,8 +30,9 @@ from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.images import read_image
 from wrinklecli.gltf.new_data import ALIGNMENT
 from wrinklecli.gltf.references import view_parts
-from wrinklecli.gltf.shape import Json, check_asset, json_memory, parse_json
+from wrinklecli.gltf.shape import Json, check_asset, parse_json
 from wrinklecli.gltf.writer import Bytes, Layout, Span
+from wrinklecli.numeric.memory import json_memory
 
 # Bytes [low, high) of the record's buffer.
 Range = tuple[int, int]

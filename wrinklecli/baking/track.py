@@ -9,6 +9,7 @@ right to 1/256 of the greatest.
 import os
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,7 @@ from wrinklecli.errors import AssetError, BakeError, RefusedError, listed, neare
 from wrinklecli.files.outputs import Outputs, part_of
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.edited_document import EditedDocument
-from wrinklecli.gltf.images import files_of
+from wrinklecli.gltf.files import files_named
 from wrinklecli.gltf.shape import Json
 from wrinklecli.gltf.writer import write
 from wrinklecli.numeric.arrays import Floats
@@ -130,19 +131,17 @@ def track(
     tolerance = options.tolerance
     memory = Memory(options.max_memory)
     with part_of(outputs) as written:
-        written.protect([baked, *anims])
-
-        def read(path: str | os.PathLike[str]) -> Document:
-            document = read_document(path, allow_external=options.allow_external, memory=memory)
-            written.protect(files_of(document))
-            return document
-
-        with guarded(os.fspath(baked)):
-            bodies = read_bodies(read(baked))
         paths = [os.path.join(os.fspath(folder), os.path.basename(os.fspath(path))) for path in anims]
         for number, path in enumerate(paths):
             if path in paths[:number]:
                 raise BakeError("is the output of two inputs of one name", where=path)
+        written.protect(files_named([baked, *anims]))
+        written.make_folders(folder)
+        for path in paths:
+            written.claim(path)
+        read = partial(read_document, allow_external=options.allow_external, memory=memory)
+        with guarded(os.fspath(baked)):
+            bodies = read_bodies(read(baked))
         edited, results = [], []
         for anim, path in zip(anims, paths, strict=True):
             with guarded(os.fspath(anim)):
@@ -151,7 +150,6 @@ def track(
         warnings = [line for result in results for line in result.warnings]
         if options.strict and warnings:
             raise RefusedError.of_all(RefusedError(line) for line in warnings)
-        written.make_folders(folder)
         for each, path in zip(edited, paths, strict=True):
             write(each, path, outputs=written)
         return results

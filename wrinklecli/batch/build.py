@@ -11,13 +11,12 @@ from wrinklecli.baking.pipeline import bake
 from wrinklecli.baking.report import Report, as_json
 from wrinklecli.baking.timings import peak_memory
 from wrinklecli.baking.track import track
-from wrinklecli.batch.cache_keys import references
 from wrinklecli.batch.job_files import path_in
 from wrinklecli.batch.jobs import OTHERS, BatchJob, Outcome
 from wrinklecli.batch.staging import Staged
 from wrinklecli.errors import BakeError
 from wrinklecli.files.outputs import Outputs
-from wrinklecli.gltf.files import path_of
+from wrinklecli.gltf.files import path_of, references
 from wrinklecli.numeric.memory import held
 from wrinklecli.tools.records import parse_length
 

@@ -6,25 +6,20 @@ The contents of the inputs count, and the version of this program. Times, folder
 import hashlib
 import json
 import os
-import struct
-from collections.abc import Iterator
 from functools import cache
 from importlib.metadata import version
-from typing import Any, BinaryIO, TypeAlias
+from typing import Any, TypeAlias
 
 import wrinklecli
 from wrinklecli.batch import stores
 from wrinklecli.batch.jobs import BatchJob
 from wrinklecli.batch.manifest_schema import OPTION_KEYS
 from wrinklecli.errors import AssetError
-from wrinklecli.gltf.files import leaves_folder, path_of
+from wrinklecli.gltf.files import path_beside, references
 
 Parts: TypeAlias = dict[str, Any]
 """Everything that a key depends on, by name, as JSON values."""
 
-# Header of a .glb (glTF 2.0, §4.4): magic, version, length; length and kind of the JSON chunk.
-_HEADER = struct.Struct("<4sIIII")
-_MAX_JSON = 2**28  # bytes of JSON that are read; the bake refuses a larger asset
 _MISSING = "missing"  # stands for the digest of a missing file
 # Options that do not count by value: the contents of `anim` count, the names of `frames_dir` do not matter, and
 # `max_memory` only decides between a bake and an error.
@@ -100,38 +95,6 @@ def _asset_digests(path: str, *, external: bool) -> dict[str, str]:
         except AssetError:
             digests[uri] = _MISSING
     return digests
-
-
-def references(file: BinaryIO) -> list[str]:
-    """List the URIs of buffers and images of an open glTF file; none if the file is damaged."""
-    try:
-        head = file.read(_HEADER.size)
-        if head.startswith(b"glTF"):
-            text = file.read(min(_HEADER.unpack(head)[3], _MAX_JSON))
-        else:
-            text = head + file.read(_MAX_JSON)
-        # Most .glb files refer to nothing, and parsing takes a hundred times as long. An escape, or an encoding of
-        # JSON with null bytes, may spell the key in another way.
-        if not any(each in text for each in (b'"uri"', b"\\", b"\0")):
-            return []
-        return list(dict.fromkeys(_uris(json.loads(text))))
-    except (ValueError, struct.error, RecursionError, AttributeError, TypeError):
-        return []
-
-
-def _uris(gltf: Any) -> Iterator[str]:
-    for each in (*gltf.get("buffers", ()), *gltf.get("images", ())):
-        uri = each.get("uri")
-        if isinstance(uri, str) and not uri.startswith("data:"):
-            yield uri
-
-
-def path_beside(asset: str, uri: str, *, external: bool) -> str | None:
-    """The file that a URI of an asset names; None if a bake would not read it."""
-    try:
-        return None if leaves_folder(uri) and not external else os.path.join(os.path.dirname(asset), path_of(uri))
-    except ValueError:
-        return None
 
 
 def _digest(path: str) -> str:

@@ -15,9 +15,9 @@ from typing import TypeAlias
 
 from wrinklecli.batch import stores
 from wrinklecli.batch.cache import ENTRIES, TAG
-from wrinklecli.batch.cache_keys import path_beside, references
 from wrinklecli.batch.jobs import BatchJob
 from wrinklecli.files.claims import Claims, Clash, Identities, Identity
+from wrinklecli.gltf.files import path_beside, references
 from wrinklecli.tools.yaml_tree import printable
 
 Owner: TypeAlias = int | str

@@ -9,11 +9,10 @@ from dataclasses import dataclass
 from functools import partial
 
 from wrinklecli.batch import stores
-from wrinklecli.batch.cache_keys import references
 from wrinklecli.batch.job_files import ROOTS
 from wrinklecli.batch.jobs import OTHERS, BatchJob
 from wrinklecli.errors import AssetError, BakeError, WrinkleError
-from wrinklecli.gltf.files import leaves_folder, path_of
+from wrinklecli.gltf.files import leaves_folder, path_of, references
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,12 +32,12 @@ _EXIT_CODES = {"bug": 70, "failed": 1, "refused": 3}
 )
 @click.argument("manifest", type=opt.FILE)
 @opt.file("--tools", metavar="TOOLS", text="The tools file of jobs that name none.")
-@click.option(
-    "--out", metavar="PATH", help="The output of jobs that name none; {stem} is an asset's name, {folder} its folder."
+@opt.file(
+    "--out", metavar="PATH", text="The output of jobs that name none; {stem} is an asset's name, {folder} its folder."
 )
 @opt.whole("-j", "--jobs", bounds=(1, 1024), text="Worker processes.", default=1)
 @click.option("--scheduler", metavar="tcp://HOST:PORT", help="Use the workers of this Dask scheduler instead.")
-@click.option("--cache", metavar="DIR_OR_URL", help=f"Where outputs are kept.  [default: {_CACHE} beside MANIFEST]")
+@opt.file("--cache", metavar="DIR_OR_URL", text=f"Where outputs are kept.  [default: {_CACHE} beside MANIFEST]")
 @click.option("--keep-going/--fail-fast", default=True, show_default=True, help="What to do after a job that failed.")
 @opt.flag("--dry-run", text="Say what would be baked, and why; bake nothing.")
 @opt.whole(

@@ -75,16 +75,16 @@ def check(
         raise click.UsageError("Missing argument 'TOOLS'; '--crossings' alone goes without.")
 
     with command_outputs() as outputs:
+        from wrinklecli.gltf.files import files_named
         from wrinklecli.review.check import check as run
         from wrinklecli.review.plot import draw_check, refuse_without_matplotlib
 
         if plot is not None:
             refuse_without_matplotlib()
             outputs.claim(plot)
-        outputs.protect([asset, tools, *options["anims"]])
+        outputs.protect([tools, *files_named([asset, *options["anims"]])])
         with Progress() as progress:
             made = run(asset, tools, progress=progress.show, **options)
-        outputs.protect(made.inputs)
         if as_json:
             emit_json(made.data)
         else:

@@ -12,8 +12,19 @@ from wrinklecli.numeric.memory import MAX_VERTICES, held, parse_bytes
 # Decorates a command's function, as `click.option(…)` does.
 Option = Callable[[Callable[..., Any]], Callable[..., Any]]
 
-# A file by name, which shells complete. The core says whether the file is there.
-FILE = click.Path(readable=False)
+
+class _Path(click.Path):
+    """A path, which is not empty: an empty one would mean the current folder, or a default."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Refuse an empty path."""
+        if value == "":
+            self.fail("the path is empty", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+# A file or folder by name, which shells complete. The core says whether it is there.
+FILE = _Path(readable=False)
 
 _NUMBER = r"[+-]?(?:\d{1,9}(?:\.\d{0,9})?|\.\d{1,9})"
 _TURN = re.compile(rf"(.+)=([xyz]):({_NUMBER})", re.IGNORECASE | re.DOTALL)

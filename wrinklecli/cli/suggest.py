@@ -70,15 +70,15 @@ def suggest(asset: str, output: str | None, as_json: bool, quiet: bool, **option
     from wrinklecli.errors import AssetError
 
     with command_outputs() as outputs:
+        from wrinklecli.gltf.files import files_named
         from wrinklecli.review.suggest.suggest import suggest as run
 
         to_file = output is not None and output != "-"
         if output is not None and to_file:
             outputs.claim(output)
-        outputs.protect([asset, *options["anims"]])
+        outputs.protect(files_named([asset, *options["anims"]]))
         with Progress(quiet=quiet) as progress:
             found = run(asset, progress=progress.show, **options)
-        outputs.protect(found.inputs)
         if not quiet:
             say_findings(found.notes, ())
         if as_json:

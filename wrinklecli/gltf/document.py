@@ -20,9 +20,9 @@ from wrinklecli.gltf import draco, meshopt
 from wrinklecli.gltf.files import local_file, read_data_uri, read_file
 from wrinklecli.gltf.new_data import aligned
 from wrinklecli.gltf.references import draco_primitives, is_placeholder, view_parts
-from wrinklecli.gltf.shape import Json, check_asset, json_memory, parse_json, place
+from wrinklecli.gltf.shape import Json, check_asset, parse_json, place
 from wrinklecli.numeric.arrays import Array, Ints, nonzero_rows
-from wrinklecli.numeric.memory import MAX_MEMORY, Memory, shown_bytes
+from wrinklecli.numeric.memory import MAX_MEMORY, Memory, json_memory, shown_bytes
 
 # Primitive modes (§5.24.4) and component types (§5.1.3).
 TRIANGLES = 4

@@ -18,9 +18,6 @@ from wrinklecli.gltf.files import path_of
 
 Json = dict[str, Any]
 
-# Bytes of CPython's objects by the mark that each needs in the text: a value with its slot in a list, a key with its
-# slot in a dict, an empty dict, an empty list.
-_MARK_BYTES = {b",": 64, b":": 104, b"{": 136, b"[": 56}
 # Levels of JSON: copying and writing recurse.
 _DEPTH_LIMIT = 256
 # Characters of a value that a message repeats.
@@ -165,11 +162,6 @@ _APPEARANCE_WORDS = re.compile("texture|material|image|light", re.IGNORECASE)
 def place(path: str, *pointer: str | int) -> str:
     """The place of a JSON value for messages: `hand.glb#/meshes/0`."""
     return f"{path}#/" + "/".join(str(part) for part in pointer)
-
-
-def json_memory(data: bytes) -> int:
-    """Most bytes that the values of a JSON text take, counted by the marks between them."""
-    return len(data) + sum(size * data.count(mark) for mark, size in _MARK_BYTES.items())
 
 
 def parse_json(data: bytes, name: str) -> Json:
