@@ -133,7 +133,6 @@ jobs:
         "m.yaml:10: jobs[3].out: found 'a.txt', which ends neither in .glb nor .gltf",
         "m.yaml:11: jobs[4]: anims and tracked go together: files, and the folder for them",
         "m.yaml:12: jobs[5]: 'b.glb' is an output of another asset too: each needs a name of its own",
-        "m.yaml:12: jobs[5]: 'b.glb' is an output of another asset too: each needs a name of its own",
         "m.yaml:13: jobs[6].out: required, but missing",
         "m.yaml:14: jobs[7].max_memory: found 3kB, expected a size from 50MB up, such as 500MB or 4GB",
         "m.yaml:15: jobs[8]: would write over 'chars/b/b.glb', which jobs[5] reads",
