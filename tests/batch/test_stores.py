@@ -133,9 +133,9 @@ def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
         ("{}/a.glb", web.announced, errno.EFBIG, "has 10 GB or more, and at most 1 MB are read"),
         ("{}/a.glb", web.endless, errno.EFBIG, "at most 1 MB are read"),
         ("{}/a.glb", web.inflated(20 * SMALL), errno.EFBIG, "at most 1 MB are read"),
-        ("zip://a.glb::{}/a.zip", web.sound(web.zipped(20 * SMALL)), errno.EFBIG, "has 20 MB or more"),
+        ("zip://a.glb::{}/a.zip", web.sound(web.zipped(bytes(20 * SMALL))), errno.EFBIG, "has 20 MB or more"),
         ("zip://a.glb::{}/a.zip", web.announced, errno.EFBIG, "has 10 GB or more"),
-        ("tar://a.glb::{}/a.tar.gz", web.sound(web.tarred(20 * SMALL)), errno.EFBIG, "at most 1 MB are read"),
+        ("tar://a.glb::{}/a.tar.gz", web.sound(web.tarred(bytes(20 * SMALL))), errno.EFBIG, "at most 1 MB are read"),
         ("{}/none", web.endless, errno.ENOENT, "No such file or directory"),
     ],
 )
@@ -169,7 +169,7 @@ def test_a_refused_connection_is_no_missing_file() -> None:
 
 @pytest.mark.usefixtures("impatient")
 def test_archives_are_read_by_url() -> None:
-    answers = {"/a.zip": web.sound(web.zipped(1000)), "/a.tar.gz": web.sound(web.tarred(1000))}
+    answers = {"/a.zip": web.sound(web.zipped(bytes(1000))), "/a.tar.gz": web.sound(web.tarred(bytes(1000)))}
     with web.served(answers) as server:
         assert stores.read(f"zip://a.glb::{server}/a.zip", 2000) == bytes(1000)
         assert stores.read(f"tar://a.glb::{server}/a.tar.gz", SMALL) == bytes(1000)
@@ -179,7 +179,7 @@ def test_archives_are_read_by_url() -> None:
 
 @pytest.mark.usefixtures("impatient")
 def test_a_zip_that_says_less_than_it_has_is_no_larger() -> None:
-    answers = {"/a.zip": web.sound(web.zipped(20 * SMALL, said=1000))}
+    answers = {"/a.zip": web.sound(web.zipped(bytes(20 * SMALL), said=1000))}
     with web.served(answers) as server, pytest.raises((OSError, StoreError)):
         stores.read(f"zip://a.glb::{server}/a.zip", SMALL)
 

@@ -1,201 +1,43 @@
-"""Commands run on damaged files, always the same for the same number, and what holds however they end."""
+"""A case that is run, and what holds however it ends."""
 
 import io
 import json
 import os
-import random
+import signal
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, redirect_stderr, redirect_stdout
-from dataclasses import dataclass, field
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout
 from functools import cache
 from pathlib import Path
 from threading import Event, Thread
 from typing import Any
 
-from kit.damage import Edit, copied, damage, damaged, is_baked
-from kit.hostile import MEGABYTES, SECONDS, Source, bounded, corpus, packed
+from kit import web
+from kit.asset import Json
+from kit.cases import DEVICES, WEB, Case
+from kit.damage import Edit, copied, damaged, edit_bytes, edit_tree, is_baked
+from kit.guard import only_within
+from kit.hostile import MEGABYTES, SECONDS, bounded, corpus, packed
+from kit.killed import signal_at_line
+from kit.limb import limb_asset
+from kit.manifests import MANIFEST, NAMES, forged, placed, written
+from kit.visits import visited, watched
+from wrinklecli.batch import jobs, stores, worker
+from wrinklecli.batch.manifest import read_manifest
 from wrinklecli.cli import main
+from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import read_document
 
 _LONGEST_LINE = 10_100  # characters of a message
 _CODES = {"diff": (0, 1, 2)}
 _DONE = {"diff": (0, 1), "check": (0, 3)}  # what --strict refuses, check shows all the same
-_LINKS = ("link", "hard link", "link to itself", "link to nothing", "link to ASSET", "hard link to ASSET")
-_DEVICES = ("/dev/null", "/dev/full", "/dev/zero")
-_PLACES = (*_LINKS, "folder", "nothing", "pipe", *_DEVICES)
 # What is there before, or a link put there, and no input; all other files are inputs.
 _REPLACED = ("out.glb", "displaced-out.glb", "found.json", "jobs.jsonl")
-_KEPT = ("cache/", "jobs.jsonl", "displaced-jobs.jsonl")  # what a batch writes whatever comes of its jobs
-_DISPLACED = 0.05  # of all cases
-_LARGE = range(17, 22)  # sources of the corpus that take longer
-# fmt: off
-_COMMANDS = {
-    "bake": 30, "inspect": 15, "diff": 20, "check": 10, "suggest": 8, "track": 10, "preview": 7, "schema": 1,
-    "batch": 8,
-}
-# fmt: on
-
-_MANIFEST = """\
-version: 1
-defaults: {tools: tools.yaml, split: true, max_memory: 4GB}
-jobs:
-  - {asset: "limb.*", out: "sub/{stem}.gltf", report: sub/report.json, timings: sub/timings.json, anim: sound.glb}
-  - {asset: sound.glb, out: sub/out.glb, anims: ["limb.*", body.glb], tracked: sub/tracked, max_error: 5%, strict: true}
-"""
-
-
-@dataclass(frozen=True)
-class Case:
-    """A command on damaged files.
-
-    Attributes:
-        name: For messages.
-        source: Number of the sound asset in the corpus.
-        edits: What was done to it and its tools.
-        arguments: Of the command line; names of files are relative to the case's folder.
-        places: What stands in the place of some of the files, by name: see `_displace`.
-    """
-
-    name: str
-    source: int
-    edits: Sequence[Edit]
-    arguments: Sequence[str]
-    places: Mapping[str, str] = field(default_factory=dict)
-
-    def dumped(self) -> str:
-        """The case as a line of JSON."""
-        kept = {"source": self.source, "edits": self.edits, "arguments": self.arguments}
-        return json.dumps(kept | ({"places": self.places} if self.places else {}))
-
-
-def loaded(line: str, name: str) -> Case:
-    """A case as it was dumped."""
-    return Case(name, **json.loads(line))
-
-
-def make_case(number: int) -> Case:
-    """The case of a number."""
-    chance = random.Random(number)
-    sources = corpus()
-    command = chance.choices(list(_COMMANDS), list(_COMMANDS.values()))[0]
-    wanted = [k for k, source in enumerate(sources) if command != "track" or chance.random() < 0.5 or is_baked(source)]
-    source = chance.choices(wanted, [1 if k in _LARGE else 3 for k in wanted])[0]
-    edits = damage(chance, sources[source])
-    arguments = list(_arguments(chance, command, sources[source]))
-    files = [each for each in arguments if Path(each).suffix[1:].isalpha()]
-    places = {chance.choice(files): chance.choice(_PLACES)} if chance.random() < _DISPLACED else {}
-    return Case(f"{number} ({' '.join(arguments)})", source, edits, arguments, places)
-
-
-def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[str]:
-    def some(*options: str, share: float = 0.15) -> Iterator[str]:
-        if chance.random() < share:
-            yield from options
-
-    asset = f"limb{source.suffix}"
-    memory = "--max-memory", chance.choice(["50MB", "200MB", "4GB"])
-    loudness = chance.choice(["--verbose", "--quiet"])
-    report = chance.choice(["report.json"] * 5 + ["out.glb", "tools.yaml", asset])
-    # What moves an asset besides its own clips: the damaged one moves itself or others, and sound ones move it.
-    anims = list(some("--anim", chance.choice([asset, "sound.glb", "body.glb", "nowhere.glb"])))
-    motions = [*anims, *some("--range-of-motion", share=0.05)]
-    pose = "--pose", chance.choice(["joint_1=z:60", "joint_0=x:-170", "none=y:5"])
-    morph = "--morph", chance.choice(["morph_0=1", "morph_1=-2.5", "none=0.5"])
-    posing = chance.choice([pose, morph, (*pose, *morph)])
-    yield command
-    match command:
-        case "bake":
-            yield from (asset, "tools.yaml", *some("--replace", share=0.6), *some("--report", report), *anims)
-            yield from some("--mode", "frames")
-            yield from some("--accessors", chance.choice(["dense", "based"]))
-            yield from some("--tracks", "none")
-            yield from some("--morph-tangents")
-            yield from (*some("--draft"), *some("--split"), *some("--edges-per-interval", "1", share=0.1))
-            yield from some("--engine", chance.choice(["three", "unity", "spec8", "vtk", "godot3"]))
-            yield from some("--frames-dir", "frames", "--frames-format", chance.choice(["obj", "ply", "glb"]))
-            yield from some("--timings", "timings.json", share=0.05)
-            yield from some("--depfile", "out.d")
-            yield from some("--max-levels", "0")
-            yield from some("--max-vertices", chance.choice(["10", "1000"]), share=0.1)
-            yield from some("--max-error", chance.choice(["0.01%", "1"]), share=0.1)
-            yield from some("--tool", "limb", share=0.05)
-            yield from some("--fps", "2")
-            yield from some("--clip", "fold")
-            yield from some("--strict", share=0.05)
-            yield from some(loudness)
-            yield from some("--allow-external")
-            yield from some(*memory, share=0.1)
-            yield from ("-o", chance.choice(["out.glb"] * 9 + ["out.gltf"] * 5 + ["sub/out.gltf"] * 4 + [asset]))
-        case "check" if chance.random() < 0.2:
-            yield from (asset, *some("tools.yaml", share=0.7), "--crossings", *some("--json"), *some("--fps", "3"))
-            yield from (*chance.choice([[], [], ["--clip", "fold"], posing]), *some("--strict"), *motions)
-        case "check":
-            yield from (asset, "tools.yaml", *some("--json", share=0.5), *some("--fps", "3"))
-            yield from chance.choice([[], [], [], [], ["--clip", "fold"], posing])
-            yield from (*motions, *some("--strict"), *some("--allow-external"), *some(*memory, share=0.1))
-            yield from (*some("--max-levels", "0"), *some("--max-vertices", "10", share=0.1))
-            yield from some("--tool", "limb", share=0.1)
-            yield from some("--plot", chance.choice(["plot.svg", "plot.svg", "plot.png"]), share=0.2)
-        case "inspect":
-            yield from (asset, *some("--json", share=0.5), *some("--allow-external"), *some(*memory, share=0.1))
-        case "diff":
-            yield from chance.choice([(asset, "sound.glb"), ("sound.glb", asset), (asset, "twin.glb"), (asset, asset)])
-            yield from (*some("--json", share=0.3), *some("--posed", share=0.2), *some("--clip", "fold"))
-            yield from (*some("--verbose", share=0.3), *some("--fps", "3", share=0.5), *some("--tolerance", "1"))
-            yield from (*some("--quiet", share=0.05), *some("--allow-external"), *some(*memory, share=0.1))
-        case "suggest":
-            yield from (asset, *some("--json", share=0.3), *some("-o", "found.yaml", share=0.5), "--fps", "4")
-            yield from (*some("--node", "limb"), *some("--count", "2"), *some("--clip", "fold"), *some("--all"))
-            yield from (*motions, *some("--quiet"), *some("--allow-external"), *some(*memory, share=0.1))
-        case "preview" if chance.random() < 0.15:
-            yield from (asset, *some("--tools", "tools.yaml", share=0.5), "-o", "p.png", "--size", "32x32")
-            yield from (
-                "--review",
-                *some("--tool", "limb", share=0.1),
-                *some("--clip", "fold"),
-                *some("--heat"),
-                *motions,
-            )
-        case "preview":
-            tools, tool = ["--tools", "tools.yaml"], list(some("--tool", "limb", share=0.1))
-            several = [["sound.glb"], ["sound.glb", "--labels", "a,b"], [*tools, "--before"], [*tools, *tool]]
-            yield from (asset, *chance.choice([[], [], tools, [*tools, "--hide-tools"], *several]))
-            pictures = [
-                ["-o", "p.png"],
-                ["-o", "p.png", "--columns", "2"],
-                ["-o", "p.gif", "--fps", "3"],
-                ["-o", "p.webp"],
-            ]
-            moments = [["--frames", "2"], ["--frames", "2", "--clip", "fold"], ["--times", "0,0.2"]]
-            moving = [*chance.choice(pictures), *chance.choice(moments)]
-            still = [["-o", "p.png", *each] for each in (["--rest"], ["--grid"], posing)]
-            yield from chance.choice([moving, moving, moving, moving, *still])
-            yield from ("--size", "32x32", *some("--quiet"), *motions)
-            yield from (*some("--heat"), *some("--wire"), *some("--clay"), *some("--backfaces"), *some("--grid"))
-            yield from (*some("--views", "front,facing"), *some("--follow"))
-            yield from (
-                *some("--radius", "2"),
-                *some("--focus", "0,1,0", "--radius", "3"),
-                *some("--max-vertices", "10", share=0.1),
-            )
-            yield from (*some("--allow-external"), *some(*memory, share=0.1))
-        case "batch":
-            manifests = [[chance.choice(["jobs.yaml", "jobs.yaml", "tools.yaml"])]]
-            outs = ["out.glb", "sub/{stem}.gltf", "sub/{stem}.gltf", asset]
-            manifests += [[asset, "--tools", "tools.yaml", "--out", chance.choice(outs)]] * 3
-            yield from (*chance.choice(manifests), "--cache", "cache", *some("--dry-run"), *some("--strict"))
-            yield from (*some("--fail-fast"), *some("--keep-going"), *some(loudness), *some("--retry", "0"))
-            yield from some("--report", chance.choice(["jobs.jsonl", "jobs.jsonl", "-", asset]))
-        case "schema":
-            yield from ("-o", "found.json")
-        case _:
-            if is_baked(source) and chance.random() < 0.5:
-                yield from (asset, "sound.glb")
-            else:
-                yield from ("body.glb", asset)
-            yield from ("-o", "tracked", *some("--fps", "4", share=0.5), *some(loudness), *some("--strict"))
-            yield from (*some("--max-error", "5%"), *some("--allow-external"), *some(*memory, share=0.1))
+_KEPT = ("cache/", "kept/", "jobs.jsonl", "displaced-jobs.jsonl")  # what a batch writes whatever comes of its jobs
+_EDITED = ("tools.yaml", "displaced-tools.yaml", ".tools.yaml.unsaved")  # begin the names of what the editor writes
+_WEB_BYTES = 2 * 10**7  # that a file at a URL may have
+_WEB_PATIENCE = 0.1  # seconds without a byte
 
 
 @cache
@@ -209,6 +51,18 @@ def _body() -> bytes:
     return _sound(next(number for number, source in enumerate(corpus()) if is_baked(source)))
 
 
+@cache
+def _motions() -> dict[str, bytes]:
+    """Files with a clip of 0 s, and with clips of another skeleton."""
+    still, stranger = limb_asset(rings=3, sides=3), limb_asset(rings=3, sides=3, joints=3)
+    animation: Json = {"name": "still"}
+    still.channel(animation, 2, "rotation", [0.0], [[0.0, 0.0, 0.8, 0.6]])
+    still.gltf["animations"] = [animation]
+    for number, node in enumerate(stranger.gltf["nodes"][1:]):
+        node["name"] = f"bone {number}"
+    return {"still.glb": still.glb(), "stranger.glb": stranger.glb()}
+
+
 def prepare(case: Case, folder: Path) -> None:
     """Write the case's files: the damaged asset, a copy of it that is spelled otherwise, sound ones, tools."""
     source = corpus()[case.source]
@@ -217,17 +71,90 @@ def prepare(case: Case, folder: Path) -> None:
     Path(folder, "twin.glb").write_bytes(_spelled_otherwise(asset))
     Path(folder, "sound.glb").write_bytes(_sound(case.source))
     Path(folder, "body.glb").write_bytes(_body())
+    for name, data in _motions().items():
+        if name in case.arguments:
+            Path(folder, name).write_bytes(data)
     Path(folder, "tools.yaml").write_bytes(tools)
-    Path(folder, "jobs.yaml").write_text(_MANIFEST)
+    for name in NAMES if case.arguments[0] == "batch" else ():
+        Path(folder, name).write_bytes(_manifest(name, case.edits))
     Path(folder, "sub").mkdir()
     Path(folder, "out.glb").write_bytes(b"old")
+    for name, data in _kept(case, folder).items():
+        Path(folder, name).parent.mkdir(parents=True, exist_ok=True)
+        Path(folder, name).write_bytes(data)
+    _write_side(case, folder)
     for name, kind in case.places.items():
-        _displace(folder / name, kind, asset=folder / f"limb{source.suffix}")
+        if not name.startswith(WEB):
+            _displace(folder / name, kind, asset=folder / f"limb{source.suffix}")
+
+
+def _manifest(name: str, edits: Sequence[Edit]) -> bytes:
+    """A manifest with faults."""
+    tree = copied(MANIFEST)
+    for edit in edits:
+        if edit[1] == "manifest":
+            edit_tree(tree, edit)
+    data = bytearray(written(name, tree))
+    for edit in edits:
+        if edit[1] == "manifest bytes":
+            edit_bytes(data, edit)
+    return bytes(data)
+
+
+def _kept(case: Case, folder: Path) -> dict[str, bytes]:
+    """The outputs and the forged cache of an earlier batch, if a case has one."""
+    return forged(placed(_kept_soundly(case), folder), case.edits) if "kept" in case.arguments else {}
+
+
+def _kept_soundly(case: Case) -> dict[str, bytes]:
+    """The outputs and the cache of a batch of a sound asset."""
+    asset = f"limb{corpus()[case.source].suffix}"
+    sound, tools = damaged(corpus()[case.source], [])
+    base = tuple(case.arguments[: case.arguments.index("kept") + 1])
+    return _batch(((asset, sound), ("tools.yaml", tools)), base)
+
+
+@cache
+def _batch(assets: tuple[tuple[str, bytes], ...], arguments: tuple[str, ...]) -> dict[str, bytes]:
+    """All files that a sound batch leaves, by name: its outputs, and the cache in `kept`.
+
+    The name of a note about an output depends on the folder, so that it has the output's name here.
+    """
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for path, data in assets:
+            (folder / path).parent.mkdir(exist_ok=True)
+            (folder / path).write_bytes(data)
+        code, _, err = run(arguments, folder)
+        assert code == 0, err
+        found = {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    for path, _ in assets:
+        found.pop(path)
+    notes = [path for path in found if path.startswith("kept/outs/")]
+    return found | {f"outs:{json.loads(found[path])['out']}": found.pop(path) for path in notes}
+
+
+def _write_side(case: Case, folder: Path) -> None:
+    """Write the file of what an editor has not saved, with faults, if a case has some."""
+    edits = [edit for edit in case.edits if edit[1].startswith("side")]
+    if not edits:
+        return
+    tools = (folder / "tools.yaml").read_text(errors="replace")
+    tree = {"wrinkle_edit": 1, "base": tools, "text": tools.replace("limb", "edited")}
+    for edit in edits:
+        if edit[1] == "side":
+            edit_tree(tree, edit)
+    data = bytearray(json.dumps(tree).encode())
+    for edit in edits:
+        if edit[1] == "side bytes":
+            edit_bytes(data, edit)
+    (folder / ".tools.yaml.unsaved").write_bytes(data)
 
 
 def _displace(path: Path, kind: str, *, asset: Path) -> None:
     """Put something else in the place of a file, which may be there."""
     elsewhere = path.with_name(f"displaced-{path.name}")
+    path.parent.mkdir(exist_ok=True)
     if path.exists():
         path.rename(elsewhere)
     match kind:
@@ -247,7 +174,7 @@ def _displace(path: Path, kind: str, *, asset: Path) -> None:
             path.mkdir()
         case "pipe":
             os.mkfifo(path)
-        case _ if kind in _DEVICES:
+        case _ if kind in DEVICES:
             path.symlink_to(kind)
 
 
@@ -301,22 +228,28 @@ def attack(case: Case, folder: Path) -> int:
         AssertionError: It ended in a traceback, left what it should not, took too long or too much, or said it badly.
     """
     prepare(case, folder)
-    before = _found(folder)
-    pipes = [folder / name for name, kind in case.places.items() if kind == "pipe"]
-    with _readers(pipes) as piped, bounded(seconds=SECONDS, megabytes=MEGABYTES):
-        code, out, err = run(case.arguments, folder)
     command = case.arguments[0]
+    before, inputs = _found(folder), _inputs(case, folder)
+    pipes = [folder / name for name, kind in case.places.items() if kind == "pipe"]
+    with ExitStack() as stack:
+        temporary = stack.enter_context(_temporary())
+        arguments = stack.enter_context(_served(case, folder))
+        refused = stack.enter_context(only_within(folder, temporary))
+        piped = stack.enter_context(_readers(pipes))
+        stack.enter_context(bounded(seconds=SECONDS, megabytes=MEGABYTES))
+        middle = _kill(case, folder)
+        code, out, err = _run(case, arguments, folder)
+        assert not list(temporary.iterdir()), f"left temporary files: {[each.name for each in temporary.iterdir()]}"
     assert code in _CODES.get(command, (0, 1, 3)), f"exit code {code}:\n{err[-3000:]}"
+    assert "Traceback" not in err, err[-3000:]
     after = _found(folder)
-    lost = {name for name in before if Path(name).name not in _REPLACED and after.get(name) != before[name]}
-    if command == "schema" and "link to ASSET" in case.places.values():
-        lost = set()  # it reads no asset, so a file that its output leads to is no input
-    assert not lost, f"changed or took away {sorted(lost)}"
+    _check_files(case, folder, before if middle is None else middle, after, inputs=inputs, code=code)
+    if middle is not None:
+        _check_killed(before, middle, after, code=code)
+    if not any(edit[1].startswith("manifest") for edit in case.edits):
+        assert not refused, f"would have written to {refused[:3]}"
     if code not in _DONE.get(command, (0,)):
         assert err.strip(), "an error without a message"
-        if command == "batch":  # jobs that went well stay
-            after = {name: data for name, data in after.items() if not _is_kept(case, name, folder)}
-        assert after == before, f"left or changed {sorted(set(after.items()) ^ set(before.items()))}"
         assert not any(piped), f"wrote {len(piped[0])} bytes to a pipe"
     data = "--json" in case.arguments or command == "suggest"  # has names whole
     for line in err.splitlines() + ([] if data else out.splitlines()):
@@ -333,10 +266,164 @@ def attack(case: Case, folder: Path) -> int:
     return code
 
 
-def _is_kept(case: Case, path: str, folder: Path) -> bool:
-    """Whether a batch may leave a file though a job failed."""
-    name = str(Path(path).relative_to(folder))
-    return name.startswith((*_KEPT, *(["sub/"] if case.arguments[1] == "jobs.yaml" else [])))
+def _inputs(case: Case, folder: Path) -> set[str]:
+    """Files that the command reads: nothing may change these."""
+    every = {name for name in _found(folder) if Path(name).name not in _REPLACED}
+    command = case.arguments[0]
+    if command == "schema" and "link to ASSET" in case.places.values():
+        return set()  # it reads no asset, so a file that its output leads to is no input
+    if command == "edit":
+        return {name for name in every if not Path(name).name.startswith(_EDITED)}
+    if command != "batch":
+        later = {edit[2] for edit in case.edits if edit[1] == "later"}
+        return {name for name in every if Path(name).name not in later}
+    every = {name for name in every if not str(Path(name).relative_to(folder)).startswith(_KEPT)}
+    if case.arguments[1] not in NAMES:
+        return {name for name in every if "sub" not in Path(name).relative_to(folder).parts[:1]}
+    with _working_in(folder, []):
+        try:
+            every_job = read_manifest(case.arguments[1], {})
+        except WrinkleError:
+            return every
+        read = {os.path.realpath(path) for job in every_job for path in (job.where.partition(":")[0], *job.inputs)}
+    return {name for name in every if os.path.realpath(name) in read}
+
+
+def _check_files(
+    case: Case, folder: Path, before: dict[str, bytes], after: dict[str, bytes], *, inputs: set[str], code: int
+) -> None:
+    """Inputs stay, a command that fails changes nothing, and a batch changes nothing but what it is to write."""
+    command = case.arguments[0]
+    lost = {name for name in inputs if after.get(name) != before.get(name)}
+    assert not lost, f"changed or took away {sorted(lost)}"
+    changed = {name for name in before.keys() | after.keys() if before.get(name) != after.get(name)}
+    changed = {name for name in changed if "/.wrinkle-" not in name}
+    if code == 0:
+        strays = [name for name in after if "/.wrinkle-" in name]
+        assert not strays, f"left {strays}"
+    if command == "edit":
+        assert all(Path(name).name.startswith(_EDITED) for name in changed), f"left or changed {sorted(changed)}"
+    elif command == "batch":
+        changed = {name for name in changed if not str(Path(name).relative_to(folder)).startswith(_KEPT)}
+        if "kept" in case.arguments:
+            _check_kept(case, folder, after, changed, code=code)
+        elif code and case.arguments[1] not in NAMES:  # of several jobs, those that went well stay
+            assert not changed, f"left or changed {sorted(changed)}"
+    elif code not in _DONE.get(command, (0,)) and "--watch" not in case.arguments:
+        assert not changed, f"left or changed {sorted(changed)}"
+
+
+def _check_kept(case: Case, folder: Path, after: dict[str, bytes], changed: set[str], *, code: int) -> None:
+    """Whatever a cache says, a batch makes the outputs that it would make without, and no others."""
+    if case.places or any(edit[1] == "kept tag bytes" for edit in case.edits):
+        return
+    asset = case.arguments[1]
+    sound = {str(folder / name): data for name, data in _kept_soundly(case).items()}
+    outputs = {name for name in sound if not name.startswith((str(folder / "kept"), str(folder / "outs:")))}
+    assert changed <= outputs, f"left or changed {sorted(changed - outputs)}"
+    fine = (0, 3) if "--strict" in case.arguments else (0,)
+    if asset not in case.arguments[2:]:  # as a report
+        assert code in fine, f"a cache made it end with {code}"
+        if "--dry-run" not in case.arguments and not code:
+            wrong = [name for name in outputs if after.get(name) != sound[name]]
+            assert not wrong, f"a cache made it write other bytes to {wrong}"
+
+
+def _check_killed(before: dict[str, bytes], middle: dict[str, bytes], after: dict[str, bytes], *, code: int) -> None:
+    """After a kill each file is as it was or as the command makes it, and another run takes its rubbish away."""
+    for name, data in middle.items():
+        apart = "/.wrinkle-" in name or any(f"/{each}" in name for each in _KEPT) or name.endswith(".json")
+        if not apart and code == 0:
+            assert data in (before.get(name), after.get(name)), f"killed, it left {name} neither old nor new"
+    lost = before.keys() - middle.keys()
+    assert code or not lost - after.keys(), f"killed, it took away {sorted(lost)}"
+
+
+def _kill(case: Case, folder: Path) -> dict[str, bytes] | None:
+    """Run a command in a process that a signal ends in the middle, if a case has one; the files that are left."""
+    for name, _, line in [edit for edit in case.edits if edit[1] == "kill"]:
+        child = os.fork()
+        if child == 0:
+            try:
+                nowhere = os.open(os.devnull, os.O_RDWR)
+                for stream in (1, 2):
+                    os.dup2(nowhere, stream)
+                for sign in (signal.SIGTERM, signal.SIGINT):
+                    signal.signal(sign, signal.SIG_DFL)
+                signal_at_line(line, signal.Signals[name], nowhere)
+                run(case.arguments, folder)
+            finally:
+                os._exit(0)
+        os.waitpid(child, 0)
+        return _found(folder)
+    return None
+
+
+@contextmanager
+def _temporary() -> Iterator[Path]:
+    """A folder of its own for temporary files."""
+    with tempfile.TemporaryDirectory(prefix="hostile-") as name:
+        usual, tempfile.tempdir = tempfile.tempdir, name
+        try:
+            yield Path(name)
+        finally:
+            tempfile.tempdir = usual
+
+
+@contextmanager
+def _served(case: Case, folder: Path) -> Iterator[Sequence[str]]:
+    """Serve the files of a folder if a case reads URLs, some answers replaced; gives the command's arguments."""
+    if not any("{web}" in each for each in case.arguments):
+        yield case.arguments
+        return
+    contents = {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+    tools = contents.get("tools.yaml", b"")
+    contents |= {"all.zip": web.zipped(tools, name="tools.yaml"), "all.tar.gz": web.tarred(tools, name="tools.yaml")}
+    listed = "".join(f'<a href="{name}">{name}</a>' for name in sorted(contents)).encode()
+    answers = {f"/{name}": web.sound(each) for name, each in contents.items()}
+    answers["/"] = web.sound(listed, Content_Type="text/html")
+    answers |= {f"/{name[len(WEB) :]}": _answer(kind) for name, kind in case.places.items() if name.startswith(WEB)}
+    patches = [
+        (stores, "_PATIENCE", _WEB_PATIENCE),
+        (worker, "_FIRST_PAUSE", 0.01),
+        (jobs, "MAX_MEMORY", _WEB_BYTES),
+        (stores, "MAX_MEMORY", 10 * _WEB_BYTES),
+    ]
+    usual = [getattr(module, name) for module, name, _ in patches]
+    try:
+        for module, name, value in patches:
+            setattr(module, name, value)
+        with web.served(answers) as address:
+            yield [each.replace("{web}", address) for each in case.arguments]
+    finally:
+        for (module, name, _), value in zip(patches, usual, strict=True):
+            setattr(module, name, value)
+
+
+@cache
+def _answer(kind: str) -> web.Answer:
+    much = bytes(_WEB_BYTES * 3 // 2)
+    made: dict[str, Callable[[], web.Answer]] = {
+        "inflated": lambda: web.inflated(len(much)),
+        "zip bomb": lambda: web.sound(web.zipped(much, name="tools.yaml")),
+        "zip that says less": lambda: web.sound(web.zipped(much, name="tools.yaml", said=1000)),
+        "tar bomb": lambda: web.sound(web.tarred(much, name="tools.yaml")),
+        "sound": lambda: web.sound(b""),
+    }
+    answer: web.Answer = made[kind]() if kind in made else getattr(web, kind)
+    return answer
+
+
+def _run(case: Case, arguments: Sequence[str], folder: Path) -> tuple[int, str, str]:
+    """Run a command; one that does not end by itself is ended when others have done what they do meanwhile."""
+    if case.arguments[0] == "edit":
+        edits = [edit for edit in case.edits if edit[1] == "visit"]
+        return run(arguments, folder, through=lambda call, said: visited(edits, call, said))
+    if "--watch" in case.arguments:
+        edits = [edit for edit in case.edits if edit[1] == "later"]
+        code, out, err = run(arguments, folder, through=lambda call, _: watched(edits, folder, call))
+        return 0 if code == 130 else code, out, err
+    return run(arguments, folder)
 
 
 def _found(folder: Path) -> dict[str, bytes]:
@@ -344,19 +431,28 @@ def _found(folder: Path) -> dict[str, bytes]:
     return {str(path): path.read_bytes() for path in folder.rglob("*") if path.is_file() and not path.is_fifo()}
 
 
-def run(arguments: Sequence[str], folder: Path) -> tuple[int, str, str]:
-    """Run `wrinkle` in this process and a folder: its exit code, standard output and standard error."""
-    streams = [io.TextIOWrapper(io.BytesIO(), "utf-8", errors="backslashreplace") for _ in range(2)]
+def run(
+    arguments: Sequence[str],
+    folder: Path,
+    *,
+    through: Callable[[Callable[[], None], Callable[[], bytes]], None] = lambda call, _said: call(),
+) -> tuple[int, str, str]:
+    """Run `wrinkle` in this process and a folder: its exit code, standard output and standard error.
+
+    `through` is given a function that does it, to be called once, and one that tells the output so far.
+    """
+    buffers = [io.BytesIO(), io.BytesIO()]
+    streams = [io.TextIOWrapper(each, "utf-8", errors="backslashreplace") for each in buffers]
     code: Any = 0
     with _working_in(folder, ["wrinkle", *arguments]), redirect_stdout(streams[0]), redirect_stderr(streams[1]):
         try:
-            main()
+            through(main, buffers[0].getvalue)
         except SystemExit as ended:
             code = ended.code or 0
     texts = []
-    for stream in streams:
+    for stream, buffer in zip(streams, buffers, strict=True):
         stream.flush()
-        texts.append(stream.buffer.getvalue().decode("utf-8", "backslashreplace"))  # type: ignore[attr-defined]
+        texts.append(buffer.getvalue().decode("utf-8", "backslashreplace"))
     return code, texts[0], texts[1]
 
 

@@ -12,6 +12,8 @@ import struct
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+import numpy as np
+
 from kit.asset import Json
 from kit.forged import forge
 from kit.hostile import Source, packed
@@ -52,10 +54,10 @@ def copied(value: Any) -> Any:
 def damage(chance: random.Random, source: Source) -> list[Edit]:
     """One to three faults."""
     edits: list[Edit] = []
-    kinds = ["json", "top", "sly", "link", "number", "data", "asset bytes", "tools", "tools bytes", "record"]
-    shares = [18, 12, 24, 14, 14, 14, 4, 6, 2, 12 if is_baked(source) else 0]
+    shares = {"json": 18, "top": 12, "sly": 24, "link": 14, "number": 14, "data": 14, "asset bytes": 4, "tools": 6}
+    shares |= {"tools bytes": 2, "record": 12 if is_baked(source) else 0, "geometry": 10}
     for _ in range(chance.choice([1, 1, 1, 2, 3])):
-        match chance.choices(kinds, shares)[0]:
+        match chance.choices(list(shares), list(shares.values()))[0]:
             case "json":
                 edits += _tree_edit(chance, "asset", source.gltf)
             case "top":
@@ -72,6 +74,8 @@ def damage(chance: random.Random, source: Source) -> list[Edit]:
                 edits += _tree_edit(chance, "tools", source.tools)
             case "record":
                 edits += _tree_edit(chance, "record", {"gltf": source.gltf, "sizes": [1], "kept": [[[0, 4, 0, 0]]]})
+            case "geometry":
+                edits += geometry_edit(chance)
             case part:
                 size = len(packed(copied(source.gltf), source.data, source.suffix)) if part == "asset bytes" else 300
                 edits += _byte_edits(chance, part, size)
@@ -283,6 +287,24 @@ def _data_edits(chance: random.Random, source: Source) -> Iterator[Edit]:
         yield ["write", "data", place, (value if chance.random() < 0.8 else chance.randbytes(4)).hex()]
 
 
+def geometry_edit(chance: random.Random) -> Iterator[Edit]:
+    """Vertices at one place, in one plane or on one line, noise, triangles without area, a mesh that crosses itself."""
+    seed = chance.randrange(1000)
+    edits = (
+        ["noise", "geometry", seed, chance.choice([1e-7, 1e-3, 0.05, 0.3, 3.0])],
+        ["coincide", "geometry", seed, chance.choice([0.02, 0.2, 0.9, 1.0])],
+        ["pair", "geometry", seed, chance.choice([0.1, 0.5])],
+        ["flat", "geometry", seed % 3, chance.choice([0.0, 1e-9, 0.01])],
+        ["grid", "geometry", seed, chance.choice([0.01, 0.1, 0.25, 1.0])],
+        ["wave", "geometry", seed % 3, chance.choice([3.0, 30.0])],
+        ["scale", "geometry", seed, chance.choice([1e-30, 1e-6, 1e6, 1e15])],
+        ["swap", "geometry", seed, chance.choice([0.1, 0.9])],
+        ["empty", "geometry", seed, chance.choice([0.05, 0.5, 1.0])],
+        ["weights", "geometry", seed, chance.choice([0.1, 1.0])],
+    )
+    yield chance.choice(edits)
+
+
 def _byte_edits(chance: random.Random, part: str, size: int) -> Iterator[Edit]:
     """Cut, flip, overwrite, repeat or insert bytes of a file."""
     place = chance.randrange(size)
@@ -321,14 +343,16 @@ def damaged(source: Source, edits: Sequence[Edit]) -> tuple[bytes, bytes]:
             edit_tree(trees[edit[1]], edit)
     for edit in edits:
         if edit[1] == "data":
-            _edit_bytes(data, edit)
+            edit_bytes(data, edit)
+        elif edit[1] == "geometry":
+            _edit_geometry(source.gltf, data, edit)
     files = {
         "asset bytes": bytearray(packed(trees["asset"], bytes(data), source.suffix)),
         "tools bytes": bytearray(json.dumps(trees["tools"]).encode("utf-8", "replace")),
     }
     for edit in edits:
         if edit[1] in files:
-            _edit_bytes(files[edit[1]], edit)
+            edit_bytes(files[edit[1]], edit)
     return bytes(files["asset bytes"]), bytes(files["tools bytes"])
 
 
@@ -349,7 +373,64 @@ def edit_tree(root: Any, edit: Edit) -> None:
         pass
 
 
-def _edit_bytes(data: bytearray, edit: Edit) -> None:
+def _edit_geometry(gltf: Json, data: bytearray, edit: Edit) -> None:
+    """Move vertices of every mesh, or change its triangles or skin weights, where these are stored plainly."""
+    what, _, seed, amount = edit
+    chance = np.random.default_rng(seed)
+    for primitive in [each for mesh in gltf.get("meshes", []) for each in mesh["primitives"]]:
+        wanted = {"swap": "indices", "empty": "indices", "weights": "WEIGHTS_0"}.get(what, "POSITION")
+        index = primitive.get("indices") if wanted == "indices" else primitive["attributes"].get(wanted)
+        values = None if index is None else _stored(gltf, data, index)
+        if values is None:
+            continue
+        count = len(values)
+        some = chance.random(count) < amount
+        if wanted == "indices":
+            corners = values[: count // 3 * 3].reshape(-1, 3)
+            some = chance.random(len(corners)) < amount
+            corners[some, 1] = corners[some, 0 if what == "empty" else 2]
+        elif what == "weights":
+            values[some] = chance.permutation(values[some])
+        else:
+            values[:] = _moved(values.astype(float), what, some, seed, amount, chance)
+
+
+def _moved(places: Any, what: str, some: Any, seed: int, amount: float, chance: np.random.Generator) -> Any:
+    """(vertices, 3) positions that have been moved."""
+    size = float(np.abs(places).max()) or 1.0
+    match what:
+        case "noise":
+            return places + amount * size * chance.standard_normal(places.shape)
+        case "coincide":
+            return np.where(some[:, None], places[seed % len(places)], places)
+        case "pair":
+            return np.where(some[:, None], chance.permutation(places), places)
+        case "flat":
+            places[:, seed] *= amount
+        case "grid":
+            return np.round(places / (amount * size)) * (amount * size)
+        case "wave":
+            places[:, seed] = size * np.sin(amount * places[:, seed] / size)
+        case "scale":
+            return places * amount
+    return places
+
+
+def _stored(gltf: Json, data: bytearray, index: int) -> Any:
+    """A view of an accessor's values in the buffer; None if they are sparse, compressed or in between others."""
+    accessor = gltf["accessors"][index]
+    view = gltf["bufferViews"][accessor["bufferView"]] if "bufferView" in accessor else {"extensions": 1}
+    if "sparse" in accessor or "extensions" in view or "byteStride" in view:
+        return None
+    kind = np.dtype({5121: "u1", 5123: "<u2", 5125: "<u4", 5126: "<f4"}[accessor["componentType"]])
+    width = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}[accessor["type"]]
+    start = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
+    found = np.frombuffer(data, kind, accessor["count"] * width, start)
+    return found if width == 1 else found.reshape(-1, width)
+
+
+def edit_bytes(data: bytearray, edit: Edit) -> None:
+    """Change bytes."""
     what, _, place, value = edit
     if what == "cut":
         del data[place : place + value]

@@ -79,7 +79,7 @@ def corpus() -> list[Source]:
         asset.gltf["buffers"] = [{"byteLength": len(asset.data)}]
         sources.append(Source(suffix, asset.gltf, bytes(asset.data), {"version": 1, **small, **header, "tools": tools}))
     # In this order for good: kept cases name a source by its number.
-    return [*sources, _baked(sources[0]), *_dressed(), *_large(), *_grown()]
+    return [*sources, _baked(sources[0]), *_dressed(), *_large(), *_grown(), *_folded()]
 
 
 def _dressed() -> list[Source]:
@@ -169,6 +169,35 @@ def _grown() -> list[Source]:
         for suffix, asset, tools in ((".glb", alone, [path]), (".gltf", two, both))
     ]
     return [*sources, _baked(sources[0])]
+
+
+def _folded() -> list[Source]:
+    """Folds with contact: two that share vertices, one that closes, in clips of one moment, of triangles anywhere."""
+    header: Json = {"version": 1, "refinement": {"max_levels": 0}, "sampling": {"fps": 4}}
+    fold = tool(contact="resolve")
+    two = [
+        {**fold, "name": name, "origin": [x - 0.3, RADIUS, 0.0], "target": [x + 0.3, RADIUS, 0.0]}
+        for name, x in (("near", -0.3), ("far", 0.3))
+    ]
+    limb = {"rings": 9, "sides": 6}
+    still = limb_asset(**limb)
+    animation: Json = {"name": "still"}
+    still.channel(animation, 2, "rotation", [0.0], [[0.0, 0.0, 0.8, 0.6]])
+    still.append("animations", animation)
+    cases: list[tuple[Asset, list[Json]]] = [
+        (limb_asset(**limb, joints=3, angle=140.0), two),
+        (limb_asset(**limb, angle=170.0), [fold]),
+        (still, [fold]),
+    ]
+    return [
+        Source(
+            ".glb",
+            {**asset.gltf, "buffers": [{"byteLength": len(asset.data)}]},
+            bytes(asset.data),
+            {**header, "tools": tools},
+        )
+        for asset, tools in cases
+    ]
 
 
 def pole(edges: int) -> Asset:

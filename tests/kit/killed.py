@@ -32,6 +32,7 @@ _WATCHED = (
     "gltf/images.py",
     "cli/streams.py",
     "batch/stores.py",
+    "editor/store.py",
 )
 
 
@@ -71,7 +72,7 @@ def ended_at_lines(folder: Path, sign: int, step: int, *arguments: str) -> list[
     return [Ended(**json.loads(line)) for line in ran.stdout.splitlines()]
 
 
-def _signal_at_line(number: int, sign: int, tell: int) -> None:
+def signal_at_line(number: int, sign: int, tell: int) -> None:
     """Send a signal to this process when it has come to so many lines more of the watched modules."""
     left = number
 
@@ -106,7 +107,7 @@ def _try_lines(folder: Path, sign: int, step: int, out: int) -> None:
         hear, tell = os.pipe()
         child = os.fork()
         if child == 0:
-            _signal_at_line(number, sign, tell)
+            signal_at_line(number, sign, tell)
             return
         os.close(tell)
         code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])

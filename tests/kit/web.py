@@ -78,23 +78,23 @@ def inflated(size: int) -> Answer:
     return sound(gzip.compress(bytes(size)), Content_Encoding="gzip")
 
 
-def zipped(size: int, *, said: int | None = None, name: str = "a.glb") -> bytes:
-    """A .zip archive with a file of zeros, which may be said to have another size."""
+def zipped(data: bytes, *, said: int | None = None, name: str = "a.glb") -> bytes:
+    """A .zip archive with a file, which may be said to have another size."""
     made = io.BytesIO()
     with zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr(name, bytes(size))
+        archive.writestr(name, data)
         if said is not None:
             archive.infolist()[0].file_size = said
     return made.getvalue()
 
 
-def tarred(size: int, *, name: str = "a.glb") -> bytes:
-    """A .tar.gz archive with a file of zeros."""
+def tarred(data: bytes, *, name: str = "a.glb") -> bytes:
+    """A .tar.gz archive with a file."""
     made = io.BytesIO()
     with tarfile.open(fileobj=made, mode="w:gz") as archive:
         info = tarfile.TarInfo(name)
-        info.size = size
-        archive.addfile(info, io.BytesIO(bytes(size)))
+        info.size = len(data)
+        archive.addfile(info, io.BytesIO(data))
     return made.getvalue()
 
 

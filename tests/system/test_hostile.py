@@ -17,10 +17,13 @@ import pytest
 
 from kit import hostile
 from kit.asset import Asset
-from kit.attack import Case, attack, loaded, make_case, prepare, run
+from kit.attack import attack, prepare, run
+from kit.cases import ANSWERS, MOTIONS, WEB, Case, loaded, make_case
 from kit.limb import limb_asset, tool, write_tools
+from kit.manifests import NAMES
 from kit.places import IN_CI, ROOT
 from kit.variants import rich
+from kit.visits import VISITS
 from wrinklecli import bake
 from wrinklecli.cli import cli
 from wrinklecli.errors import BakeError, WrinkleError
@@ -55,16 +58,29 @@ def test_commands_on_damaged_files_end_in_order(tmp_path: Path, first: int) -> N
 
 def test_every_option_is_attacked() -> None:
     given: dict[str, set[str]] = {name: set() for name in cli.commands}
-    for number in range(1500):
+    for number in range(5000):
         command, *arguments = make_case(number).arguments
         given[command].update(arguments)
     for name, command in cli.commands.items():
-        if name == "edit":  # of no end: tests of their own attack it
-            continue
-        # What watches a file does not end, either; other processes are for tests of their own.
-        left_out = ("watch", "jobs", "scheduler", "dashboard")
+        # Other processes are for tests of their own, and a browser for nobody.
+        left_out = ("jobs", "scheduler", "dashboard", "allow_host")
         options = [each for each in command.params if isinstance(each, click.Option) and each.name not in left_out]
         assert [each.opts for each in options if not set(each.opts) & given[name]] == []
+
+
+def test_every_way_in_is_attacked() -> None:
+    cases = [make_case(number) for number in range(5000)]
+    parts = {"asset", "tools", "record", "data", "asset bytes", "tools bytes", "geometry", "later", "kill"}
+    parts |= {"manifest", "manifest bytes", "side", "side bytes", "visit"}
+    parts |= {f"kept {part}" for part in ("record", "note", "record bytes", "note bytes", "content bytes", "tag bytes")}
+    assert {edit[1] for case in cases for edit in case.edits} == parts
+    assert {edit[0] for case in cases for edit in case.edits if edit[1] == "visit"} == set(VISITS)
+    inputs = {each for case in cases for each in case.arguments}
+    assert {*NAMES, *MOTIONS, "--watch", "--pose", "--morph", "{web}/limb.glb"} <= inputs
+    assert {kind for case in cases for name, kind in case.places.items() if name.startswith(WEB)} == set(ANSWERS)
+    places = {name for case in cases for name in case.places}
+    assert places & set(NAMES)
+    assert {"cache", "sub/limb.gltf", ".tools.yaml.unsaved", "tools.yaml", "out.glb"} <= places
 
 
 @pytest.mark.quick(6)
