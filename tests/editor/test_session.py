@@ -137,7 +137,11 @@ def test_a_draft_is_no_step(session: Session) -> None:
     assert session.tools()[0].values["bumps"] == 5
     assert np.abs(session.meshes("fold", 1.0)[0].positions - before.positions).max() > 0.005
     assert session.text == TOOLS
-    session.drop_draft()
+    with pytest.raises(ConfigError, match=r"crease\.bumps: found 99"):
+        session.set_value("crease", ("bumps",), 99, draft=True)
+    assert session.tools()[0].values["bumps"] == 5
+    with pytest.raises(ConfigError, match=r"tools\.yaml:8: tools\[0\]\.bumps: found 99"):
+        session.set_value("crease", ("bumps",), 99)
     assert session.meshes("fold", 1.0)[0].source is before.source
     assert not session.undo()
 

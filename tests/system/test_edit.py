@@ -101,6 +101,8 @@ def test_a_tool_is_drawn_tuned_and_saved(tmp_path: Path) -> None:
             tab.wait("document.body.innerText.includes('Click where the tool begins')")
             tab.click(*on_screen(page, KNEE[0]))
             tab.wait("document.body.innerText.includes('Now click where it ends')")
+            tab.click(*on_screen(page, KNEE[0]))
+            tab.wait("document.body.innerText.includes('Click another place where it ends')")
             tab.click(*on_screen(page, KNEE[1]))
             tab.wait("document.body.innerText.includes('wrinkle_1 is new')")
             take_picture(tab, "drawn")

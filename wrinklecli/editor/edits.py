@@ -50,7 +50,8 @@ class Edits:
     """A tools file and its steps.
 
     An edit raises ConfigError, and changes nothing, if the file would not be valid. With `draft=True` an edit replaces
-    the last draft and is no step; the next edit without it is a step. `notes` are lines about changes of the files.
+    the last draft and is no step; the next edit without it is a step, and ends the draft even if it is refused. `notes`
+    are lines about changes of the files.
 
     Raises:
         ConfigError: The file is not valid.
@@ -108,6 +109,8 @@ class Edits:
         The steps to the value are such as `("bumps",)`, `("clips", "walk")` or `("lag", "damping")`.
         """
         with self._guarded():
+            if not draft:
+                self._draft = None
             file, number = self._base.file, self._number(tool)
             own, inherited = file.tools[number], file.defaults
             key = str(steps[0])
@@ -176,11 +179,6 @@ class Edits:
         """Show some tools alone, or all if none are named; the file does not change."""
         with self._guarded():
             self._push(replace(self._base, solo=frozenset(tools), done="solo"))
-
-    def drop_draft(self) -> None:
-        """Give up the draft."""
-        with self._lock:
-            self._draft = None
 
     def undo(self) -> bool:
         """Go one step back; False if there is none."""
@@ -287,7 +285,13 @@ class Edits:
         file = self._base.file
         name = str(file.tools[number].get("name"))
         header = {key: each for key, each in file.header.items() if key in ("version", "up", "defaults")}
-        drafted = {tool.name: tool for tool in read_values({**header, "tools": [values]}, name=self.path).tools}
+        try:
+            read = read_values({**header, "tools": [values]}, name=self.path).tools
+        except ConfigError as error:  # alone, the tool is the first of line 1
+            alone, place = f"{self.path}:1: tools[0]", f"{self.path}: {name}"
+            error.lines = tuple(line.replace(alone, place, 1) for line in error.lines)
+            raise
+        drafted = {tool.name: tool for tool in read}
         tools = [drafted.get(name, tool) if tool.name == name else tool for tool in self._settings_of(file).tools]
         return Draft(number, values, replace(self._settings_of(file), tools=tuple(tools)))
 

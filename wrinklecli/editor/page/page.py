@@ -321,19 +321,24 @@ class Page:
     def slide(self, key: Hashable, edit: Callable[[bool], None]) -> None:
         """Show a draft of an edit, which `edit` makes if called with True, and make the edit if no draft follows.
 
-        A draft of another key becomes an edit first.
+        A draft of another key becomes an edit first. A draft that is refused leaves the one before it to become one.
         """
-        self._commit_later(key, _SLIDE_SECONDS, lambda: edit(False))
+        self._commit_other(key)
         edit(True)
+        self._commit_later(key, _SLIDE_SECONDS, lambda: edit(False))
         self.show()  # the 3D view follows at once, other widgets later
         self.work.put_later("follow", _FOLLOW_SECONDS, self.refresh)
 
     def _commit_later(self, key: Hashable, seconds: float, edit: Callable[[], None]) -> None:
         """Make an edit after some seconds, unless another one of the same key follows."""
-        if self._pending is not None and self._pending[0] != key:
-            self.commit()
+        self._commit_other(key)
         self._pending = key, edit
         self.work.put_later("commit", seconds, self.commit)
+
+    def _commit_other(self, key: Hashable) -> None:
+        """Turn a draft or a typed value of another key into an edit."""
+        if self._pending is not None and self._pending[0] != key:
+            self.commit()
 
     def commit(self) -> None:
         """Turn a draft or a typed value into an edit."""

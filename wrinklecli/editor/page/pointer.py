@@ -6,12 +6,18 @@ import numpy as np
 import viser
 
 from wrinklecli.editor.page.key_controls import as_written, key_controls
-from wrinklecli.editor.page.viewport import Viewport
-from wrinklecli.editor.page.widgets import ASKS, PageHost, add_button
+from wrinklecli.editor.page.viewport import Hit, Viewport
+from wrinklecli.editor.page.widgets import ASKS, BAD, PageHost, add_button
+from wrinklecli.errors import WrinkleError
 from wrinklecli.numeric.arrays import Floats
 
 _WIDTH = next(control for control in key_controls() if control.key == "width")
 _MIN_WIDTH = 1.0  # per cent of a tool's length, the least width that a drag gives it
+# Distance of two points over that from the eye, below which a hand means one: 5 pixels of a page of 800.
+_SAME_SPOT = 0.004
+_BEGIN = "Click where the tool begins. It runs across the wrinkles."
+_END = "Now click where it ends."
+_AGAIN = "Click another place where it ends, or Cancel."
 
 
 class Pointer:
@@ -36,7 +42,7 @@ class Pointer:
         if self._ends is None:
             self._ends = []
             self._new.label, self._new.color = "Cancel", "orange"
-            self._page.say("Click where the tool begins. It runs across the wrinkles.", ASKS)
+            self._page.say(_BEGIN, ASKS)
         else:
             self._end_new()
             self._page.say("")
@@ -52,22 +58,35 @@ class Pointer:
 
     def _click(self, origin: Floats, direction: Floats) -> None:
         hit = self._viewport.hit(origin, direction)
-        if hit is None:
-            return
-        if self._ends is None:
+        if self._ends is not None:
+            self._click_end(hit, self._ends)
+        elif hit is not None:
             self._page.choose(self._viewport.tool_at(hit) or self._page.chosen, look=False)
-            return
-        self._ends.append(hit.place)
-        if len(self._ends) == 1:
+
+    def _click_end(self, hit: Hit | None, ends: list[Floats]) -> None:
+        """Take a click for an end of the new tool; the first end stays until the second makes a tool."""
+        if hit is None:
+            self._page.say(f"There is no mesh. {_END if ends else _BEGIN}", ASKS)
+        elif not ends:
+            ends.append(hit.place)
             self._viewport.highlight(hit)
-            self._page.say("Now click where it ends.", ASKS)
-            return
-        first, last = (end.tolist() for end in self._ends)
-        self._end_new()
-        self._page.commit()
-        name = self._session.add_tool(first, last, hit.mesh.source.node)
-        self._page.choose(name, look=False)
-        self._page.say(f"{name} is new: drag its ends, and the dots at its sides for the width")
+            self._page.say(_END, ASKS)
+        elif _is_same_spot(hit, ends[0]):
+            self._page.say(f"It began there. {_AGAIN}", ASKS)
+        else:
+            self._page.commit()
+            try:
+                name = self._session.add_tool(ends[0].tolist(), hit.place.tolist(), hit.mesh.source.node)
+            except WrinkleError as error:
+                self._page.say("\n".join((error.lines[0], _AGAIN)), BAD)
+                return
+            self._end_new()
+            self._page.choose(name, look=False)
+            problem = next(tool.problem for tool in self._session.tools() if tool.name == name)
+            if problem is None:
+                self._page.say(f"{name} is new: drag its ends, and the dots at its sides for the width")
+            else:
+                self._page.say(f"{problem}\nDrag its ends, or Undo.", BAD)
 
     def drag(self, kind: str, number: int, origin: Floats, direction: Floats, phase: str) -> None:
         """Move a dot of the chosen tool; see `drawn_scene.Drag`."""
@@ -83,6 +102,12 @@ class Pointer:
         if hit is None or attached is None:
             return
         if kind == "anchor":
+            ends = [anchor.position for anchor in attached.patch.anchors]
+            if any(
+                _is_same_spot(hit, end) for end in (*ends[max(number - 1, 0) : number], *ends[number + 1 : number + 2])
+            ):
+                self._page.say("Points next to each other lie apart: the point stays where it was.", ASKS)
+                return
             point = hit.place.tolist()
             self._page.slide(
                 (name, kind, number), lambda draft: self._session.move_point(name, number, point, draft=draft)
@@ -93,3 +118,8 @@ class Pointer:
         before = next(tool.values.get("width") for tool in self._session.tools() if tool.name == name)
         width = as_written(_WIDTH, max(round(percent, 1), _MIN_WIDTH), before, patch.span)
         self._page.slide((name, "width"), lambda draft: self._session.set_value(name, ("width",), width, draft=draft))
+
+
+def _is_same_spot(hit: Hit, place: Floats) -> bool:
+    """True if a hand that points at a hit means a (3,) place at rest."""
+    return float(np.linalg.norm(hit.place - place)) < _SAME_SPOT * hit.distance

@@ -43,11 +43,18 @@ _DEPTH = 100.0  # a camera sees from its distance over this to its distance time
 
 @dataclass(frozen=True, slots=True)
 class Hit:
-    """The point of a mesh under the mouse: its (3,) position at rest, and its spot on the shown triangles."""
+    """The point of a mesh under the mouse.
+
+    Attributes:
+        place: (3,) position at rest, world space.
+        spot: The point on the shown triangles.
+        distance: From the eye, scene units.
+    """
 
     mesh: ShownMesh
     place: Floats
     spot: SurfacePoints
+    distance: float
 
 
 class Viewport:
@@ -218,7 +225,8 @@ class Viewport:
                 point = origin + distance * direction
                 _, barycentrics, _ = closest_point(mesh.positions, mesh.faces[triangle], point)
                 place = barycentrics @ mesh.source.rest_positions[mesh.faces[triangle[0]]]
-                hit = Hit(mesh, place, SurfacePoints(number, triangle, barycentrics[None]))
+                depth = float(np.linalg.norm(point - origin))
+                hit = Hit(mesh, place, SurfacePoints(number, triangle, barycentrics[None]), depth)
         return hit
 
     def highlight(self, hit: Hit | None) -> None:

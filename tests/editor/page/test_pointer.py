@@ -1,0 +1,181 @@
+"""The mouse on the mesh: a tool comes of two clicks, and no click, drag or typed value takes a tool away."""
+
+import html
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from kit.limb import limb
+from wrinklecli.editor.page.page import Page
+from wrinklecli.editor.session import Session
+from wrinklecli.errors import ConfigError, WrinkleError
+
+TOOLS = """\
+version: 1
+tools:
+  - {name: a, origin: [-0.4, 0.25, 0], target: [0.4, 0.25, 0], width: 0.3, bumps: 3}
+  - {name: bent, path: [[-0.4, -0.25, 0], [0, -0.25, 0], [0.4, -0.25, 0]], width: 0.2}
+"""
+EYE = 3.0  # scene units above the axis of the limb
+DOWN = np.array([0.0, -1.0, 0.0])
+
+
+@pytest.fixture
+def page(tmp_path: Path) -> Iterator[Page]:
+    """A page of a limb with two tools, on the thread of the test."""
+    (tmp_path / "limb.yaml").write_text(TOOLS)
+    page = Page(Session(limb(tmp_path / "limb.glb", rings=8, sides=6)))
+    page.stop_work()
+    page.player.go(None, 0.0)
+    yield page
+    page.close()
+
+
+def do(page: Page, action: Any) -> None:
+    """Do what a click or a drag asks for, as the thread of the page does."""
+    try:
+        action()
+    except WrinkleError as error:
+        page._fail(error)
+
+
+def click(page: Page, x: float, z: float = 0.0) -> str:
+    """Click from above, and give the message."""
+    do(page, lambda: page._pointer._click(np.array([x, EYE, z]), DOWN))
+    return said(page)
+
+
+def drag(page: Page, number: int, *xs: float, below: bool = False) -> str:
+    """Drag an end of the chosen tool to some places, let go, and give the message."""
+    side = -1.0 if below else 1.0
+    for x in xs:
+        ray = (np.array([x, side * EYE, 0.0]), side * DOWN)
+        do(page, lambda ray=ray: page._pointer._move(str(page.chosen), "anchor", number, *ray))  # type: ignore[misc]
+    message = said(page)
+    do(page, page.commit)
+    return message
+
+
+def said(page: Page) -> str:
+    return html.unescape(re.sub("<br>", "\n", re.sub("<(?!br>)[^>]*>", "", page._message.content)))
+
+
+def tools_of(page: Page) -> dict[str, Any]:
+    return {tool["name"]: tool for tool in yaml.safe_load(page.session.text)["tools"]}
+
+
+@pytest.mark.parametrize("nearly", [0.0, 1e-9, 1e-3, -5e-3])
+def test_two_clicks_on_one_spot_leave_one_end(page: Page, nearly: float) -> None:
+    page._pointer._begin_new()
+    assert "where it ends" in click(page, -0.3)
+    assert click(page, -0.3 + nearly) == "It began there. Click another place where it ends, or Cancel."
+    assert click(page, -0.3, nearly) == "It began there. Click another place where it ends, or Cancel."
+    assert page.session.text == TOOLS
+    assert "wrinkle_1 is new" in click(page, 0.3)
+    added = tools_of(page)["wrinkle_1"]
+    assert (added["origin"][0], added["target"][0]) == pytest.approx((-0.3, 0.3), abs=1e-3)
+    assert not page.session.tools()[-1].problem
+
+
+def test_a_click_beside_the_mesh_leaves_the_new_tool_as_it_is(page: Page) -> None:
+    page._pointer._begin_new()
+    assert click(page, 9.0) == "There is no mesh. Click where the tool begins. It runs across the wrinkles."
+    click(page, -0.3)
+    assert click(page, 9.0) == "There is no mesh. Now click where it ends."
+    assert "wrinkle_1 is new" in click(page, 0.3)
+
+
+def test_a_tool_that_is_refused_leaves_its_first_end(page: Page, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*_: object) -> str:
+        raise ConfigError("same as origin", where="tools[2].target")
+
+    page._pointer._begin_new()
+    click(page, -0.3)
+    with monkeypatch.context() as patched:
+        patched.setattr(page.session, "add_tool", refused)
+        assert click(page, 0.3) == "tools[2].target: same as origin\nClick another place where it ends, or Cancel."
+    assert "wrinkle_1 is new" in click(page, 0.3)
+
+
+def test_a_typed_value_that_is_refused_takes_no_click_away(page: Page) -> None:
+    page.choose("a", look=False)
+    page._pointer._begin_new()
+    click(page, -0.3)
+    page._commit_later("bumps", 9.0, lambda: page.session.set_value("a", ("bumps",), 99))
+    assert "found 99" in click(page, 0.3)
+    assert "wrinkle_1 is new" in click(page, 0.3)
+    assert tools_of(page)["a"]["bumps"] == 3
+
+
+def test_a_tool_that_does_not_fit_says_so_at_once(page: Page) -> None:
+    page._pointer._begin_new()
+    click(page, -0.3)
+    page.session.add_tool = lambda *_: page.session.copy("a")  # type: ignore[method-assign,assignment]
+    page.session.move_point("a", 0, [9, 9, 9])
+    message = click(page, 0.3)
+    assert "from the mesh" in message
+    assert message.endswith("Drag its ends, or Undo.")
+
+
+@pytest.mark.parametrize(
+    ("tool", "number", "ends"), [("a", 0, [0.4]), ("a", 1, [-0.4]), ("bent", 1, [-0.4, 0.4]), ("bent", 2, [0.0])]
+)
+def test_a_point_that_is_dragged_onto_its_neighbour_stays_where_it_was(
+    page: Page, tool: str, number: int, ends: list[float]
+) -> None:
+    page.choose(tool, look=False)
+    for end in ends:
+        for nearly in (0.0, 1e-9, 4e-3):
+            half_way = 0.8 * end + 0.05
+            message = drag(page, number, half_way, end + nearly, below=tool == "bent")
+            assert message == "Points next to each other lie apart: the point stays where it was."
+            points = tools_of(page)[tool].get("path") or [tools_of(page)[tool][key] for key in ("origin", "target")]
+            assert points[number][0] == pytest.approx(half_way, abs=2e-3)
+    assert [each.problem for each in page.session.tools()] == [None, None]
+
+
+def test_a_draft_that_is_refused_leaves_the_one_before_it(page: Page) -> None:
+    page.choose("a", look=False)
+    for bumps in (5, 99, 98):
+        do(
+            page,
+            lambda bumps=bumps: page.slide(
+                "bumps", lambda draft: page.session.set_value("a", ("bumps",), bumps, draft=draft)
+            ),
+        )  # type: ignore[misc]
+    assert said(page) == f"{page.session.path}: a.bumps: found 98, expected a whole number from 1 to 64"
+    do(page, page.commit)
+    assert tools_of(page)["a"]["bumps"] == 5
+    assert page.session.undo()
+    assert page.session.text == TOOLS
+
+
+@pytest.mark.parametrize(
+    ("steps", "value"),
+    [
+        (("width",), "0%"),
+        (("width",), None),
+        (("bumps",), float("nan")),
+        (("clips",), {"fold": "x"}),
+        (("clips",), "walk: 1"),
+        (("lag",), '{"frequency": -1}'),
+        (("node",), "\x7f"),
+        (("seed",), 10**30),
+    ],
+)
+def test_a_value_that_is_refused_leaves_the_tool(page: Page, steps: tuple[str, ...], value: Any) -> None:
+    page.choose("a", look=False)
+    for mode in ("typed", "at once", "slides"):
+        page._changed(steps, value, mode)  # type: ignore[arg-type]
+        do(page, page.work._asked.pop(("set", steps)))
+        do(page, page.commit)
+        assert page._message.content.count("#c92a2a") == 1
+        assert page.session.text == TOOLS
+        assert page.chosen == "a"
+        assert page.session.tools()[0].problem is None
+        page.say("")
