@@ -463,3 +463,17 @@ def test_what_cannot_be_decoded_is_compared_as_it_is_stored(change: Callable[[As
     for view in after.gltf["bufferViews"]:
         after.data[view["byteOffset"]] ^= 1
     assert "cannot be decoded, and is stored otherwise" in " ".join(compared(tmp_path, before, after).lines())
+
+
+@pytest.mark.parametrize("unnamed", [{}, {"name": ""}], ids=str)
+def test_a_node_that_gets_a_name_is_the_same_node(unnamed: Json, tmp_path: Path) -> None:
+    """Of several nodes without a name, alike but for their place, only one gets a name."""
+    paths = []
+    for given in (unnamed, {"name": "node_2"}):
+        asset = Asset()
+        for index in range(4):
+            asset.append("nodes", {"translation": [float(index), 0.0, 0.0], **(given if index == 2 else unnamed)})
+        asset.append("scenes", {"nodes": [0, 1, 2, 3]})
+        paths.append(asset.write(tmp_path / f"{len(paths)}.glb"))
+    for one, other in (paths, paths[::-1]):
+        assert [each.place for each in diff(one, other).differences] == ["/nodes/2/name"]

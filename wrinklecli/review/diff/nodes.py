@@ -12,9 +12,12 @@ from wrinklecli.numeric.arrays import Floats, affine_rows, unit_quaternions
 from wrinklecli.review.diff.difference import Difference, Findings, Link, Sides, brief, differ, pairs_by_key
 from wrinklecli.review.diff.values import dict_differences, property_gaps, value_differences
 
+# An empty name is none.
+_UNNAMED = {None, ""}
+
 
 def pair_nodes(a: Document, b: Document) -> tuple[dict[int, int], list[Difference]]:
-    """Pair nodes from the roots down by name, then similar ones of other names, then equal names anywhere.
+    """Pair nodes from the roots down by name, or by index without one; then similar ones; then equal names anywhere.
 
     Returns:
         Nodes of the second document by those of the first; and differences: renamed, moved and unpaired nodes.
@@ -50,24 +53,41 @@ class _Pairing:
         a, b = self.documents
         nodes_a, nodes_b = a.items("nodes"), b.items("nodes")
         names_a, names_b = self.names
-        known_a, known_b = (set(names) - {None} for names in self.names)
+        known_a, known_b = (set(names) - _UNNAMED for names in self.names)
         stack = [(list(roots_a), list(roots_b))]
         while stack:
             level_a, level_b = stack.pop()
             level_a = [i for i in dict.fromkeys(level_a) if i not in self.nodes]
             level_b = [j for j in dict.fromkeys(level_b) if j not in self.taken]
-            pairs = pairs_by_key(level_a, level_b, names_a.__getitem__, names_b.__getitem__)
+            # A bake gives names to joints without one, and keeps the indices.
+            pairs = {
+                i: i
+                for i in sorted(set(level_a) & set(level_b))
+                if _UNNAMED & {names_a[i], names_b[i]}
+                and names_a[i] not in known_b
+                and names_b[i] not in known_a
+                and _features(nodes_a[i]) == _features(nodes_b[i])
+            }
+            for i in pairs:
+                if names_a[i] != names_b[i]:
+                    self._report_name(i, i)
+            rest_a, rest_b = ([index for index in level if index not in pairs] for level in (level_a, level_b))
+            pairs |= pairs_by_key(rest_a, rest_b, names_a.__getitem__, names_b.__getitem__)
             paired = set(pairs.values())
             rest_a = [i for i in level_a if i not in pairs and names_a[i] not in known_b]
             rest_b = [j for j in level_b if j not in paired and names_b[j] not in known_a]
             alike = pairs_by_key(rest_a, rest_b, lambda i: _features(nodes_a[i]), lambda j: _features(nodes_b[j]))
             for i, j in alike.items():
-                message = f"{brief(names_a[i])} -> {brief(names_b[j])}"
-                self.found.append(differ("structure", ("nodes", i, "name"), message, name=names_a[i]))
+                self._report_name(i, j)
                 pairs[i] = j
             self.nodes |= pairs
             self.taken |= set(pairs.values())
             stack += [(_children(a, i), _children(b, j)) for i, j in pairs.items()]
+
+    def _report_name(self, i: int, j: int) -> None:
+        names_a, names_b = self.names
+        message = f"{brief(names_a[i])} -> {brief(names_b[j])}"
+        self.found.append(differ("structure", ("nodes", i, "name"), message, name=names_a[i]))
 
     def pair_elsewhere(self) -> None:
         """Pair nodes of the same name with other parents, and the nodes below them."""
@@ -75,7 +95,7 @@ class _Pairing:
         parents_a, parents_b = self.parents
         waiting: dict[Any, list[int]] = {}
         for j in reversed(_from_roots(self.documents[1], parents_b)):
-            if j not in self.taken and names_b[j] is not None:
+            if j not in self.taken and names_b[j] not in _UNNAMED:
                 waiting.setdefault(names_b[j], []).append(j)
         for i in _from_roots(self.documents[0], parents_a):
             while i not in self.nodes and waiting.get(names_a[i]):
