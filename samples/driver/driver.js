@@ -2,6 +2,7 @@
 // `wrinkleWeights` needs neither a browser nor three.js; `WrinkleDriver` is how three.js uses it.
 
 import { foldWeights } from './fold.js';
+import { jointFinder, morphMeshes, named, nameOf, quoted } from './joints.js';
 import { between } from './polyline.js';
 import { lagged } from './spring.js';
 
@@ -87,42 +88,44 @@ export function wrinkleWeights(
 /**
  * Drives every body below a three.js object. Call `update` each frame, after the mixer and before rendering, with the
  * clip's name and time, and the seconds since the last call: without these, time's own, which stop where a clip loops.
+ * The console says what is left out, and why.
  */
 export class WrinkleDriver {
   constructor(root) {
     this.root = root;
-    this.objects = {};
     this.bodies = [];
-    root.traverse((object) => {
-      // GLTFLoader changes names that it finds hard to bind, and keeps the file's. A body may be named like a joint.
-      const name = object.userData.name ?? object.name;
-      if (object.isBone || !(name in this.objects)) this.objects[name] = object;
-      const meshes = [];
-      if (object.userData.wrinkle) object.traverse((each) => each.morphTargetDictionary && meshes.push(each));
-      const { tools, folds = [], parts = [] } = object.userData.wrinkle ?? {};
-      // A fold that no joint bends is driven as a tool.
-      const [bent, risen] = [folds.filter(({ joint }) => joint), folds.filter(({ joint }) => !joint)];
-      if (meshes.length) this.bodies.push({ tools: [...tools, ...risen], folds: bent, parts, meshes, states: [] });
-    });
+    root.traverse((object) => object.userData.wrinkle && this.add(object, object.userData.wrinkle));
+    if (!this.bodies.length) console.warn('wrinkle: nothing to drive: no object has extras.wrinkle and morph targets');
+  }
+
+  add(object, { tools = [], folds = [], parts = [] }) {
+    const warn = (line) => console.warn(`wrinkle: ${nameOf(object)}: ${line}`);
     // The other parts of a mesh that was split stand beside it.
-    for (const { parts, meshes } of this.bodies)
-      root.traverse((object) => {
-        if (!parts.includes(object.userData.name ?? object.name)) return;
-        object.traverse((each) => each.morphTargetDictionary && !meshes.includes(each) && meshes.push(each));
-      });
-    const isThere = (tool) => anchorsOf(tool).every(({ joints }) => joints.every((name) => name in this.objects));
-    const bends = ({ joint, parent = joint }) => joint in this.objects && parent in this.objects;
-    for (const body of this.bodies) {
-      body.tools = body.tools.filter(isThere);
-      body.folds = body.folds.filter(bends);
-    }
+    const places = parts.map((name) => named(this.root, name));
+    parts.forEach((name, k) => places[k].length || warn(`there is no part ${quoted([name])}`));
+    const meshes = [object, ...places.flat()].flatMap(morphMeshes);
+    const jointOf = jointFinder(this.root, object, meshes, warn);
+    const isThere = (drive) => {
+      const { name, joint, parent = joint, targets } = drive;
+      const called = name ?? `the fold of ${quoted([joint])}`;
+      const joints = joint === undefined ? anchorsOf(drive).flatMap((each) => each.joints) : [joint, parent];
+      const absent = joints.filter((each) => !jointOf(each));
+      const lost = targets.filter((target) => !meshes.some((each) => target in each.morphTargetDictionary));
+      if (absent.length) warn(`${called} is left out, as there is no joint ${quoted(absent)}`);
+      if (lost.length) warn(`${called} does not show, as there is no morph target ${quoted(lost)}`);
+      return !absent.length;
+    };
+    // A fold that no joint bends is driven as a tool.
+    const [bent, risen] = [folds.filter(({ joint }) => joint), folds.filter(({ joint }) => !joint)];
+    const jointMatrixOf = (name) => jointOf(name).matrixWorld.elements;
+    const drives = { tools: [...tools, ...risen].filter(isThere), folds: bent.filter(isThere) };
+    if (meshes.length) this.bodies.push({ ...drives, meshes, jointMatrixOf, states: [] });
   }
 
   update(clip, time, elapsed = Math.max(time - this.time, 0)) {
     this.time = time;
     this.root.updateMatrixWorld();
-    const jointMatrixOf = (name) => this.objects[name].matrixWorld.elements;
-    for (const { tools, folds, meshes, states } of this.bodies) {
+    for (const { tools, folds, meshes, states, jointMatrixOf } of this.bodies) {
       const { morphTargetDictionary: numbers, morphTargetInfluences: influences } = meshes[0];
       const morphWeightOf = (name) => influences[numbers[name]] ?? 0;
       const show = ({ targets }, found) => {

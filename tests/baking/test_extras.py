@@ -2,13 +2,17 @@
 
 import json
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import wrinklecli
 from kit.bakes import bake_config, bake_once
+from kit.limb import limb_asset, write_tools
 from kit.player import Floats, Gltf, anchor_distances, described
-from kit.samples import BROW, Editor, edited, sharp_keys, spline_keys
+from kit.samples import BROW, Editor, config, edited, sharp_keys, spline_keys
+from wrinklecli.review.diff.diff import diff
 
 
 def assert_replayed(file: Gltf, node: str, clip: str, times: Floats, tolerance: float) -> None:
@@ -72,6 +76,55 @@ def test_extras_say_that_a_tool_acts_in_some_clips_alone(clip: str, acts: bool) 
     if acts:
         times, _ = after.keys("raise_brows", "head")
     assert_replayed(after, "head", "raise_brows", times, 1 / 256 + 1e-3)
+
+
+def without_names(editor: Editor) -> None:
+    """Joints without a name, or with an empty one; another node has the name that one of them would get."""
+    skin = editor.json["skins"][0]["joints"]
+    for joint in skin[::2]:
+        del editor.json["nodes"][joint]["name"]
+    for joint in skin[1::2]:
+        editor.json["nodes"][joint]["name"] = ""
+    editor.json["nodes"].append({"name": f"node_{skin[1]}"})
+
+
+def test_joints_without_a_name_get_one(tmp_path: Path) -> None:
+    """Those of drives alone, and it is said; the asset comes back without them."""
+    asset = edited("wrist", without_names)
+    before, after = Gltf(asset), bake_once(asset, top=config("wrist"), max_levels=0)
+    (body,) = (node for node in after.json["nodes"] if "extras" in node)
+    tools = body["extras"]["wrinkle"]["tools"]
+    wanted = {joint for tool in tools for end in ("origin", "target") for joint in tool[end]["joints"]}
+    changed = {
+        now["name"]: was.get("name")
+        for was, now in zip(before.json["nodes"], after.json["nodes"], strict=True)
+        if was.get("name") != now.get("name")
+    }
+    assert changed.keys() == wanted
+    assert not any(changed.values())
+    assert f"node_{before.json['skins'][0]['joints'][1]}_2" in wanted
+    tools_file = tmp_path / "tools.yaml"
+    tools_file.write_text(json.dumps(config("wrist")))
+    report = wrinklecli.bake(asset, tools_file, tmp_path / "out.glb", max_levels=0)
+    (note,) = report.notes
+    assert f"{len(wanted)} joints of tools had no name" in note
+    assert report.data["notes"] == [note]
+    told = [each.message for each in diff(asset, tmp_path / "out.glb").differences if each.place.endswith("/name")]
+    assert len(told) == len(wanted)
+    again = wrinklecli.bake(tmp_path / "out.glb", tools_file, tmp_path / "again.glb", max_levels=0, replace=True)
+    assert again.notes
+    assert (tmp_path / "again.glb").read_bytes() == (tmp_path / "out.glb").read_bytes()
+    frames = wrinklecli.bake(asset, tools_file, tmp_path / "frames.glb", mode="frames", max_levels=0)
+    assert not frames.notes
+
+
+def test_joints_of_one_name_are_said(tmp_path: Path) -> None:
+    asset = limb_asset(rings=12, sides=8)
+    for node in asset.gltf["nodes"][1:]:
+        node["name"] = "bone"
+    path = asset.write(tmp_path / "limb.glb")
+    report = wrinklecli.bake(path, write_tools(tmp_path / "tools.yaml"), tmp_path / "out.glb")
+    assert any(f"{path}: several nodes are named 'bone'" in line for line in report.warnings)
 
 
 @pytest.mark.parametrize("change", [sharp_keys, spline_keys])

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from kit.asset import Asset
 from kit.limb import limb_asset
 from kit.prepared import as_document, rig_of
 from wrinklecli.character.clip import read_clips
@@ -108,3 +109,9 @@ def test_moving_nodes_are_joints_their_ancestors_and_the_mesh() -> None:
     asset = limb_asset(rings=3, sides=4, joints=3, root={})
     asset.gltf["nodes"].append({"name": "hat"})
     assert moving_nodes(read_rig(as_document(asset), 0)) == {0, 1, 2, 3, 4}
+
+
+def test_nodes_without_a_name_get_one_that_no_other_has() -> None:
+    nodes = [{"name": "node_1", "mesh": 0}, {}, {"name": ""}, {"name": "node_2_2"}, {"name": "node_2"}]
+    asset = Asset({"asset": {"version": "2.0"}, "nodes": nodes, "meshes": [{"primitives": []}]})
+    assert read_rig(as_document(asset), 0).names == ("node_1", "node_1_2", "node_2_3", "node_2_2", "node_2")

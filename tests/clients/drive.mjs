@@ -45,6 +45,20 @@ export async function drive({ file, anim, clip, times, node, drive: driven, elap
   return { weights, targets: Object.keys(parts[0].morphTargetDictionary) };
 }
 
+/** What the driver says on the console of a file. */
+export async function warnings(file) {
+  const { gltf } = await load(file);
+  const said = [];
+  const warn = console.warn;
+  console.warn = (line) => said.push(line);
+  try {
+    new WrinkleDriver(gltf.scene).update(null, 0);
+  } finally {
+    console.warn = warn;
+  }
+  return said;
+}
+
 /** A clip's tracks: [{node, path, times, values}], nodes by their names in the file. */
 export async function tracks(file, clip) {
   const { gltf } = await load(file);

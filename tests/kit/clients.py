@@ -286,6 +286,12 @@ def drive(
     return {name: weights[:, :, k] for k, name in enumerate(answer["targets"])}
 
 
+def driver_warnings(file: Path) -> list[str]:
+    """The lines on the console that the driver of the page in `samples/driver` writes for a file."""
+    said: list[str] = ask("drive", "warnings", str(file))
+    return said
+
+
 def clip_tracks(file: Path, clip: str) -> list[tuple[str, str, Floats, Floats]]:
     """What three.js reads of a clip: node, property as three.js calls it, (keys,) seconds and (keys, …) values."""
     found = []

@@ -1,13 +1,16 @@
 """The sample driver: it gives clips that were never baked the weights that baking gives them."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from kit.asset import Asset
 from kit.bakes import COARSE, bake_config, bake_fold, bake_once, folding_limb, place
-from kit.clients import clip_tracks, drive, gltfpack, optimize
-from kit.limb import nose
+from kit.clients import clip_tracks, drive, driver_warnings, gltfpack, optimize
+from kit.limb import limb_asset, nose
+from kit.limb import tool as crease
 from kit.places import ROOT
 from kit.player import Gltf, Json
 from kit.samples import BENT, BROW, Editor, config, edited
@@ -22,7 +25,7 @@ def test_the_sample_is_small() -> None:
     """What every player needs, and each file of what lag and contact need besides."""
     lines = {path.name: len(path.read_text().splitlines()) for path in (ROOT / "samples" / "driver").iterdir()}
     assert lines["driver.js"] + lines["index.html"] < 200
-    assert max(lines[name] for name in ("fold.js", "polyline.js", "spring.js")) < 60
+    assert max(lines[name] for name in ("fold.js", "joints.js", "polyline.js", "spring.js")) < 60
 
 
 @pytest.mark.quick(2)
@@ -110,6 +113,84 @@ def test_a_fold_that_touches_is_driven_as_it_is_tracked(tmp_path: Path) -> None:
         wanted = values[:, [names.index(name)]]
         assert wanted.any()
         assert np.abs(driven[name] - wanted).max() < TABLE
+
+
+def limb_with(*names: str | None) -> Asset:
+    """A limb whose nodes have other names, or none: the mesh, the two joints, and the root above these."""
+    asset = limb_asset(rings=12, sides=8, root={"scale": [2.0, 2.0, 2.0]})
+    for node, name in zip(asset.gltf["nodes"], names, strict=True):
+        del node["name"]
+        node |= {} if name is None else {"name": name}
+    return asset
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("limb", None, None, None),
+        ("limb", "", "", ""),
+        ("limb", "node_2", None, "root"),
+        ("limb", "arm.L", "arm/L", "[arm]:L"),
+        ("limb", "arm L", "arm_L", "root"),
+        ("limb", "ärm", "手", "root"),
+        ("limb", "limb", "joint", "root"),
+        ("limb", "joint", "root", "root"),
+    ],
+    ids=str,
+)
+def test_joints_are_found_whatever_their_names_are(names: tuple[str | None, ...]) -> None:
+    tools = crease(origin=[-0.8, 0.5, 0.0], target=[0.8, 0.5, 0.0])
+    bare, whole = (
+        bake_once(place(limb_with(*names)), tools, tracks=tracks, max_levels=0) for tracks in ("none", "all")
+    )
+    assert_driven(bare, whole, "limb", "fold")
+    assert driver_warnings(bare.path) == []
+
+
+def test_characters_of_one_file_may_have_joints_of_the_same_names() -> None:
+    """The second stands beside the first and does not fold; its own joints drive it."""
+    asset = limb_asset(rings=12, sides=8)
+    gltf = asset.gltf
+    gltf["nodes"] += [
+        {"name": "still", "mesh": 0, "skin": 1},
+        {"name": "joint_0", "translation": [-1.0, 0.0, 5.0], "children": [5]},
+        {"name": "joint_1", "translation": [1.0, 0.0, 0.0]},
+    ]
+    gltf["skins"].append({**gltf["skins"][0], "joints": [4, 5], "skeleton": 4})
+    gltf["scenes"][0]["nodes"] += [3, 4]
+    still = crease(name="idle", node="still", origin=[-0.4, 0.25, 5.0], target=[0.4, 0.25, 5.0])
+    bare = bake_once(place(asset), crease(node="limb"), still, tracks="none", max_levels=0)
+    assert driver_warnings(bare.path) == []
+    for node, highest in (("limb", 1.0), ("still", 0.0)):
+        driven = drive(bare.path, node=node, clip="fold", times=[0.0, 1.0], driver=True)
+        (name,) = (each for each in driven if each.startswith("wrinkle"))
+        assert np.allclose(driven[name][:, 0], [0.0, highest], atol=1e-3)
+
+
+def test_the_driver_says_what_it_does_not_find(tmp_path: Path) -> None:
+    body = bake_once(place(limb_asset(rings=12, sides=8)), crease(), tracks="none", max_levels=0)
+
+    def said(change: Callable[[Json], object]) -> list[str]:
+        editor = Editor(Gltf(body.path))
+        change(editor.json)
+        return driver_warnings(editor.save(tmp_path / "changed.glb"))
+
+    assert said(lambda gltf: gltf["nodes"][1].update(name="other")) == [
+        'wrinkle: limb: crease is left out, as there is no joint "joint_0"'
+    ]
+    assert said(lambda gltf: gltf["nodes"][1].update(name="joint_1")) == [
+        'wrinkle: limb: several joints are named "joint_1"; the first is taken',
+        'wrinkle: limb: crease is left out, as there is no joint "joint_0"',
+    ]
+    assert said(lambda gltf: gltf["meshes"][0].pop("extras")) == [
+        'wrinkle: limb: crease does not show, as there is no morph target "wrinkle_crease_1"'
+    ]
+    assert said(lambda gltf: gltf["nodes"][0]["extras"]["wrinkle"].update(parts=["limb_part2"])) == [
+        'wrinkle: limb: there is no part "limb_part2"'
+    ]
+    assert said(lambda gltf: gltf["nodes"][0].pop("extras")) == [
+        "wrinkle: nothing to drive: no object has extras.wrinkle and morph targets"
+    ]
 
 
 def joint_of_the_bodys_name(editor: Editor) -> None:

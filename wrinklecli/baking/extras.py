@@ -1,7 +1,9 @@
 """Extras of a baked node: the drives of its effects as JSON, for players of clips that were never baked."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
+from wrinklecli.character.anims import NamedNodes
 from wrinklecli.effects.effect import Effect, MeshPlan, targets_of
 from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.shape import Json
@@ -10,6 +12,37 @@ from wrinklecli.gltf.shape import Json
 METHOD = 3
 # The section that extras always have: readers know a baked node by it.
 _TOOLS = "tools"
+
+
+@dataclass(frozen=True, slots=True)
+class JointNames:
+    """The names by which players find the joints of drives.
+
+    Attributes:
+        given: Names of joints that have none in the asset.
+        shared: Names with which players find other nodes, too.
+    """
+
+    given: tuple[str, ...] = ()
+    shared: tuple[str, ...] = ()
+
+
+def name_joints(edited: EditedDocument, plan: MeshPlan, effects: Sequence[Effect]) -> JointNames:
+    """Give names to the joints of drives that have none, as extras name joints, and players look them up by name.
+
+    Indices would do for this file alone: optimisers number nodes anew, and players keep names.
+    """
+    rig, gltf = plan.rig, edited.gltf
+    joints = sorted({node for effect in effects if effect.drive is not None for node in effect.drive.nodes})
+    if not isinstance(gltf["nodes"][rig.node].get("extras", {}), dict):
+        return JointNames()
+    unnamed = [node for node in joints if not gltf["nodes"][node].get("name")]
+    for node in unnamed:
+        gltf["nodes"][node]["name"] = rig.names[node]
+    named = NamedNodes.of_body(gltf, rig.node, skinned=rig.skinned)
+    shared = [name for name in (rig.names[node] for node in joints) if name in named.shared]
+    shared += [rig.names[node] for node in joints if named.joints[rig.names[node]] != node]
+    return JointNames(tuple(rig.names[node] for node in unnamed), tuple(dict.fromkeys(shared)))
 
 
 def encode_extras(edited: EditedDocument, plan: MeshPlan, effects: Sequence[Effect], *, draft: bool = False) -> None:

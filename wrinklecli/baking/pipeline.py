@@ -8,6 +8,7 @@ from typing import Any
 
 from wrinklecli.baking.budget import BUDGETS, fit_budget, storage
 from wrinklecli.baking.estimate import refuse_too_much
+from wrinklecli.baking.extras import name_joints
 from wrinklecli.baking.frame_files import export_frames
 from wrinklecli.baking.frames import encode_frames
 from wrinklecli.baking.job import BakeOptions, Job, ToolsPaths, read_job, tools_paths
@@ -147,12 +148,13 @@ def _add_morph_targets(
     tracked = motions if options.tracks == "all" else []
     with clock.stage("encode"):
         encode_morphs(edited, plan, effects, tracked, tangents=options.morph_tangents, draft=options.draft)
+        names = name_joints(edited, plan, effects)
     residuals = {}
     if options.tracks == "all" and not options.draft:
         with clock.stage("prove"):
             residuals = prove(edited, plan, effects, motions, details=options.details, progress=progress)
     own_bytes = own_target_bytes(job.document.gltf, plan.rig), own_target_bytes(edited.gltf, plan.rig)
-    return BakedMesh(plan, tuple(effects), tuple(motions), residuals, budget, own_bytes)
+    return BakedMesh(plan, tuple(effects), tuple(motions), residuals, budget, own_bytes, joint_names=names)
 
 
 def _write(

@@ -1,18 +1,18 @@
 """The report of a bake: JSON values about each mesh, effect and clip, and a summary in one line."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 
 from wrinklecli.baking.budget import BUDGETS, texture_bytes
-from wrinklecli.baking.extras import METHOD
+from wrinklecli.baking.extras import METHOD, JointNames
 from wrinklecli.baking.job import Job
 from wrinklecli.baking.proof import Residual
 from wrinklecli.character.clip import KEY_GAP, Clip
 from wrinklecli.choices import Mode
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, targets_of
 from wrinklecli.effects.plan import mesh_warnings
-from wrinklecli.errors import counted
+from wrinklecli.errors import counted, listed
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, significant
 
@@ -30,7 +30,7 @@ class Report:
         data: For `--report`: JSON values only.
         warnings: A line each; with `--strict` any of them refuses the result.
         inputs: Every file that was read.
-        notes: A line for each part of other files' clips that was left out or renamed.
+        notes: A line for each part of other files' clips that was left out or renamed, and for joints that got names.
         bytes_written: Size of OUT with the files beside it.
         timings: For `--timings`: JSON values only.
         further_targets: Counts of the targets that are not of tools, for the summary.
@@ -110,6 +110,7 @@ class BakedMesh:
         budget: The last result of `fit_budget`, if an engine was named.
         own_bytes: Bytes of the asset's own morph targets, in the asset and in the written file.
         split: The mesh in parts; None if little was to be gained.
+        joint_names: The names by which players find the joints of the drives.
     """
 
     plan: MeshPlan
@@ -119,6 +120,7 @@ class BakedMesh:
     budget: Json | None = None
     own_bytes: tuple[int, int] = (0, 0)
     split: Split | None = None
+    joint_names: JointNames = field(default_factory=JointNames)
 
 
 def make_report(job: Job, baked: Sequence[BakedMesh], *, images: Sequence[str], tracks: bool) -> Report:
@@ -126,8 +128,10 @@ def make_report(job: Job, baked: Sequence[BakedMesh], *, images: Sequence[str], 
 
     `images` are files that were read besides those of the job. `tracks` is True if clips have tracks of weights.
     """
-    warnings = list(job.warnings)
+    warnings, notes = list(job.warnings), list(job.notes)
     for mesh in baked:
+        notes += _joint_notes(job, mesh.joint_names)
+        warnings += _joint_warnings(job, mesh.joint_names)
         clips = [motion.clip for motion in mesh.motions]
         warnings += mesh_warnings(mesh.plan, job.settings, clips, tracks=tracks)
         for number, effect in enumerate(mesh.effects):
@@ -151,7 +155,7 @@ def make_report(job: Job, baked: Sequence[BakedMesh], *, images: Sequence[str], 
         "meshes": [_describe_mesh(mesh, job.options.mode) for mesh in baked],
         **sections,
         "clips": _describe_clips(baked, details=job.options.details),
-        "notes": list(job.notes),
+        "notes": notes,
         "warnings": warnings,
     }
     if engine is not None:
@@ -164,9 +168,27 @@ def make_report(job: Job, baked: Sequence[BakedMesh], *, images: Sequence[str], 
         data=data,
         warnings=tuple(warnings),
         inputs=(*job.inputs, *images),
-        notes=job.notes,
+        notes=tuple(notes),
         further_targets=tuple(each for each in summaries if each),
     )
+
+
+def _joint_notes(job: Job, names: JointNames) -> Iterator[str]:
+    """A line if joints have got names."""
+    if names.given:
+        yield (
+            f"{job.document.path}: {counted(len(names.given), 'joint')} of tools had no name; players look joints up by"
+            f" name, so they are now named {listed(names.given)}"
+        )
+
+
+def _joint_warnings(job: Job, names: JointNames) -> Iterator[str]:
+    """A line if joints are not the only ones of their names."""
+    if names.shared:
+        yield (
+            f"{job.document.path}: several nodes are named {listed(names.shared)}; `track` and players that drive"
+            " wrinkles look joints up by name, and may take another one; name them apart"
+        )
 
 
 def _describe_mesh(mesh: BakedMesh, mode: Mode) -> Json:

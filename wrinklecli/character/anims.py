@@ -1,7 +1,7 @@
 """Reads clips of other files for an asset whose nodes have the same names."""
 
 import os
-from collections.abc import Container, Sequence
+from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, count
 from pathlib import Path
@@ -125,19 +125,42 @@ class NamedNodes:
     Attributes:
         joints: The first node of a name without a mesh, if any, as bodies are often named like a joint.
         meshes: The first node of a name with a mesh.
+        shared: Names of joints that other nodes have with the same right.
     """
 
     joints: dict[str, int]
     meshes: dict[str, int]
+    shared: frozenset[str] = frozenset()
 
     @classmethod
-    def of(cls, nodes: Sequence[Json]) -> "NamedNodes":
-        """Index nodes; a node without a name has the empty one."""
-        bare: dict[str, int] = {}
-        meshes: dict[str, int] = {}
-        for index, node in enumerate(nodes):
-            (meshes if "mesh" in node else bare).setdefault(str(node.get("name", "")), index)
-        return cls(meshes | bare, meshes)
+    def of(cls, nodes: Sequence[Json], preferred: Iterable[Iterable[int]] = ()) -> "NamedNodes":
+        """Index nodes that have a name; a node of the first group of `preferred` that has the name is its joint."""
+        bare = [index for index, node in enumerate(nodes) if "mesh" not in node]
+        meshes = [index for index, node in enumerate(nodes) if "mesh" in node]
+        joints: dict[str, int] = {}
+        shared: set[str] = set()
+        for group in (*preferred, bare, meshes):
+            found: dict[str, int] = {}
+            for index in dict.fromkeys(group):
+                name = nodes[index].get("name")
+                if name and name not in joints and found.setdefault(name, index) != index:
+                    shared.add(name)
+            joints |= found
+        with_mesh = {nodes[index]["name"]: index for index in reversed(meshes) if nodes[index].get("name")}
+        return cls(joints, with_mesh, frozenset(shared))
+
+    @classmethod
+    def of_body(cls, gltf: Json, node: int | None, *, skinned: bool) -> "NamedNodes":
+        """Index nodes for the drives of a body, on a node if the document has it.
+
+        A joint of the body's own skin goes before those of other skins, as characters in one document often have the
+        same names, and these go before other nodes. A body without skin is its own joint.
+        """
+        nodes, skins = gltf.get("nodes", []), gltf.get("skins", [])
+        own: list[int] = []
+        if node is not None:
+            own = skins[nodes[node]["skin"]]["joints"] if "skin" in nodes[node] else [] if skinned else [node]
+        return cls.of(nodes, [own, (joint for skin in skins for joint in skin.get("joints", []))])
 
     def moved_by(self, path: str, name: str) -> int | None:
         """The node of a name that a channel of a path moves, if any."""

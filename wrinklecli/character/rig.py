@@ -7,6 +7,7 @@ Source: glTF 2.0 specification, §3.5 (nodes), §3.7.3 (skins).
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import chain, count
 
 import numpy as np
 
@@ -31,7 +32,7 @@ class Hierarchy:
         parents: (nodes,) each node's parent, -1 for roots.
         locals: Stored translation, rotation (x, y, z, w) and scale of each node, or its stored 4×4 matrix.
         rows: (3, 4, nodes) upper rows of the stored local matrices.
-        names: One for each node.
+        names: One for each node: its own, or else one that no other node has.
     """
 
     parents: Ints
@@ -71,8 +72,17 @@ def read_hierarchy(document: Document) -> Hierarchy:
         if not all(in_range(part) for part in parts.values()):
             message = f"is moved by a number that is not finite, or above {LARGEST:g}"
             raise AssetError(message, where=document.where("nodes", index))
-    names = tuple(str(each.get("name", f"node_{index}")) for index, each in enumerate(nodes))
-    return Hierarchy(parents, locals_, _stored_rows(locals_), names)
+    return Hierarchy(parents, locals_, _stored_rows(locals_), _node_names(nodes))
+
+
+def _node_names(nodes: Sequence[Json]) -> tuple[str, ...]:
+    taken = {node.get("name") for node in nodes}
+
+    def free(index: int) -> str:
+        names = chain([f"node_{index}"], (f"node_{index}_{again}" for again in count(2)))
+        return next(name for name in names if name not in taken)
+
+    return tuple(node.get("name") or free(index) for index, node in enumerate(nodes))
 
 
 def read_rig(document: Document, node: int, hierarchy: Hierarchy | None = None) -> Rig:

@@ -67,6 +67,13 @@ class Drive:
     strength: float = 1.0
     own: tuple[str, ...] = ()
 
+    @property
+    def nodes(self) -> frozenset[int]:
+        """The nodes whose matrices the signal needs."""
+        if isinstance(self.signal, JointAngle):
+            return frozenset({self.signal.node, self.signal.parent} - {-1})
+        return frozenset(node for point in self.signal.points for node in point.nodes.tolist())
+
     def reader(self, rig: Rig, clip: Clip) -> Callable[[Floats], Lengths | Angles]:
         """A function from (frames,) seconds of a clip to the filtered measurements."""
         if isinstance(self.signal, JointAngle):
