@@ -1,18 +1,21 @@
 """`wrinkle track`: the body in one file, each clip in another."""
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from kit.asset import Asset
 from kit.bakes import COARSE, bake_config, bake_once, place
 from kit.clients import assert_valid, drive
 from kit.command import Wrinkle
 from kit.limb import limb_asset, tool
 from kit.player import Gltf, Json, differences, wrinkle_columns
 from kit.samples import BENT, BROW, Editor, bystanders, config, edited, sample, skeleton_only
+from wrinklecli.baking import parts
 from wrinklecli.baking.track import Tracked, track
 from wrinklecli.errors import AssetError, BakeError
 from wrinklecli.gltf.document import read_document
@@ -424,7 +427,135 @@ def test_from_the_command_line(wrinkle: Wrinkle, tmp_path: Path) -> None:
     ran = wrinkle("track", body, anim, "-o", "out", "-v", "--max-error", "2%", "--allow-external")
     assert ran.code == 0
     assert ran.lines[0] == "knee.L on trousers: targets wrinkle_knee_L_1"
-    assert len(ran.lines) == 5
+    assert [line.split(": ")[0] for line in ran.lines[:4]] == [
+        f"{knee}.{side} on trousers" for knee in ("knee", "knee_slant") for side in "LR"
+    ]
+    reason = r"walk: knee_slant\.[LR] stays flat, as its ends come no closer than 1\d\d\.?\d? % of its rest length"
+    assert all(re.search(reason, line) for line in ran.lines[4:6])
+    assert len(ran.lines) == 7
+
+
+def skeleton(*animations: Json, names: tuple[str | None, ...] = ("other", "joint_0", "joint_1")) -> Asset:
+    """The joints of a limb with clips, {name: turns of the inner joint about z by degrees, a second apart}."""
+    asset = limb_asset(rings=2, sides=3, clip=None)
+    gltf = asset.gltf
+    gltf["nodes"] = [{key: value for key, value in node.items() if key != "name"} for node in gltf["nodes"]]
+    for node, name in zip(gltf["nodes"], names, strict=True):
+        node |= {} if name is None else {"name": name}
+    for key in ("mesh", "skin"):
+        del gltf["nodes"][0][key]
+    del gltf["meshes"], gltf["skins"]
+    for animation in animations:
+        for name, degrees in animation.items():
+            halves = np.radians(degrees) / 2.0
+            clip: Json = {"name": name}
+            asset.channel(
+                clip, 2, "rotation", np.arange(len(halves)), [[0, 0, np.sin(half), np.cos(half)] for half in halves]
+            )
+            asset.append("animations", clip)
+    return asset
+
+
+def limb_body(**keys: Json) -> Gltf:
+    return bake_once(place(limb_asset(rings=12, sides=8)), tool(**keys), tracks="none", max_levels=0)
+
+
+def test_a_clip_that_raises_nothing_is_told_with_the_reason(wrinkle: Wrinkle, tmp_path: Path) -> None:
+    body, anim = limb_body(clips={"fold": 0}).path, place(skeleton({"back": [0, -60]}, {"fold": [0, 100]}))
+    _, report = run(Gltf(body), anim, tmp_path)
+    assert report.clips == ("back", "fold")
+    assert report.flat == (
+        f"{anim}: back: crease stays flat, as its ends come no closer than 100 % of its rest length",
+        f"{anim}: fold: crease stays flat, as its strength is 0 in this clip",
+    )
+    assert report.notes == tuple(
+        line.replace(": crease", ": raises no wrinkle of 'limb': crease") for line in report.flat
+    )
+    assert not report.warnings
+    ran = wrinkle("track", body, anim, "-o", "out", "--strict")
+    assert (ran.code, ran.lines[:-1]) == (0, list(report.notes))
+    assert wrinkle("track", body, anim, "-o", "out", "-q").lines == []
+
+
+def test_clips_of_no_time_and_clips_of_one_name(tmp_path: Path) -> None:
+    anim = place(skeleton({"pose": [100]}, {"fold": [0, 100]}, {"fold": [0, 10]}, {"": [0, 100]}))
+    made, report = run(limb_body(), anim, tmp_path)
+    assert report.clips == ("pose", "fold", "fold#2", "animation_3")
+    assert not report.warnings
+    weights = [made.weights("limb", clip, [0.0, 1.0])[:, 0] for clip in range(4)]
+    assert np.allclose(weights[0], 1.0)
+    assert np.allclose(weights[1], [0.0, 1.0])
+    assert 0.1 < weights[2][1] < 1.0
+    assert np.allclose(weights[3], weights[1])
+    assert_valid(made.path)
+
+
+def test_a_file_without_names_is_told_why(tmp_path: Path) -> None:
+    anim = place(skeleton({"fold": [0, 100]}, names=(None, None, "")))
+    with pytest.raises(AssetError, match=r"'joint_0', 'joint_1', its nodes are none; 3 more nodes without a name"):
+        track(limb_body().path, [anim], tmp_path)
+
+
+def test_the_bodys_node_without_its_mesh_gets_the_stub(tmp_path: Path) -> None:
+    """A further node of its name would get another one in three.js."""
+    anim = place(skeleton({"fold": [0, 100]}, names=("limb", "joint_0", "joint_1")))
+    body = limb_body()
+    made, report = run(body, anim, tmp_path)
+    assert not report.warnings
+    assert len(made.json["nodes"]) == 3
+    found = drive(body.path, anim=made.path, node="limb", clip="fold", times=[0.0, 1.0])
+    assert np.allclose(found["wrinkle_crease_1"][:, 0], [0.0, 1.0])
+
+
+def test_names_that_three_js_makes_one_are_said(tmp_path: Path) -> None:
+    asset = limb_asset(rings=12, sides=8)
+    asset.gltf["nodes"][0]["name"], asset.gltf["nodes"][1]["name"] = "the.limb", "the[limb]"
+    body = bake_once(place(asset), tool(), tracks="none", max_levels=0)
+    _, report = run(body, place(skeleton({"fold": [0, 100]}, names=("other", "the[limb]", "joint_1"))), tmp_path)
+    assert any("named 'the.limb' too" in line for line in report.warnings)
+
+
+def test_joints_of_the_files_own_body_go_first(tmp_path: Path) -> None:
+    """Another character of the file has joints of the same names, and comes first."""
+    asset = limb_asset(rings=12, sides=8)
+    gltf = asset.gltf
+    gltf["nodes"] = [
+        {"name": "joint_0", "children": [1]},
+        {"name": "joint_1", "translation": [1.0, 0.0, 0.0]},
+        {"name": "limb", "mesh": 0, "skin": 1},
+        {"name": "joint_0", "translation": [-1.0, 0.0, 0.0], "children": [4]},
+        {"name": "joint_1", "translation": [1.0, 0.0, 0.0]},
+    ]
+    gltf["skins"] = [{"joints": [0, 1]}, {**gltf["skins"][0], "joints": [3, 4], "skeleton": 3}]
+    gltf["scenes"][0]["nodes"] = [0, 2, 3]
+    gltf["animations"][0]["channels"][0]["target"]["node"] = 4
+    made, report = run(limb_body(), place(asset), tmp_path)
+    assert not report.warnings
+    assert np.allclose(made.weights("limb", "fold", [0.0, 1.0])[:, 0], [0.0, 1.0])
+
+
+@pytest.mark.parametrize("mesh", [True, False])
+def test_parts_without_skin_move_as_their_node_does(
+    mesh: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(parts, "_WORTH", 2000)
+    asset = limb_asset(skinned=False, morphs=1, morph_clip="LINEAR", rings=16)
+    asset.channel(asset.gltf["animations"][0], 0, "translation", [0.0, 1.0], [[0, 0, 0], [0, 3, 0]])
+    other = {"name": "other", "origin": [-0.3, 0.0, 0.25], "target": [0.3, 0.0, 0.25]}
+    body = bake_once(place(asset), tool(width=0.2), tool(**other), tracks="none", split=True)
+    names = [node["name"] for node in body.json["nodes"]]
+    assert names[:2] == ["limb", "limb_part2"]
+    if not mesh:
+        del asset.gltf["nodes"][0]["mesh"], asset.gltf["meshes"]
+        clip = asset.gltf["animations"][0]
+        clip["channels"] = [each for each in clip["channels"] if each["target"]["path"] != "weights"]
+    made, _ = run(body, place(asset), tmp_path)
+    found = {node["name"]: index for index, node in enumerate(made.json["nodes"])}
+    moved = [
+        each["target"]["node"] for each in made.json["animations"][0]["channels"] if "trans" in each["target"]["path"]
+    ]
+    assert moved == [found[name] for name in names]
+    assert_valid(made.path)
 
 
 def test_warnings_refuse_on_request(wrinkle: Wrinkle, tmp_path: Path) -> None:

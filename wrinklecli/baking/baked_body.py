@@ -3,6 +3,7 @@
 Source: the extras of `extras.encode_extras`.
 """
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -27,6 +28,7 @@ class BakedPart:
         primitives: The number of the mesh's primitives.
         targets: The names of its morph targets.
         stored: (targets,) weights in the stored pose.
+        skinned: True if the node has a skin.
     """
 
     node: str
@@ -34,6 +36,7 @@ class BakedPart:
     primitives: int
     targets: tuple[str, ...]
     stored: Floats
+    skinned: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +47,7 @@ class BakedBody:
         parts: The node itself, whose mesh has all of the asset's own morph targets, and the others.
         drives: The drives of its morph targets, first those of segments, then those of joints.
         undriven: Names of further morph targets of effects, which nothing in the extras can drive.
-        ambiguous: True if a scene or another node has the node's name too.
+        ambiguous: True if a scene or another node has the node's name too, as three.js writes it.
         draft: True if it was baked as a draft.
     """
 
@@ -58,6 +61,11 @@ class BakedBody:
     def node(self) -> str:
         """Name of the node itself."""
         return self.parts[0].node
+
+    @property
+    def skinned(self) -> bool:
+        """True if a skin moves it."""
+        return self.parts[0].skinned
 
     @property
     def targets(self) -> tuple[str, ...]:
@@ -164,6 +172,7 @@ def _read_part(document: Document, node: int) -> BakedPart:
         primitives=len(mesh["primitives"]),
         targets=rig.morph_names,
         stored=rig.morph_weights,
+        skinned=rig.skinned,
     )
 
 
@@ -177,5 +186,11 @@ def _wrinkle_targets(node: Json) -> frozenset[str]:
 
 
 def count_named(document: Document, name: str) -> int:
-    """The number of nodes and scenes of a name."""
-    return sum(each.get("name") == name for kind in ("nodes", "scenes") for each in document.items(kind))
+    """The number of nodes and scenes of a name, as three.js writes it."""
+    names = (each.get("name", "") for kind in ("nodes", "scenes") for each in document.items(kind))
+    return sum(_sanitized(each) == _sanitized(name) for each in names)
+
+
+def _sanitized(name: str) -> str:
+    """A name as three.js writes it. Source: PropertyBinding.sanitizeNodeName of three.js."""
+    return re.sub(r"[\[\].:/]", "", re.sub(r"\s", "_", name))

@@ -7,8 +7,8 @@ right to 1/256 of the greatest.
 """
 
 import os
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -19,11 +19,12 @@ from wrinklecli.baking.morphs import encode_track
 from wrinklecli.baking.track_node import node_for_tracks
 from wrinklecli.character.anims import NamedNodes
 from wrinklecli.character.clip import KEY_GAP, KEY_STEP, Clip, clip_grid, read_clips
-from wrinklecli.character.rig import Rig, moving_nodes, read_rig
+from wrinklecli.character.rig import TRANSFORM_DEFAULTS, Rig, moving_nodes, read_rig
 from wrinklecli.character.weight_track import Track, pad, widen
 from wrinklecli.drive.drive import Drive, StoredDrive
+from wrinklecli.drive.segment import Segment
 from wrinklecli.drive.table import TABLE_ERROR
-from wrinklecli.errors import AssetError, BakeError, RefusedError, listed, nearest
+from wrinklecli.errors import AssetError, BakeError, RefusedError, counted, listed, nearest
 from wrinklecli.files.outputs import Outputs, part_of
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.edited_document import EditedDocument
@@ -79,12 +80,16 @@ class Tracked:
         clips: Names of the clips that got weights.
         tools: A line for each tool: its name, node and targets.
         warnings: A line each.
+        notes: A line for each clip that moves anchors of a body, and raises no wrinkle of it.
+        flat: A line for each tool that stays flat in a clip, and why.
     """
 
     path: str
     clips: tuple[str, ...]
     tools: tuple[str, ...]
     warnings: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+    flat: tuple[str, ...] = ()
 
 
 def track(
@@ -165,8 +170,7 @@ def _track_file(
     """
     document = edited.source
     clips = read_clips(document)
-    nodes = document.items("nodes")
-    names = [str(node.get("name", "")) for node in nodes]
+    names = [node["name"] for node in document.items("nodes") if node.get("name")]
     warnings = [
         f"{document.path}: a scene or another node is named {body.node!r} too, here or in the body's file:"
         " three.js renames all but the first, and tracks then miss the body"
@@ -180,55 +184,85 @@ def _track_file(
     ]
     present: list[tuple[BakedBody, list[StoredDrive]]] = []
     for body in bodies:
-        drives, missed = present_drives(body, nodes)
+        drives, missed = present_drives(body, document.gltf)
         present.append((body, drives))
         warnings += [f"{document.path}: {line}" for line in missed]
     if not any(drives for _, drives in present):
         segments = (each for body in bodies for each in body.drives if each.measures_segment)
         wanted = dict.fromkeys(joint for each in segments for joint in each.joints)
+        unnamed = len(document.items("nodes")) - len(names)
         raise AssetError(
-            f"has no tool's joints; the anchors are on {listed(wanted)}, its nodes are {listed(names)}",
+            f"has no tool's joints; the anchors are on {listed(wanted)}, its nodes are {listed(names)}"
+            + (f"; {counted(unnamed, 'more node')} without a name, and tracks find joints by name" if unnamed else ""),
             where=document.path,
         )
     if not clips:
         warnings.append(f"{document.path}: has no clip")
     tracked: dict[str, None] = {}
+    notes: list[str] = []
+    flat: list[str] = []
     for body, drives in present:
         if drives:
-            moved, still = track_body(edited, body, drives, clips, fps=fps, tolerance=tolerance)
-            tracked |= dict.fromkeys(moved)
-            warnings += [f"{document.path}: {name}: moves no anchor of {body.node!r}" for name in still]
+            made = track_body(edited, body, drives, clips, fps=fps, tolerance=tolerance)
+            tracked |= dict.fromkeys(made.moved)
+            warnings += [f"{document.path}: {name}: moves no anchor of {body.node!r}" for name in made.still]
+            notes += [f"{document.path}: {name}: raises no wrinkle of {body.node!r}: {why}" for name, why in made.idle]
+            flat += [f"{document.path}: {name}: {why}" for name, why in made.flat]
     lines = (
         f"{each.name} on {body.node}: targets {', '.join(each.targets)}"
         for body, drives in present
         for each in drives
         if each.measures_segment
     )
-    return Tracked(output, tuple(tracked), tuple(lines), tuple(warnings))
+    return Tracked(output, tuple(tracked), tuple(lines), tuple(warnings), tuple(notes), tuple(flat))
 
 
-def present_drives(body: BakedBody, nodes: Sequence[Json]) -> tuple[list[StoredDrive], list[str]]:
+def present_drives(body: BakedBody, gltf: Json) -> tuple[list[StoredDrive], list[str]]:
     """The drives whose joints are all there, and a warning for each tool of which a joint is missing or ambiguous.
 
     Without any of the segments that the body has, there are no drives: a fold alone has nothing to move.
     """
-    names = [str(node.get("name", "")) for node in nodes]
-    bare = [str(node.get("name", "")) for node in nodes if "mesh" not in node]
+    names = _joints_of(body, gltf)
     present, warnings = [], []
     for drive in body.drives:
-        missing = [joint for joint in drive.joints if joint not in names]
-        several = [joint for joint in drive.joints if bare.count(joint) > 1]
+        missing = [joint for joint in drive.joints if joint not in names.joints]
+        several = [joint for joint in drive.joints if joint in names.shared]
         if not missing:
             present.append(drive)
         if not drive.measures_segment:
             continue  # its tool's warning says it
         if missing:
-            hint = nearest(missing[0], names) if len(missing) == 1 else ""
+            hint = nearest(missing[0], names.joints) if len(missing) == 1 else ""
             warnings.append(f"{drive.name}: left out, as there is no joint {listed(missing)}{hint}")
         elif several:
             warnings.append(f"{drive.name}: several nodes are named {listed(several)}; the first is taken")
     wanted, found = (any(each.measures_segment for each in drives) for drives in (body.drives, present))
     return present if found or not wanted else [], warnings
+
+
+def _joints_of(body: BakedBody, gltf: Json) -> NamedNodes:
+    """The nodes of a document by the names of a body's joints."""
+    nodes = gltf.get("nodes", [])
+    named = [index for index, node in enumerate(nodes) if node.get("name") == body.node]
+    node = next((index for index in named if "mesh" in nodes[index]), None if body.skinned or not named else named[0])
+    return NamedNodes.of_body(gltf, node, skinned=body.skinned)
+
+
+@dataclass(frozen=True, slots=True)
+class _Tracks:
+    """The clips of a file, by what they do with a body.
+
+    Attributes:
+        moved: Names of the clips that move its anchors, and have got tracks.
+        still: Names of the others.
+        idle: Names of clips that raise no wrinkle, and why the first of its tools stays flat there.
+        flat: Names of clips, and for each tool that stays flat there why it does.
+    """
+
+    moved: list[str] = field(default_factory=list)
+    still: list[str] = field(default_factory=list)
+    idle: list[tuple[str, str]] = field(default_factory=list)
+    flat: list[tuple[str, str]] = field(default_factory=list)
 
 
 def track_body(
@@ -239,28 +273,54 @@ def track_body(
     *,
     fps: float,
     tolerance: float,
-) -> tuple[list[str], list[str]]:
-    """Add one body's tracks, and give the names of the clips that move its anchors, and of those that do not."""
-    node = node_for_tracks(edited, body.parts[0], body.original)
-    others = [(part, node_for_tracks(edited, part, part.targets)) for part in body.parts[1:] if part.targets]
+) -> _Tracks:
+    """Add one body's tracks to clips."""
+    ambiguous = body.ambiguous
+    node = node_for_tracks(edited, body.parts[0], body.original, ambiguous=ambiguous)
+    # A part without a skin has to move as the node does.
+    follow = not body.skinned and any(clip.channel(node, path) for clip in clips for path in TRANSFORM_DEFAULTS)
+    others = [
+        (part, node_for_tracks(edited, part, part.targets, ambiguous=ambiguous))
+        for part in body.parts[1:]
+        if part.targets or follow
+    ]
     driven = _driven(edited, node, body, drives)
     every = [*body.kept, *body.driven]
-    moved, still = [], []
+    tracks = _Tracks()
     for source in clips:
         clip = _with_own_weights(source, node, body)
         channel = clip.channel(node, "weights")
         if driven.moved_by(clip):
-            moved.append(clip.name)
+            tracks.moved.append(clip.name)
             times = driven.key_times(clip, fps=fps, tolerance=tolerance)
-            made = widen(channel, driven.rig, clip, times, driven.weights_in(clip)(times))
+            weights = driven.weights_in(clip)(times)
+            made = widen(channel, driven.rig, clip, times, weights)
+            flat = list(driven.flat(clip, times, weights))
+            tracks.flat.extend((clip.name, why) for why in flat)
+            if not weights.any():
+                tracks.idle.extend((clip.name, why) for why in flat[:1])
         else:
-            still.append(clip.name)
+            tracks.still.append(clip.name)
             if channel is None:
                 continue
             made = pad(channel, driven.stored)
         for part, place in ((body.parts[0], node), *others):
-            encode_track(edited, source, place, _track_of(part, made, every))
-    return moved, still
+            if part.targets:
+                encode_track(edited, source, place, _track_of(part, made, every))
+    for clip in clips if follow else ():
+        for _, place in others:
+            _follow(edited, clip, node, place)
+    return tracks
+
+
+def _follow(edited: EditedDocument, clip: Clip, node: int, part: int) -> None:
+    """Let a part's node move as another node in a clip, in so far as the clip does not move it already."""
+    animation = edited.gltf["animations"][clip.index]
+    for path in TRANSFORM_DEFAULTS:
+        channel = clip.channel(node, path)
+        if channel is not None and clip.channel(part, path) is None:
+            sampler = animation["channels"][channel.index]["sampler"]
+            animation["channels"].append({"sampler": sampler, "target": {"node": part, "path": path}})
 
 
 def _track_of(part: BakedPart, made: Track, names: Sequence[str]) -> Track:
@@ -330,6 +390,20 @@ class _Driven:
 
         return weights
 
+    def flat(self, clip: Clip, times: Floats, weights: Floats) -> Iterator[str]:
+        """A line for each tool whose (frames, driven targets) weights are 0 at (frames,) seconds of a clip."""
+        for drive, columns in zip(self.drives, self.columns, strict=True):
+            if not isinstance(drive.signal, Segment) or weights[:, columns].any() or self._has_own(drive, clip):
+                continue
+            lengths = drive.signal.lengths(self.rig, clip, times)
+            least = float(np.min(lengths.distances / lengths.rest_lengths))
+            if drive.strengths.get(clip.name, drive.strength) == 0:
+                yield f"{drive.name} stays flat, as its strength is 0 in this clip"
+            elif np.isinf(least):
+                yield f"{drive.name} stays flat, as the body is scaled to nothing"
+            else:
+                yield f"{drive.name} stays flat, as its ends come no closer than {100 * least:.4g} % of its rest length"
+
     def _has_own(self, drive: Drive, clip: Clip) -> bool:
         """True if a clip moves targets that belong to it alone, as in the file of its bake."""
         channel = clip.channel(self.rig.node, "weights")
@@ -354,7 +428,7 @@ class _Driven:
 def _driven(edited: EditedDocument, node: int, body: BakedBody, drives: Sequence[StoredDrive]) -> _Driven:
     """Find a body's joints in the file that has the node for its tracks."""
     whole = read_rig(edited.document(), node)
-    named = NamedNodes.of(edited.gltf["nodes"]).joints
+    named = _joints_of(body, edited.gltf).joints
     joints = {joint: named[joint] for each in drives for joint in each.joints}
     rig = replace(
         whole,
@@ -384,7 +458,7 @@ def with_driven_weights(document: Document, clips: Collection[str]) -> tuple[Doc
     edited, warnings, defaults = EditedDocument(document), [], TrackOptions()
     nodes = NamedNodes.of(document.items("nodes"))
     for body in bodies:
-        drives, missed = present_drives(body, document.items("nodes"))
+        drives, missed = present_drives(body, document.gltf)
         warnings += [f"{document.path}: {line}" for line in missed]
         undriven = [clip for clip in chosen if not _sets_weights(clip, nodes.meshes, body)]
         if drives:

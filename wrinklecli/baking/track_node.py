@@ -1,4 +1,7 @@
-"""The nodes that get a body's tracks in a file of clips: nodes of the same names, or stubs for players to bind."""
+"""The nodes that get a body's tracks in a file of clips: nodes of the same names, or stubs for players to bind.
+
+Players bind tracks by the name of a node. If two nodes have one name, three.js renames the second.
+"""
 
 from collections.abc import Sequence
 
@@ -13,10 +16,11 @@ from wrinklecli.gltf.edited_document import VERTEX_DATA, EditedDocument
 from wrinklecli.gltf.shape import Json
 
 
-def node_for_tracks(edited: EditedDocument, body: BakedPart, own: Sequence[str]) -> int:
-    """The node that gets a body's tracks: the file's own of that name, or a stub.
+def node_for_tracks(edited: EditedDocument, body: BakedPart, own: Sequence[str], *, ambiguous: bool) -> int:
+    """The node that gets a body's tracks: the file's own of that name, which may lack its mesh, or a stub.
 
-    The file's own node may have the targets `own` without the others of the body.
+    The file's own mesh may have the targets `own` without the others of the body. A body without morph targets gets a
+    node without a mesh. If the body's name is `ambiguous`, a node without a mesh may be a joint, and is left alone.
 
     Raises:
         AssetError: The file has a mesh on a node of that name, with other morph targets, or without vertices.
@@ -24,7 +28,12 @@ def node_for_tracks(edited: EditedDocument, body: BakedPart, own: Sequence[str])
     nodes = edited.gltf.setdefault("nodes", [])
     found = [index for index, node in enumerate(nodes) if node.get("name") == body.node and "mesh" in node]
     if not found:
-        return _add_stub(edited, body)
+        joints = {joint for skin in edited.gltf.get("skins", []) for joint in skin.get("joints", [])}
+        bare = [index for index, node in enumerate(nodes) if node.get("name") == body.node and index not in joints]
+        index = bare[0] if bare and not ambiguous else _add_node(edited.gltf, body.node)
+        if body.targets:
+            _add_stub(edited, body, nodes[index])
+        return index
     node = nodes[found[0]]
     names = tuple(morph_target_names(edited.gltf["meshes"][node["mesh"]]))
     if names not in (body.targets, tuple(own)):
@@ -52,8 +61,17 @@ def _refuse_incomplete(document: Document, mesh: int, *, targets: int) -> None:
             raise AssetError(f"has {len(primitive.get('targets', []))} morph targets, not {targets}", where=where)
 
 
-def _add_stub(edited: EditedDocument, body: BakedPart) -> int:
-    """Append a node with a mesh of the body's names and targets, three vertices in one point; return its index."""
+def _add_node(gltf: Json, name: str) -> int:
+    """Append a node to the scene; return its index."""
+    nodes = gltf["nodes"]
+    nodes.append({"name": name})
+    for scene in gltf.get("scenes", [])[gltf.get("scene", 0) :][:1]:
+        scene.setdefault("nodes", []).append(len(nodes) - 1)
+    return len(nodes) - 1
+
+
+def _add_stub(edited: EditedDocument, body: BakedPart, node: Json) -> None:
+    """Give a node a mesh of the body's names and targets, three vertices in one point."""
     point = edited.add(np.zeros((3, 3), np.float32), target=VERTEX_DATA, bounds=True)
     primitive: Json = {"attributes": {"POSITION": point}, "targets": [{"POSITION": point} for _ in body.targets]}
     mesh: Json = {} if body.mesh is None else {"name": body.mesh}
@@ -63,14 +81,9 @@ def _add_stub(edited: EditedDocument, body: BakedPart) -> int:
     mesh["extras"] = {"targetNames": list(body.targets)}
     meshes = edited.gltf.setdefault("meshes", [])
     meshes.append(mesh)
-    node: Json = {"name": body.node, "mesh": len(meshes) - 1}
+    node["mesh"] = len(meshes) - 1
     if body.stored.any():
         node["weights"] = body.stored.tolist()
-    nodes = edited.gltf["nodes"]
-    nodes.append(node)
-    for scene in edited.gltf.get("scenes", [])[edited.gltf.get("scene", 0) :][:1]:
-        scene.setdefault("nodes", []).append(len(nodes) - 1)
-    return len(nodes) - 1
 
 
 def _add_idle_targets(edited: EditedDocument, node: Json, body: BakedPart, own: Sequence[str]) -> None:

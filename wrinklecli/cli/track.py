@@ -66,7 +66,7 @@ def track(baked: str, anims: tuple[str, ...], folder: str, quiet: bool, verbose:
     for made in every:
         for warning in made.warnings:
             warn(warning)
-        for line in made.tools if verbose else ():
+        for line in (*made.tools, *made.flat) if verbose else made.notes:
             say(line)
         clips = counted(len(made.clips), "clip")
         say(f"{made.path}: {clips}{': ' if made.clips else ''}{', '.join(made.clips)}")

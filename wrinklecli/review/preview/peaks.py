@@ -186,7 +186,7 @@ def _reaches(shown: ShownPrimitive, targets: Sequence[str]) -> tuple[Ints, Float
 
 def _shortening(drive: StoredDrive, asset: ShownAsset, rig: Rig, clip: Clip, times: Floats) -> Json:
     """The time, of (frames,) times of a clip, at which a tool is shortest, and its shortening over the rest length."""
-    nodes = NamedNodes.of(asset.document.items("nodes"))
+    nodes = NamedNodes.of_body(asset.document.gltf, rig.node, skinned=rig.skinned)
     signal = drive.on(nodes.joints, rig.morph_names).signal
     assert isinstance(signal, Segment), "only such drives are looked for"
     distances, rest_lengths = signal.lengths(rig, clip, times)
