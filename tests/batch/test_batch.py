@@ -194,6 +194,15 @@ def test_tools_files_that_are_merged_must_agree(chars: Wrinkle) -> None:
     ]
 
 
+def test_a_report_is_a_new_one_in_a_new_folder_or_goes_to_a_device(chars: Wrinkle) -> None:
+    arguments = (*PATTERN, "--fail-fast", "--report")
+    for _ in range(2):
+        assert chars(*arguments, "reports/all/r.jsonl").code == 0
+        assert len(lines("reports/all/r.jsonl")) == 3
+    assert chars(*arguments, "/dev/null").code == 0
+    assert chars(*arguments, "/dev/full").lines == ["/dev/full: cannot be written: No space left on device"]
+
+
 @pytest.mark.usefixtures("chars")
 def test_what_is_missing_or_misused_is_one_line(chars: Wrinkle, monkeypatch: pytest.MonkeyPatch) -> None:
     assert chars("batch", "chars/*.glb").code == 2
@@ -209,6 +218,8 @@ def test_what_is_missing_or_misused_is_one_line(chars: Wrinkle, monkeypatch: pyt
         "tools.yaml/r.jsonl: cannot be written: File exists"
     ]
     monkeypatch.setattr("importlib.util.find_spec", lambda _name: None)
-    assert chars(*PATTERN, "-j", "2").lines == [
+    Path("r.jsonl").write_text("of an earlier batch\n")
+    assert chars(*PATTERN, "-j", "2", "--report", "r.jsonl").lines == [
         "more workers than one need dask.distributed: pip install 'wrinklecli[batch]'"
     ]
+    assert Path("r.jsonl").read_text() == "of an earlier batch\n"

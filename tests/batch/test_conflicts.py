@@ -132,7 +132,9 @@ def test_no_output_is_another_one() -> None:
             assert refused(job(out=one), job(out=other)) == [f"{MANIFEST}:2: jobs[1]: {ending}"]
     frames = [job(frames_dir="f"), job(out="o/y.glb", frames_dir="./f/")]
     assert len(refused(*frames)) == 1
-    assert len(refused(job(frames_dir="o/limb.glb"))) == 1
+    line = f"{MANIFEST}:1: jobs[0]: 'l/limb.glb' is another output of this job too: each needs a name of its own"
+    assert refused(job(frames_dir="l/limb.glb")) == [line]
+    assert refused(job(report="l/limb.glb")) == [line]
     assert len(refused(job(report="o/r"), job(out="o/y.glb", timings="l/r"))) == 1
     assert refused(job(out="r.glb"), report="r.glb") == [
         f"{MANIFEST}:1: jobs[0]: 'r.glb' is an output of --report too: each needs a name of its own"
@@ -160,6 +162,17 @@ def test_the_cache_has_files_of_its_own() -> None:
     assert len(read(job(out="c/x.glb"), cache="c")) == 1
     assert len(read(job(out="keys/x.glb"), cache="memory:///c")) == 1
     assert refused(job(out="memory:///c/keys/x.glb"), cache="memory://c")
+
+
+@pytest.mark.usefixtures("folder")
+def test_an_archive_that_holds_an_asset_is_an_input() -> None:
+    Path("o").mkdir()
+    archive = os.path.abspath("o/a.zip")
+    for name in (archive, f"file://{archive}", "memory:///b/a.zip"):
+        asset = f"zip://limb.glb::{name}"
+        found = refused(job(asset=asset), job(out="x.glb", report=name))
+        assert len(found) == 1
+        assert found[0].endswith("which jobs[0] reads")
 
 
 def test_what_is_apart_is_left_alone(folder: Path) -> None:

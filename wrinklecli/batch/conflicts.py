@@ -174,6 +174,9 @@ class _Batch:
         if path in self._inputs:
             return
         self._inputs.add(path)
+        inner, chained, outer = path.rpartition("::")
+        if chained and stores.is_url(inner):  # a file of an archive, as in zip://a.glb::https://…
+            self._read(outer, owner)
         self._note(self._claims.add_input(path, owner))
         for folder in self._add(path, owner, self._used_below):
             buffer = _BUFFER.fullmatch(posixpath.basename(path))
@@ -213,15 +216,20 @@ class _Batch:
         self._noted.add((clash.output, clash.writer))
         writer, other = clash.writer, clash.other
         if not clash.is_input:
-            own = isinstance(writer, int) and isinstance(other, int) and self._names[writer] == self._names[other]
-            who = "another asset" if own else self._name(other)
-            self._refuse(writer, clash.output, f"is an output of {who} too: each needs a name of its own")
+            self._refuse(writer, clash.output, f"is {self._output_of(other, writer)} too: each needs a name of its own")
         elif isinstance(writer, int):
             reads = f"{self._name(other)} reads" if isinstance(other, int) else f"is {other}"
             message = f"would write over {printable(clash.output)!r}, which {reads}"
             self.conflicts.append(Conflict(writer, clash.output, message))
         else:
             self._refuse(writer, clash.output, "is a file of the batch too and would be overwritten")
+
+    def _output_of(self, other: Owner, writer: Owner) -> str:
+        if other == writer:
+            return "another output of this job"
+        if isinstance(other, int) and isinstance(writer, int) and self._names[other] == self._names[writer]:
+            return "an output of another asset"
+        return f"an output of {self._name(other)}"
 
     def _refuse(self, owner: Owner, path: str, message: str) -> None:
         if isinstance(owner, int):

@@ -2,6 +2,7 @@
 
 import json
 import os
+import stat
 import sys
 import time
 from collections import defaultdict
@@ -133,6 +134,8 @@ def _refuse_usage(
 def _report(path: str | None) -> Iterator[Callable[[str], object]]:
     """Open the report and give a function that writes one line at once, so that an ended batch leaves its lines.
 
+    The lines of an earlier batch stay until the first line is written, as this batch may not begin.
+
     Raises:
         WrinkleError: The report cannot be written.
     """
@@ -140,14 +143,20 @@ def _report(path: str | None) -> Iterator[Callable[[str], object]]:
         yield click.echo if path else lambda _line: None
         return
 
+    begun = False
+
     def write(line: str) -> None:
+        nonlocal begun
         with _writing(path):
+            if not begun and stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
+                stream.truncate(0)
+            begun = True
             stream.write(line + "\n")
             stream.flush()
 
     with _writing(path):
         os.makedirs(os.path.dirname(path) or ".", exist_ok=True)
-        stream = open(path, "w", encoding="utf-8")  # noqa: SIM115
+        stream = open(path, "a", encoding="utf-8")  # noqa: SIM115
     try:
         yield write
     finally:
