@@ -111,12 +111,25 @@ def test_a_part_of_what_is_inherited_keeps_the_rest(tmp_path: Path) -> None:
     assert dict(edits.settings().tools[0].clips) == {"walk": 0.5}
 
 
-def test_a_tool_that_others_merge_is_edited_alone(tmp_path: Path) -> None:
-    merging = TEXT.replace("- name: a.L     # the first", "- &T0   # the first\n    name: a.L").replace(
-        "- name: b.L\n", "- <<: *T0\n    name: b.L\n"
-    )
-    path = tmp_path / "tools.yaml"
-    path.write_text(merging)
+MERGING = TEXT.replace("- name: a.L     # the first", "- &T0   # the first\n    name: a.L").replace(
+    "- name: b.L\n", "- <<: *T0\n    name: b.L\n"
+)
+
+
+@pytest.mark.parametrize("theirs", [MERGING.replace("1.50]\n\n", "1.50]\n    bumps: 9\n\n"), TEXT])
+def test_a_copy_stays_as_it_is_where_others_change_what_it_merges(path: Path, theirs: str) -> None:
+    path.write_text(MERGING)
+    edits = opened(path)
+    name = edits.copy("b.L")
+    (before,) = [each for each in edits.settings().tools if each.name == name]
+    path.write_text(theirs)
+    edits.save()
+    (after,) = [each for each in load_tools(path).tools if each.name == name]
+    assert replace(after, where="", places={}) == replace(before, where="", places={})
+
+
+def test_a_tool_that_others_merge_is_edited_alone(path: Path) -> None:
+    path.write_text(MERGING)
     edits = opened(path)
     _, *others = edits.settings().tools
     edits.set_value("a.L", ("bumps",), 7)
@@ -130,7 +143,7 @@ def test_a_tool_that_others_merge_is_edited_alone(tmp_path: Path) -> None:
     ]
     while edits.undo():
         pass
-    assert edits.text == merging
+    assert edits.text == MERGING
 
 
 EDITS = st.lists(

@@ -4,7 +4,8 @@ Unsaved text stands in the side file, so that neither a crash nor a closed brows
 """
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
+from contextlib import suppress
 
 from wrinklecli.editor.side_file import SideFile
 from wrinklecli.errors import BakeError, ConfigError, WrinkleError
@@ -12,7 +13,7 @@ from wrinklecli.files.inputs import open_input
 from wrinklecli.files.outputs import Outputs
 from wrinklecli.tools.read import load_text, parse_tools
 from wrinklecli.tools.records import ToolsFile
-from wrinklecli.tools.yaml_edit import ToolsText
+from wrinklecli.tools.yaml_edit import ToolsText, written_lines
 
 _NEW_FILE = "version: 1\ntools: []\n"
 # A disabled tool that is added to a file without tools before it is checked, as the reader refuses such a file.
@@ -129,7 +130,7 @@ def _merged(base: ToolsText, mine: ToolsText, theirs: ToolsText) -> ToolsText:
             message = "was changed here, and otherwise in the file on disk"
             problems.append(ConfigError(message, where=f"{mine.name}: {name}"))
         else:
-            merged = _with_lines(merged, name, here)
+            merged = _with_tool_of(mine, merged, name)
     if mine.header not in (base.header, theirs.header):
         problems.append(ConfigError("more than its tools was changed here and on disk", where=mine.name))
     if not problems:
@@ -142,9 +143,16 @@ def _merged(base: ToolsText, mine: ToolsText, theirs: ToolsText) -> ToolsText:
     return merged
 
 
-def _with_lines(file: ToolsText, name: str, lines: Sequence[str] | None) -> ToolsText:
-    """Replace the lines of a tool, add the tool, or remove it if `lines` is None."""
+def _with_tool_of(mine: ToolsText, file: ToolsText, name: str) -> ToolsText:
+    """Replace a tool of a file by that of another file, add it, or remove it if the other file does not have it."""
     names = names_of(file)
-    if lines is None:
+    if name not in names_of(mine):
         return file.without_tool(names.index(name))
-    return file.with_item(lines, instead_of=names.index(name) if name in names else None)
+    number = names_of(mine).index(name)
+    at = names.index(name) if name in names else None
+    with suppress(ConfigError):
+        merged = file.with_item(mine.lines_of(number), instead_of=at)
+        if merged.tools[len(names) if at is None else at :][:1] == (mine.tools[number],):
+            return merged
+    # The lines merge or repeat what is not in the file, or is something else there.
+    return file.with_item(written_lines(mine.tools[number]), instead_of=at)

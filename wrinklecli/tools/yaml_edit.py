@@ -46,6 +46,11 @@ def written(value: Any) -> str:
     return repr(value)
 
 
+def written_lines(values: Mapping[str, Any]) -> list[str]:
+    """A line of YAML for each key of a mapping, such as a tool."""
+    return [f"{written(key)}: {written(value)}" for key, value in values.items()]
+
+
 def with_part(values: Any, steps: Steps, value: Any) -> Any:
     """A copy of values with another value at some steps; missing mappings are made."""
     if not steps:
@@ -84,11 +89,6 @@ def _changed(text: str, changes: Sequence[_Change]) -> str:
     for start, end, instead in sorted(changes, key=lambda change: change[0], reverse=True):
         text = text[:start] + instead + text[end:]
     return text
-
-
-def _lines_of(values: Mapping[str, Any]) -> list[str]:
-    """A line for each key of a mapping."""
-    return [f"{written(key)}: {written(value)}" for key, value in values.items()]
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,7 +228,7 @@ class ToolsText:
 
     def with_tool(self, values: Mapping[str, Any]) -> "ToolsText":
         """Add a tool at the end, with a line for each of its keys."""
-        return self.with_item(_lines_of(values))
+        return self.with_item(written_lines(values))
 
     def with_copy(self, number: int, name: str) -> "ToolsText":
         """Add a copy of a tool behind it, with another name and without anchors."""
@@ -241,7 +241,7 @@ class ToolsText:
             lambda edited: edited.tools == (*self.tools[:behind], copy, *self.tools[behind:]),
             lambda: self._with(*self._new_tool(lines, behind=number))._valued(behind, ("name",), name),
             # The tool repeats an anchor that it has again itself, so that the copy would repeat the new one.
-            lambda: self._with(*self._new_tool(_lines_of(copy), behind=number)),
+            lambda: self._with(*self._new_tool(written_lines(copy), behind=number)),
         )
 
     def with_item(self, lines: Sequence[str], *, instead_of: int | None = None) -> "ToolsText":
@@ -497,7 +497,7 @@ class ToolsText:
             return self._removal(part, at)
         start = part.keys[at].start
         between = ", " if part.flow else f"{self._newline}{' ' * self._column(start)}"
-        return (start, part.items[at].end, between.join(_lines_of(merged)))
+        return (start, part.items[at].end, between.join(written_lines(merged)))
 
     def _tool_removal(self, number: int) -> list[_Change]:
         """Remove a tool and the comments right above it."""
