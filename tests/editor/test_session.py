@@ -223,6 +223,19 @@ def test_no_save_writes_over_what_the_session_reads(tmp_path: Path) -> None:
     assert inputs == {name: (tmp_path / name).read_bytes() for name in inputs}
 
 
+def test_a_tools_file_that_is_a_buffer_too_is_not_opened(tmp_path: Path) -> None:
+    asset = limb_asset(rings=8, sides=6)
+    (tmp_path / "limb.bin").write_bytes(asset.data)
+    sizes = {"limb.bin": len(asset.data), "tools.yaml": len(TOOLS)}
+    buffers = [{"byteLength": size, "uri": uri} for uri, size in sizes.items()]
+    (tmp_path / "limb.gltf").write_text(json.dumps({**asset.gltf, "buffers": buffers}))
+    (tmp_path / "tools.yaml").write_text(TOOLS)
+    (tmp_path / "link.yaml").symlink_to("tools.yaml")
+    for name in ("tools.yaml", "link.yaml"):
+        with pytest.raises(BakeError, match=f"{name}: is an input too"):
+            Session(tmp_path / "limb.gltf", tmp_path / name)
+
+
 @pytest.mark.parametrize("name", ["limb.glb", "walk.glb"])
 def test_no_bake_writes_over_what_the_session_reads(name: str, tmp_path: Path) -> None:
     (tmp_path / "tools.yaml").write_text(TOOLS)

@@ -9,6 +9,7 @@ from contextlib import suppress
 
 from wrinklecli.editor.side_file import SideFile
 from wrinklecli.errors import BakeError, ConfigError, WrinkleError
+from wrinklecli.files.claims import Claims
 from wrinklecli.files.inputs import open_input
 from wrinklecli.files.outputs import Outputs
 from wrinklecli.tools.read import load_text, parse_tools
@@ -35,8 +36,16 @@ class Store:
         self._inputs: tuple[str, ...] = ()
 
     def protect(self, inputs: Iterable[str | os.PathLike[str]]) -> None:
-        """Never write over these files, by whatever name, instead of those that were protected before."""
-        self._inputs = tuple(os.fspath(path) for path in inputs)
+        """Never write over these files, by whatever name, instead of those that were protected before.
+
+        Raises:
+            BakeError: The tools file is one of them.
+        """
+        self._inputs, claims = tuple(os.fspath(path) for path in inputs), Claims[str]()
+        for path in self._inputs:
+            claims.add_input(path, path)
+        if claims.add_output(self.path, self.path) is not None:
+            raise BakeError("is an input too, and would be overwritten when the tools are saved", where=self.path)
 
     def on_disk(self) -> str:
         """Read the file; if there is none, return the text of a new one.
