@@ -372,7 +372,7 @@ def test_outputs_are_done_whatever_the_cache_does(
         ran = Batch(wrinkle).command("--report", "r.jsonl")
         assert ran.code == 0
         line = f"c/CACHEDIR.TAG: the cache cannot be written: {reason}; outputs are not kept"
-        assert ran.lines[0] == f"note: {line}"
+        assert ran.lines[0] == f"warning: {line}"
         assert any(line.startswith("warning: ") for line in ran.lines)
         told = json.loads((folder / "r.jsonl").read_text())
         assert told["result"] == "built"

@@ -89,7 +89,7 @@ def test_what_may_not_be_listed_or_written_is_said_before_the_first_bake(
     assert (ran.code, ran.lines[:2]) == (
         1,
         [
-            "note: memory:///b/cache/CACHEDIR.TAG: the cache cannot be written: Access Denied; outputs are not kept",
+            "warning: memory:///b/cache/CACHEDIR.TAG: the cache cannot be written: Access Denied; outputs are not kept",
             "memory:///b/out/limb.glb: cannot be written: Access Denied",
         ],
     )

@@ -24,16 +24,18 @@ def run_jobs(
     *,
     open_outputs: OpenOutputs = Outputs,
     tell: Callable[[str], object] = lambda _line: None,
+    warn: Callable[[str], object] = lambda _line: None,
 ) -> Iterator[Outcome]:
     """Run all jobs and yield each outcome as it arrives. A caller that asks for no more outcomes stops the batch.
 
-    `open_outputs` opens the outputs that this process writes; `tell` is called with lines for the user.
+    `open_outputs` opens the outputs that this process writes; `tell` and `warn` are called with
+    notes and warnings for the user.
 
     Raises:
         WrinkleError: The cache's store, or Dask's scheduler, does not answer, or Dask is missing.
     """
     if workers.scheduler is None and workers.count == 1:
-        _open_cache(settings, tell)
+        _open_cache(settings, warn)
         for job in jobs:
             yield run_job(job, settings, open_outputs=open_outputs)
         return
@@ -43,7 +45,7 @@ def run_jobs(
         paths = dict.fromkeys(("asset", "tools", "file", "folder", "other"), absolute)
         jobs = [job.with_paths(**paths) for job in jobs]
         settings = replace(settings, cache=absolute(settings.cache))
-    _open_cache(settings, tell)
+    _open_cache(settings, warn)
     to_bake: list[BatchJob] = []
     end = time.monotonic() + _LOOKUP_SECONDS
     for job in jobs:
@@ -57,8 +59,8 @@ def run_jobs(
         yield from run_on_dask(to_bake, settings, workers, tell)
 
 
-def _open_cache(settings: Settings, tell: Callable[[str], object]) -> None:
-    """Say before the first bake if the cache cannot be written; then outputs are written, but not kept.
+def _open_cache(settings: Settings, warn: Callable[[str], object]) -> None:
+    """Warn before the first bake if the cache cannot be written; then outputs are written, but not kept.
 
     Raises:
         StoreError: The cache's store does not answer.
@@ -69,4 +71,4 @@ def _open_cache(settings: Settings, tell: Callable[[str], object]) -> None:
         raise
     except WrinkleError as error:
         for line in error.lines:
-            tell(f"{line}; outputs are not kept")
+            warn(f"{line}; outputs are not kept")

@@ -99,7 +99,14 @@ def batch(
         done = (check_job(job, settings) for job in every)
     else:
         workers = Workers(jobs, scheduler, dashboard)
-        done = run_jobs(every, settings, workers, open_outputs=job_outputs, tell=lambda line: say(f"note: {line}"))
+        done = run_jobs(
+            every,
+            settings,
+            workers,
+            open_outputs=job_outputs,
+            tell=lambda line: say(f"note: {line}"),
+            warn=lambda line: None if quiet else warn(line),
+        )
     leave_at_signals()  # between jobs, and where workers do them, which end with it
     monitor = _Monitor(len(every), quiet=quiet, verbose=verbose, dry_run=dry_run)
     with _report(report) as write, monitor:
