@@ -11,6 +11,7 @@ import wrinklecli
 from kit.asset import ARRAY_BUFFER, Asset
 from kit.bakes import bake_config
 from kit.clients import assert_valid, drive, pose_each, target_bytes
+from kit.engines import babylon_pose
 from kit.golden import Golden
 from kit.limb import limb_asset, tool, write_tools
 from kit.player import Gltf, Json
@@ -19,6 +20,7 @@ from wrinklecli.baking import parts, split
 from wrinklecli.baking.track import track
 from wrinklecli.errors import BakeError
 from wrinklecli.gltf.document import read_document
+from wrinklecli.review.crossings import crossings
 from wrinklecli.review.diff.diff import diff
 from wrinklecli.review.preview.peaks import baked_peaks
 from wrinklecli.review.preview.shown import read_shown
@@ -147,6 +149,24 @@ def test_pictures_find_the_peaks_of_tools_whose_mesh_is_in_parts(pair: tuple[Glt
 
 def test_diff_sees_no_difference_in_what_moves(pair: tuple[Gltf, Gltf]) -> None:
     assert diff(pair[0].path, pair[1].path, posed=True, tolerance=Length(1e-12)).same
+
+
+def test_nothing_crosses_where_parts_meet(pair: tuple[Gltf, Gltf]) -> None:
+    whole, parted = (crossings(file.path).data for file in pair)
+    assert parted["stored_pose"] == whole["stored_pose"]
+    for one, other in zip(whole["clips"], parted["clips"], strict=True):
+        assert one["counts"] == other["counts"]
+        # The middle of a place is that of some vertices, which parts number otherwise.
+        assert [{**each, "at": None} for each in one["places"]] == [{**each, "at": None} for each in other["places"]]
+
+
+def test_babylon_plays_all_parts(pair: tuple[Gltf, Gltf]) -> None:
+    _, parted = pair
+    clip, times = parted.json["animations"][0]["name"], [0.0, 0.37, 1.0, 1.4]
+    for node in nodes_of(parted):
+        posed = parted.pose(node, clip, np.array(times))
+        if targets_of(parted, node):
+            assert np.abs(babylon_pose(parted.path, node, clip, times) - posed).max() < 2e-6 * np.abs(posed).max()
 
 
 @pytest.mark.slow

@@ -3,7 +3,7 @@
 Each node's mesh is welded first, so that seams are no borders and triangles that share a point do not cross.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,10 +11,10 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import joint_matrices, morph_weights
 from wrinklecli.character.rig import Rig
-from wrinklecli.character.scene_meshes import read_scene_meshes
+from wrinklecli.character.scene_meshes import SceneMesh, read_scene_meshes
 from wrinklecli.character.skin import Skin, pose, prepare
 from wrinklecli.gltf.document import Document
-from wrinklecli.numeric.arrays import Floats, Ints
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct, distinct_values
 from wrinklecli.numeric.intersections import Crossings
 
 # Coordinates that are posed at once. Bounds the memory.
@@ -40,6 +40,7 @@ class SceneSurface:
 
     Attributes:
         rigs: One for each surface.
+        wholes: (rigs,) the surface of which each is a part; itself if it is whole.
         starts: (rigs + 1,) the first vertex of each surface.
         positions: (vertices, 3) world space, in the stored pose.
         carriers: (vertices,) the node that carries most of each vertex.
@@ -48,6 +49,7 @@ class SceneSurface:
     """
 
     rigs: tuple[Rig, ...]
+    wholes: Ints
     starts: Ints
     positions: Floats
     carriers: Ints
@@ -69,12 +71,14 @@ class SceneSurface:
         return every
 
     def owners(self, vertices: Ints) -> Ints:
-        """(vertices,) the index of the rig of each vertex."""
-        return np.searchsorted(self.starts, vertices, side="right") - 1
+        """(vertices,) the index of the whole surface of each vertex."""
+        return self.wholes[np.searchsorted(self.starts, vertices, side="right") - 1]
 
 
-def read_scene_surface(document: Document) -> SceneSurface:
+def read_scene_surface(document: Document, wholes: Mapping[int, int]) -> SceneSurface:
     """Weld the triangles of every node of the default scene.
+
+    `wholes` gives, for nodes whose meshes are parts of a split one, the node of the whole. Parts are welded together.
 
     Raises:
         AssetError: A mesh, a skin or the hierarchy is malformed.
@@ -84,16 +88,60 @@ def read_scene_surface(document: Document) -> SceneSurface:
     skins = tuple(prepare(each.weights, each.positions, each.morph_deltas) for each in meshes)
     starts = np.cumsum([0, *(len(each.positions) for each in meshes)])
     triangles = [each.triangles + start for each, start in zip(meshes, starts.tolist(), strict=False)]
-    carriers = [each.rig.joints[np.argmax(each.weights, axis=1)] for each in meshes]
+    carriers = [_joints(each.rig, wholes)[np.argmax(each.weights, axis=1)] for each in meshes]
     positions = _posed(rigs, skins, None, np.zeros(1))[0].T
+    whole_of = _wholes(rigs, wholes)
+    joined = _joined(meshes, starts, whole_of)
     return SceneSurface(
         rigs=rigs,
+        wholes=whole_of,
         starts=starts,
         positions=positions,
         carriers=np.concatenate([np.zeros(0, np.intp), *carriers]),
-        crossings=Crossings.of(positions, np.concatenate([np.zeros((0, 3), np.intp), *triangles])),
+        crossings=Crossings.of(positions, joined[np.concatenate([np.zeros((0, 3), np.intp), *triangles])]),
         skins=skins,
     )
+
+
+def _wholes(rigs: Sequence[Rig], wholes: Mapping[int, int]) -> Ints:
+    """(rigs,) the number of the rig of each one's whole, which has the same joints; its own number without one."""
+    numbers = {rig.node: number for number, rig in enumerate(rigs)}
+    found = np.arange(len(rigs))
+    for number, rig in enumerate(rigs):
+        whole = numbers.get(wholes.get(rig.node, rig.node), number)
+        if np.array_equal(_joints(rig, wholes), _joints(rigs[whole], wholes)):
+            found[number] = whole
+    return found
+
+
+def _joints(rig: Rig, wholes: Mapping[int, int]) -> Ints:
+    """(joints,) the rig's joints; of a part without skin the node of the whole."""
+    return rig.joints if rig.skinned else np.array([wholes.get(rig.node, rig.node)], np.intp)
+
+
+def _joined(meshes: Sequence[SceneMesh], starts: Ints, wholes: Ints) -> Ints:
+    """(vertices,) for each vertex of all meshes the first one that moves alike in its place, in a part of its whole."""
+    first = np.arange(starts[-1])
+    for whole in distinct_values(wholes):
+        parts = np.flatnonzero(wholes == whole).tolist()
+        if len(parts) == 1:
+            continue
+        vertices = np.concatenate([np.arange(starts[part], starts[part + 1]) for part in parts])
+        _, places = distinct(np.concatenate([meshes[part].positions for part in parts]))
+        met = np.bincount(places)[places] > 1
+        names = sorted({name for part in parts for name in meshes[part].rig.morph_names})
+        ends = np.cumsum([len(meshes[part].positions) for part in parts])[:-1]
+        split = zip(parts, np.split(met, ends), strict=True)
+        firsts, which = distinct(np.concatenate([_motions(meshes[part], chosen, names) for part, chosen in split]))
+        first[vertices[met]] = vertices[met][firsts[which]]
+    return first
+
+
+def _motions(mesh: SceneMesh, chosen: Bools, names: Sequence[str]) -> Floats:
+    """(chosen, columns) all that moves the chosen (vertices,): positions, weights, deltas of morph targets by name."""
+    still = np.zeros((int(chosen.sum()), 3))
+    deltas = dict(zip(mesh.rig.morph_names, mesh.morph_deltas[:, chosen], strict=True))
+    return np.hstack([mesh.positions[chosen], mesh.weights[chosen], *(deltas.get(name, still) for name in names)])
 
 
 def _posed(rigs: Sequence[Rig], skins: Sequence[Skin], clip: Clip | None, times: Floats) -> Floats:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from wrinklecli.baking.baked_body import bodies_of_parts
 from wrinklecli.baking.original import original, wrinkled
 from wrinklecli.character.clip import Clip, chosen_clips, clip_grid, read_clips
 from wrinklecli.character.joined import with_clips, with_free_nodes
@@ -82,7 +83,7 @@ def crossings(
     with guarded(os.fspath(asset)):
         document = read_document(asset, allow_external=options.allow_external, memory=Memory(options.max_memory))
         documents, clips, warnings = _states(document, tools, options, progress)
-        states = [_State(read_scene_surface(document), document) for document in documents]
+        states = [_State(read_scene_surface(document, bodies_of_parts(document)), document) for document in documents]
         entries = []
         for number, clip in enumerate(clips, start=1):
             entries.append(_describe_clip(states, clip, options.fps))
@@ -210,7 +211,7 @@ def _name(surface: SceneSurface, part: int) -> str:
     owner, joint = divmod(part, len(surface.rigs[0].names))
     rig = surface.rigs[owner]
     name = rig.names[joint]
-    return name if len(surface.rigs) == 1 else f"{rig.names[rig.node]}: {name}"
+    return name if len(distinct_values(surface.wholes)) == 1 else f"{rig.names[rig.node]}: {name}"
 
 
 def _round(value: float) -> float:
