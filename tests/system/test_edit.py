@@ -107,6 +107,12 @@ def test_a_tool_is_drawn_tuned_and_saved(tmp_path: Path) -> None:
             tab.wait("document.body.innerText.includes('wrinkle_1 is new')")
             take_picture(tab, "drawn")
 
+            drawn, lower = session.text, KNEE[1] - [0.0, 0.02, 0.0]
+            tab.drag([on_screen(page, place) for place in (KNEE[1], (KNEE[1] + lower) / 2, lower)])
+            until(lambda: session.text != drawn, "a dragged end")
+            tab.press("z", code=90, modifiers=2)
+            until(lambda: session.text == drawn, "an undone drag")
+
             tab.fill("bumps", "5")
             until(lambda: session.text.count("bumps: 5"), "five bumps")
             tab.fill("time (s)", "0.65")
