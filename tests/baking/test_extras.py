@@ -9,9 +9,13 @@ import pytest
 
 import wrinklecli
 from kit.bakes import bake_config, bake_once
+from kit.clients import driver_warnings
 from kit.limb import limb_asset, write_tools
-from kit.player import Floats, Gltf, anchor_distances, described
+from kit.limb import tool as crease
+from kit.player import Floats, Gltf, Json, anchor_distances, described
 from kit.samples import BROW, Editor, config, edited, sharp_keys, spline_keys
+from wrinklecli.baking.track import track
+from wrinklecli.choices import Tracks
 from wrinklecli.review.diff.diff import diff
 
 
@@ -133,3 +137,37 @@ def test_new_weights_are_right_on_every_kind_of_track(change: Callable[[Editor],
     after = bake_once(edited("head", change), BROW)
     times = np.setdiff1d(np.linspace(0.0, 2.0, 301), [0.5, 1.25, 2.0])
     assert_replayed(after, "head", "raise_brows", times, 0.005 + 1 / 256 + 1e-3)
+
+
+@pytest.mark.parametrize(("morphs", "tracks", "told"), [(1, "all", True), (0, "all", False), (1, "none", False)])
+def test_morph_targets_below_a_node_with_new_weights_are_said(
+    morphs: int, tracks: Tracks, told: bool, tmp_path: Path
+) -> None:
+    asset = limb_asset(rings=12, sides=8)
+    corners = asset.accessor([[0, 5, 0], [1, 5, 0], [0, 6, 0]], bounds=True)
+    lash: Json = {"attributes": {"POSITION": corners}} | ({"targets": [{"POSITION": corners}]} if morphs else {})
+    asset.append("meshes", {"primitives": [lash]})
+    asset.gltf["nodes"][0]["children"] = [asset.append("nodes", {"name": "lid", "children": [4]})]
+    asset.append("nodes", {"name": "lash", "mesh": 1})
+    path = asset.write(tmp_path / "limb.glb")
+    tools = write_tools(tmp_path / "tools.yaml", crease(node="limb"))
+    report = wrinklecli.bake(path, tools, tmp_path / "out.glb", tracks=tracks, max_levels=0)
+    line = (
+        "limb: three.js before 0.184 gives its new weights to the morph targets of 'lash' too, as these are below it;"
+        " let them stand beside it"
+    )
+    assert (line in report.warnings) == told
+
+
+@pytest.mark.parametrize("name", [{}, {"name": ""}], ids=str)
+def test_a_mesh_without_skin_and_name_is_its_own_joint(name: Json, tmp_path: Path) -> None:
+    asset = limb_asset(skinned=False, morphs=1, morph_clip="LINEAR", rings=12, sides=8)
+    asset.gltf["nodes"][0] = {"mesh": 0, **name}
+    path = asset.write(tmp_path / "limb.glb")
+    report = wrinklecli.bake(path, write_tools(tmp_path / "tools.yaml"), tmp_path / "out.glb", tracks="none")
+    assert len(report.notes) == 1
+    (node,) = Gltf(tmp_path / "out.glb").json["nodes"]
+    assert node["extras"]["wrinkle"]["tools"][0]["origin"]["joints"] == [node["name"]] == ["node_0"]
+    assert driver_warnings(tmp_path / "out.glb") == []
+    (made,) = track(tmp_path / "out.glb", [tmp_path / "out.glb"], tmp_path / "tracked")
+    assert not made.warnings

@@ -9,6 +9,7 @@ from wrinklecli.baking.extras import METHOD, JointNames
 from wrinklecli.baking.job import Job
 from wrinklecli.baking.proof import Residual
 from wrinklecli.character.clip import KEY_GAP, Clip
+from wrinklecli.character.rig import Rig, morph_target_names
 from wrinklecli.choices import Mode
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, targets_of
 from wrinklecli.effects.plan import mesh_warnings
@@ -134,6 +135,7 @@ def make_report(job: Job, baked: Sequence[BakedMesh], *, images: Sequence[str], 
         warnings += _joint_warnings(job, mesh.joint_names)
         clips = [motion.clip for motion in mesh.motions]
         warnings += mesh_warnings(mesh.plan, job.settings, clips, tracks=tracks)
+        warnings += _below_warnings(job, mesh.plan.rig, clips) if tracks else ()
         for number, effect in enumerate(mesh.effects):
             motions = [(motion, motion.states[number], motion.weights[number]) for motion in mesh.motions]
             warnings += effect.warnings(mesh.plan, motions, up=job.settings.up)
@@ -189,6 +191,28 @@ def _joint_warnings(job: Job, names: JointNames) -> Iterator[str]:
             f"{job.document.path}: several nodes are named {listed(names.shared)}; `track` and players that drive"
             " wrinkles look joints up by name, and may take another one; name them apart"
         )
+
+
+def _below_warnings(job: Job, rig: Rig, clips: Sequence[Clip]) -> Iterator[str]:
+    """A line if meshes below a node have morph targets, and a clip gets a weights channel of the node.
+
+    Source: GLTFLoader of three.js, `_createAnimationTracks`, which model-viewer 4.4 has too.
+    """
+    document = job.document
+    nodes, meshes = document.items("nodes"), document.items("meshes")
+    with_targets = (k for k, node in enumerate(nodes) if "mesh" in node and morph_target_names(meshes[node["mesh"]]))
+    below = [rig.names[node] for node in with_targets if rig.node in _above(rig, node)]
+    if below and any(clip.channel(rig.node, "weights") is None for clip in clips):
+        yield (
+            f"{rig.names[rig.node]}: three.js before 0.184 gives its new weights to the morph targets of"
+            f" {listed(below)} too, as these are below it; let them stand beside it"
+        )
+
+
+def _above(rig: Rig, node: int) -> Iterator[int]:
+    """The nodes above a node."""
+    while (node := int(rig.parents[node])) >= 0:
+        yield node
 
 
 def _describe_mesh(mesh: BakedMesh, mode: Mode) -> Json:

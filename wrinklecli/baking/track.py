@@ -205,7 +205,9 @@ def _track_file(
         if drives:
             made = track_body(edited, body, drives, clips, fps=fps, tolerance=tolerance)
             tracked |= dict.fromkeys(made.moved)
-            warnings += [f"{document.path}: {name}: moves no anchor of {body.node!r}" for name in made.still]
+            warnings += [
+                f"{document.path}: {clip}: moves no anchor of {body.node!r}: {why}" for clip, why in made.still
+            ]
             notes += [f"{document.path}: {name}: raises no wrinkle of {body.node!r}: {why}" for name, why in made.idle]
             flat += [f"{document.path}: {name}: {why}" for name, why in made.flat]
     lines = (
@@ -254,13 +256,13 @@ class _Tracks:
 
     Attributes:
         moved: Names of the clips that move its anchors, and have got tracks.
-        still: Names of the others.
+        still: Names of the others, and what they move.
         idle: Names of clips that raise no wrinkle, and why the first of its tools stays flat there.
         flat: Names of clips, and for each tool that stays flat there why it does.
     """
 
     moved: list[str] = field(default_factory=list)
-    still: list[str] = field(default_factory=list)
+    still: list[tuple[str, str]] = field(default_factory=list)
     idle: list[tuple[str, str]] = field(default_factory=list)
     flat: list[tuple[str, str]] = field(default_factory=list)
 
@@ -300,7 +302,8 @@ def track_body(
             if not weights.any():
                 tracks.idle.extend((clip.name, why) for why in flat[:1])
         else:
-            tracks.still.append(clip.name)
+            nodes = dict.fromkeys(driven.rig.names[each.node] for each in source.channels)
+            tracks.still.append((clip.name, f"it moves {listed(nodes)} alone"))
             if channel is None:
                 continue
             made = pad(channel, driven.stored)
