@@ -1,7 +1,7 @@
 """Every command attacked, many thousand times: `python tests/hostile.py FIRST COUNT [--only COMMAND] [--keep]`.
 
 A case is a number, and always the same attack. Most cases damage an asset or its tools; others damage or forge
-manifests and caches, plant links, pipes and folders, serve URLs that stop or swell, send messages to the page of `edit`,
+manifests and caches, plant links and pipes, serve URLs that stop or swell, send messages to the page of `edit`,
 change files that `preview --watch` watches, or kill a command in the middle. All options of the commands take part.
 
 Prints each way of failing once, with the number of its first case, and ends with 1 where there is any. Cases run in
@@ -49,9 +49,9 @@ def _outcome(case: Case) -> str:
             raise
         own = [each for each in traceback.extract_tb(error.__traceback__) if "wrinklecli" in each.filename]
         text = [line for line in str(error).splitlines() if line]
-        if "Traceback" in str(error):
+        if '  File "' in str(error):
             places = [line.strip() for line in text if line.startswith('  File "') and "wrinklecli" in line]
-            last = next(line for line in reversed(text) if not line.startswith((" ", "wrinkle:")))
+            last = next((line for line in reversed(text) if line[:1].isalpha() and "Error" in line), text[-1])
             return f"FAILED {last[:150]} @ {places[-1].rpartition('/')[2] if places else ''}"
         at = (
             f" @ {Path(own[-1].filename).name}:{own[-1].lineno}"

@@ -27,7 +27,7 @@ _MORE_PLACES = {
 # fmt: on
 _KILLED = 0.02  # of all cases of these commands
 _SOLVE = ("bake", "check", "batch", "preview")
-_CONTACT = 0.0  # of all cases of these commands get contact in a tool
+_CONTACT = 0.06  # of all cases of these commands get contact in a tool
 _CONTACTS = ("resolve", "resolve", "resolve", {}, {"per_clip": True}, {"ignore": ["limb"]}, "off")
 _WRITE = ("bake", "track", "suggest", "schema", "preview", "batch")
 MOTIONS = ("still.glb", "stranger.glb")  # a clip of 0 s, and clips of another skeleton
@@ -81,9 +81,7 @@ def make_case(number: int) -> Case:
     chance = random.Random(number)
     sources = corpus()
     command = chance.choices(list(_COMMANDS), list(_COMMANDS.values()))[0]
-    wanted = [
-        k for k, source in enumerate(sources[:25]) if command != "track" or chance.random() < 0.5 or is_baked(source)
-    ]
+    wanted = [k for k, source in enumerate(sources) if command != "track" or chance.random() < 0.5 or is_baked(source)]
     source = chance.choices(wanted, [1 if k in _LARGE else 3 for k in wanted])[0]
     arguments = list(_arguments(chance, command, sources[source]))
     edits = list(_edits(chance, arguments, sources[source]))

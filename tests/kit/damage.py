@@ -392,7 +392,8 @@ def _edit_geometry(gltf: Json, data: bytearray, edit: Edit) -> None:
         elif what == "weights":
             values[some] = chance.permutation(values[some])
         else:
-            values[:] = _moved(values.astype(float), what, some, seed, amount, chance)
+            with np.errstate(all="ignore"):
+                values[:] = _moved(values.astype(float), what, some, seed, amount, chance)
 
 
 def _moved(places: Any, what: str, some: Any, seed: int, amount: float, chance: np.random.Generator) -> Any:

@@ -293,6 +293,7 @@ class _Visitors:
 def watched(edits: Sequence[Edit], folder: Path, run: Callable[[], Any]) -> Any:
     """Run a command that watches files in this process; whenever it waits, one file more is changed, then it ends."""
     left = list(edits)
+    sound = (folder / "sound.glb").read_bytes() if (folder / "sound.glb").is_file() else b""
     contents: dict[str, bytes] = {}
     usual, count = time.sleep, 0
 
@@ -322,7 +323,7 @@ def watched(edits: Sequence[Edit], folder: Path, run: Callable[[], Any]) -> Any:
             case "again":
                 path.write_bytes(contents.get(name, b""))
             case "sound":
-                path.write_bytes((folder / "sound.glb").read_bytes())
+                path.write_bytes(sound)
 
     time.sleep = meanwhile
     try:
