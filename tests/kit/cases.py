@@ -254,7 +254,9 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
         case "edit":
             yield from (asset, *some("tools.yaml", share=0.9), "--no-browser", "--port", "0", *some("--heat"))
             yield from (*motions, *some("--quiet"), *some("--allow-external"), *some(*memory, share=0.1))
-            yield from some("--host", chance.choice(["localhost", "0.0.0.0", "::1", "none.invalid", ""]), share=0.1)
+            yield from some(
+                "--host", chance.choice(["localhost", "0.0.0.0", "::1", "none.invalid", "127.0.0.2"]), share=0.1
+            )
         case "batch":
             outs = ["out.glb", "sub/{stem}.gltf", "sub/{stem}.gltf", asset]
             manifests = [[chance.choice([*NAMES, *NAMES, *NAMES, "tools.yaml"])]] * 4
