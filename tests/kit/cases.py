@@ -14,7 +14,8 @@ from kit.visits import visits
 _LINKS = ("link", "hard link", "link to itself", "link to nothing", "link to ASSET", "hard link to ASSET")
 DEVICES = ("/dev/null", "/dev/full", "/dev/zero")
 _PLACES = (*_LINKS, "folder", "nothing", "pipe", *DEVICES)
-_DISPLACED = 0.05  # of all cases
+_DISPLACED = {"batch": 0.15, "edit": 0.2}  # of the cases of these commands
+_DISPLACED_ELSE = 0.05  # of others
 # More files in whose places something else may stand, by command.
 # fmt: off
 _MORE_PLACES = {
@@ -87,7 +88,8 @@ def make_case(number: int) -> Case:
     edits = list(_edits(chance, arguments, sources[source]))
     files = [each for each in arguments if Path(each).suffix[1:].isalpha() and "{" not in each]
     files += _MORE_PLACES.get(command, ())
-    places = {chance.choice(files): chance.choice(_PLACES)} if chance.random() < _DISPLACED else {}
+    share = _DISPLACED.get(command, _DISPLACED_ELSE)
+    places = {chance.choice(files): chance.choice(_PLACES)} if chance.random() < share else {}
     if any("{web}" in each for each in arguments):
         places |= {f"{WEB}{chance.choice(_SERVED)}": chance.choice(ANSWERS)}
     return Case(f"{number} ({' '.join(arguments)})", source, edits, arguments, places)
