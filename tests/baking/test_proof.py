@@ -14,6 +14,7 @@ from kit.limb import tool, write_tools
 from kit.player import Floats, Gltf, Json
 from kit.samples import BROW, PALM, edited, sample, sharp_keys
 from wrinklecli.baking import morphs as encode
+from wrinklecli.baking import pipeline
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.baking.proof import Residual, prove
@@ -149,7 +150,10 @@ def test_wrong_old_morph_weights_are_refused(tmp_path: Path, monkeypatch: pytest
     refused(tmp_path, sample("head"), BROW)
 
 
-def test_wrong_skin_weights_of_new_vertices_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("clip", ["flex", "extend"])  # in extend no wrinkle rises
+def test_wrong_skin_weights_of_new_vertices_are_refused(
+    clip: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     refine = plan_module.refine
 
     def wrong(*arguments: Any, **options: Any) -> Any:
@@ -160,7 +164,49 @@ def test_wrong_skin_weights_of_new_vertices_are_refused(tmp_path: Path, monkeypa
         return dataclasses.replace(fine, weights_pruned=weights)
 
     monkeypatch.setattr(plan_module, "refine", wrong)
-    refused(tmp_path, sample("wrist"), PALM)
+    assert clip in refused(tmp_path, sample("wrist"), PALM, clips=[clip])
+
+
+@pytest.mark.parametrize("path", ["rotation", "weights"])
+def test_a_clip_without_wrinkles_that_plays_otherwise_is_refused(
+    path: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A joint of the written file turns otherwise, or its weights raise wrinkles that the method lacks."""
+    encode_morphs = encode.encode_morphs
+
+    def wrong(edited: EditedDocument, *arguments: Any, **options: Any) -> None:
+        encode_morphs(edited, *arguments, **options)
+        (clip,) = (each for each in edited.gltf["animations"] if each["name"] == "extend")
+        (number, *_) = (each["sampler"] for each in clip["channels"] if each["target"]["path"] == path)
+        sampler = clip["samplers"][number]
+        values = edited.document().accessor(sampler["output"]).astype(np.float32)
+        if path == "rotation":
+            half = np.radians(1.0) / 2.0  # about the joint's own axis z
+            x, y, z, w = values.T
+            turned = [x * np.cos(half) + y * np.sin(half), y * np.cos(half) - x * np.sin(half)]
+            values = np.stack(
+                [*turned, z * np.cos(half) + w * np.sin(half), w * np.cos(half) - z * np.sin(half)], axis=1
+            )
+        else:
+            values[len(values) // 2] += 0.1
+        sampler["output"] = edited.add(values.astype(np.float32), replaces=sampler["output"])
+
+    monkeypatch.setattr(pipeline, "encode_morphs", wrong)
+    assert "extend" in refused(tmp_path, sample("wrist"), PALM, clips=["extend"])
+
+
+def test_a_wrong_place_of_a_new_vertex_is_refused_in_a_clip_without_wrinkles(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    encode_mesh = encode.encode_mesh
+
+    def wrong(edited: Any, rig: Any, fine: Any, targets: Any, **options: Any) -> None:
+        positions = fine.positions.copy()
+        positions[-1] += 1e-4
+        encode_mesh(edited, rig, dataclasses.replace(fine, positions=positions), targets, **options)
+
+    monkeypatch.setattr(encode, "encode_mesh", wrong)
+    assert "extend" in refused(tmp_path, sample("wrist"), PALM, clips=["extend"])
 
 
 def test_a_bound_below_what_the_file_can_hold_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

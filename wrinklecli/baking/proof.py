@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from wrinklecli.baking.farthest import Frames, Pair, farthest
 from wrinklecli.baking.refined_mesh import RefinedPrimitive, primitives_of, shared_vertices
 from wrinklecli.character.clip import KEY_GAP, Clip, read_clips
 from wrinklecli.character.pose import Pose, joint_matrices, morph_weights, pose_at
 from wrinklecli.character.rig import Rig, read_rig
-from wrinklecli.character.skin import pose, prepare
+from wrinklecli.character.skin import prepare
 from wrinklecli.character.sparse_targets import SparseDeltas, Targets, read_sparse_deltas
 from wrinklecli.character.surface import dense_influences, read_vertices
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, targets_of
@@ -29,10 +30,8 @@ _FRAMES = 64
 _NORMAL_FRAMES = 128
 # and those of each clip, at least.
 _LEAST_NORMAL_FRAMES = 4
-# Frames posed at once, unless they have fewer vertices together than the next number, or more than the last.
-_CHUNK = 16
-_FEW_VERTICES = 2**15
-_MOST_VERTICES = 2**20
+# Vertices times frames that are compared at once: arrays of a few MB.
+_CHUNK = 2**16
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,27 +54,33 @@ class Residual:
 
 @dataclass(frozen=True, slots=True)
 class Proof:
-    """The file's side of the comparison: one mesh as an engine loads it, at the vertices to compare.
+    """The two sides of the comparison, at the vertices to compare: the method, and the file as an engine loads it.
 
     Attributes:
+        rig: The file's.
+        clips: The file's.
         vertices: (vertices,) fine welded vertex of each.
-        method: The exact shapes of all effects, at the vertices: the method's side.
-        positions: (vertices, 3) as stored.
-        deltas: (old targets, vertices, 3) as stored.
+        joints: (joints,) the joints on which the vertices hang, on either side; both rigs have the same.
+        bodies: The method's, whose weights are not pruned, and the file's as stored, with normalised weights and the
+            asset's own targets.
+        exact: The exact shapes of all effects.
         added: The new targets, as stored.
-        weights: (vertices, joints) as stored, normalised.
         normals: (vertices, 3) as stored, and NORMAL deltas of each new target; None without NORMAL.
     """
 
     rig: Rig
     clips: tuple[Clip, ...]
     vertices: Ints
-    method: Targets
-    positions: Floats
-    deltas: Floats
+    joints: Ints
+    bodies: Pair
+    exact: Targets
     added: Targets
-    weights: Floats
     normals: tuple[Floats, Targets] | None
+
+    @property
+    def own_target_count(self) -> int:
+        """The number of the asset's own morph targets."""
+        return int(self.bodies.second.places.shape[1]) - 1
 
 
 def prove(
@@ -123,7 +128,7 @@ def _refuse_beyond_bound(plan: MeshPlan, motion: Motion, residual: Residual) -> 
 
 
 def read_back(edited: EditedDocument, plan: MeshPlan, effects: Sequence[Effect]) -> Proof:
-    """Load the vertices of the file that effects or refinement touch."""
+    """Load the vertices of the file that effects or refinement touch, beside those of the method."""
     fine = plan.fine
     refined_primitives = primitives_of(fine, shared_vertices(edited.source, plan.rig.mesh, fine))
     written = edited.document()
@@ -154,16 +159,22 @@ def read_back(edited: EditedDocument, plan: MeshPlan, effects: Sequence[Effect])
     if stored.normals is not None:
         turning = [target.of_rows(rows) for target in new_deltas("NORMAL")]
         normals = stored.normals[chosen], Targets(tuple(turning), len(chosen))
-    shapes = tuple(shape for each in effects for shape in each.exact_shapes(welds[chosen]))
+    vertices = welds[chosen]
+    shapes = tuple(shape for each in effects for shape in each.exact_shapes(vertices))
+    exact = fine.dense_weights(vertices, len(plan.rig.joints))
+    joints = np.flatnonzero(exact.any(axis=0) | dense.any(axis=0))
+    bodies = Pair(
+        prepare(exact[:, joints], fine.positions[vertices], fine.morph_deltas[:, vertices]),
+        prepare(dense[:, joints], stored.positions[chosen], stored.morph_deltas[:, chosen]),
+    )
     return Proof(
         rig,
         read_clips(written),
-        welds[chosen],
+        vertices,
+        joints,
+        bodies,
         Targets(shapes, len(chosen)),
-        stored.positions[chosen],
-        stored.morph_deltas[:, chosen],
         Targets(tuple(target.of_rows(rows) for target in moving), len(chosen)),
-        dense,
         normals,
     )
 
@@ -192,8 +203,8 @@ def measure_residual(
     """Compare the file with the method in one clip, at and between its keys.
 
     Args:
-        proof: The file's side.
-        plan: The method's side; skin weights of its refined surface are not pruned.
+        proof: The two sides.
+        plan: The mesh.
         effects: The effects on the mesh.
         motion: The clip as it was in the source, and the times at which it was sampled.
         written: The clip as it is in the file.
@@ -239,9 +250,11 @@ class _Moved:
     exact: Floats
     projected: Sequence[tuple[Ints, Ints, Callable[[slice], Floats]]]
 
-    def displacements(self, proof: Proof, frames: slice) -> Floats:
-        """(frames, 3, vertices) sum of all effects at the vertices compared, bind space."""
-        total = proof.method.added(self.exact[frames])
+    def displacements(self, proof: Proof, frames: slice) -> Floats | None:
+        """(frames, 3, vertices) sum of all effects at the vertices compared, bind space; None if nothing moves."""
+        if not self.projected and not self.exact[frames].any():
+            return None
+        total = proof.exact.added(self.exact[frames])
         for rows, numbers, moved in self.projected:
             total[:, :, rows] += moved(frames).transpose(0, 2, 1)[:, :, numbers]
         return total
@@ -251,30 +264,25 @@ def _vertex_errors(
     proof: Proof, plan: MeshPlan, moved: _Moved, written: Clip, shaded: Ints
 ) -> tuple[float, float, Floats]:
     """The largest distance of a vertex, its time, and the angles of normals in degrees at the times `shaded`."""
-    rig, fine, clip, times = plan.rig, plan.fine, moved.clip, moved.times
-    weights = fine.dense_weights(proof.vertices, len(rig.joints))
-    acting, stored = np.flatnonzero(weights.any(axis=0)), np.flatnonzero(proof.weights.any(axis=0))
-    method = prepare(weights[:, acting], fine.positions[proof.vertices], fine.morph_deltas[:, proof.vertices])
-    file = prepare(proof.weights[:, stored], proof.positions, proof.deltas)
-    count = max(len(proof.vertices), 1)
-    chunk = min(max(_FEW_VERTICES // count, _CHUNK), max(_MOST_VERTICES // count, 1))
+    rig, clip, times, own = plan.rig, moved.clip, moved.times, proof.own_target_count
+    matrices, stored = (joint_matrices(*side, times, proof.joints) for side in ((rig, clip), (proof.rig, written)))
+    weights, played = morph_weights(rig, clip, times), morph_weights(proof.rig, written, times)
+    chunk = max(_CHUNK // max(len(proof.vertices), 1), 1)
     worst, worst_time, angles = 0.0, float(times[0]), [np.zeros(0)]
     for frames in (slice(k, k + chunk) for k in range(0, len(times), chunk)):
-        now = times[frames]
-        displaced = moved.displacements(proof, frames)
-        matrices = joint_matrices(rig, clip, now, acting)
-        wanted, _ = pose(method, matrices, morph_weights(rig, clip, now), displaced)
-        played = morph_weights(proof.rig, written, now)
-        new = proof.added.added(played[:, len(proof.deltas) :])
-        got, _ = pose(file, joint_matrices(proof.rig, written, now, stored), played[:, : len(proof.deltas)], new)
-        distances = np.sqrt(np.sum((got - wanted) ** 2, axis=1)).max(axis=1, initial=0.0)
-        frame = int(distances.argmax())
-        if distances[frame] > worst:
-            worst, worst_time = float(distances[frame]), float(now[frame])
+        displaced, new = moved.displacements(proof, frames), played[frames, own:]
+        added = proof.added.added(new) if new.any() else None
+        method = Frames(matrices[frames], weights[frames], displaced)
+        file = Frames(stored[frames], played[frames, :own], added)
+        distance, frame = farthest(proof.bodies, method, file, worst)
+        if distance > worst:
+            worst, worst_time = distance, float(times[frames][frame])
         at = shaded[(shaded >= frames.start) & (shaded < frames.stop)] - frames.start
-        if len(at) and proof.normals is not None:
-            poses = [pose_at(rig, clip, time) for time in now[at].tolist()]
-            angles.append(_normal_angles(proof.normals, proof.vertices, fine, displaced[at], played[at], poses))
+        if len(at) and proof.normals is not None and displaced is not None:
+            poses = [pose_at(rig, clip, time) for time in times[frames][at].tolist()]
+            angles.append(
+                _normal_angles(proof.normals, proof.vertices, plan.fine, displaced[at], played[frames][at], poses)
+            )
     return worst, worst_time, np.concatenate(angles)
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrinklecli.numeric.arrays import Floats, cross, dot
+from wrinklecli.numeric.arrays import Floats, Ints, cross, dot
 
 # Vertices times frames that are posed at once. Matrix products of half as many are slow; twice as many leave the cache,
 # and the allocator gives their memory back to the system each time.
@@ -31,6 +31,11 @@ class Skin:
     weights: Floats
     places: Floats
     turns: Floats | None
+
+    def of(self, vertices: Ints) -> "Skin":
+        """The same of (vertices,) some vertices."""
+        turns = None if self.turns is None else self.turns[:, :, vertices]
+        return Skin(self.weights[:, vertices], self.places[:, :, vertices], turns)
 
 
 def prepare(
