@@ -164,7 +164,7 @@ RECORDS: dict[str, Callable[[dict[str, Any]], Any]] = {
     "files as text": changed(files="abc"),
     "files as a number": changed(files=7),
     "no version": lambda record: {key: value for key, value in record.items() if key != "cache"},
-    "another version": changed(cache=2),
+    "another version": changed(cache=3),
     "a nested version": changed(cache=deep(200)),
     "no outcome": lambda record: {key: value for key, value in record.items() if key != "said"},
     "an outcome of none": changed(said=None),
@@ -196,6 +196,14 @@ def test_a_record_that_no_job_writes_is_a_miss(name: str, known: tuple[dict[str,
     (warning,) = cache.warnings
     assert warning.startswith(f"{path}: is not ")
     assert len(warning) < 300
+
+
+def test_a_record_of_an_older_program_is_a_miss(known: tuple[dict[str, Any], Parts]) -> None:
+    cache = Cache("c")
+    Path("c/keys/ke").mkdir(parents=True)
+    Path("c/keys/ke/key.json").write_text(json.dumps({**known[0], "cache": 1}))
+    assert cache.find("key", JobFiles(known[1])) is None
+    assert not cache.warnings
 
 
 @pytest.mark.parametrize(
@@ -233,7 +241,7 @@ def baked(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Par
     job = BatchJob("", str(made / "limb.gltf"), (str(made / "t.yaml"),), "o/limb.gltf", report="o/r.json")
     image = hashlib.sha256(PNG).hexdigest()
     record = {
-        "cache": 1,
+        "cache": 2,
         "files": [
             ["report", "r.json", DIGEST],
             ["out", f"limb-{DIGEST[:12]}.bin", DIGEST],

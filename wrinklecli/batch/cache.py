@@ -29,7 +29,7 @@ TAG = "CACHEDIR.TAG"
 ENTRIES = ("keys", "files", "outs")
 """The folders of a cache."""
 
-_VERSION = 1
+_VERSION = 2  # of a record
 _MAX_ENTRY = 2**23  # bytes of a record: the files of 60,000 frames
 _LONGEST_REASON = 200  # characters of a warning, as an entry may have any text
 _DIGEST = re.compile(r"[0-9a-f]{64}")
@@ -87,7 +87,7 @@ class Cache:
     def find(self, key: str, outputs: JobFiles) -> Record | None:
         """Look up the outputs of a job by its key; None if there is no record, or one that this job cannot have."""
         entry = self._read("keys", key)
-        if entry is None:
+        if entry is None or entry.get("cache") == 1:  # of a wrinkle before this one
             return None
         try:
             return _record(entry, outputs)
@@ -185,7 +185,7 @@ def _record(entry: dict[str, Any], outputs: JobFiles) -> Record:
         KeyError, TypeError, ValueError, OverflowError: It is not the record of a job with these outputs.
     """
     if entry["cache"] != _VERSION:
-        raise ValueError(f"version {entry['cache']!r}")
+        raise ValueError(f"its version is {entry['cache']!r}")
     files: dict[tuple[str, str], CachedFile] = {}
     for each in entry["files"]:
         root, path, digest = each
