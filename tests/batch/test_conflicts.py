@@ -212,6 +212,18 @@ def test_frames_keep_off_the_files_of_other_jobs(other: dict[str, str], wrinkle:
 
 
 @pytest.mark.usefixtures("folder")
+def test_frames_keep_off_clips_that_are_tracked_after_them(wrinkle: Wrinkle) -> None:
+    os.mkdir("o")
+    limb_asset(rings=7, sides=6).write(Path("o/fold_0001.glb"))
+    before = Path("o/fold_0001.glb").read_bytes()
+    both = job(frames_dir="o", frames_format="glb", anims="o/fold_0001.glb", tracked="tracked")
+    line = "o/fold_0001.glb: is an input too and would be overwritten"
+    assert run(wrinkle, both) == (1, [f"{MANIFEST}:1: jobs[0]: {line}"])
+    assert Path("o/fold_0001.glb").read_bytes() == before
+    assert not Path("o/limb.glb").exists()
+
+
+@pytest.mark.usefixtures("folder")
 def test_an_old_buffer_stays_if_another_job_reads_it(wrinkle: Wrinkle) -> None:
     first = job(out="o/limb.gltf")
     assert run(wrinkle, first)[0] == 0

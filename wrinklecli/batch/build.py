@@ -11,8 +11,8 @@ from wrinklecli.baking.pipeline import bake
 from wrinklecli.baking.report import Report, as_json
 from wrinklecli.baking.timings import peak_memory
 from wrinklecli.baking.track import track
-from wrinklecli.batch.job_files import path_in
-from wrinklecli.batch.jobs import OTHERS, BatchJob, Outcome
+from wrinklecli.batch.job_files import path_in, protect
+from wrinklecli.batch.jobs import BatchJob, Outcome
 from wrinklecli.batch.staging import Staged
 from wrinklecli.errors import BakeError
 from wrinklecli.files.outputs import Outputs
@@ -53,7 +53,7 @@ def build(
     _reset_peak_memory()
     with held(options.max_memory):
         with open_outputs() as outputs:
-            outputs.protect(job.others, used=OTHERS)
+            protect(job, outputs)
             outputs.own(os.path.join(here.roots[root][1], path) for root, path in own)
             for path in (job.report, job.timings):
                 if path is not None:
@@ -67,7 +67,7 @@ def build(
         warnings = list(report.warnings)
         if job.anims and job.tracked is not None:
             with open_outputs() as outputs:
-                outputs.protect(job.others, used=OTHERS)
+                protect(job, outputs)
                 tracked = track(
                     job.out,
                     job.anims,

@@ -10,7 +10,9 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from wrinklecli.batch.cache_keys import Parts
-from wrinklecli.gltf.files import leaves_folder, path_of
+from wrinklecli.batch.jobs import BatchJob
+from wrinklecli.files.outputs import Outputs
+from wrinklecli.gltf.files import files_named, leaves_folder, path_of
 
 ROOTS = ("report", "timings", "frames_dir", "tracked", "out")
 """The outputs of a job, each in a folder of its own or a shared one; the main output last."""
@@ -58,6 +60,12 @@ class JobFiles:
         if root == "frames_dir":
             return self._frame is not None and self._frame.fullmatch(path) is not None
         return any(model.has_beside(root, path, digest) for model in self._models)
+
+
+def protect(job: BatchJob, outputs: Outputs) -> None:
+    """Let no output of a job, nor of a step of it, overwrite an input of the job or a file of another one."""
+    outputs.protect(files_named(job.inputs))
+    outputs.protect(job.others, used="a file of another job")
 
 
 def path_in(folder: str, path: str) -> str | None:

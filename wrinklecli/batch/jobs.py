@@ -6,9 +6,6 @@ from typing import Any, Literal, TypeAlias
 
 from wrinklecli.numeric.memory import MAX_MEMORY, parse_bytes
 
-OTHERS = "a file of another job"
-"""Words for `BatchJob.others` in messages."""
-
 Result: TypeAlias = Literal["hit", "built", "refused", "failed", "bug"]
 
 

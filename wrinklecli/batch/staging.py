@@ -10,7 +10,7 @@ from functools import partial
 
 from wrinklecli.batch import stores
 from wrinklecli.batch.job_files import ROOTS
-from wrinklecli.batch.jobs import OTHERS, BatchJob
+from wrinklecli.batch.jobs import BatchJob
 from wrinklecli.errors import AssetError, BakeError, WrinkleError
 from wrinklecli.gltf.files import leaves_folder, path_of, references
 
@@ -152,7 +152,7 @@ def send(staged: Staged, files: list[tuple[str, str]], own: set[tuple[str, str]]
             continue
         target = stores.join(given, path.replace(os.sep, "/"))
         if target in staged.job.others:
-            raise BakeError(f"is {OTHERS} too and would be overwritten", where=target)
+            raise BakeError("is a file of another job too and would be overwritten", where=target)
         image = root == "out" and path != os.path.basename(staged.job.out) and not path.endswith(".bin")
         try:
             with open(os.path.join(local, path), "rb") as file:

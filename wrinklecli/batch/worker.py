@@ -17,8 +17,8 @@ from typing import TypeAlias
 from wrinklecli.batch import stores
 from wrinklecli.batch.cache import Cache, CachedFile, Record, Said
 from wrinklecli.batch.cache_keys import Parts, difference, key_of, parts_of, program
-from wrinklecli.batch.job_files import JobFiles
-from wrinklecli.batch.jobs import OTHERS, BatchJob, Outcome
+from wrinklecli.batch.job_files import JobFiles, protect
+from wrinklecli.batch.jobs import BatchJob, Outcome
 from wrinklecli.batch.staging import Staged, send, staged
 from wrinklecli.batch.stores import StoreError
 from wrinklecli.errors import RefusedError, WrinkleError
@@ -194,8 +194,7 @@ def _add(files: Iterable[CachedFile], main: CachedFile, here: Staged, cache: Cac
     Raises:
         _LostError: The cache does not have the content of a file.
     """
-    outputs.protect(here.job.inputs)
-    outputs.protect(here.job.others, used=OTHERS)
+    protect(here.job, outputs)
     for file in files:
         content = cache.content(file, here.job.max_memory)
         if content is None:
