@@ -8,11 +8,11 @@ import pytest
 from kit.bakes import bake_once
 from kit.limb import limb, tool, write_tools
 from wrinklecli import bake
-from wrinklecli.baking import pipeline
+from wrinklecli.baking import estimate, pipeline
 from wrinklecli.baking.estimate import morph_target_bytes, target_sizes
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.plan import plan_meshes
-from wrinklecli.effects.wrinkle import sample
+from wrinklecli.effects.wrinkle import posed, sample
 from wrinklecli.errors import BakeError, TooMuchError
 from wrinklecli.review.check import check
 
@@ -79,6 +79,51 @@ def test_frames_that_no_glb_holds_are_refused(paths: tuple[Path, Path], monkeypa
         BakeError, match=r"^limb: 200,001 frames of [\d,]+ vertices would be .* GB, and a .glb holds 4 GiB"
     ):
         bake(*paths, paths[0].with_name("out.glb"), mode="frames", fps=100_000.0)
+
+
+@pytest.mark.quick(1)
+def test_a_tool_that_slides_in_too_many_ways_is_refused_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asset, tools = limb(tmp_path / "limb.glb", rings=16, angle=160.0), tmp_path / "tools.yaml"
+    sliding = tool(attachment="patch", profile="polyline", bumps=8)
+    write_tools(tools, sliding, refinement={"max_levels": 2})
+    frames: list[int] = []
+    original = posed._posed_at_once
+
+    def counting(*arguments: Any) -> Any:
+        frames.append(len(arguments[5]))
+        return original(*arguments)
+
+    monkeypatch.setattr(posed, "_posed_at_once", counting)
+    said = (
+        r" tools\[0\]: would need about \d{3} morph targets for about [\d,]+ moments of [\d,]+ .*,"
+        r" and 256 may be, .*smooth"
+    )
+    with pytest.raises(BakeError, match=said):
+        bake(asset, tools, tmp_path / "out.glb")
+    assert not (tmp_path / "out.glb").exists()
+    # A bake would pose some 6,000.
+    assert sum(frames) < 32 + 5 * 16 + 128 + 256 + 8
+
+
+def test_more_vertices_are_not_projected_than_may_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asset = limb(tmp_path / "limb.glb")
+    tools = write_tools(tmp_path / "tools.yaml", ANEW, tool(name="other", attachment="patch"), tool(name="still"))
+    (plan,) = plan_meshes(read_job(asset, tools, BakeOptions()))
+    projected = sum(len(vertices) for vertices in plan.layers[0].moved[:2])
+    assert plan.layers[0].projected == projected
+    monkeypatch.setattr(estimate, "_MOST_PROJECTED", 61 * projected)
+    assert check(asset, tools).data["tools"]
+    assert check(asset, tools, fps=90, only=["still"]).data["tools"]
+    line = (
+        rf"^limb: {projected} vertices under .* in each of 81 frames, {81 * projected:,} in all, and .*: use attachment"
+    )
+    with pytest.raises(BakeError, match=line):
+        check(asset, tools, fps=40)
+    for mode in ("morph", "frames"):
+        with pytest.raises(BakeError, match=line):
+            bake(asset, tools, tmp_path / "out.glb", fps=40, mode=mode)
 
 
 def test_values_between_keys_are_no_more_than_may_be(tmp_path: Path) -> None:

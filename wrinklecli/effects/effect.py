@@ -279,10 +279,16 @@ class Layer(Protocol):
         """The count of numbers that are kept for each sampled time."""
         ...
 
+    @property
+    def projected(self) -> int:
+        """The number of vertices that are posed at each time that is sampled."""
+        ...
+
     def target_sizes(self, plan: MeshPlan, clips: Sequence[Clip], frames: int, memory: Memory) -> list[int]:
         """An estimate, before clips are sampled, of the welded vertices that each morph target moves, at most.
 
         Raises:
+            BakeError: There would be too many targets.
             TooMuchError: Sampling would take more memory than there may be.
         """
         ...

@@ -20,6 +20,8 @@ LEAST_SHARE = 1e-6
 
 # Least cosine of true and base normal that the fit follows, as NORMAL deltas cannot turn a normal over.
 _LEAST_COSINE = 0.1
+# Arrays of vertices by pairs of shapes that the fit of normals holds at once.
+_FIT_COPIES = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +92,11 @@ def make_shapes(
             else None
         )
     return shapes
+
+
+def fit_bytes(shapes: int, vertices: int) -> int:
+    """Bytes that the normals of so many shapes that act together take while they are fitted."""
+    return _FIT_COPIES * 8 * vertices * shapes**2
 
 
 def _fit_normals(fine: Refinement, vertices: Ints, deltas: Floats, samples: Sequence[Sample]) -> tuple[Ints, Floats]:

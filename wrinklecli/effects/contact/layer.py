@@ -38,6 +38,7 @@ class ContactLayer:
     named_clips: ClassVar[frozenset[str]] = frozenset()
     keyed_clips: ClassVar[frozenset[str]] = frozenset()
     sampled_numbers: ClassVar[int] = 0
+    projected: ClassVar[int] = 0
 
     @property
     def moved(self) -> Sequence[Ints]:

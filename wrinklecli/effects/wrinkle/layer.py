@@ -12,20 +12,18 @@ from wrinklecli.effects.wrinkle.attach import attach_tools
 from wrinklecli.effects.wrinkle.carry import CarriedPatch, carry
 from wrinklecli.effects.wrinkle.demand import demanding
 from wrinklecli.effects.wrinkle.effect import WrinkleEffect
+from wrinklecli.effects.wrinkle.forecast import expected_shapes
 from wrinklecli.effects.wrinkle.patch import Patch
-from wrinklecli.effects.wrinkle.sample import compress_displacements, sample_wrinkles
+from wrinklecli.effects.wrinkle.sample import most_overlaps, sample_wrinkles
 from wrinklecli.effects.wrinkle.warnings import departure_warnings, twin_warnings
 from wrinklecli.errors import BakeError
 from wrinklecli.numeric.arrays import Ints
 from wrinklecli.numeric.memory import Memory
-from wrinklecli.numeric.reduction import refuse_large_series
 from wrinklecli.surface.ground import Ground
 from wrinklecli.tools.records import EffectTool, ToolsFile, WrinkleTool
 
 # Numbers of each tool that are sampled besides its amplitudes.
 _BESIDE = 4
-# Moments of all clips from which the shapes of a tool with `attachment: patch` are estimated.
-_MOMENTS = 32
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +56,11 @@ class WrinkleLayer:
         return frozenset(name for each in self.carried_patches for name in each.patch.keyed_clips)
 
     @property
+    def projected(self) -> int:
+        """The number of vertices that are projected onto patches in each frame."""
+        return sum(len(each.vertices) for each in self.carried_patches if each.ring is not None)
+
+    @property
     def sampled_numbers(self) -> int:
         """Amplitudes, distances and lengths."""
         return sum(each.patch.curve.greatest_amplitudes.size + _BESIDE for each in self.carried_patches)
@@ -66,15 +69,16 @@ class WrinkleLayer:
         """The vertices under each group of bumps, or those of an estimated number of shapes if vertices are projected.
 
         Raises:
-            TooMuchError: The frames of a tool that is projected in each frame would take more memory.
+            BakeError: A tool that is projected in each frame would need too many shapes.
+            TooMuchError: Its frames would take more memory.
         """
         sizes: list[int] = []
+        bound = plan.max_error / most_overlaps(self.carried_patches)
         for carried in self.carried_patches:
             if carried.ring is None:
                 sizes += _group_sizes(carried)
             elif clips:
-                count = _least_shapes(plan, carried, clips, memory)
-                refuse_large_series(memory, frames, len(carried.vertices), count, where=carried.patch.tool.where)
+                count = expected_shapes(plan, carried, clips, frames, bound, memory)
                 sizes += [len(carried.vertices)] * count
         return sizes
 
@@ -138,12 +142,3 @@ def _group_sizes(carried: CarriedPatch) -> list[int]:
     low, high = (np.searchsorted(us, ends) for ends in (curve.bumps.starts, curve.bumps.ends))
     of_groups = [int((high - low)[list(bumps)].sum()) for bumps in curve.groups]
     return [size for size in of_groups for _ in range(curve.greatest_amplitudes.shape[1])]
-
-
-def _least_shapes(plan: MeshPlan, carried: CarriedPatch, clips: Sequence[Clip], memory: Memory) -> int:
-    """The number of shapes that moments spread over the clips ask for."""
-    chosen = clips[:: -(-len(clips) // _MOMENTS)]
-    count = -(-_MOMENTS // len(chosen))
-    moments = ((clip, np.linspace(clip.start, clip.end, count)) for clip in chosen)
-    _, shapes = compress_displacements(plan, carried, moments, memory)
-    return len(shapes)

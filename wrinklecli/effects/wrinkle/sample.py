@@ -13,7 +13,7 @@ from wrinklecli.character.pose import Pose, pose_at
 from wrinklecli.drive.lag import SpringFilter
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, SamplingOptions, named_targets
 from wrinklecli.effects.sampling import KEYS_SHARE, SAMPLING_SHARE, duplicates_of
-from wrinklecli.effects.shapes import Sample, Shape, make_shapes
+from wrinklecli.effects.shapes import Sample, Shape, fit_bytes, make_shapes
 from wrinklecli.effects.wrinkle.activity import activities, points_of, springs_in
 from wrinklecli.effects.wrinkle.bending import tallest_poses
 from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
@@ -35,8 +35,8 @@ _MOST_COORDINATES = 2**20
 _FRAMES_OF_A_QUARTIC = 4
 # Part of the bound for having fewer shapes than frames, with `attachment: patch`.
 _COMPRESSION_SHARE = 0.25
-# Length of a vector whose coordinates are all 1: its error if each coordinate is off by 1.
-_PER_COORDINATE = 3.0**0.5
+PER_COORDINATE = 3.0**0.5
+"""Length of a vector whose coordinates are all 1: its error if each coordinate is off by 1."""
 
 
 def sample_wrinkles(
@@ -65,7 +65,7 @@ def sample_activities(
 ) -> list[Motion]:
     """Sample clips without weights: their times, and the tools' activities as states."""
     patches = [carried.patch for carried in carried_patches]
-    bound, fps, progress = plan.max_error / _overlaps(carried_patches), how.fps, how.progress
+    bound, fps, progress = plan.max_error / most_overlaps(carried_patches), how.fps, how.progress
     # Frames up to the end of each clip.
     ends = np.ceil(np.cumsum([1.0 + (clip.end - clip.start) * fps for clip in clips])).astype(int).tolist()
     sampled: list[Motion] = []
@@ -148,7 +148,7 @@ def _shapes(
     return _compressed(plan, carried, motions, memory)
 
 
-def _overlaps(carried_patches: Sequence[CarriedPatch]) -> int:
+def most_overlaps(carried_patches: Sequence[CarriedPatch]) -> int:
     """The greatest number of tools that move one vertex: their errors add up there."""
     moved = np.concatenate([each.vertices for each in carried_patches])
     return int(np.bincount(moved).max())
@@ -186,7 +186,7 @@ def _signals(
             amplitudes, _ = patch.curve.follow(followed, rest_lengths)
             if patch.tool.attachment == "patch":
                 moved = displacements(carried, plan.fine, rig, clip, times, amplitudes)
-                values.append(_PER_COORDINATE * plan.scale * moved.reshape(len(times), -1))
+                values.append(PER_COORDINATE * plan.scale * moved.reshape(len(times), -1))
             else:
                 values.append(patch.clip_strength(clip) * patch.shape_strength * amplitudes.reshape(len(times), -1))
         return np.concatenate(values, axis=1)
@@ -221,6 +221,7 @@ def _compressed(
 
     Raises:
         BakeError: There are too many shapes.
+        TooMuchError: They would take more memory than is left.
     """
     if not motions:
         return [], []
@@ -229,6 +230,9 @@ def _compressed(
     even = np.linspace(0, len(together) - 1, 16).astype(int)
     rows = distinct_values(np.concatenate([even, np.argmax(together, axis=0)]))
     moments = [(each.clip, time) for each in motions for time in each.times.tolist()]
+    if plan.has_normals:
+        what = f"the normals of {len(deltas):,} shapes of {len(carried.vertices):,} vertices"
+        memory.check(fit_bytes(len(deltas), len(carried.vertices)), what, where=carried.patch.tool.where)
     shapes = make_shapes(
         plan.fine,
         carried.vertices,
@@ -249,5 +253,5 @@ def compress_displacements(
         for clip, times in moments
         for k in range(0, len(times), chunk)
     )
-    tolerance = _COMPRESSION_SHARE * plan.max_error / plan.scale / _PER_COORDINATE
+    tolerance = _COMPRESSION_SHARE * plan.max_error / plan.scale / PER_COORDINATE
     return compress(series, tolerance, memory=memory, where=carried.patch.tool.where)
