@@ -82,6 +82,7 @@ def batch(wrinkle: Wrinkle, folder: Path) -> Batch:
 EVERY = {"frames_dir": "f", "timings": "o/t.json", "anims": "a/*.gltf", "tracked": "tracked", "max_error": "2%"}
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("keys", [{}, EVERY, {"out": "a/out.gltf"}, {"out": "o/limb.glb", "split": True}])
 @pytest.mark.usefixtures("folder")
 def test_every_output_comes_back(keys: dict[str, Any], folder: Path, wrinkle: Wrinkle) -> None:
@@ -261,6 +262,7 @@ def known(
     return baked
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("name", ["above", "an image of other content", "an unknown root alone", "NaN", "text"])
 def test_a_job_with_such_a_record_is_baked(name: str, batch: Batch, folder: Path) -> None:
     (folder / "victim").write_bytes(b"precious")
@@ -279,6 +281,7 @@ def test_a_job_with_such_a_record_is_baked(name: str, batch: Batch, folder: Path
     assert (told["result"], any("c/" in line for line in told["warnings"])) == ("hit", False)
 
 
+@pytest.mark.quick(4)
 @pytest.mark.parametrize(
     "note",
     [
@@ -325,6 +328,7 @@ def as_other_content(path: Path) -> None:
     path.write_bytes(b"other")
 
 
+@pytest.mark.quick(3)
 @pytest.mark.parametrize("spoilt", [as_pipe, as_device, as_loop, as_other_content])
 @pytest.mark.parametrize("kind", ["keys", "files", "outs"])
 def test_entries_that_are_no_files_are_misses(
@@ -351,6 +355,7 @@ def test_an_entry_that_cannot_be_replaced_is_a_warning(batch: Batch) -> None:
     assert any("the cache cannot be written: Is a directory" in line for line in told["warnings"])
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("kind", ["keys", "files", "outs"])
 def test_a_link_in_the_cache_leads_nowhere(kind: str, batch: Batch, folder: Path) -> None:
     (folder / "elsewhere").mkdir()
@@ -368,6 +373,7 @@ def test_a_link_in_the_cache_leads_nowhere(kind: str, batch: Batch, folder: Path
 # A cache that cannot be written
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("reason", ["No space left on device", "Read-only file system", "Access Denied"])
 def test_outputs_are_done_whatever_the_cache_does(
     reason: str, wrinkle: Wrinkle, folder: Path, monkeypatch: pytest.MonkeyPatch
