@@ -3,11 +3,12 @@
 import io
 import json
 import os
+import shutil
 import signal
 import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout
+from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout, suppress
 from functools import cache
 from pathlib import Path
 from threading import Event, Thread
@@ -237,6 +238,7 @@ def attack(case: Case, folder: Path) -> int:
         refused = stack.enter_context(only_within(folder, temporary))
         piped = stack.enter_context(_readers(pipes))
         stack.enter_context(bounded(seconds=SECONDS, megabytes=MEGABYTES))
+        saved = _saved(case, folder)
         middle = _kill(case, folder)
         code, out, err = _run(case, arguments, folder)
         assert not list(temporary.iterdir()), f"left temporary files: {[each.name for each in temporary.iterdir()]}"
@@ -245,7 +247,7 @@ def attack(case: Case, folder: Path) -> int:
     after = _found(folder)
     _check_files(case, folder, before if middle is None else middle, after, inputs=inputs, code=code)
     if middle is not None:
-        _check_killed(before, middle, after, code=code)
+        _check_killed(before, middle, after | saved, code=code)
     if not any(edit[1].startswith("manifest") for edit in case.edits):
         assert not refused, f"would have written to {refused[:3]}"
     if code not in _DONE.get(command, (0,)):
@@ -335,7 +337,9 @@ def _check_kept(case: Case, folder: Path, after: dict[str, bytes], changed: set[
 def _check_killed(before: dict[str, bytes], middle: dict[str, bytes], after: dict[str, bytes], *, code: int) -> None:
     """After a kill each file is as it was or as the command makes it, and another run takes its rubbish away."""
     for name, data in middle.items():
-        apart = "/.wrinkle-" in name or any(f"/{each}" in name for each in _KEPT) or name.endswith(".json")
+        apart = (
+            "/.wrinkle-" in name or any(f"/{each}" in name for each in _KEPT) or name.endswith((".json", ".unsaved"))
+        )
         if not apart and code == 0:
             assert data in (before.get(name), after.get(name)), f"killed, it left {name} neither old nor new"
     lost = before.keys() - middle.keys()
@@ -344,6 +348,7 @@ def _check_killed(before: dict[str, bytes], middle: dict[str, bytes], after: dic
 
 def _kill(case: Case, folder: Path) -> dict[str, bytes] | None:
     """Run a command in a process that a signal ends in the middle, if a case has one; the files that are left."""
+    action = _save if case.arguments[0] == "edit" else run
     for name, _, line in [edit for edit in case.edits if edit[1] == "kill"]:
         child = os.fork()
         if child == 0:
@@ -354,11 +359,32 @@ def _kill(case: Case, folder: Path) -> dict[str, bytes] | None:
                 for sign in (signal.SIGTERM, signal.SIGINT):
                     signal.signal(sign, signal.SIG_DFL)
                 signal_at_line(line, signal.Signals[name], nowhere)
-                run(case.arguments, folder)
+                action(case.arguments, folder)
             finally:
                 os._exit(0)
         os.waitpid(child, 0)
         return _found(folder)
+    return None
+
+
+def _saved(case: Case, folder: Path) -> dict[str, bytes]:
+    """The tools file as an editor would save it that is not killed."""
+    if case.arguments[0] != "edit" or case.places or not any(edit[1] == "kill" for edit in case.edits):
+        return {}
+    with tempfile.TemporaryDirectory() as name:
+        shutil.copytree(folder, name, dirs_exist_ok=True)
+        _save(case.arguments, Path(name))
+        return {str(folder / "tools.yaml"): Path(name, "tools.yaml").read_bytes()}
+
+
+def _save(arguments: Sequence[str], folder: Path) -> object:
+    """Change a tool as the editor does, and save; in vain where files are at fault."""
+    from wrinklecli.editor.session import Session
+
+    with suppress(WrinkleError):
+        session = Session(folder / arguments[1], folder / "tools.yaml")
+        session.set_value(session.tools()[0].name, ("bumps",), 7)
+        session.save()
     return None
 
 

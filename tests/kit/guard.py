@@ -49,7 +49,11 @@ class _Guard:
             return
         self._busy.add(thread)
         try:
+            # The last argument of most events is the descriptor of the folder that a path is relative to, or -1.
+            relative_to = -1 if event in ("open", "os.truncate") else arguments[-1]
             for path in paths:
+                if relative_to >= 0 and not isinstance(path, int):
+                    path = os.path.join(os.readlink(f"/proc/self/fd/{relative_to}"), os.fsdecode(path))
                 self._refuse_elsewhere(path, follow=event in ("open", "os.chmod", "os.truncate"))
         finally:
             self._busy.discard(thread)
