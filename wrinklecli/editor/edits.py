@@ -292,7 +292,10 @@ class Edits:
             error.lines = tuple(line.replace(alone, place, 1) for line in error.lines)
             raise
         drafted = {tool.name: tool for tool in read}
-        tools = [drafted.get(name, tool) if tool.name == name else tool for tool in self._settings_of(file).tools]
+        tools = [
+            replace(drafted.get(name, tool), where=tool.where) if tool.name == name else tool
+            for tool in self._settings_of(file).tools
+        ]
         return Draft(number, values, replace(self._settings_of(file), tools=tuple(tools)))
 
     def _become(self, file: ToolsText, done: str) -> None:

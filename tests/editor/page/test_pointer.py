@@ -3,7 +3,6 @@
 import html
 import re
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,15 +24,27 @@ EYE = 3.0  # scene units above the axis of the limb
 DOWN = np.array([0.0, -1.0, 0.0])
 
 
-@pytest.fixture
-def page(tmp_path: Path) -> Iterator[Page]:
+@pytest.fixture(scope="module")
+def opened(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
     """A page of a limb with two tools, on the thread of the test."""
-    (tmp_path / "limb.yaml").write_text(TOOLS)
-    page = Page(Session(limb(tmp_path / "limb.glb", rings=8, sides=6)))
+    folder = tmp_path_factory.mktemp("page")
+    (folder / "limb.yaml").write_text(TOOLS)
+    page = Page(Session(limb(folder / "limb.glb", rings=8, sides=6)))
     page.stop_work()
     page.player.go(None, 0.0)
     yield page
     page.close()
+
+
+@pytest.fixture
+def page(opened: Page) -> Iterator[Page]:
+    """The page as it was opened."""
+    yield opened
+    opened._pending = None
+    opened._pointer._end_new()
+    while opened.session.undo():
+        pass
+    opened.choose(None, look=False)
 
 
 def do(page: Page, action: Any) -> None:
@@ -112,10 +123,10 @@ def test_a_typed_value_that_is_refused_takes_no_click_away(page: Page) -> None:
     assert tools_of(page)["a"]["bumps"] == 3
 
 
-def test_a_tool_that_does_not_fit_says_so_at_once(page: Page) -> None:
+def test_a_tool_that_does_not_fit_says_so_at_once(page: Page, monkeypatch: pytest.MonkeyPatch) -> None:
     page._pointer._begin_new()
     click(page, -0.3)
-    page.session.add_tool = lambda *_: page.session.copy("a")  # type: ignore[method-assign,assignment]
+    monkeypatch.setattr(page.session, "add_tool", lambda *_: page.session.copy("a"))
     page.session.move_point("a", 0, [9, 9, 9])
     message = click(page, 0.3)
     assert "from the mesh" in message
@@ -123,20 +134,35 @@ def test_a_tool_that_does_not_fit_says_so_at_once(page: Page) -> None:
 
 
 @pytest.mark.parametrize(
-    ("tool", "number", "ends"), [("a", 0, [0.4]), ("a", 1, [-0.4]), ("bent", 1, [-0.4, 0.4]), ("bent", 2, [0.0])]
+    ("tool", "number", "ways"),
+    [
+        ("a", 0, [(-0.1, 0.4)]),
+        ("a", 1, [(0.1, -0.4)]),
+        ("bent", 1, [(-0.1, -0.4), (0.1, 0.4)]),
+        ("bent", 2, [(0.35, 0.0)]),
+    ],
 )
 def test_a_point_that_is_dragged_onto_its_neighbour_stays_where_it_was(
-    page: Page, tool: str, number: int, ends: list[float]
+    page: Page, tool: str, number: int, ways: list[tuple[float, float]]
 ) -> None:
     page.choose(tool, look=False)
-    for end in ends:
+    for half_way, end in ways:
         for nearly in (0.0, 1e-9, 4e-3):
-            half_way = 0.8 * end + 0.05
             message = drag(page, number, half_way, end + nearly, below=tool == "bent")
             assert message == "Points next to each other lie apart: the point stays where it was."
             points = tools_of(page)[tool].get("path") or [tools_of(page)[tool][key] for key in ("origin", "target")]
             assert points[number][0] == pytest.approx(half_way, abs=2e-3)
     assert [each.problem for each in page.session.tools()] == [None, None]
+
+
+def test_an_end_that_is_dragged_to_where_the_tool_does_not_fit_is_dragged_back(page: Page) -> None:
+    page.choose("a", look=False)
+    page.session.move_point("a", 0, [9, 9, 9])
+    page.refresh()
+    assert "a" not in page.session.attached_tools()
+    assert drag(page, 0, -0.3) == ""
+    assert tools_of(page)["a"]["origin"][0] == pytest.approx(-0.3, abs=2e-2)
+    assert page.session.tools()[0].problem is None
 
 
 def test_a_draft_that_is_refused_leaves_the_one_before_it(page: Page) -> None:

@@ -5,9 +5,11 @@ from typing import Any
 import numpy as np
 import viser
 
+from wrinklecli.editor.attached import AttachedTool
 from wrinklecli.editor.page.key_controls import as_written, key_controls
 from wrinklecli.editor.page.viewport import Hit, Viewport
 from wrinklecli.editor.page.widgets import ASKS, BAD, PageHost, add_button
+from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.errors import WrinkleError
 from wrinklecli.numeric.arrays import Floats
 
@@ -99,22 +101,29 @@ class Pointer:
 
     def _move(self, name: str, kind: str, number: int, origin: Floats, direction: Floats) -> None:
         hit, attached = self._viewport.hit(origin, direction), self._session.attached_tools().get(name)
-        if hit is None or attached is None:
+        if hit is None:
             return
         if kind == "anchor":
-            ends = [anchor.position for anchor in attached.patch.anchors]
-            if any(
-                _is_same_spot(hit, end) for end in (*ends[max(number - 1, 0) : number], *ends[number + 1 : number + 2])
-            ):
-                self._page.say("Points next to each other lie apart: the point stays where it was.", ASKS)
-                return
-            point = hit.place.tolist()
-            self._page.slide(
-                (name, kind, number), lambda draft: self._session.move_point(name, number, point, draft=draft)
-            )
+            self._move_point(name, number, hit, attached)
+        elif attached is not None:
+            self._move_side(name, hit.place, attached.patch)
+
+    def _move_point(self, name: str, number: int, hit: Hit, attached: AttachedTool | None) -> None:
+        """Move a point of a tool, which may be dragged back to where the tool fits."""
+        ends = [] if attached is None else [anchor.position for anchor in attached.patch.anchors]
+        neighbours = [*ends[max(number - 1, 0) : number], *ends[number + 1 : number + 2]]
+        if any(_is_same_spot(hit, end) for end in neighbours):
+            self._page.say("Points next to each other lie apart: the point stays where it was.", ASKS)
             return
-        patch = attached.patch
-        percent = 200.0 * abs(float(patch.coordinates(hit.place)[1])) * patch.half_width / patch.span
+        self._page.say("")
+        point = hit.place.tolist()
+        self._page.slide(
+            (name, "anchor", number), lambda draft: self._session.move_point(name, number, point, draft=draft)
+        )
+
+    def _move_side(self, name: str, place: Floats, patch: Patch) -> None:
+        """Let the side of a tool lie at a (3,) place at rest."""
+        percent = 200.0 * abs(float(patch.coordinates(place)[1])) * patch.half_width / patch.span
         before = next(tool.values.get("width") for tool in self._session.tools() if tool.name == name)
         width = as_written(_WIDTH, max(round(percent, 1), _MIN_WIDTH), before, patch.span)
         self._page.slide((name, "width"), lambda draft: self._session.set_value(name, ("width",), width, draft=draft))
