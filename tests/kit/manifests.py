@@ -42,7 +42,7 @@ _PATHS = [
     "limb.glb", "limb.gltf", "sound.glb", "tools.yaml", "jobs.yaml", "jobs.jsonl", "sub", ".", "..", "../x.glb", "",
     " ", "cache", "cache/CACHEDIR.TAG", "cache/x.glb", "{stem}", "{folder}/{stem}.glb", "{none}.glb", "./limb.glb",
     "sub/../limb.glb", "linked/limb.glb", "out.glb", "sub/out.glb", "sub/limb.gltf", "sub/limb.bin", "*", "[",
-    "**/*.glb", "*.glb", "x" * 300 + ".glb", "a\0b.glb", "memory://x/limb.glb", "none://x.glb",
+    "**/*.glb", "*.glb", "x" * 300 + ".glb", "a\0b.glb", "\ud800.glb", "memory://x/limb.glb", "none://x.glb",
     "file://limb.glb", "http://127.0.0.1:1/x.glb", "zip://a.glb::limb.glb", "zip://a.glb::memory://x.zip",
     "/nowhere/x.glb", "~/x.glb",
 ]

@@ -44,6 +44,7 @@ def read_json_lines(text: str) -> tuple[Node | None, list[Problem]]:
             continue
         try:
             value = json.loads(each, parse_constant=_refuse_constant)
+            _refuse_surrogates(value)
         except (ValueError, RecursionError) as error:
             reason = getattr(error, "msg", None) or str(error)
             problems.append(Problem(line, "", f"JSON: {printable(reason, 80)}"))
@@ -54,6 +55,14 @@ def read_json_lines(text: str) -> tuple[Node | None, list[Problem]]:
 
 def _refuse_constant(name: str) -> Any:
     raise ValueError(f"{name} is no number in JSON")
+
+
+def _refuse_surrogates(value: Any) -> None:
+    """Refuse half of a character that JSON writes as two escapes: no file has such a name."""
+    try:
+        json.dumps(value, ensure_ascii=False).encode()
+    except UnicodeEncodeError as error:
+        raise ValueError(f"\\u{ord(error.object[error.start]):04x} is half of a character") from None
 
 
 def _tree(jobs: list[Node]) -> Node:
