@@ -21,6 +21,34 @@ def crowd_asset(count: int, *, prefix: str = "limb", skinned: bool = False) -> A
     return asset
 
 
+def troop_asset(count: int, *, own_clips: bool = False, clip: bool = True) -> Asset:
+    """So many limbs on a square grid that show one mesh, each with joints of its own.
+
+    One clip folds all; with `own_clips` each has one of its own. `clip` is False for no clip.
+    """
+    asset = limb_asset(rings=7, sides=6)
+    gltf = asset.gltf
+    (skin,), (fold,) = gltf["skins"], gltf["animations"]
+    (channel,) = fold["channels"]
+    side = int(np.ceil(np.sqrt(count)))
+    for number in range(1, count):
+        x, y = 1.5 * LENGTH * (number % side), LENGTH * (number // side)
+        first = len(gltf["nodes"])
+        asset.append("nodes", {"name": f"limb_{number}", "mesh": 0, "skin": number})
+        asset.append("nodes", {"name": f"joint_0_{number}", "translation": [x - 1.0, y, 0.0], "children": [first + 2]})
+        asset.append("nodes", {"name": f"joint_1_{number}", "translation": [1.0, 0.0, 0.0]})
+        asset.append("skins", {**skin, "joints": [first + 1, first + 2], "skeleton": first + 1})
+        gltf["scenes"][0]["nodes"] += [first, first + 1]
+        turned = {**channel, "target": {"node": first + 2, "path": "rotation"}}
+        if own_clips:
+            asset.append("animations", {**fold, "name": f"fold_{number}", "channels": [turned]})
+        else:
+            fold["channels"].append(turned)
+    if not clip:
+        del gltf["animations"]
+    return asset
+
+
 def write_crowds(folder: Path, count: int) -> tuple[Path, Path]:
     """Write two crowds on a grid; in the second, one of them is elsewhere by less than anybody sees."""
     first, second = crowd_asset(count), crowd_asset(count)

@@ -3,6 +3,7 @@
 import tracemalloc
 from collections import Counter
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -10,10 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from kit.crowd import crowd_asset, write_frames
+from kit.asset import Asset
+from kit.crowd import crowd_asset, troop_asset, write_frames
 from kit.limb import RADIUS, limb_asset, tool
 from kit.prepared import prepare
 from kit.tube import write_tube
+from kit.work import calls_of
 from wrinklecli import bake
 from wrinklecli.baking import pipeline
 from wrinklecli.character import contacts, rig, scene
@@ -22,6 +25,8 @@ from wrinklecli.gltf.document import read_document
 from wrinklecli.review.check import check
 from wrinklecli.review.diff import compare_motion
 from wrinklecli.review.diff.diff import diff
+from wrinklecli.review.suggest import cover, measure
+from wrinklecli.review.suggest.suggest import suggest
 from wrinklecli.surface import refine
 
 
@@ -88,6 +93,39 @@ def test_instances_are_posed_a_few_times_each(monkeypatch: pytest.MonkeyPatch, t
         calls.append(tally)
     for name in ("pose_primitive", "_stored_local"):
         assert calls[1][name] <= 2.2 * calls[0][name], name
+
+
+def test_instances_that_move_alike_are_measured_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    tally = Counter[str]()
+    for name in ("read_surface", "spread_sites", "find_peaks"):
+        counted(monkeypatch, tally, measure, name)
+    found = suggest(crowd_asset(9, skinned=True).write(tmp_path / "crowd.glb"), count=20, everything=True)
+    assert set(tally.values()) == {1}
+    tools = [(each.mesh, (each.driver, each.tool.origin, each.tool.target)) for each in found.tools]
+    assert {mesh for mesh, _ in tools} == {"limb", *(f"limb_{number}" for number in range(9))}
+    assert len({where for _, where in tools}) == 1
+
+
+@pytest.mark.parametrize("make", [partial(crowd_asset, skinned=True), troop_asset], ids=["one skeleton", "their own"])
+def test_layers_are_posed_once_in_a_pose(
+    make: Callable[[int], Asset], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    posed = []
+    for count in (4, 8):
+        tally = Counter[str]()
+        with monkeypatch.context() as patched:
+            counted(patched, tally, cover, "pose_primitive")
+            suggest(make(count).write(tmp_path / "many.glb"), count=1)
+        posed.append(tally["pose_primitive"])
+    assert 0 < posed[1] <= 2.1 * posed[0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("make", [partial(crowd_asset, skinned=True), troop_asset], ids=["one skeleton", "their own"])
+def test_suggestions_take_as_many_calls_for_each_instance(make: Callable[[int], Asset], tmp_path: Path) -> None:
+    paths = [make(count).write(tmp_path / f"{count}.glb") for count in (20, 40)]
+    few, many = (calls_of(partial(suggest, path, count=1)) for path in paths)
+    assert many < 2.1 * few
 
 
 @pytest.mark.slow

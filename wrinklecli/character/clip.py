@@ -78,6 +78,16 @@ class Clip:
         """The channel of each node and path; of several the last."""
         return {(channel.node, channel.path): channel for channel in self.channels}
 
+    @cached_property
+    def nodes(self) -> frozenset[int]:
+        """The nodes that have a channel."""
+        return frozenset(channel.node for channel in self.channels)
+
+    @cached_property
+    def paths(self) -> frozenset[str]:
+        """The paths that have a channel."""
+        return frozenset(channel.path for channel in self.channels)
+
     def key_times(self) -> Floats:
         """(keys,) sorted distinct key times of all channels, seconds."""
         return np.unique(np.concatenate([channel.times for channel in self.channels]))

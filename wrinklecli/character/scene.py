@@ -51,6 +51,11 @@ class ScenePrimitive:
         return self.rig.names[self.rig.node]
 
     @property
+    def bare(self) -> "ScenePrimitive":
+        """The primitive without normals, which is posed in half the time."""
+        return replace(self, skin=replace(self.skin, turns=None))
+
+    @property
     def seen(self) -> Ints:
         """Sorted visible vertices: those of triangles, or all of points and lines."""
         return distinct_values(self.triangles) if len(self.triangles) else np.arange(len(self.vertices.positions))

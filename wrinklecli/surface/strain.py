@@ -17,7 +17,7 @@ from scipy.sparse import csr_array
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import LEAST_SCALE, joint_matrices, morph_weights
-from wrinklecli.character.rig import Rig
+from wrinklecli.character.rig import TRANSFORM_DEFAULTS, Rig, moving_nodes
 from wrinklecli.character.surface import Surface
 from wrinklecli.numeric.arrays import Floats, Ints, components, distinct_values, face_normals, unit
 from wrinklecli.numeric.nearest import balls
@@ -56,13 +56,16 @@ class StrainedParts:
     def __init__(self, rig: Rig, surface: Surface, triangles: Ints) -> None:
         """`triangles` are (triangles, 3) of the surface."""
         self._rig, self._surface, self._triangles = rig, surface, triangles
+        self._above = moving_nodes(rig)
         self._known: dict[object, StrainedPart | None] = {}
 
     def of(self, clip: Clip) -> StrainedPart | None:
         """The triangles that a clip can strain; None for half of the mesh or more."""
-        if any(channel.path == "scale" for channel in clip.channels):
+        if "scale" in clip.paths:
             return None
-        nodes = frozenset(channel.node for channel in clip.channels if channel.path != "weights")
+        # A clip may move thousands of characters, of which this rig is one.
+        moved = (node for node in self._above if any((node, path) in clip.by_target for path in TRANSFORM_DEFAULTS))
+        nodes = frozenset(moved)
         targets = _moving_targets(self._rig, clip)
         if (nodes, targets) not in self._known:
             self._known[nodes, targets] = self._part(nodes, targets)

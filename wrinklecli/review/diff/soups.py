@@ -46,8 +46,13 @@ class Soup:
             primitive.triangles + start if len(primitive.triangles) else np.repeat(each[:, None], 3, axis=1)
             for primitive, each, start in zip(primitives, used, starts, strict=False)
         ]
-        bare = [replace(primitive, skin=replace(primitive.skin, turns=None)) for primitive in primitives]
-        return cls(tuple(bare), clip, starts, np.concatenate(used), np.concatenate(triangles))
+        return cls(
+            tuple(primitive.bare for primitive in primitives),
+            clip,
+            starts,
+            np.concatenate(used),
+            np.concatenate(triangles),
+        )
 
     def vertex(self, number: int) -> tuple[ScenePrimitive, int]:
         """The primitive that has a vertex, and the vertex's number there."""

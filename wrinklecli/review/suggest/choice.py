@@ -5,8 +5,8 @@ Lips, lids and nostrils are *rims*, where a surface slides over another and make
 
 import re
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,9 +18,17 @@ from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.intersections import sides_of
 from wrinklecli.numeric.nearest import pairs_within
 from wrinklecli.review.suggest.candidates import Candidate
-from wrinklecli.review.suggest.cover import is_covered
+from wrinklecli.review.suggest.cover import Layers, is_covered
 from wrinklecli.review.suggest.measure import MeasuredMesh
-from wrinklecli.review.suggest.substance import facet_length, read_makeup, substance_of
+from wrinklecli.review.suggest.substance import (
+    Makeup,
+    PrimitiveHints,
+    Substance,
+    facet_length,
+    read_hints,
+    read_makeup,
+    substance_of,
+)
 from wrinklecli.review.suggest.suggest_options import SuggestOptions
 from wrinklecli.surface.compression import CompressedRegion, triangle_weights
 from wrinklecli.tools.mirror import split_side
@@ -48,40 +56,80 @@ def choose_candidates(
         The other candidates; and a line for each material, and for each reason to leave out candidates.
     """
     everything = options.everything
-    scene = () if everything else read_scene(document, leave_out_malformed=True)
+    judged = list(_judged(document, candidates, everything=everything))
+    covered = set() if everything else _covered(document, [each.candidate for each in judged if not each.fault])
     chosen: list[Candidate] = []
     notes: Counter[str] = Counter()
     left_out: Counter[tuple[str, str]] = Counter()
-    known = {}
-    bones = read_bones(document)
-    for each in candidates:
-        mesh = each.mesh
-        part = None if each.by_morph else bones.parts[mesh.rig.names.index(each.driver)]
-        if id(mesh) not in known:
-            known[id(mesh)] = read_makeup(document, mesh.rig, mesh.gauge), _rims(mesh)
-        makeup, rims = known[id(mesh)]
+    for each in judged:
+        mesh = each.candidate.mesh
         where = mesh.rig.names[mesh.rig.node]
-        weights = triangle_weights(mesh.sites, each.region)
-        substance = substance_of(makeup, weights)
-        if substance.kind == "hard" and not everything:
-            left_out[where, f"hard, as {substance.why}"] += 1
-        elif not everything and _SLIDING.search(words_of(each.driver)):
-            left_out[where, f"where {split_side(each.driver)[0] or each.driver} moves, which slides or swells"] += 1
-        elif not everything and substance.kind == "skin" and part in _BONY:
-            left_out[where, "over ribs, which hold the skin"] += 1
-        elif not everything and each.by_morph and _is_rim(each.region, rims):
-            left_out[where, "at a rim, such as of lips or lids"] += 1
-        elif not everything and is_covered(mesh, scene, weights, each.clip, each.time):
-            left_out[where, "under another layer where it folds"] += 1
+        fault = "under another layer where it folds" if id(each.candidate.region) in covered else each.fault
+        if fault:
+            left_out[where, fault] += 1
         else:
-            facet = facet_length(makeup, weights)
-            chosen.append(replace(each, material=substance.material, facet=facet, part=part))
-            notes[f"{where}: {substance.kind}, as {substance.why}"] += 1
+            chosen.append(each.candidate)
+            notes[f"{where}: {each.substance.kind}, as {each.substance.why}"] += 1
     lines = [
         f"{where}: left out {counted(count, 'fold')}: {why}; --all takes all"
         for (where, why), count in left_out.items()
     ]
     return chosen, [*notes, *lines]
+
+
+@dataclass(frozen=True, slots=True)
+class _Judged:
+    """A candidate with its material, and why an artist would not wrinkle it; empty if nothing but a layer may speak."""
+
+    candidate: Candidate
+    substance: Substance
+    fault: str
+
+
+def _judged(document: Document, candidates: Sequence[Candidate], *, everything: bool) -> Iterator[_Judged]:
+    """Judge candidates by all but the layers that may hide them; with `everything` none has a fault."""
+    bones, numbers = read_bones(document), dict[str, int]()
+    hints: dict[int, tuple[PrimitiveHints, ...]] = {}
+    makeups: dict[int, Makeup] = {}
+    known_rims: dict[int, Floats] = {}
+    for each in candidates:
+        mesh, surface = each.mesh, id(each.mesh.gauge.surface)
+        # All meshes have the names of all nodes; of equal ones the first node counts.
+        numbers = numbers or {name: number for number, name in reversed([*enumerate(mesh.rig.names)])}
+        part = None if each.by_morph else bones.parts[numbers[each.driver]]
+        if surface not in makeups:
+            makeups[surface], known_rims[surface] = read_makeup(document, mesh.rig, mesh.gauge), _rims(mesh)
+        if mesh.rig.node not in hints:
+            hints[mesh.rig.node] = read_hints(document, mesh.rig)
+        # Instances share a surface, but the names of their nodes may say what each is made of.
+        makeup = replace(makeups[surface], hints=hints[mesh.rig.node])
+        weights = triangle_weights(mesh.sites, each.region)
+        substance = substance_of(makeup, weights)
+        fault = ""
+        if everything:
+            pass
+        elif substance.kind == "hard":
+            fault = f"hard, as {substance.why}"
+        elif _SLIDING.search(words_of(each.driver)):
+            fault = f"where {split_side(each.driver)[0] or each.driver} moves, which slides or swells"
+        elif substance.kind == "skin" and part in _BONY:
+            fault = "over ribs, which hold the skin"
+        elif each.by_morph and _is_rim(each.region, known_rims[surface]):
+            fault = "at a rim, such as of lips or lids"
+        found = replace(each, material=substance.material, facet=facet_length(makeup, weights), part=part)
+        yield _Judged(found, substance, fault)
+
+
+def _covered(document: Document, candidates: Sequence[Candidate]) -> set[int]:
+    """The `id` of each region that another layer hides; instances, which share theirs, are looked at once."""
+    regions = {id(each.region): each for each in candidates}
+    clips = {id(each.clip): each.clip for each in candidates}
+    layers = Layers(read_scene(document, leave_out_malformed=True), list(clips.values()))
+    return {
+        id(each.region)
+        for each in sorted(regions.values(), key=lambda each: (each.clip.index, each.time))
+        if is_covered(each.mesh, layers, triangle_weights(each.mesh.sites, each.region), each.clip, each.time)
+    }
 
 
 def _rims(mesh: MeasuredMesh) -> Floats:

@@ -4,11 +4,14 @@ Rays leave the region along its normals. They meet a layer that covers it from i
 that wears them, whereas a forearm in front of an upper arm looks at it.
 """
 
-from collections.abc import Sequence
+import hashlib
+from collections.abc import Collection, Hashable, Iterator, Sequence
+from functools import cached_property, lru_cache
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip
+from wrinklecli.character.rig import moving_nodes
 from wrinklecli.character.scene import ScenePrimitive, pose_primitive
 from wrinklecli.numeric.arrays import Floats, face_normals, unit
 from wrinklecli.numeric.nearest import distances_along, near_points
@@ -27,9 +30,99 @@ _ALONG = 0.2
 _RAYS = 32
 # Part of a region that must be covered for the whole to count as hidden.
 _HIDDEN = 0.6
+# Most posed layers in memory: those of a character are posed once in each pose.
+_KNOWN_LAYERS = 32
 
 
-def is_covered(mesh: MeasuredMesh, scene: Sequence[ScenePrimitive], weights: Floats, clip: Clip, time: float) -> bool:
+class Layers:
+    """What may cover a region: the primitives of a scene.
+
+    Primitives that are at the same place in every pose, such as instances of a skinned mesh, are one layer. Layers are
+    posed where a box round them is near a region.
+    """
+
+    def __init__(self, scene: Sequence[ScenePrimitive], clips: Sequence[Clip]) -> None:
+        """`clips` are all from which poses are asked for."""
+        weighed = {channel.node for clip in clips for channel in clip.channels if channel.path == "weights"}
+        self._layers: list[ScenePrimitive] = []
+        self._nodes: list[set[int]] = []
+        numbers: dict[Hashable, int] = {}
+        digests: dict[int, bytes] = {}
+        for each in scene:
+            if len(each.triangles):
+                number = numbers.setdefault(_appearance(each, weighed, digests), len(self._layers))
+                if number == len(self._layers):
+                    self._layers.append(each.bare)
+                    self._nodes.append(set())
+                self._nodes[number].add(each.rig.node)
+        self._moving = [moving_nodes(each.rig) for each in self._layers]
+        self._moment: tuple[Clip, float] | None = None
+        self._boxes = np.zeros((0, 2, 3))
+        self._posed = lru_cache(_KNOWN_LAYERS)(self._pose)
+
+    def near(self, clip: Clip, time: float, low: Floats, high: Floats, *, node: int) -> Iterator[Floats]:
+        """(triangles, 3, 3) corners, in a pose, of each layer that may reach into a box, but not of a node's own.
+
+        Poses that are asked for one after another take least time.
+        """
+        if self._moment is None or self._moment[0] is not clip or self._moment[1] != time:
+            self._moment = clip, time
+            self._posed.cache_clear()
+            self._boxes = self._stored_boxes.copy()
+            for number, moving in enumerate(self._moving):
+                if not moving.isdisjoint(clip.nodes):
+                    self._boxes[number] = _box(self._posed(number))
+        boxes = self._boxes
+        # Comparisons with the infinite bounds of a hidden layer are False.
+        meets = ((boxes[:, 0] <= high) & (boxes[:, 1] >= low)).all(axis=1)
+        for number in np.flatnonzero(meets).tolist():
+            if self._nodes[number] != {node}:
+                yield self._posed(number)
+
+    @cached_property
+    def _stored_boxes(self) -> Floats:
+        """(layers, 2, 3) bounds in the stored pose."""
+        found = [_box(_corners(layer, None, 0.0)) for layer in self._layers]
+        return np.array(found).reshape(-1, 2, 3)
+
+    def _pose(self, number: int) -> Floats:
+        assert self._moment is not None
+        return _corners(self._layers[number], *self._moment)
+
+
+def _appearance(primitive: ScenePrimitive, weighed: Collection[int], digests: dict[int, bytes]) -> Hashable:
+    """A key that primitives share if all clips pose them alike.
+
+    `weighed` are the nodes whose morph weights clips move; `digests` has those of vertices and triangles, and gets new
+    ones.
+    """
+    vertices, rig = primitive.vertices, primitive.rig
+    if id(vertices) not in digests:
+        digest = hashlib.blake2b()
+        arrays = (vertices.positions, vertices.morph_deltas, vertices.joints, vertices.weights, primitive.triangles)
+        for each in arrays:
+            digest.update(f"{each.shape} ".encode() + each.tobytes())
+        digests[id(vertices)] = digest.digest()
+    own = rig.node if not rig.skinned or rig.node in weighed else -1
+    return digests[id(vertices)], own, rig.joints.tobytes(), rig.inverse_binds.tobytes(), rig.morph_weights.tobytes()
+
+
+def _corners(layer: ScenePrimitive, clip: Clip | None, time: float) -> Floats:
+    """(triangles, 3, 3) corners of a layer in a pose; none if its node is hidden."""
+    shown = pose_primitive(layer, clip, np.array([time]))
+    if shown.hidden[0]:
+        return np.zeros((0, 3, 3))
+    corners: Floats = shown.positions[0][layer.triangles[:, ::-1] if shown.mirrored[0] else layer.triangles]
+    return corners
+
+
+def _box(corners: Floats) -> Floats:
+    """(2, 3) bounds of (triangles, 3, 3) corners; least ones are infinite without triangles."""
+    places = corners.reshape(-1, 3)
+    return np.stack([places.min(axis=0, initial=np.inf), places.max(axis=0, initial=-np.inf)])
+
+
+def is_covered(mesh: MeasuredMesh, layers: Layers, weights: Floats, clip: Clip, time: float) -> bool:
     """True if most of a region, with (triangles,) `triangle_weights`, lies under another layer in a pose.
 
     Layers are the other primitives of the scene, and the pieces of the mesh that the region is not on.
@@ -46,13 +139,8 @@ def is_covered(mesh: MeasuredMesh, scene: Sequence[ScenePrimitive], weights: Flo
     starts = own[0][gauge.triangles[chosen]].mean(axis=1)
     size = float(np.linalg.norm(np.ptp(mesh.rest.positions, axis=0)))
     corners = [own[0][gauge.triangles[~np.isin(gauge.pieces, gauge.pieces[chosen])]]]
-    for other in scene:
-        if other.rig.node == mesh.rig.node or not len(other.triangles):
-            continue
-        shown = pose_primitive(other, clip, np.array([time]))
-        if not shown.hidden[0]:
-            faces_of = other.triangles[:, ::-1] if shown.mirrored[0] else other.triangles
-            corners.append(shown.positions[0][faces_of])
+    low, high = starts.min(axis=0) - _REACH * size, starts.max(axis=0) + _REACH * size
+    corners += layers.near(clip, time, low, high, node=mesh.rig.node)
     covered = _met_from_inside(starts, rays, np.concatenate(corners), size)
     return bool(weights[chosen] @ covered > _HIDDEN * weights[chosen].sum())
 

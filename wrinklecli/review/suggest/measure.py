@@ -1,8 +1,9 @@
 """Meshes that clips move, measured: the nodes that have one, the poses to look at, and where these compress each."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Hashable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -82,11 +83,12 @@ def find_mesh_nodes(document: Document, options: SuggestOptions) -> tuple[dict[i
     asked, nodes = options.node, document.items("nodes")
     deforming = [index for index in range(len(nodes)) if deforms(document, index)]
     names = [nodes[index].get("name") for index in deforming]
-    if asked is not None and names.count(asked) != 1:
+    counts = Counter(names)
+    if asked is not None and counts[asked] != 1:
         known = [str(name) for name in names]
         fault = f"{asked!r} is no node with a mesh that deforms{nearest(asked, known)}; there are {listed(known)}"
-        if asked in names:
-            fault = f"{names.count(asked)} nodes with a mesh that deforms are named {asked!r}"
+        if counts[asked]:
+            fault = f"{counts[asked]} nodes with a mesh that deforms are named {asked!r}"
         raise AssetError(fault, where=document.path)
     shown = set(scene_nodes(document))
     found: dict[int, str | None] = {}
@@ -99,7 +101,7 @@ def find_mesh_nodes(document: Document, options: SuggestOptions) -> tuple[dict[i
                 "already carries wrinkles of an earlier bake; ask for suggestions on the original asset",
                 where=document.where("nodes", index, "extras", "wrinkle"),
             )
-        if len(deforming) > 1 and (not isinstance(name, str) or not name or names.count(name) > 1):
+        if len(deforming) > 1 and (not isinstance(name, str) or not name or counts[name] > 1):
             where = document.where("nodes", index)
             notes.append(f"{where}: left out, as it has no name of its own by which a tool could say where it is")
             continue
@@ -124,25 +126,34 @@ def measure_meshes(
         TooMuchError: The work would take too much memory.
     """
     moved = [mesh for mesh in _moved_meshes(document, nodes, clips) if len(mesh.gauge.triangles)]
-    counts = _pose_counts(moved, clips, options.fps, where=document.path)
-    total = sum(counts[clip.index] for each in moved for clip in each.clips)
+    distinct = list({id(mesh.gauge.surface): mesh for mesh in moved}.values())
+    counts = _pose_counts(distinct, clips, options.fps, where=document.path)
+    total = sum(counts[clip.index] for each in distinct for clip in each.clips)
+    measured: dict[int, tuple[Sites, tuple[Floats, ...], Peaks]] = {}
     meshes: list[tuple[MeasuredMesh, Peaks]] = []
+    before = 0
     for each in moved:
-        before = sum(len(peaks.times) for _, peaks in meshes)
+        if id(each.gauge.surface) not in measured:
 
-        def report(done: int, before: int = before) -> None:
-            progress("posing", before + done, total)
+            def report(done: int, before: int = before) -> None:
+                progress("posing", before + done, total)
 
-        sites = spread_sites(each.gauge)
-        times = tuple(np.linspace(clip.start, clip.end, counts[clip.index]) for clip in each.clips)
-        peaks = find_peaks(sites, each.clips, times, report)
-        meshes.append((MeasuredMesh(sites, each.clips, times, each.node, each.flat), peaks))
+            sites = spread_sites(each.gauge)
+            times = tuple(np.linspace(clip.start, clip.end, counts[clip.index]) for clip in each.clips)
+            measured[id(each.gauge.surface)] = sites, times, find_peaks(sites, each.clips, times, report)
+            before += sum(map(len, times))
+        sites, times, peaks = measured[id(each.gauge.surface)]
+        own = replace(sites, gauge=each.gauge)
+        meshes.append((MeasuredMesh(own, each.clips, times, each.node, each.flat), peaks))
     return meshes
 
 
 @dataclass(frozen=True, slots=True)
 class _MovedMesh:
-    """A mesh, not measured, and the clips that move it; `node` and `flat` are as in `MeasuredMesh`."""
+    """A mesh, not measured, and the clips that move it; `node` and `flat` are as in `MeasuredMesh`.
+
+    Instances that all clips pose alike share the gauge's arrays.
+    """
 
     gauge: Gauge
     clips: tuple[Clip, ...]
@@ -157,23 +168,38 @@ class _MovedMesh:
 
 def _moved_meshes(document: Document, nodes: Mapping[int, str | None], clips: tuple[Clip, ...]) -> Iterator[_MovedMesh]:
     hierarchy = read_hierarchy(document)
+    known: dict[Hashable, _MovedMesh] = {}
     for node, name in nodes.items():
         rig = read_rig(document, node, hierarchy)
         its_clips = clips_that_move(rig, clips)
         if its_clips:
-            surface = read_surface(document, rig)
-            what = f"{len(surface.triangles):,} triangles to measure"
-            document.memory.claim(_TRIANGLE_BYTES * len(surface.triangles), what, where=document.path)
-            rest = rest_pose(surface, rig, ToolsFile(path=document.path, tools=()), its_clips, [])
-            primitives = document.items("meshes")[rig.mesh]["primitives"]
-            flat = not any("NORMAL" in primitive["attributes"] for primitive in primitives)
-            yield _MovedMesh(read_gauge(surface, rest, rig), its_clips, name, flat)
+            key = _motion_of(rig, its_clips)
+            if key not in known:
+                known[key] = _moved_mesh(document, rig, its_clips)
+            yield replace(known[key], gauge=replace(known[key].gauge, rig=rig), node=name)
+
+
+def _moved_mesh(document: Document, rig: Rig, clips: tuple[Clip, ...]) -> _MovedMesh:
+    surface = read_surface(document, rig)
+    what = f"{len(surface.triangles):,} triangles to measure"
+    document.memory.claim(_TRIANGLE_BYTES * len(surface.triangles), what, where=document.path)
+    rest = rest_pose(surface, rig, ToolsFile(path=document.path, tools=()), clips, [])
+    primitives = document.items("meshes")[rig.mesh]["primitives"]
+    flat = not any("NORMAL" in primitive["attributes"] for primitive in primitives)
+    return _MovedMesh(read_gauge(surface, rest, rig), clips, None, flat)
+
+
+def _motion_of(rig: Rig, clips: tuple[Clip, ...]) -> Hashable:
+    """A key that two nodes share if they show one mesh, and clips pose it alike: the same joints move both."""
+    alone = not rig.skinned or any(clip.channel(rig.node, "weights") for clip in clips)
+    shown = rig.joints.tobytes(), rig.inverse_binds.tobytes(), rig.morph_weights.tobytes()
+    return rig.mesh, rig.node if alone else -1, *shown, *(clip.index for clip in clips)
 
 
 def clips_that_move(rig: Rig, clips: Sequence[Clip]) -> tuple[Clip, ...]:
     """The clips that move a rig's mesh."""
     moving = moving_nodes(rig)
-    return tuple(clip for clip in clips if any(channel.node in moving for channel in clip.channels))
+    return tuple(clip for clip in clips if not clip.nodes.isdisjoint(moving))
 
 
 def _pose_counts(moved: Sequence[_MovedMesh], clips: Sequence[Clip], fps: float, *, where: str) -> dict[int, int]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wrinklecli.character.clip import Channel, Clip
+from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig, moving_nodes
 from wrinklecli.effects.wrinkle.attach import attach_tools
 from wrinklecli.effects.wrinkle.patch import Patch
@@ -69,9 +69,10 @@ def shortenings_of(mesh: MeasuredMesh, patch: Patch, further: Sequence[Clip] = (
     """
     found = {}
     above = [moving_nodes(mesh.rig, [joint]) for joint in {joint for each in patch.anchors for joint in each.joints}]
+    around = frozenset({mesh.rig.node}.union(*above))
     more = [(clip, np.linspace(clip.start, clip.end, _FURTHER_POSES)) for clip in further]
     for clip, times in [*zip(mesh.clips, mesh.times, strict=True), *more]:
-        if not any(_bends(channel, mesh.rig, above) for channel in clip.channels):
+        if not any(_bends(clip, node, mesh.rig, above) for node in around & clip.nodes):
             found[clip.name] = Shortening(clip, float(times[0]), 0.0, patch.span, patch.rest_length)
             continue
         distances, rest_lengths = patch.segment.lengths(mesh.rig, clip, times)
@@ -88,10 +89,14 @@ def greatest(shortenings: Mapping[str, Shortening]) -> Shortening:
     return max(shortenings.values(), key=lambda each: each.ratio)
 
 
-def _bends(channel: Channel, rig: Rig, above: Sequence[frozenset[int]]) -> bool:
-    """True if a channel may move joints relative to each other, or hide them; `above` has each joint's ancestors."""
-    followers = sum(channel.node in nodes for nodes in above)
-    return channel.node == rig.node or (followers > 0 and (followers < len(above) or channel.path == "scale"))
+def _bends(clip: Clip, node: int, rig: Rig, above: Sequence[frozenset[int]]) -> bool:
+    """True if a clip, by a node, may move joints relative to each other, or hide them.
+
+    `above` has each joint with its ancestors.
+    """
+    followers = sum(node in nodes for nodes in above)
+    hides = followers > 0 and clip.channel(node, "scale") is not None
+    return node == rig.node or 0 < followers < len(above) or hides
 
 
 def with_rising_bumps(

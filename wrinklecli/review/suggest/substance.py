@@ -76,7 +76,7 @@ class Substance:
 
 
 @dataclass(frozen=True, slots=True)
-class _PrimitiveHints:
+class PrimitiveHints:
     """The substances of a primitive according to its material's name, its node and its colour."""
 
     material: Substance | None
@@ -97,7 +97,7 @@ class Makeup:
         radii: (triangles,) greatest distance of a corner from the centroid, scene units.
     """
 
-    hints: tuple[_PrimitiveHints, ...]
+    hints: tuple[PrimitiveHints, ...]
     primitives: Ints
     split: Bools
     followed: Ints
@@ -107,10 +107,6 @@ class Makeup:
 def read_makeup(document: Document, rig: Rig, gauge: Gauge) -> Makeup:
     """Gather the hints that names, factors, normals and weights give about a mesh."""
     surface = gauge.surface
-    mesh = document.items("meshes")[rig.mesh]
-    names = [name for name in (mesh.get("name"), rig.names[rig.node]) if isinstance(name, str)]
-    node = named(names, "the mesh")
-    hints = tuple(_hints_of(document, primitive, node) for primitive in mesh["primitives"])
     count = len(surface.positions)
     normals = unit(surface.normals)
     sums = np.stack([np.bincount(surface.weld, normals[:, k], count) for k in range(3)], axis=1)
@@ -121,7 +117,15 @@ def read_makeup(document: Document, rig: Rig, gauge: Gauge) -> Makeup:
     alone = surface.weights[rows, greatest] >= _RIGID_WEIGHT
     followed = np.where(alone & rig.skinned, surface.joints[rows, greatest], -1)
     primitives = surface.primitives[gauge.numbers]
-    return Makeup(hints, primitives, split[gauge.triangles], followed[gauge.triangles], gauge.radii)
+    return Makeup(read_hints(document, rig), primitives, split[gauge.triangles], followed[gauge.triangles], gauge.radii)
+
+
+def read_hints(document: Document, rig: Rig) -> tuple[PrimitiveHints, ...]:
+    """The hints that names and materials give about each primitive of a rig's mesh."""
+    mesh = document.items("meshes")[rig.mesh]
+    names = [name for name in (mesh.get("name"), rig.names[rig.node]) if isinstance(name, str)]
+    node = named(names, "the mesh")
+    return tuple(_hints_of(document, primitive, node) for primitive in mesh["primitives"])
 
 
 def substance_of(makeup: Makeup, weights: Floats) -> Substance:
@@ -162,7 +166,7 @@ def named(names: Iterable[str], of: str) -> Substance | None:
     return None
 
 
-def _hints_of(document: Document, primitive: Json, node: Substance | None) -> _PrimitiveHints:
+def _hints_of(document: Document, primitive: Json, node: Substance | None) -> PrimitiveHints:
     materials = document.items("materials")
     number = primitive.get("material", len(materials))
     material: Json = materials[number] if number < len(materials) else {}
@@ -174,7 +178,7 @@ def _hints_of(document: Document, primitive: Json, node: Substance | None) -> _P
     metallic = isinstance(factor, int | float) and factor >= _METALLIC and "metallicRoughnessTexture" not in looks
     colour = None if "baseColorTexture" in looks else _coloured(looks.get("baseColorFactor"))
     of_name = named([name], "its material") if isinstance(name, str) else None
-    return _PrimitiveHints(of_name, bool(metallic), node, colour)
+    return PrimitiveHints(of_name, bool(metallic), node, colour)
 
 
 def _coloured(factor: object) -> Substance | None:

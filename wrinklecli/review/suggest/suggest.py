@@ -112,12 +112,16 @@ def suggest(
 
 
 def _candidates_of(meshes: Sequence[tuple[MeasuredMesh, Peaks]], progress: Progress) -> list[Candidate]:
-    """The candidates of all meshes, one mesh after another."""
+    """The candidates of all meshes, one mesh after another; instances, which share their peaks, have the same."""
+    known: dict[int, list[Candidate]] = {}
+    distinct = len({id(peaks) for _, peaks in meshes})
     found: list[Candidate] = []
-    for number, (mesh, peaks) in enumerate(meshes):
+    for mesh, peaks in meshes:
+        if id(peaks) not in known:
 
-        def report(done: float, number: int = number) -> None:
-            progress("laying", round(100 * (number + done)), 100 * len(meshes))
+            def report(done: float, number: int = len(known)) -> None:
+                progress("laying", round(100 * (number + done)), 100 * distinct)
 
-        found += find_candidates(mesh, peaks, report)
+            known[id(peaks)] = list(find_candidates(mesh, peaks, report))
+        found += [replace(each, mesh=mesh) for each in known[id(peaks)]]
     return found
