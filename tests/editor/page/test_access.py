@@ -1,4 +1,4 @@
-"""Who may connect: whoever asks for the page by its own name, from the page itself, and with its token."""
+"""Only those connect who ask for the page by its own name, from the page itself, and with its token."""
 
 import contextlib
 import http.client

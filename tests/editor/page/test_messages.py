@@ -1,4 +1,4 @@
-"""What tabs send: whatever a message says, no control is lost, no thread ends, and every tab can still save."""
+"""Whatever a message of a tab says, no control is lost, no thread ends, and every tab can still save."""
 
 import contextlib
 import dataclasses

@@ -1,8 +1,8 @@
-"""Who may connect to the page: those who asked for it at its own address, and have its token where others reach it.
+"""Decides who may connect to the page: whoever asks for it by a known name, and has its token where others reach it.
 
-Any site that a browser shows may connect to this machine's ports, and its owner may let a name of his point here. So a
+Any site that a browser shows may connect to the ports of this machine, and its owner may let a name point here. So a
 request has to name the page by an address or by a known name, and its site has to be the page itself. The token stands
-in the printed address, as Jupyter has it; a cookie keeps it for what the page loads and for its websocket.
+in the printed address, as in Jupyter; a cookie keeps it for the files that the page loads and for its websocket.
 """
 
 import http
@@ -32,12 +32,12 @@ _HEADERS = {
 
 @dataclass(frozen=True, slots=True)
 class Access:
-    """Who may connect to a page that listens at a host.
+    """The rules for connecting to a page that listens at a host.
 
     Attributes:
         host: The host.
         names: Names by which the page may be asked for, beside the host, `localhost` and addresses.
-        token: What whoever connects has to know; None if nobody but this machine reaches the page.
+        token: The secret of the printed address; None if only this machine reaches the page.
     """
 
     host: str
@@ -46,7 +46,7 @@ class Access:
 
     @classmethod
     def to(cls, host: str, names: Sequence[str] = ()) -> "Access":
-        """Let in whoever asks for a host or one of some names, with a new token unless the host is this machine."""
+        """Make the rules for a host and further names, with a new token unless the host is this machine."""
         return cls(host, tuple(names), None if is_own(host) else secrets.token_urlsafe(_TOKEN_BYTES))
 
     def address(self, port: int) -> str:
