@@ -39,6 +39,8 @@ from wrinklecli.numeric.piecewise import Signal, key_times
 # The error bound leaves this much beside the table's own error: a part for samples and a part for dropped keys.
 _SAMPLING_SHARE = 2 / 3
 _KEYS_SHARE = 1 / 3
+# Nodes of a clip that a warning names: as many as fit into a line.
+_SHOWN = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -302,8 +304,9 @@ def track_body(
             if not weights.any():
                 tracks.idle.extend((clip.name, why) for why in flat[:1])
         else:
-            nodes = dict.fromkeys(driven.rig.names[each.node] for each in source.channels)
-            tracks.still.append((clip.name, f"it moves {listed(nodes)} alone"))
+            nodes = list(dict.fromkeys(driven.rig.names[each.node] for each in source.channels))
+            more = f" and {counted(len(nodes) - _SHOWN, 'more node')}" if len(nodes) > _SHOWN else ""
+            tracks.still.append((clip.name, f"it moves only {listed(nodes[:_SHOWN])}{more}"))
             if channel is None:
                 continue
             made = pad(channel, driven.stored)
