@@ -117,6 +117,7 @@ def test_what_a_killed_run_fetched_is_taken_away(
     assert (tmp_path / "out.glb").exists()
 
 
+SLOW = [web.stopped, web.silent, web.dribbled, web.crawling, web.broken]
 SMALL = 10**6  # bytes that a file may have in these tests
 
 
@@ -151,7 +152,7 @@ def test_a_file_at_a_url_has_no_more_bytes_than_may_be_read(
 
 @pytest.mark.usefixtures("impatient")
 @pytest.mark.parametrize("chain", ["", "zip://a.glb::"])
-@pytest.mark.parametrize("answer", [web.stopped, web.silent, web.dribbled, web.broken], ids=lambda each: each.__name__)
+@pytest.mark.parametrize("answer", SLOW, ids=lambda each: each.__name__)
 def test_a_server_that_stops_or_dribbles_does_not_answer(answer: web.Answer, chain: str) -> None:
     began = time.monotonic()
     with web.served({"/a.zip": answer}) as server, pytest.raises(StoreError, match="the store does not answer: "):

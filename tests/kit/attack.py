@@ -278,6 +278,7 @@ def _inputs(case: Case, folder: Path) -> set[str]:
         return {name for name in every if not Path(name).name.startswith(_EDITED)}
     if command != "batch":
         later = {edit[2] for edit in case.edits if edit[1] == "later"}
+        later |= set(case.places) if later else set()
         return {name for name in every if Path(name).name not in later}
     every = {name for name in every if not str(Path(name).relative_to(folder)).startswith(_KEPT)}
     if "{web}" in case.arguments[1]:

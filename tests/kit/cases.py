@@ -37,8 +37,8 @@ _CACHED = (0, 3, 6, 8)  # sources whose sound batches are kept in caches
 WEB = "web:"  # begins the name of a file in the place of which a server gives an answer of its own
 _SERVED = ("limb.glb", "limb.gltf", "tools.yaml", "all.zip", "all.tar.gz", "")
 ANSWERS = (
-    "announced", "endless", "stopped", "silent", "dribbled", "broken", "inflated", "zip bomb", "zip that says less",
-    "tar bomb", "sound",
+    "announced", "endless", "stopped", "silent", "dribbled", "crawling", "broken", "inflated", "zip bomb",
+    "zip that says less", "tar bomb", "sound",
 )  # fmt: skip
 # fmt: off
 _COMMANDS = {

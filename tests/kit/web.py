@@ -66,6 +66,13 @@ def dribbled(request: BaseHTTPRequestHandler, ended: Event) -> None:
         request.wfile.write(b"v")
 
 
+def crawling(request: BaseHTTPRequestHandler, ended: Event) -> None:
+    """Begin a header, and never end it."""
+    request.wfile.write(b"HTTP/1.1 200 OK\r\nX: ")
+    while not ended.wait(0.05):
+        request.wfile.write(b"x")
+
+
 def broken(request: BaseHTTPRequestHandler, _: Event) -> None:
     """Close the connection in the middle."""
     begin(request, 1000)

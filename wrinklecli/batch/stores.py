@@ -3,6 +3,7 @@
 A file at a URL is copied to this machine before anything looks at it, and the copy has limits of size and time.
 """
 
+import asyncio
 import errno
 import glob
 import os
@@ -10,7 +11,7 @@ import posixpath
 import re
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, BinaryIO
 
@@ -19,7 +20,7 @@ from wrinklecli.files.inputs import open_input
 from wrinklecli.files.workplace import Workplace
 from wrinklecli.numeric.memory import MAX_MEMORY, held, shown_bytes
 
-_PATIENCE = 30.0  # seconds for a connection, or without a byte: ten times what a busy store takes to answer
+_PATIENCE = 30.0  # seconds until an answer begins, or without a byte: ten times what a busy store takes to answer
 _LEAST = 2**15  # bytes in that time, 1 kB/s: a tenth of the slowest line on which anybody would bake
 _WEB = ("http://", "https://")
 _URL = re.compile(r"([a-z][a-z0-9+.-]+)://")
@@ -264,7 +265,12 @@ def _web_options() -> dict[str, Any]:
     from aiohttp import ClientTimeout
 
     timeout = ClientTimeout(total=None, sock_connect=_PATIENCE, sock_read=_PATIENCE)
-    return {"client_kwargs": {"timeout": timeout}}
+    return {"client_kwargs": {"timeout": timeout, "middlewares": (_begun,)}}
+
+
+async def _begun(request: Any, ask: Callable[[Any], Awaitable[Any]]) -> Any:
+    """Ask a web server, and wait for the end of the head of its answer, of which each byte may come in time."""
+    return await asyncio.wait_for(ask(request), _PATIENCE)
 
 
 @contextmanager
@@ -289,4 +295,5 @@ def _answering(url: str) -> Iterator[None]:
 
 
 def _unanswered(url: str, error: Exception) -> StoreError:
-    return StoreError(f"the store does not answer: {type(error).__name__}: {error}", where=url)
+    said = f"{type(error).__name__}: {error}".rstrip(": ")
+    return StoreError(f"the store does not answer: {said}", where=url)
