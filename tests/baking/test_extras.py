@@ -9,7 +9,7 @@ import pytest
 
 import wrinklecli
 from kit.bakes import bake_config, bake_once
-from kit.clients import driver_warnings
+from kit.clients import driver_warnings, pose
 from kit.limb import limb_asset, write_tools
 from kit.limb import tool as crease
 from kit.player import Floats, Gltf, Json, anchor_distances, described
@@ -171,3 +171,41 @@ def test_a_mesh_without_skin_and_name_is_its_own_joint(name: Json, tmp_path: Pat
     assert driver_warnings(tmp_path / "out.glb") == []
     (made,) = track(tmp_path / "out.glb", [tmp_path / "out.glb"], tmp_path / "tracked")
     assert not made.warnings
+
+
+@pytest.mark.parametrize(
+    ("change", "primitives", "told"),
+    [
+        ({"camera": 0}, 2, "of several primitives on a node with a camera or light"),
+        ({"camera": 0}, 1, None),
+        ({"extensions": {"KHR_lights_punctual": {"light": 0}}}, 2, "of several primitives on a node with a camera"),
+        ({"joint": True}, 1, "of a node that is a joint"),
+        ({}, 2, None),
+    ],
+    ids=str,
+)
+def test_nodes_whose_weights_three_js_does_not_play_are_said(
+    change: Json, primitives: int, told: str | None, tmp_path: Path
+) -> None:
+    """three.js itself agrees: what is told of does not move, and all else does."""
+    asset = limb_asset(skinned=False, morphs=1, morph_clip="LINEAR", rings=12, sides=8, primitives=primitives)
+    if change.get("joint"):
+        asset.append("skins", {"joints": [0]})
+        corners = asset.accessor(np.eye(3), bounds=True)
+        joints, weights = asset.accessor(np.zeros((3, 4)), "u1"), asset.accessor(np.eye(4)[[0, 0, 0]])
+        ring = {"POSITION": corners, "JOINTS_0": joints, "WEIGHTS_0": weights}
+        asset.append("meshes", {"primitives": [{"attributes": ring}]})
+        asset.gltf["scenes"][0]["nodes"].append(asset.append("nodes", {"name": "ring", "mesh": 1, "skin": 0}))
+    else:
+        asset.gltf["nodes"][0] |= change
+        asset.append("cameras", {"type": "perspective", "perspective": {"yfov": 1.0, "znear": 0.1}})
+        asset.gltf["extensions"] = {"KHR_lights_punctual": {"lights": [{"type": "point"}]}}
+        asset.gltf["extensionsUsed"] = ["KHR_lights_punctual"]
+    path = asset.write(tmp_path / "limb.glb")
+    tools = write_tools(tmp_path / "tools.yaml", crease(node="limb"))
+    report = wrinklecli.bake(path, tools, tmp_path / "out.glb", max_levels=0)
+    found = [line for line in report.warnings if "three.js since 0.184 plays no weights" in line]
+    assert len(found) == (told is not None)
+    assert all(str(told) in line for line in found)
+    posed = pose(tmp_path / "out.glb", node="limb", clip="fold", times=[0.0, 0.3])
+    assert np.array_equal(posed[0], posed[1]) == (told is not None)

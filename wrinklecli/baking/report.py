@@ -19,6 +19,8 @@ from wrinklecli.numeric.arrays import Floats, significant
 
 VERSION = 1
 
+_OWN_NODE = "give the mesh a node of its own below it"
+
 # The section of a report that is there in any case.
 _TOOLS = "tools"
 
@@ -135,7 +137,7 @@ def make_report(job: Job, baked: Sequence[BakedMesh], *, images: Sequence[str], 
         warnings += _joint_warnings(job, mesh.joint_names)
         clips = [motion.clip for motion in mesh.motions]
         warnings += mesh_warnings(mesh.plan, job.settings, clips, tracks=tracks)
-        warnings += _below_warnings(job, mesh.plan.rig, clips) if tracks else ()
+        warnings += _three_warnings(job, mesh.plan.rig, clips) if tracks else ()
         for number, effect in enumerate(mesh.effects):
             motions = [(motion, motion.states[number], motion.weights[number]) for motion in mesh.motions]
             warnings += effect.warnings(mesh.plan, motions, up=job.settings.up)
@@ -193,19 +195,28 @@ def _joint_warnings(job: Job, names: JointNames) -> Iterator[str]:
         )
 
 
-def _below_warnings(job: Job, rig: Rig, clips: Sequence[Clip]) -> Iterator[str]:
-    """A line if meshes below a node have morph targets, and a clip gets a weights channel of the node.
+def _three_warnings(job: Job, rig: Rig, clips: Sequence[Clip]) -> Iterator[str]:
+    """Lines on weights of a node that three.js gives to other meshes too, or does not play.
 
     Source: GLTFLoader of three.js, `_createAnimationTracks`, which model-viewer 4.4 has too.
     """
-    document = job.document
+    document, where = job.document, rig.names[rig.node]
     nodes, meshes = document.items("nodes"), document.items("meshes")
     with_targets = (k for k, node in enumerate(nodes) if "mesh" in node and morph_target_names(meshes[node["mesh"]]))
     below = [rig.names[node] for node in with_targets if rig.node in _above(rig, node)]
     if below and any(clip.channel(rig.node, "weights") is None for clip in clips):
         yield (
-            f"{rig.names[rig.node]}: three.js before 0.184 gives its new weights to the morph targets of"
+            f"{where}: three.js before 0.184 gives its new weights to the morph targets of"
             f" {listed(below)} too, as these are below it; let them stand beside it"
+        )
+    node = nodes[rig.node]
+    attached = "camera" in node or "KHR_lights_punctual" in node.get("extensions", {})
+    if any(rig.node in skin.get("joints", []) for skin in document.items("skins")):
+        yield f"{where}: three.js since 0.184 plays no weights of a node that is a joint; {_OWN_NODE}"
+    elif attached and len(meshes[rig.mesh]["primitives"]) > 1:
+        yield (
+            f"{where}: three.js since 0.184 plays no weights of several primitives on a node with a camera or light;"
+            f" {_OWN_NODE}"
         )
 
 
