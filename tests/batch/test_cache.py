@@ -99,6 +99,31 @@ def test_every_output_comes_back(keys: dict[str, Any], folder: Path, wrinkle: Wr
     assert files(folder) == first
 
 
+@pytest.mark.parametrize("ending", [".gltf", ".glb"])
+def test_an_output_beside_its_asset_is_another_than_one_elsewhere(ending: str, wrinkle: Wrinkle, folder: Path) -> None:
+    """Beside the asset it refers to the asset's buffer and image; elsewhere it has its own."""
+    assert Batch(wrinkle, out=f"a/out{ending}").run()["reason"] == "new"
+    assert Batch(wrinkle, out=f"o/out{ending}").run()["result"] == "built"
+    assert (folder / "a" / f"out{ending}").read_bytes() != (folder / "o" / f"out{ending}").read_bytes()
+    (folder / "p").mkdir()
+    assert wrinkle("bake", "a/limb.gltf", "t.yaml", "-o", f"p/out{ending}", "--report", "p/r.json").code == 0
+    made, expected = files(folder / "o"), files(folder / "p")
+    assert made.pop("r.json")
+    assert expected.pop("r.json")
+    assert made == expected
+    assert Batch(wrinkle, out=f"q/out{ending}").run()["reason"] == "from the cache"
+
+
+@pytest.mark.parametrize("uri", ["", ".", "tex", "http://127.0.0.1:9/skin.png", "../skin.png", "none.png"])
+def test_a_reference_that_is_no_file_beside_is_not_kept(uri: str, wrinkle: Wrinkle, folder: Path) -> None:
+    asset = limb_asset(rings=7, sides=6)
+    asset.gltf["images"] = [{"uri": uri}]
+    asset.write(folder / "a" / "limb.gltf")
+    batch = Batch(wrinkle, out="a/out.gltf")
+    assert batch.run()["warnings"][2:] == []
+    assert batch.run()["reason"] == "in place"
+
+
 @pytest.mark.usefixtures("batch")
 def test_a_bake_of_a_bake_comes_back(wrinkle: Wrinkle) -> None:
     again = Batch(wrinkle, asset="o/limb.gltf", out="p/q.gltf", report="p/r.json", replace=True)

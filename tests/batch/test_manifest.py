@@ -1,5 +1,6 @@
 """Manifests: what they say, the same in YAML, CSV and JSON lines, and all that is wrong with one at once."""
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -153,3 +154,15 @@ jobs:
     ]
     assert complaints("m.yaml", "") == ["m.yaml: the file is empty, expected jobs"]
     assert complaints("m.csv", "asset\n")[0].startswith("m.csv:1: jobs: found a list of 0, expected a list of 1 to ")
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize("key", ["asset", "tools", "out", "report", "timings", "frames_dir", "anim", "anims"])
+@pytest.mark.parametrize("path", ["a\0.glb", "a\0/b.glb", "\ud800.glb", "x\udbff/a.glb"])
+def test_a_path_that_no_file_has_is_refused(key: str, path: str) -> None:
+    job = {"asset": "chars/a/a.glb", "tools": "t.yaml", "out": "o.glb", key: path}
+    if key == "anims":
+        job["tracked"] = "tracked"
+    (line,) = complaints("m.jsonl", json.dumps(job))
+    assert line.startswith(f"m.jsonl:1: jobs[0].{key}: found ")
+    assert line.endswith("which has a null character or half a character: no file has such a name")

@@ -53,7 +53,20 @@ def test_an_output_by_another_name_clashes(name: str, other: str, folder: Path) 
 
 def test_files_of_their_own_do_not(folder: Path) -> None:
     claims = Claims[str]()
-    for path in ("file", "sub/file", "new/file", "new/sub", "fil", "loop", "a\0b", "/", ""):
+    for path in (
+        "file",
+        "sub/file",
+        "new/file",
+        "new/sub",
+        "fil",
+        "loop",
+        "a\0b",
+        "\ud800",
+        "\ud800/a",
+        "x" * 300,
+        "/",
+        "",
+    ):
         assert claims.owner_of(path) is None
         assert claims.add_output(path, path) is None, path
     assert claims.add_input(str(folder.parent), "") is None

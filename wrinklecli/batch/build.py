@@ -16,7 +16,7 @@ from wrinklecli.batch.jobs import BatchJob, Outcome
 from wrinklecli.batch.staging import Staged
 from wrinklecli.errors import BakeError
 from wrinklecli.files.outputs import Outputs
-from wrinklecli.gltf.files import path_of, references
+from wrinklecli.gltf.files import path_beside, references
 from wrinklecli.numeric.memory import held
 from wrinklecli.tools.records import parse_length
 
@@ -126,22 +126,23 @@ def _files_to_keep(here: Staged, written: list[str]) -> list[tuple[str, str, str
     job = here.job
     if not os.path.isfile(job.out):  # a pipe or a device, which cannot be read again
         return []
-    models = [("out", job.out)]
-    if job.tracked is not None:
-        models += [("tracked", os.path.join(job.tracked, os.path.basename(each))) for each in job.anims]
+    (_, main), *others = job.models
+    models = [("out", main), *(("tracked", path) for _, path in others)]
     found = [(root, path) for root in ("report", "timings") if (path := getattr(job, root))]
     for root, model in models:
         with open(model, "rb") as file:
             uris = references(file)
-        found += [(root, os.path.join(os.path.dirname(model), path_of(uri))) for uri in uris]
+        places = (path_beside(model, uri, external=False) for uri in uris)
+        found += [(root, place) for place in places if place is not None]
     found += models
     known = {os.path.abspath(path) for _, path in found}
     if "frames_dir" in job.options:
         found += [("frames_dir", path) for path in written if os.path.abspath(path) not in known]
     files = {}
     for root, path in found:
-        relative = path_in(here.roots[root][1], path)
-        if relative is not None and os.path.exists(path):
+        relative = path_in(here.roots[root][1], path) if os.path.isfile(path) else None
+        if relative is not None:
             files[root, relative] = path
-    main = files.pop(("out", os.path.basename(job.out)))
-    return [*((root, path, local) for (root, path), local in files.items()), ("out", os.path.basename(job.out), main)]
+    name = ("out", os.path.basename(main))
+    files[name] = files.pop(name)
+    return [(root, path, local) for (root, path), local in files.items()]

@@ -58,6 +58,7 @@ def parts_of(job: BatchJob, given: BatchJob) -> Parts:
         "anim": [_asset_digests(path, external=external) for path in job.options.get("anim", ())],
         "anims": [[os.path.basename(path), _asset_digests(path, external=external)] for path in job.anims],
         "options": {**options, "frames": "frames_dir" in job.options},
+        "beside": [_are_beside(*paths) for paths in job.models],
         "names": {name: os.path.basename(getattr(job, name) or "") for name in _NAMED_OUTPUTS},
     }
     if job.report:  # a report names the inputs as the manifest does
@@ -75,8 +76,14 @@ def difference(old: Parts | None, new: Parts) -> str:
     if old is None:
         return "new"
     words = {"program": "wrinkle", "asset": "the asset", "tools": "the tools", "anim": "clips", "anims": "clips"}
+    words["beside"] = "the folder of an output"
     changed = [words.get(part, part) for part in new if old.get(part) != new[part]]
     return f"{', '.join(dict.fromkeys(changed))} changed" if changed else "the cache has lost it"
+
+
+def _are_beside(asset: str, out: str) -> bool:
+    """True if an output is in the folder of its asset, and so refers to the same files."""
+    return os.path.realpath(os.path.dirname(asset)) == os.path.realpath(os.path.dirname(out))
 
 
 def _asset_digests(path: str, *, external: bool) -> dict[str, str]:

@@ -160,7 +160,7 @@ class _Batch:
         job, found = self._jobs[number], list[str]()
         if "frames_dir" in job.options:
             found += self._in_frames[self._places.of_folder(job.options["frames_dir"])]
-        for asset, out in _models(job):
+        for asset, out in job.models:
             if not out.lower().endswith(".gltf"):
                 continue
             folder = self._places.of_folder(stores.folder_of(out))
@@ -260,20 +260,13 @@ def _is_external(job: BatchJob) -> bool:
     return bool(job.options.get("allow_external", False))
 
 
-def _models(job: BatchJob) -> list[tuple[str, str]]:
-    """Each asset that a job reads and the asset that it makes of it."""
-    folder = job.tracked
-    tracked = [] if folder is None else [(each, stores.join(folder, posixpath.basename(each))) for each in job.anims]
-    return [(job.asset, job.out), *tracked]
-
-
 def _open_folders(job: BatchJob) -> Iterator[str]:
     """The folders in which, or below which, a job writes files whose names depend on the bake."""
-    yield from (stores.folder_of(out) for _, out in _models(job) if out.lower().endswith(".gltf"))
+    yield from (stores.folder_of(out) for _, out in job.models if out.lower().endswith(".gltf"))
     yield from filter(None, (job.options.get("frames_dir"),))
 
 
 def _named_outputs(job: BatchJob) -> Iterator[str]:
     """The outputs of a job whose names are known, and its folder of frames."""
-    yield from (out for _, out in _models(job))
+    yield from (out for _, out in job.models)
     yield from filter(None, (job.report, job.timings, job.options.get("frames_dir")))

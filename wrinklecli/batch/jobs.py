@@ -1,5 +1,6 @@
 """A job of a batch and its outcome, as plain values that can be sent to other processes."""
 
+import posixpath
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, TypeAlias
@@ -42,6 +43,15 @@ class BatchJob:
     def inputs(self) -> tuple[str, ...]:
         """All files that the job names to be read."""
         return (self.asset, *self.tools, *self.anims, *self.options.get("anim", ()))
+
+    @property
+    def models(self) -> list[tuple[str, str]]:
+        """Each asset that the job reads to change it, and the path of the changed one; the main asset first."""
+        folder = self.tracked
+        tracked = (
+            [] if folder is None else [(each, posixpath.join(folder, posixpath.basename(each))) for each in self.anims]
+        )
+        return [(self.asset, self.out), *tracked]
 
     @property
     def outputs(self) -> tuple[str, ...]:

@@ -16,6 +16,7 @@ from wrinklecli.batch.jobs import BatchJob
 from wrinklecli.batch.manifest_schema import JOB_KEYS, MANIFEST_SCHEMA, OPTION_KEYS, OWN_KEYS
 from wrinklecli.batch.tables import read_csv, read_json_lines
 from wrinklecli.errors import ConfigError
+from wrinklecli.files.claims import is_path
 from wrinklecli.tools.checked import Format, Place, check
 from wrinklecli.tools.json_schema import Items
 from wrinklecli.tools.yaml_tree import Node, Problem, path_to, printable, read_tree
@@ -127,6 +128,9 @@ class _Jobs:
             self._refuse(node.line, entry, "anims and tracked go together: files, and the folder for them")
         if missing or half_tracked:
             return
+        if not is_path(values["asset"]):
+            self._refuse(node.line, f"{entry}.asset", _no_path(values["asset"]))
+            return
         try:
             assets = _matches(stores.plain(values["asset"]), self._folder)
         except ConfigError as error:
@@ -169,6 +173,9 @@ class _Jobs:
         if unknown:
             self._refuse(line, f"{entry}.{key}", f"found {{{unknown[0]}}}, expected {{stem}} or {{folder}}")
             return
+        if not is_path(text):
+            self._refuse(line, f"{entry}.{key}", _no_path(text))
+            return
         whole = re.sub(r"\{(\w+)\}", lambda word: words[word[1]], text)
         try:
             several = _matches(whole, folder) if key in ("anims", "anim") else [whole]
@@ -183,6 +190,10 @@ class _Jobs:
     def _where(self, line: int, path: str) -> str:
         shown = printable(self._files.manifest, len(self._files.manifest))
         return f"{shown}:{line}: {path}".rstrip(": ") if line else path
+
+
+def _no_path(text: str) -> str:
+    return f"found {printable(text)!r}, which has a null character or half a character: no file has such a name"
 
 
 def _matches(pattern: str, folder: str) -> list[str]:

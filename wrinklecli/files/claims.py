@@ -13,6 +13,14 @@ Identity: TypeAlias = tuple[int | str, ...]
 Owner = TypeVar("Owner")
 
 
+def is_path(text: str) -> bool:
+    """True if a file may have this path: it has no null character, and no half of a character."""
+    try:
+        return b"\0" not in os.fsencode(text)
+    except UnicodeEncodeError:
+        return False
+
+
 @dataclass(frozen=True, slots=True)
 class Clash(Generic[Owner]):
     """An output that is also an input or another output.
@@ -50,7 +58,7 @@ class Identities:
     def look_up(self, path: str) -> tuple[str, tuple[Identity, ...]]:
         """The real path of the folder that a file is in, and every identity of the file."""
         folder, name = os.path.split(path)
-        if name in ("", os.curdir, os.pardir) or "\0" in path:
+        if name in ("", os.curdir, os.pardir) or not is_path(path):
             real, known = self._folder(path)
             return os.path.dirname(real), (known,)
         real, known = self._folder(folder)
@@ -86,7 +94,7 @@ class Identities:
         return self._folders[folder]
 
     def _look_up(self, folder: str) -> tuple[str, Identity]:
-        if "\0" in folder:
+        if not is_path(folder):
             return folder, (folder,)
         real = os.path.realpath(folder or os.curdir)
         with suppress(OSError):

@@ -59,7 +59,7 @@ def local_file(uri: str, asset: str, where: str, *, allow_external: bool) -> str
     relative = path_of(uri)
     file = os.path.join(folder, relative)
     inside = os.path.realpath(folder or ".")
-    if ":" in relative.split("/")[0] or "\0" in relative:
+    if _names_no_file(relative):
         raise AssetError(f"uri {uri[:80]!r} is not a file below the asset's folder", where=where)
     if (leaves_folder(uri) or os.path.commonpath([inside, os.path.realpath(file)]) != inside) and not allow_external:
         hint = "others are read with --allow-external"
@@ -122,6 +122,13 @@ def _uris(gltf: Any) -> Iterator[str]:
 def path_beside(asset: str, uri: str, *, external: bool) -> str | None:
     """The file that a URI of an asset names; None if a bake would not read it."""
     try:
-        return None if leaves_folder(uri) and not external else os.path.join(os.path.dirname(asset), path_of(uri))
-    except ValueError:
+        relative = path_of(uri)
+    except UnicodeEncodeError:
         return None
+    refused = _names_no_file(relative) or (leaves_folder(uri) and not external)
+    return None if refused else os.path.join(os.path.dirname(asset), relative)
+
+
+def _names_no_file(relative: str) -> bool:
+    """True for a URL, which would be read from elsewhere, and for a path with a null character."""
+    return ":" in relative.split("/")[0] or "\0" in relative
