@@ -73,10 +73,11 @@ def edit(
 
     TOOLS is the YAML file that the page opens and saves. Without TOOLS, the file has the name of ASSET with the ending
     .yaml. If the file does not exist, the page begins without tools. Comments, order and lines that are not edited
-    stay as they were.
-    The page needs no network, but viser: pip install 'wrinklecli[edit]'. Ctrl-C ends it.
+    stay as they were. Edits that are not saved stand in .NAME.unsaved beside the file NAME, and the next run takes
+    them up.
 
-    The page opens only where it is asked for by an address, localhost, --host or --allow-host, and by no other site.
+    The page needs no network, but viser: pip install 'wrinklecli[edit]'. Ctrl-C ends it. No other site opens it, and
+    nobody by a name that is neither localhost nor given by --host or --allow-host.
 
     Exit codes: 0 done; 1 the input is at fault, or the port is taken; 2 wrong usage; 70 a bug.
     """

@@ -5,20 +5,12 @@ request has to name the page by an address or by a known name, and its site has 
 in the printed address, as in Jupyter; a cookie keeps it for the files that the page loads and for its websocket.
 """
 
-import http
 import ipaddress
 import re
 import secrets
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
 from urllib.parse import parse_qsl
-
-from websockets.asyncio.server import ServerConnection
-from websockets.http11 import Request, Response
-
-Answer: TypeAlias = Callable[[ServerConnection, Request], Response | None]
-"""Answers a request, or returns None to open a websocket."""
 
 _TOKEN_BYTES = 24  # random ones, which nobody guesses
 _HOST = re.compile(r"(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9._-]+)(?::([0-9]{1,5}))?")
@@ -54,40 +46,36 @@ class Access:
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"http://{host}:{port}" + (f"/?token={self.token}" if self.token else "")
 
-    def checked(self, answer: Answer, port: int) -> Answer:
-        """Refuse the requests to a port that nobody should make, and answer the others."""
-        cookie = f"wrinkle_edit_{port}"
+    def headers(self, port: int) -> Mapping[str, str]:
+        """The headers of all answers at a port, by name."""
+        if self.token is None:
+            return _HEADERS
+        return {**_HEADERS, "Set-Cookie": f"{_cookie(port)}={self.token}; Path=/; HttpOnly; SameSite=Strict"}
 
-        def checked_answer(connection: ServerConnection, request: Request) -> Response | None:
-            refusal = self._refusal(request, cookie)
-            if refusal is not None:
-                return connection.respond(http.HTTPStatus.FORBIDDEN, f"wrinkle edit: {refusal}\n")
-            response = answer(connection, request)
-            if response is not None:
-                response.headers.update(_HEADERS)
-                if self.token is not None:
-                    response.headers["Set-Cookie"] = f"{cookie}={self.token}; Path=/; HttpOnly; SameSite=Strict"
-            return response
+    def refusal(
+        self, path: str, hosts: Sequence[str], origins: Sequence[str], cookies: Sequence[str], port: int
+    ) -> str | None:
+        """The reason to refuse a request; None if there is none.
 
-        return checked_answer
-
-    def _refusal(self, request: Request, cookie: str) -> str | None:
-        """The reason to refuse a request; None if there is none."""
-        hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
+        Args:
+            path: The path that is asked for, with its query.
+            hosts: The `Host` headers.
+            origins: The `Origin` headers.
+            cookies: The `Cookie` headers.
+            port: The port of the page.
+        """
         host = _HOST.fullmatch(hosts[0]) if len(hosts) == 1 else None
         if host is None or not self._is_known(host[1]):
             return "this page has another name; --allow-host NAME lets it be asked for by NAME"
         if origins and (len(origins) > 1 or not _is_same(origins[0], host)):
             return "another site asks for this page"
-        query = parse_qsl(request.path.partition("?")[2], keep_blank_values=True)
+        query = parse_qsl(path.partition("?")[2], keep_blank_values=True)
         # The page would take others, even one that lets it show what another server sends.
         if any(key != "token" for key, _ in query):
             return "the page's address has no other options than token"
         if self.token is not None:
-            pairs = (
-                pair.strip().partition("=") for each in request.headers.get_all("Cookie") for pair in each.split(";")
-            )
-            found = [*(value for _, value in query), *(value for name, _, value in pairs if name == cookie)]
+            pairs = (pair.strip().partition("=") for each in cookies for pair in each.split(";"))
+            found = [*(value for _, value in query), *(value for name, _, value in pairs if name == _cookie(port))]
             token = self.token.encode()
             if not any(secrets.compare_digest(each.encode(errors="surrogateescape"), token) for each in found):
                 return "this page opens at the whole address that the command has printed, with its token"
@@ -101,6 +89,11 @@ class Access:
 def is_own(host: str) -> bool:
     """True if no other machine reaches a host."""
     return ipaddress.ip_address(host).is_loopback if _is_address(host) else host == "localhost"
+
+
+def _cookie(port: int) -> str:
+    """Name of the cookie, which all pages of a host share."""
+    return f"wrinkle_edit_{port}"
 
 
 def _is_address(host: str) -> bool:

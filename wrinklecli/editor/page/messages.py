@@ -5,13 +5,12 @@ this page sends few kinds of messages, with values that its controls offer; all 
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import msgspec
 import viser
 import viser.infra
-import websockets.asyncio.server
 
 MAX_BYTES = 1_000_000  # of a message; the longest holds a line that someone types
 _MAX_TEXT = 100_000  # characters of a line; the longest value of a key that anybody wrote has a few thousand
@@ -25,18 +24,6 @@ _SENT = (
     "ViewerCameraMessage",
 )
 _KINDS = {kind.__name__: kind for kind in viser.infra.Message.get_subclasses() if kind.__name__ in _SENT}
-
-
-def connection_of(controls: Callable[[], Mapping[str, Any]]) -> type[websockets.asyncio.server.ServerConnection]:
-    """Make a class of connections that drop messages which no tab sends of a page with some controls, by their ids."""
-
-    class CheckedConnection(websockets.asyncio.server.ServerConnection):
-        async def recv(self, decode: bool | None = None) -> Any:
-            while not is_sent(data := await super().recv(decode), controls()):
-                pass
-            return data
-
-    return CheckedConnection
 
 
 def is_sent(data: str | bytes, controls: Mapping[str, Any]) -> bool:

@@ -1,18 +1,24 @@
 """Serve the page at one address and port, only to those who may connect, and only with messages that tabs send."""
 
 import contextlib
+import http
 import logging
 import socket
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, TypeAlias
 
 import rich
 import viser
 import websockets.asyncio.server
+from websockets.asyncio.server import ServerConnection
+from websockets.http11 import Request, Response
 
-from wrinklecli.editor.page.access import Access, Answer
-from wrinklecli.editor.page.messages import MAX_BYTES, connection_of
+from wrinklecli.editor.page.access import Access
+from wrinklecli.editor.page.messages import MAX_BYTES, is_sent
 from wrinklecli.errors import WrinkleError
+
+_Answer: TypeAlias = Callable[[ServerConnection, Request], Response | None]
+"""Answers a request, or returns None to open a websocket."""
 
 
 def serve(access: Access, port: int) -> viser.ViserServer:
@@ -32,9 +38,15 @@ def serve(access: Access, port: int) -> viser.ViserServer:
     def controls() -> Mapping[str, Any]:
         return served[0].gui._gui_input_handle_from_uuid if served else {}
 
-    def checked_serve(*arguments: Any, process_request: Answer, **options: Any) -> Any:
-        options |= {"max_size": MAX_BYTES, "create_connection": connection_of(controls)}
-        return usual(*arguments, process_request=access.checked(process_request, port), **options)
+    class CheckedConnection(ServerConnection):
+        async def recv(self, decode: bool | None = None) -> Any:
+            while not is_sent(data := await super().recv(decode), controls()):
+                pass
+            return data
+
+    def checked_serve(*arguments: Any, process_request: _Answer, **options: Any) -> Any:
+        options |= {"max_size": MAX_BYTES, "create_connection": CheckedConnection}
+        return usual(*arguments, process_request=_checked(process_request, access, port), **options)
 
     websockets.asyncio.server.serve = checked_serve  # type: ignore
     try:
@@ -50,6 +62,22 @@ def serve(access: Access, port: int) -> viser.ViserServer:
     # A tab could ask for a tunnel that opens this page to the whole internet.
     server.request_share_url = _refuse_tunnel  # type: ignore[method-assign]
     return server
+
+
+def _checked(answer: _Answer, access: Access, port: int) -> _Answer:
+    """Answer the requests to a port that `access` does not refuse."""
+
+    def checked_answer(connection: ServerConnection, request: Request) -> Response | None:
+        hosts, origins, cookies = (request.headers.get_all(name) for name in ("Host", "Origin", "Cookie"))
+        refusal = access.refusal(request.path, hosts, origins, cookies, port)
+        if refusal is not None:
+            return connection.respond(http.HTTPStatus.FORBIDDEN, f"wrinkle edit: {refusal}\n")
+        response = answer(connection, request)
+        if response is not None:
+            response.headers.update(access.headers(port))
+        return response
+
+    return checked_answer
 
 
 def _refuse_tunnel(verbose: bool = True) -> None:
