@@ -18,7 +18,7 @@ from functools import cached_property
 import numpy as np
 
 from wrinklecli.character.skin import Skin, pose
-from wrinklecli.numeric.arrays import Floats, Ints
+from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
 
 # Relative error of positions in float64 after some dozens of products and sums: bounds are wider by as much.
 _ROUNDING = 1e-13
@@ -117,7 +117,7 @@ def farthest(pair: Pair, before: Frames, after: Frames, known: float) -> tuple[f
     if not bounds.size or bounds.max() < known - slack:
         return 0.0, 0
     if np.isfinite(bounds).all():
-        reached = max(known, float(distances(every, np.unique(bounds.argmax(axis=1))).max()))
+        reached = max(known, float(distances(every, distinct_values(bounds.argmax(axis=1))).max()))
         if (bounds >= reached).mean() > _FEW and pair.first.weights.size < _MOST_FACTORS / 4:
             bounds = finer_bounds(pair, before, after)
         near = bounds >= reached - slack

@@ -7,9 +7,6 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, ClassVar
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.character.scene_meshes import read_scene_meshes
-from wrinklecli.effects.contact.effect import ContactEffect
-from wrinklecli.effects.contact.sample import sample_contact
 from wrinklecli.effects.effect import Attached, Effect, MeshPlan, Motion, SamplingOptions
 from wrinklecli.effects.wrinkle.layer import WrinkleLayer
 from wrinklecli.errors import BakeError, listed, nearest
@@ -34,7 +31,7 @@ class ContactLayer:
     folds: tuple["Fold", ...]
     tools_without_fold: tuple[str, ...]
 
-    section: ClassVar[str] = ContactEffect.section
+    section: ClassVar[str] = "folds"  # as ContactEffect's, which other bakes do not import
     named_clips: ClassVar[frozenset[str]] = frozenset()
     keyed_clips: ClassVar[frozenset[str]] = frozenset()
     sampled_numbers: ClassVar[int] = 0
@@ -58,6 +55,9 @@ class ContactLayer:
         how: SamplingOptions,
     ) -> tuple[list[Effect], list[Motion]]:
         """Resolve the folds and follow each clip: frames at their own times, tracks at as many as they need."""
+        # Imported here, as other bakes need none of it.
+        from wrinklecli.effects.contact.sample import sample_contact
+
         return sample_contact(self.folds, plan, effects, motions, how)
 
     def warnings(self, _plan: MeshPlan, _clips: Sequence[Clip]) -> list[str]:
@@ -92,6 +92,7 @@ class ContactKind:
             raise BakeError(message, where=tools[0].place("contact"))
         # Imported here, as other bakes need none of it.
         from wrinklecli.character.bones import read_bones
+        from wrinklecli.character.scene_meshes import read_scene_meshes
         from wrinklecli.effects.contact.fold import find_folds
 
         _check_ignored(ground.document, tools)
