@@ -174,7 +174,7 @@ def test_bash_completes(typed: str, completed: str, tmp_path: Path) -> None:
     script = tmp_path / "wrinkle"
     script.write_text(f"#!{MAIN[0]}\nfrom wrinklecli.cli import main\nmain()\n")
     script.chmod(0o755)
-    line = next(line for line in README.splitlines() if "bash_source" in line)
+    (line,) = re.findall(r"`(eval [^`]*bash_source[^`]*)`", README)
     bash = ["bash", "--norc", "--noprofile", "-i"]
     process, terminal = start_on_terminal(bash, PATH=f"{tmp_path}:{os.environ['PATH']}", TERM="dumb")
     try:
