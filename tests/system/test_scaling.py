@@ -13,7 +13,7 @@ import pytest
 
 from kit.asset import Asset
 from kit.crowd import crowd_asset, troop_asset, write_frames
-from kit.limb import RADIUS, limb_asset, tool
+from kit.limb import RADIUS, limb_asset, tool, write_tools
 from kit.prepared import prepare
 from kit.tube import write_tube
 from kit.work import calls_of
@@ -22,6 +22,7 @@ from wrinklecli.baking import pipeline
 from wrinklecli.character import contacts, rig, scene
 from wrinklecli.effects.wrinkle import placement, warnings
 from wrinklecli.gltf.document import read_document
+from wrinklecli.review import check as check_module
 from wrinklecli.review.check import check
 from wrinklecli.review.diff import compare_motion
 from wrinklecli.review.diff.diff import diff
@@ -203,12 +204,44 @@ def test_pairs_of_tools_are_found_without_a_look_at_each() -> None:
             for middle, half in zip([*middles, middles[5]], [*halves, -0.99 * halves[5]], strict=True)
         ]
         tracemalloc.start()
-        found = warnings._twins(patches)
+        found = warnings._twins(patches, np.ones((len(patches), 1), bool))
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
         assert (5, len(middles)) in found
     # A number for each pair would be 32 MB.
     assert peaks[1] < 4e6
+
+
+def crowded(count: int, apart: float = 1e-3) -> list[dict[str, Any]]:
+    """Tools on one spot of the limb, whose ends are a little apart."""
+    places = apart * np.random.default_rng(3).uniform(-1.0, 1.0, size=(count, 2))
+    return [
+        tool(name=f"t{number}", origin=[-0.4 + x, RADIUS, z], target=[0.4 + x, RADIUS, z], variation=0)
+        for number, (x, z) in enumerate(places.tolist())
+    ]
+
+
+@pytest.mark.parametrize(("count", "pairs"), [(10, 45), (30, 191)])
+def test_pairs_of_tools_on_one_spot_are_listed_up_to_a_limit(tmp_path: Path, count: int, pairs: int) -> None:
+    asset = limb_asset(rings=8, sides=6).write(tmp_path / "limb.glb")
+    tools = write_tools(tmp_path / "tools.yaml", *crowded(count))
+    found = check(asset, tools)
+    lines = [line for line in found.data["warnings"] if "lie nearly on top" in line]
+    assert len(lines) == pairs
+    assert (lines[-1] == "limb: more than 190 pairs of tools lie nearly on top of each other") == (count == 30)
+    assert {len(each["overlaps"]) for each in found.data["tools"]} == {min(count - 1, 20)}
+    assert {each.get("more_overlaps", False) for each in found.data["tools"]} == {count == 30}
+
+
+def test_overlaps_of_many_tools_are_the_first_ones() -> None:
+    rng = np.random.default_rng(11)
+    moved = [np.sort(rng.choice(400, size=rng.integers(3, 60), replace=False)) for _ in range(80)]
+    names = [str(number) for number in range(80)]
+    for one, found in enumerate(check_module._overlaps(moved, names)):
+        shared = {names[k]: len(np.intersect1d(moved[one], each)) for k, each in enumerate(moved) if k != one}
+        wanted = [{"tool": name, "vertices": count} for name, count in shared.items() if count]
+        assert found["overlaps"] == wanted[:20]
+        assert found.get("more_overlaps", False) == (len(wanted) > 20)
 
 
 def test_joints_that_act_elsewhere_are_not_compared(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -123,6 +123,7 @@ def _emit_warning(warning: str) -> None:
 def _rows(tool: dict[str, Any]) -> list[str]:
     """The lines of a tool's table."""
     overlaps = ", ".join(f"{each['tool']} ({each['vertices']} vertices)" for each in tool["overlaps"])
+    overlaps += ", and more" if tool.get("more_overlaps") else ""
     length = f"{tool['distance']:.4g} at rest"
     if tool["rest_length"] != tool["distance"]:
         length += f", shortening counts from {tool['rest_length']:.4g}"

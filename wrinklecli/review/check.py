@@ -25,7 +25,7 @@ from wrinklecli.effects.wrinkle.sample import sample_activities
 from wrinklecli.effects.wrinkle.warnings import tool_warnings
 from wrinklecli.effects.wrinkle.weights import fitting_compressible
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import children, significant
+from wrinklecli.numeric.arrays import Ints, children, significant
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.numeric.memory import MAX_MEMORY, MAX_VERTICES
 from wrinklecli.surface.anchor import Anchor
@@ -35,6 +35,8 @@ from wrinklecli.tools.records import in_axes
 VERSION = 1
 # The greatest number of motions, of a range of motion, that are reported for each tool.
 _MOST_MOTIONS = 12
+# Tools that are listed of those that share vertices with one.
+_MOST_OVERLAPS = 20
 # The least shortening by a motion that is reported, over the rest length.
 _VISIBLE = 1e-3
 
@@ -152,7 +154,9 @@ def check(
             motions = sample_activities(carried_patches_of(plan), plan, moving_clips(plan, clips), sampling)
             baked = [motion.clip for motion in motions if motion.clip.name not in (*job.range, job.pose)]
             warnings += mesh_warnings(plan, job.settings, baked, tracks=True)
-            for number, overlaps in enumerate(_overlaps(plan)):
+            carried_patches = carried_patches_of(plan)
+            names = [carried.patch.tool.name for carried in carried_patches]
+            for number, overlaps in enumerate(_overlaps([each.vertices for each in carried_patches], names)):
                 tool = _check_tool(plan, number, motions, overlaps, job)
                 checked.append(tool)
                 warnings += tool.data["warnings"]
@@ -181,15 +185,15 @@ def _clips_to_check(plan: MeshPlan, job: Job) -> list[Clip]:
     ]
 
 
-def _check_tool(plan: MeshPlan, number: int, motions: Sequence[Motion], overlaps: list[Json], job: Job) -> CheckedTool:
+def _check_tool(plan: MeshPlan, number: int, motions: Sequence[Motion], overlaps: Json, job: Job) -> CheckedTool:
     """Describe a tool in all clips, and in those motions of a range of motion that shorten it most."""
     carried, up = carried_patches_of(plan)[number], job.settings.up
     every = [ClipActivity(motion.clip, motion.times, motion.states[number]) for motion in motions]
     made = [each for each in every if each.clip.name in job.range]
     shortening = sorted((each for each in made if _shortest(each) > _VISIBLE), key=_shortest, reverse=True)
     clips = (*(each for each in every if each not in made), *shortening[:_MOST_MOTIONS])
-    data = describe_tool(plan, number, up) | {
-        "overlaps": overlaps,
+    data = describe_tool(plan, number, up) | overlaps
+    data |= {
         "fitting_compressible": fitting_compressible(
             carried.patch.curve, ((each.seen.distances, each.seen.rest_lengths) for each in clips)
         ),
@@ -283,16 +287,39 @@ def describe_clip(carried: CarriedPatch, each: ClipActivity) -> Json:
     }
 
 
-def _overlaps(plan: MeshPlan) -> list[list[Json]]:
-    """List, for each tool of a mesh, the other tools that move some of its vertices, and the number of these."""
-    counts = [len(carried.vertices) for carried in carried_patches_of(plan)]
-    rows = np.repeat(np.arange(len(counts)), counts)
-    columns = np.concatenate([carried.vertices for carried in carried_patches_of(plan)])
-    moves = csr_array((np.ones(len(rows), np.intp), (rows, columns)), shape=(len(counts), len(plan.fine.positions)))
-    shared = (moves @ moves.T).tocsr()
-    names = [carried.patch.tool.name for carried in carried_patches_of(plan)]
-    found: list[list[Json]] = [[] for _ in names]
-    for one, other, count in sorted(zip(*shared.nonzero(), shared.data, strict=True)):
-        if one != other:
-            found[one].append({"tool": names[other], "vertices": int(count)})
+def _overlaps(moved: Sequence[Ints], names: Sequence[str]) -> list[Json]:
+    """Describe for each tool of a mesh the others that move some of its vertices.
+
+    Args:
+        moved: (vertices,) sorted vertices of each tool.
+        names: The names of the tools.
+
+    Returns:
+        For each tool under `overlaps` the first others, and the number of vertices that they share. If there are very
+        many, `more_overlaps` is True: all pairs of n tools at one place would be n².
+    """
+    tools = np.repeat(np.arange(len(moved)), [len(each) for each in moved])
+    vertices = np.concatenate(moved)
+    order = np.argsort(vertices, kind="stable")
+    tools, vertices = tools[order], vertices[order]
+    # A tool's first others, and the next one, are among the first tools of each vertex with the tool itself.
+    first = np.arange(len(vertices)) - np.searchsorted(vertices, vertices) < _MOST_OVERLAPS + 2
+    shape = len(moved), int(vertices[-1]) + 1
+    moves, early = (
+        csr_array((np.ones(len(each[0]), np.bool_), each), shape=shape)
+        for each in ((tools, vertices), (tools[first], vertices[first]))
+    )
+    shared = (moves @ early.T).tocsr()
+    found: list[Json] = []
+    is_own = np.zeros(shape[1], np.bool_)
+    for one, own in enumerate(moved):
+        others = np.sort(shared.indices[shared.indptr[one] : shared.indptr[one + 1]])
+        others = others[others != one]
+        is_own[own] = True
+        overlaps = [
+            {"tool": names[other], "vertices": int(is_own[moved[other]].sum())}
+            for other in others[:_MOST_OVERLAPS].tolist()
+        ]
+        is_own[own] = False
+        found.append({"overlaps": overlaps} | ({"more_overlaps": True} if len(others) > _MOST_OVERLAPS else {}))
     return found

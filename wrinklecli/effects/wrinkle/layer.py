@@ -96,7 +96,8 @@ class WrinkleLayer:
 
     def warnings(self, plan: MeshPlan, clips: Sequence[Clip]) -> list[str]:
         """Tools at one place, and tools under which the refined surface departs from the old one."""
-        return twin_warnings(self.carried_patches, clips) + departure_warnings(plan, self.carried_patches, self.first)
+        twins = twin_warnings(self.carried_patches, clips, where=plan.rig.names[plan.rig.node])
+        return twins + departure_warnings(plan, self.carried_patches, self.first)
 
 
 class WrinkleKind:

@@ -13,6 +13,7 @@ from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.effects.wrinkle.placement import collision, ground_under
 from wrinklecli.effects.wrinkle.weights import fitting_compressible
 from wrinklecli.errors import counted
+from wrinklecli.numeric.arrays import Bools
 from wrinklecli.surface.path import Curve
 from wrinklecli.surface.rest import Rest
 from wrinklecli.tools.records import in_axes
@@ -35,6 +36,8 @@ _DOUBLED = 0.02
 DEPARTURE = 0.3
 # Distance of two tools' ends, over the shorter segment, below which they are at one place.
 _TWIN = 0.1
+# Pairs of such tools that are listed: all pairs of 20 tools.
+_MOST_TWINS = 190
 
 
 def tool_warnings(plan: MeshPlan, carried: CarriedPatch, clips: Sequence[ClipActivity], *, up: str) -> list[str]:
@@ -153,25 +156,31 @@ def departure_warnings(plan: MeshPlan, carried_patches: Sequence[CarriedPatch], 
     ]
 
 
-def twin_warnings(carried_patches: Sequence[CarriedPatch], clips: Sequence[Clip]) -> list[str]:
-    """Warnings about pairs of tools at one place whose heights add up, unless they never act in the same clip."""
+def twin_warnings(carried_patches: Sequence[CarriedPatch], clips: Sequence[Clip], *, where: str) -> list[str]:
+    """Warnings about pairs of tools at one place whose heights add up, unless they never act in the same clip.
 
-    def together(first: Patch, second: Patch) -> bool:
-        names = [clip.name for clip in clips]
-        strengths = [(first.tool.strength_in(name), second.tool.strength_in(name)) for name in names]
-        return any(a and b for a, b in strengths or [(first.tool.strength, second.tool.strength)])
-
+    If there are very many pairs, some are listed, and a last line that begins with `where` says so.
+    """
     patches = [carried.patch for carried in carried_patches]
-    return [
+    names = [clip.name for clip in clips]
+    acting = [[each.tool.strength_in(name) for name in names] or [each.tool.strength] for each in patches]
+    found = _twins(patches, np.array(acting) != 0)
+    warnings = [
         f"{patches[one].tool.name} and {patches[other].tool.name}: lie nearly on top of each other, and their heights"
         " add up"
-        for one, other in _twins(patches)
-        if together(patches[one], patches[other])
+        for one, other in found[:_MOST_TWINS]
     ]
+    if len(found) > _MOST_TWINS:
+        warnings.append(f"{where}: more than {_MOST_TWINS} pairs of tools lie nearly on top of each other")
+    return warnings
 
 
-def _twins(patches: Sequence[Patch]) -> list[tuple[int, int]]:
-    """Sorted pairs of tools whose ends and middles are at one place, in either direction of the two paths."""
+def _twins(patches: Sequence[Patch], acting: Bools) -> list[tuple[int, int]]:
+    """Sorted pairs of tools whose ends and middles are at one place, in either direction of the two paths.
+
+    (tools, clips) `acting` is True for the clips in which a tool acts; tools of a pair act in the same clip. Of very
+    many pairs only some are found, more than `_MOST_TWINS`: all pairs of n tools at one place would be n² / 2.
+    """
     spans = np.array([patch.span for patch in patches])
     ends = np.array([[patch.origin.position, patch.target.position] for patch in patches])
     halfway = np.array([patch.path.middle for patch in patches])
@@ -186,6 +195,9 @@ def _twins(patches: Sequence[Patch]) -> list[tuple[int, int]]:
         others = order[number + 1 : last[number]]
         ways = [np.linalg.norm(ends[one] - ends[others][:, way], axis=2).mean(axis=1) for way in ([0, 1], [1, 0])]
         ways.append(np.linalg.norm(halfway[one] - halfway[others], axis=1))
-        near = others[np.maximum(np.minimum(*ways[:2]), ways[2]) < _TWIN * np.minimum(spans[one], spans[others])]
-        found += [(min(one, other), max(one, other)) for other in near.tolist()]
+        near = np.maximum(np.minimum(*ways[:2]), ways[2]) < _TWIN * np.minimum(spans[one], spans[others])
+        near[near] = (acting[one] & acting[others[near]]).any(axis=1)
+        found += [(min(one, other), max(one, other)) for other in others[near].tolist()]
+        if len(found) > _MOST_TWINS:
+            break
     return sorted(found)
