@@ -19,6 +19,8 @@ from kit.tube import write_tube
 from kit.work import calls_of
 from wrinklecli import bake
 from wrinklecli.baking import pipeline
+from wrinklecli.baking.job import BakeOptions, read_job
+from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.character import contacts, rig, scene
 from wrinklecli.effects.wrinkle import placement, warnings
 from wrinklecli.gltf.document import read_document
@@ -231,6 +233,18 @@ def test_pairs_of_tools_on_one_spot_are_listed_up_to_a_limit(tmp_path: Path, cou
     assert (lines[-1] == "limb: more than 190 pairs of tools lie nearly on top of each other") == (count == 30)
     assert {len(each["overlaps"]) for each in found.data["tools"]} == {min(count - 1, 20)}
     assert {each.get("more_overlaps", False) for each in found.data["tools"]} == {count == 30}
+
+
+def test_the_surface_below_tools_on_one_spot_is_posed_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asset, posed = limb_asset(rings=8, sides=6).write(tmp_path / "limb.glb"), []
+    for count in (4, 16):
+        tools = write_tools(tmp_path / "tools.yaml", *crowded(count))
+        tally = Counter[str]()
+        with monkeypatch.context() as patched:
+            counted(patched, tally, refine, "transform", amount=lambda blended, _positions: blended.shape[1])
+            plan_meshes(read_job(asset, tools, BakeOptions()))
+        posed.append(tally["transform"])
+    assert posed[1] < 1.2 * posed[0]
 
 
 def test_overlaps_of_many_tools_are_the_first_ones() -> None:

@@ -6,7 +6,7 @@ are compared with half an interval of the region (by default: `edges_per_interva
 with one. Edges are not split where hardly any of the displacement remains.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -247,21 +247,24 @@ def _long_edges(
     """(edges,) edges on a region that are too long along u to show its displacement."""
     last = level.number == settings.max_levels
     wanted = np.zeros(len(level.edges), bool)
+    places = _places(level, regions, rest)
+    turned, scratch = _directions(level, regions, normals) if last else np.zeros((0, 3)), np.zeros(len(places))
     for region in regions:
         faces = children(level.parents, region.members)
-        vertices, local = np.unique(level.triangles[faces], return_inverse=True)
-        u, v = region.coordinates(_rest_positions(level, vertices, rest))
-        u_faces, v_faces = u[local.reshape(-1, 3)], v[local.reshape(-1, 3)]
+        triangles = level.triangles[faces]
+        vertices = distinct_values(triangles)
+        u, v = region.coordinates(places[vertices])
+        u_faces, v_faces = (_at(triangles, vertices, each, scratch) for each in (u, v))
         meets = (u_faces.max(axis=1) > 0) & (u_faces.min(axis=1) < 1)
         meets &= (v_faces.max(axis=1) > -1) & (v_faces.min(axis=1) < 1)
         # The last level only counts edges: edges that show the displacement, if not its sharpest furrows, will do.
         u = region.bowed(u, v) if last else region.stretched(u, v)
         edges = distinct_values(level.triangle_edges[faces[meets]])
-        ends = np.searchsorted(vertices, level.edges[edges])
-        steps = np.abs(u[ends[:, 1]] - u[ends[:, 0]])
+        ends = _at(level.edges[edges], vertices, u, scratch)
+        steps = np.abs(ends[:, 1] - ends[:, 0])
         if last and not region.projected:
             # The little that remains at the border of a region is not missed.
-            steps = steps * _greatest_shares(level, edges, region, rest, normals)
+            steps = steps * _greatest_shares(level, edges, region, places, turned, scratch)
         wanted[edges] |= steps > _greatest_step(region, settings)
     return wanted
 
@@ -269,24 +272,32 @@ def _long_edges(
 def _showing_edges(level: Level, regions: Sequence[Region], rest: Rest, normals: Floats) -> Bools:
     """(edges,) edges along which a region leaves some displacement, from (coarse vertices, 3) normals at rest."""
     shown = np.zeros(len(level.edges), bool)
+    places, turned = _places(level, regions, rest), _directions(level, regions, normals)
+    scratch = np.zeros(len(places))
     for region in regions:
         edges = distinct_values(level.triangle_edges[children(level.parents, region.members)])
         # Any member may come to lie on a region onto which vertices are projected in each frame.
-        shown[edges] |= region.projected or _greatest_shares(level, edges, region, rest, normals) > _LEAST_SHOWN
+        shown[edges] |= (
+            region.projected or _greatest_shares(level, edges, region, places, turned, scratch) > _LEAST_SHOWN
+        )
     return shown
 
 
-def _greatest_shares(level: Level, edges: Ints, region: Region, rest: Rest, normals: Floats) -> Floats:
-    """(edges,) greatest fraction of a region's displacement along each edge; 0 before and behind the region."""
-    vertices, ends = np.unique(level.edges[edges], return_inverse=True)
-    ends = ends.reshape(-1, 2)
-    places = _rest_positions(level, vertices, rest)
-    u, v = region.coordinates(places)
-    cosines = region.cosines(u, unit(level.of_vertices(vertices, normals)))
-    u, v, cosines = (each[ends] for each in (u, v, cosines))
+def _greatest_shares(
+    level: Level, edges: Ints, region: Region, places: Floats, normals: Floats, scratch: Floats
+) -> Floats:
+    """(edges,) greatest fraction of a region's displacement along each edge; 0 before and behind the region.
+
+    The (vertices, 3) `places` and unit `normals` at rest are right for the level's vertices on regions.
+    """
+    pairs = level.edges[edges]
+    vertices = distinct_values(pairs)
+    u, v = region.coordinates(places[vertices])
+    cosines = region.cosines(u, normals[vertices])
+    u, v, cosines = (_at(pairs, vertices, each, scratch) for each in (u, v, cosines))
     within = (u.max(axis=1) > 0) & (u.min(axis=1) < 1)
     # The path runs between ends on either side, unless these are nearest to parts of the path that are far apart.
-    lengths = np.linalg.norm(places[ends[:, 1]] - places[ends[:, 0]], axis=1) / region.half_width
+    lengths = np.linalg.norm(places[pairs[:, 1]] - places[pairs[:, 0]], axis=1) / region.half_width
     between = np.maximum(np.abs(v).sum(axis=1) - lengths, 0.0) / 2.0
     nearest = np.where(v[:, 0] * v[:, 1] > 0, np.abs(v).min(axis=1), between)
     shares = region.share(np.full(len(edges), 0.5), nearest, cosines.max(axis=1))
@@ -298,11 +309,39 @@ def _greatest_step(region: Region, settings: RefinementSettings) -> float:
     return 1.0 / (region.intervals * settings.edges_per_interval)
 
 
-def _rest_positions(level: Level, vertices: Ints, rest: Rest) -> Floats:
-    """(vertices, 3) world positions at rest of some of a level's vertices, on the coarse surface."""
-    blended = level.of_vertices(vertices, rest.blended.reshape(-1, 12)).reshape(1, -1, 3, 4)
-    positions: Floats = transform(blended, level.of_vertices(vertices, rest.bind_positions))[0]
-    return positions
+def _on_regions(level: Level, regions: Sequence[Region], values: Callable[[Ints], Floats]) -> Floats:
+    """(vertices, 3) values of a level's vertices that are on any region, from a function of these; 0 for all others.
+
+    They are found once for all regions: many may lie on one spot.
+    """
+    members = distinct_values(np.concatenate([region.members for region in regions]))
+    vertices = distinct_values(level.triangles[children(level.parents, members)])
+    found = np.zeros((int(level.triangles.max(initial=-1)) + 1, 3))
+    found[vertices] = values(vertices)
+    return found
+
+
+def _places(level: Level, regions: Sequence[Region], rest: Rest) -> Floats:
+    """(vertices, 3) world positions at rest of a level's vertices on regions, on the coarse surface."""
+
+    def positions(vertices: Ints) -> Floats:
+        blended = level.of_vertices(vertices, rest.blended.reshape(-1, 12)).reshape(1, -1, 3, 4)
+        placed: Floats = transform(blended, level.of_vertices(vertices, rest.bind_positions))[0]
+        return placed
+
+    return _on_regions(level, regions, positions)
+
+
+def _directions(level: Level, regions: Sequence[Region], normals: Floats) -> Floats:
+    """(vertices, 3) unit normals at rest of a level's vertices on regions."""
+    return _on_regions(level, regions, lambda vertices: unit(level.of_vertices(vertices, normals)))
+
+
+def _at(corners: Ints, vertices: Ints, values: Floats, scratch: Floats) -> Floats:
+    """(corners, …) of the (vertices,) values, by vertices; overwrites some of `scratch`, (vertices of the level,)."""
+    scratch[vertices] = values
+    taken: Floats = scratch[corners]
+    return taken
 
 
 def _new_weights(surface: Surface, subdivision: Subdivision, joint_count: int) -> Floats:
