@@ -35,7 +35,13 @@ _CODES = {"diff": (0, 1, 2)}
 _DONE = {"diff": (0, 1), "check": (0, 3)}  # what --strict refuses, check shows all the same
 # What is there before, or a link put there, and no input; all other files are inputs.
 _REPLACED = ("out.glb", "displaced-out.glb", "found.json", "jobs.jsonl")
-_KEPT = ("cache/", "kept/", "jobs.jsonl", "displaced-jobs.jsonl")  # what a batch writes whatever comes of its jobs
+_KEPT = (
+    "cache/",
+    "kept/",
+    "jobs.jsonl",
+    "displaced-jobs.jsonl",
+    "nothing",
+)  # what a batch writes whatever comes of its jobs
 _EDITED = ("tools.yaml", "displaced-tools.yaml", ".tools.yaml.unsaved")  # begin the names of what the editor writes
 _WEB_BYTES = 2 * 10**7  # that a file at a URL may have
 _WEB_PATIENCE = 0.1  # seconds without a byte
@@ -290,7 +296,8 @@ def _inputs(case: Case, folder: Path) -> set[str]:
             every_job = read_manifest(case.arguments[1], {})
         except WrinkleError:
             return every
-        read = {os.path.realpath(path) for job in every_job for path in (job.where.partition(":")[0], *job.inputs)}
+        paths = [path for job in every_job for path in (job.where.partition(":")[0], *job.inputs)]
+        read = {os.path.realpath(path) for path in paths if "\0" not in path}
     return {name for name in every if os.path.realpath(name) in read}
 
 

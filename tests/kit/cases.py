@@ -116,7 +116,12 @@ def _edits(chance: random.Random, arguments: Sequence[str], source: Source) -> I
             yield from visits(chance)
         case _:
             yield from damage(chance, source)
-    if command in _SOLVE and chance.random() < _CONTACT and not any(source is corpus()[number] for number in _LARGE):
+    if (
+        command in _SOLVE
+        and "kept" not in arguments
+        and chance.random() < _CONTACT
+        and not any(source is corpus()[number] for number in _LARGE)
+    ):
         yield ["set", "tools", ["tools", 0, "contact"], chance.choice(_CONTACTS)]
         if chance.random() < 0.5:
             yield from geometry_edit(chance)

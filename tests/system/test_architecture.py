@@ -31,6 +31,7 @@ DOORS = {
     "matplotlib": {"review/plot"},
     "dask": {"batch/cluster"},
     "distributed": {"batch/cluster"},
+    "aiohttp": {"batch/stores"},
     "fsspec": {"batch/stores"},
     "viser": {"editor/page"},
     "rich": {"editor/page/server"},
