@@ -58,16 +58,16 @@ def encode_extras(edited: EditedDocument, plan: MeshPlan, effects: Sequence[Effe
     if not isinstance(node.setdefault("extras", {}), dict):
         return
     sections: dict[str, list[Json]] = {_TOOLS: []}
-    undriven: list[Effect] = []
+    undriven: list[str] = []
     for effect in effects:
         drive = effect.drive
         if drive is None:
-            undriven.append(effect)
+            undriven += [target.name for target in targets_of([effect])]
         else:
             sections.setdefault(effect.section, []).append(drive.to_json(rig.names, rig.morph_names))
     node["extras"]["wrinkle"] = {
         "method": METHOD,
         **({"draft": True} if draft else {}),
         **sections,
-        **({"undriven": [target.name for target in targets_of(undriven)]} if undriven else {}),
+        **({"undriven": undriven} if undriven else {}),
     }

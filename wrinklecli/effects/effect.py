@@ -131,6 +131,11 @@ class Effect(ABC):
         """The drive that sets the weights of the targets in clips that were never baked; None if there is none."""
 
     @property
+    def left_out(self) -> str | None:
+        """The warning that says why nothing of the effect is made; None if it is made."""
+        return None
+
+    @property
     def columns(self) -> Ints:
         """Numbers of the shapes that have a target."""
         return np.array([index for index, target in enumerate(self.targets) if target is not None], np.intp)

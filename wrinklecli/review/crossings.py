@@ -138,8 +138,8 @@ def _states(
     planned = plan_tools(joined.document, tools, options.bake_options)
     if planned.job is None:
         raise BakeError.of_all([BakeError(line) for line in planned.warnings])
-    after = apply_tools(planned, [clip.name for clip in clips], progress)
-    return [joined.document, after], tuple(clips), planned.warnings
+    after, left_out = apply_tools(planned, [clip.name for clip in clips], progress)
+    return [joined.document, after], tuple(clips), (*planned.warnings, *left_out)
 
 
 def _with_further_clips(before: Document, baked: Document) -> Document:

@@ -26,7 +26,7 @@ def test_marks_lie_on_the_triangles_that_they_are_of_before_and_after(tmp_path: 
     )
     planned = plan_tools(limb(tmp_path, **options), tools, BakeOptions())
     assert planned.job is not None
-    for document, refined in ((apply_tools(planned, []), True), (planned.job.document, False)):
+    for document, refined in ((apply_tools(planned, [])[0], True), (planned.job.document, False)):
         asset, _ = read_shown(document, "limb", planned.plans, refined=refined)
         marked = 0
         for posed in asset.posed(Moment(None, 0.0)):

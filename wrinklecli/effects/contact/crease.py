@@ -14,6 +14,8 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.motion import approach
 from wrinklecli.effects.contact.fitting import combined, fit_pose, fit_poses
 from wrinklecli.effects.contact.fold import RINGS, Fold
+from wrinklecli.effects.contact.given_up import DEGENERATE, TOO_MANY_STEPS, TORN, UNSETTLED, GivenUp, UnresolvedError
+from wrinklecli.effects.contact.hinge import Hinge
 from wrinklecli.effects.contact.solution import (
     Solution,
     crossing_count,
@@ -34,12 +36,50 @@ _DEEPEST = 36.0
 _DEEPEST_LEANING = 18.0
 # Strides between two poses of a leaning sweep, which only adds to the others.
 _LEANING_STRIDES = 2.0
+# Most steps of the solver for a pose with contact, in the mean of a sweep or clip: folds that settle take 2 to 11,
+_MOST_STEPS_PER_POSE = 16
+# and so many more for all poses together: a fold that closes at once takes a few times the mean in its first poses.
+_MOST_STEPS = 128
 # Poses of a sweep that are checked for crossings before it is solved, from rest to its end.
 _CROSSING_POSES = 8
 # Poses from rest to the beginning of a clip that is folded there.
 _APPROACH = 33
 # Sampled poses, evenly spread, in which normals are to be right, beside those with the greatest weights.
 _NORMAL_POSES = 8
+
+
+@dataclass(slots=True)
+class Steps:
+    """Counts the solver's steps in one motion.
+
+    Attributes:
+        taken: Number of Newton steps.
+        poses: Number of poses with contact.
+    """
+
+    taken: int = 0
+    poses: int = 0
+
+    def suffice(self, found: Solution) -> bool:
+        """Count one more solution; False if there are too many steps for so many poses."""
+        self.taken += found.state.steps
+        self.poses += found.touches
+        return self.taken <= _MOST_STEPS + _MOST_STEPS_PER_POSE * self.poses
+
+
+@dataclass(frozen=True, slots=True)
+class Moves:
+    """The moves that another fold gives some vertices of this one.
+
+    Attributes:
+        rows: (moved,) indices of the vertices in this fold.
+        weights: (frames, shapes).
+        shapes: (shapes, moved, 3) bind space, at weight 1.
+    """
+
+    rows: Ints
+    weights: Floats
+    shapes: Floats
 
 
 @dataclass(frozen=True)
@@ -56,7 +96,6 @@ class Crease:
         error: Greatest distance of the shapes from the solutions of the sweeps, scene units.
         largest: Greatest move in the solutions, scene units.
         squeezed: Greatest volume that the shapes take away in the sweeps, relative to a limb as long as it is thick.
-        unsettled: Number of poses of the sweeps whose solution did not settle.
         crossing: Number of poses of the sweeps in which the shapes leave crossings.
         solved: Number of poses of the sweeps with contact.
     """
@@ -70,7 +109,6 @@ class Crease:
     error: float
     largest: float
     squeezed: float
-    unsettled: int
     crossing: int
     solved: int
 
@@ -100,14 +138,22 @@ class Crease:
 
         In a clip that folds the surface otherwise than the joint alone does, the shapes may make more crossings than
         they take away; such a clip gets no contact.
+
+        Raises:
+            UnresolvedError: A frame did not settle, or all took too many steps.
         """
-        weights, error, unsettled = np.zeros((len(times), len(self.shapes))), 0.0, 0
+        weights, error = np.zeros((len(times), len(self.shapes))), 0.0
         urgent: Floats | None = None
         touching: list[int] = []
         remaining: list[int] = []  # vertices that cross, for each frame in which any do
+        unsettled: list[int] = []
+        steps = Steps()
         for frame, found in enumerate(marched):
-            unsettled += not found.state.converged
-            if found.touches:
+            unsettled += [] if found.state.converged else [frame]
+            if not steps.suffice(found):
+                raise UnresolvedError(GivenUp(TOO_MANY_STEPS, max(len(unsettled), 1), time=float(times[frame])))
+            # From the first such frame on, they are only counted.
+            if found.touches and not unsettled:
                 weights[frame], urgent, crosses = fit_pose(found, self.shapes, urgent)
                 urgent = None if crosses else urgent
                 moved = combined(weights[frame], self.shapes)
@@ -121,13 +167,15 @@ class Crease:
                 touching.append(frame)
                 if crosses:
                     remaining.append(crossing_count(self.tissue, found.positions_under(moved)))
+        if unsettled:
+            raise UnresolvedError(GivenUp(UNSETTLED, len(unsettled), time=float(times[unsettled[0]])))
         given_up = bool(remaining) and sum(remaining) > sum(
             crossing_count(self.tissue, positions)
             for positions in skinned_positions(self.fold, self.tissue, clip, times[touching])
         )
         if given_up:
             weights[:] = 0.0
-        return Followed(weights, error * self.fold.radius / UNITS, unsettled, len(remaining), given_up)
+        return Followed(weights, error * self.fold.radius / UNITS, len(remaining), given_up)
 
     def for_clip(
         self, clip: Clip, times: Floats, marched: Sequence[Solution], *, share: float, most: int
@@ -143,10 +191,26 @@ class Crease:
         weights[touching] = made
         scale = self.fold.radius / UNITS
         error = scale * max(each.greatest_error(combined(row, shapes)) for each, row in zip(solved, made, strict=True))
-        unsettled = sum(not each.state.converged for each in solved)
         samples = tuple((made[k], clip, float(times[touching[k]])) for k in _chosen(made))
         own = replace(self, shapes=shapes, table=np.zeros((len(self.rows), len(shapes))), samples=samples)
-        return own, Followed(weights, error, unsettled, crossing)
+        return own, Followed(weights, error, crossing)
+
+    def torn_frames(self, clip: Clip | None, times: Floats, weights: Floats, others: Sequence[Moves]) -> list[int]:
+        """The frames, of (frames,) seconds of a clip, in which (frames, shapes) weights tear the surface.
+
+        `others` are moves of other folds, whose shapes add to these.
+        """
+        frames = np.flatnonzero(weights.any(axis=1)).tolist()
+        rows, scale, torn = free_rows(self.tissue), UNITS / self.fold.radius, []
+        for frame, (positions, matrices) in zip(frames, self.fold.poses(clip, times[frames]), strict=True):
+            moves = np.zeros_like(positions)
+            moves[rows] = combined(weights[frame], self.shapes)
+            for each in others:
+                moves[each.rows] += combined(each.weights[frame], each.shapes)
+            shown = positions + np.einsum("vij,vj->vi", matrices, moves)
+            if self.tissue.tearing.tears(scale * positions, scale * shown):
+                torn.append(frame)
+        return torn
 
     def _looked_up(self, clip: Clip, times: Floats) -> Floats:
         """(shapes,) weights at (1,) second of a clip, from the table alone, as a player finds them."""
@@ -161,14 +225,12 @@ class Followed:
     Attributes:
         weights: (frames, shapes).
         error: Greatest distance of the shapes from the solutions, scene units.
-        unsettled: Number of frames whose solution did not settle.
         crossing: Number of frames in which the shapes leave crossings.
         given_up: True if the clip gets no contact, since there would be more crossings with it.
     """
 
     weights: Floats
     error: float
-    unsettled: int
     crossing: int
     given_up: bool = False
 
@@ -181,16 +243,24 @@ def resolve(fold: Fold, *, share: float, most: int) -> Crease | None:
         share: Greatest error of a vertex, relative to the greatest move. More shapes are made than this asks for if
             there would be crossings.
         most: Greatest number of shapes, even if crossings remain.
+
+    Raises:
+        UnresolvedError: A pose did not settle or is torn, or all took too many steps.
     """
     apart = _apart(fold)
     if apart is None:
         return None
     tissue = _tissue(fold, apart)
+    if not tissue.colliding.any():
+        raise UnresolvedError(GivenUp(DEGENERATE))
     solved = list(_swept(fold, tissue))
     if not solved:
         return None
+    _refuse(fold, [each for each in solved if not each.found.state.converged], UNSETTLED)
     weights, shapes, crossing = fit_poses([each.found for each in solved], share=share, most=most)
     made = [(each.found, combined(row, shapes)) for each, row in zip(solved, weights, strict=True)]
+    torn = [each for each, (found, moved) in zip(solved, made, strict=True) if found.tears(moved)]
+    _refuse(fold, torn, TORN)
     scale = fold.radius / UNITS
     rows, table = _tabulated(fold, solved, weights)
     return Crease(
@@ -203,7 +273,6 @@ def resolve(fold: Fold, *, share: float, most: int) -> Crease | None:
         error=scale * max(found.greatest_error(moved) for found, moved in made),
         largest=scale * max(each.found.greatest_move for each in solved),
         squeezed=max(found.volume_loss(moved) for found, moved in made),
-        unsettled=sum(not each.found.state.converged for each in solved),
         crossing=crossing,
         solved=len(solved),
     )
@@ -236,11 +305,22 @@ def _swept(fold: Fold, tissue: Tissue) -> Iterator[_Solved]:
             way = _way(end, fold.hinge.stride * (_LEANING_STRIDES if leaning else 1.0))
             clip = fold.hinge.turn(way, tilt=lean)
             times = np.linspace(0.0, 1.0, len(way))
+            steps = Steps()
             for folded, time, found in zip(way, times, solutions_in(fold, tissue, clip, times), strict=True):
+                if not steps.suffice(found):
+                    _refuse(fold, [_Solved(clip, float(time), float(folded), leaning, found)], TOO_MANY_STEPS)
                 if found.touches:
                     yield _Solved(clip, float(time), float(folded), leaning, found)
                     if found.greatest_move > (_DEEPEST_LEANING if leaning else _DEEPEST):
                         break
+
+
+def _refuse(fold: Fold, failed: "Sequence[_Solved]", reason: str) -> None:
+    """Raise UnresolvedError if any poses of the sweeps have failed."""
+    if failed:
+        bends = isinstance(fold.hinge, Hinge)
+        degrees = float(np.degrees(failed[0].folded)) if bends else None
+        raise UnresolvedError(GivenUp(reason, len(failed), degrees=degrees))
 
 
 def _tabulated(fold: Fold, solved: Sequence[_Solved], weights: Floats) -> tuple[Floats, Floats]:
@@ -310,4 +390,5 @@ def _tissue(fold: Fold, apart: Floats) -> Tissue:
     through[fold.crossings.edges[edges]] = True
     colliding[(through & ~fold.own)[fold.triangles].any(axis=1)] = False
     tissue = Tissue(fold.rest_positions * UNITS / fold.radius, fold.triangles, colliding, free, fold.own, apart)
+    tissue = tissue.without_touching()
     return tissue if fold.own.all() else tissue.without_close_meshes()

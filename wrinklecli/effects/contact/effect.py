@@ -11,6 +11,7 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.character.sparse_targets import SparseDeltas
 from wrinklecli.drive.drive import Drive
 from wrinklecli.drive.table import Table
+from wrinklecli.effects.contact.given_up import DEGENERATE, GivenUp
 from wrinklecli.effects.contact.hinge import Hinge
 from wrinklecli.effects.contact.remaining import Remaining
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, targets_of
@@ -154,10 +155,10 @@ class ContactEffect(Effect):
             "largest_move": significant(crease.largest),
             "volume_lost": significant(crease.squeezed),
             "poses": crease.solved,
-            "unsettled_poses": crease.unsettled,
+            "unsettled_poses": 0,  # a fold with any is given up
             "crossing_poses": crease.crossing,
             "error": significant(crease.error),
-            "unsettled_frames": sum(each.unsettled for each in self.followed),
+            "unsettled_frames": 0,
             "crossing_frames": sum(each.crossing for each in self.followed),
             "clips_given_up": sum(each.given_up for each in self.followed),
             "left": [asdict(each) | {"time": significant(each.time)} for each in self.remaining],
@@ -169,10 +170,7 @@ class ContactEffect(Effect):
         """Warnings about contact that is not wholly resolved."""
         assert up in ("y", "z")
         name = ", ".join(self.tools)
-        unsettled = self.crease.unsettled + sum(each.unsettled for each in self.followed)
         warnings = [f"{name}: {self._remaining_warning(each)}" for each in self.remaining]
-        if unsettled:
-            warnings.append(f"{name}: contact did not settle in {counted(unsettled, 'pose')}: they keep the last state")
         acting = [(motion.clip, motion.times[weights.any(axis=1)]) for motion, _, weights in motions]
         crossing = {node for clip, times in acting for node in self.crease.fold.meshes_crossing_themselves(clip, times)}
         if crossing:
@@ -195,3 +193,99 @@ class ContactEffect(Effect):
             f"contact {what}: {counts}, {remaining.before:,} before the bake"
             f" ({counted(remaining.frames, 'frame')} in all); {hint}"
         )
+
+
+@dataclass(frozen=True, slots=True)
+class FoldWithoutContact(Effect):
+    """A fold that asks for contact and is given up: it has no targets, and says why.
+
+    Attributes:
+        tools: Names of all tools over the fold.
+        joint: Name of the joint that bends it, if one does.
+        given_up: The reason, and where it showed.
+        beside: Names of the tools of other folds that share vertices with this one.
+    """
+
+    tools: tuple[str, ...]
+    joint: str | None
+    given_up: GivenUp
+    beside: tuple[str, ...]
+
+    section: ClassVar[str] = ContactEffect.section
+
+    @property
+    def name(self) -> str:
+        """The identifier that targets would have."""
+        return self.identifier
+
+    @property
+    def drive(self) -> Drive | None:
+        """Nothing: there are no targets."""
+        return None
+
+    @classmethod
+    def count_targets(cls, effects: Sequence[Effect]) -> str:
+        """Count the folds that are given up."""
+        return f"contact given up in {counted(len(effects), 'fold')}"
+
+    def shape_weights(self, sampled: Floats) -> Floats:
+        """No weights."""
+        return sampled
+
+    def stored_weights(self, _rig: Rig) -> Floats:
+        """No weights."""
+        return np.zeros(0)
+
+    def weights_at(self, _rig: Rig, _motion: Motion, _sampled: Floats, times: Floats) -> Floats:
+        """No weights."""
+        return np.zeros((len(times), 0))
+
+    def exact_shapes(self, _vertices: Ints) -> Iterator[SparseDeltas]:
+        """No shapes."""
+        return iter(())
+
+    def exact_weights(self, _motion: Motion, _sampled: Floats, times: Floats, _state: Any) -> Floats:
+        """No weights."""
+        return np.zeros((len(times), 0))
+
+    def telling(self, _exact: Floats, _state: Any) -> set[int]:
+        """No times."""
+        return set()
+
+    def weight_error(self, _played: Floats, _exact: Floats, _state: Any, _clip: Clip) -> float:
+        """No error."""
+        return 0.0
+
+    def describe(self, _plan: MeshPlan) -> Json:
+        """The fold's entry in the report."""
+        return {
+            "tools": list(self.tools),
+            "clip": None,
+            "joint": self.joint,
+            "given_up": asdict(self.given_up),
+            "targets": [],
+        }
+
+    def warnings(self, _plan: MeshPlan, _motions: Sequence[tuple[Motion, Any, Floats]], *, up: str) -> list[str]:
+        """The line about it."""
+        assert up in ("y", "z")
+        return [self.left_out]
+
+    @property
+    def left_out(self) -> str:
+        """The warning that says that the fold is given up, why, and what to do."""
+        found, where = self.given_up, ""
+        if found.clip is not None:
+            where = f" in {found.clip!r}" + ("" if found.time is None else f" at {found.time:.3g} s")
+        elif found.degrees is not None:
+            where = f" where {self.joint} turns by {found.degrees:.0f}°"
+        poses = f" ({counted(found.poses, 'pose')} in all)" if found.poses > 1 else ""
+        hint = "lower or fewer bumps leave more room; `contact: off` is the same without this line"
+        if found.reason == DEGENERATE:
+            hint = "mend the mesh there; `contact: off` is the same without this line"
+        elif self.beside:
+            hint = (
+                f"folds are resolved one by one, and that of {listed(self.beside)} has vertices in common with it:"
+                " `contact: off` is the same without this line"
+            )
+        return f"{', '.join(self.tools)}: contact is left out of this fold: it {found.reason}{where}{poses}; {hint}"

@@ -74,9 +74,10 @@ def _newton(tissue: Tissue, positions: Floats, posed: SkinnedPose, near: Any) ->
     """Lower the energy by projected Newton steps, none of which lets anything pass through anything."""
     volumes = tissue.pieces.volumes(posed.positions)
     energy = _energy(tissue, positions, posed, volumes, near)
-    settled = False
+    settled, steps = False, 0
     held = ~tissue.free
     for _ in range(_STEPS):
+        steps += 1
         direction, slope = _direction(tissue, positions, posed, volumes, near)
         arriving = np.abs((posed.positions - positions)[held]).max(initial=0.0) > _ARRIVED
         if not arriving and np.abs(direction).max() < (_SETTLED if len(near) else _SETTLED_APART):
@@ -98,9 +99,9 @@ def _newton(tissue: Tissue, positions: Floats, posed: SkinnedPose, near: Any) ->
     if settled:
         if not len(near):
             # Exactly the pose: where nothing touches any more, contact moves nothing.
-            return SolverState(posed.positions, posed)
+            return SolverState(posed.positions, posed, steps=steps)
         positions = np.where(held[:, None], posed.positions, positions)
-    return SolverState(positions, posed, settled, near)
+    return SolverState(positions, posed, settled, steps, near)
 
 
 def _energy(tissue: Tissue, positions: Floats, posed: SkinnedPose, volumes: Floats, near: Any) -> float:
@@ -137,5 +138,7 @@ def _direction(
         correction[rows],
     )
     direction[free] = tissue.response.equilibrium(contacts, resisting) - correction[free]
+    if not np.isfinite(direction).all():
+        raise FloatingPointError("a step of contact is no number")
     gradient = tissue.stiffness @ correction + np.tensordot(tissue.pressures * excess, gradients, axes=1) + barrier
     return direction, float(np.sum(gradient * direction))

@@ -8,17 +8,19 @@ import numpy as np
 
 from wrinklecli.character.clip import KEY_GAP, clip_grid
 from wrinklecli.character.pose import pose_at
-from wrinklecli.effects.contact.effect import ContactEffect, NonNegativeBasis
+from wrinklecli.effects.contact.effect import ContactEffect, FoldWithoutContact, NonNegativeBasis
+from wrinklecli.effects.contact.given_up import TORN, GivenUp, UnresolvedError, degenerate_given_up
+from wrinklecli.effects.contact.hinge import Hinge
 from wrinklecli.effects.contact.remaining import Remaining, remaining_in
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, SamplingOptions, named_targets
 from wrinklecli.effects.sampling import duplicates_of, joined
 from wrinklecli.effects.shapes import Sample, Shape, make_shapes, summed
-from wrinklecli.numeric.arrays import Floats, distinct_values
+from wrinklecli.numeric.arrays import Floats, distinct_values, interpolated, matches
 from wrinklecli.numeric.guard import one_thread
 from wrinklecli.tools.records import identifier
 
 if TYPE_CHECKING:
-    from wrinklecli.effects.contact.crease import Crease, Followed
+    from wrinklecli.effects.contact.crease import Crease, Followed, Moves
     from wrinklecli.effects.contact.fold import Fold
 
 # Most shapes of a fold, whatever their error: with the shape that `NonNegativeBasis` adds, eight morph targets.
@@ -34,7 +36,8 @@ def sample_contact(
 ) -> tuple[list[Effect], list[Motion]]:
     """Resolve folds and follow each clip, as `Layer.sample` does.
 
-    Frames are marched at their own times. For tracks, times are added where the fold needs them.
+    Frames are marched at their own times. For tracks, times are added where the fold needs them. A fold that cannot be
+    resolved in every pose is given up, and the others go on.
     """
     # Imported here, as other bakes need none of it.
     import scipy.linalg  # noqa: F401  # has a BLAS of its own, which is to run one thread
@@ -44,12 +47,34 @@ def sample_contact(
     made = list(effects)
     with one_thread():
         for number, fold in enumerate(folds, start=1):
-            crease = resolve(fold, share=_SHAPE_ERROR, most=_MOST_SHAPES)
-            how.progress("contact", number, len(folds))
-            if crease is not None:
-                found, motions = _followed(plan, crease, made, motions, how)
-                made += found
+            try:
+                with degenerate_given_up():
+                    crease = resolve(fold, share=_SHAPE_ERROR, most=_MOST_SHAPES)
+                    how.progress("contact", number, len(folds))
+                    if crease is not None:
+                        found, motions = _followed(plan, crease, made, motions, how)
+                        made += found
+            except UnresolvedError as error:
+                made.append(_given_up(plan, fold, folds, made, error.given_up))
+                motions = [
+                    replace(each, states=(*each.states, None), weights=(*each.weights, np.zeros((len(each.times), 0))))
+                    for each in motions
+                ]
     return made, list(motions)
+
+
+def _given_up(
+    plan: MeshPlan, fold: "Fold", folds: "Sequence[Fold]", effects: Sequence[Effect], given_up: GivenUp
+) -> FoldWithoutContact:
+    """The effect in place of that of a fold, of several, whose contact cannot be resolved."""
+    joint = plan.rig.names[fold.hinge.signal.node] if isinstance(fold.hinge, Hinge) else None
+    tools, *shared = (
+        tuple(patch.tool.name for patch in each.patches)
+        for each in (fold, *folds)
+        if each is fold or np.isin(each.vertices, fold.vertices).any()
+    )
+    beside = tuple(name for each in shared for name in each if name not in tools)
+    return FoldWithoutContact(_identifier(plan, fold, effects), (), tools, joint, given_up, beside)
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +101,16 @@ def _followed(
     marched = how.mode == "morph"
     firsts = duplicates_of(plan, [motion.clip for motion in motions])
     marches = {
-        first: _march(crease, motions[first], _march_times(crease, motions[first], how.fps) if marched else None)
+        first: _march(
+            crease,
+            motions[first],
+            _march_times(crease, motions[first], how.fps) if marched else None,
+            [
+                (each, weights)
+                for each, weights in zip(effects, motions[first].weights, strict=True)
+                if isinstance(each, ContactEffect)
+            ],
+        )
         for first in sorted(set(firsts))
     }
     made = [_effect(plan, crease, effects, [each for each in marches.values() if each.own is None])]
@@ -101,15 +135,43 @@ def _followed(
     return made, followed
 
 
-def _march(crease: "Crease", motion: Motion, times: Floats | None) -> _Marched:
-    """March a clip, at times of its own if there are any."""
+def _march(
+    crease: "Crease", motion: Motion, times: Floats | None, before: "Sequence[tuple[ContactEffect, Floats]]"
+) -> _Marched:
+    """March a clip, at times of its own if there are any; `before` are earlier folds with their weights in it.
+
+    Raises:
+        UnresolvedError: The fold cannot be resolved in the clip.
+    """
     clip, times = motion.clip, motion.times if times is None else times
-    marched = crease.marched(clip, times)
-    kept = list(marched) if crease.fold.per_clip else []  # it may be followed twice
-    followed, own = crease.follow(clip, times, kept or marched), None
-    if crease.fold.per_clip and followed.crossing:
-        own, followed = crease.for_clip(clip, times, kept, share=_SHAPE_ERROR, most=_MOST_OWN)
+    try:
+        with degenerate_given_up():
+            marched = crease.marched(clip, times)
+            kept = list(marched) if crease.fold.per_clip else []  # it may be followed twice
+            followed, own = crease.follow(clip, times, kept or marched), None
+            if crease.fold.per_clip and followed.crossing:
+                own, followed = crease.for_clip(clip, times, kept, share=_SHAPE_ERROR, most=_MOST_OWN)
+            others = _moves_of(crease.fold, before, motion.times, times)
+            torn = (own or crease).torn_frames(clip, times, followed.weights, others)
+            if torn:
+                raise UnresolvedError(GivenUp(TORN, len(torn), time=float(times[torn[0]])))
+    except UnresolvedError as error:
+        raise UnresolvedError(replace(error.given_up, clip=clip.name)) from error
     return _Marched(times, followed, own, remaining_in(own or crease, clip, times, followed))
+
+
+def _moves_of(
+    fold: "Fold", effects: "Sequence[tuple[ContactEffect, Floats]]", sampled: Floats, times: Floats
+) -> "list[Moves]":
+    """The moves of other folds at (times,) seconds of a clip, from their weights at the (sampled,) ones."""
+    from wrinklecli.effects.contact.crease import Moves
+
+    found = []
+    for effect, weights in effects:
+        rows, columns = matches(fold.vertices, effect.crease.vertices)
+        if len(rows):
+            found.append(Moves(rows, interpolated(times, sampled, weights), effect.crease.shapes[:, columns]))
+    return found
 
 
 def _effect(

@@ -110,6 +110,10 @@ class Solution:
         wanted[rows] += np.einsum("vij,vj->vi", inverses(self.matrices[rows]), further)
         return wanted
 
+    def tears(self, moved: Floats) -> bool:
+        """True if another move tears the surface."""
+        return self.tissue.tearing.tears(self.positions, self.positions_under(moved))
+
     @cached_property
     def _own_crossings(self) -> Bools | None:
         """(vertices,) vertices that cross in the solution."""

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from wrinklecli.effects.contact.response import Pieces, Response, stiffness_of
+from wrinklecli.effects.contact.tearing import Tearing
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values
 from wrinklecli.numeric.intersections import Crossings, edges_of
 
@@ -39,6 +40,8 @@ _GAPS_PER_EDGE = 1 / 3
 _BARRIER_STIFFNESS = 10.0
 # The gaps are halved at most this often until nothing is within them at rest.
 _GAP_HALVINGS = 8
+# Edges below this length have none, solver's units: a micrometre of a knee.
+_LEAST_EDGE = 1e-3
 # A triangle of another mesh lies on the surface, and never collides, if its gap at rest is below this fraction.
 _LYING_ON = 0.1
 # A straight step ends where this fraction of the distance to a collision is used up,
@@ -67,12 +70,14 @@ class SolverState:
     Attributes:
         positions: (vertices, 3) solver's units.
         converged: True if the last step was short enough and all vertices that are not free are in their places.
+        steps: Number of Newton steps that it took.
         near: The collisions in ipctk; None if nothing is near.
     """
 
     positions: Floats
     posed: SkinnedPose
     converged: bool = True
+    steps: int = 0
     near: Any = None
 
     @property
@@ -105,19 +110,31 @@ class Tissue:
     def without_close_meshes(self) -> "Tissue":
         """A copy in which triangles of other meshes that lie on the surface at rest never collide."""
         scale = _LYING_ON * self._gap_scale
-        found = self._near(self.rest, scale * _BARRIER_GAP, scale * _KEPT_GAP)
+        on = self._near_at_rest(scale * _BARRIER_GAP, scale * _KEPT_GAP)
+        return replace(self, colliding=self.colliding & ~(on & ~self.own)[self.triangles].any(axis=1))
+
+    def without_touching(self) -> "Tissue":
+        """A copy in which triangles that touch others at rest never collide: no gap is small enough for them."""
+        on = self._near_at_rest(0.0, 0.5**_GAP_HALVINGS * self._gap_scale * _KEPT_GAP)
+        return replace(self, colliding=self.colliding & ~on[self.triangles].any(axis=1)) if on.any() else self
+
+    def _near_at_rest(self, barrier_gap: float, kept_gap: float) -> Bools:
+        """(vertices,) True for those of triangles and edges that are nearer at rest than the sum of two gaps."""
+        found = self._near(self.rest, barrier_gap, kept_gap)
         edges, triangles = self.mesh.edges, self.mesh.faces
         pairs = [found[k].vertex_ids(edges, triangles) for k in range(len(found))]
         near = np.array([vertex for pair in pairs for vertex in pair if vertex >= 0], np.intp)
         on = np.zeros(len(self.rest), bool)
         on[self.rows[near]] = True
-        return replace(self, colliding=self.colliding & ~(on & ~self.own)[self.triangles].any(axis=1))
+        return on
 
     @cached_property
     def _gap_scale(self) -> float:
         """Factor on both gaps, at most 1, that makes them small enough for short edges."""
         edges = edges_of(self.triangles[(self.free & self.own)[self.triangles].any(axis=1)])
         lengths = np.sqrt(np.sum((self.rest[edges[:, 0]] - self.rest[edges[:, 1]]) ** 2, axis=1))
+        if len(lengths) and np.percentile(lengths, 5) < _LEAST_EDGE:
+            lengths = lengths[lengths >= _LEAST_EDGE]
         short = float(np.percentile(lengths, 5)) if len(lengths) else 1.0
         return min(1.0, _GAPS_PER_EDGE * short / (_BARRIER_GAP + _KEPT_GAP))
 
@@ -164,6 +181,12 @@ class Tissue:
     def _crossings(self) -> Crossings:
         """The trees of `mesh`."""
         return Crossings.of(self.rest[self.rows], np.searchsorted(self.rows, self.triangles[self.colliding]))
+
+    @cached_property
+    def tearing(self) -> Tearing:
+        """The part of the surface that may tear."""
+        own = self.triangles[self.own[self.triangles].all(axis=1)]
+        return Tearing.of(self.rest, own, self.free)
 
     @cached_property
     def edges(self) -> Ints:

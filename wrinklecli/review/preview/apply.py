@@ -99,20 +99,24 @@ def _at_fault(error: WrinkleError, tools: Sequence[WrinkleTool]) -> list[Refused
     return list(found.values())
 
 
-def apply_tools(planned: PlannedTools, clips: Sequence[str], progress: Progress = no_progress) -> Document:
-    """The asset as a bake of planned tools, of which at least one fits, would leave it.
+def apply_tools(
+    planned: PlannedTools, clips: Sequence[str], progress: Progress = no_progress
+) -> tuple[Document, list[str]]:
+    """The asset as a bake of planned tools, of which at least one fits, would leave it, and what it leaves out.
 
-    Only the clips of these names get weights.
+    Only the clips of these names get weights, and only they count for what is left out.
 
     Raises:
         WrinkleError: The tools cannot be baked.
     """
     job = planned.job
     assert job is not None
-    edited = EditedDocument(job.document)
+    edited, left_out = EditedDocument(job.document), list[str]()
     chosen = [clip for clip in job.clips if clip.name in clips]
     sampling = SamplingOptions(job.settings.sampling.fps, "morph", job.document.memory, progress)
     for plan in planned.plans:
         refuse_too_much(job, plan, chosen, job.document.path)
-        encode_morphs(edited, plan, *sample_effects(plan, chosen, sampling))
-    return edited.document()
+        effects, motions = sample_effects(plan, chosen, sampling)
+        encode_morphs(edited, plan, effects, motions)
+        left_out += [each.left_out for each in effects if each.left_out is not None]
+    return edited.document(), left_out

@@ -190,8 +190,9 @@ def _read(
     clips = chosen_clips(planned.job.clips, options.clips, where=document.path)
     peaks = planned_peaks(planned.plans, clips, fps=planned.job.settings.sampling.fps)
     needed = dict.fromkeys(peak.moment.clip for peak in peaks[:MOST_REVIEWED] if peak.moment.clip is not None)
-    after, warnings = read_shown(apply_tools(planned, list(needed), progress), "", ())
-    return before, after, peaks, warnings
+    applied, left_out = apply_tools(planned, list(needed), progress)
+    after, warnings = read_shown(applied, "", ())
+    return before, after, peaks, [*left_out, *warnings]
 
 
 def _named(peaks: list[Peak], names: Sequence[str], document: Document) -> list[Peak]:

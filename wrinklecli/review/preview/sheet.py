@@ -91,15 +91,17 @@ def _read_shown(
 ) -> tuple[list[ShownAsset], tuple[MeshPlan, ...], tuple[str, ...]]:
     """Apply the tools, and read the assets from left to right; return them, the plans to draw, and warnings."""
     plans: tuple[MeshPlan, ...] = ()
+    left_out: list[str] = []
     if planned is not None and planned.plans:
         clips = list(dict.fromkeys(moment.clip for moment in moments if moment.clip is not None))
-        documents = [*documents, apply_tools(planned, clips, progress)][0 if options.before else 1 :]
+        applied, left_out = apply_tools(planned, clips, progress)
+        documents = [*documents, applied][0 if options.before else 1 :]
         plans = () if options.hide_tools else planned.plans
     elif options.before:
         documents = [*documents, *documents]
     labels = options.labels or (("before", "after") if options.before else [Path(each.path).stem for each in documents])
     shown: list[ShownAsset] = []
-    warnings: list[str] = []
+    warnings = left_out
     for document, label in zip(documents, labels, strict=True):
         asset, unread = read_shown(document, label, plans if document is documents[-1] else ())
         shown.append(asset)

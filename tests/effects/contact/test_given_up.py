@@ -1,0 +1,170 @@
+"""Folds that are given up: contact is left out whole, with one line, and the file is that of `contact: off`."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
+
+pytest.importorskip("ipctk", reason="needs the extra `contact`")
+
+import wrinklecli
+from kit.asset import Asset, Json, attribute
+from kit.bakes import folding_limb
+from kit.limb import limb_asset, tool, write_tools
+from kit.samples import sample
+from wrinklecli.baking.report import Report
+from wrinklecli.baking.track import track
+from wrinklecli.effects.contact import crease, tearing
+from wrinklecli.effects.contact.solution import Solution
+from wrinklecli.effects.contact.tissue import Tissue
+from wrinklecli.errors import RefusedError
+from wrinklecli.review.crossings import crossings
+
+TOOL: Json = {"bumps": 2, "max_height": "10%"}
+NOISE = 0.08
+
+
+def noisy_limb(size: float = NOISE, seed: int = 3, **options: Any) -> Asset:
+    """A limb whose vertices are moved at random, by some scene units in the mean."""
+    asset = limb_asset(**{"rings": 14, "sides": 10, "seam": False, "angle": 90.0, **options})
+    positions = attribute(asset, 0, "POSITION")
+    positions += np.random.default_rng(seed).normal(0.0, size, positions.shape).astype(positions.dtype)
+    return asset
+
+
+def baked(asset: Path, folder: Path, contact: str, *, like: Json | None = None) -> tuple[bytes, Report]:
+    tools = write_tools(folder / f"{contact}.yaml", tool(**(like or TOOL), contact=contact))
+    report = wrinklecli.bake(asset, tools, folder / f"{contact}.glb")
+    return (folder / f"{contact}.glb").read_bytes(), report
+
+
+@pytest.fixture(scope="module")
+def noise(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return noisy_limb().write(tmp_path_factory.mktemp("noise") / "limb.glb")
+
+
+@pytest.mark.slow
+def test_a_fold_that_does_not_settle_is_given_up_whole(noise: Path, tmp_path: Path) -> None:
+    given_up, report = baked(noise, tmp_path, "resolve")
+    (line,) = (line for line in report.warnings if "contact" in line)
+    assert line.startswith("crease: contact is left out of this fold: it did not settle where joint_1 turns by -")
+    assert "; lower or fewer bumps leave more room; `contact: off` is the same without this line" in line
+    (fold,) = report.data["folds"]
+    assert (fold["tools"], fold["joint"], fold["targets"]) == (["crease"], "joint_1", [])
+    assert fold["given_up"]["poses"] > 0
+    assert "contact given up in 1 fold" in report.summary
+    assert given_up == baked(noise, tmp_path, "off")[0]
+    # Nothing is left for other clips either.
+    (tracked,) = track(tmp_path / "resolve.glb", [noise], tmp_path / "tracks")
+    assert not any("contact" in line for line in tracked.warnings)
+
+
+@pytest.mark.slow
+def test_strict_refuses_it_and_what_shows_it_says_so(noise: Path, tmp_path: Path) -> None:
+    tools = write_tools(tmp_path / "tools.yaml", tool(**TOOL, contact="resolve"))
+    with pytest.raises(RefusedError, match="contact is left out of this fold"):
+        wrinklecli.bake(noise, tools, tmp_path / "out.glb", strict=True)
+    assert not (tmp_path / "out.glb").exists()
+    assert any("contact is left out" in line for line in crossings(noise, tools).warnings)
+    shown = wrinklecli.preview([noise], tmp_path / "sheet.png", tools=tools, size=(80, 60))
+    assert any("contact is left out" in line for line in shown.warnings)
+
+
+def test_a_fold_that_takes_too_many_steps_ends_at_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(crease, "_MOST_STEPS", 8)
+    monkeypatch.setattr(crease, "_MOST_STEPS_PER_POSE", 2)
+    bytes_of, report = baked(folding_limb(), tmp_path, "resolve")
+    (line,) = (line for line in report.warnings if "contact" in line)
+    assert "it took more steps than any fold that settles where joint_1 turns by" in line
+    assert bytes_of == baked(folding_limb(), tmp_path, "off")[0]
+
+
+@pytest.mark.quick(1)
+@pytest.mark.parametrize("in_clip", [True, False])
+def test_a_fold_that_tears_is_given_up_in_its_own_motion_or_in_a_clip(
+    in_clip: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(tearing, "_LONGEST", 1.001)
+    if in_clip:
+        monkeypatch.setattr(Solution, "tears", lambda *_: False)
+    bytes_of, report = baked(folding_limb(), tmp_path, "resolve")
+    (line,) = (line for line in report.warnings if "contact" in line)
+    assert "it would tear the surface " + ("in 'fold' at " if in_clip else "where joint_1 turns by ") in line
+    assert bytes_of == baked(folding_limb(), tmp_path, "off")[0]
+
+
+@pytest.mark.slow
+def test_both_hips_over_one_pelvis_leave_it_whole(tmp_path: Path) -> None:
+    """Each fold has the other in its way: pieces of belly and thighs lay apart, and the bake ended with 0."""
+    hips = [
+        tool(name=name, origin=[x, 0.955, 0.1], target=[1.05 * x, 0.80, 0.09], width=0.15, bumps=3)
+        for name, x in (("left", 0.1), ("right", -0.1))
+    ]
+    files = []
+    for contact in ("resolve", "off"):
+        tools = write_tools(tmp_path / f"{contact}.yaml", *(each | {"contact": contact} for each in hips))
+        report = wrinklecli.bake(sample("trousers"), tools, tmp_path / f"{contact}.glb")
+        files.append((tmp_path / f"{contact}.glb").read_bytes())
+        lines = [line for line in report.warnings if "contact is left out" in line]
+        assert len(lines) == (2 if contact == "resolve" else 0)
+        assert all("did not settle in 'squat' at 0.6" in line for line in lines)
+        assert all("folds are resolved one by one" in line for line in lines)
+    assert files[0] == files[1]
+
+
+FAULTS = ["doubled", "sliver", "coincident", "noise"]
+
+
+@pytest.mark.quick(1)
+@pytest.mark.parametrize("fault", FAULTS)
+def test_degenerate_geometry_ends_no_bake(fault: str, tmp_path: Path) -> None:
+    bake_damaged(fault, 0.5, 1, tmp_path)
+
+
+@pytest.mark.slow
+@settings(max_examples=12, phases=[Phase.explicit, Phase.generate], suppress_health_check=list(HealthCheck))
+@given(fault=st.sampled_from(FAULTS), size=st.floats(0.0, 0.3), seed=st.integers(0, 9))
+def test_no_geometry_ends_a_bake(fault: str, size: float, seed: int, tmp_path_factory: pytest.TempPathFactory) -> None:
+    bake_damaged(fault, size, seed, tmp_path_factory.mktemp("fault"))
+
+
+def bake_damaged(fault: str, size: float, seed: int, folder: Path) -> None:
+    """Bake a limb with a fault: each fold has contact, or a reason why not."""
+    asset = damaged_limb(fault, size, seed).write(folder / "limb.glb")
+    _, report = baked(asset, folder, "resolve")
+    for fold in report.data["folds"]:
+        assert fold["targets"] or fold["given_up"]["reason"]
+
+
+def damaged_limb(fault: str, size: float, seed: int) -> Asset:
+    """A limb of noise, or some of whose vertices lie on others, or on edges; `size` is a share, or scene units."""
+    asset = noisy_limb(size if fault == "noise" else 0.0, seed, angle=120.0)
+    positions, numbers = attribute(asset, 0, "POSITION"), np.random.default_rng(seed)
+    chosen = numbers.random(len(positions)) < size
+    others = numbers.permutation(len(positions))
+    if fault == "coincident":
+        positions[chosen] = np.roll(positions, 1, axis=0)[chosen]
+    if fault == "doubled":
+        positions[chosen] = positions[others][chosen]
+    if fault == "sliver":
+        middles = (np.roll(positions, 1, axis=0) + np.roll(positions, -1, axis=0)) / 2.0
+        positions[chosen] = middles[chosen]
+    return asset
+
+
+def test_triangles_that_touch_at_rest_never_collide() -> None:
+    """Two squares, one in the plane of the other, whose edges cross; and two far from them, one above the other."""
+    square = np.array([[0.0, 0.0, 0.0], [9.0, 0.0, 0.0], [9.0, 9.0, 0.0], [0.0, 9.0, 0.0]])
+    shifts = [0.0, 0.0, 0.0], [4.0, 4.0, 0.0], [0.0, 0.0, 90.0], [0.0, 0.0, 95.0]
+    places = np.concatenate([square + shift for shift in shifts])
+    triangles = np.concatenate([np.array([[0, 1, 2], [0, 2, 3]]) + 4 * k for k in range(4)])
+    count = len(places)
+    tissue = Tissue(
+        places, triangles, np.ones(8, bool), np.ones(count, bool), np.ones(count, bool), np.zeros(count)
+    ).without_touching()
+    assert tissue.colliding.tolist() == [False] * 4 + [True] * 4
+    assert tissue.gaps == pytest.approx((0.7, 0.3))
+    assert tissue.without_touching() is tissue

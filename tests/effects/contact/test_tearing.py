@@ -1,0 +1,51 @@
+"""Tears: edges that contact lengthens, and triangles that it turns over; wrinkles and skinning are none."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("ipctk", reason="needs the extra `contact`")
+
+from kit.bent_tube import bent, tube
+from wrinklecli.effects.contact.tearing import Tearing
+
+
+@pytest.fixture(scope="module")
+def surface() -> tuple[np.ndarray, Tearing]:
+    rest, triangles = tube(60.0)
+    return rest, Tearing.of(rest, triangles, np.abs(rest[:, 0]) < 100.0)
+
+
+def test_what_skinning_and_wrinkling_do_is_no_tear(surface: tuple[np.ndarray, Tearing]) -> None:
+    rest, tearing = surface
+    assert not tearing.tears(rest, rest)
+    for angle in np.radians([30.0, 90.0, 150.0]):
+        posed = bent(rest, angle, 50.0, 20.0).positions
+        assert not tearing.tears(posed, posed)
+        assert not tearing.tears(3.0 * posed, 3.0 * posed)
+    # Contact gives edges back what skinning has taken, and turns over what skinning has turned over.
+    assert not tearing.tears(0.0 * rest, rest)
+    assert not tearing.tears(rest * [1.0, 1.0, -1.0], rest)
+
+
+def test_an_edge_of_twice_its_length_is_a_tear(surface: tuple[np.ndarray, Tearing]) -> None:
+    rest, tearing = surface
+    assert not tearing.tears(rest, 1.9 * rest)
+    assert tearing.tears(rest, 2.1 * rest)
+    assert not tearing.tears(2.1 * rest, 4.0 * rest)
+    # Of vertices that may not move nothing is asked.
+    far = rest[:, 0] > 150.0
+    assert not tearing.tears(rest, rest + 500.0 * far[:, None])
+
+
+def test_a_triangle_that_faces_away_from_all_its_neighbours_is_a_tear() -> None:
+    """A triangle in the middle of a plane, whose corners pass each other; its neighbours follow, and stay flat."""
+    angles = np.radians([0.0, 120.0, 240.0])
+    inner = 10.0 * np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=1)
+    places = np.concatenate([inner, -40.0 * inner / 10.0 * [1.0, 1.0, 0.0]])
+    triangles = np.array([[0, 1, 2], [1, 0, 5], [2, 1, 3], [0, 2, 4]])
+    tearing = Tearing.of(places, triangles, np.ones(6, bool))
+    over = places.copy()
+    over[:3] *= -0.5
+    assert not tearing.tears(places, np.concatenate([0.5 * inner, places[3:]]))
+    assert tearing.tears(places, over)
+    assert not tearing.tears(over, over)

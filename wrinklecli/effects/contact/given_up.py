@@ -1,0 +1,63 @@
+"""Folds that are given up: why contact cannot be resolved in them, and where this showed.
+
+A surface that the solver leaves early, or that it pulls apart, is worse than one that passes through itself. So a fold
+with a single such pose gets no contact at all. Folds are solved one by one: where two of them share vertices, as both
+hips do over one pelvis, each has the other in its way, and their moves add up.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+
+UNSETTLED = "did not settle"
+"""The solver ended before its steps were short enough."""
+TORN = "would tear the surface"
+"""It lengthens an edge to more than twice its length, or turns a triangle over: see module `tearing`."""
+TOO_MANY_STEPS = "took more steps than any fold that settles"
+"""The solver does not get ahead; it would take minutes."""
+DEGENERATE = "cannot be computed, as the surface is degenerate, or touches itself everywhere at rest"
+"""The solver's numbers have no answer, or nothing is left that may collide."""
+
+
+@dataclass(frozen=True, slots=True)
+class GivenUp:
+    """The reason why a fold gets no contact, and the first pose in which it showed.
+
+    Attributes:
+        reason: A clause about contact, such as `UNSETTLED`.
+        poses: Number of poses of the clip, or of the fold's own motion, in which it showed; 0 if not counted.
+        clip: The clip's name; None for the fold's own motion.
+        time: Seconds of the clip.
+        degrees: Turn of the joint in the fold's own motion, if a joint bends it.
+    """
+
+    reason: str
+    poses: int = 0
+    clip: str | None = None
+    time: float | None = None
+    degrees: float | None = None
+
+
+class UnresolvedError(Exception):
+    """Contact cannot be resolved in a fold."""
+
+    def __init__(self, given_up: GivenUp) -> None:
+        super().__init__(given_up.reason)
+        self.given_up = given_up
+
+
+@contextmanager
+def degenerate_given_up() -> Iterator[None]:
+    """Give a fold up whose numbers have no answer: ipctk, SciPy and numpy raise different errors there.
+
+    Raises:
+        UnresolvedError: An error of arithmetic or linear algebra, or a bare RuntimeError of the libraries.
+    """
+    try:
+        yield
+    except (ArithmeticError, np.linalg.LinAlgError, RuntimeError) as error:
+        if isinstance(error, RuntimeError) and type(error) is not RuntimeError:
+            raise
+        raise UnresolvedError(GivenUp(DEGENERATE)) from error
