@@ -26,7 +26,7 @@ from wrinklecli.effects.wrinkle import placement, warnings
 from wrinklecli.gltf.document import read_document
 from wrinklecli.review import check as check_module
 from wrinklecli.review.check import check
-from wrinklecli.review.diff import compare_motion
+from wrinklecli.review.diff import compare_motion, surfaces
 from wrinklecli.review.diff.diff import diff
 from wrinklecli.review.suggest import cover, measure
 from wrinklecli.review.suggest.suggest import suggest
@@ -129,6 +129,40 @@ def test_suggestions_take_as_many_calls_for_each_instance(make: Callable[[int], 
     paths = [make(count).write(tmp_path / f"{count}.glb") for count in (20, 40)]
     few, many = (calls_of(partial(suggest, path, count=1)) for path in paths)
     assert many < 2.1 * few
+
+
+def elsewhere(asset: Asset) -> Asset:
+    """The asset with each node a little elsewhere."""
+    for number, node in enumerate(asset.gltf["nodes"]):
+        x, y, z = node.get("translation", [0.0, 0.0, 0.0])
+        node["translation"] = [x, y, z + 1e-3 * (number % 7 + 1)]
+    return asset
+
+
+@pytest.mark.parametrize("make", [partial(crowd_asset, skinned=True), troop_asset], ids=["one skeleton", "their own"])
+def test_a_comparison_takes_as_many_calls_for_each_instance(make: Callable[[int], Asset], tmp_path: Path) -> None:
+    calls = []
+    for count in (15, 30, 60):
+        a, b = make(count).write(tmp_path / "a.glb"), elsewhere(make(count)).write(tmp_path / "b.glb")
+        calls.append(calls_of(partial(diff, a, b)))
+    few, some, many = calls
+    assert many - some < 2.05 * (some - few)
+
+
+def test_what_a_clip_does_not_move_is_compared_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    posed = []
+    for count in (6, 12):
+        a = troop_asset(count, own_clips=True).write(tmp_path / "a.glb")
+        b = elsewhere(troop_asset(count, own_clips=True)).write(tmp_path / "b.glb")
+        tally = Counter[str]()
+        with monkeypatch.context() as patched:
+            for module in (compare_motion, surfaces):
+                counted(patched, tally, module, "pose_primitive")
+            comparison = diff(a, b)
+        posed.append(tally["pose_primitive"])
+        # Each character is elsewhere in the stored pose, and in the clip that moves it by as much.
+        assert {each.kind for each in comparison.differences} == {"value", "pose"}
+    assert posed[1] <= 2.1 * posed[0]
 
 
 @pytest.mark.slow

@@ -17,7 +17,6 @@ from wrinklecli.review.diff.difference import (
     Sides,
     brief,
     differ,
-    node_names,
     pairs_by_key,
     without,
 )
@@ -72,7 +71,7 @@ def _clip_differences(sides: Sides, first: Clip, second: Clip) -> Findings:
     if gaps(np.array(spans[0]), np.array(spans[1])).max() > sides.limits.slack(np.array(spans[0])):
         message = " -> ".join(f"{start:.6g} to {end:.6g} s" for start, end in spans)
         yield differ("animation", place, message, name=first.name)
-    nodes_a, nodes_b = node_names(sides.a), node_names(sides.b)
+    nodes_a, nodes_b = sides.names
     # Only an invalid file has two channels of one property; they are paired in their order.
     pairs = pairs_by_key(
         range(len(first.channels)),

@@ -4,6 +4,7 @@ import hashlib
 import struct
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from wrinklecli.character.clip import Channel, Clip
 from wrinklecli.character.pose import joint_matrices
-from wrinklecli.character.rig import Rig
+from wrinklecli.character.rig import Rig, moving_nodes
 from wrinklecli.character.scene import ScenePrimitive, pose_primitive
 from wrinklecli.numeric.arrays import Bools, Floats, distinct_values
 from wrinklecli.numeric.guard import Progress
@@ -47,25 +48,94 @@ def compare_motion(
 
     apart: list[Apart] = []
     differences: list[Difference] = []
+    stored = _StoredPoses(tolerance)
+    same_nodes = _equal_nodes(a.primitives, b.primitives)
     for common in clips:
-        found, alone = _compare_clip(a, b, common, tolerance, advance)
+        found, alone = _compare_clip(a, b, common, stored, advance, same_nodes=same_nodes)
         apart += found
         differences += [*alone, *(pose_difference(each) for each in found if each.worst.distance > tolerance)]
     return apart, differences
 
 
+class _StoredPoses:
+    """What clips leave in the stored pose, which is looked at once for all clips.
+
+    A clip for each of many characters moves one of them.
+    """
+
+    def __init__(self, tolerance: float) -> None:
+        """`tolerance` is in scene units."""
+        self.tolerance = tolerance
+        self._moving: dict[int, frozenset[int]] = {}
+        self._places: dict[int, Floats] = {}
+        self._topologies: dict[int, bytes] = {}
+        self._equal: dict[tuple[int, int], bool] = {}
+        self._apart: dict[tuple[int, int], Apart] = {}
+
+    def moves(self, primitive: ScenePrimitive, clip: Clip | None) -> bool:
+        """True if a clip may move a primitive, or hide it."""
+        if clip is None:
+            return False
+        if id(primitive) not in self._moving:
+            self._moving[id(primitive)] = moving_nodes(primitive.rig)
+        return not self._moving[id(primitive)].isdisjoint(clip.nodes)
+
+    def place(self, primitive: ScenePrimitive, clip: Clip | None, time: Floats) -> Floats:
+        """(vertices, 3) positions of a primitive at (1,) time of a clip."""
+        if self.moves(primitive, clip):
+            return _posed(primitive, clip, time)
+        if id(primitive) not in self._places:
+            self._places[id(primitive)] = _posed(primitive, None, time)
+        return self._places[id(primitive)]
+
+    def topology(self, primitive: ScenePrimitive) -> bytes:
+        """A digest of the triangles and the number of vertices; thousands of instances may have many triangles."""
+        if id(primitive.vertices) not in self._topologies:
+            digest = hashlib.blake2b(struct.pack("<Q", len(primitive.vertices.positions)))
+            digest.update(primitive.triangles.tobytes())
+            self._topologies[id(primitive.vertices)] = digest.digest()
+        return self._topologies[id(primitive.vertices)]
+
+    def equal(self, one: ScenePrimitive, other: ScenePrimitive) -> bool:
+        """True if two primitives are the same to the bit."""
+        pair = id(one), id(other)
+        if pair not in self._equal:
+            self._equal[pair] = _equal_primitives(one, other)
+        return self._equal[pair]
+
+    def compared(self, one: ScenePrimitive, other: ScenePrimitive, common: CommonClip, time: float) -> Apart:
+        """The result of comparing two primitives with the same triangles that no clip of `common` moves."""
+        pair = id(one), id(other)
+        if pair not in self._apart:
+            at_rest = CommonClip((None, None), np.array([time]))
+            self._apart[pair] = compare_vertices(one, other, at_rest, at_rest.times, self.tolerance, lambda _done: None)
+        found = self._apart[pair]
+        return replace(found, worst=replace(found.worst, clip=common.name, time=time))
+
+
+def _posed(primitive: ScenePrimitive, clip: Clip | None, time: Floats) -> Floats:
+    """(vertices, 3) positions at (1,) time."""
+    return np.asarray(pose_primitive(primitive, clip, time).positions[0] + 0.0)  # -0 and 0 are one place
+
+
 def _compare_clip(
-    a: AnimatedScene, b: AnimatedScene, common: CommonClip, tolerance: float, advance: Advance
+    a: AnimatedScene, b: AnimatedScene, common: CommonClip, stored: _StoredPoses, advance: Advance, *, same_nodes: bool
 ) -> tuple[list[Apart], list[Difference]]:
-    """Compare the visible primitives of both assets in a clip; differences are those that only one asset shows."""
-    shown = [_shown(side.primitives, clip, common.times) for side, clip in zip((a, b), common.clips, strict=True)]
+    """Compare the visible primitives of both assets in a clip; differences are those that only one asset shows.
+
+    `same_nodes` is True if the nodes of both assets are the same to the bit.
+    """
+    tolerance = stored.tolerance
+    shown = [
+        _shown(side.primitives, clip, common.times, stored) for side, clip in zip((a, b), common.clips, strict=True)
+    ]
     # Times at which the same primitives are visible are compared together.
     groups: dict[bytes, list[int]] = {}
     for frame, row in enumerate(np.packbits(np.concatenate(shown, axis=1), axis=1)):
         groups.setdefault(row.tobytes(), []).append(frame)
     clip_a, clip_b = common.clips
     same_keys = clip_a is clip_b if clip_a is None or clip_b is None else clip_a.moves_as(clip_b)
-    same_motion = same_keys and _equal_nodes(a.primitives, b.primitives)
+    same_motion = same_keys and same_nodes
     found: dict[str, Apart] = {}
     alone: dict[str, Difference] = {}
     for frames in groups.values():
@@ -74,7 +144,7 @@ def _compare_clip(
             [side.primitives[k] for k in np.flatnonzero(each[frames[0]]).tolist()]
             for side, each in zip((a, b), shown, strict=True)
         )
-        pairs, rest_a, rest_b = _matched(primitives_a, primitives_b, common, float(times[0]), tolerance)
+        pairs, rest_a, rest_b = _matched(primitives_a, primitives_b, common, float(times[0]), stored)
         part = 1.0 / max(len(pairs) + int(bool(rest_a and rest_b)), 1)
 
         def advance_part(done: float, part: float = part) -> None:
@@ -82,8 +152,11 @@ def _compare_clip(
 
         results = []
         for one, other in pairs:
-            if same_motion and _equal_primitives(one, other):
+            if same_motion and stored.equal(one, other):
                 results.append(untouched(one, common, float(times[0])))
+                advance_part(len(times))
+            elif not stored.moves(one, clip_a) and not stored.moves(other, clip_b):
+                results.append(stored.compared(one, other, common, float(times[0])))
                 advance_part(len(times))
             else:
                 results.append(compare_vertices(one, other, common, times, tolerance, advance_part))
@@ -100,14 +173,15 @@ def _compare_clip(
     return list(found.values()), list(alone.values())
 
 
-def _shown(primitives: Sequence[ScenePrimitive], clip: Clip | None, times: Floats) -> Bools:
+def _shown(primitives: Sequence[ScenePrimitive], clip: Clip | None, times: Floats, stored: _StoredPoses) -> Bools:
     """(times, primitives) False where the node of a primitive is scaled to 0."""
     shown = np.ones((len(times), len(primitives)), bool)
     by_node: dict[int, Bools] = {}
     for column, primitive in enumerate(primitives):
         if not primitive.rig.skinned:
             if primitive.rig.node not in by_node:
-                by_node[primitive.rig.node] = _node_shown(primitive.rig, clip, times)
+                moving = clip if stored.moves(primitive, clip) else None
+                by_node[primitive.rig.node] = _node_shown(primitive.rig, moving, times)
             shown[:, column] = by_node[primitive.rig.node]
     return shown
 
@@ -133,7 +207,7 @@ def _matched(
     primitives_b: Sequence[ScenePrimitive],
     common: CommonClip,
     time: float,
-    tolerance: float,
+    stored: _StoredPoses,
 ) -> tuple[list[tuple[ScenePrimitive, ScenePrimitive]], list[ScenePrimitive], list[ScenePrimitive]]:
     """Pairs of primitives with the same triangles, and the unpaired primitives of each asset.
 
@@ -141,11 +215,11 @@ def _matched(
     """
     waiting: dict[bytes, list[ScenePrimitive]] = {}
     for primitive in primitives_b:
-        waiting.setdefault(_topology(primitive), []).append(primitive)
-    candidates = {key: _Candidates(found, common.clips[1], time, tolerance) for key, found in waiting.items()}
+        waiting.setdefault(stored.topology(primitive), []).append(primitive)
+    candidates = {key: _Candidates(found, common.clips[1], time, stored) for key, found in waiting.items()}
     pairs, rest_a = [], []
     for primitive in primitives_a:
-        alike = candidates.get(_topology(primitive))
+        alike = candidates.get(stored.topology(primitive))
         chosen = alike.take(primitive, common.clips[0]) if alike is not None else None
         if chosen is None:
             rest_a.append(primitive)
@@ -160,16 +234,23 @@ class _Candidates:
     Each is posed once, and indexed by name and by place, so that thousands of instances do not take minutes.
     """
 
-    def __init__(self, primitives: Sequence[ScenePrimitive], clip: Clip | None, time: float, tolerance: float) -> None:
+    def __init__(
+        self, primitives: Sequence[ScenePrimitive], clip: Clip | None, time: float, stored: _StoredPoses
+    ) -> None:
         self._primitives, self._clip = primitives, clip
-        self._time, self._tolerance = np.array([time]), tolerance
+        self._time, self._stored = np.array([time]), stored
         self._waiting = np.ones(len(primitives), bool)
         self._count = len(primitives)
         self._by_name: dict[tuple[str, int], deque[int]] = {}
         for number, each in enumerate(primitives):
             self._by_name.setdefault((each.name, each.primitive), deque()).append(number)
+        # Instances are often at one place. The numbers of those at each place that may be free, by the place,
         self._by_place: dict[bytes, deque[int]] = {}
+        # and in the places' order; how many are free; the places; and the place of each primitive.
+        self._queues: list[deque[int]] = []
+        self._free = np.zeros(0, np.intp)
         self._places = np.zeros((0, 0))
+        self._place_of = np.zeros(len(primitives), np.intp)
 
     @property
     def rest(self) -> list[ScenePrimitive]:
@@ -182,17 +263,26 @@ class _Candidates:
             return None
         number = int(self._waiting.argmax()) if self._count == 1 else self._match(primitive, clip)
         self._waiting[number], self._count = False, self._count - 1
+        if self._queues:
+            self._free[self._place_of[number]] -= 1
         return self._primitives[number]
 
     def _match(self, primitive: ScenePrimitive, clip: Clip | None) -> int:
-        if not len(self._places):
-            self._places = np.stack([self._posed(each, self._clip) for each in self._primitives])
-            for number, place in enumerate(self._places):
-                self._by_place.setdefault(place.tobytes(), deque()).append(number)
-        place = self._posed(primitive, clip)
+        if not self._queues:
+            places = [self._stored.place(each, self._clip, self._time) for each in self._primitives]
+            for number, each in enumerate(places):
+                self._by_place.setdefault(each.tobytes(), deque()).append(number)
+            self._queues = list(self._by_place.values())
+            self._places = np.stack([places[numbers[0]] for numbers in self._queues])
+            for index, numbers in enumerate(self._queues):
+                self._place_of[list(numbers)] = index
+            self._free = np.bincount(self._place_of)
+        place = self._stored.place(primitive, clip, self._time)
         named = self._first(self._by_name.get((primitive.name, primitive.primitive)))
-        if named is not None and np.abs(self._places[named] - place).max(initial=0.0) <= self._tolerance:
-            return named
+        if named is not None:
+            there = self._stored.place(self._primitives[named], self._clip, self._time)
+            if np.abs(there - place).max(initial=0.0) <= self._stored.tolerance:
+                return named
         same = self._first(self._by_place.get(place.tobytes()))
         if same is not None:
             return same
@@ -200,31 +290,22 @@ class _Candidates:
 
     def _nearest(self, place: Floats) -> int:
         """The nearest one; the distance of first vertices is a lower bound, which saves most comparisons."""
-        numbers = np.flatnonzero(self._waiting)
-        least = np.abs(self._places[numbers, :1] - place[:1]).max(axis=(1, 2), initial=0.0)
+        free = np.flatnonzero(self._free)
+        least = np.abs(self._places[free, :1] - place[:1]).max(axis=(1, 2), initial=0.0)
         best = (np.inf, -1)
         for k in np.argsort(least, kind="stable").tolist():
             if least[k] > best[0]:
                 break
-            number = int(numbers[k])
-            best = min(best, (float(np.abs(self._places[number] - place).max(initial=0.0)), number))
+            number = self._first(self._queues[free[k]])
+            assert number is not None
+            best = min(best, (float(np.abs(self._places[free[k]] - place).max(initial=0.0)), number))
         return best[1]
-
-    def _posed(self, primitive: ScenePrimitive, clip: Clip | None) -> Floats:
-        return np.asarray(pose_primitive(primitive, clip, self._time).positions[0] + 0.0)  # -0 and 0 are one place
 
     def _first(self, numbers: deque[int] | None) -> int | None:
         """The first number that was not taken; taken ones are dropped from the queue."""
         while numbers and not self._waiting[numbers[0]]:
             numbers.popleft()
         return numbers[0] if numbers else None
-
-
-def _topology(primitive: ScenePrimitive) -> bytes:
-    """A digest of the triangles and the number of vertices; thousands of instances may have many triangles."""
-    digest = hashlib.blake2b(struct.pack("<Q", len(primitive.vertices.positions)))
-    digest.update(primitive.triangles.tobytes())
-    return digest.digest()
 
 
 def _equal_nodes(one: Sequence[ScenePrimitive], other: Sequence[ScenePrimitive]) -> bool:

@@ -98,6 +98,7 @@ class Sides:
         nodes: Nodes of `b` by the nodes of `a` with which they are paired.
         paired: The nodes of `b` that are paired.
         skinned: For each document, the meshes that all their nodes show with a skin.
+        names: For each document, the name of each node, for messages.
     """
 
     a: Document
@@ -106,11 +107,13 @@ class Sides:
     nodes: Mapping[int, int]
     paired: frozenset[int]
     skinned: tuple[frozenset[int], frozenset[int]]
+    names: tuple[list[str], list[str]]
 
     @classmethod
     def of(cls, a: Document, b: Document, limits: Limits, nodes: Mapping[int, int]) -> "Sides":
         """Make the record from pairs of nodes."""
-        return cls(a, b, limits, nodes, frozenset(nodes.values()), (_skinned_meshes(a), _skinned_meshes(b)))
+        skinned, names = (_skinned_meshes(a), _skinned_meshes(b)), (_node_names(a), _node_names(b))
+        return cls(a, b, limits, nodes, frozenset(nodes.values()), skinned, names)
 
     def items(self, kind: str, i: int, j: int) -> tuple[Json, Json]:
         """The objects i and j of a top-level array of the two documents."""
@@ -138,8 +141,7 @@ def differ(kind: Kind, place: Place, message: str, *, name: object = "", distanc
     return Difference(kind, pointer, name if isinstance(name, str) else "", message, distance)
 
 
-def node_names(document: Document) -> list[str]:
-    """The name of each node, for messages."""
+def _node_names(document: Document) -> list[str]:
     return [str(node.get("name", f"node_{index}")) for index, node in enumerate(document.items("nodes"))]
 
 

@@ -23,7 +23,6 @@ from wrinklecli.review.diff.difference import (
     Place,
     Sides,
     differ,
-    node_names,
     pairs_by_key,
     without,
 )
@@ -145,7 +144,7 @@ def _scene_differences(sides: Sides) -> Findings:
     first, second = sides.a.items("scenes"), sides.b.items("scenes")
     if len(first) != len(second):
         yield differ("structure", ("scenes",), f"{len(first)} -> {len(second)} scenes")
-    names_a, names_b = node_names(sides.a), node_names(sides.b)
+    names_a, names_b = sides.names
     for number, (one, other) in enumerate(zip(first, second, strict=False)):
         place: Place = ("scenes", number)
         yield from dict_differences(one, other, place, "scenes", sides.limits, skip={"nodes"})

@@ -16,7 +16,6 @@ from wrinklecli.review.diff.difference import (
     Place,
     Sides,
     differ,
-    node_names,
     pairs_by_key,
     without,
 )
@@ -52,7 +51,7 @@ def skin_differences(sides: Sides, i: int, j: int) -> Findings:
     yield from dict_differences(first, second, place, "skins", sides.limits, skip=skip)
     stored = first.get("inverseBindMatrices"), second.get("inverseBindMatrices")
     yield from unreadable_differences(sides, *stored, (*place, "inverseBindMatrices"), name=name)
-    names_a, names_b = node_names(sides.a), node_names(sides.b)
+    names_a, names_b = sides.names
     if not complete or (apart and not in_order):
         # The order of joints means nothing if each keeps its own matrix.
         for number in range(max(len(joints_a), len(joints_b))):
@@ -84,7 +83,7 @@ def influence_differences(sides: Sides, rig_a: Rig, rig_b: Rig, joints: Mapping[
     """Compare the skin weights of two nodes' meshes, joint by joint; `joints` are the pairs of `joint_pairs`."""
     each_side = (sides.a, rig_a), (sides.b, rig_b)
     first, second = (document.items("meshes")[rig.mesh].get("primitives", []) for document, rig in each_side)
-    names = node_names(sides.a)
+    names, _ = sides.names
     # Joints that only the second file has get columns of their own.
     columns = len(rig_a.joints)
     into = np.arange(columns, columns + len(rig_b.joints))
