@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct, distinct_values
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct, distinct_values, dot
 from wrinklecli.numeric.boxes import ROUNDING, Boxes
 
 
@@ -150,8 +150,10 @@ class Blocks:
     @classmethod
     def of(cls, positions: Floats, triangles: Ints) -> "Blocks":
         """Box (triangles, 3) of (vertices, 3) positions."""
-        corners = positions[triangles]
-        return cls(positions, triangles, Boxes.of(corners.min(axis=1), corners.max(axis=1)))
+        # Corner by corner, as numpy takes four times as long along an axis of three.
+        a, b, c = (positions[corner] for corner in triangles.T)
+        low, high = (each(each(a, b), c) for each in (np.minimum, np.maximum))
+        return cls(positions, triangles, Boxes.of(low, high))
 
     def closest_point(self, point: Floats) -> tuple[int, Floats, Floats]:
         """Find what `closest_point` finds, to the bit."""
@@ -200,8 +202,11 @@ def distances_along(start: Floats, ray: Floats, corners: Floats) -> Floats:
 
 def balls(corners: Floats) -> tuple[Floats, Floats]:
     """(triangles, 3) centroids of (triangles, 3, 3) corners, and (triangles,) the radii of balls round all corners."""
-    middles = corners.mean(axis=1)
-    return middles, np.sqrt(((corners - middles[:, None]) ** 2).sum(axis=2).max(axis=1))
+    # Coordinate by coordinate, as numpy takes four times as long along an axis of three.
+    a, b, c = corners.transpose(1, 2, 0)
+    middles = (a + b + c) / 3.0
+    first, second, third = (dot(each, each) for each in (a - middles, b - middles, c - middles))
+    return np.ascontiguousarray(middles.T), np.sqrt(np.maximum(np.maximum(first, second), third))
 
 
 def near_points(corners: Floats, points: Floats, reach: float) -> Ints:
