@@ -6,7 +6,7 @@ change files that `preview --watch` watches, or kill a command in the middle. Al
 
 Prints each way of failing once, with the number of its first case, and ends with 1 where there is any. Cases run in
 processes of their own kind, with little memory, so that one which takes the process down is found too. `--keep` adds
-what failed, shortened, to tests/data/hostile.jsonl, whose cases are tests. 20,000 cases take 12 minutes of a processor.
+what failed, shortened, to tests/data/hostile.jsonl, whose cases are tests. 20,000 cases take 14 minutes of a processor.
 """
 
 import argparse

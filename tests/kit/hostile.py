@@ -184,10 +184,14 @@ def _folded() -> list[Source]:
     animation: Json = {"name": "still"}
     still.channel(animation, 2, "rotation", [0.0], [[0.0, 0.0, 0.8, 0.6]])
     still.append("animations", animation)
+    cloud = limb_asset(rings=7, sides=6)
+    (primitive,) = cloud.gltf["meshes"][0]["primitives"]
+    primitive["indices"] = cloud.accessor(np.random.default_rng(1).integers(0, 49, 90), "u2")
     cases: list[tuple[Asset, list[Json]]] = [
         (limb_asset(**limb, joints=3, angle=140.0), two),
         (limb_asset(**limb, angle=170.0), [fold]),
         (still, [fold]),
+        (cloud, [fold]),
     ]
     return [
         Source(
