@@ -19,8 +19,10 @@ from kit.tube import write_tube
 from kit.work import calls_of
 from wrinklecli import bake
 from wrinklecli.baking import pipeline
+from wrinklecli.baking.baked_body import BakedBody
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.plan import plan_meshes
+from wrinklecli.baking.track import track
 from wrinklecli.character import contacts, rig, scene
 from wrinklecli.effects.wrinkle import placement, warnings
 from wrinklecli.gltf.document import read_document
@@ -279,6 +281,27 @@ def test_the_surface_below_tools_on_one_spot_is_posed_once(tmp_path: Path, monke
             plan_meshes(read_job(asset, tools, BakeOptions()))
         posed.append(tally["transform"])
     assert posed[1] < 1.2 * posed[0]
+
+
+def test_names_of_driven_targets_are_listed_as_often_for_any_number_of_tools(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asset, listed = limb_asset(rings=8, sides=6).write(tmp_path / "limb.glb"), []
+    for count in (3, 9):
+        body = tmp_path / f"body_{count}.glb"
+        bake(asset, write_tools(tmp_path / "tools.yaml", *crowded(count)), body, tracks="none")
+        calls: list[int] = []
+        original: Any = BakedBody.driven
+
+        def driven(self: BakedBody, calls: list[int] = calls, original: Any = original) -> Any:
+            calls.append(1)
+            return original.fget(self)
+
+        with monkeypatch.context() as patched:
+            patched.setattr(BakedBody, "driven", property(driven))
+            track(body, [asset], tmp_path / f"tracked_{count}")
+        listed.append(len(calls))
+    assert listed[0] == listed[1]
 
 
 def test_overlaps_of_many_tools_are_the_first_ones() -> None:

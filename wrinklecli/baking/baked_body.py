@@ -85,7 +85,8 @@ class BakedBody:
     @property
     def kept(self) -> tuple[str, ...]:
         """Names of the node's own morph targets that are not driven."""
-        return tuple(name for name in self.targets if name not in self.driven)
+        driven = set(self.driven)
+        return tuple(name for name in self.targets if name not in driven)
 
     @property
     def original(self) -> tuple[str, ...]:

@@ -436,16 +436,18 @@ def _driven(edited: EditedDocument, node: int, body: BakedBody, drives: Sequence
     whole = read_rig(edited.document(), node)
     named = _joints_of(body, edited.gltf).joints
     joints = {joint: named[joint] for each in drives for joint in each.joints}
+    kept, driven = body.kept, body.driven
     rig = replace(
         whole,
         joints=np.array(list(joints.values()), np.intp),
         inverse_binds=np.tile(np.eye(4), (len(joints), 1, 1)),
-        morph_names=body.kept,
-        morph_weights=whole.morph_weights[[body.targets.index(name) for name in body.kept]],
+        morph_names=kept,
+        morph_weights=whole.morph_weights[[body.targets.index(name) for name in kept]],
     )
-    columns = tuple([body.driven.index(name) for name in each.targets] for each in drives)
+    numbers = {name: number for number, name in enumerate(driven)}
+    columns = tuple([numbers[name] for name in each.targets] for each in drives)
     keyed = frozenset(clip for each in drives for clip in each.keyed)
-    return _Driven(tuple(each.on(joints, body.kept) for each in drives), keyed, rig, body.stored(body.driven), columns)
+    return _Driven(tuple(each.on(joints, kept) for each in drives), keyed, rig, body.stored(driven), columns)
 
 
 def with_driven_weights(document: Document, clips: Collection[str]) -> tuple[Document, list[str]]:
@@ -476,7 +478,8 @@ def _sets_weights(clip: Clip, nodes: Mapping[str, int], body: BakedBody) -> bool
     """True if a clip moves a driven morph target of the body itself, as clips do that `track` has written."""
     for part in body.parts:
         channel = clip.channel(nodes[part.node], "weights")
-        columns = [number for number, name in enumerate(part.targets) if name in body.driven]
+        driven = set(body.driven)
+        columns = [number for number, name in enumerate(part.targets) if name in driven]
         if channel is not None and not np.allclose(channel.points[:, columns], part.stored[columns], atol=1e-6):
             return True
     return False
