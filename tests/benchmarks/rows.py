@@ -142,6 +142,7 @@ def record(release: str, rows: list[Row]) -> None:
         "date": date.today().isoformat(),
         "cores": str(os.cpu_count() or 1),
         "processor": _processor(),
+        "load": f"{os.getloadavg()[0]:.1f}",
     }
     entry |= {row.name: f"{row.ratio:.3g}" for row in rows if math.isfinite(row.ratio)}
     if old and old[-1]["release"] == release:
@@ -206,9 +207,10 @@ _README_LINES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
 def readme_table(row: Mapping[str, str]) -> str:
     """Give README's table, made from a row of results.csv; a ratio that misses its goal is bold."""
     processor = f" ({row['processor']})" if row["processor"] else ""
+    load = f", at a load of {row['load']} by other programs, too" if row.get("load") else ""
     lines = [
         f"Version {row['release']}, measured on {row['date']} on {row['cores']} cores{processor}, with Python"
-        f" {row['python']}:",
+        f" {row['python']}{load}:",
         "",
         "| | over | ratio | goal |",
         "|---|---|---|---|",

@@ -34,7 +34,7 @@ def test_a_figure_edited_by_hand_is_noticed(rows: Any) -> None:
 
 
 def test_every_column_has_a_goal(rows: Any) -> None:
-    told = ("release", "python", "numpy", "machine", "date", "cores", "processor")
+    told = ("release", "python", "numpy", "machine", "date", "cores", "processor", "load")
     for name in rows.recorded()[-1]:
         assert name in told or rows.goal_of(name).reach > 0, name
 
