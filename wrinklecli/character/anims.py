@@ -159,7 +159,7 @@ class NamedNodes:
         nodes, skins = gltf.get("nodes", []), gltf.get("skins", [])
         own: list[int] = []
         if node is not None:
-            own = skins[nodes[node]["skin"]]["joints"] if "skin" in nodes[node] else [] if skinned else [node]
+            own = skins[nodes[node]["skin"]].get("joints", []) if "skin" in nodes[node] else [] if skinned else [node]
         return cls.of(nodes, [own, (joint for skin in skins for joint in skin.get("joints", []))])
 
     def moved_by(self, path: str, name: str) -> int | None:
