@@ -193,7 +193,7 @@ class _Jobs:
 
 
 def _no_path(text: str) -> str:
-    return f"found {printable(text)!r}, which has a null character or half a character: no file has such a name"
+    return f"found {printable(text)!r}, which has a null character: no file has such a name"
 
 
 def _matches(pattern: str, folder: str) -> list[str]:

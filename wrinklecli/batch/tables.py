@@ -32,7 +32,7 @@ def read_csv(text: str) -> tuple[Node | None, list[Problem]]:
                 jobs.append(_node(values, line))
     except csv.Error as error:
         return None, [Problem(rows.line_num, "", f"CSV: {error}")]
-    return _tree(jobs), problems
+    return _tree(jobs) if jobs or not problems else None, problems
 
 
 def read_json_lines(text: str) -> tuple[Node | None, list[Problem]]:
@@ -50,7 +50,7 @@ def read_json_lines(text: str) -> tuple[Node | None, list[Problem]]:
             problems.append(Problem(line, "", f"JSON: {printable(reason, 80)}"))
             continue
         jobs.append(_node(value, line))
-    return _tree(jobs), problems
+    return _tree(jobs) if jobs or not problems else None, problems
 
 
 def _refuse_constant(name: str) -> Any:
