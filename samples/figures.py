@@ -261,7 +261,7 @@ def draw_contact() -> None:
                 options = BakeOptions(only=("knee.L",), clips=("squat",), max_levels=2)
                 bake(HERE / "trousers.glb", tools, baked, options=options)
             document = read_document(baked if contact else HERE / "trousers.glb")
-            surface = read_scene_surface(document)
+            surface = read_scene_surface(document, wholes={})
             clip = next(each for each in read_clips(document) if each.name == "squat")
             middle, axes_of = bent_plane(surface.rigs[0], clip)
             places = (surface.posed(clip, MOMENT)[0].T - middle) @ axes_of.T

@@ -26,9 +26,12 @@ def image_files(document: Document, out: str | os.PathLike[str]) -> list[str]:
 
 
 def files_of(document: Document) -> list[str]:
-    """Every file that an asset consists of, read or not, which must not be overwritten."""
-    folder = os.path.dirname(document.path)
-    images = [image for image in document.items("images") if _is_a_file(image)]
+    """Every file that an asset consists of, read or not, which must not be overwritten.
+
+    Images whose bytes the document has itself are not read from files.
+    """
+    folder, held = os.path.dirname(document.path), document.resources or {}
+    images = [image for image in document.items("images") if _is_a_file(image) and image["uri"] not in held]
     return [*document.files, *(os.path.join(folder, path_of(image["uri"])) for image in images)]
 
 
