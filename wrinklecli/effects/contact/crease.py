@@ -146,14 +146,12 @@ class Crease:
         urgent: Floats | None = None
         touching: list[int] = []
         remaining: list[int] = []  # vertices that cross, for each frame in which any do
-        unsettled: list[int] = []
         steps = Steps()
         for frame, found in enumerate(marched):
-            unsettled += [] if found.state.converged else [frame]
-            if not steps.suffice(found):
-                raise UnresolvedError(GivenUp(TOO_MANY_STEPS, max(len(unsettled), 1), time=float(times[frame])))
-            # From the first such frame on, they are only counted.
-            if found.touches and not unsettled:
+            if not found.state.converged or not steps.suffice(found):
+                reason = TOO_MANY_STEPS if found.state.converged else UNSETTLED
+                raise UnresolvedError(GivenUp(reason, 1, time=float(times[frame])))
+            if found.touches:
                 weights[frame], urgent, crosses = fit_pose(found, self.shapes, urgent)
                 urgent = None if crosses else urgent
                 moved = combined(weights[frame], self.shapes)
@@ -167,8 +165,6 @@ class Crease:
                 touching.append(frame)
                 if crosses:
                     remaining.append(crossing_count(self.tissue, found.positions_under(moved)))
-        if unsettled:
-            raise UnresolvedError(GivenUp(UNSETTLED, len(unsettled), time=float(times[unsettled[0]])))
         given_up = bool(remaining) and sum(remaining) > sum(
             crossing_count(self.tissue, positions)
             for positions in skinned_positions(self.fold, self.tissue, clip, times[touching])
@@ -256,7 +252,6 @@ def resolve(fold: Fold, *, share: float, most: int) -> Crease | None:
     solved = list(_swept(fold, tissue))
     if not solved:
         return None
-    _refuse(fold, [each for each in solved if not each.found.state.converged], UNSETTLED)
     weights, shapes, crossing = fit_poses([each.found for each in solved], share=share, most=most)
     made = [(each.found, combined(row, shapes)) for each, row in zip(solved, weights, strict=True)]
     torn = [each for each, (found, moved) in zip(solved, made, strict=True) if found.tears(moved)]
@@ -307,10 +302,11 @@ def _swept(fold: Fold, tissue: Tissue) -> Iterator[_Solved]:
             times = np.linspace(0.0, 1.0, len(way))
             steps = Steps()
             for folded, time, found in zip(way, times, solutions_in(fold, tissue, clip, times), strict=True):
-                if not steps.suffice(found):
-                    _refuse(fold, [_Solved(clip, float(time), float(folded), leaning, found)], TOO_MANY_STEPS)
+                solved = _Solved(clip, float(time), float(folded), leaning, found)
+                _refuse(fold, [] if steps.suffice(found) else [solved], TOO_MANY_STEPS)
                 if found.touches:
-                    yield _Solved(clip, float(time), float(folded), leaning, found)
+                    _refuse(fold, [] if found.state.converged else [solved], UNSETTLED)
+                    yield solved
                     if found.greatest_move > (_DEEPEST_LEANING if leaning else _DEEPEST):
                         break
 

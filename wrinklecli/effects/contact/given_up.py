@@ -27,7 +27,8 @@ class GivenUp:
 
     Attributes:
         reason: A clause about contact, such as `UNSETTLED`.
-        poses: Number of poses of the clip, or of the fold's own motion, in which it showed; 0 if not counted.
+        poses: Number of poses of the clip, or of the fold's own motion, in which it showed, up to the first that does
+            not settle; 0 if not counted.
         clip: The clip's name; None for the fold's own motion.
         time: Seconds of the clip.
         degrees: Turn of the joint in the fold's own motion, if a joint bends it.
