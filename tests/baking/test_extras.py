@@ -93,7 +93,7 @@ def without_names(editor: Editor) -> None:
 
 
 def test_joints_without_a_name_get_one(tmp_path: Path) -> None:
-    """Those of drives alone, and it is said; the asset comes back without them."""
+    """Only joints of drives get a name, and a note says so; the asset comes back without them."""
     asset = edited("wrist", without_names)
     before, after = Gltf(asset), bake_once(asset, top=config("wrist"), max_levels=0)
     (body,) = (node for node in after.json["nodes"] if "extras" in node)

@@ -81,7 +81,7 @@ def test_the_farthest_vertex_is_that_of_all_posed(
 @pytest.mark.parametrize("moved", [True, False])
 @pytest.mark.parametrize("damaged", ["weights", "position", "offset", "shape", "joint"])
 def test_one_damaged_number_is_found(damaged: str, moved: bool) -> None:
-    """Of the file's body alone, in one vertex and frame where others are right but for their rounding."""
+    """The fault is in the file's body alone, in one vertex and frame; others are right but for rounding."""
     pair, before, after = bodies(1, shapes=2, scale=1.0, apart=1e-8, pruned=False)
     if not moved:
         before, after = (dataclasses.replace(each, offsets=None) for each in (before, after))

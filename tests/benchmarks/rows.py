@@ -1,4 +1,4 @@
-"""What the benchmarks found: rows, the goal of each, their record in results.csv, and README's table, made from that.
+"""Rows of the benchmarks, the goal of each, their record in results.csv, and README's table, made from that.
 
 A row is a ratio of two things that were measured in the same run. README shows some of those in the last row of
 results.csv, and `tests/benchmarks/test_rows.py` makes that table again, so that no figure can be edited by hand.

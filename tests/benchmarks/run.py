@@ -76,7 +76,7 @@ Three = tuple[int, int, int]
 
 @dataclass(frozen=True)
 class Sizes:
-    """How much is measured.
+    """Sizes of what is measured.
 
     Attributes:
         workloads: Sample, levels, and the paper's frames per second.
@@ -164,7 +164,7 @@ class Subject:
 
 @dataclass(frozen=True)
 class Places:
-    """Where things are, and how much is measured.
+    """Places of files, and sizes of what is measured.
 
     Attributes:
         folder: For the files that are made.
@@ -220,7 +220,7 @@ def run(*command: str | Path, code: str = "", blender: str | None = None) -> flo
 
 
 def _output(arguments: list[str], environment: dict[str, str] | None = None) -> str:
-    """What a process prints on its standard output.
+    """The standard output of a process.
 
     Raises:
         RuntimeError: It fails; with the end of what it said.

@@ -37,7 +37,7 @@ def test_an_escape_does_not_hide_a_reference(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("uri", ["http://example.com/a.png", "file:///etc/passwd", "memory:x", "C:/a.png", "a%00b"])
 def test_a_url_names_no_file(uri: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """In the current folder, where nothing stands before it, it would be read as the URL that it is."""
+    """A name that is a URL would be read as one in the current folder, where nothing stands before it."""
     monkeypatch.chdir(tmp_path)
     Path("a.gltf").write_text(json.dumps({"images": [{"uri": uri}]}))
     assert path_beside("a.gltf", uri, external=True) is None

@@ -1,4 +1,4 @@
-"""What is run on which files with which faults: a case is a number, and always the same for it."""
+"""Cases of the attack: a number always gives the same command, on the same files with the same faults."""
 
 import json
 import random
