@@ -96,7 +96,7 @@ def make_case(number: int) -> Case:
 
 
 def _edits(chance: random.Random, arguments: Sequence[str], source: Source) -> Iterator[Edit]:
-    """What is done to the files of a command, what others do while it runs, and where it is killed."""
+    """Edits of the files of a command, acts of others while it runs, and the call at which it is killed."""
     command = arguments[0]
     if chance.random() < _KILLED.get(command, 0.0):
         sign = chance.choice(["SIGKILL", "SIGKILL", "SIGTERM"])

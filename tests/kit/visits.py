@@ -1,4 +1,4 @@
-"""What visitors of the page of `wrinkle edit` send, and the command with such visitors until it is ended."""
+"""Visitors of the page of `wrinkle edit`, what they send, and the command with such visitors until it is ended."""
 
 import contextlib
 import os
@@ -50,7 +50,7 @@ _TARGETS = ["/", "/../../etc/passwd", "/%2e%2e/%2e%2e/etc/passwd", "//etc/passwd
 
 
 def visits(chance: random.Random) -> Iterator[Edit]:
-    """What a few tabs do: connect from somewhere, send messages of all kinds, ask for files, leave."""
+    """A few tabs connect from somewhere, send messages of all kinds, ask for files, and leave."""
     yield ["connect", "visit", _headers(chance) if chance.random() < 0.3 else {}]
     for _ in range(chance.choice([1, 3, 8, 20])):
         match chance.randrange(20):
@@ -70,7 +70,7 @@ def visits(chance: random.Random) -> Iterator[Edit]:
 
 
 def _headers(chance: random.Random) -> dict[str, str]:
-    """Where a page says that it is from, and what it takes this machine for; `{port}` is the page's."""
+    """The site that a page says it is from, and the name by which it asks for this machine; `{port}` is the page's."""
     headers = {}
     if chance.random() < 0.7:
         port = chance.choice(["", ":80", ":{port}", ":{port}", ":1"])

@@ -467,7 +467,7 @@ def test_what_cannot_be_decoded_is_compared_as_it_is_stored(change: Callable[[As
 
 @pytest.mark.parametrize("unnamed", [{}, {"name": ""}], ids=str)
 def test_a_node_that_gets_a_name_is_the_same_node(unnamed: Json, tmp_path: Path) -> None:
-    """Of several nodes without a name, alike but for their place, only one gets a name."""
+    """Several nodes without a name are alike but for their place, and only one gets a name."""
     paths = []
     for given in (unnamed, {"name": "node_2"}):
         asset = Asset()

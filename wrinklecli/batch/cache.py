@@ -23,6 +23,7 @@ from typing import Any
 from wrinklecli.batch import stores
 from wrinklecli.batch.cache_keys import Parts
 from wrinklecli.batch.job_files import JobFiles
+from wrinklecli.batch.tables import refuse_constant
 from wrinklecli.errors import WrinkleError, shortened
 
 TAG = "CACHEDIR.TAG"
@@ -143,7 +144,7 @@ class Cache:
     def _read(self, kind: str, name: str) -> dict[str, Any] | None:
         """Read an entry; None if it is missing or is no object of JSON."""
         try:
-            entry = json.loads(stores.read(self._path(kind, name), _MAX_ENTRY), parse_constant=_refuse_constant)
+            entry = json.loads(stores.read(self._path(kind, name), _MAX_ENTRY), parse_constant=refuse_constant)
         except _MISSING:
             return None
         except OSError as error:
@@ -214,10 +215,6 @@ def _length(value: Any) -> float | None:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise ValueError(f"{value!r} is no length")
     return value
-
-
-def _refuse_constant(name: str) -> Any:
-    raise ValueError(f"{name} is no number in JSON")
 
 
 def _name_of(out: str) -> str:

@@ -43,7 +43,7 @@ def read_json_lines(text: str) -> tuple[Node | None, list[Problem]]:
         if not each.strip():
             continue
         try:
-            value = json.loads(each, parse_constant=_refuse_constant)
+            value = json.loads(each, parse_constant=refuse_constant)
             _refuse_surrogates(value)
         except (ValueError, RecursionError) as error:
             reason = getattr(error, "msg", None) or str(error)
@@ -53,7 +53,8 @@ def read_json_lines(text: str) -> tuple[Node | None, list[Problem]]:
     return _tree(jobs) if jobs or not problems else None, problems
 
 
-def _refuse_constant(name: str) -> Any:
+def refuse_constant(name: str) -> Any:
+    """Raise ValueError for NaN or an infinity, which Python's parser of JSON would take."""
     raise ValueError(f"{name} is no number in JSON")
 
 

@@ -58,7 +58,7 @@ def compare_motion(
 
 
 class _StoredPoses:
-    """What clips leave in the stored pose, which is looked at once for all clips.
+    """The parts that clips leave in the stored pose, which are looked at once for all clips.
 
     A clip for each of many characters moves one of them.
     """

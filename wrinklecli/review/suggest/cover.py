@@ -35,7 +35,7 @@ _KNOWN_LAYERS = 32
 
 
 class Layers:
-    """What may cover a region: the primitives of a scene.
+    """The primitives of a scene, which may cover a region.
 
     Primitives that are at the same place in every pose, such as instances of a skinned mesh, are one layer. Layers are
     posed where a box round them is near a region.
