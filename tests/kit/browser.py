@@ -68,14 +68,22 @@ class Page:
         self.drag([(x, y)])
 
     def drag(self, way: list[tuple[float, float]]) -> None:
-        """Press the left button at the first place and release it at the last."""
+        """Press the left button at the first place and release it at the last, each once the page has drawn itself.
+
+        What is new in a scene can be hit only when it was drawn, and a loaded machine takes a second for that.
+        """
         self._mouse("mouseMoved", *way[0])
+        self._drawn()
         self._mouse("mousePressed", *way[0])
         for place in way[1:]:
-            time.sleep(0.05)
+            self._drawn()
             self._mouse("mouseMoved", *place)
-        time.sleep(0.05)
+        self._drawn()
         self._mouse("mouseReleased", *way[-1])
+
+    def _drawn(self) -> None:
+        """Wait until the page has drawn what it holds."""
+        self.value("new Promise(drawn => requestAnimationFrame(() => requestAnimationFrame(drawn)))")
 
     def _mouse(self, kind: str, x: float, y: float) -> None:
         button = {} if kind == "mouseMoved" else {"button": "left", "clickCount": 1}
@@ -120,7 +128,7 @@ class Page:
         found, before = self.value(place), None
         while found != before:  # panels grow and lists open for a while
             time.sleep(_STEADY)
-            self.value("new Promise(drawn => requestAnimationFrame(() => requestAnimationFrame(drawn)))")
+            self._drawn()
             found, before = self.value(place), found
         assert isinstance(found, list)
         return found

@@ -2,15 +2,18 @@
 
 import html
 import re
+import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
 
+from kit.browser import until
 from kit.limb import limb
-from wrinklecli.editor.page.page import Page
+from wrinklecli.editor.page.page import _SLIDE_SECONDS, Page
 from wrinklecli.editor.session import Session
 from wrinklecli.errors import ConfigError, WrinkleError
 
@@ -163,6 +166,24 @@ def test_an_end_that_is_dragged_to_where_the_tool_does_not_fit_is_dragged_back(p
     assert drag(page, 0, -0.3) == ""
     assert tools_of(page)["a"]["origin"][0] == pytest.approx(-0.3, abs=2e-2)
     assert page.session.tools()[0].problem is None
+
+
+def test_a_drag_that_pauses_is_one_step_to_undo(tmp_path: Path) -> None:
+    (tmp_path / "limb.yaml").write_text(TOOLS)
+    page = Page(Session(limb(tmp_path / "limb.glb", rings=8, sides=6)))
+    try:
+        page.work.put("choose", lambda: page.choose("a", look=False))
+        until(lambda: page.chosen == "a", "a chosen tool")
+        for x in (-0.3, -0.2):
+            page._pointer.drag("anchor", 0, np.array([x, EYE, 0.0]), DOWN, "update")
+            until(lambda x=x: abs(page.session.tools()[0].values["origin"][0] - x) < 2e-2, "a draft")  # type: ignore[misc]
+            time.sleep(2.0 * _SLIDE_SECONDS)
+        page._pointer.drag("anchor", 0, np.array([-0.2, EYE, 0.0]), DOWN, "end")
+        until(lambda: page.session.text != TOOLS, "a moved end")
+        assert page.session.undo()
+        assert page.session.text == TOOLS
+    finally:
+        page.close()
 
 
 def test_a_draft_that_is_refused_leaves_the_one_before_it(page: Page) -> None:

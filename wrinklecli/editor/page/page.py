@@ -35,6 +35,7 @@ from wrinklecli.tools.yaml_edit import Steps
 
 _SLIDE_SECONDS = 0.35  # seconds without a change after which a slider has been released
 _TYPE_SECONDS = 0.8  # seconds without a key after which a line has been typed
+_DRAG_SECONDS = 20.0  # likewise for a drag, which says itself when it ends unless its tab is closed
 _FOLLOW_SECONDS = 0.15  # seconds without a change after which widgets other than the 3D view follow a slider
 _WARN_SECONDS = 1.0  # seconds between an edit and the search for warnings
 _CLOSE_SECONDS = 2.0  # seconds that the end waits for slow work, which may be given up
@@ -318,14 +319,15 @@ class Page:
         }
         self.work.put(("set", steps), actions[mode])
 
-    def slide(self, key: Hashable, edit: Callable[[bool], None]) -> None:
+    def slide(self, key: Hashable, edit: Callable[[bool], None], *, dragged: bool = False) -> None:
         """Show a draft of an edit, which `edit` makes if called with True, and make the edit if no draft follows.
 
         A draft of another key becomes an edit first. A draft that is refused leaves the one before it to become one.
+        A draft that is `dragged` waits for `commit`, so that one drag is one step to undo however slowly it moves.
         """
         self._commit_other(key)
         edit(True)
-        self._commit_later(key, _SLIDE_SECONDS, lambda: edit(False))
+        self._commit_later(key, _DRAG_SECONDS if dragged else _SLIDE_SECONDS, lambda: edit(False))
         self.show()  # the 3D view follows at once, other widgets later
         self.work.put_later("follow", _FOLLOW_SECONDS, self.refresh)
 

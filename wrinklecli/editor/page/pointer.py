@@ -97,7 +97,7 @@ class Pointer:
             return
         self._work.put((kind, number), lambda: self._move(name, kind, number, origin, direction))
         if phase == "end":
-            self._work.put("let go", self._page.commit)
+            self._work.put_event(self._page.commit)  # behind the last move
 
     def _move(self, name: str, kind: str, number: int, origin: Floats, direction: Floats) -> None:
         hit, attached = self._viewport.hit(origin, direction), self._session.attached_tools().get(name)
@@ -118,7 +118,9 @@ class Pointer:
         self._page.say("")
         point = hit.place.tolist()
         self._page.slide(
-            (name, "anchor", number), lambda draft: self._session.move_point(name, number, point, draft=draft)
+            (name, "anchor", number),
+            lambda draft: self._session.move_point(name, number, point, draft=draft),
+            dragged=True,
         )
 
     def _move_side(self, name: str, place: Floats, patch: Patch) -> None:
@@ -126,7 +128,11 @@ class Pointer:
         percent = 200.0 * abs(float(patch.coordinates(place)[1])) * patch.half_width / patch.span
         before = next(tool.values.get("width") for tool in self._session.tools() if tool.name == name)
         width = as_written(_WIDTH, max(round(percent, 1), _MIN_WIDTH), before, patch.span)
-        self._page.slide((name, "width"), lambda draft: self._session.set_value(name, ("width",), width, draft=draft))
+        self._page.slide(
+            (name, "width"),
+            lambda draft: self._session.set_value(name, ("width",), width, draft=draft),
+            dragged=True,
+        )
 
 
 def _is_same_spot(hit: Hit, place: Floats) -> bool:

@@ -74,8 +74,8 @@ class PageHost(Protocol):
     def compare(self, baked: BakedFile) -> None:
         """Offer to show a baked file instead of the edited asset."""
 
-    def slide(self, key: Hashable, edit: Callable[[bool], None]) -> None:
-        """Show a draft of an edit."""
+    def slide(self, key: Hashable, edit: Callable[[bool], None], *, dragged: bool = False) -> None:
+        """Show a draft of an edit; one that is dragged waits for `commit`."""
 
     def commit(self) -> None:
         """Turn a draft or a typed value into an edit."""
