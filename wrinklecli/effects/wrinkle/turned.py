@@ -1,0 +1,59 @@
+"""Counts the triangles that wrinkles turn over in a fold: teeth, and dark tiles where light falls on their backs.
+
+A triangle is turned over if it faces away from the surface around it, by the normal of one of its corners. Skinning
+alone turns triangles over in deep folds; those do not count. Not in the paper.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.pose import blend, joint_matrices, morph_weights, transform
+from wrinklecli.character.rig import Rig
+from wrinklecli.effects.wrinkle.activity import ClipActivity
+from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, face_normals, vertex_normals
+from wrinklecli.surface.refine import Refinement
+
+
+def turned_over(faces: Floats, normals: Floats) -> Bools:
+    """(triangles,) True where a corner's normal encloses more than 90° with the triangle's.
+
+    `faces` are (triangles, 3) normals of any length, `normals` (triangles, 3, 3) those of the corners.
+    """
+    away: Bools = (np.einsum("tx,tcx->tc", faces, normals) < 0.0).any(axis=1)
+    return away
+
+
+def deepest_moment(clips: Sequence[ClipActivity]) -> tuple[Clip, float] | None:
+    """The moment at which clips shorten a tool most, when its wrinkles are tallest; None if no clip shortens it."""
+    found, greatest = None, 0.0
+    for each in clips:
+        shortenings = each.seen.shortenings / each.seen.rest_lengths
+        if shortenings.max(initial=0.0) > greatest:
+            greatest = float(shortenings.max())
+            found = each.clip, float(each.times[int(np.argmax(shortenings))])
+    return found
+
+
+def count_turned_over(carried: CarriedPatch, fine: Refinement, rig: Rig, clip: Clip | None, time: float) -> int:
+    """Count the triangles that a tool turns over at a moment of a clip, or in the stored pose if `clip` is None."""
+    times = np.array([time])
+    own = fine.triangles[fine.around.faces_of(carried.vertices)]
+    used, faces = np.unique(fine.triangles[fine.around.faces_of(distinct_values(own))], return_inverse=True)
+    weights = fine.dense_weights(used, fine.weights.shape[1])
+    acting = np.flatnonzero(weights.any(axis=0))
+    blended = blend(weights[:, acting], joint_matrices(rig, clip, times, acting))
+    morphs = morph_weights(rig, clip, times)[0]
+    bind = fine.positions[used] + np.tensordot(morphs, fine.morph_deltas[:, used], axes=1)
+    wrinkled = bind.copy()
+    wrinkled[np.searchsorted(used, carried.vertices)] += displacements(carried, fine, rig, clip, times)[0]
+    shown, faces = np.searchsorted(used, own), faces.reshape(-1, 3)
+    before, after = (_turned_over(transform(blended, each)[0], shown, faces) for each in (bind, wrinkled))
+    return int((after & ~before).sum())
+
+
+def _turned_over(positions: Floats, triangles: Ints, around: Ints) -> Bools:
+    """(triangles,) True if turned over, by the normals of all the triangles `around` their corners."""
+    return turned_over(face_normals(positions, triangles), vertex_normals(positions, around)[triangles])
