@@ -209,6 +209,7 @@ def refine(
         blended=blended,
         rest_places=transform(blended[None], subdivision.interpolate(rest.bind_positions))[0],
         rest_normals=unit(subdivision.interpolate(normals)),
+        at_rest=rest.morph_weights,
         full=settings.scheme == "butterfly_full",
     )
     bind = placed.positions + np.tensordot(rest.morph_weights, placed.morph_deltas, axes=1)

@@ -9,7 +9,9 @@ Only a part of this offset is applied:
 - At most 15 % of the region's greatest displacement. More would show at rest on a mesh that is coarse for its effect.
 - Nothing on hard edges, and stencils do not read across them: what the artist made flat stays flat.
 
-The asset's own morph deltas get the same fraction of their offsets, in all directions, and so stay linear.
+The asset's own morph deltas move nothing at rest. So they get their whole offsets in all directions, and stay linear; a
+coarse surface is then as smooth in an expression as the scheme makes it. Only at the region's border the offsets fade
+out, and hard edges stay as they are. Morph targets with a weight at rest get the same fraction as positions.
 
 Source: D. Zorin, P. Schröder, W. Sweldens, *Interpolating Subdivision for Meshes with Arbitrary Topology*, SIGGRAPH
 1996. Differs: they apply the whole offset, as `scheme: butterfly_full` does.
@@ -29,6 +31,7 @@ from wrinklecli.numeric.arrays import (
     distinct_values,
     face_normals,
     normals_at,
+    smoothstep,
     unit,
 )
 from wrinklecli.numeric.subdivide import Subdivision, two_rings
@@ -43,6 +46,10 @@ _SHARP = float(np.cos(np.radians(50.0)))
 _FACETED = 0.5
 # Greatest offset over the region's greatest displacement at a strength of 1.
 _MOST = 0.15
+# Fraction of the region's displacement from which on morph deltas get their whole offsets: with the bell attenuation
+# they fade over the outer eighth of the half width. A wider rim keeps more kinks: of those that a target adds to a
+# coarse forehead the sharpest hundredth is 11.0° with this, 12.5° with 0.25, and 10.1° with whole offsets everywhere.
+_WHOLE = 0.05
 # Applied fractions are multiples of this, so that rounding of the rest pose does not reach the positions.
 _STEP = 2.0**-16
 # Offsets are divided by the cosine between the coarse and the smooth normal, or by this if it is greater.
@@ -126,12 +133,14 @@ def rounded(
     blended: Floats,
     rest_places: Floats,
     rest_normals: Floats,
+    at_rest: Floats,
     full: bool,
 ) -> Rounded:
     """Place the vertices of a subdivision, with the whole offset if `full`.
 
-    `blended` are (vertices, 3, 4) matrices from bind to world space at rest; `rest_places` and `rest_normals` are
-    (vertices, 3) of the coarse surface, in world space at rest, and needed only at regions.
+    (morph targets,) `at_rest` are the weights of the rest pose. `blended` are (vertices, 3, 4) matrices from bind to
+    world space at rest; `rest_places` and `rest_normals` are (vertices, 3) of the coarse surface, in world space at
+    rest, and needed only at regions.
     """
     old = len(surface.positions)
     places, deltas = subdivision.interpolate(surface.positions), subdivision.interpolate(surface.morph_deltas)
@@ -142,6 +151,7 @@ def rounded(
     heights_rest = np.abs(heights) * np.linalg.norm(np.einsum("vij,vj->vi", blended[old:, :, :3], normals), axis=1)
 
     shares, tallest = np.full(len(heights), 1.0 if full else 0.0), np.zeros(len(heights))
+    of_deltas = shares.copy()
     on_regions = []
     for region in regions:
         vertices = distinct_values(subdivision.triangles[children(subdivision.parents, region.members)])
@@ -149,6 +159,8 @@ def rounded(
         on_regions.append(vertices - old)
         u, v = region.coordinates(rest_places[vertices])
         share = region.presence(u, v, region.cosines(u, rest_normals[vertices]))
+        whole = np.rint(smoothstep(np.minimum(share / _WHOLE, 1.0)) / _STEP) * _STEP
+        of_deltas[vertices - old] = np.maximum(of_deltas[vertices - old], whole)
         # The offset grows like the height at first, and towards its bound in the end.
         excess = heights_rest[vertices - old] / (_MOST * region.nominal_height)
         share = np.rint(share / (1.0 + excess**4) ** 0.25 / _STEP) * _STEP
@@ -156,7 +168,8 @@ def rounded(
         tallest[vertices - old] = np.maximum(tallest[vertices - old], region.greatest_height)
 
     places[old:] = smooth[old:] if full else places[old:] + (shares * heights)[:, None] * normals
-    deltas[:, old:] += shares[:, None] * (subdivision.positions(surface.morph_deltas) - deltas)[:, old:]
+    of_targets = np.where((at_rest == 0.0)[:, None], of_deltas, shares)
+    deltas[:, old:] += of_targets[..., None] * (subdivision.positions(surface.morph_deltas) - deltas)[:, old:]
     departures = [(shares * heights_rest)[each] / tallest[each] for each in on_regions]
     return Rounded(places, deltas, np.array([each.max(initial=0.0) for each in departures]))
 
