@@ -51,10 +51,19 @@ class Carriers:
     weights: Floats
 
 
-def pose_carriers(points: Iterable[CarriedPoint], rig: Rig, clip: Clip | None, times: Floats) -> Carriers:
-    """Pose the nodes of some points at (frames,) seconds, each once; in the stored pose if `clip` is None."""
+def pose_carriers(
+    points: Iterable[CarriedPoint],
+    rig: Rig,
+    clip: Clip | None,
+    times: Floats,
+    known: dict[int, Floats] | None = None,
+) -> Carriers:
+    """Pose the nodes of some points at (frames,) seconds, each once; in the stored pose if `clip` is None.
+
+    `known` is as in `node_rows`.
+    """
     pairs = sorted({pair for each in points for pair in zip(each.nodes.tolist(), each.shares.tolist(), strict=True)})
-    rows = node_rows(rig, clip, times, [node for node, _ in pairs])
+    rows = node_rows(rig, clip, times, [node for node, _ in pairs], known)
     scales = [
         np.cbrt(share * np.abs(determinants(each[:, :3].transpose(2, 0, 1))))
         for each, (_, share) in zip(rows, pairs, strict=True)

@@ -63,12 +63,15 @@ def stored_positions(hierarchy: Hierarchy, nodes: Sequence[int]) -> Floats:
     return node_matrices(hierarchy, None, np.zeros(1), nodes)[0, :, :3, 3]
 
 
-def node_rows(hierarchy: Hierarchy, clip: Clip | None, times: Floats, nodes: Iterable[int]) -> list[Floats]:
+def node_rows(
+    hierarchy: Hierarchy, clip: Clip | None, times: Floats, nodes: Iterable[int], known: dict[int, Floats] | None = None
+) -> list[Floats]:
     """(3, 4, frames) upper rows of each node's world matrices, or (3, 4, 1) if nothing moves the node.
 
     Only ancestors are evaluated. Products of 4×4 matrices take five times as long as these, which run along time.
+    `known` has the rows of nodes at these times of this clip, and gets those of others.
     """
-    known: dict[int, Floats] = {}
+    known = {} if known is None else known
     channels = clip.by_target if clip else {}
 
     def world(node: int) -> Floats:

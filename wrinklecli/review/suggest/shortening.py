@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from wrinklecli.character.carried import pose_carriers
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig, moving_nodes
 from wrinklecli.effects.wrinkle.attach import attach_tools
@@ -20,6 +21,8 @@ from wrinklecli.tools.records import Length, WrinkleTool
 
 # Poses of a further clip.
 _FURTHER_POSES = 8
+# Most nodes times poses whose matrices are kept, as tools share them: of 48 MB.
+_MOST_KNOWN_ROWS = 500_000
 # Per cent added to `compressible`: between the poses looked at, a clip may fold a little further.
 _SPARE = 1
 # Most per cent of `compressible` that a file may have.
@@ -75,7 +78,11 @@ def shortenings_of(mesh: MeasuredMesh, patch: Patch, further: Sequence[Clip] = (
         if not any(_bends(clip, node, mesh.rig, above) for node in around & clip.nodes):
             found[clip.name] = Shortening(clip, float(times[0]), 0.0, patch.span, patch.rest_length)
             continue
-        distances, rest_lengths = patch.segment.lengths(mesh.rig, clip, times)
+        known = mesh.known_rows.setdefault((clip.name, len(times)), {})
+        carriers = pose_carriers(patch.segment.points, mesh.rig, clip, times, known)
+        distances, rest_lengths = patch.segment.lengths(mesh.rig, clip, times, carriers)
+        if mesh.row_count > _MOST_KNOWN_ROWS:
+            known.clear()
         ratios = distances / np.maximum(rest_lengths, patch.span)
         best = int(ratios.argmin())
         found[clip.name] = Shortening(
