@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 
 from kit.places import ROOT
 from wrinklecli.errors import ConfigError
+from wrinklecli.tools.materials import presets
 from wrinklecli.tools.read import parse_tools
 from wrinklecli.tools.records import WrinkleTool
 from wrinklecli.tools.schema import TOOLS_SCHEMA
@@ -53,7 +54,7 @@ TEXT = "text, in quotes where YAML would read a number, true, false or null"
 FILE = TOOLS_SCHEMA["properties"]
 TOOL = FILE["tools"]["items"]["properties"]
 TOOL_KEYS = ", ".join(TOOL)
-FILE_KEYS = "version, up, rest, sampling, refinement, defaults, tools"
+FILE_KEYS = ", ".join(FILE)
 BAD_TOOL_KEYS = [  # one more key on line 6 of HEAD (width on line 7), the line's rest
     ("widht: 0.05", "tools[0].widht: unknown key, did you mean width?"),
     ("Bumps: 3", "tools[0].Bumps: unknown key, did you mean bumps?"),
@@ -87,7 +88,12 @@ BAD_TOOL_KEYS = [  # one more key on line 6 of HEAD (width on line 7), the line'
     ),
     ("snap: on", "tools[0].snap: found on, expected surface or vertex"),
     ("snap: vertx", "tools[0].snap: found vertx, expected surface or vertex; did you mean vertex?"),
-    ("material: wool", "tools[0].material: found wool, expected skin, cloth, leather or none"),
+    ("material: wool", f"tools[0].material: found wool, expected {', '.join(presets())} or none"),
+    (
+        "material: cloht",
+        f"tools[0].material: found cloht, expected {', '.join(presets())} or none; did you mean cloth?",
+    ),
+    ("material: 5", f"tools[0].material: found 5, expected {', '.join(presets())} or none"),
     ("mirror: w", "tools[0].mirror: found w, expected x, y, z or none"),
     (
         "strategy: Both ends",
@@ -194,7 +200,7 @@ OPTIONS = {
     "node": NAMES,
     "snap": st.sampled_from(["surface", "vertex"]),
     "strategy": st.sampled_from(["everywhere", "origin", "both_ends"]),
-    "material": st.sampled_from(["none", None, "skin", "cloth", "leather"]),
+    "material": st.sampled_from(["none", None, *presets()]),
     "bumps": st.integers(1, 64),
     "gap": st.integers(0, 64),
     "max_height": st.one_of(st.sampled_from(["auto", "none", None]), LENGTH),

@@ -39,7 +39,7 @@ from kit.tools_text import (
 from wrinklecli.errors import ConfigError
 from wrinklecli.tools import records, schema
 from wrinklecli.tools import yaml_tree as yamltree
-from wrinklecli.tools.materials import MATERIALS
+from wrinklecli.tools.materials import preset
 from wrinklecli.tools.read import load_tools, parse_tools, read_values
 from wrinklecli.tools.records import (
     Contact,
@@ -83,7 +83,8 @@ def test_every_key_arrives():
                 snap="vertex",
                 width=Length(0.05),
                 material="cloth",
-                compressible=MATERIALS["cloth"].compressible,
+                compressible=0.0,
+                bump_height=preset("cloth").bump_height,
                 strategy="both_ends",
                 bumps=5,
                 gap=1,
@@ -154,7 +155,7 @@ def test_schema_and_records_agree_on_keys_and_defaults():
     record = [entry.name for entry in fields(WrinkleTool)]
     # The points of a path are its ends and what is between them.
     assert ["between" if key == "path" else key for key in TOOL if key != "mirror"] == [
-        key for key in record if key not in ("mirrored", "where", "places")
+        key for key in record if key not in ("mirrored", "where", "places", "bump_height")
     ]
     plain = WrinkleTool(name="a", origin=(0, 0, 0), target=(1, 0, 0), width=Length(1))
     for key, entry in TOOL.items():
@@ -678,7 +679,7 @@ def test_what_is_written_is_read(written):
     again = {
         entry.name: as_written(getattr(read, entry.name), entry.name)
         for entry in fields(WrinkleTool)
-        if entry.name not in ("between", "mirrored", "where", "places")
+        if entry.name not in ("between", "mirrored", "where", "places", "bump_height")
     }
     (once_more,) = parse_tools(yaml.safe_dump({"version": 1, "tools": [again]})).tools
     assert again == {key: as_written(getattr(once_more, key), key) for key in again}
@@ -765,9 +766,10 @@ def written_defaults(table: dict[str, str]) -> dict[str, Any]:
 
 
 def test_the_examples_of_the_reference_are_valid():
-    example, messages = re.findall(r"```(?:yaml)?\n(.*?)```", README, re.DOTALL)
+    example, messages, own = re.findall(r"```(?:yaml)?\n(.*?)```", README, re.DOTALL)
     names = [found.name for found in parse_tools(example).tools]
     assert names == ["brow.L", "brow.R", "knee.L", "elbow.L"]
+    assert [found.bumps for found in parse_tools(own).tools] == [3]
     for line in messages.splitlines():
         key = line.rsplit("tools[0].", 1)[1]
         assert any(expected.endswith(key) for _, expected in BAD_TOOL_KEYS)

@@ -1,72 +1,102 @@
-"""Materials: defaults that skin, cloth and leather give a tool for keys that its file leaves out.
+"""Materials and presets: the values that a name after `material` gives for keys that a file leaves out.
 
-`configs/README.md` shows the same table with its sources, and a test compares the two.
+`presets.yaml` is their table, and a file of tools may add to it. `configs/README.md` shows it with its sources, and a
+test compares the two.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 from typing import Any
 
-from wrinklecli.choices import MaterialName, Profile
+import yaml
+
+from wrinklecli.choices import MaterialName
+from wrinklecli.tools.json_schema import Reader
+
+# A tool without a material.
+PLAIN_BUMPS = 4
+PLAIN_HEIGHT = 0.25  # of a bump's width at rest; higher bumps become blades
+# Keys of an entry that are not those of a tool.
+_OWN = ("title", "material", "bump_width", "bump_height")
 
 
 @dataclass(frozen=True, slots=True)
-class Material:
-    """Defaults of a tool's keys.
+class Preset:
+    """Defaults of a tool's keys, by a name.
 
     Attributes:
+        name: The word after `material`.
+        title: Its name in menus.
+        material: The entry that it is made from; None for a substance.
         bump_width: Width of a bump at rest relative to the segment; it gives the number of bumps.
-        bump_height: Highest point of a bump relative to its width at rest, for `max_height: auto`. Together with
-            `compressible` it makes bumps full when a segment loses about 40 %, as at a strongly bent joint.
+        bump_height: Highest point of a bump relative to its width at rest, for `max_height: auto`.
+        keys: The other keys with their values, as a file writes them; those of `material` are among them.
     """
 
+    name: str
+    title: str
+    material: str | None
     bump_width: float
     bump_height: float
-    compressible: float
-    profile: Profile
-    details: tuple[float, ...]
-    variation: float
+    keys: Mapping[str, Any]
 
-    @property
-    def defaults(self) -> dict[str, Any]:
-        """The values that depend on no other key of the tool, by key."""
-        return {
-            "compressible": self.compressible,
-            "profile": self.profile,
-            "details": self.details,
-            "variation": self.variation,
-        }
-
-    def bumps(self, gap: int) -> int:
+    def bumps(self, gap: int = 0) -> int:
         """Number of bumps along a segment with `gap` flat intervals, half a bump each, between neighbours."""
-        return max(1, round((2.0 / self.bump_width + gap) / (2 + gap)))
+        given = self.keys.get("bumps")
+        return max(1, round((2.0 / self.bump_width + gap) / (2 + gap))) if given is None else int(given)
+
+    def fields(self, readers: Mapping[str, Reader], gap: int = 0) -> dict[str, Any]:
+        """The fields of a tool that it gives; `readers` turn the values of keys into those of fields."""
+        read = {key: readers[key](value) for key, value in self.keys.items()}
+        return {**read, "bumps": self.bumps(gap), "bump_height": self.bump_height}
 
 
-# A tool without a material.
-_PLAIN_BUMPS = 4
-_PLAIN_HEIGHT = 0.25  # of a bump's width at rest; higher bumps become blades
-MATERIALS: Mapping[MaterialName, Material] = {
-    "skin": Material(bump_width=0.33, bump_height=0.13, compressible=0.87, profile="skin", details=(), variation=0.3),
-    "cloth": Material(bump_width=0.25, bump_height=0.38, compressible=0.0, profile="cloth", details=(), variation=1.0),
-    "leather": Material(
-        bump_width=0.33, bump_height=0.38, compressible=0.0, profile="smooth", details=(), variation=1.0
-    ),
-}
+def presets_of(entries: Mapping[str, Mapping[str, Any]], known: Mapping[str, Preset]) -> dict[str, Preset]:
+    """The presets of a file's entries; each may be made from a known one, or from one above it."""
+    found: dict[str, Preset] = {}
+    for name, entry in entries.items():
+        base = {**known, **found}.get(entry.get("material", ""))
+        width, height = (_ratio(entry.get(key)) for key in ("bump_width", "bump_height"))
+        found[name] = Preset(
+            name=name,
+            title=entry.get("title", name),
+            material=None if base is None else base.name,
+            bump_width=width or (base.bump_width if base else 1.0 / PLAIN_BUMPS),
+            bump_height=height or (base.bump_height if base else PLAIN_HEIGHT),
+            keys={**(base.keys if base else {}), **{key: each for key, each in entry.items() if key not in _OWN}},
+        )
+    return found
 
 
-def bump_height(material: MaterialName | None) -> float:
-    """Highest point of a bump with `max_height: auto`, relative to its width at rest."""
-    return _PLAIN_HEIGHT if material is None else MATERIALS[material].bump_height
+@cache
+def presets() -> Mapping[str, Preset]:
+    """The built-in materials and presets by name, materials first."""
+    text = Path(__file__).with_name("presets.yaml").read_text(encoding="utf-8")
+    return presets_of(yaml.safe_load(text), {})
+
+
+def preset(name: str) -> Preset:
+    """A built-in material or preset."""
+    return presets()[name]
 
 
 def usual_bumps(material: MaterialName | None, gap: int = 0) -> int:
     """Number of bumps of a tool without the key `bumps`."""
-    return _PLAIN_BUMPS if material is None else MATERIALS[material].bumps(gap)
+    return PLAIN_BUMPS if material is None else preset(material).bumps(gap)
 
 
-def with_material(values: Mapping[str, Any]) -> dict[str, Any]:
+def with_material(
+    values: Mapping[str, Any], readers: Mapping[str, Reader], known: Mapping[str, Preset]
+) -> dict[str, Any]:
     """Fields of a tool, with those of its material for keys that neither the tool nor the file's defaults have."""
     if values.get("material") is None:
         return dict(values)
-    material = MATERIALS[values["material"]]
-    return {"bumps": material.bumps(values.get("gap", 0)), **material.defaults, **values}
+    chosen = known[values["material"]]
+    gap = values.get("gap", chosen.keys.get("gap", 0))
+    return {**chosen.fields(readers, gap), **values}
+
+
+def _ratio(percent: str | None) -> float | None:
+    return None if percent is None else float(percent.rstrip(" %")) / 100.0

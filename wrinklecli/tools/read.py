@@ -6,7 +6,7 @@ valid keys become records: tools inherit defaults, mirrored tools are made, and 
 """
 
 import os
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, TypeAlias
@@ -16,6 +16,7 @@ from wrinklecli.files.formats import is_gltf
 from wrinklecli.files.inputs import open_input
 from wrinklecli.tools.checked import Format, Place, at, check, refusal
 from wrinklecli.tools.json_schema import readers_of
+from wrinklecli.tools.materials import Preset, presets
 from wrinklecli.tools.mirror import mirrored
 from wrinklecli.tools.records import Marker, Position, ToolsFile, identifier, with_points
 from wrinklecli.tools.schema import KINDS, TOOLS_SCHEMA, Kind
@@ -39,6 +40,14 @@ def _odd(key: str, value: Any) -> Iterator[tuple[Place, str]]:
                 if after <= before:
                     yield ("keys", clip), f"expected times that rise from key to key, not {before:g} and then {after:g}"
                     break
+    if key == "presets":
+        known = [*presets()]
+        for name, entry in value.items():
+            for inner, each in entry.items():
+                yield from (((name, inner, *below), expected) for below, expected in _odd(inner, each))
+            if "material" in entry and entry["material"] not in known:
+                yield (name, "material"), f"expected {', '.join(known[:-1])} or {known[-1]}, or a preset above it"
+            known += [name] * (name not in known)
 
 
 def _read(root: Node, place: Place, record: type, wrong: Collection[Place]) -> tuple[dict[str, Any], list[Problem]]:
@@ -74,10 +83,16 @@ class _Effect:
 
 
 def _effects(
-    root: Node, key: str, defaults: Mapping[str, Any], wrong: Collection[Place], owners: dict[str, str]
+    root: Node,
+    key: str,
+    defaults: Mapping[str, Any],
+    known: Mapping[str, Preset] | None,
+    wrong: Set[Place],
+    owners: dict[str, str],
 ) -> tuple[list[_Effect], list[Problem]]:
     """All effects of the list at a key, each mirrored one behind its source, and their problems.
 
+    `known` has the materials; None if they are at fault.
     `owners` says which effect has which identifier; those of these effects are added.
     """
     node = root.children.get(key)
@@ -91,6 +106,8 @@ def _effects(
         effect = _Effect({**defaults, **values}, path_to(key, i), child)
         given.append(effect)
         problems += [*odd, *_problems_of(effect, owners)]
+        if known is not None and not {(key, i), ("defaults",)} & wrong:
+            problems += _problems_of_material(effect, known)
         if "name" in effect.values:
             owners.setdefault(identifier(effect.values["name"]), effect.path)
     effects: list[_Effect] = []
@@ -140,13 +157,31 @@ def _points(values: Mapping[str, Any]) -> set[Position | Marker | None]:
     return {*values["path"]} if "path" in values else {values.get("origin"), values.get("target")}
 
 
-def _record(kind: Kind, effect: _Effect, up: str, inherited: Mapping[Keys, str], shown_name: str) -> Any:
+def _problems_of_material(effect: _Effect, known: Mapping[str, Preset]) -> Iterator[Problem]:
+    """The problems of an effect's material, and of a width that neither the file nor the material gives."""
+    name, line = effect.values.get("material"), effect.node.line
+    if name is not None and name not in known:
+        written = effect.node.children.get("material") or replace(tree_of(name), line=line, shown=printable(name))
+        expected = f"expected {', '.join(known)} or none"
+        yield Problem(written.line, f"{effect.path}.material", refusal(written, expected))
+    elif "width" not in effect.values and (name is None or "width" not in known[name].keys):
+        yield Problem(line, f"{effect.path}.width", "required, but missing")
+
+
+def _record(
+    kind: Kind,
+    effect: _Effect,
+    up: str,
+    known: Mapping[str, Preset],
+    inherited: Mapping[Keys, str],
+    shown_name: str,
+) -> Any:
     """The record of an effect without problems, with the places of its own and its inherited values."""
     values = with_points(kind.record, effect.values, lambda anchor: _y_up(anchor, up))
     places = {keys: place for keys, place in inherited.items() if keys[0] not in effect.node.children}
     places |= _places(effect.node, effect.path, shown_name)
     where = f"{shown_name}:{effect.node.line}: {effect.path}"
-    return kind.record(**kind.record.fields_of(values), where=where, places=places)
+    return kind.record(**kind.record.fields_of(values, known), where=where, places=places)
 
 
 def _places(node: Node, path: str, shown_name: str) -> dict[Keys, str]:
@@ -183,14 +218,17 @@ def _parsed(root: Node | None, problems: list[Problem], name: str) -> ToolsFile:
     shown_name = printable(name, len(name))
     header: dict[str, Any] = {}
     effects: dict[str, list[_Effect]] = {}
+    known: Mapping[str, Preset] | None = None
     owners: dict[str, str] = {}
     if root is not None:
         refused, wrong = check(root, _FORMAT)
         header, odd = _read(root, (), ToolsFile, wrong)
         problems = [*problems, *refused, *odd]
+        sound = "presets" in header or "presets" not in root.children
+        known = {**presets(), **header.get("presets", {})} if sound else None
         for key, kind in KINDS.items():
             defaults, odd = _read(root, ("defaults",), kind.record, wrong) if "defaults" in root.children else ({}, [])
-            effects[key], odd_effects = _effects(root, key, defaults, wrong, owners)
+            effects[key], odd_effects = _effects(root, key, defaults, known, wrong, owners)
             problems += [*odd, *odd_effects]
     if problems:
         raise ConfigError.of_all(
@@ -198,13 +236,16 @@ def _parsed(root: Node | None, problems: list[Problem], name: str) -> ToolsFile:
             for problem in sorted(problems, key=lambda problem: problem.line)
         )
     assert root is not None
+    assert known is not None
     others = {key: child for key, child in root.children.items() if key not in KINDS}
     places = _places(replace(root, children=others), "", shown_name)
     inherited = {keys[1:]: place for keys, place in places.items() if keys[0] == "defaults" and keys[1:]}
     up = header.get("up", "y")
     lists: dict[str, Any] = {
         key: tuple(
-            record for effect in effects[key] if (record := _record(kind, effect, up, inherited, shown_name)).enabled
+            record
+            for effect in effects[key]
+            if (record := _record(kind, effect, up, known, inherited, shown_name)).enabled
         )
         for key, kind in KINDS.items()
     }

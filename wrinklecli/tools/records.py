@@ -14,7 +14,6 @@ from wrinklecli.choices import (
     Attachment,
     Attenuation,
     Axis,
-    MaterialName,
     Profile,
     RestPose,
     Scheme,
@@ -32,7 +31,10 @@ from wrinklecli.tools.json_schema import (
     expects,
     if_mapping,
     key,
+    key_of,
+    keys_of,
     list_of,
+    mapping_of,
     number,
     one_of,
     read_record,
@@ -40,7 +42,7 @@ from wrinklecli.tools.json_schema import (
     schema_of,
     whole,
 )
-from wrinklecli.tools.materials import with_material
+from wrinklecli.tools.materials import PLAIN_HEIGHT, Preset, presets, presets_of, with_material
 
 Position: TypeAlias = tuple[float, float, float]
 
@@ -50,6 +52,7 @@ MAX_SEED = 2**31 - 1  # what any language's whole numbers hold
 
 _SECONDS = number(0, 1e6, "seconds")
 _STRENGTH = number(-100, 100)
+_MATERIALS = f"{', '.join(presets())} or none"
 
 
 @dataclass(frozen=True, slots=True)
@@ -314,6 +317,7 @@ class WrinkleTool:
         mirrored: True if `mirror` made it.
         where: Its place in the file for later errors, such as `tools.yaml:12: tools[0]`.
         places: The places of its keys, such as those of `rest_length.morph`; see `place`.
+        bump_height: Highest point of a bump relative to its width at rest, for `max_height: auto`.
     """
 
     name: str = key(TEXT, "Unique name; also when all but letters, digits and _ is replaced by _.")
@@ -347,9 +351,9 @@ class WrinkleTool:
         absent=False,
     )
     width: Length = key(LENGTH, "Full width across the segment: a length or a percentage. Required.", read=parse_length)
-    material: MaterialName | None = key(
-        one_of(*get_args(MaterialName), "none", none=True),
-        "Gives bumps, auto heights, compressible, details, profile and variation other defaults. Default none.",
+    material: str | None = key(
+        expects(_MATERIALS, type=["string", "null"], minLength=1, examples=[*presets(), "none", None]),
+        "What wrinkles: a substance or a preset, which gives other keys other defaults. Default none.",
         None,
         read=lambda value: None if value == "none" else value,
     )
@@ -464,14 +468,15 @@ class WrinkleTool:
     optional: bool = key(FLAG, "true: an absent node or clip is a note, not an error. Default false.", False)
     where: str = ""
     places: Mapping[tuple[str, ...], str] = field(default_factory=dict, hash=False, compare=False)
+    bump_height: float = PLAIN_HEIGHT
 
     @classmethod
-    def fields_of(cls, values: Mapping[str, Any]) -> dict[str, Any]:
-        """The fields that the keys of a file give: a path gives the points, a material gives defaults."""
+    def fields_of(cls, values: Mapping[str, Any], known: Mapping[str, Preset]) -> dict[str, Any]:
+        """The fields that the keys of a file give: a path gives the points, a material of `known` gives defaults."""
         found = {name: each for name, each in values.items() if name not in ("mirror", "path")}
         points = values.get("path") or (values["origin"], values["target"])
         found["origin"], *between, found["target"] = points
-        return with_material({**found, "between": tuple(between)})
+        return with_material({**found, "between": tuple(between)}, readers_of(WrinkleTool), known)
 
     def place(self, *keys: str) -> str:
         """The place of a key, for later errors, such as `tools.yaml:14: tools[0].node`."""
@@ -526,6 +531,18 @@ def with_points(
     return found
 
 
+# Keys that say where a tool is or in which clips it works, not what wrinkles.
+_NOT_OF_PRESETS = ("name", "node", "origin", "target", "path", "mirror", "material", "clips", "enabled", "optional")
+_PERCENT = expects("a percentage from 1% to 100%", type="string", maxLength=40, pattern=r"^([1-9][0-9]?|100) ?%$")
+_PRESET_KEYS = {
+    "title": key_of(TEXT, "Its name in menus. Default: its name."),
+    "material": key_of(TEXT, "The material or preset that gives the keys that this one leaves out. Default none."),
+    "bump_width": key_of(_PERCENT, "Width of a bump at rest, of the segment; it gives the number of bumps."),
+    "bump_height": key_of(_PERCENT, "Highest point of a bump with max_height auto, of its width at rest."),
+    **{name: each for name, each in keys_of(WrinkleTool).items() if name not in _NOT_OF_PRESETS},
+}
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ToolsFile:
     """A file of tools.
@@ -563,6 +580,13 @@ class ToolsFile:
         "Subdivision under the wrinkles.",
         defaults_of(RefinementSettings),
         read=lambda value: read_record(RefinementSettings, value),
+    )
+    presets: Mapping[str, Preset] = key(
+        any_keys(mapping_of(_PRESET_KEYS), "a mapping of names to keys of tools"),
+        "Presets of this file, for `material`; one that has the name of a built-in preset replaces it.",
+        {},
+        read=lambda value: presets_of(value, presets()),
+        hashed=False,
     )
     tools: tuple[WrinkleTool, ...]
     places: Mapping[tuple[str, ...], str] = field(default_factory=dict, hash=False, compare=False)

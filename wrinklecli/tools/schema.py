@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from wrinklecli.tools.json_schema import Items, Schema, expects, key_of, keys_of, list_of, mapping_of
+from wrinklecli.tools.materials import presets
 from wrinklecli.tools.records import ToolsFile, WrinkleTool
 
 MAX_TOOLS = 1_000
@@ -62,6 +63,12 @@ _LISTS = {
     for name, kind in KINDS.items()
 }
 
+# Materials that give no width, with which a tool needs its own.
+_WIDTHLESS = {"enum": [*(name for name, each in presets().items() if "width" not in each.keys), "none", None]}
+# Without presets of its own, a file knows the built-in names alone.
+_MATERIAL = TOOL_KEYS["material"]
+_KNOWN = {"properties": {"material": {"enum": _MATERIAL["examples"], "errorMessage": _MATERIAL["errorMessage"]}}}
+
 TOOLS_SCHEMA: Schema = {
     "$schema": "https://json-schema.org/draft/2020-12/schema",
     "title": "wrinkle tools",
@@ -77,7 +84,32 @@ TOOLS_SCHEMA: Schema = {
         },
         required=("version", "tools"),
     ),
-    # The width stands either in the defaults or in each tool.
-    "if": {"required": ["defaults"], "properties": {"defaults": {"type": "object", "required": ["width"]}}},
-    "else": {"properties": {"tools": {"items": {"required": ["width"]}}}},
+    "allOf": [
+        {
+            # The width stands in the defaults, in each tool, or in a preset.
+            "if": {
+                "required": ["defaults"],
+                "properties": {
+                    "defaults": {
+                        "type": "object",
+                        "anyOf": [
+                            {"required": ["width"]},
+                            {"required": ["material"], "properties": {"material": {"not": _WIDTHLESS}}},
+                        ],
+                    }
+                },
+            },
+            "else": {
+                "properties": {
+                    "tools": {
+                        "items": {"if": {"properties": {"material": _WIDTHLESS}}, "then": {"required": ["width"]}}
+                    }
+                }
+            },
+        },
+        {
+            "if": {"not": {"required": ["presets"]}},
+            "then": {"properties": {"defaults": _KNOWN, "tools": {"items": _KNOWN}}},
+        },
+    ],
 }

@@ -88,7 +88,7 @@ def _plain(key: str, schema: Schema) -> KeyControl:
     """Make the control of a key, without the fields that do not depend on its kind."""
     title, kinds = key.replace("_", " "), schema.get("type")
     low, high = schema.get("minimum", 0.0), schema.get("maximum", 0.0)
-    if "enum" in schema:
+    if "enum" in schema or "examples" in schema:
         return KeyControl(key, "choice", title, choices=_words(schema))
     if kinds == "boolean":
         return KeyControl(key, "flag", title)
@@ -134,7 +134,8 @@ def _is_length(schema: Schema) -> bool:
 
 def _words(schema: Schema) -> tuple[str, ...]:
     """The words that values may be; null counts as `none`."""
-    found = [*schema.get("enum", ()), *([schema["const"]] if "const" in schema else [])]
+    words: list[Any] = schema.get("enum", []) or schema.get("examples", [])
+    found = [*words, *([schema["const"]] if "const" in schema else [])]
     return tuple(dict.fromkeys(NONE if word is None else str(word) for word in found))
 
 

@@ -25,7 +25,6 @@ from wrinklecli.numeric.nearest import meets_box
 from wrinklecli.surface.anchor import anchor_at
 from wrinklecli.surface.path import path_through
 from wrinklecli.surface.rest import Rest, asked_positions
-from wrinklecli.tools.materials import bump_height
 from wrinklecli.tools.records import RestLengthKeys, RestLengthMorph, WrinkleTool
 
 # Distance of anchors over the mesh's size below which they are one point.
@@ -160,7 +159,7 @@ def _max_height(tool: WrinkleTool, span: float, rest_length: float, variation: V
     if variation is not None:
         peaks = variation.peaks
         highest = float((variation.bumps.widths * peaks).max() / peaks.max())
-    return bump_height(tool.material) * width * highest
+    return tool.bump_height * width * highest
 
 
 def _members(patch: Patch, surface: Surface, rest: Rest) -> Ints:

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from wrinklecli.review.suggest.candidates import Candidate
-from wrinklecli.tools.materials import MATERIALS, usual_bumps
+from wrinklecli.tools.json_schema import readers_of
+from wrinklecli.tools.materials import preset, usual_bumps
 from wrinklecli.tools.mirror import split_side
 from wrinklecli.tools.records import Length, RestLengthMorph, WrinkleTool
 
@@ -108,6 +109,7 @@ def tool_of(candidate: Candidate, name: str, width: float, bump_length: float | 
     if candidate.facet:
         # Among flat faces a bump that is shorter than a face looks like a step.
         bumps = max(1, min(bumps, int(span / candidate.facet)))
+    given = preset(candidate.material).fields(readers_of(WrinkleTool)) if candidate.material else {}
     return WrinkleTool(
         name=name,
         node=candidate.mesh.node,
@@ -118,9 +120,8 @@ def tool_of(candidate: Candidate, name: str, width: float, bump_length: float | 
         material=candidate.material,
         # Bumps that rise one after another stand alone on either side of a joint until it is half bent.
         strategy="everywhere",
-        bumps=bumps,
         rest_length="auto" if candidate.by_morph else Length(100.0 - SLACK, percent=True),
-        **(MATERIALS[candidate.material].defaults if candidate.material else {}),
+        **{**given, "bumps": bumps},
     )
 
 

@@ -16,7 +16,6 @@ from wrinklecli.errors import WrinkleError
 from wrinklecli.numeric.arrays import unit
 from wrinklecli.numeric.nearest import balls, distances_along, near_points
 from wrinklecli.review.suggest.measure import MeasuredMesh
-from wrinklecli.tools.materials import bump_height
 from wrinklecli.tools.records import Length, WrinkleTool
 
 # Poses of a further clip.
@@ -122,7 +121,7 @@ def with_rising_bumps(
         None if the bumps would reach a surface above them.
     """
     width = patches[0].rest_length / patches[0].tool.bumps
-    usual = bump_height(patches[0].tool.material)
+    usual = patches[0].tool.bump_height
     highest = min(_free_height(mesh, patch) for patch in patches)
     height = min(usual, highest / width)
     while (percent := _needed_percent(patches, shortenings, height)) > _MOST_COMPRESSIBLE:
