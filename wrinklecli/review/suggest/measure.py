@@ -26,7 +26,7 @@ from wrinklecli.tools.records import ToolsFile
 _MOST_POSES = 200
 # Triangles times poses of all clips and meshes, measured in about five seconds. For more, poses are further apart ...
 _MOST_WORK = 6_000_000
-# ... but each clip has at least this number of poses: 76 clips of 30,000 triangles take four seconds, with 9 poses seven.
+# ... but each clip has at least this number of poses: 76 clips of 30,000 triangles take 4 s, and 7 s with 9 poses.
 _FEWEST_POSES = 5
 # Least number of poses of a clip in which a tool's shortening is measured, which takes next to nothing.
 _FEWEST_LENGTHS = 25
