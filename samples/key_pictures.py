@@ -153,6 +153,7 @@ PICTURES: dict[str, tuple[Look, list[Panel]]] = {
     "max_height": (CUT_OPEN, of_key("max_height", ("3%", "auto", "none"), LOW, 1.0)),
     "strength": (CUT_OPEN, of_key("strength", (0.5, 1, -1), LOW)),
     "attenuation": (ASIDE, of_key("attenuation", ("bell", "linear"), {})),
+    "mask": (WHOLE, of_key("mask", ("none", {"image": "spot.png"}), {"bumps": 5})),
     "material": (CUT_OPEN, of_key("material", ("none", "skin", "cloth", "leather"), {})),
     "profile": (CUT_OPEN, of_key("profile", ("smooth", "skin", "cloth", "polyline"), RULED)),
     "details": (CUT_OPEN, of_key("details", ([], [0.1], [0.4]), RULED)),
@@ -180,7 +181,10 @@ PICTURES: dict[str, tuple[Look, list[Panel]]] = {
 
 
 def write_sheets(folder: Path) -> None:
-    """Write the sheets as assets."""
+    """Write the sheets as assets, and an image for a mask: a dark spot with soft borders, left of the middle."""
+    xs, ys = np.meshgrid(np.linspace(-1.0, 1.0, 256), np.linspace(-0.5, 0.5, 128))
+    spot = np.clip((np.hypot(xs + 0.12, ys + 0.05) - 0.12) / 0.1, 0.0, 1.0)
+    Image.fromarray((255 * spot).astype(np.uint8)).save(folder / "spot.png")
     for each in (sheet("sheet", 50, 26), sheet("coarse", 10, 5)):
         (folder / f"{each.name}.glb").write_bytes(to_glb(each))
 

@@ -3,7 +3,7 @@
 The types are for mypy. The schemas and the command line take the words from them by `typing.get_args`.
 """
 
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, get_args
 
 # A tools file.
 Up: TypeAlias = Literal["y", "z"]
@@ -22,6 +22,9 @@ PROFILES: dict[Profile, str] = {  # with what its bumps look like
 }
 Attenuation: TypeAlias = Literal["bell", "linear"]
 Attachment: TypeAlias = Literal["skin", "patch"]
+Channel: TypeAlias = Literal["r", "g", "b", "a"]
+CHANNELS: tuple[Channel, ...] = get_args(Channel)
+"""The channels of an image, and the components of a vertex attribute, in their order."""
 
 # A bake.
 Mode: TypeAlias = Literal["morph", "frames"]

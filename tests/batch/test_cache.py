@@ -8,7 +8,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import fsspec
 import pytest
+from PIL import Image
 
 from kit.command import Ran, Wrinkle, files
 from kit.limb import limb_asset, tool, write_tools
@@ -112,6 +114,45 @@ def test_an_output_beside_its_asset_is_another_than_one_elsewhere(ending: str, w
     assert expected.pop("r.json")
     assert made == expected
     assert Batch(wrinkle, out=f"q/out{ending}").run()["reason"] == "from the cache"
+
+
+def _masked(folder: Path, *, grey: int) -> None:
+    """Let the tool have a mask, an image beside the tools file."""
+    Image.new("L", (2, 2), grey).save(folder / "mask.png")
+    asked = tool(bumps=1, mask={"image": "mask.png"})
+    write_tools(folder / "t.yaml", asked, refinement={"max_levels": 0}, sampling={"fps": 4})
+
+
+def test_an_output_depends_on_the_image_of_a_mask(wrinkle: Wrinkle, folder: Path) -> None:
+    _masked(folder, grey=255)
+    batch = Batch(wrinkle)
+    assert batch.run()["reason"] == "new"
+    assert batch.run()["reason"] == "in place"
+    whole = (folder / "o" / "limb.gltf").read_bytes()
+    _masked(folder, grey=128)
+    assert batch.run()["reason"] == "the tools changed"
+    assert (folder / "o" / "limb.gltf").read_bytes() != whole
+
+
+@pytest.mark.parametrize("key", ["report", "timings"])
+def test_no_output_is_the_image_of_a_mask(key: str, wrinkle: Wrinkle, folder: Path) -> None:
+    _masked(folder, grey=255)
+    ran = Batch(wrinkle, **{key: "mask.png"}).command()
+    assert (ran.code, ran.lines) == (
+        1,
+        ["m.jsonl:1: jobs[0]: would write over 'mask.png', which jobs[0] reads"],
+    )
+
+
+def test_the_image_of_a_mask_is_fetched_with_the_tools(wrinkle: Wrinkle, folder: Path) -> None:
+    _masked(folder, grey=255)
+    system = fsspec.filesystem("memory")
+    for name in ("t.yaml", "mask.png"):
+        system.pipe(f"/masked/{name}", (folder / name).read_bytes())
+    assert Batch(wrinkle, tools="memory:///masked/t.yaml").run()["result"] == "built"
+    Image.new("L", (2, 2), 128).save(folder / "mask.png")
+    system.pipe("/masked/mask.png", (folder / "mask.png").read_bytes())
+    assert Batch(wrinkle, tools="memory:///masked/t.yaml").run()["reason"] == "the tools changed"
 
 
 @pytest.mark.parametrize("uri", ["", ".", "tex", "http://127.0.0.1:9/skin.png", "../skin.png", "none.png"])

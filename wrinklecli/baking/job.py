@@ -158,7 +158,7 @@ def _job(asset: Document, settings: ToolsFile, options: BakeOptions, motions: Mo
         settings=settings,
         asset=asset,
         document=document,
-        inputs=(document.files[0], settings.path, *settings.merged_paths, *document.files[1:]),
+        inputs=(document.files[0], settings.path, *settings.merged_paths, *document.files[1:], *settings.images),
         beside=(*files_of(asset), *joined.beside),
         every_clip=every_clip,
         clips=chosen_clips(every_clip, sampled or asked, where=document.path),

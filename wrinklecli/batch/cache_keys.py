@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 
 import wrinklecli
 from wrinklecli.batch import stores
-from wrinklecli.batch.jobs import BatchJob
+from wrinklecli.batch.jobs import BatchJob, References, image_uris
 from wrinklecli.batch.manifest_schema import OPTION_KEYS
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.files import path_beside, references
@@ -53,10 +53,10 @@ def parts_of(job: BatchJob, given: BatchJob) -> Parts:
     }
     parts: Parts = {
         "program": program(),
-        "asset": _asset_digests(job.asset, external=external),
-        "tools": [_digest(path) for path in job.tools],
-        "anim": [_asset_digests(path, external=external) for path in job.options.get("anim", ())],
-        "anims": [[os.path.basename(path), _asset_digests(path, external=external)] for path in job.anims],
+        "asset": _digests(job.asset, references, external=external),
+        "tools": [_digests(path, image_uris, external=external) for path in job.tools],
+        "anim": [_digests(path, references, external=external) for path in job.options.get("anim", ())],
+        "anims": [[os.path.basename(path), _digests(path, references, external=external)] for path in job.anims],
         "options": {**options, "frames": "frames_dir" in job.options},
         "beside": [_are_beside(*paths) for paths in job.models],
         "names": {name: os.path.basename(getattr(job, name) or "") for name in _NAMED_OUTPUTS},
@@ -86,15 +86,15 @@ def _are_beside(asset: str, out: str) -> bool:
     return os.path.realpath(os.path.dirname(asset)) == os.path.realpath(os.path.dirname(out))
 
 
-def _asset_digests(path: str, *, external: bool) -> dict[str, str]:
-    """Digest a glTF asset and every file that it refers to, by URI; the asset itself has an empty one.
+def _digests(path: str, references_in: References, *, external: bool) -> dict[str, str]:
+    """Digest a glTF asset or a tools file, and every file that it refers to, by URI; it has an empty one itself.
 
     Raises:
-        AssetError: The asset cannot be read. The bake reports other missing files.
+        AssetError: The file cannot be read. The bake reports other missing files.
     """
     digests = {"": _digest(path)}
     with stores.opened(path) as file:
-        uris = references(file)
+        uris = references_in(file)
     for uri in uris:
         place = path_beside(path, uri, external=external)
         try:

@@ -15,7 +15,7 @@ from typing import TypeAlias
 
 from wrinklecli.batch import stores
 from wrinklecli.batch.cache import ENTRIES, TAG
-from wrinklecli.batch.jobs import BatchJob
+from wrinklecli.batch.jobs import BatchJob, image_uris
 from wrinklecli.files.claims import Claims, Clash, Identities, Identity
 from wrinklecli.gltf.files import path_beside, references
 from wrinklecli.tools.yaml_tree import printable
@@ -120,9 +120,10 @@ class _Batch:
         self._in_frames = {self._places.of_folder(each): list[str]() for each in frames if each is not None}
         self._buffers: defaultdict[tuple[Identity, str], list[str]] = defaultdict(list)
         self._references: dict[str, list[str]] = {}
+        self._tools = {path for job in jobs for path in job.tools}
 
     def add(self, files: BatchFiles) -> None:
-        """Add the files of the batch itself, then those of its jobs, and those that their assets refer to."""
+        """Add the files of the batch itself, then those of its jobs, and those that their inputs refer to."""
         if files.cache is not None:
             self._cached = {self._places.of_folder(stores.join(files.cache, each)) for each in ENTRIES}
             self._write(files.cache, _CACHE)
@@ -140,7 +141,7 @@ class _Batch:
             for path in job.inputs:
                 self._read(path, number)
         for number, job in enumerate(self._jobs):
-            for asset in (job.asset, *job.anims, *job.options.get("anim", ())):
+            for asset in (job.asset, *job.tools, *job.anims, *job.options.get("anim", ())):
                 if self._may_refer_to_outputs(asset, job):
                     for path in self._files_of(asset, external=_is_external(job)):
                         self._read(path, number)
@@ -250,7 +251,8 @@ class _Batch:
         if asset not in self._references:
             try:
                 with stores.opened(asset) as file:
-                    self._references[asset] = references(file)
+                    is_model = asset not in self._tools
+                    self._references[asset] = references(file) if is_model else image_uris(file)
             except (OSError, ValueError):
                 self._references[asset] = []
         return self._references[asset]

@@ -3,11 +3,22 @@
 import posixpath
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, TypeAlias
+from typing import Any, BinaryIO, Literal, TypeAlias
 
+from wrinklecli.gltf.files import uri_of
 from wrinklecli.numeric.memory import MAX_MEMORY, parse_bytes
+from wrinklecli.tools.read import images_named
 
 Result: TypeAlias = Literal["hit", "built", "refused", "failed", "bug"]
+
+
+References: TypeAlias = Callable[[BinaryIO], list[str]]
+"""Lists the files that an open file refers to, as URIs."""
+
+
+def image_uris(file: BinaryIO) -> list[str]:
+    """List the images that an open tools file names, as URIs."""
+    return list(map(uri_of, images_named(file)))
 
 
 @dataclass(frozen=True, slots=True)

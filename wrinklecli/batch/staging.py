@@ -10,7 +10,7 @@ from functools import partial
 
 from wrinklecli.batch import stores
 from wrinklecli.batch.job_files import ROOTS
-from wrinklecli.batch.jobs import BatchJob
+from wrinklecli.batch.jobs import BatchJob, References, image_uris
 from wrinklecli.errors import AssetError, BakeError, WrinkleError
 from wrinklecli.gltf.files import leaves_folder, path_of, references
 
@@ -61,9 +61,10 @@ class _Stager:
         self._given: dict[str, str] = {}
 
     def staged(self, job: BatchJob) -> Staged:
+        external = bool(job.options.get("allow_external", False))
         local = job.with_paths(
-            asset=partial(self._asset, external=bool(job.options.get("allow_external", False))),
-            tools=self._input,
+            asset=partial(self._with_references, references_in=references, external=external),
+            tools=partial(self._with_references, references_in=image_uris, external=external),
             file=self._output,
             folder=partial(self._output, is_folder=True),
         )
@@ -86,18 +87,18 @@ class _Stager:
             raise _unread(path, error) from error
         return local
 
-    def _asset(self, path: str, *, external: bool) -> str:
-        """Fetch an asset with the files that it refers to; the bake reports a missing one."""
+    def _with_references(self, path: str, *, references_in: References, external: bool) -> str:
+        """Fetch an asset or a tools file with the files that it refers to; the bake reports a missing one."""
         local = self._input(path)
         if local == path:
             return path
         with open(local, "rb") as file:
-            uris = references(file)
+            uris = references_in(file)
         left = self._most - os.path.getsize(local)
         for uri in uris:
             if leaves_folder(uri):
                 if external:
-                    raise AssetError(f"uri {uri[:80]!r} is outside the asset's folder: not read by URL", where=path)
+                    raise AssetError(f"uri {uri[:80]!r} is outside the file's folder: not read by URL", where=path)
                 continue
             relative = os.path.normpath(path_of(uri))
             target = os.path.join(os.path.dirname(local), relative)

@@ -78,11 +78,12 @@ def check(
         from wrinklecli.gltf.files import files_named
         from wrinklecli.review.check import check as run
         from wrinklecli.review.plot import draw_check, refuse_without_matplotlib
+        from wrinklecli.tools.read import with_images
 
         if plot is not None:
             refuse_without_matplotlib()
             outputs.claim(plot)
-        outputs.protect([tools, *files_named([asset, *options["anims"]])])
+        outputs.protect([*with_images([tools]), *files_named([asset, *options["anims"]])])
         with Progress() as progress:
             made = run(asset, tools, progress=progress.show, **options)
         if as_json:
@@ -136,6 +137,7 @@ def _rows(tool: dict[str, Any]) -> list[str]:
         f"tissue   {_tissue(tool)}",
         f"mesh     {tool['triangles']} triangles, {tool['edges_split']} edges to split;"
         f" {tool['moved_vertices']} vertices move",
+        *([f"mask     leaves {_percent(100 * tool['mask'])} % of the patch"] if "mask" in tool else []),
         f"at rest  {_rounding(tool)}",
         f"overlaps {overlaps or 'none'}",
     ]

@@ -24,6 +24,7 @@ from wrinklecli.editor.attached import AttachedTool, AttachedTools, Cluster, Pla
 from wrinklecli.editor.clip_cache import ClipCache, RecentResults
 from wrinklecli.effects.plan import plan_on
 from wrinklecli.effects.wrinkle.attach import attach_tools
+from wrinklecli.effects.wrinkle.bounds import bounded
 from wrinklecli.effects.wrinkle.carry import carry
 from wrinklecli.effects.wrinkle.layer import WrinkleLayer, carried_patches_of
 from wrinklecli.effects.wrinkle.patch import Patch
@@ -168,7 +169,7 @@ class LoadedAsset:
     def _patch(self, tool: WrinkleTool, ground: Ground, settings: ToolsFile) -> Patch:
         return self._patches.get_or_make(
             (_without_places(tool), ground, settings.up),
-            lambda: attach_tools([tool], ground.surface, ground.rest, ground.rig, up=settings.up)[0],
+            lambda: bounded(attach_tools([tool], ground.surface, ground.rest, ground.rig, up=settings.up), ground)[0],
         )
 
     def _planned(

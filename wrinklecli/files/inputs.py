@@ -18,6 +18,12 @@ def open_input(path: str | os.PathLike[str]) -> BinaryIO:
     return open(path, "rb", opener=_open)
 
 
+def lies_below(path: str | os.PathLike[str], folder: str) -> bool:
+    """True if a path leads into a folder, whatever links are on the way."""
+    inside = os.path.realpath(folder or os.curdir)
+    return os.path.commonpath([inside, os.path.realpath(path)]) == inside
+
+
 def _open(path: str, flags: int) -> int:
     """Open a path, which may have become a pipe meanwhile, without blocking."""
     descriptor = os.open(path, flags | getattr(os, "O_NONBLOCK", 0))

@@ -13,7 +13,7 @@ from typing import Any, BinaryIO
 from urllib.parse import quote, unquote_to_bytes
 
 from wrinklecli.errors import AssetError
-from wrinklecli.files.inputs import open_input
+from wrinklecli.files.inputs import lies_below, open_input
 from wrinklecli.numeric.memory import MAX_MEMORY, Memory, json_memory
 
 # Header of a .glb (glTF 2.0, §4.4): magic, version, length; length and kind of the JSON chunk.
@@ -58,10 +58,9 @@ def local_file(uri: str, asset: str, where: str, *, allow_external: bool) -> str
     folder = os.path.dirname(asset)
     relative = path_of(uri)
     file = os.path.join(folder, relative)
-    inside = os.path.realpath(folder or ".")
     if _names_no_file(relative):
         raise AssetError(f"uri {uri[:80]!r} is not a file below the asset's folder", where=where)
-    if (leaves_folder(uri) or os.path.commonpath([inside, os.path.realpath(file)]) != inside) and not allow_external:
+    if (leaves_folder(uri) or not lies_below(file, folder)) and not allow_external:
         hint = "others are read with --allow-external"
         raise AssetError(f"uri {uri[:80]!r} is not a file below the asset's folder; {hint}", where=where)
     return file

@@ -3,11 +3,18 @@
 import io
 import math
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from wrinklecli.choices import Channel
 from wrinklecli.numeric.arrays import Array
+
+if TYPE_CHECKING:
+    from PIL import Image
 
 Bytes = NDArray[np.uint8]
 
@@ -19,16 +26,42 @@ _QUALITY = 90
 
 def read_pixels(data: bytes | memoryview) -> Bytes:
     """(height, width, 3) sRGB of a PNG, JPEG or WebP image, reduced if large; ValueError if it is none or damaged."""
+    with _opened(data) as image:
+        image.draft("RGB", (_SIDE, _SIDE))
+        converted = image.convert("RGB")
+        factor = math.ceil(max(converted.size) / _SIDE)
+        pixels: Bytes = np.asarray(converted.reduce(factor) if factor > 1 else converted)
+        return pixels
+
+
+def read_channel(data: bytes | memoryview, channel: Channel) -> Array:
+    """(height, width) stored values of one channel, 0 to 1, as float32; ValueError if it cannot be read.
+
+    Grey images have their value in r, g and b.
+    """
+    with _opened(data) as image:
+        if channel == "a":
+            if not image.has_transparency_data:
+                raise ValueError("has no channel a: it is opaque")
+            stored = np.asarray(image.convert("RGBA").getchannel("A"))
+        elif image.mode.startswith("I"):
+            # 16 bits of grey; colours of 16 bits are read as 8.
+            stored = np.clip(np.asarray(image), 0, 2**16 - 1) * (255.0 / (2**16 - 1))
+        else:
+            stored = np.asarray(image.convert("RGB").getchannel("rgb".index(channel)))
+        return (stored / 255.0).astype(np.float32)
+
+
+@contextmanager
+def _opened(data: bytes | memoryview) -> "Iterator[Image.Image]":
+    """Open a PNG, JPEG or WebP image, and turn the errors of Pillow into ValueError while the block runs."""
     from PIL import Image
 
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", Image.DecompressionBombWarning)
             with Image.open(io.BytesIO(data), formats=("PNG", "JPEG", "WEBP")) as image:
-                image.draft("RGB", (_SIDE, _SIDE))
-                converted = image.convert("RGB")
-        factor = math.ceil(max(converted.size) / _SIDE)
-        return np.asarray(converted.reduce(factor) if factor > 1 else converted)
+                yield image
     except (OSError, SyntaxError, EOFError, OverflowError) as error:
         raise ValueError(f"cannot be read: {error}") from error
     except (Image.DecompressionBombWarning, Image.DecompressionBombError) as error:

@@ -1,6 +1,6 @@
 """A node's mesh at rest, before effects are on it: what many plans for one mesh share."""
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -13,7 +13,7 @@ from wrinklecli.character.rig import Rig, read_rig
 from wrinklecli.character.surface import Surface, read_surface
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import Document
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values
+from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints, distinct_values
 from wrinklecli.surface.rest import Rest, rest_pose
 from wrinklecli.tools.records import EffectTool, ToolsFile
 
@@ -47,6 +47,11 @@ class Ground:
     def contacts(self) -> Bools:
         """(vertices,) those that must stay where they are, as `contacts_of` marks them."""
         return contacts_of(self.neighbours, self.rig, self.surface, self.rest.positions)
+
+    @cached_property
+    def masks(self) -> dict[Hashable, Array]:
+        """Images of masks that were read, by what they were read from: many tools may share one."""
+        return {}
 
     @cached_property
     def poses(self) -> Floats:

@@ -6,19 +6,20 @@ valid keys become records: tools inherit defaults, mirrored tools are made, and 
 """
 
 import os
-from collections.abc import Collection, Iterator, Mapping, Sequence, Set
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, TypeAlias
+from typing import Any, BinaryIO, TypeAlias
 
 from wrinklecli.errors import ConfigError
+from wrinklecli.files.claims import is_path
 from wrinklecli.files.formats import is_gltf
 from wrinklecli.files.inputs import open_input
 from wrinklecli.tools.checked import Format, Place, at, check, refusal
 from wrinklecli.tools.json_schema import readers_of
 from wrinklecli.tools.materials import Preset, presets
 from wrinklecli.tools.mirror import mirrored
-from wrinklecli.tools.records import Marker, Position, ToolsFile, identifier, with_points
+from wrinklecli.tools.records import Marker, MaskImage, Position, ToolsFile, identifier, with_points
 from wrinklecli.tools.schema import KINDS, TOOLS_SCHEMA, Kind
 from wrinklecli.tools.yaml_tree import MAX_BYTES, Node, Problem, path_to, printable, read_tree, tree_of
 
@@ -174,14 +175,17 @@ def _record(
     up: str,
     known: Mapping[str, Preset],
     inherited: Mapping[Keys, str],
-    shown_name: str,
+    name: str,
 ) -> Any:
     """The record of an effect without problems, with the places of its own and its inherited values."""
+    shown_name, folder = printable(name, len(name)), os.path.dirname(name)
     values = with_points(kind.record, effect.values, lambda anchor: _y_up(anchor, up))
+    fields = kind.record.fields_of(values, known)
+    images = {key: replace(value, folder=folder) for key, value in fields.items() if isinstance(value, MaskImage)}
     places = {keys: place for keys, place in inherited.items() if keys[0] not in effect.node.children}
     places |= _places(effect.node, effect.path, shown_name)
     where = f"{shown_name}:{effect.node.line}: {effect.path}"
-    return kind.record(**kind.record.fields_of(values, known), where=where, places=places)
+    return kind.record(**{**fields, **images}, where=where, places=places)
 
 
 def _places(node: Node, path: str, shown_name: str) -> dict[Keys, str]:
@@ -243,9 +247,7 @@ def _parsed(root: Node | None, problems: list[Problem], name: str) -> ToolsFile:
     up = header.get("up", "y")
     lists: dict[str, Any] = {
         key: tuple(
-            record
-            for effect in effects[key]
-            if (record := _record(kind, effect, up, known, inherited, shown_name)).enabled
+            record for effect in effects[key] if (record := _record(kind, effect, up, known, inherited, name)).enabled
         )
         for key, kind in KINDS.items()
     }
@@ -286,6 +288,33 @@ def load_text(path: str | os.PathLike[str]) -> str:
         line = data.count(b"\n", 0, error.start) + 1
         message = f"found byte 0x{data[error.start]:02x}, expected UTF-8"
         raise ConfigError(message, where=f"{shown_name}:{line}") from None
+
+
+def images_named(file: BinaryIO) -> list[str]:
+    """List the images that an open tools file names, as it writes them; none if it is at fault, as a bake will say."""
+    data = file.read(MAX_BYTES)
+    # Parsing takes far longer. An escape may spell the key in another way.
+    if b"mask" not in data and b"\\" not in data:
+        return []
+    try:
+        tools = parse_tools(data.decode("utf-8-sig")).tools
+    except (ConfigError, UnicodeDecodeError):
+        return []
+    images = (tool.mask.image for tool in tools if isinstance(tool.mask, MaskImage))
+    return [image for image in dict.fromkeys(images) if is_path(image)]
+
+
+def with_images(paths: Iterable[str | os.PathLike[str]]) -> Iterator[str]:
+    """Give tools files and the images that they name; a file that cannot be read names none."""
+    for each in paths:
+        path = os.fspath(each)
+        yield path
+        try:
+            with open_input(path) as file:
+                images = images_named(file)
+        except (OSError, ValueError):
+            continue
+        yield from (os.path.join(os.path.dirname(path), image) for image in images)
 
 
 def load_merged(paths: Sequence[str | os.PathLike[str]]) -> ToolsFile:

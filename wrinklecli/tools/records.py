@@ -4,16 +4,19 @@
 """
 
 import math
+import os
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Literal, Protocol, TypeAlias, get_args
 
 from wrinklecli.choices import (
+    CHANNELS,
     PROFILES,
     Attachment,
     Attenuation,
     Axis,
+    Channel,
     Profile,
     RestPose,
     Scheme,
@@ -49,6 +52,7 @@ Position: TypeAlias = tuple[float, float, float]
 MAX_DETAILS = 4  # levels; a fifth is a 32nd of a bump, finer than any mesh here
 MAX_POINTS = 64  # of a path
 MAX_SEED = 2**31 - 1  # what any language's whole numbers hold
+MAX_TEXCOORD = 7  # sets of texture coordinates are numbered from 0; importers read eight at most
 
 _SECONDS = number(0, 1e6, "seconds")
 _STRENGTH = number(-100, 100)
@@ -246,6 +250,61 @@ def _read_contact(value: Any) -> Contact | None:
     return Contact() if value == "resolve" else None
 
 
+@dataclass(frozen=True, slots=True)
+class MaskAttribute:
+    """A factor on the height of a tool, painted on the vertices of its mesh."""
+
+    attribute: str = key(
+        expects(
+            "COLOR_0 or _NAME, with .r, .g, .b or .a for another component than the first",
+            type="string",
+            maxLength=200,
+            pattern=r"^(COLOR_[0-9]+|_[^.]+)(\.[rgba])?$",
+        ),
+        "Vertex attribute of the mesh, such as _WRINKLE or COLOR_0.r.",
+    )
+
+    @property
+    def name(self) -> str:
+        """The attribute without its component."""
+        return self.attribute.partition(".")[0]
+
+    @property
+    def component(self) -> int:
+        """The number of the component."""
+        return CHANNELS.index(self.attribute.partition(".")[2] or "r")
+
+
+@dataclass(frozen=True, slots=True)
+class MaskImage:
+    """A factor on the height of a tool, painted in an image.
+
+    Attributes:
+        folder: The folder of the tools file.
+    """
+
+    image: str = key(TEXT, "PNG, JPEG or WebP image; its path begins at the folder of this file.")
+    channel: Channel = key(one_of(*CHANNELS), "Channel of the image. Default r.", "r")
+    texcoord: int = key(
+        whole(0, MAX_TEXCOORD), "Set of texture coordinates in which the image lies. Default 0.", 0, read=int
+    )
+    folder: str = ""
+
+    @property
+    def path(self) -> str:
+        """The path of the image, as the tools file was typed."""
+        return os.path.join(self.folder, self.image)
+
+
+Mask: TypeAlias = MaskAttribute | MaskImage
+
+
+def _read_mask(value: Any) -> Mask | None:
+    if not isinstance(value, dict):
+        return None
+    return read_record(MaskImage, value) if "image" in value else read_record(MaskAttribute, value)
+
+
 def in_axes(position: Sequence[float], up: str) -> tuple[float, float, float]:
     """A Y-up position with the axes of a tools file."""
     x, y, z = position
@@ -311,7 +370,7 @@ class WrinkleTool:
     Attributes:
         origin: World space at rest, Y-up, scene units; or a marker. `target` and `between` are alike.
         between: Points of its path between these two; none for a straight tool.
-        material: None for none; as for `seed`, `max_height` (no limit), `lag` and `contact`.
+        material: None for none; as for `seed`, `max_height` (no limit), `lag`, `contact` and `mask`.
         compressible: From 0 to 0.95.
         details: Each > 0, their sum < 1.
         mirrored: True if `mirror` made it.
@@ -464,6 +523,20 @@ class WrinkleTool:
         "off",
         read=_read_contact,
     )
+    mask: Mask | None = key(
+        if_mapping(
+            schema_of(MaskImage),
+            if_mapping(
+                schema_of(MaskAttribute),
+                expects("{attribute: NAME}, {image: FILE, channel: r, texcoord: 0} or none", enum=["none", None]),
+            ),
+            anyOf=[{"required": [each]} for each in keys_of(MaskImage)],
+        ),
+        "Factor of the height at each place, 0 to 1: {attribute: _WRINKLE} of the vertices, or {image: FILE, channel: "
+        "r}. Default none.",
+        None,
+        read=_read_mask,
+    )
     enabled: bool = key(FLAG, "false: checked but not baked. Default true.", True)
     optional: bool = key(FLAG, "true: an absent node or clip is a note, not an error. Default false.", False)
     where: str = ""
@@ -599,6 +672,12 @@ class ToolsFile:
     def effects(self) -> tuple[EffectTool, ...]:
         """The enabled effects of all kinds."""
         return tuple(each for name in self.LISTS for each in getattr(self, name))
+
+    @property
+    def images(self) -> tuple[str, ...]:
+        """The paths of the images that the enabled effects name."""
+        masks = (tool.mask for tool in self.tools)
+        return tuple(dict.fromkeys(mask.path for mask in masks if isinstance(mask, MaskImage)))
 
     def only(self, names: Collection[str]) -> "ToolsFile":
         """The file with the effects of some names alone."""

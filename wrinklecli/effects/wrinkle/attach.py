@@ -83,9 +83,10 @@ def _attach(tool: WrinkleTool, surface: Surface, rest: Rest, rig: Rig, up: str) 
         span=span,
         half_width=half_width,
         members=np.zeros(0, np.intp),
+        under=np.zeros(0, np.intp),
     )
-    curve = replace(patch.curve, demand=demand_of(patch, surface, rest, rig))
-    return replace(patch, curve=curve, members=_members(patch, surface, rest))
+    curve, members = replace(patch.curve, demand=demand_of(patch, surface, rest, rig)), _members(patch, surface, rest)
+    return replace(patch, curve=curve, members=members, under=members)
 
 
 def _variation(tool: WrinkleTool, aspect: float) -> Variation | None:

@@ -69,9 +69,11 @@ def carry(patch: Patch, fine: Refinement, pinned: Bools) -> CarriedPatch:
     normals = fine.rest_normals_at(members)
     places = patch.places(u, v, patch.cosines(u, normals))
     old = members < len(pinned)
-    free = np.ones(len(members), bool)
-    free[old] = ~pinned[members[old]]
-    places = places.times(free)
+    kept = np.ones(len(members))
+    kept[old] = ~pinned[members[old]]
+    if patch.mask is not None:
+        kept *= patch.mask.on_refined(fine, patch.members, members)
+    places = places.times(kept)
     magnitudes = places.factors
     regular = ~singular(fine.blended[members])
     moving = np.abs(magnitudes) > LEAST_SHARE * abs(patch.shape_strength)
@@ -88,7 +90,7 @@ def carry(patch: Patch, fine: Refinement, pinned: Bools) -> CarriedPatch:
         directions=normals_bind * magnitudes[chosen, None],
         # A singular blend gives no normal either, and no magnitude.
         stuck=int(((u >= 0) & (u <= 1) & (np.abs(v) <= 1) & ~regular).sum()),
-        ring=ring_around(patch, vertices, free[chosen], fine) if patch.tool.attachment == "patch" else None,
+        ring=ring_around(patch, vertices, kept[chosen], fine) if patch.tool.attachment == "patch" else None,
     )
 
 

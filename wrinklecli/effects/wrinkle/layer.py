@@ -9,6 +9,7 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.effects.effect import Attached, Effect, MeshPlan, Motion, SamplingOptions
 from wrinklecli.effects.wrinkle.attach import attach_tools
+from wrinklecli.effects.wrinkle.bounds import bounded
 from wrinklecli.effects.wrinkle.carry import CarriedPatch, carry
 from wrinklecli.effects.wrinkle.demand import demanding
 from wrinklecli.effects.wrinkle.effect import WrinkleEffect
@@ -110,7 +111,7 @@ class WrinkleKind:
             WrinkleError: Tools do not fit, a line for each.
         """
         own = [tool for tool in tools if isinstance(tool, WrinkleTool)]
-        return attach_tools(own, ground.surface, ground.rest, ground.rig, up=settings.up)
+        return bounded(attach_tools(own, ground.surface, ground.rest, ground.rig, up=settings.up), ground)
 
     def plan(self, plan: MeshPlan, ground: Ground, attached: Sequence[tuple[int, Attached]]) -> WrinkleLayer | None:
         """Let the refined surface carry the tools.

@@ -11,6 +11,7 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.drive.segment import Segment
 from wrinklecli.effects.wrinkle.curve import ControlCurve
+from wrinklecli.effects.wrinkle.mask import Mask
 from wrinklecli.effects.wrinkle.places import Places, bowed
 from wrinklecli.effects.wrinkle.variation import Variation, attenuation
 from wrinklecli.numeric.arrays import Floats, Ints, smoothstep
@@ -38,6 +39,9 @@ class Patch:
         span: The summed distances of neighbouring anchors at rest, scene units.
         half_width: The distance from the path at which |v| = 1, scene units.
         members: (members,) the coarse triangles of the patch, sorted.
+        under: (under,) these, and the triangles of the surface under the patch where the mask leaves nothing.
+        mask: The factor on its height that an artist has painted, if any.
+        mask_share: The mean of the mask over the patch, in proportion to the height that there would be without it.
     """
 
     tool: WrinkleTool
@@ -49,6 +53,9 @@ class Patch:
     span: float
     half_width: float
     members: Ints
+    under: Ints
+    mask: Mask | None = None
+    mask_share: float = 1.0
 
     @property
     def origin(self) -> Anchor:

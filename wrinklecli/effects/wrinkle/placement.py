@@ -50,7 +50,7 @@ class SurfaceBelow:
 def ground_under(plan: MeshPlan, patch: Patch) -> SurfaceBelow:
     """Cut the members of a patch by planes along it."""
     fine = plan.fine
-    vertices, local = np.unique(fine.triangles[children(fine.subdivision.parents, patch.members)], return_inverse=True)
+    vertices, local = np.unique(fine.triangles[children(fine.subdivision.parents, patch.under)], return_inverse=True)
     members, positions = local.reshape(-1, 3), fine.rest_positions[vertices]
     u, v = patch.coordinates(positions)
     least = _LOW * abs(patch.shape_strength)

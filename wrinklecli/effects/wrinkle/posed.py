@@ -38,7 +38,7 @@ class Ring:
     Attributes:
         vertices: (around,) sorted fine welded vertices.
         members: (members,) indices into `vertices`.
-        free: (members,) False for vertices that touch another mesh, which must not move.
+        kept: (members,) factors of the height: the mask's, and 0 for vertices that touch another mesh.
         knots: (corners,) indices into `vertices` and their (corners,) weights, for each point that the patch's path
             goes through, the anchors among them.
         triangles: (triangles, 3) indices into `vertices`.
@@ -49,7 +49,7 @@ class Ring:
 
     vertices: Ints
     members: Ints
-    free: Bools
+    kept: Floats
     knots: tuple[tuple[Ints, Floats], ...]
     triangles: Ints
     sums: "csr_array[np.float64, tuple[int, int]]"
@@ -57,8 +57,8 @@ class Ring:
     weights: Floats
 
 
-def ring_around(patch: Patch, members: Ints, free: Bools, fine: Refinement) -> Ring:
-    """Make the ring of (members,) sorted fine welded vertices, of which (members,) are free to move."""
+def ring_around(patch: Patch, members: Ints, kept: Floats, fine: Refinement) -> Ring:
+    """Make the ring of (members,) sorted fine welded vertices, which keep a (members,) factor of their heights."""
     from scipy.sparse import csr_array
 
     # Normals of members, and of anchors on a face that turns away, need all triangles around them.
@@ -76,7 +76,7 @@ def ring_around(patch: Patch, members: Ints, free: Bools, fine: Refinement) -> R
     return Ring(
         vertices=around,
         members=np.searchsorted(around, members),
-        free=free,
+        kept=kept,
         knots=tuple((np.searchsorted(around, corners), shares) for corners, shares in knots),
         triangles=local,
         sums=sums,
@@ -122,7 +122,7 @@ def _posed_at_once(
     u, v, cosines, exists = locate(patch, ring, positions, normals)
     normals = normals[:, ring.members]
     places = patch.places(u, v, cosines)
-    lengths = places.times(ring.free[:, None] * exists).heights(patch.curve, amplitudes)
+    lengths = places.times(ring.kept[:, None] * exists).heights(patch.curve, amplitudes)
     members, frames = np.nonzero(lengths)
     linear = blended[:, :3, ring.members[members], frames].transpose(2, 0, 1)
     pushed = lengths[members, frames, None] * normals[:, members, frames].T

@@ -23,6 +23,7 @@ def describe_tool(plan: MeshPlan, carried: CarriedPatch, region: int, targets: t
         "anchor_distances": [anchor.distance for anchor in patch.anchors],
         "moved_vertices": len(carried.vertices),
         "stuck_vertices": carried.stuck,
+        **({} if patch.mask is None else {"mask": significant(patch.mask_share)}),
         "scheme": fine.schemes[region],
         "hard_edges": significant(fine.hard_shares[region]),
         "departure": significant(fine.departures[region]),

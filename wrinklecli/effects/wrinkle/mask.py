@@ -1,0 +1,185 @@
+"""Masks: factors on the height of a tool that an artist has painted, on vertices or in an image.
+
+An attribute is mixed like all other attributes of new vertices. An image is looked up at the texture coordinates of
+the refined vertices, so a coarse mesh can have a fine mask.
+"""
+
+import os
+from dataclasses import dataclass
+
+import numpy as np
+
+from wrinklecli.character.rig import in_range
+from wrinklecli.errors import AssetError, BakeError, listed
+from wrinklecli.files.claims import is_path
+from wrinklecli.files.inputs import lies_below
+from wrinklecli.gltf.files import path_beside, read_file, uri_of
+from wrinklecli.gltf.pixels import read_channel
+from wrinklecli.gltf.shape import Json
+from wrinklecli.numeric.arrays import Array, Floats, Ints, children, distinct_values
+from wrinklecli.surface.ground import Ground
+from wrinklecli.surface.refine import Refinement
+from wrinklecli.tools.records import MaskAttribute, MaskImage, WrinkleTool
+
+# Parts of a coarse triangle's edge between the points at which a mask is looked at before refinement: as fine as four
+# levels, the default of `max_levels`, make the vertices.
+_PARTS = 16
+# Excess over 0 to 1 that rounding of stored numbers may leave.
+_ROUNDING = 1e-3
+# Bytes that an image takes for each pixel: four channels while it is read, then float32.
+_PIXEL_BYTES = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Mask:
+    """A factor on the height of a tool, from 0 to 1 at each point of the mesh.
+
+    Attributes:
+        painted: (glTF vertices, 1) factors, or (glTF vertices, 2) texture coordinates if there is an image.
+        image: (height, width) factors; None for factors of vertices.
+    """
+
+    painted: Floats
+    image: Array | None
+
+    def at(self, painted: Floats) -> Floats:
+        """(points,) factors at mixtures of `painted`, (points, 1 or 2); pixels are mixed linearly, and clamped."""
+        if self.image is None:
+            return painted[:, 0]
+        height, width = self.image.shape
+        x = np.clip(painted[:, 0] * width - 0.5, 0.0, width - 1.0)
+        y = np.clip(painted[:, 1] * height - 0.5, 0.0, height - 1.0)
+        left, top = np.floor(x).astype(np.intp), np.floor(y).astype(np.intp)
+        right, below = np.minimum(left + 1, width - 1), np.minimum(top + 1, height - 1)
+        across, down = x - left, y - top
+        upper = (1.0 - across) * self.image[top, left] + across * self.image[top, right]
+        lower = (1.0 - across) * self.image[below, left] + across * self.image[below, right]
+        found: Floats = (1.0 - down) * upper + down * lower
+        return found
+
+    def over(self, corners: Ints) -> Floats:
+        """(triangles, points) factors at points spread evenly over coarse triangles with (triangles, 3) corners."""
+        spots = spread(self.painted[corners])
+        return self.at(spots.reshape(-1, spots.shape[2])).reshape(spots.shape[:2])
+
+    def on_refined(self, fine: Refinement, members: Ints, vertices: Ints) -> Floats:
+        """(vertices,) factors at sorted vertices of the children of coarse `members`.
+
+        A vertex on a seam has several places in an image; it gets their mean, so that the surface does not tear.
+        """
+        corners = distinct_values(fine.corners[children(fine.subdivision.parents, members)])
+        old = len(self.painted)
+        painted = np.zeros((len(corners), self.painted.shape[1]))
+        is_new = corners >= old
+        painted[~is_new] = self.painted[corners[~is_new]]
+        new = corners[is_new] - old
+        painted[is_new] = np.einsum("vs,vsd->vd", fine.shares[new], self.painted[fine.sources[new]])
+        at = np.searchsorted(vertices, fine.weld[corners])
+        counts = np.bincount(at, minlength=len(vertices))
+        sums = np.bincount(at, self.at(painted), minlength=len(vertices))
+        return np.asarray(sums / np.maximum(counts, 1), np.float64)
+
+
+def _grid(parts: int) -> Floats:
+    """(points, 3) barycentric coordinates of an even grid on a triangle with so many parts of each edge."""
+    i, j = np.meshgrid(np.arange(parts + 1), np.arange(parts + 1), indexing="ij")
+    chosen = i + j <= parts
+    i, j = i[chosen], j[chosen]
+    return np.stack([i, j, parts - i - j], axis=1) / parts
+
+
+_GRID = _grid(_PARTS)
+
+
+def spread(corners: Floats) -> Floats:
+    """(triangles, points, …) values at points spread evenly over triangles, from (triangles, 3, …) at their corners."""
+    found: Floats = np.einsum("pc,tcd->tpd", _GRID, corners)
+    return found
+
+
+def read_mask(tool: WrinkleTool, ground: Ground, members: Ints) -> Mask | None:
+    """Read the mask of a tool, on the primitives of its coarse `members`; None if it has none.
+
+    Raises:
+        WrinkleError: The attribute or the image is missing or malformed.
+    """
+    if tool.mask is None:
+        return None
+    primitives = distinct_values(ground.surface.primitives[members])
+    if isinstance(tool.mask, MaskAttribute):
+        painted = _attribute(ground, primitives, tool.mask.name, tool.place("mask", "attribute"))
+        return Mask(_component(tool, tool.mask, painted, distinct_values(ground.surface.corners[members])), None)
+    name, where = f"TEXCOORD_{tool.mask.texcoord}", tool.place("mask", "texcoord")
+    coordinates = _attribute(ground, primitives, name, where)
+    if coordinates.shape[1] != 2:
+        raise BakeError(f"{name} has {coordinates.shape[1]} components, expected 2", where=where)
+    return Mask(coordinates, _image(tool.mask, ground, tool.place("mask", "image")))
+
+
+def _attribute(ground: Ground, primitives: Ints, name: str, where: str) -> Floats:
+    """(glTF vertices, components) of an attribute that some primitives must have; 0 for all others."""
+    document, surface = ground.document, ground.surface
+    stored: list[Json] = document.items("meshes")[ground.rig.mesh]["primitives"]
+    parts: dict[int, Floats] = {}
+    for number in primitives.tolist():
+        attributes = stored[number]["attributes"]
+        if name not in attributes:
+            several = f"primitive {number} of " if len(stored) > 1 else ""
+            raise BakeError(
+                f"{several}the mesh of {ground.rig.names[ground.rig.node]} has no {name}; it has {listed(attributes)}",
+                where=where,
+            )
+        user = document.where("meshes", ground.rig.mesh, "primitives", number)
+        values = document.accessor(attributes[name], user=user)
+        count = int(surface.vertex_starts[number + 1] - surface.vertex_starts[number])
+        if len(values) != count or not in_range(values):
+            raise AssetError(f"{name} must hold finite numbers for {count} vertices", where=user)
+        parts[number] = values.astype(np.float64).reshape(count, -1)
+    widths = {each.shape[1] for each in parts.values()}
+    painted = np.zeros((len(surface.weld), min(widths)))
+    for number, values in parts.items():
+        painted[surface.vertex_starts[number] : surface.vertex_starts[number + 1]] = values[:, : painted.shape[1]]
+    return painted
+
+
+def _component(tool: WrinkleTool, mask: MaskAttribute, painted: Floats, corners: Ints) -> Floats:
+    """(glTF vertices, 1) one component, checked at the `corners` of the tool."""
+    where = tool.place("mask", "attribute")
+    if mask.component >= painted.shape[1]:
+        raise BakeError(f"{mask.name} has {painted.shape[1]} components: there is no {mask.attribute[-1]}", where=where)
+    chosen = painted[:, mask.component, None]
+    used = chosen[corners]
+    low, high = float(used.min()), float(used.max())
+    if low < -_ROUNDING or high > 1.0 + _ROUNDING:
+        raise BakeError(f"{mask.attribute} is {low:g} to {high:g} under the tool, expected 0 to 1", where=where)
+    return np.clip(chosen, 0.0, 1.0)
+
+
+def _image(mask: MaskImage, ground: Ground, where: str) -> Array:
+    """(height, width) factors of an image, which is read once for all tools of a mesh, unless it changes.
+
+    Raises:
+        BakeError: It cannot be read, or is not below the folder of the tools file.
+    """
+    document, beside = ground.document, os.path.join(mask.folder, "tools")
+    path = path_beside(beside, uri_of(mask.image), external=document.allow_external) if is_path(mask.image) else None
+    if path is None or not (document.allow_external or lies_below(path, mask.folder)):
+        hint = "others are read with --allow-external"
+        raise BakeError(f"{mask.image!r} is not a file below the folder of the tools file; {hint}", where=where)
+    try:
+        found = os.stat(path)
+    except OSError as error:
+        raise BakeError(f"{mask.image!r} cannot be read: {error.strerror}", where=where) from error
+    key = (path, mask.channel, found.st_mtime_ns, found.st_size)
+    if key not in ground.masks:
+        data = read_file(path, memory=document.memory, where=where)
+        try:
+            values = read_channel(data, mask.channel)
+        except ImportError as error:
+            message = f"a mask in an image needs Pillow ({error}): pip install 'wrinklecli[preview]'"
+            raise BakeError(message, where=where) from error
+        except ValueError as error:
+            raise BakeError(f"{mask.image!r} {error}", where=where) from error
+        document.memory.claim(_PIXEL_BYTES * values.size, f"an image of {values.size} pixels", where=where)
+        ground.masks[key] = values
+    return ground.masks[key]
