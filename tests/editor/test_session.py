@@ -130,6 +130,58 @@ def test_every_step_can_be_undone_and_done_again(session: Session) -> None:
     assert session.text == after
 
 
+def test_what_slides_on_is_one_step_and_a_later_drag_another(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    for bumps in (4, 5, 6):
+        session.set_value("crease", ("bumps",), bumps, slides=True)
+    session.set_value("crease", ("gap",), 1, slides=True)
+    assert session.undo()
+    assert "bumps: 6" in session.text
+    assert session.undo()
+    assert (session.text, session.undo()) == (TOOLS, False)
+    session.redo()
+    for bumps in (3, 6, 3):  # back where it began: no step
+        session.set_value("crease", ("bumps",), bumps, slides=True)
+    session.set_value("far", ("bumps",), 3, slides=True)
+    assert session.undo()
+    monkeypatch.setattr("wrinklecli.editor.edits._SLIDE_SECONDS", 0.0)
+    for bumps in (4, 5):
+        session.set_value("crease", ("bumps",), bumps, slides=True)
+    assert session.undo()
+    assert "bumps: 4" in session.text
+
+
+def test_a_tool_has_the_values_that_are_baked_and_says_what_a_reset_gives(session: Session) -> None:
+    across = session.tools()[1]
+    baked = session.settings().tools[1]
+    assert (across.values["profile"], across.keys["profile"].source_words) == ("skin", "material skin")
+    assert (across.values["profile"], across.values["variation"]) == (baked.profile, baked.variation)
+    assert across.own == {"name", "origin", "target", "width", "bumps", "material"}
+    assert session.inherited(across)["bumps"].source_words == "material skin"
+    assert "width" not in session.inherited(across)
+    session.unset("across", ("bumps",))
+    assert session.tools()[1].values["bumps"] == session.settings().tools[1].bumps == 3
+
+
+def test_a_draft_knows_the_presets_of_its_file(tmp_path: Path) -> None:
+    own = TOOLS.replace("tools:", "presets: {cuff: {material: cloth, gap: 1}}\ntools:", 1)
+    (tmp_path / "tools.yaml").write_text(own.replace("material: skin", "material: cuff"))
+    session = Session(limb(tmp_path / "limb.glb", rings=20, sides=12), tmp_path / "tools.yaml")
+    session.set_value("across", ("bumps",), 3, draft=True)
+    across = session.tools()[1]
+    assert [across.keys[key].source_words for key in ("bumps", "gap")] == ["own key", "material cuff"]
+
+
+def test_the_peak_of_a_tool_is_that_of_a_review(session: Session) -> None:
+    peak, heights = session.peak("crease"), session.heights("crease", "fold")
+    assert peak is not None
+    assert heights is not None
+    times, heights_over = heights
+    assert (peak.clip, peak.time) == ("fold", times[np.argmin(np.abs(times - peak.time))])
+    assert heights_over[np.flatnonzero(times == peak.time)[0]] == pytest.approx(heights_over.max(), rel=1e-3)
+    session.set_value("far", ("strength",), 0)
+    assert session.peak("far") is None
+
+
 def test_a_draft_is_no_step(session: Session) -> None:
     before = session.meshes("fold", 1.0)[0]
     session.set_value("crease", ("bumps",), 5, draft=True)

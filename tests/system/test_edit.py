@@ -116,7 +116,7 @@ def test_a_tool_is_drawn_tuned_and_saved(tmp_path: Path) -> None:
             tab.press("z", code=90, modifiers=2)
             until(lambda: session.text == drawn, "an undone drag")
 
-            tab.fill("bumps", "5")
+            tab.fill("• bumps", "5")
             until(lambda: session.text.count("bumps: 5"), "five bumps")
             tab.fill("time (s)", "0.65")
             take_picture(tab, "scrubbed")

@@ -22,6 +22,9 @@ from wrinklecli.effects.wrinkle.layer import carried_patches_of
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.effects.wrinkle.warnings import tool_warnings
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, children, distinct_values
+from wrinklecli.review.check import describe_clip
+from wrinklecli.review.preview.moments import Moment
+from wrinklecli.review.preview.peaks import tallest_clip
 from wrinklecli.surface.ground import Ground
 from wrinklecli.tools.records import ToolsFile
 
@@ -195,6 +198,21 @@ class AttachedTool:
         strength = abs(self.patch.clip_strength(clip) * self.patch.shape_strength)
         return times, strength * self.patch.curve.heights(sampled.amplitudes).reshape(len(times), -1).max(axis=1)
 
+    def sampled(self, cache: ClipCache, clips: Sequence[Clip]) -> list[ClipActivity]:
+        """Sample the clips that move the tool's mesh."""
+        return [
+            ClipActivity(clip, cache.times(clip), cache.activity(self.ground, self.patch, clip))
+            for clip in moving_clips(self.plan, clips)
+        ]
+
+    def peak(self, cache: ClipCache, clips: Sequence[Clip]) -> Moment | None:
+        """The frame at which the tool is tallest, as in a review; None if no clip raises it."""
+        found = tallest_clip([describe_clip(self.carried, each) for each in self.sampled(cache, clips)])
+        if found is None:
+            return None
+        times = next(cache.times(clip) for clip in clips if clip.name == found["name"])
+        return Moment(found["name"], float(times[np.argmin(np.abs(times - found["time"]))]))
+
 
 @dataclass(frozen=True, slots=True)
 class AttachedTools:
@@ -212,11 +230,7 @@ class AttachedTools:
         """Collect the warnings of `check` by tool; those about whole meshes have an empty name."""
         found: dict[str, list[str]] = {}
         for tool in self.tools.values():
-            sampled = [
-                ClipActivity(clip, cache.times(clip), cache.activity(tool.ground, tool.patch, clip))
-                for clip in moving_clips(tool.plan, clips)
-            ]
-            lines = tool_warnings(tool.plan, tool.carried, sampled, up=settings.up)
+            lines = tool_warnings(tool.plan, tool.carried, tool.sampled(cache, clips), up=settings.up)
             _add_by_name(found, [tool.patch.tool.name], lines)
         for plan in {id(each.plan): each.plan for each in self.tools.values()}.values():
             names = [each.patch.tool.name for each in carried_patches_of(plan)]

@@ -5,6 +5,7 @@ threads.
 """
 
 import threading
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -22,6 +23,7 @@ from wrinklecli.tools.yaml_edit import Steps, ToolsText, with_part
 
 _MAX_STEPS = 300  # steps that can be undone
 _MAX_MERGED = 100  # steps before and after the current one that remain when the file has changed on disk
+_SLIDE_SECONDS = 3.0  # seconds within which a slider that is set again is still the same drag
 _PLACE_DIGITS = 3  # significant digits of a place relative to its tool's length: a thousandth of the length
 
 
@@ -64,6 +66,7 @@ class Edits:
         self._steps: list[Step] = [Step(ToolsText(store.base, store.path))]
         self._at = 0
         self._draft: Draft | None = None
+        self._drag: tuple[Steps, Step, float] | None = None  # the slider that was dragged last, its step and its time
         self._read: tuple[str, ToolsFile] | None = None
         self._settings_of(self._steps[0].file)
 
@@ -103,10 +106,11 @@ class Edits:
 
     # Edits.
 
-    def set_value(self, tool: str, steps: Steps, value: Any, *, draft: bool = False) -> None:
+    def set_value(self, tool: str, steps: Steps, value: Any, *, draft: bool = False, slides: bool = False) -> None:
         """Set a key of a tool, or a part of it, to a value as the file has it; lengths are numbers, or text like `80%`.
 
-        The steps to the value are such as `("bumps",)`, `("clips", "walk")` or `("lag", "damping")`.
+        The steps to the value are such as `("bumps",)`, `("clips", "walk")` or `("lag", "damping")`. If the value
+        `slides`, the edit is one step with that of the same slider just before, as a hand may rest in a drag.
         """
         with self._guarded():
             if not draft:
@@ -120,7 +124,8 @@ class Edits:
             if draft:
                 self._draft = self._drafted(number, with_part(own, steps, value))
             else:
-                self._become(file.with_value(number, steps, value), f"set {key} of {tool}")
+                drag = (tool, *steps) if slides else None
+                self._become(file.with_value(number, steps, value), f"set {key} of {tool}", drag)
 
     def unset(self, tool: str, steps: Steps) -> None:
         """Remove a key from a tool, so that its default holds again."""
@@ -284,7 +289,7 @@ class Edits:
         """Give a tool other values. Its partner stays; a file of many tools takes too long to read for each frame."""
         file = self._base.file
         name = str(file.tools[number].get("name"))
-        header = {key: each for key, each in file.header.items() if key in ("version", "up", "defaults")}
+        header = {key: each for key, each in file.header.items() if key in ("version", "up", "presets", "defaults")}
         try:
             read = read_values({**header, "tools": [values]}, name=self.path).tools
         except ConfigError as error:  # alone, the tool is the first of line 1
@@ -298,17 +303,23 @@ class Edits:
         ]
         return Draft(number, values, replace(self._settings_of(file), tools=tuple(tools)))
 
-    def _become(self, file: ToolsText, done: str) -> None:
-        """Add a step with another text, if it is valid."""
+    def _become(self, file: ToolsText, done: str, drag: Steps | None = None) -> None:
+        """Add a step with another text, if it is valid; or let the current step become it, if that is the same drag."""
         self._settings_of(file)
+        now = time.monotonic()
+        if drag is not None and self._drag is not None:
+            before, step, moment = self._drag
+            if before == drag and step is self._base and now - moment < _SLIDE_SECONDS:
+                del self._steps[self._at :]
+                self._at -= 1
         self._push(Step(file, self._base.solo, done))
+        self._drag = None if drag is None else (drag, self._base, now)
 
     def _push(self, step: Step) -> None:
         self._draft = None
-        if (step.file.text, step.solo) == (self._base.file.text, self._base.solo):
-            return
-        self._steps = [*self._steps[: self._at + 1], step][-_MAX_STEPS:]
-        self._at = len(self._steps) - 1
+        if (step.file.text, step.solo) != (self._base.file.text, self._base.solo):
+            self._steps = [*self._steps[: self._at + 1], step][-_MAX_STEPS:]
+            self._at = len(self._steps) - 1
         self._keep()
 
     def _go(self, by: int) -> bool:

@@ -25,11 +25,13 @@ from wrinklecli.files.watched import Watched
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, significant
 from wrinklecli.numeric.guard import guarded
+from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.suggest.placed import ToolGuesser
 from wrinklecli.review.suggest.suggest import suggest
+from wrinklecli.tools.effective import EffectiveValue, effective_values, inherited_values
+from wrinklecli.tools.materials import Preset, presets
 from wrinklecli.tools.mirror import exchange_sides
 from wrinklecli.tools.records import ToolsFile, identifier, in_axes
-from wrinklecli.tools.schema import TOOL_KEYS
 
 _KEPT_MEASURED = 4  # meshes whose measurements for first guesses are kept
 
@@ -39,8 +41,7 @@ class EditedTool:
     """A tool of the file.
 
     Attributes:
-        values: Values by key: the tool's own, else the file's defaults, else the schema's.
-        own: Keys that the tool itself has.
+        keys: The values that count, by key, each with its source.
         solo: The tool is among those that are shown alone.
         partner: Name of the tool that its `mirror` makes.
         problem: Reason why the tool does not fit the asset.
@@ -48,13 +49,22 @@ class EditedTool:
     """
 
     name: str
-    values: Mapping[str, Any]
-    own: frozenset[str]
+    keys: Mapping[str, EffectiveValue]
     enabled: bool
     solo: bool
     partner: str | None
     problem: str | None
     length: float
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """The values that count, by key."""
+        return {key: each.value for key, each in self.keys.items()}
+
+    @property
+    def own(self) -> frozenset[str]:
+        """The keys that the tool itself has."""
+        return frozenset(key for key, each in self.keys.items() if each.source == "tool")
 
 
 class Session(Edits):
@@ -123,20 +133,18 @@ class Session(Edits):
         """The tools of the file in its order, with disabled ones. A mirrored tool is its source's partner."""
         with self._guarded():
             file, solo, problems = self._base.file, self._base.solo, self._attached().problems
-            schema = {key: each["default"] for key, each in TOOL_KEYS.items() if "default" in each}
-            tools = []
+            tools, known = [], self.presets
             for number, own in enumerate(file.tools):
                 if self._draft is not None and self._draft.number == number:
                     own = self._draft.values
-                values = schema | dict(file.defaults) | dict(own)
-                name, mirrored = str(own.get("name", "")), values.get("mirror") not in (None, "none")
+                keys = effective_values(own, file.defaults, known)
+                name, mirrored = str(own.get("name", "")), keys["mirror"].value not in (None, "none")
                 partner = exchange_sides(name) if mirrored else None
                 tools.append(
                     EditedTool(
                         name=name,
-                        values=values,
-                        own=frozenset(own),
-                        enabled=bool(values.get("enabled")),
+                        keys=keys,
+                        enabled=bool(keys["enabled"].value),
                         solo=name in solo,
                         partner=partner,
                         problem=problems.get(name) or (problems.get(partner) if partner else None),
@@ -144,6 +152,16 @@ class Session(Edits):
                     )
                 )
             return tuple(tools)
+
+    def inherited(self, tool: EditedTool) -> dict[str, EffectiveValue]:
+        """The values that a tool's own keys would have if they were unset; required keys without defaults have none."""
+        own = {key: tool.keys[key].value for key in tool.own}
+        return inherited_values(own, self._base.file.defaults, self.presets)
+
+    @property
+    def presets(self) -> dict[str, Preset]:
+        """All materials by name: the built-in ones, and those of the file."""
+        return {**presets(), **self.settings().presets}
 
     # Edits.
 
@@ -276,6 +294,12 @@ class Session(Edits):
             if found is None or at is None or at.end <= at.start:
                 return None
             return found.heights(self._loaded.cache, at)
+
+    def peak(self, tool: str) -> Moment | None:
+        """The moment of a clip at which a tool is tallest; None if it does not fit, or no clip raises it."""
+        with self._guarded():
+            found = self._attached().tools.get(tool)
+            return None if found is None else found.peak(self._loaded.cache, self.clips)
 
     def warnings(self) -> dict[str, list[str]]:
         """The warnings of `check` by tool, those about whole meshes under an empty name; may take seconds."""

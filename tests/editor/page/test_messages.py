@@ -73,8 +73,10 @@ def controls(page: Page) -> dict[str, Any]:
 
 
 def control(page: Page, label: str) -> str:
-    """The id of a control."""
-    return next(uuid for uuid, each in controls(page).items() if getattr(each, "label", None) == label)
+    """The id of a control, by its title without marks."""
+    return next(
+        uuid for uuid, each in controls(page).items() if str(getattr(each, "label", "")).lstrip("•◦▫ ") == label
+    )
 
 
 def set_to(uuid: object, **updates: object) -> dict[str, object]:

@@ -13,9 +13,11 @@ import yaml
 
 from kit.browser import until
 from kit.limb import limb
+from wrinklecli.editor.free_pose import POSE
 from wrinklecli.editor.page.page import _SLIDE_SECONDS, Page
 from wrinklecli.editor.session import Session
 from wrinklecli.errors import ConfigError, WrinkleError
+from wrinklecli.review.preview.moments import Moment
 
 TOOLS = """\
 version: 1
@@ -226,3 +228,18 @@ def test_a_value_that_is_refused_leaves_the_tool(page: Page, steps: tuple[str, .
         assert page.chosen == "a"
         assert page.session.tools()[0].problem is None
         page.say("")
+
+
+def test_a_tool_of_the_list_is_shown_where_it_is_tallest(page: Page) -> None:
+    page.player.go(None, 0.0)
+    page.choose("a", look=True)
+    assert (page.player.clip, page.session.peak("a")) == ("fold", Moment("fold", page.player.time))
+    assert "a is tallest at" in said(page)
+    page.player.go(POSE, 0.0)
+    page.choose("bent", look=True)
+    assert page.player.clip == POSE
+    page.player.go("fold", 0.0)
+    page.session.set_value("a", ("strength",), 0.0)
+    page.session.set_value("a", ("clips",), {"none": 1.0})
+    page.choose("a", look=True)
+    assert (page.player.clip, page.player.time) == ("fold", 0.0)

@@ -8,7 +8,8 @@ from typing import Any
 import viser
 
 from wrinklecli.editor.page.key_controls import GROUPS, NONE, KeyControl, as_written, key_controls, percent_of
-from wrinklecli.editor.page.widgets import SetMode, TypedText, on_user_change
+from wrinklecli.editor.page.widgets import QUIET, SetMode, TypedText, on_user_change, paragraph_of, show_changed
+from wrinklecli.tools.effective import EffectiveValue, Source
 from wrinklecli.tools.schema import TOOL_KEYS
 from wrinklecli.tools.yaml_edit import Steps
 
@@ -20,6 +21,10 @@ _LENGTH = "a length"
 _MAPPING = "by hand"
 _OWN = "as below"
 _NO_KEY = "–"
+# Marks before the title of a key, by the source of its value; what is built in has none.
+_MARKS: Mapping[Source, str] = {"tool": "• ", "material": "◦ ", "defaults": "▫ ", "built-in": ""}
+_LEGEND = "• own key · ◦ of its material · ▫ of the file's defaults"
+_MAX_SHOWN = 24  # characters of a value among those to go back to
 _CLIPS_TAB = "Clips"
 _MAX_STRENGTH = 2.0  # greatest strength, of either sign, that a slider offers
 _STRENGTH_STEP = 0.05  # step of that slider
@@ -38,8 +43,14 @@ class ToolControls:
         self._values: Mapping[str, Any] = {}
         self._distance = 1.0
         self._shows: list[Callable[[], None]] = []
+        self._titled: list[tuple[KeyControl, str, Any]] = []  # widgets that bear the title of a key
         controls = key_controls()
-        self._keys = {control.key for control in controls}
+        self._resets: dict[str, str] = {}  # keys that can be unset, by what is said of each
+        tip = "Takes a key away from the tool, which then has the value that stands here."
+        self._reset: Any = gui.add_dropdown("back to", (_NO_KEY,), hint=tip)
+        on_user_change(
+            self._reset, lambda: unset(self._resets[self._reset.value]) if self._reset.value in self._resets else None
+        )
         tabs = gui.add_tab_group()
         for group in dict.fromkeys([*GROUPS, *(control.group for control in controls)]):
             with tabs.add_tab(group):
@@ -50,20 +61,30 @@ class ToolControls:
             with tabs.add_tab(_CLIPS_TAB):
                 for clip in clips:
                     self._add_strength(clip)
-        tip = "Takes it away from the tool: what the file's defaults say holds then."
-        self._own: Any = gui.add_dropdown("reset a key", (_NO_KEY,), hint=tip)
-        on_user_change(self._own, lambda: unset(self._own.value) if self._own.value != _NO_KEY else None)
+        gui.add_html(paragraph_of(_LEGEND, QUIET))
 
-    def show(self, values: Mapping[str, Any], own: Sequence[str], distance: float) -> None:
-        """Show the values of a tool by key, with defaults; `own` are the keys that the tool itself has.
+    def show(
+        self, keys: Mapping[str, EffectiveValue], inherited: Mapping[str, EffectiveValue], distance: float
+    ) -> None:
+        """Show the keys of a tool.
 
-        `distance` is that of its anchors at rest, scene units.
+        Args:
+            keys: The values that count.
+            inherited: What the tool's own keys would be if they were unset.
+            distance: Distance of its anchors at rest, scene units.
         """
-        self._values, self._distance = values, distance
+        self._values, self._distance = {key: each.value for key, each in keys.items()}, distance
         for show in self._shows:
             show()
-        self._own.options = (_NO_KEY, *(key for key in own if key in self._keys))
-        self._own.value = _NO_KEY
+        for control, title, widget in self._titled:
+            source = keys[control.key].source if control.key in keys else "built-in"
+            said = f"{keys[control.key].source_words}: " if control.key in keys else ""
+            show_changed(widget, "label", _MARKS[source] + title)
+            show_changed(widget, "hint", said + control.tip)
+        offered = [control.key for control, _, _ in self._titled if control.key in inherited]
+        self._resets = {f"{key}: {_in_words(inherited[key])}": key for key in dict.fromkeys(offered)}
+        show_changed(self._reset, "options", (_NO_KEY, *self._resets))
+        self._reset.value = _NO_KEY
 
     def _add(self, control: KeyControl) -> None:
         """Add the widgets of a key."""
@@ -74,7 +95,7 @@ class ToolControls:
         elif control.kind == "json":
             self._add_json(control, control.title)
         else:
-            widget = self._widget(control, control.title)
+            widget = self._titled_widget(control, self._widget(control, control.title))
             on_user_change(widget, lambda: self._set(control, widget.value))
             line = TypedText(widget)
 
@@ -86,6 +107,11 @@ class ToolControls:
                     widget.value = shown
 
             self._shows.append(show)
+
+    def _titled_widget(self, control: KeyControl, widget: Any) -> Any:
+        """Let the title of a widget say where the value of the control's key comes from."""
+        self._titled.append((control, widget.label, widget))
+        return widget
 
     def _widget(self, control: KeyControl, title: str) -> Any:
         """Add the widget of a single value."""
@@ -106,13 +132,17 @@ class ToolControls:
         """Add a choice of words, a slider for a length and a line of text for a mapping, if the key takes them."""
         key, is_length = control.key, control.kind == "length"
         words = [*control.choices, *([_LENGTH] if is_length else []), *([_MAPPING] if control.also_json else [])]
-        choice: Any = self._gui.add_dropdown(control.title, words, hint=control.tip) if control.choices else None
+        choice: Any = None
+        if control.choices:
+            choice = self._titled_widget(control, self._gui.add_dropdown(control.title, words, hint=control.tip))
         details: dict[str, Any] = {}
         if is_length:
-            title = f"{'' if control.choices else control.title + ' '}(% of length)"
+            title = "(% of length)" if control.choices else f"{control.title} (%)"
             details[_LENGTH] = self._gui.add_slider(
                 title, control.low, control.high, control.step, control.low, hint=control.tip
             )
+            if choice is None:
+                self._titled_widget(control, details[_LENGTH])
             on_user_change(details[_LENGTH], lambda: self._set(control, details[_LENGTH].value))
         if control.also_json:
             details[_MAPPING] = self._add_json(control, "…", visible=False)
@@ -153,6 +183,8 @@ class ToolControls:
     def _add_json(self, control: KeyControl, title: str, *, visible: bool = True) -> Any:
         """Add a line of text for a value of any form."""
         widget: Any = self._gui.add_text(title, "", hint=control.tip, visible=visible)
+        if title == control.title:
+            self._titled_widget(control, widget)
         key = control.key
 
         def change() -> None:
@@ -174,8 +206,11 @@ class ToolControls:
         key, is_list = control.key, control.kind == "list"
         choice: Any = None
         if not is_list:
-            choice = self._gui.add_dropdown(control.title, (*control.choices, _OWN), hint=control.tip)
+            words = (*control.choices, _OWN)
+            choice = self._titled_widget(control, self._gui.add_dropdown(control.title, words, hint=control.tip))
         sliders = [self._widget(part, part.title) for part in control.parts]
+        if choice is None:
+            self._titled_widget(control, sliders[0])
 
         def show() -> None:
             value: Any = self._values.get(key) or ([] if is_list else None)
@@ -238,3 +273,10 @@ class ToolControls:
 def _mode(control: KeyControl) -> SetMode:
     """The mode in which the control's widget sets its key."""
     return "slides" if control.slides else "at once" if control.kind in ("choice", "flag") else "typed"
+
+
+def _in_words(inherited: EffectiveValue) -> str:
+    """A value to go back to, with its source, in a few words."""
+    value = inherited.value if isinstance(inherited.value, str) else json.dumps(inherited.value, ensure_ascii=False)
+    short = value if len(value) <= _MAX_SHOWN else f"{value[:_MAX_SHOWN]}…"
+    return f"{short} ({inherited.source_words})"

@@ -8,14 +8,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import dijkstra
 
 from wrinklecli.editor.attached import AttachedTool, PlayableMesh
-from wrinklecli.numeric.arrays import Floats, Ints, among, distinct, distinct_values, face_normals, unit
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, among, distinct, distinct_values, face_normals, unit
+from wrinklecli.numeric.intersections import edges_of
 from wrinklecli.review.preview.paints import Paint
 
 _NORMAL_STEP = 1 / 127  # difference of stored normals that counts as none: the step of an 8-bit normal
 _LINE_POINTS = 25  # points on each line of an outline; an odd number has one in the middle
 _LIFT = 0.015  # height of an outline above the surface over the tool's length
+_ZIGZAG = 1.5  # longest way along edges, over the straight one: over squares with diagonals it is 1.41
+_DETOUR = 2.0  # the same for the way to a place of the patch, whose distance is as the patch sees it: 1.4 · 1.41
+_LEAST_WAY = 0.25  # way within which all is near, over the tool's length: lines begin at a triangle, not at a point
+_SHORT = 2.0  # edges: lines up to this long jump nowhere
 _TOLERANCE = 1e-6  # barycentric coordinates may be this far below 0, so that no point falls between two triangles
 
 
@@ -135,15 +142,25 @@ def _joined(triangles: Ints, points: Ints, normals: Floats, colours: Floats) -> 
 
 
 def outline_of(tool: AttachedTool, mesh: PlayableMesh, body: int, colour: tuple[float, float, float]) -> ToolOutline:
-    """Outline a tool on its mesh, the body of a number."""
+    """Outline a tool on its mesh, the body of a number.
+
+    Lines are followed over the surface from the anchors: what is only near in space, such as the other leg, has none.
+    """
     patch, surface = tool.carried.patch, mesh.ground.surface
     near = mesh.ground.rest.around.faces_of(distinct_values(surface.triangles[patch.members]))
     faces = np.flatnonzero(among(mesh.parents, near))
     corners = mesh.rest_positions[mesh.faces[faces]]
     u, v = patch.coordinates(corners)
     outward = patch.cosines(u.mean(axis=1), unit(face_normals(mesh.rest_positions, mesh.faces[faces]))) > 0
-    faces, places = faces[outward], np.stack([u, v], axis=2)[outward]
+    places, ways = np.stack([u, v], axis=2), _Ways(mesh.rest_positions, mesh.faces[faces])
     ends, ones = np.linspace(0.0, 1.0, _LINE_POINTS), np.ones(_LINE_POINTS)
+    anchors = distinct_values(np.concatenate([anchor.triangles for anchor in patch.anchors]))
+    middle = np.column_stack((ends, 0 * ends))
+    found, _ = _located(middle, places, ways.order(np.flatnonzero(among(mesh.parents[faces], anchors)), outward))
+    starts = distinct_values(found[found >= 0])
+    lengths = ways.lengths(starts) if len(starts) else np.zeros(len(faces))
+    straight = np.abs(v).mean(axis=1) * patch.half_width
+    wanted = ways.order(starts, outward & (lengths <= _DETOUR * straight + _LEAST_WAY * patch.span))
     # (u, v) of the four sides of the patch, and of the line from origin to target.
     sides_and_middle = [(ends, ones), (ends, -ones), (0 * ends, 2 * ends - 1), (ones, 2 * ends - 1), (ends, 0 * ends)]
     sought = [np.column_stack(line) for line in sides_and_middle]
@@ -151,10 +168,13 @@ def outline_of(tool: AttachedTool, mesh: PlayableMesh, body: int, colour: tuple[
         sought.append(np.column_stack([np.atleast_1d(each) for each in patch.coordinates(anchor.position)]))
     # The edges are sought from the middle outwards: a wide patch may end where the surface faces away.
     sought += [np.column_stack([0.5 * ones, side * ends]) for side in (1.0, -1.0)]
-    located = [_located(line, places) for line in sought]
+    located = [_located(line, places, wanted) for line in sought]
     found, barycentrics = (np.concatenate(each) for each in zip(*located, strict=True))
     lines = np.arange(len(sides_and_middle) * _LINE_POINTS).reshape(-1, _LINE_POINTS)
     segments = np.stack([lines[:, :-1].ravel(), lines[:, 1:].ravel()], axis=1)
+    segments = segments[(found[segments] >= 0).all(axis=1)]
+    spots = np.einsum("sc,sca->sa", barycentrics, corners[found])
+    segments = segments[[ways.joined(*found[ends], *spots[ends]) for ends in segments]]
     outwards = np.arange(len(found) - 2 * _LINE_POINTS, len(found)).reshape(2, _LINE_POINTS)
     reached = np.cumprod(found[outwards] >= 0, axis=1).sum(axis=1)
     edges = [int(side[count - 1]) for side, count in zip(outwards, reached, strict=True) if count > 1]
@@ -162,19 +182,51 @@ def outline_of(tool: AttachedTool, mesh: PlayableMesh, body: int, colour: tuple[
         name=patch.tool.name,
         colour=colour,
         points=SurfacePoints(body, faces[np.maximum(found, 0)], barycentrics),
-        segments=segments[(found[segments] >= 0).all(axis=1)],
+        segments=segments,
         anchors=np.arange(lines.size, int(outwards[0, 0])),
         edges=np.array(edges, np.intp),
         lift=_LIFT * patch.span,
     )
 
 
-def _located(line: Floats, places: Floats) -> tuple[Ints, Floats]:
-    """Find the (triangles, 3, 2) plane triangles that the (points, 2) of a line are in.
+class _Ways:
+    """The ways over a surface of (triangles, 3) vertices at (vertices, 3) positions, along its edges."""
+
+    def __init__(self, positions: Floats, triangles: Ints) -> None:
+        used, corners = np.unique(triangles, return_inverse=True)
+        self._corners = corners.reshape(-1, 3)
+        edges = edges_of(self._corners)
+        lengths = np.sqrt(np.sum(np.diff(positions[used[edges]], axis=1)[:, 0] ** 2, axis=1))
+        self._graph = csr_matrix((lengths, (edges[:, 0], edges[:, 1])), shape=(len(used), len(used)))
+        self._edge = float(lengths.mean()) if len(lengths) else 0.0
+
+    def lengths(self, starts: Ints, longest: float = np.inf) -> Floats:
+        """(triangles,) lengths of the shortest ways from the (starts,) triangles; infinite beyond the longest."""
+        sources = distinct_values(self._corners[starts])
+        found = dijkstra(self._graph, directed=False, indices=sources, limit=longest, min_only=True)
+        return np.asarray(found[self._corners].min(axis=1))
+
+    def order(self, starts: Ints, chosen: Bools) -> Ints:
+        """Sort the chosen of the triangles by their ways from the starts, so that of two sheets the nearer is first."""
+        kept = np.flatnonzero(chosen)
+        return kept[np.argsort(self.lengths(starts)[kept], kind="stable")] if len(starts) else kept
+
+    def joined(self, first: int, second: int, here: Floats, there: Floats) -> bool:
+        """True if the way from one triangle to another is about as long as the straight one from (3,) to (3,)."""
+        straight = float(np.linalg.norm(there - here))
+        if straight <= _SHORT * self._edge:
+            return True
+        longest = _ZIGZAG * straight
+        return bool(self.lengths(np.array([first]), longest)[second] <= longest)
+
+
+def _located(line: Floats, places: Floats, order: Ints) -> tuple[Ints, Floats]:
+    """Find the plane triangles that the (points, 2) of a line are in, among (triangles, 3, 2).
 
     Returns:
-        (points,) the first triangle of each, or -1; and (points, 3) barycentric coordinates.
+        (points,) the first triangle of each in an order, or -1; and (points, 3) barycentric coordinates.
     """
+    numbers, places = order, places[order]
     low, high = line.min(axis=0) - _TOLERANCE, line.max(axis=0) + _TOLERANCE
     close = np.ones(len(places), bool)
     for axis in (0, 1):
@@ -196,7 +248,7 @@ def _located(line: Floats, places: Floats) -> tuple[Ints, Floats]:
     hits = (second >= -_TOLERANCE) & (third >= -_TOLERANCE) & (second + third <= 1 + _TOLERANCE) & solid
     inside = np.flatnonzero(hits.any(axis=1))
     first = np.argmax(hits[inside], axis=1)
-    found[inside] = near[first]
+    found[inside] = numbers[near[first]]
     x, y = second[inside, first], third[inside, first]
     barycentrics[inside] = np.stack([1 - x - y, x, y], axis=1)
     return found, barycentrics

@@ -10,6 +10,7 @@ from functools import partial
 from typing import Any
 
 from wrinklecli.editor.baked_file import BakedFile
+from wrinklecli.editor.free_pose import POSE
 from wrinklecli.editor.page.access import Access
 from wrinklecli.editor.page.controls import ToolControls
 from wrinklecli.editor.page.panels import FileButtons, PosePanel, SuggestPanel
@@ -18,15 +19,19 @@ from wrinklecli.editor.page.pointer import Pointer
 from wrinklecli.editor.page.server import serve
 from wrinklecli.editor.page.viewport import Viewport
 from wrinklecli.editor.page.widgets import (
+    ASKS,
     BAD,
     GOOD,
     KEYBOARD,
+    QUIET,
     SetMode,
     TypedText,
     add_button,
     add_group,
     on_set,
     paragraph_of,
+    show_changed,
+    with_room,
 )
 from wrinklecli.editor.page.work_queue import WorkQueue
 from wrinklecli.editor.session import EditedTool, Session
@@ -39,13 +44,14 @@ _DRAG_SECONDS = 20.0  # likewise for a drag, which says itself when it ends unle
 _FOLLOW_SECONDS = 0.15  # seconds without a change after which widgets other than the 3D view follow a slider
 _WARN_SECONDS = 1.0  # seconds between an edit and the search for warnings
 _CLOSE_SECONDS = 2.0  # seconds that the end waits for slow work, which may be given up
-_MESSAGE_HEIGHT = 2.9  # em, room for two lines
 _MAX_LINES = 6  # lines of an error message
 _PANEL_WIDTH = 380  # pixels
 _PLAYER_WIDTH = 420  # pixels
 _BRAND = (31, 111, 214)  # sRGB
 _WARNING = "#b35c00"
-_NOTE = "#666"
+_START = "Choose a tool in the list: it is shown where it is tallest. B shows it without wrinkles."
+_START_EMPTY = "Find places proposes tools, or New tool draws one with two clicks. Then move its sliders."
+_NO_WARNINGS = "no warnings"
 _HINT = (
     "None yet. New tool takes two clicks on the mesh, across the wrinkles to be; Find places looks for folds. "
     "Drag turns the view, with the right button it moves, the wheel comes closer."
@@ -124,7 +130,8 @@ class Page:
         gui.add_html(KEYBOARD)
         self._head = gui.add_html("")
         self._message = gui.add_html("")
-        self.say("")
+        self._problems = gui.add_html("")
+        self.say(_START if session.settings().tools else _START_EMPTY, ASKS)
         self._files = FileButtons(self)
         play = gui.add_panel()
         with play.add_tab("Play"):
@@ -138,7 +145,7 @@ class Page:
         self._pointer.add_button()
         self._list = gui.add_folder("Tools")
         with self._list:
-            self._hint = gui.add_html(paragraph_of(_HINT, _NOTE))
+            self._hint = gui.add_html(paragraph_of(_HINT, QUIET))
         self._suggest_panel = SuggestPanel(self)
         self._tool_panel: Any = gui.add_folder("Tool", visible=False)
         with self._tool_panel:
@@ -158,14 +165,13 @@ class Page:
             add_group(self, "tool", {"Look": self._look, **edits})
             clips = [clip.name for clip in session.clips if clip.name not in session.range_clips]
             self._controls = ToolControls(gui, self._changed, self._unset, clips)
-            self._problems = gui.add_html("")  # below the controls, so that no control moves under the mouse
             self._charts = Charts(gui)
 
     # Messages.
 
     def say(self, text: str, colour: str = GOOD) -> None:
         """Show a message, or remove it. It has room for two lines, so that nothing below moves."""
-        self._message.content = f'<div style="min-height:{_MESSAGE_HEIGHT}em">{paragraph_of(text, colour)}</div>'
+        self._message.content = with_room(paragraph_of(text, colour))
 
     def _fail(self, error: BaseException) -> None:
         """Show an error; the page goes on."""
@@ -197,9 +203,11 @@ class Page:
         )
         self._list_tools(tools)
         self._tool_panel.visible = self.chosen is not None
-        for tool in tools:
-            if tool.name == self.chosen:
-                self._show_tool(tool)
+        chosen = next((tool for tool in tools if tool.name == self.chosen), None)
+        if chosen is not None:
+            self._show_tool(chosen)
+        problems = "".join(map(self._problems_of, tools if chosen is None else [chosen]))
+        show_changed(self._problems, "content", with_room(problems or paragraph_of(_NO_WARNINGS, QUIET)))
         self._viewport.refresh()
         self._suggest_panel.drop_outdated()
         self.player.refresh()
@@ -231,19 +239,19 @@ class Page:
         self._tool_panel.label = tool.name
         self._typed_name.show(tool.name, tool.name)
         self._both_sides.value = tool.partner is not None
-        self._problems.content = self._problems_of(tool)
         attached = self.session.attached_tools().get(tool.name)
         span = tool.length if attached is None else attached.patch.span
-        self._controls.show(tool.values, sorted(tool.own), span or 1.0)
+        self._controls.show(tool.keys, self.session.inherited(tool), span or 1.0)
 
     def _problems_of(self, tool: EditedTool) -> str:
         """HTML of a tool's problem, or of its warnings."""
         if tool.problem:
             return paragraph_of(tool.problem, BAD)
         contact = tool.values.get("contact") not in (None, False, "off")
-        note = paragraph_of("Bake resolves its contact; until then it is shown without.", _NOTE) if contact else ""
+        note = paragraph_of("Bake resolves its contact; until then it is shown without.", QUIET) if contact else ""
         names = [tool.name] if tool.partner is None else [tool.name, tool.partner]
-        return note + "".join(paragraph_of(line, _WARNING) for name in names for line in self._warnings.get(name, []))
+        lines = [line for name in names for line in self._warnings.get(name, [])]
+        return "".join(paragraph_of(line, _WARNING) for line in lines) + note
 
     def _list_tools(self, tools: Sequence[EditedTool]) -> None:
         """Show a button for each tool."""
@@ -289,7 +297,7 @@ class Page:
     # User actions: choosing and looking.
 
     def choose(self, name: str | None, *, look: bool) -> None:
-        """Show a tool, and with `look` turn the cameras to it."""
+        """Show a tool, and with `look` turn the cameras to it, at the moment when it is tallest."""
         self.commit()
         self.chosen = name
         self.refresh()
@@ -297,8 +305,17 @@ class Page:
             self._look()
 
     def _look(self) -> None:
-        if self.chosen is not None:
-            self._viewport.look_at_tool(self.chosen)
+        """Turn the cameras to the chosen tool, at the moment when it is tallest; a pose that is set by hand stays."""
+        if self.chosen is None:
+            return
+        if self.player.clip != POSE and self.chosen in self.session.attached_tools():
+            peak = self.session.peak(self.chosen)
+            if peak is None:
+                self.say(f"{self.chosen}: no clip raises it. Pose turns joints by hand.", ASKS)
+            else:
+                self.player.go(peak.clip, peak.time)
+                self.say(f"{self.chosen} is tallest at {peak.time:.2f} s of {peak.clip}")
+        self._viewport.look_at_tool(self.chosen)
 
     # User actions: editing.
 
@@ -310,7 +327,7 @@ class Page:
         key = (name, *steps)
 
         def edit(draft: bool) -> None:
-            self.session.set_value(name, steps, value, draft=draft)
+            self.session.set_value(name, steps, value, draft=draft, slides=mode == "slides")
 
         actions: dict[SetMode, Callable[[], None]] = {
             "slides": lambda: self.slide(key, edit),

@@ -224,6 +224,4 @@ class PosePanel:
         self._show()
 
     def _show(self) -> None:
-        if self._player.playing:
-            self._player.toggle()
         self._player.go(POSE, 0.0)

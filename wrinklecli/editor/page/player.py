@@ -84,7 +84,9 @@ class Player:
             self._page.work.drop("tick")
 
     def go(self, clip: str | None, moment: float) -> None:
-        """Show a time of a clip, seconds."""
+        """Show a time of a clip, seconds, and stay there."""
+        if self.playing:
+            self.toggle()
         self._clip.value = clip if clip is not None else _REST
         self._fit_slider()
         self._time.value = float(np.clip(moment, self._time.min, self._time.max))

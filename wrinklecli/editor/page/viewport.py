@@ -16,7 +16,7 @@ from wrinklecli.editor.page.drawing import Body, SurfacePoints, ToolOutline, bod
 from wrinklecli.editor.page.drawn_scene import LOOKS, Drag, DrawnScene, Look
 from wrinklecli.editor.page.player import Player
 from wrinklecli.editor.page.viewpoints import FOV, SIDES, frame_asset, frame_tool
-from wrinklecli.editor.page.widgets import PageHost, add_group, on_set
+from wrinklecli.editor.page.widgets import PageHost, add_group, add_shortcut, on_set
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats
@@ -27,7 +27,9 @@ from wrinklecli.review.preview.paints import Paint, read_paints
 from wrinklecli.review.preview.shown import INKS
 
 _READ_SECONDS = 0.08  # seconds in which a browser reads a coloured mesh
-_REST_DISTANCE = 1.15  # widths of the asset between it and its rest pose beside it
+_BESIDE_DISTANCE = 1.15  # widths of the asset between it and what is shown beside it
+_UNWRINKLED, _AT_REST = "without wrinkles", "at rest"
+_BESIDE = ("nothing", _UNWRINKLED, _AT_REST)  # what may be shown beside it
 # Strength of each light by its direction: one aslant on either side, so that folds stand out from everywhere, and one
 # from below.
 _LIGHTS = {(0.7, 1.0, 1.0): 2.0, (-0.7, 0.8, -1.0): 1.8, (-0.6, -1.0, 0.6): 0.5}
@@ -67,10 +69,11 @@ class Viewport:
         server.scene.set_background_image(_background())
         _add_lights(server.scene)
         self._scene = DrawnScene(server, "asset", drag)
-        self._rest_scene = DrawnScene(server, "rest", lambda *_: None)
+        self._beside_scene = DrawnScene(server, "beside", lambda *_: None)
         self._bodies: tuple[Body, ...] = ()
         self._outlines: dict[str, tuple[Patch, ToolOutline]] = {}  # on the present triangles
         self._chosen: str | None = None
+        self._moment: tuple[str | None, float] = (None, 0.0)
         self.shown: list[ShownMesh] = []
         self._document: Document | None = None
         self._baked: BakedFile | None = None
@@ -79,15 +82,25 @@ class Viewport:
     def add_widgets(self, *, heat: bool) -> None:
         """Add the widgets at the current place of the panel."""
         gui = self._server.gui
-        self._look: Any = gui.add_dropdown("surface", LOOKS, initial_value="heat" if heat else "clay")
+        self._look: Any = gui.add_dropdown("surface", LOOKS, initial_value="heat" if heat else LOOKS[0])
+        tip = "B hides them, and shows them again; as long as it is held, if it is."
+        self._wrinkled: Any = gui.add_checkbox("wrinkles", initial_value=True, hint=tip)
         self._wire: Any = gui.add_checkbox("wire", initial_value=False)
         tip = "Show what Bake has written, in place of what is edited; its clips, as it plays them."
         self._as_baked: Any = gui.add_checkbox("baked file", initial_value=False, hint=tip, visible=False)
-        self._beside: Any = gui.add_checkbox("rest beside", initial_value=False, hint="Show it at rest, too.")
+        tip = "Show it a second time: at the same moment without wrinkles, or at rest."
+        self._beside: Any = gui.add_dropdown("beside", _BESIDE, hint=tip)
         add_group(self._page, "look from", {side: partial(self.look_at_all, side) for side in SIDES})
         for each in (self._look, self._wire, self._beside):
             on_set(self._page, each, "bodies", self._show_bodies)
-        on_set(self._page, self._as_baked, "as baked", self._page.show)
+        for each in (self._wrinkled, self._as_baked):
+            on_set(self._page, each, "wrinkles", self._page.show)
+        add_shortcut(self._page, "Before or after: hide wrinkles, or show them", self._exchange, hotkey="B")
+
+    def _exchange(self) -> None:
+        """Hide the wrinkles, or show them again."""
+        self._wrinkled.value = not self._wrinkled.value
+        self._page.show()
 
     def refresh(self) -> None:
         """Read the colours of a new asset, and withdraw the baked file if the tools have changed since."""
@@ -107,7 +120,8 @@ class Viewport:
     def show(self, player: Player, chosen: str | None) -> None:
         """Show the player's moment, and the dots of the chosen tool."""
         before = self.shown
-        self.shown = self._meshes(player.clip, player.time)
+        self._moment = player.clip, player.time
+        self.shown = self._meshes(*self._moment, wrinkled=self._wrinkled.value)
         pairs = list(zip(self.shown, before, strict=False))
         same_sources = len(before) == len(self.shown) and all(new.source is old.source for new, old in pairs)
         # A drag moves other vertices, but of the same triangles.
@@ -123,11 +137,11 @@ class Viewport:
                 self._show_tools()
             self._move_bodies()
 
-    def _meshes(self, clip: str | None, time: float) -> list[ShownMesh]:
+    def _meshes(self, clip: str | None, time: float, *, wrinkled: bool = True) -> list[ShownMesh]:
         """All meshes at a moment: of the baked file if it is chosen and has the clip, else of the edited asset."""
-        if self._baked is not None and self._as_baked.value and self._baked.plays(clip):
+        if wrinkled and self._baked is not None and self._as_baked.value and self._baked.plays(clip):
             return self._baked.meshes(clip, time)
-        return self._session.meshes(clip, time, wait=False)
+        return self._session.meshes(clip, time, wait=False, wrinkled=wrinkled)
 
     @property
     def _is_baked(self) -> bool:
@@ -145,30 +159,41 @@ class Viewport:
     def _show_bodies(self) -> None:
         """Show meshes that are new or look different."""
         look: Look = self._look.value
-        wire, beside = bool(self._wire.value), bool(self._beside.value)
-        paints = self._baked_paints if self._is_baked else self._paints
-        self._bodies = tuple(body_of(mesh.source, paints[mesh.source.ground.rig.node]) for mesh in self.shown)
+        wire, beside = bool(self._wire.value), self._meshes_beside()
+        self._bodies = self._bodies_of(self.shown)
         with self._server.atomic():
             self._scene.show_bodies(self._bodies, self._points, look, wire=wire)
             self._show_tools()
-            rest = [mesh.positions for mesh in self._meshes(None, 0.0)] if beside else []
-            self._rest_scene.show_bodies(self._bodies if beside else (), rest, look, wire=wire)
-            if self._rest_scene.move_bodies(rest, self._heats(rest)):
-                self._work.put_later("swap rest", _READ_SECONDS, self._rest_scene.swap)
-            width = max(float(np.ptp(each[:, 0])) for each in (self._all_points(), *rest) if len(each))
-            self._rest_scene.place_at((-_REST_DISTANCE * width, 0.0, 0.0), visible=beside)
+            points = [mesh.positions for mesh in beside]
+            self._beside_scene.show_bodies(self._bodies_of(beside), points, look, wire=wire)
+            width = max(float(np.ptp(each[:, 0])) for each in (self._all_points(), *points) if len(each))
+            self._beside_scene.place_at((-_BESIDE_DISTANCE * width, 0.0, 0.0), visible=bool(beside))
             self._move_bodies()
 
-    def _move_bodies(self) -> None:
-        if self._scene.move_bodies(self._points, self._heats(self._points)):
-            self._work.put_later("swap", _READ_SECONDS, self._scene.swap)
+    def _bodies_of(self, meshes: Sequence[ShownMesh]) -> tuple[Body, ...]:
+        """Make the bodies of meshes, of the baked file or of the edited asset."""
+        baked = self._baked is not None and any(mesh.source in self._baked.sources for mesh in meshes)
+        paints = self._baked_paints if baked else self._paints
+        return tuple(body_of(mesh.source, paints[mesh.source.ground.rig.node]) for mesh in meshes)
 
-    def _heats(self, points: Sequence[Floats]) -> list[Floats]:
-        """Colours of compression for bodies at (points, 3); none if compression is not shown."""
+    def _meshes_beside(self) -> list[ShownMesh]:
+        """The meshes to show beside those of the moment."""
+        if self._beside.value == _UNWRINKLED:
+            return self._meshes(*self._moment, wrinkled=False)
+        return self._meshes(None, 0.0) if self._beside.value == _AT_REST else []
+
+    def _move_bodies(self) -> None:
+        if self._scene.move_bodies(self._points, self._heats(self.shown)):
+            self._work.put_later("swap", _READ_SECONDS, self._scene.swap)
+        beside = self._meshes_beside()
+        if self._beside_scene.move_bodies([mesh.positions for mesh in beside], self._heats(beside)):
+            self._work.put_later("swap beside", _READ_SECONDS, self._beside_scene.swap)
+
+    def _heats(self, meshes: Sequence[ShownMesh]) -> list[Floats]:
+        """Colours of compression for the points of meshes; none if compression is not shown."""
         if self._look.value != "heat":
             return []
-        pairs = zip(self.shown, points, strict=False)
-        return [point_colours(mesh.source.rest_positions, places, mesh.faces) for mesh, places in pairs]
+        return [point_colours(mesh.source.rest_positions, mesh.positions, mesh.faces) for mesh in meshes]
 
     def _show_tools(self) -> None:
         outlines = []

@@ -17,15 +17,24 @@ BAD = "#c92a2a"
 """Colour of an error message."""
 ASKS = "#1f6fd6"
 """Colour of a message that asks for a next step, or about work that goes on."""
+QUIET = "#666"
+"""Colour of a note."""
 
 SetMode: TypeAlias = Literal["at once", "slides", "typed"]
 """A way to set a value. While a value slides or is typed, more follow, and only the last one is an edit."""
 
+_ROOM = 3.1  # em, two lines of a paragraph with its padding
+
 # Fields keep the keyboard focus after a click, even checkboxes, and the page's commands hear no key then. This script
 # passes Ctrl-S on, and Ctrl-Z too unless a line of text has the focus, where it undoes typing. Enter leaves a field.
+# A command hears a key that goes down, but not when it is released: B, if it was held, is pressed again then.
 _SCRIPT = """
 if (!window.wrinkleKeys) {
   window.wrinkleKeys = true;
+  const press = keys => {
+    const event = new KeyboardEvent("keydown", {...keys, bubbles: true, cancelable: true});
+    document.body.dispatchEvent(event);
+  };
   document.addEventListener("keydown", event => {
     const field = event.target;
     if (!event.isTrusted || !field.matches("input, textarea")) return;
@@ -38,8 +47,19 @@ if (!window.wrinkleKeys) {
     event.stopPropagation();
     field.blur();
     const {ctrlKey, metaKey, shiftKey, code} = event;
-    const again = {key: event.key, code, ctrlKey, metaKey, shiftKey, bubbles: true, cancelable: true};
-    document.body.dispatchEvent(new KeyboardEvent("keydown", again));
+    press({key: event.key, code, ctrlKey, metaKey, shiftKey});
+  }, true);
+  let since = null;
+  document.addEventListener("keydown", event => {
+    if (!event.isTrusted || event.code !== "KeyB") return;
+    if (event.repeat) event.stopPropagation();
+    else since = event.timeStamp;
+  }, true);
+  document.addEventListener("keyup", event => {
+    if (event.code !== "KeyB" || since === null || event.target.matches("input, textarea")) return;
+    // ms: a longer press is a key that was held.
+    if (event.timeStamp - since > 400) press({key: "b", code: "KeyB"});
+    since = null;
   }, true);
 }
 """
@@ -69,7 +89,7 @@ class PageHost(Protocol):
         """Show the player's moment."""
 
     def choose(self, name: str | None, *, look: bool) -> None:
-        """Show a tool, and with `look` turn the cameras to it."""
+        """Show a tool, and with `look` turn the cameras to it, at the moment when it is tallest."""
 
     def compare(self, baked: BakedFile) -> None:
         """Offer to show a baked file instead of the edited asset."""
@@ -84,6 +104,12 @@ class PageHost(Protocol):
 def value_within(slider: Any) -> float:
     """The value of a slider within its ends, beyond which its box lets one type."""
     return float(min(max(slider.value, slider.min), slider.max))
+
+
+def show_changed(widget: Any, property_name: str, value: object) -> None:
+    """Set a property of a widget if it differs, so that no message goes to the tabs otherwise."""
+    if getattr(widget, property_name) != value:
+        setattr(widget, property_name, value)
 
 
 class TypedText:
@@ -151,3 +177,8 @@ def paragraph(content: str, colour: str = "inherit") -> str:
 def paragraph_of(text: str, colour: str) -> str:
     """HTML of a paragraph of plain text."""
     return paragraph(html.escape(text).replace("\n", "<br>"), colour)
+
+
+def with_room(content: str) -> str:
+    """HTML with room for two lines, in which longer content scrolls, so that nothing below moves."""
+    return f'<div style="height:{_ROOM}em;overflow-y:auto">{content}</div>'

@@ -199,12 +199,19 @@ def _shortening(drive: StoredDrive, asset: ShownAsset, rig: Rig, clip: Clip, tim
 
 def _peak(data: Json, node: int, clips: Sequence[Json]) -> Peak:
     """The peak of a tool on a node; `data` and `clips` have the keys of `check`, as far as they are known."""
-    tallest = max((each["height"] for each in clips), default=0.0)
-    tallest_clips = [each for each in clips if each["height"] >= _EQUAL * tallest > 0]
-    best = max(tallest_clips, key=_shortest, default=None)
+    best = tallest_clip(clips)
     moment = Moment(None, 0.0) if best is None else Moment(best["name"], best["time"])
     further = [row for row in (tuple(_patch_facts(data)), tuple(_clip_facts(best, clips))) if row]
     return Peak(data["name"], node, moment, best is not None, (tuple(_peak_facts(data, best)), *further))
+
+
+def tallest_clip(clips: Sequence[Json]) -> Json | None:
+    """The clip, with the keys of `check`, in which a tool is tallest; of equal ones that with the greatest shortening.
+
+    None if no clip raises the tool.
+    """
+    tallest = max((each["height"] for each in clips), default=0.0)
+    return max((each for each in clips if each["height"] >= _EQUAL * tallest > 0), key=_shortest, default=None)
 
 
 def _shortest(clip: Json) -> float:
