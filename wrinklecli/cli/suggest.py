@@ -33,6 +33,7 @@ _WIDEST = 60  # characters of a column
     default=8,
 )
 @click.option("--node", metavar="NAME", help="Look at the mesh of this node only.")
+@opt.flag("--face", text="Suggest the wrinkles of a face by its morph targets, and nothing else.")
 @opt.flag("--all", "everything", text="Leave out neither hard parts nor what another layer hides.")
 @opt.fps("Poses per second, but 200 of a clip at most.", default=30.0)
 @opt.range_of_motion("Look at that too.")
@@ -51,6 +52,10 @@ def suggest(asset: str, output: str | None, as_json: bool, quiet: bool, **option
     raised, as far as a body of such joints goes. --clip takes the names of these motions too, such as
     "LeftLeg about x, +90°". Joints are known by the names of common rigs, or by a VRM. If --range-of-motion found
     tools beside the clips, give it to check too: without it, check warns of them.
+
+    With --face, the tools are those of a face alone: its morph targets are known by the names of ARKit, FACS units,
+    VRoid or a VRM's expressions, rise together, and each region gets a tool where they compress the skin. Regions whose
+    targets are missing are named in notes. Clips are not looked at; if there are some, give --range-of-motion to check.
 
     The file bakes as it is, and is made to be edited. A table of the suggestions goes to standard error. If there is
     nothing to suggest, as for a rigid asset, nothing is written and the exit code is 1, so that a pipeline stops.

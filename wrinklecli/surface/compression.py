@@ -190,7 +190,7 @@ def _grow(sites: Sites, seed: int, tensors: Floats, free: Bools, twin: bool) -> 
         inside = allowed & (lost >= level) & (sites.normals @ normal > _REGION_FACING)
         inside &= (np.abs(aside) <= most_aside) & (np.abs(ahead) <= most_ahead)
         inside[seed] = True
-        members = _connected(sites, inside, seed)
+        members = connected_sites(sites, inside, seed)
         weights = sites.areas[members] * np.maximum(lost[members], 0.0)
         total = float(weights.sum())
         normal = unit(weights @ sites.normals[members])
@@ -219,7 +219,7 @@ def _is_half(sites: Sites, grown: _GrownSites, centre: Floats, tensors: Floats) 
         return False
     inside = (lost >= _MIDDLE_LOSS * own) & (sites.normals @ outward > 0.0)
     inside[start] = True
-    between = _connected(sites, inside, start)
+    between = connected_sites(sites, inside, start)
     connected = bool((np.abs(sites.positions[between, 0]) < sites.radius).any())
     return connected or (not along_x and _is_even(sites, grown, centre, along, outward))
 
@@ -245,7 +245,7 @@ def _thickness(sites: Sites, along: Floats, aside: Floats, weights: Floats) -> f
     return max(high - low + sites.spacing, 2.0 * sites.radius)
 
 
-def _connected(sites: Sites, inside: Bools, seed: int) -> Ints:
+def connected_sites(sites: Sites, inside: Bools, seed: int) -> Ints:
     """(members,) sorted numbers of the sites inside that neighbours connect to the seed."""
     from scipy.sparse.csgraph import breadth_first_order
 

@@ -98,7 +98,7 @@ def _judged(document: Document, candidates: Sequence[Candidate], *, everything: 
         numbers = numbers or {name: number for number, name in reversed([*enumerate(mesh.rig.names)])}
         part = None if each.by_morph else bones.parts[numbers[each.driver]]
         if surface not in makeups:
-            makeups[surface], known_rims[surface] = read_makeup(document, mesh.rig, mesh.gauge), _rims(mesh)
+            makeups[surface], known_rims[surface] = read_makeup(document, mesh.rig, mesh.gauge), rims_of(mesh)
         if mesh.rig.node not in hints:
             hints[mesh.rig.node] = read_hints(document, mesh.rig)
         # Instances share a surface, but the names of their nodes may say what each is made of.
@@ -132,7 +132,7 @@ def _covered(document: Document, candidates: Sequence[Candidate]) -> set[int]:
     }
 
 
-def _rims(mesh: MeasuredMesh) -> Floats:
+def rims_of(mesh: MeasuredMesh) -> Floats:
     """(points, 3) where the surface ends, or looks at itself within two neighbourhoods' radii."""
     sites, triangles = mesh.sites, mesh.gauge.triangles
     # One number for each pair of vertices, as rows take ten times as long to sort.

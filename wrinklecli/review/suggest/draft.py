@@ -63,8 +63,8 @@ def pair_of(candidate: Candidate, stem: str, side: str, bump_length: float | Non
         width = min(width, 4.0 * abs(float(region.centre[0])) / across)
     here = tool_of(candidate, f"{stem}.L", width, bump_length)
     if (side or ("L" if region.centre[0] > 0 else "R")) == "R":
-        here = _across(here, here.name)
-    return [here, _across(here, f"{stem}.R")]
+        here = across_x(here, here.name)
+    return [here, across_x(here, f"{stem}.R")]
 
 
 def width_of(candidate: Candidate) -> float:
@@ -73,7 +73,7 @@ def width_of(candidate: Candidate) -> float:
     return min((_WIDTH_ACROSS if region.on_plane else _WIDTH_OF_REGION) * region.width, candidate.widest)
 
 
-def _across(tool: WrinkleTool, name: str) -> WrinkleTool:
+def across_x(tool: WrinkleTool, name: str) -> WrinkleTool:
     """A tool's mirror image across x = 0."""
     origin, *between, target = ((0.0 - x, y, z) for x, y, z in map(place_of, tool.points))
     return replace(tool, name=name, origin=origin, between=tuple(between), target=target)

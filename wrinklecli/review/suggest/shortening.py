@@ -106,7 +106,11 @@ def _bends(clip: Clip, node: int, rig: Rig, above: Sequence[frozenset[int]]) -> 
 
 
 def with_rising_bumps(
-    mesh: MeasuredMesh, patches: list[Patch], shortenings: list[dict[str, Shortening]]
+    mesh: MeasuredMesh,
+    patches: list[Patch],
+    shortenings: list[dict[str, Shortening]],
+    *,
+    height: float | None = None,
 ) -> list[WrinkleTool] | None:
     """Make tools so compressible that no bump reaches its full height before the greatest shortening.
 
@@ -116,6 +120,7 @@ def with_rising_bumps(
         mesh: The mesh.
         patches: One tool, or a pair.
         shortenings: The `shortenings_of` each.
+        height: Highest point of a bump relative to its width at rest; the material's if None.
 
     Returns:
         None if the bumps would reach a surface above them.
@@ -123,7 +128,7 @@ def with_rising_bumps(
     width = patches[0].rest_length / patches[0].tool.bumps
     usual = patches[0].tool.bump_height
     highest = min(_free_height(mesh, patch) for patch in patches)
-    height = min(usual, highest / width)
+    height = min(usual if height is None else height, highest / width)
     while (percent := _needed_percent(patches, shortenings, height)) > _MOST_COMPRESSIBLE:
         height *= _HIGHER
     if height * width > highest:

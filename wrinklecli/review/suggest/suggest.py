@@ -6,16 +6,18 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from wrinklecli.character.bones import read_bones
-from wrinklecli.character.clip import Clip, chosen_clips
+from wrinklecli.character.clip import Clip, chosen_clips, read_clips
+from wrinklecli.character.joined import with_clips
 from wrinklecli.character.moved import Motions, moved
 from wrinklecli.character.rig import read_rig
-from wrinklecli.gltf.document import read_document
+from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.images import files_of
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.review.suggest.anatomy import limit_to_body
 from wrinklecli.review.suggest.candidates import LEAST_LOSS, Candidate, find_candidates
 from wrinklecli.review.suggest.choice import choose_candidates
+from wrinklecli.review.suggest.faces import suggest_face
 from wrinklecli.review.suggest.fitted_tools import Suggestion, fit_tools
 from wrinklecli.review.suggest.measure import MeasuredMesh, find_mesh_nodes, measure_meshes
 from wrinklecli.review.suggest.suggest_options import SuggestOptions
@@ -52,7 +54,8 @@ def suggest(
 ) -> Suggestions:
     """Find where clips compress an asset's surfaces, and suggest tools there.
 
-    Without clips, the asset's range of motion is looked at: joints and morph targets, one at a time.
+    Without clips, the asset's range of motion is looked at: joints and morph targets, one at a time. With `face`, the
+    morph targets of a face are, whatever clips there are.
 
     Args:
         asset: The .gltf or .glb to read.
@@ -78,9 +81,16 @@ def suggest(
         memory = Memory(options.max_memory)
         document = read_document(asset, allow_external=options.allow_external, memory=memory)
         nodes, notes = find_mesh_nodes(document, options)
-        motions = Motions(anims=options.anims, range_of_motion=options.range_of_motion or None)
+        motions = Motions(
+            anims=options.anims, range_of_motion=False if options.face else options.range_of_motion or None
+        )
         joined = moved(document, list(nodes), motions)
         document, notes = joined.document, [*notes, *joined.warnings, *joined.notes]
+        if options.face:
+            of_face = suggest_face(document, nodes)
+            raised = with_clips(document, of_face.motions)
+            clips = tuple(read_clips(raised))
+            return _tried(raised, joined.beside, of_face.tools, clips, [*notes, *of_face.notes], of_face.reason)
         clips = chosen_clips(joined.clips, options.clips, where=document.path)
         generated: list[Clip] = []
         if joined.range and not options.clips:
@@ -92,13 +102,8 @@ def suggest(
         chosen, reasons = choose_candidates(document, candidates, options)
         flat = all(candidate.mesh.flat for candidate in chosen)
         fitted = fit_tools(chosen, options, generated)
-        trial = try_on_refined_meshes(document, fitted, joined.clips, midpoint=flat)
-        notes += [*reasons, *trial.notes]
-        text = reason = ""
-        if trial.tools:
-            text = tools_text(trial.tools, os.path.basename(document.path), trial.refinement)
-            refuse_unwritable(text, document, trial.tools)
-        elif (candidates and not chosen) or trial.notes:
+        reason = ""
+        if candidates and not chosen:
             reason = "what its motions fold is left out, as the notes say"
         elif not nodes:
             reason = "no mesh deforms: none has a skin or morph targets"
@@ -108,7 +113,33 @@ def suggest(
             reason = "no clip moves a mesh that deforms"
         else:
             reason = f"no clip compresses the surface by more than {100 * LEAST_LOSS:g} % anywhere that a tool fits"
-        return Suggestions(tuple(trial.tools), text, reason, tuple(notes), (*files_of(document), *joined.beside))
+        return _tried(document, joined.beside, fitted, joined.clips, [*notes, *reasons], reason, flat=flat)
+
+
+def _tried(
+    document: Document,
+    beside: Sequence[str],
+    fitted: Sequence[Suggestion],
+    clips: Sequence[Clip],
+    notes: Sequence[str],
+    reason: str,
+    *,
+    flat: bool = False,
+) -> Suggestions:
+    """Try tools on refined meshes, and write them; `reason` says why there are none, unless the trial takes them.
+
+    `beside` are files that were read besides the asset's.
+    """
+    trial = try_on_refined_meshes(document, fitted, clips, midpoint=flat)
+    text = ""
+    if trial.tools:
+        text = tools_text(trial.tools, os.path.basename(document.path), trial.refinement)
+        refuse_unwritable(text, document, trial.tools)
+        reason = ""
+    elif trial.notes:
+        reason = "what its motions fold is left out, as the notes say"
+    inputs = (*files_of(document), *beside)
+    return Suggestions(tuple(trial.tools), text, reason, (*notes, *trial.notes), inputs)
 
 
 def _candidates_of(meshes: Sequence[tuple[MeasuredMesh, Peaks]], progress: Progress) -> list[Candidate]:

@@ -15,6 +15,7 @@ class SuggestOptions:
         clips: Names of the clips to look at; all if empty.
         count: Greatest number of suggestions; a pair counts as one.
         node: Name of the node whose mesh to look at; None for all nodes whose meshes deform.
+        face: Suggest the wrinkles of a face by its morph targets, and nothing else.
         everything: Leave out neither hard parts nor what another layer hides.
         fps: Poses per second; at most 200 of a clip, evenly spaced, and fewer where mesh and clips are large.
         anims: Files with more clips, for joints of the same names.
@@ -26,6 +27,7 @@ class SuggestOptions:
     clips: Sequence[str] = ()
     count: int = 8
     node: str | None = None
+    face: bool = False
     everything: bool = False
     fps: float = 30.0
     anims: Sequence[str | os.PathLike[str]] = ()

@@ -1,0 +1,199 @@
+"""`suggest --face` finds the tools of an artist where targets of a face, by any of their names, compress its skin."""
+
+import tempfile
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kit.asset import Asset
+from kit.face import BROWS, CHIN, CORNER, EYE, EYES, HAIR, MOUTH, NOSE, Face
+from kit.samples import sample
+from kit.suggested import ends, middle, run
+from wrinklecli import check
+from wrinklecli.character.rig import read_rig
+from wrinklecli.character.surface import read_surface
+from wrinklecli.effects.wrinkle.attach import attach_tools
+from wrinklecli.gltf.document import read_document
+from wrinklecli.review.suggest.face_targets import motions_of
+from wrinklecli.review.suggest.suggest import Suggestions, suggest
+from wrinklecli.surface.rest import rest_pose
+from wrinklecli.tools.read import parse_tools
+
+EVERY = ["forehead", "forehead_side.L", "glabella", "crows_foot.L", "bunny.L", "nasolabial.L", "chin"]
+# Without a target of the nose or the chin, as of a VRM.
+EXPRESSIVE = [name for name in EVERY if name not in ("bunny.L", "chin")]
+VARIANTS: dict[str, tuple[Face, Callable[[Face], Asset], list[str]]] = {
+    "arkit": (Face(), Face.asset, EVERY),
+    "facs": (Face(), Face.facs, EVERY),
+    "muscles": (Face(), Face.muscles, EVERY),
+    "vroid": (Face(), Face.vroid, EXPRESSIVE),
+    "vrm 1": (Face(), Face.vrm, EXPRESSIVE),
+    "vrm 0": (Face(), lambda face: face.vrm(0), EXPRESSIVE),
+    "big eyes": (Face(big_eyes=1.6), Face.asset, EVERY),
+    "z up": (Face(z_up=True), Face.asset, EVERY),
+    "centimetres": (Face(scale=100.0, place=(0.0, 150.0, 0.0)), Face.asset, EVERY),
+    "turned": (Face(turn=40.0, place=(0.3, 0.1, 0.0)), Face.asset, EVERY),
+}
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in VARIANTS if name != "arkit"]
+
+
+@pytest.mark.parametrize(
+    ("name", "motions", "side"),
+    [
+        ("browInnerUp", "browInnerUp", ""),
+        ("head.browOuterUpLeft", "browOuterUp", "L"),
+        ("browOuterUp_R", "browOuterUp", "R"),
+        ("eyeBlink_L", "eyeBlink", "L"),
+        ("AU1", "browInnerUp", ""),
+        ("AU01_L", "browInnerUp", "L"),
+        ("AU12R", "mouthSmile", "R"),
+        ("face_au_06_left", "cheekSquint", "L"),
+        ("AU10", "", ""),
+        ("BrowRaiser_Inner", "browInnerUp", ""),
+        ("Inner Brow Raiser", "browInnerUp", ""),
+        ("INNER_BROW_RAISER_R", "browInnerUp", "R"),
+        ("innerBrowRaiserL", "browInnerUp", "L"),
+        ("CTRL_expressions_browRaiseInL", "browInnerUp", "L"),
+        ("Brow_Raise_Outer_R", "browOuterUp", "R"),
+        ("browsUp", "browInnerUp browOuterUp", ""),
+        ("smile", "mouthSmile", ""),
+        ("Face.M_F00_000_00_Fcl_BRW_Surprised", "browInnerUp browOuterUp", ""),
+        ("Fcl_EYE_Close_L", "eyeBlink", "L"),
+        ("Fcl_MTH_Up", "", ""),
+        ("wrinkle_smile_1", "mouthSmile", ""),
+        ("cheekPuff", "", ""),
+        ("Sau1ce", "", ""),
+        ("", "", ""),
+        ("まばたき", "", ""),
+    ],
+)
+def test_a_name_says_a_motion_and_its_side(name: str, motions: str, side: str) -> None:
+    said, of_side = motions_of(name)
+    assert (" ".join(said), of_side if said else "") == (motions, side)
+
+
+@cache
+def suggested(variant: str) -> tuple[Face, Path, Suggestions]:
+    face, make, _ = VARIANTS[variant]
+    path = make(face).write(Path(tempfile.mkdtemp()) / "face.glb")
+    return face, path, suggest(path, face=True)
+
+
+@pytest.mark.quick(6)
+@pytest.mark.parametrize("variant", ["arkit", *SLOW])
+def test_each_region_has_its_tool(variant: str) -> None:
+    face, _, found = suggested(variant)
+    *_, names = VARIANTS[variant]
+    tools = {each.tool.name: each for each in found.tools}
+    if variant == "turned":
+        # Nothing mirrors a turned head.
+        assert not any(each.mirrored for each in found.tools)
+        assert set(tools) == {other for name in names for other in (name, name.replace(".L", ".R"))}
+    else:
+        assert list(tools) == names
+        assert [name for name, each in tools.items() if each.mirrored] == [name for name in names if ".L" in name]
+    # In metres of a head that stands upright on the plane x = 0, and looks along z.
+    places = {name: upright(face, middle(each.tool)) for name, each in tools.items()}
+    ways = {name: upright(face, ends(each.tool)[1]) - upright(face, ends(each.tool)[0]) for name, each in tools.items()}
+    ways = {name: np.abs(way / np.linalg.norm(way)) for name, way in ways.items()}
+    x, y, _ = places["forehead"]
+    assert abs(x) < 0.003
+    assert BROWS + 0.003 < y < HAIR
+    assert ways["forehead"][1] > 0.85
+    x, y, _ = places["forehead_side.L"]
+    assert 0.025 < x < 0.06
+    assert BROWS + 0.003 < y < HAIR
+    x, y, _ = places["glabella"]
+    assert abs(x) < 0.003
+    assert EYES < y < BROWS + 0.01
+    assert ways["glabella"][0] > 0.95
+    x, y, _ = places["crows_foot.L"]
+    assert EYE + 0.015 < x < 0.075
+    assert abs(y - EYES) < 0.012
+    assert ways["crows_foot.L"][1] > 0.85
+    x, y, _ = places["nasolabial.L"]
+    assert CORNER < x < 0.05
+    assert MOUTH - 0.01 < y < NOSE
+    assert ways["nasolabial.L"][0] > 0.5
+    if "bunny.L" in places:
+        x, y, _ = places["bunny.L"]
+        assert 0.005 < x < 0.02
+        assert NOSE < y < EYES
+        x, y, _ = places["chin"]
+        assert abs(x) < 0.003
+        assert CHIN - 0.002 < y < MOUTH - 0.006
+    for each in found.tools:
+        assert 3 <= each.tool.bumps <= 5
+        assert each.shortening > 0.04
+        assert each.by_morph
+
+
+def upright(face: Face, place: np.ndarray) -> np.ndarray:
+    """A place of an asset, as the face is built before it is turned, scaled and moved."""
+    turn = np.radians(face.turn)
+    c, s = np.cos(turn), np.sin(turn)
+    pivot = np.array([0.0, 0.0, -0.01])
+    return np.asarray(
+        ((place - face.place) / face.scale - pivot) @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]) + pivot
+    )
+
+
+@pytest.mark.quick(6)
+@pytest.mark.parametrize("variant", ["arkit", *SLOW])
+def test_patches_are_low_and_end_before_lids_and_lips(variant: str) -> None:
+    face, path, found = suggested(variant)
+    document = read_document(path)
+    rig = read_rig(document, 0)
+    surface = read_surface(document, rig)
+    tools = parse_tools(found.text)
+    rest = rest_pose(surface, rig, tools, (), [])
+    for patch in attach_tools(list(tools.tools), surface, rest, rig, up="y"):
+        # No wrinkle of a young face is higher than a millimetre and a half.
+        assert patch.greatest_height < 0.007 * face.height
+        for name, rim in face.rims.items():
+            u, v = patch.coordinates(rim)
+            on = np.abs(patch.magnitudes(u, v, np.tile(patch.normal, (len(rim), 1)))) > 0.05
+            assert not on.any(), (patch.tool.name, name)
+
+
+@pytest.mark.quick(6)
+@pytest.mark.parametrize("variant", ["arkit", *SLOW])
+def test_what_is_written_passes_a_strict_check(tmp_path: Path, variant: str) -> None:
+    _, path, found = suggested(variant)
+    (tmp_path / "tools.yaml").write_text(found.text)
+    assert check(path, tmp_path / "tools.yaml").warnings == ()
+
+
+@pytest.mark.quick(3)
+def test_plain_names_do_what_they_can() -> None:
+    found = suggest(sample("head"), face=True)
+    assert [each.tool.name for each in found.tools] == ["forehead", "forehead_side.L"]
+    (note,) = (note for note in found.notes if "no such target" in note)
+    assert note == (
+        "head: no tool for crow's feet (cheekSquint, eyeSquint), bunny lines (noseSneer), nasolabial folds"
+        " (mouthSmile, cheekSquint), the chin (mouthShrugLower): it has no such target"
+    )
+
+
+def test_targets_that_move_nothing_are_said(tmp_path: Path) -> None:
+    face = Face()
+    still = {
+        name: 0.0 * each if "Sneer" in name else each
+        for name, each in face.deltas().items()
+        if "row" in name or "Sneer" in name
+    }
+    found = suggest(face.asset(still).write(tmp_path / "face.glb"), face=True)
+    assert [each.tool.name for each in found.tools] == ["forehead", "forehead_side.L", "glabella"]
+    assert any("bunny lines (noseSneer)" in note for note in found.notes)
+
+
+def test_an_asset_without_a_face_has_nothing(tmp_path: Path) -> None:
+    result = run(sample("wrist"), "--face", "-o", tmp_path / "tools.yaml")
+    assert result.exit_code == 1
+    assert "nothing to suggest: no mesh has morph targets of a face: none has a name of ARKit (browInnerUp)" in str(
+        result.exception
+    )
+    assert not (tmp_path / "tools.yaml").exists()

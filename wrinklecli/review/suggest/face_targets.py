@@ -1,0 +1,232 @@
+"""The morph targets of faces, by the names of several vocabularies, and the regions that an artist wrinkles with them.
+
+A name of any vocabulary stands for one or more *motions*, which are called as ARKit calls them, without a side.
+
+Sources of the names:
+    - ARKit, `ARFaceAnchor.BlendShapeLocation`: `browInnerUp`, `eyeBlinkLeft`; others write `eyeBlink_L`.
+    - P. Ekman, W. V. Friesen, J. C. Hager, *Facial Action Coding System*, 2002: units such as AU1, inner brow raiser.
+    - VRM 0.x, blendShapeMaster, and VRMC_vrm-1.0, expressions; VRoid Studio's morph targets `Fcl_BRW_Surprised`.
+    - Character Creator's `Brow_Raise_Inner_L`, MetaHuman's `browRaiseInL`, and plain names such as `browsUp`.
+"""
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from wrinklecli.character.bones import words_of
+from wrinklecli.character.rig import Rig
+from wrinklecli.gltf.document import Document
+from wrinklecli.gltf.shape import Json
+from wrinklecli.tools.mirror import split_side
+
+Side = Literal["", "L", "R"]
+
+# Each motion with its FACS units, and with its names in any order of words, singular, after any other words.
+_MOTIONS: Mapping[str, tuple[tuple[int, ...], str]] = {
+    "browInnerUp": ((1,), "brow inner up, inner brow raiser, brow raise inner, brow raise in, brow up, brow raise"),
+    "browOuterUp": ((2,), "brow outer up, outer brow raiser, brow raise outer, brow raise out, brow up, brow raise"),
+    "browDown": ((4,), "brow down, brow lowerer, brow lower, brow drop, brow compress, brow pinch, frown brow"),
+    "cheekSquint": ((6,), "cheek squint, cheek raiser, cheek raise, eye cheek raise"),
+    "eyeSquint": ((7,), "eye squint, lid tightener, lid tighten, eye squint inner, squint"),
+    "noseSneer": ((9,), "nose sneer, nose wrinkler, nose wrinkle, sneer"),
+    "mouthSmile": ((12,), "mouth smile, lip corner puller, mouth corner pull, smile"),
+    "mouthShrugLower": ((17,), "mouth shrug lower, chin raiser, chin raise, mouth chin up, mouth raiser lower"),
+    "eyeBlink": ((43, 45), "eye blink, eye close, eye closed, lid close, blink"),
+    "jawOpen": ((26, 27), "jaw open, jaw drop, mouth open"),
+    "mouthPucker": ((18, 22, 25), "mouth pucker, mouth funnel, lip pucker, lip funneler, lip part"),
+    "mouthFrown": ((15, 20), "mouth frown, mouth stretch, lip corner depressor, lip stretcher"),
+}
+# Expressions of VRM 0 and 1, and VRoid Studio's parts of them.
+_EXPRESSIONS: Mapping[str, tuple[str, ...]] = {
+    "surprised": ("browInnerUp", "browOuterUp"),
+    "angry": ("browDown",),
+    "happy joy": ("cheekSquint", "eyeSquint", "mouthSmile"),
+    "blink": ("eyeBlink",),
+    "aa a": ("jawOpen",),
+    "ou u oh o": ("mouthPucker",),
+}
+_VROID: Mapping[str, Mapping[str, tuple[str, ...]]] = {
+    "brw": {"surprised": ("browInnerUp", "browOuterUp"), "angry": ("browDown",)},
+    "eye": {"joy": ("cheekSquint", "eyeSquint"), "close": ("eyeBlink",)},
+    "mth": {"joy": ("mouthSmile",), "fun": ("mouthSmile",), "a": ("jawOpen",), "u": ("mouthPucker",)},
+}
+_UNIT = re.compile(r"(?:^|[^A-Za-z])[Aa][Uu][_ .-]?0?(\d{1,2})(?!\d)")
+VOCABULARIES = (
+    "none has a name of ARKit (browInnerUp), of FACS (AU1, BrowRaiser_Inner), of VRoid (Fcl_BRW_Surprised) or of an"
+    " expression of a VRM (surprised)"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class FaceRegion:
+    """A region of a face that an artist wrinkles.
+
+    Attributes:
+        title: Its name in a sentence.
+        name: The stem of its tools' names.
+        targets: The motions that wrinkle it.
+        aside: Bounds within which its summit lies: 0 in the middle of the face, 1 at an eye's middle, 2 at its outer
+            corner.
+        height: Bounds likewise: -1 at the mouth, 0 at the eyes, 1 at the brows.
+        along: Aside and up, the direction across its wrinkles.
+        middle: True if it lies across the middle of the face, False for one on each side.
+        bumps: Fewest and most wrinkles.
+        bump_height: Highest point of a wrinkle relative to its width; those of a young face are low.
+        round_eye: True if its wrinkles spread like rays from an eye.
+    """
+
+    title: str
+    name: str
+    targets: tuple[str, ...]
+    aside: tuple[float, float]
+    height: tuple[float, float]
+    along: tuple[float, float]
+    middle: bool
+    bumps: tuple[int, int]
+    bump_height: float
+    round_eye: bool = False
+
+
+# The regions, from the forehead down. Their bounds are wide: they tell a temple from a lid, and a chin from a lip.
+REGIONS = (
+    FaceRegion(
+        "the forehead", "forehead", ("browInnerUp",),
+        (0.0, 2.5), (1.0, 6.0), (0.0, 1.0), middle=True, bumps=(4, 5), bump_height=0.10,
+    ),
+    FaceRegion(
+        "the forehead's sides", "forehead_side", ("browOuterUp",),
+        (0.5, 3.0), (1.0, 6.0), (0.0, 1.0), middle=False, bumps=(3, 4), bump_height=0.09,
+    ),
+    FaceRegion(
+        "the glabella", "glabella", ("browDown",),
+        (0.0, 1.0), (0.0, 2.0), (1.0, 0.0), middle=True, bumps=(3, 3), bump_height=0.10,
+    ),
+    FaceRegion(
+        "crow's feet", "crows_foot", ("cheekSquint", "eyeSquint"),
+        (2.0, 5.0), (-0.5, 1.4), (0.0, 1.0), middle=False, bumps=(3, 4), bump_height=0.09, round_eye=True,
+    ),
+    FaceRegion(
+        "bunny lines", "bunny", ("noseSneer",),
+        (0.1, 1.0), (-0.75, 0.3), (0.25, 1.0), middle=False, bumps=(3, 4), bump_height=0.08,
+    ),
+    FaceRegion(
+        "nasolabial folds", "nasolabial", ("mouthSmile", "cheekSquint"),
+        (0.6, 3.5), (-1.1, -0.4), (1.0, 0.4), middle=False, bumps=(3, 3), bump_height=0.10,
+    ),
+    FaceRegion(
+        "the chin", "chin", ("mouthShrugLower",),
+        (0.0, 1.0), (-4.0, -1.0), (0.0, 1.0), middle=True, bumps=(3, 4), bump_height=0.08,
+    ),
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class FaceTarget:
+    """Morph targets of a mesh that a name of a face stands for.
+
+    Attributes:
+        name: As the asset has it.
+        motions: By ARKit's names.
+        side: L or R of the character; empty for both.
+        weights: By the target's number, its weight.
+    """
+
+    name: str
+    motions: tuple[str, ...]
+    side: Side
+    weights: Mapping[int, float] = field(hash=False)
+
+
+def read_face_targets(document: Document, rig: Rig) -> list[FaceTarget]:
+    """Find the morph targets of a rig's mesh that are named for a face, and the expressions of a VRM."""
+    found = [
+        FaceTarget(name, *said, {number: 1.0})
+        for number, name in enumerate(rig.morph_names)
+        if (said := motions_of(name))[0]
+    ]
+    known = {motion for each in found for motion in each.motions}
+    for name, weights in _expressions(document, rig):
+        motions = _EXPRESSION_OF.get(words_of(name).replace(" ", ""), ())
+        side: Side = ""
+        if not motions:
+            motions, side = motions_of(name)
+        # An expression moves the whole face, so single targets say more about a place.
+        motions = tuple(motion for motion in motions if motion not in known)
+        if motions:
+            found.append(FaceTarget(name, motions, side, weights))
+    return found
+
+
+def motions_of(name: str) -> tuple[tuple[str, ...], Side]:
+    """The motions that a morph target's name stands for, and its side; none if the name says nothing of a face."""
+    stem, letter = split_side(name)
+    side: Side = "L" if letter == "L" else "R" if letter == "R" else ""
+    if unit := _UNIT.search(name):
+        if not letter and (after := re.match(r"_?([LR])\b", name[unit.end() :])):
+            side = "L" if after[1] == "L" else "R"
+        return tuple(motion for motion, (units, _) in _MOTIONS.items() if int(unit[1]) in units), side
+    words = words_of(stem).split()
+    # MetaHuman and others write the side as the last letter: `browRaiseInL`, `innerBrowRaiserL`.
+    if not side and words and words[-1] in ("l", "r"):
+        side = "L" if words.pop() == "l" else "R"
+    for part, of_part in _VROID.items():
+        if part in words and words[-1] in of_part and "fcl" in words:
+            return of_part[words[-1]], side
+    words = [word.removesuffix("s") if word in _PLURALS else word for word in words]
+    for count in range(min(_LONGEST, len(words)), 0, -1):
+        motions = _BY_WORDS.get(tuple(sorted(words[-count:])))
+        if motions:
+            return motions, side
+    return (), side
+
+
+_PLURALS = ("brows", "eyebrows", "eyes", "lids", "cheeks", "lips", "eyebrow")
+
+
+def _by_words() -> dict[tuple[str, ...], tuple[str, ...]]:
+    found: dict[tuple[str, ...], tuple[str, ...]] = {}
+    for motion, (_, names) in _MOTIONS.items():
+        for name in names.split(", "):
+            key = tuple(sorted(name.split()))
+            found[key] = (*found.get(key, ()), motion)
+    return found
+
+
+_BY_WORDS = _by_words()
+_LONGEST = max(map(len, _BY_WORDS))
+_EXPRESSION_OF = {name: motions for names, motions in _EXPRESSIONS.items() for name in names.split()}
+
+
+def _expressions(document: Document, rig: Rig) -> Iterator[tuple[str, dict[int, float]]]:
+    """Give the names of a VRM's expressions, and the weights of a rig's morph targets in each."""
+    extensions = document.gltf.get("extensions")
+    extensions = extensions if isinstance(extensions, dict) else {}
+    for name, binds, holder, place, full in _named_binds(extensions):
+        weights = {}
+        for bind in binds if isinstance(binds, list) else ():
+            if not isinstance(bind, dict) or bind.get(holder) != (rig.mesh if place == "mesh" else rig.node):
+                continue
+            number, weight = bind.get("index"), bind.get("weight")
+            if isinstance(number, int) and 0 <= number < len(rig.morph_names) and isinstance(weight, int | float):
+                weights[number] = min(max(float(weight) / full, 0.0), 1.0)
+        if weights:
+            yield name, weights
+
+
+def _named_binds(extensions: Json) -> Iterator[tuple[str, object, str, str, float]]:
+    """Give each expression's name and list of morph targets, the key and kind of their holder, and the full weight."""
+    old, new = (extensions.get(key) for key in ("VRM", "VRMC_vrm"))
+    groups = old.get("blendShapeMaster") if isinstance(old, dict) else None
+    groups = groups.get("blendShapeGroups") if isinstance(groups, dict) else None
+    for group in groups if isinstance(groups, list) else ():
+        if isinstance(group, dict):
+            preset = str(group.get("presetName", "unknown"))
+            name = str(group.get("name", "")) if preset in ("", "unknown") else preset
+            yield name, group.get("binds"), "mesh", "mesh", 100.0
+    expressions = new.get("expressions") if isinstance(new, dict) else None
+    for kind in ("preset", "custom"):
+        named = expressions.get(kind) if isinstance(expressions, dict) else None
+        for name, expression in named.items() if isinstance(named, dict) else ():
+            if isinstance(expression, dict):
+                yield str(name), expression.get("morphTargetBinds"), "node", "node", 1.0

@@ -1,0 +1,278 @@
+"""Tools for the wrinkles of a face, placed where the morph targets of its expressions compress the skin.
+
+For each region that an artist wrinkles, the targets of its motions rise together. A tool goes across the summit of the
+compression in the region; the parts of the face only tell summits apart, such as a temple from a lid.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.motion import motion_clip, raising
+from wrinklecli.character.rig import Rig, read_rig
+from wrinklecli.character.surface import read_surface
+from wrinklecli.effects.wrinkle.patch import Patch
+from wrinklecli.gltf.document import Document
+from wrinklecli.numeric.arrays import Bools, Floats, significant, unit, weighted_quantiles
+from wrinklecli.review.suggest.candidates import Candidate
+from wrinklecli.review.suggest.draft import across_x, tool_of, width_of
+from wrinklecli.review.suggest.face_parts import Face, read_face
+from wrinklecli.review.suggest.face_targets import (
+    REGIONS,
+    VOCABULARIES,
+    FaceRegion,
+    FaceTarget,
+    Side,
+    read_face_targets,
+)
+from wrinklecli.review.suggest.fitted_tools import Suggestion
+from wrinklecli.review.suggest.shortening import attached, greatest, shortenings_of, with_rising_bumps
+from wrinklecli.surface.compression import CompressedRegion, connected_sites
+from wrinklecli.surface.sites import at_sites
+from wrinklecli.surface.strain import along_directions, principal, unscaled_pose
+from wrinklecli.surface.trace import find_segment
+from wrinklecli.tools.records import Length, WrinkleTool
+
+# Least loss of a region's summit, and least shortening of its tool: less is no line of a face.
+_LEAST_LOSS = 0.04
+# Part of a summit's loss at which its region ends, as for folds of joints.
+_REGION_LOSS = 0.5
+# Fewest sites of a region: fewer say too little.
+_FEWEST_SITES = 4
+# Part of a region's loss left out at either end when its extent is measured.
+_TAIL = 0.03
+# Poses of the motion of a target, which is even.
+_POSES = 5
+# Factor on the width of a tool that reaches lids or lips, and most times that it is made narrower.
+_NARROWER, _TRIES = 0.9, 10
+# Least part of its width that a tool keeps.
+_NARROWEST = 0.35
+# Greatest part of its height that a tool may have on a lid or a lip, where its bell has nearly faded.
+_FADED = 0.05
+# Least cosine of the normals of a site and a region's summit.
+_FACING = 0.25
+# Least and greatest angle to either side by which crow's feet spread round an eye, radians.
+_SPREAD = np.radians([22.0, 35.0])
+
+
+@dataclass(frozen=True, slots=True)
+class FaceTools:
+    """The tools of a face.
+
+    Attributes:
+        tools: From the forehead down.
+        motions: The clips, not of the asset, in which they shorten: targets that rise in a second.
+        notes: A line for the regions without a tool, and each reason.
+        reason: Why there are no tools; empty if there are some.
+    """
+
+    tools: tuple[Suggestion, ...]
+    motions: tuple[Clip, ...]
+    notes: tuple[str, ...]
+    reason: str
+
+
+def suggest_face(document: Document, nodes: Mapping[int, str | None]) -> FaceTools:
+    """Fit the tools of a face; `nodes` are as `find_mesh_nodes` finds them."""
+    found = [(read_rig(document, node), name) for node, name in nodes.items()]
+    named = [(rig, name, targets) for rig, name in found if (targets := read_face_targets(document, rig))]
+    if not named:
+        return FaceTools((), (), (), f"no mesh has morph targets of a face: {VOCABULARIES}")
+    # Of several meshes with the same targets, such as teeth and lashes, the skin has the most to move.
+    rig, name, targets = max(named, key=lambda each: _moved_count(document, each[0], each[2]))
+    where = rig.names[rig.node]
+    face = read_face(document, rig, targets, name)
+    if face is None:
+        return FaceTools((), (), (), f"{where}: the morph targets of its face move no skin")
+    tools: list[Suggestion] = []
+    motions: dict[str, Clip] = {}
+    missing: list[str] = []
+    notes: list[str] = []
+    for region in REGIONS:
+        if not face.of(region.targets):
+            missing.append(f"{region.title} ({', '.join(region.targets)})")
+            continue
+        sides: tuple[Side, ...] = ("",) if region.middle else ("L",) if face.symmetric else ("L", "R")
+        for side in sides:
+            motion = _motion(face, region, side)
+            fitted = None if motion is None else _fit(face, region, side, motion)
+            if isinstance(fitted, Suggestion):
+                tools.append(fitted)
+                motions |= {clip.name: clip for clip in motion or () if clip.name == fitted.clip}
+            else:
+                of_side = region.title + {"": "", "L": ", left", "R": ", right"}[side]
+                notes.append(f"{where}: no tool for {of_side}: {fitted or 'no target on this side'}")
+    if missing:
+        notes.insert(0, f"{where}: no tool for {', '.join(missing)}: it has no such target")
+    reason = "" if tools else f"{where}: no morph target compresses the skin where a face has lines"
+    return FaceTools(tuple(tools), tuple(motions.values()), tuple(notes), reason)
+
+
+def _moved_count(document: Document, rig: Rig, targets: Sequence[FaceTarget]) -> int:
+    """The number of vertices that targets move."""
+    numbers = sorted({number for each in targets for number in each.weights})
+    return int(np.any(read_surface(document, rig).morph_deltas[numbers], axis=(0, 2)).sum())
+
+
+def _motion(face: Face, region: FaceRegion, side: Side) -> tuple[Clip, ...] | None:
+    """The targets of a region's motions raised one at a time, and last together; None if there are none on a side."""
+    targets, rig = face.of(region.targets, side), face.mesh.rig
+    if not targets:
+        return None
+    weights: dict[int, float] = {}
+    for each in targets:
+        weights |= {number: max(weight, weights.get(number, 0.0)) for number, weight in each.weights.items()}
+    singles = [motion_clip(each.name, [raising(rig, each.weights)]) for each in targets]
+    together = motion_clip(" + ".join(each.name for each in targets), [raising(rig, weights)])
+    return (*singles, together) if len(targets) > 1 else (together,)
+
+
+def _fit(face: Face, region: FaceRegion, side: Side, motion: tuple[Clip, ...]) -> Suggestion | str:
+    """The tool of a region on a side, or of a pair; or why there is none."""
+    mesh = replace(face.mesh, clips=motion, times=(np.linspace(0.0, 1.0, _POSES),) * len(motion))
+    together = motion[-1]
+    compressed = _compressed(face, region, side, together)
+    if compressed is None:
+        return f"{together.name} compresses the skin there by less than {100 * _LEAST_LOSS:g} %"
+    ends = find_segment(mesh.sites, compressed, [unscaled_pose(mesh.gauge, together, 1.0)])
+    if ends is None:
+        return f"no segment fits where {together.name} compresses the skin"
+    candidate = Candidate(mesh, compressed, together, 1.0, *ends, 1.0, "skin", driver=together.name, by_morph=True)
+    if region.round_eye:
+        candidate = _round_eye(face, candidate, side)
+    return _fit_tool(face, region, candidate, side) or f"{together.name} hardly shortens the skin there"
+
+
+def _compressed(face: Face, region: FaceRegion, side: Side, clip: Clip) -> CompressedRegion | None:
+    """The region that a motion compresses on a side; None if it compresses less than a line of a face."""
+    sites = face.mesh.sites
+    tensors = at_sites(sites, clip, np.array([1.0]))[0]
+    sign = -1.0 if side == "R" else 1.0
+    direction = unit(sign * region.along[0] * face.left + region.along[1] * face.up)
+    lost = np.where(_window(face, region, sign), along_directions(tensors, sites.normals, direction), -np.inf)
+    seed = int(lost.argmax())
+    if not lost[seed] > _LEAST_LOSS:
+        return None
+    normal = sites.normals[seed]
+    inside = (lost >= _REGION_LOSS * lost[seed]) & (sites.normals @ normal > _FACING)
+    members = connected_sites(sites, inside, seed)
+    if len(members) < _FEWEST_SITES:
+        return None
+    weights = sites.areas[members] * lost[members]
+    places = sites.positions[members]
+    normal = unit(weights @ sites.normals[members])
+    if not region.middle:
+        _, found = principal((weights @ tensors[members] / weights.sum())[None], normal[None])
+        direction = (
+            found[0] * (1.0 if found[0] @ direction >= 0 else -1.0) if abs(found[0] @ direction) > 0.5 else direction
+        )
+    centre = weights @ places / weights.sum()
+    if region.middle:
+        normal = unit(normal - (normal @ face.left) * face.left)
+        centre = centre - ((centre - face.middle) @ face.left) * face.left
+    along = unit(direction - (direction @ normal) * normal)
+    sideways = np.cross(normal, along)
+    (low, high), (left, right) = (_extent((places - centre) @ axis, weights) for axis in (along, sideways))
+    if region.middle:
+        # The side that is not grown is as large.
+        reach = max(-left, right) if abs(sideways @ face.left) > 0.5 else max(-low, high)
+        if abs(sideways @ face.left) > 0.5:
+            left, right = -reach, reach
+        else:
+            low, high = -reach, reach
+    return CompressedRegion(
+        members=members,
+        weights=weights,
+        centre=centre + (low + high) / 2.0 * along + (left + right) / 2.0 * sideways,
+        normal=normal,
+        along=along,
+        length=high - low + sites.spacing,
+        width=right - left + sites.spacing,
+        twin=face.symmetric,
+        on_plane=region.middle,
+    )
+
+
+def _window(face: Face, region: FaceRegion, sign: float) -> Bools:
+    """(sites,) True where a region may lie, apart from lids and lips."""
+    places = face.mesh.sites.positions
+    aside, height = sign * face.asides(places), face.heights(places)
+    aside = np.abs(aside) if region.middle else aside
+    (near, far), (low, high) = region.aside, region.height
+    return np.asarray(face.free & (aside >= near) & (aside <= far) & (height >= low) & (height <= high))
+
+
+def _extent(values: Floats, weights: Floats) -> tuple[float, float]:
+    """Bounds of the values, without a tail of the weight at either end."""
+    low, high = weighted_quantiles(values, weights, np.array([_TAIL, 1.0 - _TAIL]))
+    return float(low), float(high)
+
+
+def _round_eye(face: Face, candidate: Candidate, side: Side) -> Candidate:
+    """A candidate with a path around an eye, so that its wrinkles spread from there."""
+    sign = -1.0 if side == "R" else 1.0
+    eye = face.middle + 0.5 * sign * face.size * face.left
+    aside = (candidate.region.centre - eye) @ (sign * face.left)
+    above = float((candidate.region.centre - eye) @ face.up)
+    radius, middle = float(np.hypot(aside, above)), float(np.arctan2(above, aside))
+    half = float(np.clip(candidate.region.length / 2.0 / radius, *_SPREAD))
+    depth = (candidate.region.centre - eye) @ face.ahead
+    points = []
+    for angle in middle + half * np.array([-1.0, 0.0, 1.0]):
+        out = np.cos(angle) * sign * face.left + np.sin(angle) * face.up
+        points.append(face.mesh.rest.foot(eye + radius * out + depth * face.ahead)[0])
+    return replace(candidate, origin=points[0], between=np.array([points[1]]), target=points[2])
+
+
+def _fit_tool(face: Face, region: FaceRegion, candidate: Candidate, side: Side) -> Suggestion | None:
+    """The tool of a candidate, or of a pair, as wide as lids and lips allow; None if it does not shorten."""
+    mesh = candidate.mesh
+    width = width_of(candidate)
+    name = region.name if not side else f"{region.name}.{side}"
+    patches: list[Patch] = []
+    for _ in range(_TRIES):
+        tool = _drawn(region, candidate, name, width)
+        tools = [tool, across_x(tool, f"{region.name}.R")] if side and face.symmetric else [tool]
+        found = attached(mesh, tools)
+        if found is None:
+            return None
+        patches = found
+        if all(_clear(face, patch) for patch in patches) or width < _NARROWEST * width_of(candidate):
+            break
+        width *= _NARROWER
+    shortenings = [shortenings_of(mesh, patch) for patch in patches]
+    best = greatest(shortenings[0])
+    if best.ratio < _LEAST_LOSS:
+        return None
+    made = with_rising_bumps(mesh, patches, shortenings, height=region.bump_height)
+    if made is None:
+        return None
+    return Suggestion(
+        tool=made[0],
+        mirrored=len(made) == 2,
+        mesh=mesh.rig.names[mesh.rig.node],
+        driver=candidate.driver,
+        by_morph=True,
+        clip=best.clip.name,
+        time=best.time,
+        span=patches[0].span,
+        clips={clip: each.distance for clip, each in shortenings[0].items()},
+        shortening=best.ratio,
+        score=float(candidate.region.weights.sum()),
+    )
+
+
+def _drawn(region: FaceRegion, candidate: Candidate, name: str, width: float) -> WrinkleTool:
+    """The tool of a candidate with a region's number of wrinkles."""
+    tool = tool_of(candidate, name, width)
+    low, high = region.bumps
+    return replace(tool, bumps=min(max(tool.bumps, low), high), width=Length(significant(width, 2)))
+
+
+def _clear(face: Face, patch: Patch) -> bool:
+    """True if a patch has hardly any height on lids and lips."""
+    sites = face.mesh.sites
+    shares = patch.magnitudes(*patch.coordinates(sites.positions), sites.normals) / patch.shape_strength
+    return bool(np.abs(shares[~face.free]).max(initial=0.0) < _FADED)
