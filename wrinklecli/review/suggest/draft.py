@@ -2,11 +2,14 @@
 
 import json
 import math
+import re
 from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
 
+from wrinklecli.character.bones import Part
+from wrinklecli.choices import MaterialName
 from wrinklecli.review.suggest.candidates import Candidate
 from wrinklecli.tools.json_schema import readers_of
 from wrinklecli.tools.materials import preset, usual_bumps
@@ -29,6 +32,32 @@ _SIDE_BY_SIDE = 0.5
 # Shortening without wrinkles, per cent of the rest distance, for a tool that a joint drives: clips rarely return to the
 # stored pose, and 1 % is visible.
 SLACK = 5
+
+
+# Presets by substance and by the part of the joint that drives a tool.
+_PRESETS: dict[tuple[MaterialName, Part], str] = {
+    ("cloth", "lower leg"): "trouser_knee",
+    ("cloth", "lower arm"): "cotton_sleeve",
+    ("leather", "lower arm"): "leather_sleeve",
+    ("leather", "lower leg"): "leather_boot",
+    ("leather", "foot"): "leather_boot",
+    ("leather", "toes"): "leather_boot",
+    ("skin", "hand"): "wrist",
+    ("skin", "lower arm"): "elbow",
+    ("skin", "neck"): "neck",
+}
+# Words of morph targets that raise a forehead.
+_BROWS = re.compile(r"brow|forehead", re.IGNORECASE)
+
+
+def preset_of(candidate: Candidate) -> str | None:
+    """The preset for what a candidate is made of and for its part of the body; else its substance."""
+    material = candidate.material
+    if material is None:
+        return None
+    if candidate.by_morph:
+        return "forehead_young" if material == "skin" and _BROWS.search(candidate.driver) else material
+    return material if candidate.part is None else _PRESETS.get((material, candidate.part), material)
 
 
 def stem_and_side(driver: str, otherwise: str) -> tuple[str, str]:
@@ -101,15 +130,18 @@ def tool_of(candidate: Candidate, name: str, width: float, bump_length: float | 
         points = points[::-1]
     span = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
     (a, b, c), *between, (d, e, f) = ([round(float(x), decimals(span)) + 0.0 for x in point] for point in points)
+    chosen = preset_of(candidate)
+    given = preset(chosen).fields(readers_of(WrinkleTool)) if chosen else {}
     usual = usual_bumps(candidate.material)
     longest = _BUMP_OF_WIDTH[candidate.material] * width
     if bump_length is not None and _SIMILAR[0] * longest < bump_length < _SIMILAR[1] * longest:
         longest = bump_length
     bumps = min(max(usual, round(span / longest)), usual + _MORE_BUMPS)
+    if chosen and "bumps" in preset(chosen).keys:
+        bumps = preset(chosen).bumps()
     if candidate.facet:
         # Among flat faces a bump that is shorter than a face looks like a step.
         bumps = max(1, min(bumps, int(span / candidate.facet)))
-    given = preset(candidate.material).fields(readers_of(WrinkleTool)) if candidate.material else {}
     return WrinkleTool(
         name=name,
         node=candidate.mesh.node,
@@ -117,11 +149,14 @@ def tool_of(candidate: Candidate, name: str, width: float, bump_length: float | 
         between=tuple((x, y, z) for x, y, z in between),
         target=(d, e, f),
         width=Length(round(width, 1 - math.floor(math.log10(width)))),
-        material=candidate.material,
-        # Bumps that rise one after another stand alone on either side of a joint until it is half bent.
-        strategy="everywhere",
-        rest_length="auto" if candidate.by_morph else Length(100.0 - SLACK, percent=True),
-        **{**given, "bumps": bumps},
+        material=chosen,
+        **{
+            **given,
+            "bumps": bumps,
+            "rest_length": "auto" if candidate.by_morph else Length(100.0 - SLACK, percent=True),
+            # Bumps that rise one after another stand alone on either side of a joint until it is half bent.
+            "strategy": "everywhere",
+        },
     )
 
 

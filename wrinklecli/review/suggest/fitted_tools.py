@@ -13,6 +13,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import node_matrices
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.numeric.arrays import Floats, unit, weighted_quantiles
+from wrinklecli.review.suggest.buckling import crossing_pair
 from wrinklecli.review.suggest.candidates import Candidate
 from wrinklecli.review.suggest.draft import pair_of, renamed, stem_and_side, tool_of, width_of
 from wrinklecli.review.suggest.measure import MeasuredMesh
@@ -43,6 +44,9 @@ _PRESENT = 0.25
 _AS_SHORT = 0.75
 # Greatest half width of a path over the radius of its sharpest bend.
 _OF_RADIUS = 0.9
+# Least shortening of a path that crosses another one on a limb over that of a level tool: it ends on the limb's sides,
+# where a bend neither presses together nor stretches.
+_OF_SLANTED = 0.4
 # Least width of a path over the straight tool's.
 _LEAST_WIDTH = 0.6
 # Greatest length of a region at a finger's joint over the shorter bone's: a segment then ends halfway along the bone.
@@ -110,9 +114,9 @@ def fit_tools(
 
 @dataclass(frozen=True, slots=True)
 class _Fitted:
-    """A suggestion, and its patch or those of a pair."""
+    """Suggestions for a place, two if they cross, with the patches of their tools and of the twins of those."""
 
-    suggestion: Suggestion
+    suggestions: list[Suggestion]
     patches: list[Patch]
 
 
@@ -141,7 +145,7 @@ class _Search:
         search, found = self, list[Suggestion]()
         placed: list[tuple[MeasuredMesh, Patch]] = []
         for candidate in order:
-            if len(found) == count or candidate.score < _LEAST_SCORE * order[0].score:
+            if len(found) >= count or candidate.score < _LEAST_SCORE * order[0].score:
                 break
             others = [patch for mesh, patch in placed if mesh is candidate.mesh]
             if any(_covers(patch, candidate.region.centre, candidate.region.normal) for patch in others):
@@ -149,15 +153,16 @@ class _Search:
             fitted = search._fit(candidate)
             if fitted is None or any(_overlap(patch, other) for patch in fitted.patches for other in others):
                 continue
-            suggestion, key = fitted.suggestion, (candidate.mesh.rig.node, fitted.suggestion.driver)
-            found.append(suggestion)
+            suggestion = fitted.suggestions[0]
+            key = (candidate.mesh.rig.node, suggestion.driver)
+            found += fitted.suggestions
             placed += [(candidate.mesh, patch) for patch in fitted.patches]
             search = replace(
                 search,
                 names=search.names | {patch.tool.identifier for patch in fitted.patches},
                 bump_lengths={key: suggestion.span / suggestion.tool.bumps, **search.bump_lengths},
             )
-        return found
+        return found[:count]
 
     def _fit(self, candidate: Candidate) -> _Fitted | None:
         """The tool of a candidate, with its twin if it has one; None if it does not attach or shorten."""
@@ -168,6 +173,9 @@ class _Search:
         refined = _refined(_within_bones(candidate) if candidate.part == "finger" else candidate)
         if refined is None:
             return None
+        crossing = self._crossing(refined, apart=apart)
+        if crossing is not None:
+            return crossing
         curved = _curved(refined)
         fitted = self._fit_refined(curved, apart=apart)
         if curved is refined:
@@ -175,9 +183,30 @@ class _Search:
         straight = self._fit_refined(refined, apart=apart)
         if fitted is None or straight is None:
             return fitted or straight
-        return replace(fitted, suggestion=replace(fitted.suggestion, straight=straight.suggestion))
+        ((suggestion,), (instead,)) = fitted.suggestions, straight.suggestions
+        return replace(fitted, suggestions=[replace(suggestion, straight=instead)])
 
-    def _fit_refined(self, candidate: Candidate, *, apart: bool) -> _Fitted | None:
+    def _crossing(self, candidate: Candidate, *, apart: bool) -> _Fitted | None:
+        """Fit two tools that cross on a limb; None where level folds are right, or if one of the two is no tool."""
+        search, fitted = self, list[_Fitted]()
+        level = _probe(candidate)
+        least = _least_shortening(candidate, mild=self.mild)
+        if level is None or greatest(shortenings_of(candidate.mesh, level)).ratio < least:
+            return None
+        for each in crossing_pair(candidate):
+            found = search._fit_refined(each, apart=apart, least=_OF_SLANTED * least)
+            if found is None:
+                return None
+            fitted.append(found)
+            search = replace(search, names=search.names | {patch.tool.identifier for patch in found.patches})
+        if not fitted:
+            return None
+        return _Fitted(
+            [suggestion for each in fitted for suggestion in each.suggestions],
+            [patch for each in fitted for patch in each.patches],
+        )
+
+    def _fit_refined(self, candidate: Candidate, *, apart: bool, least: float | None = None) -> _Fitted | None:
         """Fit a tool to a candidate with refined ends, as `_fit`; `apart` is True if it is clear of its twin."""
         mesh, region, driver = candidate.mesh, candidate.region, candidate.driver
         stem, side = stem_and_side(driver, candidate.part or "fold")
@@ -200,7 +229,7 @@ class _Search:
                 return None
             shortenings = [shortenings_of(mesh, patch) for patch in patches]
             ratios = [greatest(each).ratio for each in shortenings]
-            if max(ratios) < _least_shortening(candidate, mild=self.mild):
+            if max(ratios) < (_least_shortening(candidate, mild=self.mild) if least is None else least):
                 continue
             if ratios[0] < _RESTS * ratios[-1]:
                 # The tool that the clips fold is written, and `mirror` makes the other.
@@ -232,7 +261,7 @@ class _Search:
             shortening=best.ratio,
             score=candidate.score,
         )
-        return _Fitted(suggestion, [replace(each, tool=tool) for each, tool in zip(patches, tools, strict=True)])
+        return _Fitted([suggestion], [replace(each, tool=tool) for each, tool in zip(patches, tools, strict=True)])
 
 
 def _covers(patch: Patch, place: Floats, normal: Floats) -> bool:

@@ -1,0 +1,71 @@
+"""Cloth and leather on a bent limb get two tools that cross on the inside of the bend; all else gets level ones."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kit.asset import Asset, stored
+from kit.limb import RADIUS, limb_asset
+from kit.suggested import along, ends, middle
+from wrinklecli.review.check import check
+from wrinklecli.review.suggest.suggest import Suggestions, suggest
+from wrinklecli.tools.read import parse_tools
+
+
+def limb_of(material: str, joint: str = "LeftLeg") -> Asset:
+    """A limb that bends at its middle, with the name of the bending joint."""
+    asset = limb_asset(rings=24, sides=16)
+    number = asset.append("materials", {"name": material})
+    for primitive in asset.gltf["meshes"][0]["primitives"]:
+        primitive["material"] = number
+    joints = asset.gltf["skins"][0]["joints"]
+    for node, name in zip(joints, ["LeftUpLeg", joint], strict=False):
+        asset.gltf["nodes"][node]["name"] = name
+    return asset
+
+
+def suggested(folder: Path, asset: Asset) -> Suggestions:
+    return suggest(asset.write(folder / "limb.glb"))
+
+
+@pytest.mark.parametrize("material", ["Trousers", "leather"])
+def test_folds_of_cloth_cross_on_the_inside_of_a_bent_limb(tmp_path: Path, material: str) -> None:
+    found = suggested(tmp_path, limb_of(material))
+    first, second = (each.tool for each in found.tools[:2])
+    assert (first.between, second.between) == ((), ())
+    # They cross at the crease, and lean as much to one side as to the other.
+    assert np.linalg.norm(middle(first) - middle(second)) < 0.2 * RADIUS
+    axis = np.array([1.0, 0.0, 0.0])
+    for tool in (first, second):
+        assert 15 < np.degrees(np.arccos(abs(along(tool) @ axis))) < 50
+        for end in ends(tool):
+            assert np.linalg.norm(end[1:]) == pytest.approx(RADIUS, rel=0.1)
+    side = np.cross(axis, middle(first))
+    leaning = [along(tool) @ side * np.sign(along(tool) @ axis) for tool in (first, second)]
+    assert leaning[0] == pytest.approx(-leaning[1], rel=0.25)
+    (tmp_path / "tools.yaml").write_text(found.text)
+    assert not check(tmp_path / "limb.glb", tmp_path / "tools.yaml").warnings
+    assert [tool.name for tool in parse_tools(found.text).tools] == [each.tool.name for each in found.tools]
+
+
+def test_skin_folds_level(tmp_path: Path) -> None:
+    found = suggested(tmp_path, limb_of("skin"))
+    axis = np.array([1.0, 0.0, 0.0])
+    assert all(abs(along(each.tool) @ axis) > 0.98 for each in found.tools)
+
+
+def test_folds_at_a_hip_stay_level(tmp_path: Path) -> None:
+    found = suggested(tmp_path, limb_of("Trousers", joint="LeftFoot"))
+    assert abs(along(found.tools[0].tool) @ np.array([1.0, 0.0, 0.0])) > 0.98
+
+
+def test_half_a_tube_is_no_limb(tmp_path: Path) -> None:
+    asset = limb_of("Trousers")
+    for primitive in asset.gltf["meshes"][0]["primitives"]:
+        positions = stored(asset, primitive["attributes"]["POSITION"])
+        triangles = stored(asset, primitive["indices"]).reshape(-1, 3)
+        near = positions[triangles][..., 1].mean(axis=1)
+        primitive["indices"] = asset.accessor(triangles[near > -0.1 * RADIUS].ravel(), "u2")
+    found = suggested(tmp_path, asset)
+    assert all(abs(along(each.tool) @ np.array([1.0, 0.0, 0.0])) > 0.98 for each in found.tools)
