@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 from pathlib import Path
 from typing import Any
@@ -161,6 +162,28 @@ def test_bounds_and_joints_are_where_they_are_in_the_stored_pose(wrinkle: Wrinkl
     assert second == "  again: 2 joints: joint_0, joint_1"
 
 
+def test_many_joints_are_a_tree_of_chains_with_both_sides_on_one_line(wrinkle: Wrinkle, tmp_path: Path) -> None:
+    asset = limb_asset(rings=3, sides=4, joints=11)
+    (skin,) = asset.gltf["skins"]
+    joints = [asset.gltf["nodes"][joint] for joint in skin["joints"]]
+    joints[0]["children"].append(skin["joints"][6])
+    del joints[5]["children"]
+    for number, joint in enumerate(joints[1:]):
+        joint["name"] = f"leg_{number % 5}.{'LR'[number // 5]}"
+    path = asset.write(tmp_path / "limb.glb")
+    assert inspect(path)["skins"][0]["parents"] == [None, 0, 1, 2, 3, 4, 0, 6, 7, 8, 9]
+    lines = wrinkle("inspect", path).out.splitlines()
+    at = lines.index("skins")
+    assert lines[at + 1].endswith(": 11 joints")
+    assert lines[at + 2] == "    joint_0 [-1, 0, 0]"
+    assert re.fullmatch(
+        r"      leg_0\.L \[[^]]*\] > leg_1\.L > leg_2\.L > leg_3\.L > leg_4\.L, and the other side", lines[at + 3]
+    )
+    joints[-1]["name"] = "toes"
+    lines = wrinkle("inspect", asset.write(tmp_path / "limb.glb")).out.splitlines()
+    assert [line.split()[0] for line in lines[at + 2 : at + 5]] == ["joint_0", "leg_0.L", "leg_0.R"]
+
+
 def test_what_cannot_be_read_has_no_bounds(tmp_path: Path) -> None:
     asset = limb_asset(rings=3, sides=4)
     asset.gltf["meshes"][0]["primitives"][0]["attributes"].pop("POSITION")
@@ -305,7 +328,7 @@ def test_json_has_these_keys(wrinkle: Wrinkle, tmp_path: Path) -> None:
         "compression",
     ]
     assert list(data["deforming"][0]) == ["node", "mesh", "skin", "morph_targets"]
-    assert list(data["skins"][0]) == ["name", "joints", "rest"]
+    assert list(data["skins"][0]) == ["name", "joints", "rest", "parents"]
     assert list(data["clips"][0]) == ["name", "start", "end", "keys", "nodes", "channels"]
     assert list(data["wrinkles"][0]) == ["node", "method", "draft", "tools", "undriven"]
     assert list(data["wrinkles"][0]["tools"][0]) == ["name", "origin_joints", "target_joints", "rest_length", "targets"]

@@ -10,6 +10,8 @@ from wrinklecli.cli.output import emit, emit_json
 from wrinklecli.errors import counted
 from wrinklecli.numeric.memory import shown_bytes
 
+_FEW_JOINTS = 8  # joints that one line lists
+
 
 @click.command(short_help="Say what is in an asset.", epilog="Example: wrinkle inspect samples/trousers.glb")
 @click.argument("asset", type=opt.FILE)
@@ -98,7 +100,10 @@ def _deforming(each: dict[str, Any], data: dict[str, Any]) -> str:
 
 
 def _skins(skins: list[dict[str, Any]]) -> Iterator[str]:
-    """A line for each skin. A joint has its place in the stored pose where it is listed first."""
+    """A line for each skin, and a tree of its joints unless they are few.
+
+    A joint has its place in the stored pose where it is listed first.
+    """
     listed: set[str] = set()
     for number, skin in enumerate(skins):
         joints = list(skin["joints"])
@@ -106,8 +111,55 @@ def _skins(skins: list[dict[str, Any]]) -> Iterator[str]:
             size = max((abs(x) for place in skin["rest"] for x in place), default=0.0)
             joints = [f"{name} {_place(place, size)}" for name, place in zip(joints, skin["rest"], strict=True)]
         shown = [name if line in listed else line for name, line in zip(skin["joints"], joints, strict=True)]
+        again = listed.issuperset(joints)
         listed.update(joints)
-        yield f"{skin['name'] or f'skin {number}'}: {counted(len(joints), 'joint')}: {', '.join(shown)}"
+        heading = f"{skin['name'] or f'skin {number}'}: {counted(len(joints), 'joint')}"
+        if skin["parents"] is None or len(joints) <= _FEW_JOINTS:
+            yield f"{heading}: {', '.join(shown)}"
+        elif again:
+            yield f"{heading}, all listed above"
+        else:
+            yield heading
+            yield from (f"  {line}" for line in _joint_tree(skin["joints"], shown, skin["parents"]))
+
+
+def _joint_tree(names: Sequence[str], shown: Sequence[str], parents: Sequence[int | None]) -> Iterator[str]:
+    """Lines of a tree of joints: a line is a chain of joints, and one of two branches that differ by their side.
+
+    The first joint of a chain is as in `shown`.
+    """
+    from wrinklecli.tools.mirror import split_side
+
+    below: dict[int | None, list[int]] = {}
+    for joint, parent in enumerate(parents):
+        below.setdefault(parent, []).append(joint)
+    order, left = list[int](), list(below.get(None, ()))
+    while left:
+        order.append(left.pop())
+        left += below.get(order[-1], ())
+    # Equal numbers for branches that are equal but for sides.
+    kinds: dict[tuple[str, tuple[int, ...]], int] = {}
+    kind_of: dict[int, int] = {}
+    for joint in reversed(order):
+        key = split_side(names[joint])[0], tuple(sorted(kind_of[each] for each in below.get(joint, ())))
+        kind_of[joint] = kinds.setdefault(key, len(kinds))
+    lines = [(0, joint, False) for joint in reversed(below.get(None, []))]
+    while lines:
+        depth, joint, twin = lines.pop()
+        chain = [shown[joint]]
+        while len(below.get(joint, ())) == 1:
+            (joint,) = below[joint]
+            chain.append(names[joint])
+        yield "  " * depth + " > ".join(chain) + ", and the other side" * twin
+        branches: dict[tuple[int, bool], list[int]] = {}
+        for each in below.get(joint, ()):
+            branches.setdefault((kind_of[each], bool(split_side(names[each])[1])), []).append(each)
+        folded = [
+            (depth + 1, each, len(group) == 2 and sided)
+            for (_, sided), group in branches.items()
+            for each in (group[:1] if len(group) == 2 and sided else group)
+        ]
+        lines += reversed(folded)
 
 
 def _place(place: Sequence[float], size: float | None = None) -> str:

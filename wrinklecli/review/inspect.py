@@ -60,7 +60,8 @@ def inspect(asset: str | os.PathLike[str], options: InspectOptions | None = None
     Returns:
         JSON values only. `bytes` are counted as stored, compressed or not; `original` is the record that a bake keeps
         so that it can be replaced; `other` is the rest of the files: JSON, padding and unused data. `bounds`, and a
-        skin's `rest` (its joints' positions), are world space in the stored pose, or None if unknown.
+        skin's `rest` (its joints' positions), are world space in the stored pose, or None if unknown. A skin's
+        `parents` are the numbers of the joints above its joints.
 
     Raises:
         AssetError: The asset is malformed.
@@ -189,7 +190,27 @@ def _describe_skin(document: Document, index: int, hierarchy: Hierarchy | None) 
     skin = document.items("skins")[index]
     joints = skin.get("joints", [])
     rest = None if hierarchy is None else stored_positions(hierarchy, joints).tolist()
-    return {"name": skin.get("name"), "joints": [_node_name(document, joint) for joint in joints], "rest": rest}
+    names = [_node_name(document, joint) for joint in joints]
+    parents = None if hierarchy is None else _parents(joints, hierarchy)
+    return {"name": skin.get("name"), "joints": names, "rest": rest, "parents": parents}
+
+
+def _parents(joints: list[int], hierarchy: Hierarchy) -> list[int | None]:
+    """The nearest joint above each joint, by its number in the skin; None for the topmost."""
+    numbers = {node: number for number, node in reversed([*enumerate(joints)])}
+    # The nearest joint at or above a node.
+    above: dict[int, int | None] = {-1: None}
+    found = []
+    for joint in joints:
+        passed = []
+        node = int(hierarchy.parents[joint])
+        while node not in above and node not in numbers:
+            passed.append(node)
+            node = int(hierarchy.parents[node])
+        nearest = numbers.get(node, above.get(node))
+        above.update(dict.fromkeys(passed, nearest))
+        found.append(nearest)
+    return found
 
 
 def _clips(document: Document) -> Iterator[Json]:
