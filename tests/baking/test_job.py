@@ -74,3 +74,6 @@ def test_a_tool_s_mesh_is_said_or_asked_for_by_name(tmp_path: Path) -> None:
         "tools[2].node: node 'Cylinder' is no node with a mesh; the mesh of that name is on 'limb', 'twin'; there are"
         " 'limb', 'twin'",
     ]
+    pairs = [tool(name=f"{name}.L", mirror="x", origin=[0.1, 0.2, 0.0]) for name in "abc"]
+    several = "several meshes deform; say which, by node: one of 'limb', 'twin'"
+    assert faults(path, *pairs) == [f"tools[0]: {several}; the same holds for 5 more tools"]

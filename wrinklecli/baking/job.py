@@ -12,7 +12,7 @@ from wrinklecli.character.moved import Motions, moved
 from wrinklecli.character.scene import deforms
 from wrinklecli.choices import Engine, FrameFormat, Mode, Storage, Tracks
 from wrinklecli.drive.drive import wrinkle_entry
-from wrinklecli.errors import BakeError, ConfigError, listed, nearest
+from wrinklecli.errors import BakeError, ConfigError, counted, listed, nearest
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.images import files_of
 from wrinklecli.gltf.shape import Json
@@ -185,6 +185,7 @@ def tools_by_node(document: Document, settings: ToolsFile) -> tuple[dict[int, li
     found: dict[int, list[EffectTool]] = {}
     warnings: list[str] = []
     problems: list[BakeError] = []
+    places: dict[str, list[str]] = {}
     for tool in settings.effects:
         why = why_left_out(tool, document)
         if why is not None:
@@ -193,7 +194,12 @@ def tools_by_node(document: Document, settings: ToolsFile) -> tuple[dict[int, li
             try:
                 found.setdefault(_node_of(tool, document, mesh_nodes, deforming), []).append(tool)
             except BakeError as error:
-                problems.append(error)
+                places.setdefault(str(error.args[0]), []).append(error.places[0])
+    for fault, (place, *others) in places.items():
+        # A fault of many tools is one line, with the place of the first.
+        count = len(set(others) - {place})
+        more = f"; the same holds for {counted(count, 'more tool')}" if count else ""
+        problems.append(BakeError(f"{fault}{more}", where=place))
     for index in found:
         if wrinkle_entry(nodes[index]) is not None:
             problems.append(
