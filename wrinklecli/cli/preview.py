@@ -82,7 +82,7 @@ def _above_0(_context: click.Context, parameter: click.Parameter, value: float |
 @click.argument("assets", type=opt.FILE, metavar="ASSET [ASSET2]", nargs=-1, required=True)
 @opt.file("-o", "--output", metavar="OUT", required=True, text="A .png: a sheet. A .webp or .gif: an animation.")
 @opt.file("--tools", metavar="TOOLS", text="Apply these tools (YAML) without a bake, and draw them.")
-@opt.tool("Only this tool of TOOLS; may be repeated.")
+@opt.tool("Only this tool, of TOOLS or of a baked ASSET, at its own moments; may be repeated.")
 @opt.flag(
     "--review",
     text="Show every tool close up, before and after, at its peak. A sheet does so by default if there are several"
@@ -201,8 +201,6 @@ def _refuse_misuse(assets: tuple[str, ...], output: str, options: dict[str, Any]
         raise click.UsageError("'--tools' takes one ASSET; '--before' shows it without the tools too.")
     if options["tools"] is None:
         _refuse_any(options, ("before", "hide_tools"), "{} needs '--tools'.")
-        if options["only"] and not options["review"]:
-            raise click.UsageError("'--tool' needs '--tools' or '--review'.")
     if options["review"]:
         if len(assets) > 1 or not output.lower().endswith(".png"):
             raise click.UsageError("'--review' makes a sheet (.png) of one ASSET.")

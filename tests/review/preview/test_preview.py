@@ -151,7 +151,6 @@ def test_help_names_every_view(capfd: pytest.CaptureFixture[str], monkeypatch: p
         (["a.glb", "-o", "a.jpg"], "none of .png, .webp, .gif"),
         (["a", "b", "c", "-o", "a.png"], "at most two"),
         (["a", "b", "--tools", "t.yaml", "-o", "a.png"], "takes one ASSET"),
-        (["a", "--tool", "x", "-o", "a.png"], "needs '--tools' or '--review'"),
         (["a", "--review", "-o", "a.gif"], "'--review' makes a sheet"),
         (["a", "--review", "--times", "1", "-o", "a.png"], "goes without '--times'"),
         (["a", "--review", "--labels", "x", "-o", "a.png"], "has 1, not 2"),

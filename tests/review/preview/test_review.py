@@ -128,6 +128,24 @@ def test_of_many_tools_the_first_are_shown_and_the_others_named(
         draw([tmp_path / "baked.glb"], tmp_path / "a.png", review=True, only=["fo"], **SMALL)
 
 
+def test_a_tool_of_a_baked_file_is_shown_at_its_own_moments(tmp_path: Path) -> None:
+    asset, tools = two_ways(tmp_path)
+    baked = tmp_path / "baked.glb"
+    wrinklecli.bake(asset, tools, baked)
+    with pytest.raises(AssetError, match="has no tool 'fo'; did you mean 'fold'"):
+        draw([asset, baked], tmp_path / "a.png", only=["fo"], **SMALL)
+    for name in (BUMPY["name"], UNDER["name"]):
+        moment = next(peak.moment for peak in peaks_of(asset, tools) if peak.name == name)
+        made = draw([asset, baked], tmp_path / "a.png", only=[name], views=["facing"], **SMALL)
+        assert made.shown == "3 moments"
+        times = [part * moment.time for part in (0.0, 0.5, 1.0)]
+        draw([asset, baked], tmp_path / "b.png", clips=[moment.clip], times=times, views=made.views, **SMALL)
+        moved = draw([baked], tmp_path / "a.webp", only=[name], frames=2, **SMALL)
+        assert moved.shown == "2 moments"
+    with pytest.raises(AssetError, match="no wrinkles to show"):
+        draw([asset], tmp_path / "a.png", only=["fold"], views=["front"], **SMALL)
+
+
 def test_a_tool_that_no_clip_raises_is_shown_at_its_full_height(tmp_path: Path) -> None:
     asset = limb(tmp_path, clip=None)
     tools = write_tools(tmp_path / "tools.yaml", tool(**BUMPY))
@@ -171,7 +189,7 @@ def test_a_card_tells_where_it_is_and_what_clip_however_long_its_name(tmp_path: 
 
 
 def test_what_carries_no_wrinkles_has_no_review(tmp_path: Path) -> None:
-    with pytest.raises(AssetError, match="no wrinkles to review"):
+    with pytest.raises(AssetError, match="no wrinkles to show"):
         draw([limb(tmp_path)], tmp_path / "a.png", review=True, **SMALL)
 
 

@@ -19,7 +19,7 @@ from wrinklecli.effects.sampling import moving_clips
 from wrinklecli.effects.wrinkle.activity import ClipActivity, activities
 from wrinklecli.effects.wrinkle.layer import carried_patches_of
 from wrinklecli.effects.wrinkle.weights import group_starts
-from wrinklecli.errors import AssetError
+from wrinklecli.errors import AssetError, listed, nearest
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, Ints, determinants, median
@@ -129,6 +129,22 @@ def baked_tool_count(document: Document) -> int:
         tools = entry.get("tools") if isinstance(entry, dict) else None
         count += len(tools) if isinstance(tools, list) else 0
     return count
+
+
+def baked_peaks_of(asset: ShownAsset, names: Sequence[str], clips: Sequence[Clip]) -> list[Peak]:
+    """The `baked_peaks` of the named tools; of all without names.
+
+    Raises:
+        AssetError: There is no such tool, or no wrinkle at all.
+    """
+    peaks, where = baked_peaks(asset, clips), asset.document.path
+    if not peaks:
+        raise AssetError("has no wrinkles to show", where=where)
+    known = [peak.name for peak in peaks]
+    for name in names:
+        if name not in known:
+            raise AssetError(f"has no tool {name!r}{nearest(name, known)}; there are {listed(known)}", where=where)
+    return [peak for peak in peaks if not names or peak.name in names]
 
 
 def _driven_tools(asset: ShownAsset) -> dict[tuple[int, str], StoredDrive]:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from wrinklecli.character.clip import chosen_clips
-from wrinklecli.errors import AssetError, counted, listed, nearest
+from wrinklecli.errors import AssetError, counted
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.pixels import Bytes
 from wrinklecli.numeric.guard import Progress
@@ -20,7 +20,7 @@ from wrinklecli.review.preview.framing import NO_TRIANGLES, ONE_POINT, View, pla
 from wrinklecli.review.preview.misfits import RED, Misfit, find_misfits, misfit_overlay, misfit_points
 from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.preview.overlay import placed_words
-from wrinklecli.review.preview.peaks import Fact, Peak, baked_peaks, planned_peaks
+from wrinklecli.review.preview.peaks import Fact, Peak, baked_peaks_of, planned_peaks
 from wrinklecli.review.preview.preview_options import PreviewOptions, Style
 from wrinklecli.review.preview.render import Snapshot, render
 from wrinklecli.review.preview.sheet_layout import Drawn, refuse_large
@@ -46,8 +46,6 @@ _ROW = 92
 _MOST_ROWS = 3
 # Letters of a clip's name beyond which it gets rows of its own.
 _LONG_NAME = 40
-# The greatest base colour, linear RGB: white, as assets without textures are, would show no relief in the light.
-_BRIGHTEST = 0.65
 # Factors of the camera's distance in the two pictures of a tool that does not fit.
 _MARGINS = {"close": 1.8, "whole": 1.1}
 # The greatest side of an inset, over the shorter side of its picture.
@@ -180,10 +178,7 @@ def _read(
     if planned is None:
         after, warnings = read_shown(document, "", ())
         clips = chosen_clips(after.clips, options.clips, where=document.path)
-        peaks = baked_peaks(after, clips)
-        if not peaks:
-            raise AssetError("has no wrinkles to review", where=document.path)
-        return after.without_wrinkles(), after, _named(peaks, options.only, document), warnings
+        return after.without_wrinkles(), after, baked_peaks_of(after, options.only, clips), warnings
     before, _ = read_shown(document, "", () if options.hide_tools else planned.plans, refined=False)
     if planned.job is None:
         return before, before, [], []
@@ -193,17 +188,6 @@ def _read(
     applied, left_out = apply_tools(planned, list(needed), progress)
     after, warnings = read_shown(applied, "", ())
     return before, after, peaks, [*left_out, *warnings]
-
-
-def _named(peaks: list[Peak], names: Sequence[str], document: Document) -> list[Peak]:
-    """The peaks of the named tools; all without names."""
-    known = [peak.name for peak in peaks]
-    for name in names:
-        if name not in known:
-            raise AssetError(
-                f"has no tool {name!r}{nearest(name, known)}; there are {listed(known)}", where=document.path
-            )
-    return [peak for peak in peaks if not names or peak.name in names]
 
 
 def _title(document: Document, planned: PlannedTools | None, count: int) -> str:
@@ -223,14 +207,9 @@ def _cards(
         together.setdefault((shot.moment, -1 if shot.peak.raised else shot.ink), []).append(shot)
     for (moment, _), members in together.items():
         source = after if members[0].peak.raised else _alone(after, members[0].peak)
-        snapshots = [_dimmed(take_snapshot(each, moment, heat=options.heat), options) for each in (before, source)]
+        snapshots = [take_snapshot(each, moment, heat=options.heat) for each in (before, source)]
         for shot in members:
             yield shot.number, _card(shot, snapshots, options)
-
-
-def _dimmed(snapshot: Snapshot, options: PreviewOptions) -> Snapshot:
-    """A snapshot whose colours are dimmed to _BRIGHTEST, unless they show compression."""
-    return snapshot if options.heat else replace(snapshot, colours=np.minimum(snapshot.colours, _BRIGHTEST))
 
 
 def _layout(count: int, options: PreviewOptions) -> tuple[int, tuple[int, int]]:
@@ -312,7 +291,7 @@ def _misfit_cards(asset: ShownAsset, misfits: Sequence[Misfit], options: Preview
     if not misfits:
         return
     stored, size = Moment(None, 0.0), options.picture_size
-    snapshot = _dimmed(replace(take_snapshot(asset, stored, heat=options.heat), marks=()), options)
+    snapshot = replace(take_snapshot(asset, stored, heat=options.heat), marks=())
     whole = snapshot.corners.reshape(-1, 3)
     if not len(whole) or not np.ptp(whole, axis=0).any():
         raise AssetError(ONE_POINT if len(whole) else NO_TRIANGLES, where=asset.document.path)

@@ -1,15 +1,17 @@
 """Draw assets side by side, at some moments and from some sides, as one sheet or as the frames of an animation."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from wrinklecli.character.clip import chosen_clips
 from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.errors import counted
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Ints
-from wrinklecli.numeric.guard import Progress
+from wrinklecli.numeric.guard import Progress, no_progress
 from wrinklecli.review.preview.apply import PlannedTools, apply_tools
 from wrinklecli.review.preview.framing import plan_views
 from wrinklecli.review.preview.grid import draw_grid
@@ -17,6 +19,7 @@ from wrinklecli.review.preview.heat import HEAT, HEAT_TICKS, heat_colours
 from wrinklecli.review.preview.misfits import RED, Misfit, find_misfits, misfit_overlay, misfit_points
 from wrinklecli.review.preview.moments import Moment, frame_seconds, plan_moments
 from wrinklecli.review.preview.overlay import NOTHING, placed_words
+from wrinklecli.review.preview.peaks import baked_peaks_of
 from wrinklecli.review.preview.preview_options import PreviewOptions
 from wrinklecli.review.preview.render import render
 from wrinklecli.review.preview.sheet_layout import Drawn, Legend, Sheet, refuse_large, sheet_size
@@ -24,6 +27,8 @@ from wrinklecli.review.preview.shown import INKS, ShownAsset, read_shown, take_s
 
 # Moments in a row of a sheet of one asset.
 _COLUMNS = 3
+# Moments of a baked tool: parts of the time from the start of its clip to its peak.
+_TO_PEAK = (0.0, 0.5, 1.0)
 
 
 def draw_sheets(
@@ -43,8 +48,13 @@ def draw_sheets(
         AssetError: An asset has nothing to show, or lacks a clip.
         WrinkleError: The picture would be too large, or tools cannot be baked.
     """
-    moments = plan_moments(documents[0], options, animated=animated)
-    shown, plans, warnings = _read_shown(documents, planned, moments, options, progress)
+    plans: tuple[MeshPlan, ...] = ()
+    if options.only and planned is None:
+        shown, options, warnings = _read_tools(documents, options, animated=animated)
+        moments = plan_moments(documents[0], options, animated=animated)
+    else:
+        moments = plan_moments(documents[0], options, animated=animated)
+        shown, plans, warnings = _read_shown(documents, planned, moments, options, progress)
     misfits = [] if planned is None or options.hide_tools else find_misfits(planned, documents[0])
     further = [misfit_points(misfits, shown[-1], moment) for moment in moments]
     views = plan_views(shown, moments, options, progress, further=further)
@@ -80,6 +90,30 @@ def draw_sheets(
         views=tuple(view.name for view in views),
         warnings=warnings,
     )
+
+
+def _read_tools(
+    documents: Sequence[Document], options: PreviewOptions, *, animated: bool
+) -> tuple[list[ShownAsset], PreviewOptions, tuple[str, ...]]:
+    """Read assets to show named tools that were baked into one of them, and choose the moments of the first tool.
+
+    Returns:
+        The assets; the options, which name the clip that raises the tool most, and times from its start to its peak
+        unless they name a moment already; and warnings.
+    """
+    shown, _, warnings = _read_shown(documents, None, (), options, no_progress)
+    body = next((asset for asset in shown if asset.wrinkled), shown[0])
+    peaks = baked_peaks_of(body, options.only, chosen_clips(body.clips, options.clips, where=body.document.path))
+    moment = peaks[0].moment
+    clip = body.clip(moment.clip)
+    if clip is not None and not options.names_a_moment:
+        times = [clip.start + part * (moment.time - clip.start) for part in _TO_PEAK]
+        options = replace(options, clips=[clip.name], times=() if animated else times)
+
+    def chosen(node: int, target: str) -> bool:
+        return any(peak.node == node and peak.owns(target) for peak in peaks)
+
+    return [asset.of_targets(chosen, raised=False) for asset in shown], options, warnings
 
 
 def _read_shown(

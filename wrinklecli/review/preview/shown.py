@@ -28,6 +28,8 @@ from wrinklecli.review.preview.render import Snapshot
 
 # Bytes that a triangle takes while it is drawn, with Embree's.
 _TRIANGLE_BYTES = 1250
+# The greatest base colour, linear RGB: white, as assets without textures are, would show no relief in the light.
+_BRIGHTEST = 0.65
 # Crests are drawn where the height is at least this part of the tool's.
 _LOW = 0.05
 # Colours of tools, sRGB: they differ on skin, on cloth, and for most people who confuse colours.
@@ -261,7 +263,7 @@ def take_snapshot(asset: ShownAsset, moment: Moment, *, heat: bool) -> Snapshot:
             normals = np.repeat(unit(face_normals(posed.positions, triangles))[:, None], 3, axis=1)
         else:
             normals = posed.normals[triangles]
-        colours = paint.colours
+        colours = np.minimum(paint.colours, _BRIGHTEST)
         if heat:
             colours = linear_rgb(heat_colours(compressions(posed.shown.source, posed.positions)))
         number = -1
