@@ -110,6 +110,10 @@ class Page:
         found = f"[...document.querySelectorAll('button')].find(each => each.innerText.trim() === {text!r})"
         self.click(*self._middle(found))
 
+    def point_at(self, element: str) -> None:
+        """Move the mouse over the element that a JavaScript expression gives."""
+        self._mouse("mouseMoved", *self._middle(element))
+
     def fill(self, label: str, text: str) -> None:
         """Type into the field that has a label, in place of what it holds, and press Enter."""
         of_label = f"[...document.querySelectorAll('label')].find(each => each.innerText.trim() === {label!r})"

@@ -139,3 +139,36 @@ def test_a_tool_is_drawn_tuned_and_saved(tmp_path: Path) -> None:
     for tools, out in zip((saved, by_hand), outputs, strict=True):
         wrinklecli.bake(asset, tools, out, clips=["squat"])
     assert outputs[0].read_bytes() == outputs[1].read_bytes()
+
+
+@pytest.mark.slow
+def test_a_proposal_is_pictured_pointed_at_taken_and_compared(tmp_path: Path) -> None:
+    session = Session(shutil.copy(ROOT / "samples" / "trousers.glb", tmp_path))
+    page = Page(session)
+    card = "document.querySelector('[data-wrinkle-key] img')"
+    try:
+        with browsing(tmp_path, f"http://127.0.0.1:{page.port}", SIZE) as tab:
+            until(page.server.get_clients, "a connected tab")
+            tab.wait("document.body.innerText.includes('Find places proposes tools')")
+            tab.press_button("Find places")
+            tab.wait(f"{card}?.complete && {card}.naturalWidth > 0")
+            tab.point_at(card)
+            take_picture(tab, "suggested")
+            until(lambda: "(suggested)" in page._viewport._scene._lines, "an outline of what is under the mouse")
+            tab.point_at("document.querySelector('canvas')")
+            until(lambda: "(suggested)" not in page._viewport._scene._lines, "no outline any more")
+
+            tab.press_button("Take")
+            until(session.tools, "a tool")
+            name = session.tools()[0].name
+            tab.wait(f"document.body.innerText.includes('{name} is tallest at')")
+            peak = session.peak(name)
+            assert peak is not None
+            assert (page.player.clip, page.player.time) == (peak.clip, peak.time)
+            wrinkled = page._viewport.shown
+            take_picture(tab, "taken")
+            tab.press("b", code=66)
+            until(lambda: page._viewport.shown is not wrinkled and not page._viewport._wrinkled.value, "no wrinkles")
+            take_picture(tab, "before")
+    finally:
+        page.close()

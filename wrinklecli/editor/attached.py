@@ -184,6 +184,13 @@ class AttachedTool:
         """The tool's patch on the coarse mesh."""
         return self.carried.patch
 
+    def holds(self, place: Floats) -> bool:
+        """True if a (3,) place at rest is on the patch."""
+        patch = self.patch
+        u, v = patch.coordinates(place)
+        near = abs(float((place - patch.path.middle) @ patch.normal)) < patch.span
+        return bool(near and 0 <= u <= 1 and abs(v) <= 1)
+
     def control_curve(self, cache: ClipCache, clip: Clip | None, time: float) -> Floats:
         """(points, 2) place along the control curve and height above it at a time, scene units."""
         amplitudes, distance = cache.amplitudes(self.ground, self.patch, clip, time)

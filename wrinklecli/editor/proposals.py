@@ -2,15 +2,24 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
+import numpy as np
+
+from wrinklecli.editor.attached import AttachedTool, ShownMesh
+from wrinklecli.numeric.arrays import Floats, unit
+from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.suggest.draft import written_length
 from wrinklecli.review.suggest.suggest import Suggestions
+from wrinklecli.tools.json_schema import defaults_of
 from wrinklecli.tools.records import WrinkleTool, in_axes
 from wrinklecli.tools.yaml_edit import ToolsText
 
+_SAME_WAY = 0.8  # cosine of the directions of two tools from which they make the same folds; crossing ones are two
 
-@dataclass(frozen=True, slots=True)
+
+@dataclass(frozen=True)
 class Proposal:
     """A tool that `suggest` has found: its keys (Y-up), and one line about the clip that folds the place.
 
@@ -20,6 +29,37 @@ class Proposal:
     name: str
     why: str
     values: Mapping[str, Any]
+
+    @cached_property
+    def _points(self) -> Floats:
+        """(points, 3) places from origin to target."""
+        points = self.values["path"] if "path" in self.values else [self.values["origin"], self.values["target"]]
+        return np.array(points, float)
+
+    def is_taken(self, tool: AttachedTool) -> bool:
+        """True if a tool of the proposal's node makes the same folds at its middle."""
+        points, half = self._points, len(self._points) // 2
+        middle = points[half] if len(points) % 2 else (points[half - 1] + points[half]) / 2.0
+        along = unit((points[-1] - points[0])[None])[0]
+        return tool.holds(middle) and abs(float(along @ tool.patch.along)) > _SAME_WAY
+
+
+@dataclass(frozen=True, slots=True)
+class TriedTool:
+    """A proposed tool, tried alone on the asset.
+
+    Attributes:
+        moment: Where it is tallest.
+        height: Its greatest height then, scene units.
+        before: All meshes at the moment, without it.
+        after: The same meshes with it.
+    """
+
+    attached: AttachedTool
+    moment: Moment
+    height: float
+    before: tuple[ShownMesh, ...]
+    after: tuple[ShownMesh, ...]
 
 
 def proposed_keys(tool: WrinkleTool) -> dict[str, Any]:
@@ -39,9 +79,10 @@ def proposed_keys(tool: WrinkleTool) -> dict[str, Any]:
 
 
 def proposals_of(found: Suggestions) -> list[Proposal]:
-    """Make a proposal of each tool that `suggest` has found."""
+    """Make a proposal of each tool that `suggest` has found, with the defaults of its file that are not built in."""
     file = ToolsText(found.text)
-    defaults = {"rest_length": file.defaults.get("rest_length", "auto")} if found.text else {}
+    usual = defaults_of(WrinkleTool)
+    defaults = {key: value for key, value in file.defaults.items() if value != usual.get(key)} if found.text else {}
     return [
         Proposal(
             name=each.tool.name,

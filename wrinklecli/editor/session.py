@@ -18,7 +18,7 @@ from wrinklecli.editor.attached import AttachedTool, AttachedTools, PlayableMesh
 from wrinklecli.editor.clip_cache import RecentResults, frame_times
 from wrinklecli.editor.edits import Draft, Edits, Step, length_of
 from wrinklecli.editor.free_pose import POSE, FreePose
-from wrinklecli.editor.proposals import Proposal, proposals_of, proposed_keys, to_axes
+from wrinklecli.editor.proposals import Proposal, TriedTool, proposals_of, proposed_keys, to_axes
 from wrinklecli.editor.store import Store
 from wrinklecli.errors import WrinkleError
 from wrinklecli.files.watched import Watched
@@ -31,6 +31,7 @@ from wrinklecli.review.suggest.suggest import suggest
 from wrinklecli.tools.effective import EffectiveValue, effective_values, inherited_values
 from wrinklecli.tools.materials import Preset, presets
 from wrinklecli.tools.mirror import exchange_sides
+from wrinklecli.tools.read import read_values
 from wrinklecli.tools.records import ToolsFile, identifier, in_axes
 
 _KEPT_MEASURED = 4  # meshes whose measurements for first guesses are kept
@@ -95,7 +96,7 @@ class Session(Edits):
         self._shown: tuple[object, AttachedTools] | None = None
         self._refined: tuple[object, AttachedTools] | None = None
         self._measured = RecentResults(_KEPT_MEASURED)
-        self._proposals: list[Proposal] | None = None
+        self._proposals: tuple[FreePose, list[Proposal]] | None = None
         self._watched_tools = Watched([self.path])
         self.recover()
 
@@ -191,20 +192,56 @@ class Session(Edits):
             self._become(file.with_tool(values), f"add {name}")
             return name
 
-    def proposals(self) -> list[Proposal]:
-        """The tools that `suggest` finds for the asset. The first call may take seconds; others may go on meanwhile."""
-        if self._proposals is None:
+    def proposals(self, *, posed: bool = False) -> list[Proposal]:
+        """The tools that `suggest` finds for the asset, in its motions, or with `posed` in the pose that is set.
+
+        A call may take seconds; others may go on meanwhile.
+        """
+        pose = self.pose if posed else FreePose()
+        if self._proposals is None or self._proposals[0] != pose:
             options = self.read_options
             found = suggest(
                 self.asset,
                 anims=options.anims,
                 range_of_motion=options.range_of_motion,
+                pose=[(joint, axis, degrees) for (joint, axis), degrees in pose.turns],
+                morphs=pose.weights,
                 allow_external=options.allow_external,
                 max_memory=options.max_memory,
             )
             self.notes += [*found.notes, *([f"{self.asset}: {found.reason}"] if found.reason else [])]
-            self._proposals = proposals_of(found)
-        return self._proposals
+            self._proposals = pose, proposals_of(found)
+        return self._proposals[1]
+
+    def try_out(self, proposal: Proposal) -> TriedTool | None:
+        """Try a proposed tool alone; None if it does not fit, or nothing raises it. Others may go on meanwhile."""
+        with self._lock:
+            loaded, settings = self._loaded, self._settings_of(self._base.file)
+            posed = () if self._pose_clip is None else (self._pose_clip,)
+        read = read_values({"version": 1, "tools": [dict(proposal.values)]}, name=self.path)
+        with guarded(self.asset):
+            attached = loaded.attach(replace(settings, up="y", tools=read.tools))
+            tool, clips = attached.tools.get(proposal.name), (*loaded.clips, *posed)
+            peak = None if tool is None else tool.peak(loaded.cache, clips)
+            if tool is None or peak is None:
+                return None
+            clip = clip_named(clips, str(peak.clip), where=self.asset)
+            before, after = (
+                tuple(ShownMesh(each, each.posed(clip, peak.time, wrinkled=wrinkled)) for each in attached.meshes)
+                for wrinkled in (False, True)
+            )
+            height = float(tool.control_curve(loaded.cache, clip, peak.time)[:, 1].max())
+        moment = Moment(POSE, 0.0) if any(clip is each for each in posed) else peak
+        return TriedTool(tool, moment, height, before, after)
+
+    def is_taken(self, proposal: Proposal) -> bool:
+        """True if a tool of the file makes the folds that a proposed one would make."""
+        node = proposal.values.get("node")
+        with self._guarded():
+            tools = self._attached().tools.values()
+            return any(
+                proposal.is_taken(each) for each in tools if node in (None, each.ground.rig.names[each.ground.rig.node])
+            )
 
     def accept(self, proposal: Proposal) -> str:
         """Add a proposed tool, and return its name."""
@@ -317,8 +354,9 @@ class Session(Edits):
 
     def _measured_mesh(self, mesh: PlayableMesh) -> ToolGuesser:
         """A mesh with the measurements that first guesses need."""
+        clips = self.clips if self._pose_clip is None else (*self.clips, self._pose_clip)
         return self._measured.get_or_make(
-            mesh.ground, lambda: ToolGuesser(self._loaded.document, mesh.ground, self.clips)
+            (mesh.ground, self.pose), lambda: ToolGuesser(self._loaded.document, mesh.ground, clips)
         )
 
     def _load(self) -> LoadedAsset:

@@ -13,6 +13,8 @@ from wrinklecli.gltf.pixels import srgb
 from wrinklecli.numeric.arrays import Floats, vertex_normals
 
 Look = Literal["textures", "clay", "heat"]
+HINTED = "(suggested)"
+"""Name of the outline of a tool that is not in the file."""
 LOOKS: tuple[Look, ...] = ("textures", "clay", "heat")
 
 _CLAY = (203, 198, 190)  # sRGB, as all these colours
@@ -137,7 +139,7 @@ class DrawnScene:
             colour = _bytes_of(outline.colour)
             places = self._positions(outline, points)
             ends = places[outline.segments].astype(np.float32)
-            thickness = _CHOSEN_LINE if outline.name == chosen else _LINE
+            thickness = _CHOSEN_LINE if outline.name in (chosen, HINTED) else _LINE
             line = self._lines.get(outline.name)
             if line is None:
                 line = self._lines[outline.name] = self._scene.add_line_segments(

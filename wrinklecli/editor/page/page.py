@@ -13,10 +13,11 @@ from wrinklecli.editor.baked_file import BakedFile
 from wrinklecli.editor.free_pose import POSE
 from wrinklecli.editor.page.access import Access
 from wrinklecli.editor.page.controls import ToolControls
-from wrinklecli.editor.page.panels import FileButtons, PosePanel, SuggestPanel
+from wrinklecli.editor.page.panels import FileButtons, PosePanel
 from wrinklecli.editor.page.player import Charts, Player
 from wrinklecli.editor.page.pointer import Pointer
 from wrinklecli.editor.page.server import serve
+from wrinklecli.editor.page.suggestions import SuggestPanel
 from wrinklecli.editor.page.viewport import Viewport
 from wrinklecli.editor.page.widgets import (
     ASKS,
@@ -146,7 +147,7 @@ class Page:
         self._list = gui.add_folder("Tools")
         with self._list:
             self._hint = gui.add_html(paragraph_of(_HINT, QUIET))
-        self._suggest_panel = SuggestPanel(self)
+        self._suggest_panel = SuggestPanel(self, self.player, self._viewport)
         self._tool_panel: Any = gui.add_folder("Tool", visible=False)
         with self._tool_panel:
             self._name: Any = gui.add_text("name", "")
@@ -209,7 +210,7 @@ class Page:
         problems = "".join(map(self._problems_of, tools if chosen is None else [chosen]))
         show_changed(self._problems, "content", with_room(problems or paragraph_of(_NO_WARNINGS, QUIET)))
         self._viewport.refresh()
-        self._suggest_panel.drop_outdated()
+        self._suggest_panel.refresh()
         self.player.refresh()
         self._pose_panel.refresh()
         self.show()

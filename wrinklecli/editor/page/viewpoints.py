@@ -17,9 +17,11 @@ SIDES = ("front", "right", "back", "left")
 FOV = float(np.radians(35.0))
 """Vertical field of view, radians: smaller than usual for a page, so that near parts do not look swollen."""
 
+ASPECT = 1.2
+"""Width over height of the view beside the panel, for any screen, and of small pictures."""
+
 _TANGENT = float(np.tan(FOV / 2))
 _ELEVATION = 8.0  # degrees above level, which shows where a floor would be
-_ASPECT = 1.2  # width over height of the view beside the panel, for any screen
 _ASSET_MARGIN = 1.15  # distance over the one that just fits the asset
 _TOOL_MARGIN = 2.2  # distance over the one that just fits a tool, to show what bends there
 _AZIMUTHS = range(-180, 180, 30)  # degrees, tried for a tool
@@ -33,13 +35,16 @@ _LEVEL = 0.15  # share of its score that a view from straight above or below wou
 def frame_asset(points: Floats, side: str) -> Camera:
     """Place a camera that sees all (points, 3) from a side."""
     axes = camera_axes(VIEWS[side][0], _ELEVATION)
-    return Camera.framing(points, axes, aspect=_ASPECT, margin=_ASSET_MARGIN, tangent=_TANGENT)
+    return Camera.framing(points, axes, aspect=ASPECT, margin=_ASSET_MARGIN, tangent=_TANGENT)
 
 
-def frame_tool(outline: ToolOutline, body: Body, points: Floats, hiding: Ints) -> Camera:
+def frame_tool(
+    outline: ToolOutline, body: Body, points: Floats, hiding: Ints, *, margin: float = _TOOL_MARGIN
+) -> Camera:
     """Place a camera on the side that shows most of a tool on a body, which is at (points, 3) positions.
 
-    `hiding` are the (triangles, 3) points of the triangles that may hide the tool.
+    `hiding` are the (triangles, 3) points of the triangles that may hide the tool; `margin` is a factor of the
+    distance.
     """
     places, normals = outline.points.positions(body, points), outline.points.normals(body, points)
     low, high = places.min(axis=0), places.max(axis=0)
@@ -55,7 +60,7 @@ def frame_tool(outline: ToolOutline, body: Body, points: Floats, hiding: Ints) -
         for axes, (_, elevation) in zip(every, directions, strict=True)
     ]
     axes = every[int(np.argmax(scores))]
-    return Camera.framing(places, axes, aspect=_ASPECT, margin=_TOOL_MARGIN, tangent=_TANGENT)
+    return Camera.framing(places, axes, aspect=ASPECT, margin=margin, tangent=_TANGENT)
 
 
 def _visible(points: Floats, normals: Floats, back: Floats, corners: Floats) -> float:

@@ -2,7 +2,7 @@
 
 import contextlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -10,10 +10,10 @@ import numpy as np
 import viser
 
 from wrinklecli.character.scene import read_scene
-from wrinklecli.editor.attached import ShownMesh
+from wrinklecli.editor.attached import AttachedTool, ShownMesh
 from wrinklecli.editor.baked_file import BakedFile
 from wrinklecli.editor.page.drawing import Body, SurfacePoints, ToolOutline, body_of, outline_of
-from wrinklecli.editor.page.drawn_scene import LOOKS, Drag, DrawnScene, Look
+from wrinklecli.editor.page.drawn_scene import HINTED, LOOKS, Drag, DrawnScene, Look
 from wrinklecli.editor.page.player import Player
 from wrinklecli.editor.page.viewpoints import FOV, SIDES, frame_asset, frame_tool
 from wrinklecli.editor.page.widgets import PageHost, add_group, add_shortcut, on_set
@@ -23,9 +23,10 @@ from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.nearest import closest_point, distances_along
 from wrinklecli.review.preview.camera import Camera
 from wrinklecli.review.preview.heat import point_colours
-from wrinklecli.review.preview.paints import Paint, read_paints
+from wrinklecli.review.preview.paints import Colour, Paint, read_paints
 from wrinklecli.review.preview.shown import INKS
 
+_HINT: Colour = (1.0, 0.55, 0.0)  # of a tool that is hinted at, sRGB
 _READ_SECONDS = 0.08  # seconds in which a browser reads a coloured mesh
 _BESIDE_DISTANCE = 1.15  # widths of the asset between it and what is shown beside it
 _UNWRINKLED, _AT_REST = "without wrinkles", "at rest"
@@ -60,7 +61,12 @@ class Hit:
 
 
 class Viewport:
-    """The 3D view of all tabs, with the widgets for its look; `drag` is called when the user drags a tool's dot."""
+    """The 3D view of all tabs, with the widgets for its look; `drag` is called when the user drags a tool's dot.
+
+    Attributes:
+        shown: Meshes at the present moment.
+        paints: Colours of each node's primitives.
+    """
 
     def __init__(self, page: PageHost, drag: Drag) -> None:
         self._page, self._server, self._work, self._session = page, page.server, page.work, page.session
@@ -73,6 +79,7 @@ class Viewport:
         self._bodies: tuple[Body, ...] = ()
         self._outlines: dict[str, tuple[Patch, ToolOutline]] = {}  # on the present triangles
         self._chosen: str | None = None
+        self._hinted: AttachedTool | None = None
         self._moment: tuple[str | None, float] = (None, 0.0)
         self.shown: list[ShownMesh] = []
         self._document: Document | None = None
@@ -106,7 +113,7 @@ class Viewport:
         """Read the colours of a new asset, and withdraw the baked file if the tools have changed since."""
         if self._session.document is not self._document:
             self._document = self._session.document
-            self._paints, unread = _paints_of(self._document)
+            self.paints, unread = paints_of(self._document)
             self._session.notes += unread
             self.shown = []  # so that all is drawn anew
         if self._baked is not None and self._baked.text != self._session.text:
@@ -114,7 +121,7 @@ class Viewport:
 
     def compare(self, baked: BakedFile) -> None:
         """Offer to show a baked file instead of the edited asset."""
-        self._baked, (self._baked_paints, _) = baked, _paints_of(baked.document)
+        self._baked, (self._baked_paints, _) = baked, paints_of(baked.document)
         self._as_baked.visible = True
 
     def show(self, player: Player, chosen: str | None) -> None:
@@ -173,7 +180,7 @@ class Viewport:
     def _bodies_of(self, meshes: Sequence[ShownMesh]) -> tuple[Body, ...]:
         """Make the bodies of meshes, of the baked file or of the edited asset."""
         baked = self._baked is not None and any(mesh.source in self._baked.sources for mesh in meshes)
-        paints = self._baked_paints if baked else self._paints
+        paints = self._baked_paints if baked else self.paints
         return tuple(body_of(mesh.source, paints[mesh.source.ground.rig.node]) for mesh in meshes)
 
     def _meshes_beside(self) -> list[ShownMesh]:
@@ -198,14 +205,26 @@ class Viewport:
     def _show_tools(self) -> None:
         outlines = []
         for number, (name, tool) in enumerate(() if self._is_baked else self._session.attached_tools().items()):
-            patch, outline = self._outlines.get(name, (None, None))
-            if outline is None or patch is not tool.patch:
-                nodes = [mesh.source.ground.rig.node for mesh in self.shown]
-                body = nodes.index(tool.ground.rig.node)
-                outline = outline_of(tool, self.shown[body].source, body, INKS[number % len(INKS)])
-                self._outlines[name] = tool.patch, outline
-            outlines.append(outline)
+            outlines.append(self._outline(name, tool, INKS[number % len(INKS)]))
+        if self._hinted is not None and not self._is_baked:
+            outlines.append(self._outline(HINTED, self._hinted, _HINT))
         self._scene.show_tools(outlines, self._chosen, self._points)
+
+    def _outline(self, name: str, tool: AttachedTool, colour: Colour) -> ToolOutline:
+        """Outline a tool on the present triangles, or look its outline up."""
+        patch, outline = self._outlines.get(name, (None, None))
+        if outline is None or patch is not tool.patch:
+            nodes = [mesh.source.ground.rig.node for mesh in self.shown]
+            body = nodes.index(tool.ground.rig.node)
+            outline = replace(outline_of(tool, self.shown[body].source, body, colour), name=name)
+            self._outlines[name] = tool.patch, outline
+        return outline
+
+    def hint_at(self, tool: AttachedTool | None) -> None:
+        """Outline a tool that is not in the file, in place of the one before; None for no tool."""
+        if tool is not self._hinted:
+            self._hinted = tool
+            self._show_tools()
 
     # Cameras.
 
@@ -214,7 +233,7 @@ class Viewport:
         self._point_cameras(frame_asset(self._all_points(), side))
 
     def look_at_tool(self, name: str) -> None:
-        """Turn the cameras to a tool, if it fits the asset."""
+        """Turn the cameras to a tool, or to the one that is hinted at (`HINTED`), if it fits the asset."""
         _, outline = self._outlines.get(name, (None, None))
         if outline is not None:
             body = outline.points.body
@@ -266,15 +285,12 @@ class Viewport:
                 attached = attached_tools.get(name) if name else None
                 if attached is None or attached.ground.rig.node != hit.mesh.source.ground.rig.node:
                     continue
-                patch = attached.patch
-                u, v = patch.coordinates(hit.place)
-                near = abs(float((hit.place - patch.path.middle) @ patch.normal)) < patch.span
-                if near and 0 <= u <= 1 and abs(v) <= 1:
+                if attached.holds(hit.place):
                     return tool.name
         return None
 
 
-def _paints_of(document: Document) -> tuple[dict[int, list[Paint]], tuple[str, ...]]:
+def paints_of(document: Document) -> tuple[dict[int, list[Paint]], tuple[str, ...]]:
     """Read the colours of each node's primitives; also return a line for each that cannot be read."""
     sources = read_scene(document)
     paints, unread = read_paints(document, sources)

@@ -27,7 +27,8 @@ _ROOM = 3.1  # em, two lines of a paragraph with its padding
 
 # Fields keep the keyboard focus after a click, even checkboxes, and the page's commands hear no key then. This script
 # passes Ctrl-S on, and Ctrl-Z too unless a line of text has the focus, where it undoes typing. Enter leaves a field.
-# A command hears a key that goes down, but not when it is released: B, if it was held, is pressed again then.
+# A command hears a key that goes down, but not when it is released: B, if it was held, is pressed again then. What is
+# under the mouse is told by a key, too: that of the element, or 0.
 _SCRIPT = """
 if (!window.wrinkleKeys) {
   window.wrinkleKeys = true;
@@ -61,6 +62,12 @@ if (!window.wrinkleKeys) {
     if (event.timeStamp - since > 400) press({key: "b", code: "KeyB"});
     since = null;
   }, true);
+  let under = "0";
+  document.addEventListener("mouseover", event => {
+    const key = event.target.closest("[data-wrinkle-key]")?.dataset.wrinkleKey ?? "0";
+    if (key !== under) press({key, code: "Digit" + key});
+    under = key;
+  });
 }
 """
 KEYBOARD = f'<img src="data:," style="display:none" onerror="{html.escape(_SCRIPT)}">'
@@ -138,13 +145,15 @@ def add_shortcut(page: PageHost, label: str, action: Action, **keys: Any) -> Non
     _on_event(page.server.gui.add_command(label, **keys).on_trigger, page.work, action)
 
 
-def add_group(page: PageHost, title: str, actions: Mapping[str, Action]) -> None:
+def add_group(page: PageHost, title: str, actions: Mapping[str, Action]) -> Any:
     """Add a row of buttons, one for each action."""
 
     async def clicked(event: Any) -> None:
         page.work.put_event(actions[event.target.value])
 
-    page.server.gui.add_button_group(title, tuple(actions)).on_click(clicked)
+    group = page.server.gui.add_button_group(title, tuple(actions))
+    group.on_click(clicked)
+    return group
 
 
 def _on_event(register: Callable[[Any], object], work: WorkQueue, action: Action) -> None:

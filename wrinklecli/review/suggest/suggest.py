@@ -81,9 +81,8 @@ def suggest(
         memory = Memory(options.max_memory)
         document = read_document(asset, allow_external=options.allow_external, memory=memory)
         nodes, notes = find_mesh_nodes(document, options)
-        motions = Motions(
-            anims=options.anims, range_of_motion=False if options.face else options.range_of_motion or None
-        )
+        in_range = False if options.face else options.range_of_motion or None
+        motions = Motions(options.anims, in_range, options.pose, options.morphs)
         joined = moved(document, list(nodes), motions)
         document, notes = joined.document, [*notes, *joined.warnings, *joined.notes]
         if options.face:
@@ -91,7 +90,7 @@ def suggest(
             raised = with_clips(document, of_face.motions)
             clips = tuple(read_clips(raised))
             return _tried(raised, joined.beside, of_face.tools, clips, [*notes, *of_face.notes], of_face.reason)
-        clips = chosen_clips(joined.clips, options.clips, where=document.path)
+        clips = chosen_clips(joined.clips, joined.chosen(options.clips), where=document.path)
         generated: list[Clip] = []
         if joined.range and not options.clips:
             generated = [clip for clip in clips if clip.name in joined.range]

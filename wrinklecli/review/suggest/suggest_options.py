@@ -4,6 +4,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from wrinklecli.character.posing import JointTurn, MorphWeight
 from wrinklecli.numeric.memory import MAX_MEMORY
 
 
@@ -20,6 +21,8 @@ class SuggestOptions:
         fps: Poses per second; at most 200 of a clip, evenly spaced, and fewer where mesh and clips are large.
         anims: Files with more clips, for joints of the same names.
         range_of_motion: Look at the range of motion too, even if the asset has clips.
+        pose: Joints to turn; the pose is looked at alone.
+        morphs: Weights of morph targets in this pose.
         allow_external: Read buffers outside the asset's folder too.
         max_memory: Bytes that the work may take.
     """
@@ -32,5 +35,7 @@ class SuggestOptions:
     fps: float = 30.0
     anims: Sequence[str | os.PathLike[str]] = ()
     range_of_motion: bool = False
+    pose: Sequence[JointTurn] = ()
+    morphs: Sequence[MorphWeight] = ()
     allow_external: bool = False
     max_memory: int = MAX_MEMORY

@@ -1,0 +1,137 @@
+"""The panel of proposed tools: a picture of each before and after, where it lies, and buttons that show and take it."""
+
+import base64
+import html
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import viser
+
+from wrinklecli.editor.free_pose import POSE, FreePose
+from wrinklecli.editor.page.before_and_after import before_and_after
+from wrinklecli.editor.page.drawn_scene import HINTED
+from wrinklecli.editor.page.player import Player
+from wrinklecli.editor.page.viewport import Viewport
+from wrinklecli.editor.page.widgets import ASKS, PageHost, add_button, add_group, add_shortcut, show_changed
+from wrinklecli.editor.proposals import Proposal, TriedTool
+from wrinklecli.errors import counted
+from wrinklecli.gltf.document import Document
+from wrinklecli.gltf.pixels import Bytes, jpeg_of
+
+_KEYS = "123456789"  # of proposals, in their order; the script of the page presses one under the mouse, and 0 off it
+_NO_KEY = "0"
+_SHAPE = "aspect-ratio:306/126;width:100%;display:block;background:#e8ebef;border-radius:3px"  # as pictures are drawn
+
+
+@dataclass(slots=True, eq=False)
+class _Row:
+    """A proposal with its widgets; `tried` once it was tried on the asset."""
+
+    proposal: Proposal
+    card: Any
+    buttons: Any
+    tried: TriedTool | None = None
+
+
+class SuggestPanel:
+    """Widgets for proposed tools, at the current place of the panel."""
+
+    def __init__(self, page: PageHost, player: Player, viewport: Viewport) -> None:
+        self._page, self._session, self._player, self._viewport = page, page.session, player, viewport
+        self._folder: Any = page.server.gui.add_folder("Suggested")
+        self._rows: list[_Row] = []
+        self._document: Document | None = None  # the asset that the proposals are for
+        with self._folder:
+            tip = "Looks for the places that clips compress most, or the pose that is set and shown."
+            add_button(page, "Find places", self._ask, icon=viser.Icon.SEARCH, color="gray", hint=tip)
+        for number, key in enumerate(_KEYS):
+            add_shortcut(page, f"Outline suggestion {key}", partial(self._point_at, number), hotkey=key)
+        add_shortcut(page, "Outline no suggestion", partial(self._point_at, None), hotkey=_NO_KEY)
+
+    def refresh(self) -> None:
+        """Hide proposals whose places have tools by now, and remove all if the asset has changed."""
+        if self._document is not self._session.document:
+            self._clear()
+        for row in self._rows:
+            free = not self._session.is_taken(row.proposal)
+            show_changed(row.card, "visible", free)
+            show_changed(row.buttons, "visible", free)
+
+    def _clear(self) -> None:
+        self._viewport.hint_at(None)
+        for row in self._rows:
+            row.card.remove()
+            row.buttons.remove()
+        self._rows = []
+
+    def _ask(self) -> None:
+        posed = self._player.clip == POSE and self._session.pose != FreePose()
+        self._page.say(f"looking for places that {'the pose' if posed else 'the motions'} fold …", ASKS)
+        self._page.slow.put("proposals", partial(self._find, posed=posed))
+
+    def _find(self, *, posed: bool) -> None:
+        """Find proposals; on the slow thread."""
+        proposals = self._session.proposals(posed=posed)
+        self._page.work.put("proposals", lambda: self._show(proposals))
+
+    def _show(self, proposals: list[Proposal]) -> None:
+        self._clear()
+        self._document = self._session.document
+        for number, proposal in enumerate(proposals):
+            with self._folder:
+                row = _Row(proposal, self._page.server.gui.add_html(""), None)
+                actions = {"Look": partial(self._look, row), "Take": partial(self._take, row)}
+                row.buttons = add_group(self._page, proposal.name, actions)
+            self._rows.append(row)
+            row.card.content = _card(number, row, None)
+            self._page.slow.put(("try", number), partial(self._try, number, row))
+        self.refresh()
+        free = sum(row.card.visible for row in self._rows)
+        taken = f"; {counted(len(proposals) - free, 'place')} with tools left out" if free < len(proposals) else ""
+        self._page.say(f"{free} found: Take adds one{taken}" if proposals else "nothing found that folds")
+
+    def _try(self, number: int, row: _Row) -> None:
+        """Try a proposal on the asset and draw it; on the slow thread."""
+        tried = self._session.try_out(row.proposal) if row in self._rows else None
+        picture = None if tried is None else before_and_after(tried, self._viewport.paints)
+
+        def show() -> None:
+            if row in self._rows:
+                row.tried = tried
+                row.card.content = _card(number, row, picture)
+
+        self._page.work.put(object(), show)
+
+    def _point_at(self, number: int | None) -> None:
+        """Outline a proposal while the mouse is over its picture."""
+        row = self._rows[number] if number is not None and number < len(self._rows) else None
+        self._viewport.hint_at(None if row is None or row.tried is None else row.tried.attached)
+
+    def _look(self, row: _Row) -> None:
+        """Go to where a proposal would be tallest."""
+        if row.tried is None or row not in self._rows:
+            self._page.say("It does not fit the tools as they are, or is not drawn yet.", ASKS)
+            return
+        self._viewport.hint_at(row.tried.attached)
+        self._player.go(row.tried.moment.clip, row.tried.moment.time)
+        self._viewport.look_at_tool(HINTED)
+
+    def _take(self, row: _Row) -> None:
+        if row not in self._rows or not row.card.visible:  # the second click of two, or that of another tab
+            return
+        self._page.commit()
+        name = self._session.accept(row.proposal)
+        self._viewport.hint_at(None)
+        self._page.choose(name, look=True)
+
+
+def _card(number: int, row: _Row, picture: Bytes | None) -> str:
+    """HTML of a proposal: its picture, and below it the clip, the height and the reason."""
+    source = "" if picture is None else f"data:image/jpeg;base64,{base64.b64encode(jpeg_of(picture)).decode()}"
+    image = f'<img src="{source}" style="{_SHAPE}">' if source else f'<div style="{_SHAPE}"></div>'
+    where = "" if row.tried is None else f"{row.tried.moment.label}, {row.tried.height:.3g} tall. "
+    key = _KEYS[number] if number < len(_KEYS) else _NO_KEY
+    text = html.escape(f"{where}{row.proposal.why}")
+    style = "padding:4px 12px;font-size:.85em;overflow-wrap:anywhere"
+    return f'<div data-wrinkle-key="{key}" style="{style}">{image}{text}</div>'
