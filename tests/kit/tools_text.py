@@ -42,6 +42,7 @@ tools:
     variation: 0.8
     seed: 7
     branch: 0.5
+    broken: 0.6
     attachment: patch
     strength: -0.5
     clips: {walk: 0.3, idle: 0}
@@ -209,6 +210,7 @@ OPTIONS = {
     "variation": st.floats(0, 1),
     "seed": st.one_of(st.none(), st.integers(0, 2**31 - 1)),
     "branch": st.floats(0, 1),
+    "broken": st.floats(0, 1),
     "attenuation": st.sampled_from(["bell", "linear"]),
     "attachment": st.sampled_from(["skin", "patch"]),
     "bow": st.floats(-1, 1),

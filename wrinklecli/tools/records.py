@@ -471,6 +471,11 @@ class WrinkleTool:
     branch: float = key(
         number(0, 1), "Chance of a bump to merge with its neighbour, where variation is. Default 0.25.", 0.25
     )
+    broken: float = key(
+        number(0, 1),
+        "How broken wrinkles are: furrows have gaps, and crests end apart, the middle one last. Default 0.",
+        0.0,
+    )
     attenuation: Attenuation = key(
         one_of(*get_args(Attenuation)), "How a wrinkle fades across the width. Default bell.", "bell"
     )

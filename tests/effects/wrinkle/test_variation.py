@@ -41,6 +41,7 @@ def cases(draw, *, branching: bool = True) -> Case:
         draw(st.text(CHARACTERS, max_size=5)),
         amount,
         draw(st.floats(0.0, 1.0)) if branching else 0.0,
+        draw(st.sampled_from([0.0, 0.5, 1.0])) if branching else 0.0,
         bumps=draw(st.integers(1, 12)),
         gap=gap,
         aspect=draw(st.floats(0.05, 4.0)),
@@ -224,3 +225,43 @@ def test_attenuation_is_all_on_the_centre_line_and_nothing_outside() -> None:
     lines = np.array([0.0, 1.0, -1.0, 2.0])
     for kind in ("bell", "linear"):
         assert attenuation(kind, lines).tolist() == [1, 0, 0, 0]
+
+
+def broken(seed: str, amount: float, *, bumps: int = 5) -> Variation:
+    """A variation whose furrows break, and no crests merge for good."""
+    return plan_variation(seed, 0.5, 0.0, amount, bumps=bumps, gap=0, aspect=1.5, kind="bell")
+
+
+def test_the_outer_lines_of_a_broken_tool_end_first_and_none_with_another() -> None:
+    plain = np.array([broken(str(seed), 0.0).reaches for seed in range(30)])
+    reaches = np.array([broken(str(seed), 1.0).reaches for seed in range(30)])
+    middle, outer = reaches[..., 2], reaches[..., [0, -1]]
+    assert (reaches <= plain.max()).all()
+    assert (middle[..., None] > outer).mean() > 0.9
+    assert outer.mean() < 0.7 * middle.mean()
+    spread = np.std(reaches, axis=2)
+    assert spread.mean() > 1.5 * np.std(plain, axis=2).mean()
+
+
+def test_a_furrow_breaks_for_a_stretch_and_is_open_on_both_sides_of_it() -> None:
+    drawn_so = next(made for seed in range(50) if (made := broken(str(seed), 1.0, bumps=2)).mergers)
+    (merger,) = drawn_so.mergers
+    middle = (merger.start + merger.over + merger.until) / 2.0
+    lines = merger.side * np.array([0.0, merger.start, middle, merger.until + merger.over, 0.99])
+    assert merger.share(lines) == pytest.approx([0, 0, 1, 0, 0], abs=1e-12)
+    assert merger.together(lines) == pytest.approx([0, 0, 1, 0, 0], abs=1e-12)
+    # Between the two crests the skin is nearly as high there as on them.
+    us = np.linspace(0.05, 0.95, 181)
+    places, _ = drawn_so.places(us, np.full(181, merger.side * middle))
+    assert np.allclose(places.joined, 1.0)
+    assert np.count_nonzero(np.diff(np.sign(np.diff(places.joined_us)))) == 0
+
+
+def test_breaks_follow_the_chance_and_leave_other_numbers_as_they_are() -> None:
+    whole, half = ([len(broken(str(seed), chance).mergers) for seed in range(60)] for chance in (1.0, 0.5))
+    assert set(whole) == {2}, "two of four furrows between five bumps: no bump is in two pairs"
+    assert 0.5 < np.mean(half) < 1.9
+    merging = {"bumps": 5, "gap": 0, "aspect": 1.5, "kind": "bell"}
+    plain, some = plan_variation("a", 0.5, 0.6, **merging), plan_variation("a", 0.5, 0.6, 0.0, **merging)
+    assert np.array_equal(plain.reaches, some.reaches)
+    assert plain.mergers == some.mergers

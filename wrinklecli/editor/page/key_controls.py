@@ -24,7 +24,7 @@ NONE = "none"
 # The keys under each heading, in the order of work. Other keys stand under a last heading.
 GROUPS: Mapping[str, Sequence[str]] = {
     "Shape": ("material", "width", "bumps", "gap", "strategy", "max_height", "profile", "attenuation", "details"),
-    "Irregularity": ("variation", "seed", "branch", "bow"),
+    "Irregularity": ("variation", "seed", "branch", "broken", "bow"),
     "Motion": ("compressible", "strength", "rest_length", "lag", "contact"),
     "Place": ("node", "snap", "mirror", "attachment", "optional"),
 }

@@ -97,6 +97,7 @@ def _variation(tool: WrinkleTool, aspect: float) -> Variation | None:
         tool.name if tool.seed is None else str(tool.seed),
         tool.variation,
         tool.branch,
+        tool.broken,
         bumps=tool.bumps,
         gap=tool.gap,
         aspect=aspect,

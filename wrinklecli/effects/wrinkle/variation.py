@@ -65,6 +65,16 @@ _MERGING = (0.0, 0.2)
 _MERGED_OVER = (0.45, 0.7)
 # and height of the joined bump relative to the wider of the two.
 _MERGED_HEIGHT = 1.6
+# A furrow breaks where its two crests merge and part again: it begins to fill up at a |v| between these two numbers,
+_BREAKING = (0.12, 0.45)
+# is full after this length along v, and again open after as much more,
+_BROKEN_OVER = 0.22
+# and there the skin is this high, relative to the higher crest: it lies flat, and does not swell as where crests end.
+_BROKEN_HEIGHT = 1.0
+# A broken tool's crests are shorter by this fraction at its ends than in its middle,
+_SHORTER_OUTSIDE = 0.4
+# and by up to this one at random.
+_STAGGERED = 0.3
 # Merging crests lean towards each other by this, as `_SWAY`.
 _TOGETHER = 0.7
 # The furrow between them, narrow by then, fills up from this fraction of the way on.
@@ -100,6 +110,8 @@ class Merger:
         side: Sign of v on that side, −1 or 1.
         start: |v| at which merging begins.
         over: Length along v over which the bumps merge.
+        until: |v| at which the bumps begin to part again, over the same length; infinite if they stay one.
+        height: Height of the joined bump relative to the wider of the two.
     """
 
     left: int
@@ -107,15 +119,22 @@ class Merger:
     side: float
     start: float
     over: float
+    until: float = math.inf
+    height: float = _MERGED_HEIGHT
 
     def together(self, v: Floats) -> Floats:
         """(…,) fraction, at (…,) v, of the way that the crests have come towards each other."""
-        return smoothstep(np.clip((self.side * v - self.start) / self.over, 0.0, 1.0))
+        return smoothstep(np.clip(self._way(v), 0.0, 1.0))
 
     def share(self, v: Floats) -> Floats:
         """(…,) fraction of the height, at (…,) v, that the joined bump has."""
-        filled = ((self.side * v - self.start) / self.over - _FILLED_FROM) / (1.0 - _FILLED_FROM)
+        filled = (self._way(v) - _FILLED_FROM) / (1.0 - _FILLED_FROM)
         return smoothstep(np.clip(filled, 0.0, 1.0))
+
+    def _way(self, v: Floats) -> Floats:
+        """(…,) way from apart, 0, to one, 1, at (…,) v; below 0 and above 1 beyond."""
+        towards: Floats = (self.side * v - self.start) / self.over
+        return np.minimum(towards, 1.0 + (self.until - self.side * v) / self.over)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -242,13 +261,14 @@ class Variation:
 
     def _joined_height(self, merger: Merger, lines: Floats) -> Floats:
         """(lines,) height of the joined bump relative to that of the wider one on the centre line."""
-        return _MERGED_HEIGHT * self._height(merger.wider, lines)
+        return merger.height * self._height(merger.wider, lines)
 
 
 def plan_variation(
     seed: str,
     amount: float,
     branch: float,
+    broken: float = 0.0,
     *,
     bumps: int,
     gap: int,
@@ -260,18 +280,23 @@ def plan_variation(
     """Draw the irregularity of a tool's wrinkles.
 
     The amount is a, above 0 and up to 1, and `branch` the probability that a bump merges with its neighbour on one side
-    of the patch; only bumps that rise together do. `aspect` is half the patch's width over the segment's length. On a
-    mirrored patch v counts the other way.
+    of the patch; only bumps that rise together do. `broken` is the probability that such neighbours merge for a stretch
+    alone, which breaks the furrow between them, and the amount by which crests end apart. `aspect` is half the patch's
+    width over the segment's length. On a mirrored patch v counts the other way.
     """
     widths = 1.0 + _WIDTH * amount * _well_spread(drawn(seed, "widths", bumps))
     ruled = Bumps(widths * (bumps / widths.sum()), gap)
     starts, ends = ruled.starts, ruled.ends
     together = {pair for group in group_bumps(bumps, strategy) for pair in pairwise(sorted(group))}
-    mergers = _mergers(seed, branch, ends - starts, aspect, together)
+    mergers = _mergers(seed, branch, broken, ends - starts, aspect, together)
     reaches = 1.0 - _SHORTER * amount * (1.0 + drawn(seed, "reaches", 2, bumps)) / 2.0
+    if broken:
+        outside = np.abs(starts + ends - 1.0)  # 0 in the middle of the segment, and 1 at its ends
+        staggered = _STAGGERED * (1.0 + drawn(seed, "ends", 2, bumps)) / 2.0
+        reaches = reaches * (1.0 - broken * (_SHORTER_OUTSIDE * outside + staggered * (0.3 + 0.7 * outside)))
     for merger in mergers:
-        half = int(merger.side > 0)
-        reaches[half, merger.left : merger.left + 2] = 1.0
+        half, pair = int(merger.side > 0), slice(merger.left, merger.left + 2)
+        reaches[half, pair] = reaches[half, pair].max() if broken else 1.0
     share, turn, phase = drawn(seed, "swells", 3, bumps)
     low, high = _SWELLINGS
     return Variation(
@@ -309,7 +334,7 @@ def _well_spread(numbers: Floats) -> Floats:
 
 
 def _mergers(
-    seed: str, branch: float, widths: Floats, aspect: float, together: set[tuple[int, int]]
+    seed: str, branch: float, broken: float, widths: Floats, aspect: float, together: set[tuple[int, int]]
 ) -> tuple[Merger, ...]:
     """Draw pairs of neighbouring bumps, of (bumps,) widths along u, from the pairs that rise together."""
     bumps = len(widths)
@@ -317,6 +342,8 @@ def _mergers(
     found: list[Merger] = []
     bump = 0
     low, high = _MERGING
+    earliest, latest = _BREAKING
+    breaks = drawn(seed, "breaks", bumps)
     while bump + 1 < bumps:
         merges = (1.0 + chances[bump]) / 2.0 < branch and (bump, bump + 1) in together
         if merges:
@@ -325,6 +352,12 @@ def _mergers(
             # Crests move sideways by about half a bump.
             over = float(np.clip(0.5 * widths[wider] / (_STEEPEST * aspect), *_MERGED_OVER))
             found.append(Merger(bump, wider, side=1.0 if sides[bump] > 0 else -1.0, start=start, over=over))
+        elif (1.0 + breaks[bump]) / 2.0 < broken and (bump, bump + 1) in together:
+            merges = True
+            start = earliest + (latest - earliest) * (1.0 + float(starts[bump])) / 2.0
+            wider = bump + int(widths[bump + 1] > widths[bump])
+            side = 1.0 if sides[bump] > 0 else -1.0
+            found.append(Merger(bump, wider, side, start, _BROKEN_OVER, start + _BROKEN_OVER, _BROKEN_HEIGHT))
         bump += 1 + merges
     return tuple(found)
 
