@@ -17,7 +17,7 @@ import numpy as np
 
 HERE = Path(__file__).resolve().parent
 RESULTS = HERE / "results.csv"
-README = HERE.parents[1] / "README.md"
+README = HERE / "README.md"
 # README's table stands between these lines.
 _BEGIN = "<!-- From results.csv, by `tests/benchmarks/run.py --readme`. -->"
 _END = "<!-- The end of the table. -->"

@@ -2,10 +2,10 @@
 
     python tests/benchmarks/run.py                          all rows, a line for each
     python tests/benchmarks/run.py --only frames --only start  those of some sections
-    python tests/benchmarks/run.py --release 0.2.0          also as a row of results.csv, and as the table of README.md
+    python tests/benchmarks/run.py --release 0.2.0          also as a row of results.csv, and in the table of README.md here
     python tests/benchmarks/run.py --assets DIR             with hand.glb and simple_skin.gltf from there
     python tests/benchmarks/run.py --markdown               the table as Markdown, on stdout
-    python tests/benchmarks/run.py --readme                 the table of README.md anew from results.csv; nothing is run
+    python tests/benchmarks/run.py --readme                 that table anew from results.csv; nothing is run
     python tests/benchmarks/run.py --tiny                   as little as runs each line, once: are the sections right?
 
 The rows of Blender need `bpy` in an environment of its own, which tests/benchmarks/blender.sh makes. There Blender runs

@@ -21,12 +21,12 @@ def rows() -> Any:
 
 def test_the_table_of_readme_is_that_of_the_last_row(rows: Any) -> None:
     """If it fails: `python tests/benchmarks/run.py --readme`."""
-    page = (ROOT / "README.md").read_text(encoding="utf-8")
+    page = (ROOT / "tests" / "benchmarks" / "README.md").read_text(encoding="utf-8")
     assert rows.readme_with(page, rows.readme_table(rows.recorded()[-1])) == page
 
 
 def test_a_figure_edited_by_hand_is_noticed(rows: Any) -> None:
-    page = (ROOT / "README.md").read_text(encoding="utf-8")
+    page = (ROOT / "tests" / "benchmarks" / "README.md").read_text(encoding="utf-8")
     table = rows.readme_table(rows.recorded()[-1])
     figure = next(cell for cell in table.split("|")[9:] if cell.strip()[:1].isdigit())
     edited = page.replace(figure, figure.replace(figure.strip()[0], "9" if figure.strip()[0] != "9" else "8"))
