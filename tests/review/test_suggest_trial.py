@@ -10,8 +10,9 @@ from wrinklecli.character.clip import read_clips
 from wrinklecli.gltf.document import read_document
 from wrinklecli.review.suggest.fitted_tools import Suggestion
 from wrinklecli.review.suggest.trial import try_on_refined_meshes
-from wrinklecli.tools.records import Length, WrinkleTool
+from wrinklecli.tools.records import Length, RefinementSettings, WrinkleTool
 
+FACETED = RefinementSettings(scheme="midpoint")
 FLAT = [line(-0.5, 0.5)]
 # Forward on top, back below it, forward again below that.
 FOLDED = [line(-0.5, 0.1, 0.1), line(0.1, -0.1, 0.05), line(-0.1, 0.5, 0.0)]
@@ -45,7 +46,7 @@ def test_a_tool_that_check_warns_of_for_its_place_is_narrower_where_that_helps(
 ) -> None:
     document = read_document(sheet(tmp_path / "a.glb", np.concatenate(profile)))
     made = suggestion(half, width, 0.1 if profile is FOLDED else 0.0)
-    found = try_on_refined_meshes(document, [made], read_clips(document), midpoint=True)
+    found = try_on_refined_meshes(document, [made], read_clips(document), FACETED)
     assert [each.tool.width.value for each in found.tools] == [kept]
     assert not found.notes
 
@@ -53,7 +54,7 @@ def test_a_tool_that_check_warns_of_for_its_place_is_narrower_where_that_helps(
 def test_a_fold_much_shorter_than_its_triangles_is_left_out(tmp_path: Path) -> None:
     document = read_document(sheet(tmp_path / "a.glb", [(-0.5, 0.0), (0.0, 0.0), (0.5, 0.0)]))
     short = suggestion(0.02, 0.05, 0.0, "short")
-    found = try_on_refined_meshes(document, [suggestion(0.4, 0.3, 0.0), short], read_clips(document), midpoint=True)
+    found = try_on_refined_meshes(document, [suggestion(0.4, 0.3, 0.0), short], read_clips(document), FACETED)
     assert [each.tool.name for each in found.tools] == ["fold"]
     (note,) = found.notes
     assert "left out a fold that squeeze makes" in note

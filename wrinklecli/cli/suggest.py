@@ -34,19 +34,24 @@ _WIDEST = 60  # characters of a column
 )
 @click.option("--node", metavar="NAME", help="Look at the mesh of this node only.")
 @opt.flag("--face", text="Suggest the wrinkles of a face by its morph targets, and nothing else.")
-@opt.flag("--all", "everything", text="Leave out neither hard parts nor what another layer hides.")
+@opt.flag("--all", "everything", text="Leave out neither hard or hidden parts nor what is not worth it.")
 @opt.fps("Poses per second, but 200 of a clip at most.", default=30.0)
 @opt.range_of_motion("Look at that too.")
 @opt.allow_external("Read buffers outside the asset's folder too.")
 @opt.max_memory
 @opt.json("Print JSON to standard output; YAML goes to -o alone.")
+@opt.verbose("Say of each tool that is not worth it why.")
 @opt.quiet("Print no table and no notes.")
-def suggest(asset: str, output: str | None, as_json: bool, quiet: bool, **options: Any) -> None:
+def suggest(asset: str, output: str | None, as_json: bool, verbose: bool, quiet: bool, **options: Any) -> None:
     """Find where the clips of ASSET (glTF) compress its surface most, and write a tools file for `wrinkle bake`.
 
     Each tool gets a material, skin, cloth or leather, by the names, factors, colours and weights of the surface. Hard
     parts, folds that another layer hides, ribs, lips and lids are left out; notes on standard error say so, and --all
     takes all. If the asset is symmetric about x = 0, the tools are symmetric too, whatever the clips.
+
+    Each tool is tried on the refined mesh and looked at where it is tallest, from the best side. It is left out if its
+    wrinkles are hardly seen or hidden, or if the surface would pass through itself all over the place, show triangles
+    turned over, or bend its flat facets; -v says which. The next best folds take their places; --all looks at nothing.
 
     An asset without clips is measured in its range of motion: each joint bent about its axes, each morph target
     raised, as far as a body of such joints goes. --clip takes the names of these motions too, such as
@@ -60,12 +65,13 @@ def suggest(asset: str, output: str | None, as_json: bool, quiet: bool, **option
     The file bakes as it is, and is made to be edited. A table of the suggestions goes to standard error. If there is
     nothing to suggest, as for a rigid asset, nothing is written and the exit code is 1, so that a pipeline stops.
 
-    --json prints {"suggest": 1, "asset", "reason", "notes", "tools"}; each tool has "name", "node", "origin",
-    "between", "target", "mirror", "width", "material", "strategy", "bumps", "max_height", "compressible",
-    "rest_length", "mesh", "driver", "driver_kind", "clip", "time", "span", "shortest", "shortening", "clips" and
-    "score". Within version 1, keys are only added. Lengths are scene units, shortenings are ratios to the span.
-    "between" has the points of a path between its ends. "clips" has the least length in each clip, null where the
-    character is hidden. "reason" says why there are no tools, and is null if there are some.
+    --json prints {"suggest": 1, "asset", "reason", "notes", "dropped", "tools"}; "dropped" has "name", "reason" and
+    "value" of each tool that is not worth it. Each of "tools" has "name", "node", "origin", "between", "target",
+    "mirror", "width", "material", "strategy", "bumps", "max_height", "compressible", "rest_length", "mesh", "driver",
+    "driver_kind", "clip", "time", "span", "shortest", "shortening", "clips" and "score". Within version 1, keys are
+    only added. Lengths are scene units, shortenings are ratios to the span. "between" has the points of a path
+    between its ends. "clips" has the least length in each clip, null where the character is hidden. "reason" says why
+    there are no tools, and is null if there are some.
 
     Exit codes: 0 done; 1 the input is at fault, or nothing to suggest; 2 wrong usage; 70 a bug.
     """
@@ -85,7 +91,7 @@ def suggest(asset: str, output: str | None, as_json: bool, quiet: bool, **option
         with Progress(quiet=quiet) as progress:
             found = run(asset, progress=progress.show, **options)
         if not quiet:
-            say_findings(found.notes, ())
+            say_findings([*found.notes, *(each.line for each in found.dropped if verbose)], ())
         if as_json:
             emit_json(_json(asset, found))
         if not found.tools:
@@ -102,6 +108,7 @@ def _json(asset: str, found: "Suggestions") -> dict[str, Any]:
         "asset": asset,
         "reason": found.reason or None,
         "notes": list(found.notes),
+        "dropped": [{"name": each.name, "reason": each.reason, "value": _short(each.value)} for each in found.dropped],
         "tools": [_json_tool(each) for each in found.tools],
     }
 

@@ -4,7 +4,7 @@ A tool that lies on a better one, does not attach or hardly shortens is left out
 shortens too becomes a pair.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -17,8 +17,14 @@ from wrinklecli.review.suggest.buckling import crossing_pair
 from wrinklecli.review.suggest.candidates import Candidate
 from wrinklecli.review.suggest.draft import pair_of, renamed, stem_and_side, tool_of, width_of
 from wrinklecli.review.suggest.measure import MeasuredMesh
-from wrinklecli.review.suggest.shortening import Shortening, attached, greatest, shortenings_of, with_rising_bumps
-from wrinklecli.review.suggest.suggest_options import SuggestOptions
+from wrinklecli.review.suggest.shortening import (
+    Shortening,
+    attached,
+    greatest,
+    shortenings_of,
+    with_lower_bumps,
+    with_rising_bumps,
+)
 from wrinklecli.surface.path import Curve
 from wrinklecli.surface.sites import at_sites
 from wrinklecli.surface.strain import principal, unscaled_pose
@@ -26,6 +32,8 @@ from wrinklecli.surface.trace import CLEAR_LOSS, find_segment, trace
 from wrinklecli.tools.mirror import split_side
 from wrinklecli.tools.records import Length, RestLengthMorph, WrinkleTool
 
+# Factor on the height of wrinkles that would be too tall for their place.
+_LOWER = 0.5
 # Least score of a candidate, as a part of the best one's.
 _LEAST_SCORE = 0.02
 # Least shortening of a tool that a joint drives, as a part of its length, by material: for less, skin bulges and does
@@ -82,6 +90,10 @@ class Suggestion:
         shortening: The greatest, as a part of the span, or of the rest length if a morph target makes that longer.
         score: The region's loss 1 − σ summed over its area, scene units squared.
         straight: A straight tool in place of one with a path.
+        lower: The same tool with wrinkles of half the height; None if these would need more `compressible` than there
+            may be.
+        twin_moment: The clip and the time in which its mirror image shortens most; None if that is not suggested.
+        one_sided: True if no clip raises the wrinkles of its mirror image.
     """
 
     tool: WrinkleTool
@@ -96,20 +108,22 @@ class Suggestion:
     shortening: float
     score: float
     straight: "Suggestion | None" = None
+    lower: "Suggestion | None" = None
+    twin_moment: tuple[str, float] | None = None
+    one_sided: bool = False
 
 
-def fit_tools(
-    candidates: Sequence[Candidate], options: SuggestOptions, further: Sequence[Clip] = ()
-) -> list[Suggestion]:
-    """Fit tools to the best candidates, best first.
+def fit_tools(candidates: Sequence[Candidate], further: Sequence[Clip] = ()) -> Iterator[Suggestion]:
+    """Fit tools to candidates, best first, each when it is asked for.
 
     No bump reaches its full height before the greatest shortening in the further clips either, as `check` has them.
     """
     for search in (_Search(further), _Search(further, one_sided=True), _Search(further, one_sided=True, mild=True)):
-        found = search.ranked(candidates, options.count)
-        if found:
-            return found
-    return []
+        found = search.ranked(candidates)
+        for first in found:
+            yield first
+            yield from found
+            return
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,13 +153,13 @@ class _Search:
     names: frozenset[str] = frozenset()
     bump_lengths: Mapping[tuple[int, str], float] = field(default_factory=dict)
 
-    def ranked(self, candidates: Sequence[Candidate], count: int) -> list[Suggestion]:
-        """At most `count` suggestions, best first."""
+    def ranked(self, candidates: Sequence[Candidate]) -> Iterator[Suggestion]:
+        """Suggestions, best first."""
         order = sorted(candidates, key=lambda each: -each.score)
-        search, found = self, list[Suggestion]()
+        search = self
         placed: list[tuple[MeasuredMesh, Patch]] = []
         for candidate in order:
-            if len(found) >= count or candidate.score < _LEAST_SCORE * order[0].score:
+            if candidate.score < _LEAST_SCORE * order[0].score:
                 break
             others = [patch for mesh, patch in placed if mesh is candidate.mesh]
             if any(_covers(patch, candidate.region.centre, candidate.region.normal) for patch in others):
@@ -155,14 +169,13 @@ class _Search:
                 continue
             suggestion = fitted.suggestions[0]
             key = (candidate.mesh.rig.node, suggestion.driver)
-            found += fitted.suggestions
             placed += [(candidate.mesh, patch) for patch in fitted.patches]
             search = replace(
                 search,
                 names=search.names | {patch.tool.identifier for patch in fitted.patches},
                 bump_lengths={key: suggestion.span / suggestion.tool.bumps, **search.bump_lengths},
             )
-        return found[:count]
+            yield from fitted.suggestions
 
     def _fit(self, candidate: Candidate) -> _Fitted | None:
         """The tool of a candidate, with its twin if it has one; None if it does not attach or shorten."""
@@ -248,6 +261,9 @@ class _Search:
         tools = with_rising_bumps(mesh, patches, every)
         if tools is None:
             return None
+        patches = [replace(each, tool=tool) for each, tool in zip(patches, tools, strict=True)]
+        lower = with_lower_bumps(patches, every, _LOWER)
+        twin = greatest(shortenings[1]) if len(tools) == 2 else None
         suggestion = Suggestion(
             tool=tools[0],
             mirrored=len(tools) == 2,
@@ -260,8 +276,11 @@ class _Search:
             clips={name: each.distance for name, each in shortenings[0].items()},
             shortening=best.ratio,
             score=candidate.score,
+            twin_moment=None if twin is None else (twin.clip.name, twin.time),
         )
-        return _Fitted([suggestion], [replace(each, tool=tool) for each, tool in zip(patches, tools, strict=True)])
+        if lower is not None:
+            suggestion = replace(suggestion, lower=replace(suggestion, tool=lower[0]))
+        return _Fitted([suggestion], patches)
 
 
 def _covers(patch: Patch, place: Floats, normal: Floats) -> bool:

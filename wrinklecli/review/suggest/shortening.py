@@ -142,6 +142,28 @@ def with_rising_bumps(
     return tools
 
 
+def with_lower_bumps(
+    patches: list[Patch], shortenings: list[dict[str, Shortening]], part: float
+) -> list[WrinkleTool] | None:
+    """Make tools of `with_rising_bumps` lower, by a factor on the height of their bumps.
+
+    Returns:
+        None if they would need a greater `compressible` than a file may have.
+    """
+    first = patches[0]
+    width = first.rest_length / first.tool.bumps
+    height = first.tool.bump_height * width
+    if isinstance(first.tool.max_height, Length):
+        height = first.tool.max_height.resolve(first.span)
+    # Rounded up to need no more `compressible`.
+    percent_of_span = math.ceil(1e4 * part * height / first.span) / 100.0
+    percent = _needed_percent(patches, shortenings, part * height / width)
+    if percent > _MOST_COMPRESSIBLE:
+        return None
+    max_height = Length(percent_of_span, percent=True)
+    return [replace(each.tool, compressible=percent / 100.0, max_height=max_height) for each in patches]
+
+
 def _needed_percent(patches: list[Patch], shortenings: list[dict[str, Shortening]], height: float) -> int:
     """The `compressible` that bumps need, per cent, if their greatest height over their width is `height`."""
     needed = 0.0

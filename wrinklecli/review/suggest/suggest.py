@@ -10,6 +10,7 @@ from wrinklecli.character.clip import Clip, chosen_clips, read_clips
 from wrinklecli.character.joined import with_clips
 from wrinklecli.character.moved import Motions, moved
 from wrinklecli.character.rig import read_rig
+from wrinklecli.choices import Scheme
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.images import files_of
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
@@ -22,8 +23,9 @@ from wrinklecli.review.suggest.fitted_tools import Suggestion, fit_tools
 from wrinklecli.review.suggest.measure import MeasuredMesh, find_mesh_nodes, measure_meshes
 from wrinklecli.review.suggest.suggest_options import SuggestOptions
 from wrinklecli.review.suggest.text import refuse_unwritable, tools_text
-from wrinklecli.review.suggest.trial import try_on_refined_meshes
+from wrinklecli.review.suggest.worth import Dropped, Worthwhile, worthwhile
 from wrinklecli.surface.sites import Peaks
+from wrinklecli.tools.records import RefinementSettings
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +38,7 @@ class Suggestions:
         reason: Why there are none; empty if there are some.
         notes: A line for each material that meshes are made of, and for each reason to leave out folds.
         inputs: All files that were read, and the asset's images.
+        dropped: Tools that are not worth it, each with the reason.
     """
 
     tools: tuple[Suggestion, ...]
@@ -43,6 +46,7 @@ class Suggestions:
     reason: str
     notes: tuple[str, ...]
     inputs: tuple[str, ...]
+    dropped: tuple[Dropped, ...] = ()
 
 
 def suggest(
@@ -89,7 +93,10 @@ def suggest(
             of_face = suggest_face(document, nodes)
             raised = with_clips(document, of_face.motions)
             clips = tuple(read_clips(raised))
-            return _tried(raised, joined.beside, of_face.tools, clips, [*notes, *of_face.notes], of_face.reason)
+            found = worthwhile(
+                raised, of_face.tools, clips, RefinementSettings(), count=len(of_face.tools), everything=True
+            )
+            return _written(raised, joined.beside, found, [*notes, *of_face.notes], of_face.reason)
         clips = chosen_clips(joined.clips, joined.chosen(options.clips), where=document.path)
         generated: list[Clip] = []
         if joined.range and not options.clips:
@@ -100,7 +107,7 @@ def suggest(
         candidates = _candidates_of(meshes, progress)
         chosen, reasons = choose_candidates(document, candidates, options)
         flat = all(candidate.mesh.flat for candidate in chosen)
-        fitted = fit_tools(chosen, options, generated)
+        fitted = fit_tools(chosen, generated)
         reason = ""
         if candidates and not chosen:
             reason = "what its motions fold is left out, as the notes say"
@@ -112,33 +119,36 @@ def suggest(
             reason = "no clip moves a mesh that deforms"
         else:
             reason = f"no clip compresses the surface by more than {100 * LEAST_LOSS:g} % anywhere that a tool fits"
-        return _tried(document, joined.beside, fitted, joined.clips, [*notes, *reasons], reason, flat=flat)
+        scheme: Scheme = "midpoint" if flat else "butterfly"
+        found = worthwhile(
+            document,
+            fitted,
+            joined.clips,
+            RefinementSettings(scheme=scheme),
+            count=options.count,
+            everything=options.everything,
+        )
+        return _written(document, joined.beside, found, [*notes, *reasons], reason)
 
 
-def _tried(
-    document: Document,
-    beside: Sequence[str],
-    fitted: Sequence[Suggestion],
-    clips: Sequence[Clip],
-    notes: Sequence[str],
-    reason: str,
-    *,
-    flat: bool = False,
+def _written(
+    document: Document, beside: Sequence[str], found: Worthwhile, notes: Sequence[str], reason: str
 ) -> Suggestions:
-    """Try tools on refined meshes, and write them; `reason` says why there are none, unless the trial takes them.
+    """Write tools; `reason` says why there are none, unless they were tried and left out.
 
     `beside` are files that were read besides the asset's.
     """
-    trial = try_on_refined_meshes(document, fitted, clips, midpoint=flat)
     text = ""
-    if trial.tools:
-        text = tools_text(trial.tools, os.path.basename(document.path), trial.refinement)
-        refuse_unwritable(text, document, trial.tools)
+    if found.tools:
+        text = tools_text(found.tools, os.path.basename(document.path), found.refinement)
+        refuse_unwritable(text, document, found.tools)
         reason = ""
-    elif trial.notes:
+    elif found.dropped:
+        reason = "none of its tools is worth it, as the notes say"
+    elif found.notes:
         reason = "what its motions fold is left out, as the notes say"
-    inputs = (*files_of(document), *beside)
-    return Suggestions(tuple(trial.tools), text, reason, (*notes, *trial.notes), inputs)
+    inputs, notes = (*files_of(document), *beside), (*notes, *found.notes, *found.summary)
+    return Suggestions(tuple(found.tools), text, reason, notes, inputs, tuple(found.dropped))
 
 
 def _candidates_of(meshes: Sequence[tuple[MeasuredMesh, Peaks]], progress: Progress) -> list[Candidate]:

@@ -17,7 +17,7 @@ class SuggestOptions:
         count: Greatest number of suggestions; a pair counts as one.
         node: Name of the node whose mesh to look at; None for all nodes whose meshes deform.
         face: Suggest the wrinkles of a face by its morph targets, and nothing else.
-        everything: Leave out neither hard parts nor what another layer hides.
+        everything: Leave out neither hard parts, nor what another layer hides, nor what is not worth it.
         fps: Poses per second; at most 200 of a clip, evenly spaced, and fewer where mesh and clips are large.
         anims: Files with more clips, for joints of the same names.
         range_of_motion: Look at the range of motion too, even if the asset has clips.

@@ -7,6 +7,7 @@ from wrinklecli.errors import AssetError, WrinkleError
 from wrinklecli.gltf.document import Document
 from wrinklecli.review.suggest.draft import SLACK, decimals, place_of, written_length
 from wrinklecli.review.suggest.fitted_tools import Suggestion
+from wrinklecli.tools.mirror import exchange_sides
 from wrinklecli.tools.read import parse_tools
 from wrinklecli.tools.records import Length, RefinementSettings, RestLengthMorph
 from wrinklecli.tools.yaml_tree import printable
@@ -56,7 +57,12 @@ def tools_text(suggestions: Sequence[Suggestion], asset: str, refinement: Refine
             "max_height": f"{tool.max_height.value:.12g}%" if isinstance(tool.max_height, Length) else None,
             "compressible": f"{100 * tool.compressible:.0f}%" if tool.compressible or tool.material else None,
         }
-        lines += [f"  # {what} {printable(each.driver, 90)}: {shortens}", f"  - name: {tool.name}"]
+        lines.append(f"  # {what} {printable(each.driver, 90)}: {shortens}")
+        if each.one_sided:
+            lines.append(
+                f"  # {exchange_sides(tool.name)}, which mirror makes, is there for other clips: none here raises it"
+            )
+        lines.append(f"  - name: {tool.name}")
         lines += [*(f"    {key}: {value}" for key, value in keys.items() if value is not None), ""]
     return "\n".join(lines[:-1]) + "\n"
 

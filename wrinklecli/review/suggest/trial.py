@@ -11,7 +11,9 @@ import numpy as np
 
 from wrinklecli.baking.job import BakeOptions, tools_by_node
 from wrinklecli.character.clip import Clip
+from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.effects.plan import plan_mesh
+from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.layer import carried_patches_of
 from wrinklecli.effects.wrinkle.warnings import DEPARTURE, placement_warnings
 from wrinklecli.errors import WrinkleError
@@ -38,27 +40,33 @@ class TrialResult:
     Attributes:
         tools: Best first.
         refinement: Fine enough for the tools; without rounding if that would be visible at rest.
+        placed: The tools and their twins on refined meshes, by name; empty if a bake would refuse one.
         notes: A line for each tool left out.
     """
 
     tools: list[Suggestion]
     refinement: RefinementSettings
+    placed: "dict[str, Placement]"
     notes: list[str]
 
 
 @dataclass(frozen=True, slots=True)
-class _Placement:
+class Placement:
     """A tool on the refined mesh.
 
     Attributes:
-        node: Index of the node that has the mesh.
+        plan: The mesh with the tools that were placed together.
+        carried: The tool on that mesh.
+        number: The number of the tool among those of the mesh.
         vertices: (vertices,) of the mesh under the tool's patch, sorted.
         crosses: True if `check` would warn about the tool's place.
         coarse: True if edges of its mesh stay too long for wrinkles.
         departs: True if refinement moves the surface under the tool so much that it is visible at rest.
     """
 
-    node: int
+    plan: MeshPlan
+    carried: CarriedPatch
+    number: int
     vertices: Ints
     crosses: bool
     coarse: bool
@@ -66,14 +74,14 @@ class _Placement:
 
 
 @dataclass(frozen=True, slots=True)
-class _Trial:
+class Trial:
     """The asset on which suggestions are tried, all its clips, and the settings with which it is refined."""
 
     document: Document
     clips: Sequence[Clip]
     refinement: RefinementSettings
 
-    def placements(self, suggestions: Sequence[Suggestion]) -> dict[str, _Placement]:
+    def placements(self, suggestions: Sequence[Suggestion]) -> dict[str, Placement]:
         """Place suggestions and their twins on refined meshes, by the tool's name; empty if a bake would refuse."""
         if not suggestions:
             return {}
@@ -88,22 +96,26 @@ class _Trial:
         except WrinkleError:
             return {}
         return {
-            carried.patch.tool.name: _Placement(
-                node=plan.rig.node,
+            carried.patch.tool.name: Placement(
+                plan=plan,
+                carried=carried,
+                number=number,
                 vertices=distinct_values(plan.fine.surface.triangles[carried.patch.members]),
                 crosses=bool(placement_warnings(plan, carried)),
                 coarse=plan.fine.subdivision.limited > 0,
                 departs=departure > DEPARTURE,
             )
             for plan in plans
-            for carried, departure in zip(carried_patches_of(plan), plan.fine.departures, strict=True)
+            for number, (carried, departure) in enumerate(
+                zip(carried_patches_of(plan), plan.fine.departures, strict=True)
+            )
         }
 
     def is_coarse(self, suggestions: Sequence[Suggestion]) -> bool:
         """True if edges stay too long for some of the suggestions."""
         return any(each.coarse for each in self.placements(suggestions).values())
 
-    def finer(self, suggestions: Sequence[Suggestion]) -> "_Trial":
+    def finer(self, suggestions: Sequence[Suggestion]) -> "Trial":
         """The trial with the least levels that make edges short enough for the suggestions; else with the most."""
         for levels in range(self.refinement.max_levels, _MOST_LEVELS):
             trial = replace(self, refinement=replace(self.refinement, max_levels=levels))
@@ -113,18 +125,19 @@ class _Trial:
 
 
 def try_on_refined_meshes(
-    document: Document, suggestions: Sequence[Suggestion], clips: Sequence[Clip], *, midpoint: bool
+    document: Document, suggestions: Sequence[Suggestion], clips: Sequence[Clip], refinement: RefinementSettings
 ) -> TrialResult:
     """Make suggestions as narrow as they need to be; those that cross a fold at any width stay as they were.
 
     A path that crosses a fold gives way to the straight tool. Suggestions are left out where triangles are so long that
     even a finer refinement than usual shows no wrinkles.
 
-    The clips are all of the asset. `midpoint` is True if refinement must keep faces flat.
+    The clips are all of the asset. The refinement is what the file has for other tools; that of the result is finer,
+    or without rounding, where these tools need it.
     """
-    trial = _Trial(document, clips, RefinementSettings(scheme="midpoint" if midpoint else "butterfly"))
+    trial = Trial(document, clips, refinement)
     placed = trial.placements(suggestions)
-    if any(each.departs for each in placed.values()) and not midpoint:
+    if any(each.departs for each in placed.values()) and refinement.scheme != "midpoint":
         trial = replace(trial, refinement=replace(trial.refinement, scheme="midpoint"))
         placed = trial.placements(suggestions)
     straight = [each.straight if each.straight and _crosses(each, placed) else each for each in suggestions]
@@ -142,31 +155,36 @@ def try_on_refined_meshes(
     remaining = [each for each in straight if each not in coarse]
     if trial is not usual or remaining != list(suggestions):
         placed = trial.placements(remaining)
-    narrowed = list(remaining)
+    narrowed, wide_placed = list(remaining), dict(placed)
     for _ in range(_TRIES):
         crossing = [each for each in narrowed if _crosses(each, placed)]
         if not crossing:
             break
-        moved = [placed[name] for each in crossing for name in _names(each, placed)]
+        moved = [placed[name] for each in crossing for name in names_of(each, placed)]
         narrowed = [_narrower(each) if _crosses(each, placed) else each for each in narrowed]
         placed |= trial.placements([each for each in narrowed if _touches(each, placed, moved)])
-    tools = [wide if _crosses(narrow, placed) else narrow for wide, narrow in zip(remaining, narrowed, strict=True)]
-    return TrialResult(tools, trial.refinement, notes)
+    tools = []
+    for wide, narrow in zip(remaining, narrowed, strict=True):
+        helped = not _crosses(narrow, placed)
+        tools.append(narrow if helped else wide)
+        if not helped:
+            placed |= {name: wide_placed[name] for name in names_of(wide, wide_placed)}
+    return TrialResult(tools, trial.refinement, placed, notes)
 
 
-def _touches(suggestion: Suggestion, placed: dict[str, _Placement], moved: Sequence[_Placement]) -> bool:
+def _touches(suggestion: Suggestion, placed: dict[str, Placement], moved: Sequence[Placement]) -> bool:
     """True if the refinement under moved tools may change the refinement under the suggestion's."""
-    own = [placed[name] for name in _names(suggestion, placed)]
-    pairs = ((first, second) for first in own for second in moved if first.node == second.node)
+    own = [placed[name] for name in names_of(suggestion, placed)]
+    pairs = ((first, second) for first in own for second in moved if first.plan.rig.node == second.plan.rig.node)
     return any(len(np.intersect1d(first.vertices, second.vertices)) > 0 for first, second in pairs)
 
 
-def _crosses(suggestion: Suggestion, placed: dict[str, _Placement]) -> bool:
+def _crosses(suggestion: Suggestion, placed: dict[str, Placement]) -> bool:
     """True if `check` would warn about the place of the suggestion's tool, or of its twin."""
-    return any(placed[name].crosses for name in _names(suggestion, placed))
+    return any(placed[name].crosses for name in names_of(suggestion, placed))
 
 
-def _names(suggestion: Suggestion, placed: dict[str, _Placement]) -> Iterator[str]:
+def names_of(suggestion: Suggestion, placed: dict[str, Placement]) -> Iterator[str]:
     """The names of the suggestion's tool and of its twin that could be placed."""
     names = [suggestion.tool.name, *([exchange_sides(suggestion.tool.name)] if suggestion.mirrored else [])]
     return (name for name in names if name in placed)

@@ -1,0 +1,220 @@
+"""Suggested tools in a pose: the refined mesh near each, without and with its wrinkles, and what else is near it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.pose import joint_matrices, morph_weights
+from wrinklecli.character.scene import read_scene
+from wrinklecli.character.skin import Skin, pose, prepare
+from wrinklecli.effects.effect import MeshPlan
+from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
+from wrinklecli.effects.wrinkle.turned import turned_over
+from wrinklecli.gltf.document import Document
+from wrinklecli.numeric.arrays import (
+    Bools,
+    Floats,
+    Ints,
+    children,
+    distinct_values,
+    face_normals,
+    flags_of,
+    unit,
+    vertex_normals,
+)
+from wrinklecli.numeric.intersections import Crossings, sides_of
+from wrinklecli.review.suggest.cover import Layers
+
+# Part of a tool's greatest displacement above which a vertex is on its place.
+_LEAST = 0.05
+# Reach of what is near a place over the greatest side of its box: what is further off hides it only from afar.
+_NEAR = 0.5
+# Most meshes, ready to be posed, and poses of them, in memory: tools of one mesh are tallest at a few moments.
+_KNOWN = 8
+
+
+@dataclass(frozen=True)
+class StagedTool:
+    """A tool and what is near it in a pose. Vertices are those of the refined mesh that are near, then all others'.
+
+    Attributes:
+        flat_positions: (vertices, 3) without wrinkles, new vertices in the planes of the coarse triangles.
+        plain: (vertices, 3) world space, without wrinkles.
+        wrinkled: (vertices, 3) with them.
+        triangles: (triangles, 3) of the mesh, then those of other meshes.
+        place: (triangles,) True for those that the tool moves.
+        fresh: (vertices,) True for vertices on the place that refinement has added.
+        shaded_flat: True if the mesh has no normals.
+        along: (3,) unit, from the tool's first end to its last one.
+    """
+
+    flat_positions: Floats
+    plain: Floats
+    wrinkled: Floats
+    triangles: Ints
+    place: Bools
+    fresh: Bools
+    shaded_flat: bool
+    along: Floats
+
+    @cached_property
+    def height(self) -> float:
+        """The greatest displacement, scene units."""
+        return float(np.linalg.norm(self.wrinkled - self.plain, axis=1).max(initial=0.0))
+
+    @cached_property
+    def size(self) -> float:
+        """The diagonal of the box round the place, scene units."""
+        return float(np.linalg.norm(np.ptp(self.plain[self.triangles[self.place]].reshape(-1, 3), axis=0)))
+
+    @cached_property
+    def edge_count(self) -> int:
+        """The number of edges of the place."""
+        low, high = sides_of(self.triangles[self.place]).T
+        return len(distinct_values(low * len(self.plain) + high))
+
+    def crossings(self) -> tuple[int, int]:
+        """The numbers of edges that pass through triangles at the place, without and with wrinkles."""
+        there = flags_of(distinct_values(self.triangles[self.place]), len(self.plain))
+        crossings = Crossings.of(self.plain, self.triangles)
+
+        def count(positions: Floats) -> int:
+            edges, triangles = crossings.at(positions)
+            corners = np.concatenate([crossings.edges[edges], crossings.triangles[triangles]], axis=1)
+            return int(there[corners].any(axis=1).sum())
+
+        return count(self.plain), count(self.wrinkled)
+
+    def turned_over(self) -> Bools:
+        """(triangles,) True for those of the place that wrinkles turn over."""
+        faces = self.triangles[self.place]
+
+        def turned(positions: Floats) -> Bools:
+            return turned_over(face_normals(positions, faces), vertex_normals(positions, self.triangles)[faces])
+
+        found = np.zeros(len(self.triangles), np.bool_)
+        found[self.place] = turned(self.wrinkled) & ~turned(self.plain)
+        return found
+
+    def departures(self) -> Floats:
+        """(new vertices,) distance by which refinement alone moves each off the coarse surface, over the height."""
+        faces = self.triangles[self.place]
+        normals = np.zeros_like(self.plain)
+        np.add.at(normals, faces.ravel(), np.repeat(face_normals(self.flat_positions, faces), 3, axis=0))
+        moved = np.sum((self.plain - self.flat_positions) * unit(normals), axis=1)
+        found: Floats = np.abs(moved[self.fresh]) / self.height
+        return found
+
+
+class Stage:
+    """Poses suggested tools, amid all meshes of the scene."""
+
+    def __init__(self, document: Document, clips: Sequence[Clip]) -> None:
+        """`clips` are all from which poses are asked for."""
+        self._clips = {clip.name: clip for clip in clips}
+        self._layers = Layers(read_scene(document, leave_out_malformed=True), list(clips))
+        self._skin_of = lru_cache(_KNOWN)(_Staged.of)
+        self._posed = lru_cache(_KNOWN)(self._pose)
+
+    def clip(self, name: str) -> Clip:
+        """The clip of a name."""
+        return self._clips[name]
+
+    def staged(self, plan: MeshPlan, carried: CarriedPatch, name: str, time: float) -> StagedTool:
+        """Pose a tool of a plan at a time of the clip of a name, seconds."""
+        fine, mesh, clip = plan.fine, self._skin_of(_Kept(plan)), self._clips[name]
+        plain, matrices, weights = self._posed(mesh, name, time)
+        moved = displacements(carried, fine, plan.rig, clip, np.array([time]))
+        chosen = carried.vertices
+        wrinkled = plain.copy()
+        wrinkled[chosen] = pose(mesh.skin.of(chosen), matrices, weights, moved.transpose(0, 2, 1))[0][0].T
+        faces, place = fine.triangles, np.zeros(len(fine.triangles), np.bool_)
+        members = children(fine.subdivision.parents, carried.patch.members)
+        magnitudes = np.abs(carried.magnitudes)
+        on = flags_of(chosen[magnitudes > _LEAST * magnitudes.max()], len(plain))
+        place[members] = on[faces[members]].any(axis=1)
+        low, high = _box(np.concatenate([plain[faces[place]], wrinkled[faces[place]]]))
+        reach = _NEAR * float((high - low).max())
+        low, high = low - reach, high + reach
+        of_faces = plain[faces]
+        near = place | ((of_faces.min(axis=1) <= high) & (of_faces.max(axis=1) >= low)).all(axis=1)
+        used = distinct_values(faces[near])
+        others = self._others(plan, clip, time, low, high)
+        corners = others.reshape(-1, 3)
+        beside = len(used) + np.arange(len(corners)).reshape(-1, 3)
+        old = len(fine.surface.positions)
+        flat = fine.subdivision.interpolate(plain[:old])
+        ends = _ends(carried, wrinkled[chosen])
+        return StagedTool(
+            flat_positions=np.concatenate([flat[used], corners]),
+            plain=np.concatenate([plain[used], corners]),
+            wrinkled=np.concatenate([wrinkled[used], corners]),
+            triangles=np.concatenate([np.searchsorted(used, faces[near]), beside]),
+            place=np.append(place[near], np.zeros(len(others), np.bool_)),
+            fresh=np.append((used >= old) & on[used], np.zeros(len(corners), np.bool_)),
+            shaded_flat=not plan.has_normals,
+            along=unit(ends[1] - ends[0]),
+        )
+
+    def _pose(self, mesh: "_Staged", name: str, time: float) -> tuple[Floats, Floats, Floats]:
+        return mesh.posed(self._clips[name], time)
+
+    def _others(self, plan: MeshPlan, clip: Clip, time: float, low: Floats, high: Floats) -> Floats:
+        """(triangles, 3, 3) corners of other meshes that meet a box."""
+        found = [np.zeros((0, 3, 3))]
+        for corners in self._layers.near(clip, time, low, high, node=plan.rig.node):
+            meets = ((corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)).all(axis=1)
+            found.append(corners[meets])
+        return np.concatenate(found)
+
+
+class _Kept:
+    """A plan as a key: plans are equal only if they are the same object."""
+
+    def __init__(self, plan: MeshPlan) -> None:
+        self.plan = plan
+
+    def __hash__(self) -> int:
+        return id(self.plan)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Kept) and other.plan is self.plan
+
+
+@dataclass(frozen=True, eq=False)
+class _Staged:
+    """A refined mesh ready to be posed, and the joints that act on it."""
+
+    plan: MeshPlan
+    acting: Ints
+    skin: Skin
+
+    @classmethod
+    def of(cls, kept: _Kept) -> "_Staged":
+        fine, rig = kept.plan.fine, kept.plan.rig
+        acting = distinct_values(fine.surface.joints)
+        old = fine.surface.dense_weights(np.arange(len(fine.surface.positions)), len(rig.joints))
+        weights = np.concatenate([old[:, acting], fine.weights[:, acting]])
+        return cls(kept.plan, acting, prepare(weights, fine.positions, fine.morph_deltas))
+
+    def posed(self, clip: Clip, time: float) -> tuple[Floats, Floats, Floats]:
+        """(vertices, 3) world positions, and the matrices and morph weights that make them."""
+        times = np.array([time])
+        matrices = joint_matrices(self.plan.rig, clip, times, self.acting)
+        weights = morph_weights(self.plan.rig, clip, times)
+        return pose(self.skin, matrices, weights)[0][0].T, matrices, weights
+
+
+def _box(corners: Floats) -> tuple[Floats, Floats]:
+    """Least and greatest coordinates of (…, 3) corners."""
+    points = corners.reshape(-1, 3)
+    return points.min(axis=0), points.max(axis=0)
+
+
+def _ends(carried: CarriedPatch, positions: Floats) -> tuple[Floats, Floats]:
+    """The middles of the third of a tool's (vertices, 3) positions that is nearest to either of its ends."""
+    low, high = np.quantile(carried.us, [1 / 3, 2 / 3])
+    return positions[carried.us <= low].mean(axis=0), positions[carried.us >= high].mean(axis=0)

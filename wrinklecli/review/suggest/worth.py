@@ -1,0 +1,228 @@
+"""Suggested tools that are worth keeping: each is tried on the refined mesh, looked at, and left out with a reason.
+
+A tool is looked at where it is tallest, or a little before, if the fold hides it then.
+"""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import islice
+
+import numpy as np
+
+from wrinklecli.character.clip import Clip
+from wrinklecli.errors import counted
+from wrinklecli.gltf.document import Document
+from wrinklecli.review.suggest.fitted_tools import Suggestion
+from wrinklecli.review.suggest.look import Seen, look_at
+from wrinklecli.review.suggest.stage import Stage, StagedTool
+from wrinklecli.review.suggest.trial import Placement, TrialResult, names_of, try_on_refined_meshes
+from wrinklecli.tools.records import RefinementSettings
+
+# Parts of the time to its peak at which a tool is looked at, if less than this part of its wrinkles is visible there.
+_MOMENTS = (1.0, 0.75, 0.5)
+_PLAIN = 0.55
+# Part of a tool's wrinkles below which other parts hide it: of wrinkles that are seen from one side only, as round a
+# limb, about half are visible.
+_HIDDEN = 0.3
+# Height over the size of a place below which a tool is not raised: a hair on a hand.
+_RAISED = 1e-3
+# Change of lightness that is noticed at a glance, over the lightness. One notices 0.01 to 0.02 in the laboratory, on a
+# plain field and at leisure; several times as much on a moving figure with a texture.
+_NOTICED = 0.1
+# Part of a place that must change so much: crests and furrows that one sees take more than a tenth of the place.
+_LEAST_SEEN = 0.1
+# Edges that begin to cross, over the square root of the place's edges, which is how many a line across it meets. The
+# sides of a fold that closes cross along one line, and each side has its edges there; wrinkles that come through
+# clothes, or through each other, cross all over the place.
+_MOST_CROSSING = 3.0
+# Part of what is seen of a place that shows triangles turned over: on a picture of a place, a dark tile of 16 pixels.
+_MOST_TURNED = 0.01
+# Greatest departure of refined facets from the coarse ones in the pose, over the height of the wrinkles: as much as
+# refinement may round a surface at rest. Where shading is smooth, a rounder bend is no fault.
+_MOST_DEPARTURE = 0.15
+# Part of a place's edges above which it is made of facets; as for refinement, which then keeps them flat at rest.
+_FACETED = 0.5
+# Part of new vertices that stay below that departure.
+_MOST_VERTICES = 0.9
+# Suggestions that are looked at for each that may be kept. The next best ones fold ever less.
+_LOOKS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Dropped:
+    """A suggestion that is not worth keeping.
+
+    Attributes:
+        name: Of the tool.
+        mesh: Name of the node.
+        reason: A word of `REASONS`.
+        value: The number that decided.
+    """
+
+    name: str
+    mesh: str
+    reason: str
+    value: float
+
+    @property
+    def line(self) -> str:
+        """The reason in words, for people."""
+        value = f"{100 * self.value:.0f} %" if self.reason != "crosses" else f"{self.value:g}"
+        return f"{self.mesh}: left out {self.name}: {REASONS[self.reason].format(value)}"
+
+
+REASONS = {
+    "not raised": "no clip raises it",
+    "hidden": "other parts hide it: at most {} of its wrinkles can be seen from any side",
+    "unseen": "its wrinkles are hardly seen: the light changes on {} of the place",
+    "crosses": "it would make the surface pass through itself at {} more edges",
+    "turns": "it would turn triangles over, which show as teeth on {} of the place",
+    "bends facets": "refinement alone would move the surface by {} of the wrinkles' height",
+}
+"""Reasons to leave out a tool, in words with a place for the value."""
+
+
+@dataclass(frozen=True, slots=True)
+class Worthwhile:
+    """Suggestions that are worth keeping.
+
+    Attributes:
+        tools: Best first.
+        refinement: Fine enough for the tools.
+        dropped: Those that are not worth it.
+        notes: A line for each tool that no refinement shows.
+    """
+
+    tools: list[Suggestion]
+    refinement: RefinementSettings
+    dropped: list[Dropped]
+    notes: list[str]
+
+    @property
+    def summary(self) -> list[str]:
+        """A line for each mesh that counts what is dropped, by reason."""
+        lines = []
+        for mesh in dict.fromkeys(each.mesh for each in self.dropped):
+            reasons = Counter(each.reason for each in self.dropped if each.mesh == mesh)
+            why = ", ".join(f"{count} {reason}" for reason, count in reasons.items())
+            lines.append(f"{mesh}: left out {counted(reasons.total(), 'tool')} not worth it: {why}; -v says more")
+        return lines
+
+
+def worthwhile(
+    document: Document,
+    suggestions: Iterable[Suggestion],
+    clips: Sequence[Clip],
+    refinement: RefinementSettings,
+    *,
+    count: int,
+    everything: bool,
+) -> Worthwhile:
+    """Try and look at suggestions, best first, until some are worth keeping.
+
+    Args:
+        document: The asset with all clips.
+        suggestions: Best first; so many are taken as are needed.
+        clips: All of the asset.
+        refinement: What the tools file has at least.
+        count: Most tools to keep.
+        everything: Keep all that can be baked, without a look.
+    """
+    stage: Stage | None = None
+    found = Worthwhile([], refinement, [], [])
+    remaining = islice(suggestions, count if everything else _LOOKS * count)
+    while batch := list(islice(remaining, count - len(found.tools))):
+        trial = try_on_refined_meshes(document, batch, clips, found.refinement)
+        found = replace(found, refinement=trial.refinement)
+        found.notes.extend(trial.notes)
+        if everything:
+            found.tools.extend(trial.tools)
+            continue
+        stage = stage or Stage(document, clips)
+        for each in _judged(stage, trial, document, clips):
+            if isinstance(each, Dropped):
+                found.dropped.append(each)
+            else:
+                found.tools.append(each)
+    return found
+
+
+def _judged(
+    stage: Stage, trial: TrialResult, document: Document, clips: Sequence[Clip]
+) -> Iterator[Suggestion | Dropped]:
+    """Each suggestion of a trial, lower if it must be, or the reason why it is dropped."""
+    for each in trial.tools:
+        judged = _judge(stage, each, trial.placed)
+        if isinstance(judged, Dropped) and judged.reason in ("crosses", "turns") and each.lower is not None:
+            # A lower wrinkle that is seen is worth more than none.
+            lower = replace(each.lower, tool=replace(each.lower.tool, width=each.tool.width))
+            again = try_on_refined_meshes(document, [lower], clips, trial.refinement)
+            retried = [_judge(stage, one, again.placed) for one in again.tools]
+            judged = next((one for one in retried if isinstance(one, Suggestion)), judged)
+        yield judged
+
+
+def _judge(stage: Stage, suggestion: Suggestion, placed: dict[str, Placement]) -> Suggestion | Dropped:
+    """A suggestion that is worth keeping, or the reason why it is not."""
+    moments = [(suggestion.clip, suggestion.time), suggestion.twin_moment]
+    looks = []
+    for name, moment in zip(names_of(suggestion, placed), moments, strict=False):
+        look = None if moment is None else _look(stage, placed[name], *moment)
+        if look is not None:
+            looks.append((placed[name], *look))
+        elif name == suggestion.tool.name:
+            return Dropped(name, suggestion.mesh, "not raised", 0.0)
+    faults = [fault for look in looks for fault in _faults(*look)]
+    # Of a pair, one that is seen is enough; but neither may harm the surface.
+    sides = [_sight(seen) for _, _, seen in looks]
+    if sides and all(sides):
+        faults[:0] = filter(None, sides[:1])
+    if faults:
+        reason, value = faults[0]
+        return Dropped(suggestion.tool.name, suggestion.mesh, reason, value)
+    return replace(suggestion, one_sided=suggestion.mirrored and len(looks) == 1)
+
+
+def _look(stage: Stage, placement: Placement, name: str, peak: float) -> tuple[StagedTool, Seen] | None:
+    """Look at a tool in a clip at its peak, or before if more is seen then; None if the clip does not raise it."""
+    clip = stage.clip(name)
+    start = clip.start if clip.start < peak else clip.end
+    looks: list[tuple[StagedTool, Seen]] = []
+    for part in _MOMENTS:
+        staged = stage.staged(placement.plan, placement.carried, name, start + part * (peak - start))
+        if staged.height <= _RAISED * staged.size:
+            break
+        looks.append((staged, look_at(staged)))
+        if looks[0][1].visible >= _PLAIN:
+            break
+    return max(looks, key=lambda look: min(look[1].visible, _PLAIN) * _share_seen(look[1]), default=None)
+
+
+def _sight(seen: Seen) -> tuple[str, float] | None:
+    """Why hardly anything is seen of a tool, with the number that says so."""
+    if seen.visible < _HIDDEN:
+        return "hidden", seen.visible
+    return ("unseen", _share_seen(seen)) if _share_seen(seen) < _LEAST_SEEN else None
+
+
+def _share_seen(seen: Seen) -> float:
+    """The part of a place whose lightness changes so that one notices it."""
+    return float(np.mean(seen.contrasts > _NOTICED))
+
+
+def _faults(placement: Placement, staged: StagedTool, seen: Seen) -> Iterator[tuple[str, float]]:
+    """What a tool does to the surface, each with a number."""
+    before, after = staged.crossings()
+    crossings = after - before
+    if crossings > _MOST_CROSSING * np.sqrt(staged.edge_count):
+        yield "crosses", crossings
+    turned = float(np.mean(staged.turned_over()[seen.shown])) if len(seen.shown) else 0.0
+    if turned > _MOST_TURNED:
+        yield "turns", turned
+    faceted = staged.shaded_flat or placement.plan.fine.hard_shares[placement.number] > _FACETED
+    departures = staged.departures() if faceted else np.zeros(0)
+    if len(departures):
+        departure = float(np.quantile(departures, _MOST_VERTICES))
+        if departure > _MOST_DEPARTURE:
+            yield "bends facets", departure
