@@ -21,6 +21,7 @@ from wrinklecli.review.suggest.face_targets import motions_of
 from wrinklecli.review.suggest.suggest import Suggestions, suggest
 from wrinklecli.surface.rest import rest_pose
 from wrinklecli.tools.read import parse_tools
+from wrinklecli.tools.records import RestLengthMorph
 
 EVERY = ["forehead", "forehead_side.L", "glabella", "crows_foot.L", "bunny.L", "nasolabial.L", "chin"]
 # Without a target of the nose or the chin, as of a VRM.
@@ -170,7 +171,9 @@ def test_what_is_written_passes_a_strict_check(tmp_path: Path, variant: str) -> 
 @pytest.mark.quick(3)
 def test_plain_names_do_what_they_can() -> None:
     found = suggest(sample("head"), face=True)
-    assert [each.tool.name for each in found.tools] == ["forehead", "forehead_side.L"]
+    assert [each.tool.name for each in found.tools] == ["forehead", "forehead_side.L", "glabella"]
+    # The brows of the sample go down and not together: the weight makes the lines between them.
+    assert isinstance(found.tools[2].tool.rest_length, RestLengthMorph)
     (note,) = (note for note in found.notes if "no such target" in note)
     assert note == (
         "head: no tool for crow's feet (cheekSquint, eyeSquint), bunny lines (noseSneer), nasolabial folds"

@@ -32,8 +32,8 @@ from wrinklecli.tools.records import ToolsFile
 _OF_PART = 0.3
 # Space around the part of a mesh that a face's targets move, as a part of its size: skin that is compressed lies there.
 _AROUND = 0.15
-# Displacement over the greatest of all targets below which a vertex does not belong to the face.
-_STILL = 0.01
+# Displacement over the greatest of all targets below which skin does not belong to the face, and a target moves none.
+_STILL, _IDLE = 0.1, 0.01
 # Width of lips and lids over the distance of the eyes: nearly a centimetre of a person.
 _RIM_WIDTH = 0.13
 # Part of a part's weight left out at either end when its extent is measured.
@@ -106,7 +106,8 @@ class Face:
         """(points, 3) of lids, lips and nostrils, world space."""
         points = rims_of(self.mesh)
         heights = self.heights(points)
-        of_face = (heights > -1.5) & (heights < 1.0)
+        # Further back are ears, and where the skin of the face was cut out.
+        of_face = (heights > -1.5) & (heights < 1.0) & ((points - self.middle) @ self.ahead > -self.size)
         return np.asarray(np.concatenate([points[of_face], self.mesh.sites.positions[self.lids]]))
 
     @cached_property
@@ -205,7 +206,7 @@ class _Motion:
     def of_skin(self) -> "_Motion":
         """The motion of those targets that move the skin, and not only eyes or teeth."""
         greatest = {each.name: float(self.ways(each.name).max()) for each in self.targets}
-        least = _STILL * max(greatest.values())
+        least = _IDLE * max(greatest.values())
         return replace(self, targets=[each for each in self.targets if greatest[each.name] > least])
 
     def part(self, motions: Sequence[str]) -> _Part | None:
@@ -248,7 +249,8 @@ def _find_eyes(document: Document, rig: Rig, motion: _Motion, left: Floats) -> _
     if halves is not None:
         one, other = halves
         across = (motion.sites.positions - one.middle) @ unit(one.middle - other.middle)
-        low, high = weighted_quantiles(across, one.weights, np.array([_TAIL, 1.0 - _TAIL]))
+        areas = np.where(one.weights > 0, motion.sites.areas, 0.0)
+        low, high = weighted_quantiles(across, areas, np.array([_TAIL, 1.0 - _TAIL]))
         return _Eyes(one.middle, other.middle, float(high - low) / 2.0)
     nodes = [node for node, part in enumerate(read_bones(document).parts) if part == "eye"]
     if len(nodes) != 2:

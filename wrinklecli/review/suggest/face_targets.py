@@ -9,6 +9,7 @@ Sources of the names:
     - Character Creator's `Brow_Raise_Inner_L`, MetaHuman's `browRaiseInL`, and plain names such as `browsUp`.
 """
 
+import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -71,9 +72,11 @@ class FaceRegion:
         height: Bounds likewise: -1 at the mouth, 0 at the eyes, 1 at the brows.
         along: Aside and up, the direction across its wrinkles.
         middle: True if it lies across the middle of the face, False for one on each side.
+        width: Least width of a tool, in distances of the eyes: shorter wrinkles look like dents.
         bumps: Fewest and most wrinkles.
         bump_height: Highest point of a wrinkle relative to its width; those of a young face are low.
         round_eye: True if its wrinkles spread like rays from an eye.
+        longest: Greatest length of a tool, in distances of the eyes.
     """
 
     title: str
@@ -83,40 +86,42 @@ class FaceRegion:
     height: tuple[float, float]
     along: tuple[float, float]
     middle: bool
+    width: float
     bumps: tuple[int, int]
     bump_height: float
     round_eye: bool = False
+    longest: float = math.inf
 
 
 # The regions, from the forehead down. Their bounds are wide: they tell a temple from a lid, and a chin from a lip.
 REGIONS = (
     FaceRegion(
         "the forehead", "forehead", ("browInnerUp",),
-        (0.0, 2.5), (1.0, 6.0), (0.0, 1.0), middle=True, bumps=(4, 5), bump_height=0.10,
+        (0.0, 2.5), (1.0, 6.0), (0.0, 1.0), middle=True, width=0.8, bumps=(4, 5), bump_height=0.10,
     ),
     FaceRegion(
         "the forehead's sides", "forehead_side", ("browOuterUp",),
-        (0.5, 3.0), (1.0, 6.0), (0.0, 1.0), middle=False, bumps=(3, 4), bump_height=0.09,
+        (0.5, 3.0), (1.0, 6.0), (0.0, 1.0), middle=False, width=0.5, bumps=(3, 4), bump_height=0.09,
     ),
     FaceRegion(
         "the glabella", "glabella", ("browDown",),
-        (0.0, 1.0), (0.0, 2.0), (1.0, 0.0), middle=True, bumps=(3, 3), bump_height=0.10,
+        (0.0, 1.0), (0.2, 1.5), (1.0, 0.0), middle=True, width=0.3, bumps=(3, 3), bump_height=0.10, longest=0.45,
     ),
     FaceRegion(
         "crow's feet", "crows_foot", ("cheekSquint", "eyeSquint"),
-        (2.0, 5.0), (-0.5, 1.4), (0.0, 1.0), middle=False, bumps=(3, 4), bump_height=0.09, round_eye=True,
+        (2.0, 5.0), (-0.5, 1.4), (0.0, 1.0), middle=False, width=0.3, bumps=(3, 4), bump_height=0.09, round_eye=True,
     ),
     FaceRegion(
         "bunny lines", "bunny", ("noseSneer",),
-        (0.1, 1.0), (-0.75, 0.3), (0.25, 1.0), middle=False, bumps=(3, 4), bump_height=0.08,
+        (0.1, 1.0), (-0.75, 0.3), (0.25, 1.0), middle=False, width=0.25, bumps=(3, 4), bump_height=0.08,
     ),
     FaceRegion(
         "nasolabial folds", "nasolabial", ("mouthSmile", "cheekSquint"),
-        (0.6, 3.5), (-1.1, -0.4), (1.0, 0.4), middle=False, bumps=(3, 3), bump_height=0.10,
+        (0.6, 3.5), (-1.1, -0.4), (1.0, 0.4), middle=False, width=0.5, bumps=(3, 3), bump_height=0.10,
     ),
     FaceRegion(
         "the chin", "chin", ("mouthShrugLower",),
-        (0.0, 1.0), (-4.0, -1.0), (0.0, 1.0), middle=True, bumps=(3, 4), bump_height=0.08,
+        (0.0, 1.0), (-4.0, -1.0), (0.0, 1.0), middle=True, width=0.35, bumps=(3, 4), bump_height=0.08,
     ),
 )  # fmt: skip
 

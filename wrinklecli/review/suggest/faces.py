@@ -27,13 +27,14 @@ from wrinklecli.review.suggest.face_targets import (
     Side,
     read_face_targets,
 )
-from wrinklecli.review.suggest.fitted_tools import Suggestion
-from wrinklecli.review.suggest.shortening import attached, greatest, shortenings_of, with_rising_bumps
+from wrinklecli.review.suggest.fitted_tools import FULL_BY_WEIGHT, Suggestion
+from wrinklecli.review.suggest.measure import MeasuredMesh
+from wrinklecli.review.suggest.shortening import Shortening, attached, greatest, shortenings_of, with_rising_bumps
 from wrinklecli.surface.compression import CompressedRegion, connected_sites
 from wrinklecli.surface.sites import at_sites
 from wrinklecli.surface.strain import along_directions, principal, unscaled_pose
 from wrinklecli.surface.trace import find_segment
-from wrinklecli.tools.records import Length, WrinkleTool
+from wrinklecli.tools.records import Length, RestLengthMorph, WrinkleTool
 
 # Least loss of a region's summit, and least shortening of its tool: less is no line of a face.
 _LEAST_LOSS = 0.04
@@ -43,12 +44,12 @@ _REGION_LOSS = 0.5
 _FEWEST_SITES = 4
 # Part of a region's loss left out at either end when its extent is measured.
 _TAIL = 0.03
-# Poses of the motion of a target, which is even.
-_POSES = 5
-# Factor on the width of a tool that reaches lids or lips, and most times that it is made narrower.
-_NARROWER, _TRIES = 0.9, 10
-# Least part of its width that a tool keeps.
-_NARROWEST = 0.35
+# Poses of the motion of a target, which is even, and of a clip: per second, and at most.
+_POSES, _FPS, _MOST_POSES = 5, 30, 200
+# Factor on the width of a tool that reaches lids or lips, and the part of its least width to which it goes.
+_NARROWER, _NARROWEST = 0.9, 0.7
+# Way by which it is moved off if that does not do, in distances of the eyes, and the most places tried.
+_MOVE, _MOVES = 0.08, 4
 # Greatest part of its height that a tool may have on a lid or a lip, where its bell has nearly faded.
 _FADED = 0.05
 # Least cosine of the normals of a site and a region's summit.
@@ -74,8 +75,12 @@ class FaceTools:
     reason: str
 
 
-def suggest_face(document: Document, nodes: Mapping[int, str | None]) -> FaceTools:
-    """Fit the tools of a face; `nodes` are as `find_mesh_nodes` finds them."""
+def suggest_face(document: Document, nodes: Mapping[int, str | None], clips: Sequence[Clip]) -> FaceTools:
+    """Fit the tools of a face.
+
+    No bump reaches its full height before the greatest shortening in the asset's clips either, as `check` has them.
+    `nodes` are as `find_mesh_nodes` finds them.
+    """
     found = [(read_rig(document, node), name) for node, name in nodes.items()]
     named = [(rig, name, targets) for rig, name in found if (targets := read_face_targets(document, rig))]
     if not named:
@@ -97,7 +102,7 @@ def suggest_face(document: Document, nodes: Mapping[int, str | None]) -> FaceToo
         sides: tuple[Side, ...] = ("",) if region.middle else ("L",) if face.symmetric else ("L", "R")
         for side in sides:
             motion = _motion(face, region, side)
-            fitted = None if motion is None else _fit(face, region, side, motion)
+            fitted = None if motion is None else _fit(face, region, side, motion, clips)
             if isinstance(fitted, Suggestion):
                 tools.append(fitted)
                 motions |= {clip.name: clip for clip in motion or () if clip.name == fitted.clip}
@@ -129,7 +134,9 @@ def _motion(face: Face, region: FaceRegion, side: Side) -> tuple[Clip, ...] | No
     return (*singles, together) if len(targets) > 1 else (together,)
 
 
-def _fit(face: Face, region: FaceRegion, side: Side, motion: tuple[Clip, ...]) -> Suggestion | str:
+def _fit(
+    face: Face, region: FaceRegion, side: Side, motion: tuple[Clip, ...], clips: Sequence[Clip]
+) -> Suggestion | str:
     """The tool of a region on a side, or of a pair; or why there is none."""
     mesh = replace(face.mesh, clips=motion, times=(np.linspace(0.0, 1.0, _POSES),) * len(motion))
     together = motion[-1]
@@ -142,7 +149,7 @@ def _fit(face: Face, region: FaceRegion, side: Side, motion: tuple[Clip, ...]) -
     candidate = Candidate(mesh, compressed, together, 1.0, *ends, 1.0, "skin", driver=together.name, by_morph=True)
     if region.round_eye:
         candidate = _round_eye(face, candidate, side)
-    return _fit_tool(face, region, candidate, side) or f"{together.name} hardly shortens the skin there"
+    return _fit_tool(face, region, candidate, side, clips)
 
 
 def _compressed(face: Face, region: FaceRegion, side: Side, clip: Clip) -> CompressedRegion | None:
@@ -188,7 +195,7 @@ def _compressed(face: Face, region: FaceRegion, side: Side, clip: Clip) -> Compr
         centre=centre + (low + high) / 2.0 * along + (left + right) / 2.0 * sideways,
         normal=normal,
         along=along,
-        length=high - low + sites.spacing,
+        length=min(high - low + sites.spacing, region.longest * face.size),
         width=right - left + sites.spacing,
         twin=face.symmetric,
         on_plane=region.middle,
@@ -226,34 +233,30 @@ def _round_eye(face: Face, candidate: Candidate, side: Side) -> Candidate:
     return replace(candidate, origin=points[0], between=np.array([points[1]]), target=points[2])
 
 
-def _fit_tool(face: Face, region: FaceRegion, candidate: Candidate, side: Side) -> Suggestion | None:
-    """The tool of a candidate, or of a pair, as wide as lids and lips allow; None if it does not shorten."""
-    mesh = candidate.mesh
-    width = width_of(candidate)
-    name = region.name if not side else f"{region.name}.{side}"
-    patches: list[Patch] = []
-    for _ in range(_TRIES):
-        tool = _drawn(region, candidate, name, width)
-        tools = [tool, across_x(tool, f"{region.name}.R")] if side and face.symmetric else [tool]
-        found = attached(mesh, tools)
-        if found is None:
-            return None
-        patches = found
-        if all(_clear(face, patch) for patch in patches) or width < _NARROWEST * width_of(candidate):
-            break
-        width *= _NARROWER
+def _fit_tool(
+    face: Face, region: FaceRegion, candidate: Candidate, side: Side, clips: Sequence[Clip]
+) -> Suggestion | str:
+    """The tool of a candidate, or of a pair, as wide as lids and lips allow; or why there is none."""
+    mesh, name = candidate.mesh, candidate.driver
+    patches = _placed(face, region, candidate, side)
+    if patches is None:
+        return f"there is no room for it where {name} compresses the skin"
     shortenings = [shortenings_of(mesh, patch) for patch in patches]
+    if greatest(shortenings[0]).ratio < _LEAST_LOSS and region.middle and name in mesh.rig.morph_names:
+        patches, shortenings = _by_weight(mesh, patches, shortenings, name)
     best = greatest(shortenings[0])
     if best.ratio < _LEAST_LOSS:
-        return None
-    made = with_rising_bumps(mesh, patches, shortenings, height=region.bump_height)
+        return f"{name} hardly shortens the skin there"
+    every = replace(mesh, clips=tuple(clips), times=tuple(_times(clip) for clip in clips))
+    also = [found | shortenings_of(every, patch) for patch, found in zip(patches, shortenings, strict=True)]
+    made = with_rising_bumps(mesh, patches, also, height=region.bump_height)
     if made is None:
-        return None
+        return f"a surface is in the way where {name} compresses the skin"
     return Suggestion(
         tool=made[0],
         mirrored=len(made) == 2,
         mesh=mesh.rig.names[mesh.rig.node],
-        driver=candidate.driver,
+        driver=name,
         by_morph=True,
         clip=best.clip.name,
         time=best.time,
@@ -264,6 +267,59 @@ def _fit_tool(face: Face, region: FaceRegion, candidate: Candidate, side: Side) 
     )
 
 
+def _times(clip: Clip) -> Floats:
+    """(poses,) seconds of a clip at which tools are measured: a face moves in a tenth of a second."""
+    return np.linspace(clip.start, clip.end, int(np.clip(_FPS * (clip.end - clip.start), _POSES, _MOST_POSES)))
+
+
+def _placed(face: Face, region: FaceRegion, candidate: Candidate, side: Side) -> list[Patch] | None:
+    """Attach the tool of a candidate, or a pair, clear of lids and lips: narrower, or moved off; None if none fits."""
+    least = region.width * face.size
+    wide = max(width_of(candidate), least)
+    for _ in range(_MOVES):
+        width, found = wide, None
+        while width > _NARROWEST * least:
+            tool = _drawn(region, candidate, f"{region.name}.{side}" if side else region.name, width)
+            tools = [tool, across_x(tool, f"{region.name}.R")] if side and face.symmetric else [tool]
+            found = attached(candidate.mesh, tools)
+            if found is None or _near_rims(face, found[0]) is None:
+                return found
+            width *= _NARROWER
+        near = None if found is None else _near_rims(face, found[0])
+        if near is None:
+            break
+        away = candidate.region.centre - near
+        away = away - (away @ face.left) * face.left if region.middle else away
+        candidate = _moved(face, candidate, _MOVE * face.size * unit(away))
+    return None
+
+
+def _moved(face: Face, candidate: Candidate, by: Floats) -> Candidate:
+    """A candidate with its region and its ends moved over the surface by a (3,) way."""
+    rest = face.mesh.rest
+    origin, *between, target = (
+        rest.foot(place + by)[0] for place in (candidate.origin, *candidate.between, candidate.target)
+    )
+    region = replace(candidate.region, centre=candidate.region.centre + by)
+    points = np.array(between).reshape(-1, 3)
+    return replace(candidate, region=region, origin=origin, between=points, target=target)
+
+
+def _by_weight(
+    mesh: MeasuredMesh, patches: list[Patch], shortenings: list[dict[str, Shortening]], morph: str
+) -> tuple[list[Patch], list[dict[str, Shortening]]]:
+    """Let the weight of a morph target make the wrinkles, as the skin between two brows hardly shortens itself."""
+    for full in FULL_BY_WEIGHT:
+        length = RestLengthMorph(morph, Length(full, percent=True))
+        found = attached(mesh, [replace(each.tool, rest_length=length) for each in patches])
+        if found is None:
+            break
+        patches, shortenings = found, [shortenings_of(mesh, patch) for patch in found]
+        if greatest(shortenings[0]).ratio >= _LEAST_LOSS:
+            break
+    return patches, shortenings
+
+
 def _drawn(region: FaceRegion, candidate: Candidate, name: str, width: float) -> WrinkleTool:
     """The tool of a candidate with a region's number of wrinkles."""
     tool = tool_of(candidate, name, width)
@@ -271,8 +327,11 @@ def _drawn(region: FaceRegion, candidate: Candidate, name: str, width: float) ->
     return replace(tool, bumps=min(max(tool.bumps, low), high), width=Length(significant(width, 2)))
 
 
-def _clear(face: Face, patch: Patch) -> bool:
-    """True if a patch has hardly any height on lids and lips."""
+def _near_rims(face: Face, patch: Patch) -> Floats | None:
+    """(3,) the middle of the places on lids and lips where a patch has more than hardly any height; None if nowhere."""
     sites = face.mesh.sites
-    shares = patch.magnitudes(*patch.coordinates(sites.positions), sites.normals) / patch.shape_strength
-    return bool(np.abs(shares[~face.free]).max(initial=0.0) < _FADED)
+    shares = np.abs(patch.magnitudes(*patch.coordinates(sites.positions), sites.normals) / patch.shape_strength)
+    # Teeth and the inside of lips lie under a patch and are none of its triangles.
+    under = sites.gather[:, np.isin(sites.gauge.numbers, patch.members)].sum(axis=1) > 0
+    reached = ~face.free & (shares > _FADED) & under
+    return np.asarray(sites.positions[reached].mean(axis=0)) if reached.any() else None

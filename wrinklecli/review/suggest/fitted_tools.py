@@ -69,7 +69,7 @@ _ABOVE = 0.5
 _RESTS = 0.7
 # Per cent of its rest distance that a tool across the middle of a face has at weight 1 of its morph target; the first
 # one that shortens the tool counts. Skin between brows hardly shortens and yet has lines, so the weight makes them.
-_FULL = (105.0, 110.0, 115.0, 120.0, 130.0)
+FULL_BY_WEIGHT = (105.0, 110.0, 115.0, 120.0, 130.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,7 +225,10 @@ class _Search:
         stem, side = stem_and_side(driver, candidate.part or "fold")
         bump_length = self.bump_lengths.get((mesh.rig.node, driver))
         if candidate.by_morph and region.on_plane:
-            tool, lengths = tool_of(candidate, stem, width_of(candidate)), (Length(x, percent=True) for x in _FULL)
+            tool, lengths = (
+                tool_of(candidate, stem, width_of(candidate)),
+                (Length(x, percent=True) for x in FULL_BY_WEIGHT),
+            )
             choices = [[replace(tool, rest_length=RestLengthMorph(driver, length))] for length in lengths]
         else:
             choices = [[tool_of(candidate, f"{stem}.{side}" if side else stem, width_of(candidate), bump_length)]]

@@ -88,9 +88,9 @@ def suggest(
         in_range = False if options.face else options.range_of_motion or None
         motions = Motions(options.anims, in_range, options.pose, options.morphs)
         joined = moved(document, list(nodes), motions)
-        document, notes = joined.document, [*notes, *joined.warnings, *joined.notes]
+        document, notes = joined.document, [*notes, *joined.warnings, *([] if options.face else joined.notes)]
         if options.face:
-            of_face = suggest_face(document, nodes)
+            of_face = suggest_face(document, nodes, joined.clips)
             raised = with_clips(document, of_face.motions)
             clips = tuple(read_clips(raised))
             found = worthwhile(
