@@ -38,7 +38,13 @@ def test_the_count_is_that_of_the_whole_mesh() -> None:
         normals = vertex_normals(places, fine.triangles)[fine.triangles]
         cosines = np.einsum("tx,tcx->tc", unit(face_normals(places, fine.triangles)), normals)
         found.append(cosines.min(axis=1) < 0)
-    assert count_turned_over(carried, fine, made.rig, made.clip, 0.5) == (found[1] & ~found[0]).sum() > 0
+    # The normals that the joints carry, in place of those of the surface: it is inside out where they differ by more.
+    places = transform(blended, fine.positions)[0]
+    carried_ones = unit(np.einsum("vji,vj->vi", np.linalg.inv(blended[0, :, :, :3]), fine.normals))
+    faces = face_normals(places, fine.triangles)
+    hidden = (np.einsum("tx,tcx->tc", faces, carried_ones[fine.triangles]) < 0).any(axis=1)
+    wanted = found[1] & ~found[0] & ~hidden
+    assert count_turned_over(carried, fine, made.rig, made.clip, 0.5) == wanted.sum() > 0
 
 
 def test_a_triangle_is_turned_over_by_one_corner() -> None:

@@ -11,6 +11,7 @@ from wrinklecli.effects.effect import Attached, Effect, MeshPlan, Motion, Sampli
 from wrinklecli.effects.wrinkle.attach import attach_tools
 from wrinklecli.effects.wrinkle.bounds import bounded
 from wrinklecli.effects.wrinkle.carry import CarriedPatch, carry
+from wrinklecli.effects.wrinkle.creases import creased
 from wrinklecli.effects.wrinkle.demand import demanding
 from wrinklecli.effects.wrinkle.effect import WrinkleEffect
 from wrinklecli.effects.wrinkle.forecast import expected_shapes
@@ -123,7 +124,8 @@ class WrinkleKind:
         patches = {number: each for number, each in attached if isinstance(each, Patch)}
         for patch in patches.values():
             try:
-                carried.append(demanding(carry(patch, plan.fine, ground.contacts), plan.fine, plan.rig))
+                lowered = creased(carry(patch, plan.fine, ground.contacts), plan.fine, plan.rig)
+                carried.append(demanding(lowered, plan.fine, plan.rig))
             except BakeError as error:
                 problems.append(error)
         if problems:

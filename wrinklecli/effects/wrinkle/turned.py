@@ -1,7 +1,7 @@
 """Counts the triangles that wrinkles turn over in a fold: teeth, and dark tiles where light falls on their backs.
 
 A triangle is turned over if it faces away from the surface around it, by the normal of one of its corners. Skinning
-alone turns triangles over in deep folds; those do not count. Not in the paper.
+alone turns triangles over in deep folds, and the surface inside out; those triangles do not count. Not in the paper.
 """
 
 from collections.abc import Sequence
@@ -13,8 +13,9 @@ from wrinklecli.character.pose import blend, joint_matrices, morph_weights, tran
 from wrinklecli.character.rig import Rig
 from wrinklecli.effects.wrinkle.activity import ClipActivity
 from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, face_normals, vertex_normals
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, determinants, distinct_values, face_normals, vertex_normals
 from wrinklecli.surface.refine import Refinement
+from wrinklecli.surface.rest import carried_normals
 
 
 def turned_over(faces: Floats, normals: Floats) -> Bools:
@@ -51,7 +52,10 @@ def count_turned_over(carried: CarriedPatch, fine: Refinement, rig: Rig, clip: C
     wrinkled[np.searchsorted(used, carried.vertices)] += displacements(carried, fine, rig, clip, times)[0]
     shown, faces = np.searchsorted(used, own), faces.reshape(-1, 3)
     before, after = (_turned_over(transform(blended, each)[0], shown, faces) for each in (bind, wrinkled))
-    return int((after & ~before).sum())
+    # Where the surface is inside out, by the normals that joints carry, it is hidden behind what it has passed through.
+    outwards = np.sign(determinants(blended[0, :, :, :3]))[:, None] * carried_normals(blended[0], fine.normals_at(used))
+    hidden = turned_over(face_normals(transform(blended, bind)[0], shown), outwards[shown])
+    return int((after & ~before & ~hidden).sum())
 
 
 def _turned_over(positions: Floats, triangles: Ints, around: Ints) -> Bools:

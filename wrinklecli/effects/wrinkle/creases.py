@@ -1,0 +1,223 @@
+"""Lowers wrinkles in creases, where a joint or a morph target folds the surface more sharply than a bump is wide.
+
+On the inside of a fold, normals lean towards each other. Vertices that rise along them by h come nearer to each other
+by a fraction κh of their distance, where κ is the curvature of the folded surface. From κh = 1 on, triangles turn over,
+which shows as teeth and dark tiles. So wrinkles are lower where κh becomes large in the tool's own motion, whatever
+clips there are (module `bending`), and rise again over half a bump to either side: a crease keeps low, clean wrinkles.
+
+Not in the paper, which moves the vertices of posed surfaces along their normals everywhere.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from wrinklecli.character.pose import blend, joint_matrices, morph_weights
+from wrinklecli.character.rig import Rig
+from wrinklecli.effects.wrinkle.bending import own_motions
+from wrinklecli.effects.wrinkle.carry import CarriedPatch
+from wrinklecli.effects.wrinkle.patch import Patch
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, children, cross, dot, inverses
+from wrinklecli.surface.refine import Refinement
+from wrinklecli.tools.records import RestLengthKeys
+
+# κh from which heights are lowered: together with their own slopes, wrinkles turn over before κh is 1.
+_MOST_NEARER = 0.35
+# Factor on the height in the sharpest creases: there is still a wrinkle.
+_LEAST_FACTOR = 0.2
+# Loss of height that nobody sees.
+_LEAST_LOSS = 0.02
+# κh at the corners of a coarse triangle up to which its inside is smooth too.
+_SMOOTH = 0.1
+# Moments of a motion of a second. A joint, which would turn by 150°, turns by 30°, 60° and 90°: limbs bend so far in
+# the range of motion, and knees and elbows, which bend farther, hide their creases then.
+_MOMENTS = np.array([0.2, 0.4, 0.6])
+# Cells of the map of losses along a control interval, and the most cells along either side of the map.
+_CELLS = 4
+_MOST_CELLS = 256
+# Margin of the map round the patch, over its length and its half width.
+_MARGIN = 0.2
+# Cells to either side over which a loss stays as it is, and the standard deviation, cells, of the bell by which it
+# fades farther on: half a bump in all.
+_SPREAD = 2
+_FADING = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Fold:
+    """The coarse vertices of a patch at a moment of a motion.
+
+    Attributes:
+        blended: (vertices, 3, 4) bind to world space.
+        positions: (vertices, 3) bind space.
+        height: Height of the tallest bump, scene units.
+    """
+
+    blended: Floats
+    positions: Floats
+    height: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Points:
+    """Points of coarse triangles.
+
+    Attributes:
+        triangles: (triangles, 3) indices into the vertices of a fold.
+        which: (points,) the triangle of each point.
+        within: (points, 3) its barycentric coordinates there.
+    """
+
+    triangles: Ints
+    which: Ints
+    within: Floats
+
+
+def creased(carried: CarriedPatch, fine: Refinement, rig: Rig) -> CarriedPatch:
+    """Lower the wrinkles of a tool in creases.
+
+    A tool stays as it is if no motion of its own raises wrinkles, if its rest length is keyed by hand, or if it is
+    projected in each frame, as in the paper. So does a tool of negative strength: inwards, normals lean apart.
+    """
+    patch = carried.patch
+    keyed = isinstance(patch.tool.rest_length, RestLengthKeys)
+    if keyed or carried.ring is not None or patch.shape_strength < 0.0:
+        return carried
+    u, v = patch.coordinates(fine.rest_positions[carried.vertices])
+    # A mask multiplies what there would be without it.
+    nearer = _nearer(carried, fine, rig, patch.magnitudes(u, v, fine.rest_normals_at(carried.vertices)))
+    losses = 1.0 - np.maximum((1.0 + (nearer / _MOST_NEARER) ** 4) ** -0.25, _LEAST_FACTOR)
+    if losses.max() < _LEAST_LOSS:
+        return carried
+    factors = 1.0 - _spread(losses, np.stack([u, v], axis=1), patch)
+    return replace(carried, places=carried.places.times(factors), directions=carried.directions * factors[:, None])
+
+
+def _nearer(carried: CarriedPatch, fine: Refinement, rig: Rig, shares: Floats) -> Floats:
+    """(vertices,) greatest κh of a tool's vertices, infinite where a fold turns the surface inside out.
+
+    A vertex rises by its (vertices,) share of the height of the tallest bump.
+    """
+    patch, parents = carried.patch, fine.subdivision.parents
+    nearer = np.zeros(len(carried.vertices))
+    used, corners = np.unique(fine.surface.triangles[patch.members], return_inverse=True)
+    folds = list(_folds(patch, fine, rig, used))
+    if not folds:
+        return nearer
+    corners = corners.reshape(-1, 3)
+    rest = _Fold(fine.blended[used], fine.bind_positions[used], 0.0)
+    directions = np.einsum("vij,vj->vi", inverses(rest.blended), fine.rest_normals_at(used))
+    at_corners = _Points(corners, np.repeat(np.arange(len(corners)), 3), np.tile(np.eye(3), (len(corners), 1)))
+    steepest = _greatest(at_corners, folds, rest, directions) * shares.max()
+    sharp = np.flatnonzero((steepest.reshape(-1, 3) > _SMOOTH).any(axis=1))
+    rows = children(parents, patch.members[sharp])
+    # Each vertex is looked at in one of its coarse triangles.
+    vertices, firsts = np.unique(fine.triangles[rows], return_index=True)
+    moved = np.isin(vertices, carried.vertices)
+    vertices, firsts = vertices[moved], firsts[moved]
+    points = _Points(
+        triangles=corners[sharp],
+        which=np.searchsorted(patch.members[sharp], parents[rows][firsts // 3]),
+        within=fine.subdivision.barycentrics[rows].reshape(-1, 3)[firsts],
+    )
+    at = np.searchsorted(carried.vertices, vertices)
+    nearer[at] = _greatest(points, folds, rest, directions) * shares[at]
+    return nearer
+
+
+def _greatest(points: _Points, folds: Sequence[_Fold], rest: _Fold, directions: Floats) -> Floats:
+    """(points,) greatest κh of points that rise like the tallest bump; infinite if a fold turns them inside out."""
+    _, facing = _curvatures(points, rest, directions)
+    greatest = np.zeros(len(points.which))
+    for fold in folds:
+        curvatures, faces = _curvatures(points, fold, directions)
+        greatest = np.maximum(greatest, np.where(faces == facing, curvatures * fold.height, np.inf))
+    return greatest
+
+
+def _folds(patch: Patch, fine: Refinement, rig: Rig, vertices: Ints) -> Iterator[_Fold]:
+    """Give the moments of a tool's own motions that raise wrinkles, with some coarse vertices."""
+    weights = fine.surface.dense_weights(vertices, len(rig.joints))
+    acting = np.flatnonzero(weights.any(axis=0))
+    for motion in own_motions(patch, rig):
+        amplitudes, _ = patch.curve.follow(*patch.segment.lengths(rig, motion, _MOMENTS))
+        heights = patch.curve.heights(amplitudes).max(axis=1)
+        times, heights = _MOMENTS[heights > 0.0], heights[heights > 0.0]
+        if not len(times):
+            continue
+        deltas = np.tensordot(morph_weights(rig, motion, times), fine.morph_deltas[:, vertices], axes=1)
+        blended = blend(weights[:, acting], joint_matrices(rig, motion, times, acting))
+        yield from map(_Fold, blended, fine.positions[vertices] + deltas, heights.tolist())
+
+
+def _curvatures(points: _Points, fold: _Fold, directions: Floats) -> tuple[Floats, Bools]:
+    """Measure a posed surface at points; triangles are curved, as skin weights change along them.
+
+    `directions` are (vertices, 3) bind displacements for a height of 1, bind space.
+
+    Returns:
+        (points,) greatest curvature of the hollow there, or 0 if there is none; and (points,) True where the surface
+        winds left-handed about the displacement.
+    """
+    matrices = fold.blended[points.triangles]
+    linear = matrices[..., :3]
+    vectors = np.stack([fold.positions[points.triangles], directions[points.triangles]], axis=3)
+    # Rates of change of place and displacement along two sides of a triangle are linear in a point's coordinates.
+    rates = [np.einsum("tcij,tcj->tci", linear, vectors[..., 1])]
+    for end in (1, 2):
+        change = matrices[:, end] - matrices[:, 0]
+        rate = np.einsum("tcij,tjk->tcik", linear, vectors[:, end] - vectors[:, 0])
+        rate += np.einsum("tij,tcjk->tcik", change[..., :3], vectors)
+        rates += [rate[..., 0] + change[:, None, :, 3], rate[..., 1]]
+    corners = np.stack(rates, axis=2)[points.which]
+    up, side, lean, other_side, other_lean = np.einsum("pc,pckx->kxp", points.within, corners)
+    # First and second fundamental form, which give the principal curvatures.
+    first = dot(side, side), dot(side, other_side), dot(other_side, other_side)
+    second = dot(side, lean), (dot(side, other_lean) + dot(other_side, lean)) / 2.0, dot(other_side, other_lean)
+    area = first[0] * first[2] - first[1] ** 2
+    area = np.where(area > 0.0, area, np.inf)
+    mean = (second[0] * first[2] - 2.0 * second[1] * first[1] + second[2] * first[0]) / (2.0 * area)
+    product = (second[0] * second[2] - second[1] ** 2) / area
+    hollow = np.sqrt(np.maximum(mean**2 - product, 0.0)) - mean
+    return np.maximum(hollow, 0.0), dot(cross(side, other_side), up) < 0.0
+
+
+def _spread(losses: Floats, places: Floats, patch: Patch) -> Floats:
+    """(points,) losses of height that are smooth and nowhere much less than (points,) losses at (points, 2) u and v."""
+    sides = np.array([patch.span, patch.half_width])
+    extent = np.array([1.0 + 2.0 * _MARGIN, 2.0 + 2.0 * _MARGIN]) * sides
+    cell = max(patch.span / (patch.curve.interval_count * _CELLS), float(extent.max()) / _MOST_CELLS)
+    counts = np.ceil(extent / cell).astype(np.intp) + 1
+    cells = np.clip((places + np.array([_MARGIN, 1.0 + _MARGIN])) * sides / cell, 0.0, counts - 1.0)
+    grid = np.zeros(counts)
+    np.maximum.at(grid, tuple(np.rint(cells).astype(np.intp).T), losses)
+    return _between(_softened(grid), cells)
+
+
+def _softened(grid: Floats) -> Floats:
+    """Spread the values of a map to all sides, and let them fade."""
+    reach = round(3.0 * _FADING)
+    steps = range(-reach, reach + 1)
+    bell = np.exp(-0.5 * (np.array(steps) / _FADING) ** 2)
+    for axis in (0, 1):
+        grid = np.max([_moved(grid, step, axis) for step in range(-_SPREAD, _SPREAD + 1)], axis=0)
+    for axis in (0, 1):
+        parts = (part * _moved(grid, step, axis) for part, step in zip(bell / bell.sum(), steps, strict=True))
+        grid = sum(parts, np.zeros(grid.shape))
+    return grid
+
+
+def _moved(grid: Floats, step: int, axis: int) -> Floats:
+    """A map that is moved by some cells along an axis; its border repeats."""
+    count = grid.shape[axis]
+    return np.take(grid, np.clip(np.arange(count) - step, 0, count - 1), axis=axis)
+
+
+def _between(grid: Floats, cells: Floats) -> Floats:
+    """(points,) values of a map at (points, 2) coordinates in cells, straight between the cells' middles."""
+    low = np.minimum(cells.astype(np.intp), np.array(grid.shape) - 2)
+    (s, t), (i, j) = (cells - low).T, low.T
+    before, after = ((1.0 - t) * grid[k, j] + t * grid[k, j + 1] for k in (i, i + 1))
+    mixed: Floats = (1.0 - s) * before + s * after
+    return mixed
