@@ -147,6 +147,15 @@ PICTURES: dict[str, tuple[Look, list[Panel]]] = {
         ],
     ),
     "width": (WHOLE, of_key("width", (0.02, 0.05, 0.09), RULED)),
+    "laid": (
+        replace(WHOLE, asset="brow", clip="lift"),
+        [
+            panel
+            for value in ("stored", "raised")
+            for time, words in ((0.5, "half"), (1.0, "full"))
+            for panel in [Panel(f"laid: {value}, brow raised {words}", {**LOW, "laid": value}, time)]
+        ],
+    ),
     "mirror": (FOREHEAD, of_key("mirror", ("none", "x"), {})),
     "bumps": (CUT_OPEN, of_key("bumps", (2, 4, 8), {"variation": 0})),
     "gap": (CUT_OPEN, of_key("gap", (0, 1, 3), RULED)),
@@ -187,6 +196,14 @@ def write_sheets(folder: Path) -> None:
     Image.fromarray((255 * spot).astype(np.uint8)).save(folder / "spot.png")
     for each in (sheet("sheet", 50, 26), sheet("coarse", 10, 5)):
         (folder / f"{each.name}.glb").write_bytes(to_glb(each))
+    plain = sheet("brow", 50, 26)
+    x, _, z = plain.mesh.positions.T
+    # A brow at one end of the sheet rises in two arches, least in the middle.
+    arch = 0.6 + 0.4 * np.sin(np.pi * z / SHEET[1]) ** 2
+    lifted = np.stack([0.05 * (0.5 - 0.5 * x / SHEET[0]) * arch, 0.0 * x, 0.0 * x], axis=1)
+    times = np.linspace(0.0, 1.0, 31)
+    brow = replace(plain, clips=(Clip("lift", times, weights=times[:, None]),), morphs={"lift": lifted})
+    (folder / "brow.glb").write_bytes(to_glb(brow))
 
 
 def sheet(name: str, columns: int, rows: int) -> Character:

@@ -8,6 +8,7 @@ from typing import Literal, TypeAlias, get_args
 # A tools file.
 Up: TypeAlias = Literal["y", "z"]
 RestPose: TypeAlias = Literal["stored", "bind"]
+LaidPose: TypeAlias = Literal["auto", "stored", "raised"]
 Scheme: TypeAlias = Literal["butterfly", "midpoint", "butterfly_full"]
 Snap: TypeAlias = Literal["surface", "vertex"]
 Axis: TypeAlias = Literal["x", "y", "z"]

@@ -35,9 +35,9 @@ def forehead(
 ) -> Asset:
     """A sheet of (count - 1)² quads in the plane z = 0, from -1 to 1 along x and y; up is +y, and +z is outside.
 
-    A target whose name ends in Left or Right moves that side alone, where left is +x; `blink` moves nothing above
-    y = -0.5; `small` shrinks everything by 40 %. The clip raises the first target to 1 in a second, and lowers it
-    again. Everything is multiplied by `scale`.
+    A target whose name ends in Left or Right moves that side alone, where left is +x. `blink` moves nothing above
+    y = -0.5, `small` shrinks everything by 40 %, and `meet` brings all to y = 0 at a weight of 0.75. The clip raises
+    the first target to 1 in a second, and lowers it again. Everything is multiplied by `scale`.
     """
     asset = Asset()
     line = np.linspace(-1.0, 1.0, count)
@@ -74,6 +74,8 @@ def forehead(
 def _deltas(positions: Array, name: str) -> Array:
     if name == "small":
         return -0.4 * positions
+    if name == "meet":
+        return positions * [0.0, -4.0 / 3.0, 0.0]
     if name == "blink":
         return np.where(positions[:, 1:2] < -0.5, [[0.0, -0.1, 0.0]], 0.0)
     return brow_deltas(positions, side=name.endswith("Left") - name.endswith("Right"))

@@ -74,7 +74,7 @@ def prepare(asset: Asset, *tools: Json, node: int = 0, **header: Any) -> Prepare
     rig, clips = read_rig(document, node), read_clips(document)
     surface = read_surface(document, rig)
     rest = rest_pose(surface, rig, settings, clips, list(settings.tools))
-    patches = attach_tools(list(settings.tools), surface, rest, rig, up=settings.up)
+    patches = attach_tools(list(settings.tools), surface, rest, rig, up=settings.up, clips=clips)
     return Prepared(document, rig, surface, clips, settings, rest, patches)
 
 

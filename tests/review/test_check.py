@@ -395,6 +395,7 @@ def test_json_has_these_keys(wrinkle: Wrinkle, tmp_path: Path) -> None:
         "distance",
         "rest_length",
         "width",
+        "laid",
         "material",
         "bumps",
         "strategy",

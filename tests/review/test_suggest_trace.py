@@ -56,7 +56,7 @@ def test_a_path_follows_the_strongest_compression_round_a_corner(tmp_path: Path)
 def median_angle(points: object, width: float) -> float:
     """Median angle between a tool and the circles around the middle, weighted by area, degrees."""
     assert isinstance(points, dict)
-    prepared = prepare(corner(), {"name": "tool", "width": width, **points})
+    prepared = prepare(corner(), {"name": "tool", "width": width, "laid": "stored", **points})
     places = prepared.rest.positions
     u, v = prepared.patch.coordinates(places)
     on = np.flatnonzero(prepared.patch.presence(u, v, np.ones(len(u))) > 0.25)

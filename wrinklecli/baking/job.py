@@ -315,11 +315,11 @@ def check_clip_names(settings: ToolsFile, sampled: Sequence[str], clips: tuple[C
         if name not in names:
             refuse(name, settings.place("sampling", "clips"))
     for tool in settings.effects:
-        for keys in tool.clip_keys:
-            if keys[-1] not in names and tool.optional:
-                warnings.append(f"{tool.name}: the asset has {unknown_clip(keys[-1], names)}")
-            elif keys[-1] not in names:
-                refuse(keys[-1], tool.place(*keys))
+        for name, keys in tool.named_clips:
+            if name not in names and tool.optional:
+                warnings.append(f"{tool.name}: the asset has {unknown_clip(name, names)}")
+            elif name not in names:
+                refuse(name, tool.place(*keys))
     if problems:
         raise ConfigError.of_all(problems.values())
     return warnings

@@ -133,6 +133,7 @@ def _rows(tool: dict[str, Any]) -> list[str]:
         *(f"path[{k}]  {_anchor(each)}" for k, each in enumerate(tool.get("between", []), start=1)),
         f"target   {_anchor(tool['target'])}",
         f"length   {length}; width {tool['width']:.4g}",
+        f"laid     {_pose(tool['laid'])}",
         f"bumps    {tool['bumps']}, {tool['strategy']}, at most {tool['height_limit']:.3g} tall",
         f"tissue   {_tissue(tool)}",
         f"mesh     {tool['triangles']} triangles, {tool['edges_split']} edges to split;"
@@ -142,6 +143,15 @@ def _rows(tool: dict[str, Any]) -> list[str]:
         f"overlaps {overlaps or 'none'}",
     ]
     return [*rows, *(_clip_table(tool["clips"]) if tool["clips"] else ["clips    none that moves the mesh"])]
+
+
+def _pose(laid: Any) -> str:
+    """The pose in which crests are straight."""
+    if laid == "stored":
+        return "at rest"
+    if "clip" in laid:
+        return f"{laid['clip']} at {laid['time']:.4g} s"
+    return ", ".join(f"{name} at {weight:.3g}" for name, weight in laid["raised"].items())
 
 
 def _rounding(tool: dict[str, Any]) -> str:

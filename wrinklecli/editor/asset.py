@@ -169,7 +169,10 @@ class LoadedAsset:
     def _patch(self, tool: WrinkleTool, ground: Ground, settings: ToolsFile) -> Patch:
         return self._patches.get_or_make(
             (_without_places(tool), ground, settings.up),
-            lambda: bounded(attach_tools([tool], ground.surface, ground.rest, ground.rig, up=settings.up), ground)[0],
+            lambda: bounded(
+                attach_tools([tool], ground.surface, ground.rest, ground.rig, up=settings.up, clips=ground.clips),
+                ground,
+            )[0],
         )
 
     def _planned(

@@ -26,6 +26,7 @@ from wrinklecli.review.check import describe_clip
 from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.preview.peaks import tallest_clip
 from wrinklecli.surface.ground import Ground
+from wrinklecli.surface.rest import Rest
 from wrinklecli.tools.records import ToolsFile
 
 _CURVE_POINTS = 200  # points of a drawn control curve
@@ -126,6 +127,16 @@ class PlayableMesh:
         new = [each.plan.fine.rest_positions[each.old_count :] for each in self.clusters]
         return np.concatenate([self.ground.rest.positions, *new])
 
+    def positions_in(self, pose: Rest) -> Floats:
+        """(vertices, 3) in a pose of the coarse mesh, without wrinkles."""
+        if pose is self.ground.rest:
+            return self.rest_positions
+        parts = [pose.positions]
+        for each in self.clusters:
+            fine = each.plan.fine
+            parts.append(fine.posed_at(pose, np.arange(each.old_count, len(fine.positions)))[0])
+        return np.concatenate(parts)
+
     @cached_property
     def shifts(self) -> list[int]:
         """Offset from the vertex numbers of each cluster's plan to those of this mesh, for new vertices."""
@@ -186,7 +197,7 @@ class AttachedTool:
 
     def holds(self, place: Floats) -> bool:
         """True if a (3,) place at rest is on the patch."""
-        patch = self.patch
+        patch = self.patch.at_rest
         u, v = patch.coordinates(place)
         near = abs(float((place - patch.path.middle) @ patch.normal)) < patch.span
         return bool(near and 0 <= u <= 1 and abs(v) <= 1)

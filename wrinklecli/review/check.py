@@ -29,6 +29,7 @@ from wrinklecli.numeric.arrays import Ints, children, significant
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.numeric.memory import MAX_MEMORY, MAX_VERTICES
 from wrinklecli.surface.anchor import Anchor
+from wrinklecli.surface.rest import Rest
 from wrinklecli.tools.records import in_axes
 
 # Version of the JSON.
@@ -237,6 +238,7 @@ def describe_tool(plan: MeshPlan, number: int, up: str) -> Json:
         "distance": significant(patch.span),
         "rest_length": significant(patch.rest_length),
         "width": significant(2.0 * patch.half_width),
+        "laid": _describe_pose(plan, patch.pose),
         "material": patch.tool.material or "none",
         "bumps": patch.tool.bumps,
         "strategy": patch.tool.strategy,
@@ -251,6 +253,17 @@ def describe_tool(plan: MeshPlan, number: int, up: str) -> Json:
         "hard_edges": significant(fine.hard_shares[number]),
         "departure": significant(fine.departures[number]),
     }
+
+
+def _describe_pose(plan: MeshPlan, pose: Rest) -> Json | str:
+    """Describe the pose in which a tool is laid: stored, the weights of raised morph targets, or a moment of a clip."""
+    if pose is plan.rest:
+        return "stored"
+    if pose.clip is not plan.rest.clip or pose.time is not plan.rest.time:
+        assert pose.clip is not None, "other poses are moments of clips"
+        return {"clip": pose.clip.name, "time": significant(float(pose.time[0]))}
+    raised = np.flatnonzero(pose.morph_weights != plan.rest.morph_weights)
+    return {"raised": {plan.rig.morph_names[k]: significant(float(pose.morph_weights[k])) for k in raised}}
 
 
 def _describe_anchor(plan: MeshPlan, anchor: Anchor, up: str) -> Json:

@@ -35,7 +35,7 @@ from wrinklecli.numeric.subdivide import Subdivision, subdivide
 from wrinklecli.surface.prune import forbidden_splits, joint_distances, prune, spread_weights
 from wrinklecli.surface.region import Region, members_of
 from wrinklecli.surface.rest import Rest, carried_normals
-from wrinklecli.surface.rounding import hard_edges, rounded
+from wrinklecli.surface.rounding import LaidSurface, hard_edges, rounded
 from wrinklecli.tools.records import RefinementSettings
 
 # Fraction of a region's greatest displacement above which a displacement is visible.
@@ -47,6 +47,7 @@ class Refinement:
     """A surface refined under its regions. New vertices follow the old ones, both among welded and glTF vertices.
 
     Attributes:
+        rest: The rest pose of the coarse surface.
         positions: (vertices, 3) stored positions, bind space.
         morph_deltas: (morph targets, vertices, 3).
         bind_positions: (vertices, 3) positions under the morph weights of the rest pose, bind space.
@@ -67,6 +68,7 @@ class Refinement:
     """
 
     surface: Surface
+    rest: Rest
     subdivision: Subdivision
     positions: Floats
     morph_deltas: Floats
@@ -107,6 +109,19 @@ class Refinement:
     def rest_normals_at(self, vertices: Ints) -> Floats:
         """(chosen, 3) unit normals in world space at rest."""
         return carried_normals(self.blended[vertices], self.normals_at(vertices))
+
+    def posed_at(self, pose: Rest, vertices: Ints) -> tuple[Floats, Floats]:
+        """(chosen, 3) positions and unit normals in a pose of the coarse surface, world space."""
+        if pose is self.rest:
+            return self.rest_positions[vertices], self.rest_normals_at(vertices)
+        raised = np.flatnonzero(pose.morph_weights)
+        bind = self.positions + np.tensordot(pose.morph_weights[raised], self.morph_deltas[raised], axes=1)
+        blended = self.blended
+        if pose.blended is not self.rest.blended:
+            blended = self.subdivision.interpolate(pose.blended.reshape(-1, 12)).reshape(-1, 3, 4)
+        blended = blended[vertices]
+        normals = carried_normals(blended, self.around.normals_at(bind, vertices))
+        return transform(blended[None], bind[vertices])[0], normals
 
     @cached_property
     def rest_balls(self) -> tuple[Floats, Floats]:
@@ -186,14 +201,13 @@ def refine(
         surface, rest, members, rig, regions, contacts=contacts, influences=influences, poses=poses, tolerance=tolerance
     )
     hard = hard_edges(surface, rest.bind_positions, regions)
-    normals, under = np.zeros((len(surface.positions), 3)), distinct_values(surface.triangles[members])
-    normals[under] = rest.normals_at(under)
+    laid = _laid(regions, surface)
     subdivision = subdivide(
         surface.triangles,
         len(surface.positions),
-        wants=lambda level: _long_edges(level, regions, rest, normals, settings),
+        wants=lambda level: _long_edges(level, laid, settings),
         forbids=forbids,
-        shows=lambda level: _showing_edges(level, regions, rest, normals),
+        shows=lambda level: _showing_edges(level, laid),
         max_levels=settings.max_levels,
         max_vertices=max_vertices,
         near=members,
@@ -207,8 +221,7 @@ def refine(
         subdivision,
         regions,
         blended=blended,
-        rest_places=transform(blended[None], subdivision.interpolate(rest.bind_positions))[0],
-        rest_normals=unit(subdivision.interpolate(normals)),
+        laid=[each.on(subdivision) for each in laid],
         at_rest=rest.morph_weights,
         full=settings.scheme == "butterfly_full",
     )
@@ -222,6 +235,7 @@ def refine(
     faceted = hard.faceted & (settings.scheme == "butterfly")
     return Refinement(
         surface=surface,
+        rest=rest,
         subdivision=subdivision,
         positions=placed.positions,
         morph_deltas=placed.morph_deltas,
@@ -242,15 +256,52 @@ def refine(
     )
 
 
-def _long_edges(
-    level: Level, regions: Sequence[Region], rest: Rest, normals: Floats, settings: RefinementSettings
-) -> Bools:
+@dataclass(frozen=True, slots=True)
+class _Laid:
+    """The regions that are laid in one pose, and the coarse surface in that pose.
+
+    Attributes:
+        normals: (vertices, 3) unit normals in the pose; 0 beside the regions.
+    """
+
+    pose: Rest
+    regions: tuple[Region, ...]
+    normals: Floats
+
+    def on(self, subdivision: Subdivision) -> LaidSurface:
+        """The coarse surface at the vertices of a subdivision."""
+        blended = subdivision.interpolate(self.pose.blended.reshape(-1, 12)).reshape(1, -1, 3, 4)
+        places = transform(blended, subdivision.interpolate(self.pose.bind_positions))[0]
+        return LaidSurface(self.pose, places, unit(subdivision.interpolate(self.normals)))
+
+
+def _laid(regions: Sequence[Region], surface: Surface) -> list[_Laid]:
+    """Group regions by their poses."""
+    found = []
+    for pose in {id(region.pose): region.pose for region in regions}.values():
+        own = tuple(region for region in regions if region.pose is pose)
+        under = distinct_values(surface.triangles[members_of(own, len(surface.triangles))])
+        normals = np.zeros((len(surface.positions), 3))
+        normals[under] = pose.normals_at(under)
+        found.append(_Laid(pose, own, normals))
+    return found
+
+
+def _long_edges(level: Level, laid: Sequence[_Laid], settings: RefinementSettings) -> Bools:
     """(edges,) edges on a region that are too long along u to show its displacement."""
+    wanted = np.zeros(len(level.edges), bool)
+    for each in laid:
+        wanted |= _long_edges_in(level, each, settings)
+    return wanted
+
+
+def _long_edges_in(level: Level, laid: _Laid, settings: RefinementSettings) -> Bools:
+    """(edges,) as `_long_edges`, of the regions in one pose."""
     last = level.number == settings.max_levels
     wanted = np.zeros(len(level.edges), bool)
-    places = _places(level, regions, rest)
-    turned, scratch = _directions(level, regions, normals) if last else np.zeros((0, 3)), np.zeros(len(places))
-    for region in regions:
+    places = _places(level, laid)
+    turned, scratch = _directions(level, laid) if last else np.zeros((0, 3)), np.zeros(len(places))
+    for region in laid.regions:
         faces = children(level.parents, region.members)
         triangles = level.triangles[faces]
         vertices = distinct_values(triangles)
@@ -270,17 +321,18 @@ def _long_edges(
     return wanted
 
 
-def _showing_edges(level: Level, regions: Sequence[Region], rest: Rest, normals: Floats) -> Bools:
-    """(edges,) edges along which a region leaves some displacement, from (coarse vertices, 3) normals at rest."""
+def _showing_edges(level: Level, laid: Sequence[_Laid]) -> Bools:
+    """(edges,) edges along which a region leaves some displacement."""
     shown = np.zeros(len(level.edges), bool)
-    places, turned = _places(level, regions, rest), _directions(level, regions, normals)
-    scratch = np.zeros(len(places))
-    for region in regions:
-        edges = distinct_values(level.triangle_edges[children(level.parents, region.members)])
-        # Any member may come to lie on a region onto which vertices are projected in each frame.
-        shown[edges] |= (
-            region.projected or _greatest_shares(level, edges, region, places, turned, scratch) > _LEAST_SHOWN
-        )
+    for each in laid:
+        places, turned = _places(level, each), _directions(level, each)
+        scratch = np.zeros(len(places))
+        for region in each.regions:
+            edges = distinct_values(level.triangle_edges[children(level.parents, region.members)])
+            # Any member may come to lie on a region onto which vertices are projected in each frame.
+            shown[edges] |= (
+                region.projected or _greatest_shares(level, edges, region, places, turned, scratch) > _LEAST_SHOWN
+            )
     return shown
 
 
@@ -289,7 +341,7 @@ def _greatest_shares(
 ) -> Floats:
     """(edges,) greatest fraction of a region's displacement along each edge; 0 before and behind the region.
 
-    The (vertices, 3) `places` and unit `normals` at rest are right for the level's vertices on regions.
+    The (vertices, 3) `places` and unit `normals` in the region's pose are right for the level's vertices on regions.
     """
     pairs = level.edges[edges]
     vertices = distinct_values(pairs)
@@ -322,20 +374,20 @@ def _on_regions(level: Level, regions: Sequence[Region], values: Callable[[Ints]
     return found
 
 
-def _places(level: Level, regions: Sequence[Region], rest: Rest) -> Floats:
-    """(vertices, 3) world positions at rest of a level's vertices on regions, on the coarse surface."""
+def _places(level: Level, laid: _Laid) -> Floats:
+    """(vertices, 3) world positions in a pose of a level's vertices on its regions, on the coarse surface."""
 
     def positions(vertices: Ints) -> Floats:
-        blended = level.of_vertices(vertices, rest.blended.reshape(-1, 12)).reshape(1, -1, 3, 4)
-        placed: Floats = transform(blended, level.of_vertices(vertices, rest.bind_positions))[0]
+        blended = level.of_vertices(vertices, laid.pose.blended.reshape(-1, 12)).reshape(1, -1, 3, 4)
+        placed: Floats = transform(blended, level.of_vertices(vertices, laid.pose.bind_positions))[0]
         return placed
 
-    return _on_regions(level, regions, positions)
+    return _on_regions(level, laid.regions, positions)
 
 
-def _directions(level: Level, regions: Sequence[Region], normals: Floats) -> Floats:
-    """(vertices, 3) unit normals at rest of a level's vertices on regions."""
-    return _on_regions(level, regions, lambda vertices: unit(level.of_vertices(vertices, normals)))
+def _directions(level: Level, laid: _Laid) -> Floats:
+    """(vertices, 3) unit normals in a pose of a level's vertices on its regions."""
+    return _on_regions(level, laid.regions, lambda vertices: unit(level.of_vertices(vertices, laid.normals)))
 
 
 def _at(corners: Ints, vertices: Ints, values: Floats, scratch: Floats) -> Floats:

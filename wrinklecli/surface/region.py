@@ -7,6 +7,7 @@ import numpy as np
 
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, flags_of
 from wrinklecli.surface.anchor import Anchor
+from wrinklecli.surface.rest import Rest
 
 
 class Region(Protocol):
@@ -19,6 +20,10 @@ class Region(Protocol):
     @property
     def anchors(self) -> Sequence[Anchor]:
         """Points on the surface; joints between two neighbouring anchors bend the region."""
+
+    @property
+    def pose(self) -> Rest:
+        """The pose in which u and v of a place are found; mostly that at rest."""
 
     @property
     def half_width(self) -> float:
@@ -41,10 +46,10 @@ class Region(Protocol):
         """Greatest displacement, scene units."""
 
     def coordinates(self, positions: Floats) -> tuple[Floats, Floats]:
-        """(…,) u and v at (…, 3) world positions at rest."""
+        """(…,) u and v at (…, 3) world positions in `pose`."""
 
     def cosines(self, u: Floats, normals: Floats) -> Floats:
-        """(…,) cosines between (…, 3) unit normals of the surface and the region's normals at (…,) u."""
+        """(…,) cosines between (…, 3) unit normals of the surface in `pose` and the region's normals at (…,) u."""
 
     def bowed(self, u: Floats, v: Floats) -> Floats:
         """(…,) the u at which points on the middle line are displaced as points at (…,) u and v are."""

@@ -4,20 +4,23 @@ The paper (C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004) t
 pose may also be the stored pose of the nodes, or a moment of a clip.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip, unknown_clip
-from wrinklecli.character.pose import Pose, blend, joint_matrices, morph_weights, node_matrices, transform
+from wrinklecli.character.pose import LEAST_SCALE, Pose, blend, joint_matrices, morph_weights, node_matrices, transform
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import Surface
 from wrinklecli.errors import BakeError, ConfigError, listed, nearest
-from wrinklecli.numeric.arrays import Floats, Ints, VertexFaces, inverses, unit, vertex_normals
+from wrinklecli.numeric.arrays import Floats, Ints, VertexFaces, determinants, inverses, median, unit, vertex_normals
 from wrinklecli.numeric.nearest import Blocks, nearest_vertex
 from wrinklecli.tools.records import EffectTool, Marker, ToolsFile
+
+# Poses of a surface besides the rest pose that are kept: in the editor a time may be dragged.
+_MOST_OTHERS = 16
 
 
 @dataclass(frozen=True)
@@ -53,6 +56,18 @@ class Rest:
     def pose(self) -> Pose:
         """The joint matrices and morph weights."""
         return Pose(self.matrices, self.morph_weights)
+
+    def once(self, key: Hashable, make: Callable[[], "Rest"]) -> "Rest":
+        """Another pose of the surface, made once for each key as long as there are few: tools of a mesh share them."""
+        if key not in self._others:
+            if len(self._others) >= _MOST_OTHERS:
+                self._others.clear()
+            self._others[key] = make()
+        return self._others[key]
+
+    @cached_property
+    def _others(self) -> dict[Hashable, "Rest"]:
+        return {}
 
     @cached_property
     def normals(self) -> Floats:
@@ -90,14 +105,57 @@ def rest_pose(
             raise ConfigError(message, where=settings.place("rest", "clip"))
         time = np.array([settings.rest.time])
     weights = morph_weights(rig, clip, time)[0]
-    bind = surface.positions + np.tensordot(weights, surface.morph_deltas, axes=1)
     matrices = joint_matrices(rig, clip, time)[0]
     if settings.rest == "bind":
-        matrices = _bind_matrices(surface, rig, matrices, bind, tools[0])
-    every = np.arange(len(bind))
-    blended = blend(surface.dense_weights(every, len(rig.joints)), matrices[None])[0]
+        matrices = _bind_matrices(surface, rig, matrices, _morphed(surface, weights), tools[0])
+    return _posed(surface, rig, clip, time, matrices, weights)
+
+
+def _posed(surface: Surface, rig: Rig, clip: Clip | None, time: Floats, matrices: Floats, weights: Floats) -> Rest:
+    bind = _morphed(surface, weights)
+    blended = blend(surface.dense_weights(np.arange(len(bind)), len(rig.joints)), matrices[None])[0]
     positions = transform(blended[None], bind)[0]
     return Rest(clip, time, matrices, weights, bind, blended, positions, surface.triangles)
+
+
+def _morphed(surface: Surface, weights: Floats) -> Floats:
+    """(vertices, 3) positions in bind space under (morph targets,) weights."""
+    return np.asarray(surface.positions + np.tensordot(weights, surface.morph_deltas, axes=1))
+
+
+def raised_pose(rest: Rest, surface: Surface, weights: Floats) -> Rest:
+    """The rest pose of a surface with other (morph targets,) weights."""
+    if np.array_equal(weights, rest.morph_weights):
+        return rest
+
+    def make() -> Rest:
+        bind = _morphed(surface, weights)
+        positions = transform(rest.blended[None], bind)[0]
+        return replace(rest, morph_weights=weights, bind_positions=bind, positions=positions)
+
+    return rest.once(weights.tobytes(), make)
+
+
+def clip_pose(rest: Rest, surface: Surface, rig: Rig, clip: Clip, time: float) -> Rest:
+    """A surface at a time of a clip, as large as at rest: an animated scale is taken out."""
+    return rest.once((clip.name, time), lambda: _clip_pose(rest, surface, rig, clip, np.array([time])))
+
+
+def _clip_pose(rest: Rest, surface: Surface, rig: Rig, clip: Clip, at: Floats) -> Rest:
+    matrices, weights = joint_matrices(rig, clip, at)[0], morph_weights(rig, clip, at)[0]
+    if np.array_equal(matrices, rest.matrices) and np.array_equal(weights, rest.morph_weights):
+        return rest
+    found = _posed(surface, rig, clip, at, matrices, weights)
+    sizes = [float(median(np.cbrt(np.abs(determinants(each.blended[:, :, :3]))))) for each in (rest, found)]
+    if sizes[1] <= LEAST_SCALE * sizes[0]:
+        return found
+    scale = sizes[0] / sizes[1]
+    return replace(
+        found,
+        matrices=np.diag([scale, scale, scale, 1.0]) @ matrices,
+        blended=scale * found.blended,
+        positions=scale * found.positions,
+    )
 
 
 def _bind_matrices(surface: Surface, rig: Rig, stored: Floats, bind: Floats, tool: EffectTool) -> Floats:

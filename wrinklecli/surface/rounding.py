@@ -36,6 +36,7 @@ from wrinklecli.numeric.arrays import (
 )
 from wrinklecli.numeric.subdivide import Subdivision, two_rings
 from wrinklecli.surface.region import Region, members_of
+from wrinklecli.surface.rest import Rest
 
 # An edge is hard if authored normals of one vertex on its two sides enclose more than 5°. Smooth surfaces have equal
 # normals at seams, up to half a degree of rounding in bytes.
@@ -125,22 +126,34 @@ class Rounded:
     departures: Floats
 
 
+@dataclass(frozen=True, slots=True)
+class LaidSurface:
+    """The coarse surface at the vertices of a subdivision, in a pose in which regions are laid.
+
+    Attributes:
+        places: (vertices, 3) world space.
+        normals: (vertices, 3) unit normals; they are right on these regions alone.
+    """
+
+    pose: Rest
+    places: Floats
+    normals: Floats
+
+
 def rounded(
     surface: Surface,
     subdivision: Subdivision,
     regions: Sequence[Region],
     *,
     blended: Floats,
-    rest_places: Floats,
-    rest_normals: Floats,
+    laid: Sequence[LaidSurface],
     at_rest: Floats,
     full: bool,
 ) -> Rounded:
     """Place the vertices of a subdivision, with the whole offset if `full`.
 
     (morph targets,) `at_rest` are the weights of the rest pose. `blended` are (vertices, 3, 4) matrices from bind to
-    world space at rest; `rest_places` and `rest_normals` are (vertices, 3) of the coarse surface, in world space at
-    rest, and needed only at regions.
+    world space at rest. `laid` has the coarse surface in each pose of regions.
     """
     old = len(surface.positions)
     places, deltas = subdivision.interpolate(surface.positions), subdivision.interpolate(surface.morph_deltas)
@@ -157,8 +170,9 @@ def rounded(
         vertices = distinct_values(subdivision.triangles[children(subdivision.parents, region.members)])
         vertices = vertices[vertices >= old]
         on_regions.append(vertices - old)
-        u, v = region.coordinates(rest_places[vertices])
-        share = region.presence(u, v, region.cosines(u, rest_normals[vertices]))
+        (there,) = (each for each in laid if each.pose is region.pose)
+        u, v = region.coordinates(there.places[vertices])
+        share = region.presence(u, v, region.cosines(u, there.normals[vertices]))
         whole = np.rint(smoothstep(np.minimum(share / _WHOLE, 1.0)) / _STEP) * _STEP
         of_deltas[vertices - old] = np.maximum(of_deltas[vertices - old], whole)
         # The offset grows like the height at first, and towards its bound in the end.

@@ -17,6 +17,7 @@ from wrinklecli.choices import (
     Attenuation,
     Axis,
     Channel,
+    LaidPose,
     Profile,
     RestPose,
     Scheme,
@@ -122,7 +123,7 @@ def read_anchors(value: Any) -> tuple[Position | Marker, ...]:
 
 @dataclass(frozen=True, slots=True)
 class RestFrame:
-    """A clip's pose at a time, taken as the rest pose."""
+    """A clip's pose at a time, taken as the rest pose, or as the one in which a tool is laid."""
 
     clip: str = key(TEXT, "Name of the clip.")
     time: float = key(_SECONDS, "Seconds from the clip's start. Default 0.", 0.0, read=float)
@@ -350,8 +351,8 @@ class EffectTool(Protocol):
         ...
 
     @property
-    def clip_keys(self) -> Sequence[tuple[str, ...]]:
-        """Paths of the keys that are names of clips."""
+    def named_clips(self) -> Sequence[tuple[str, tuple[str, ...]]]:
+        """The names of clips that the effect asks for, each with the path of its key."""
         ...
 
     def place(self, *keys: str) -> str:
@@ -479,6 +480,16 @@ class WrinkleTool:
     attenuation: Attenuation = key(
         one_of(*get_args(Attenuation)), "How a wrinkle fades across the width. Default bell.", "bell"
     )
+    laid: LaidPose | RestFrame = key(
+        if_mapping(
+            schema_of(RestFrame),
+            expects(f"{', '.join(get_args(LaidPose))} or {{clip: NAME, time: 0}}", enum=[*get_args(LaidPose)]),
+        ),
+        "Pose in which crests are straight: stored (at rest), raised (by the morph target that brings the ends "
+        "together), or a clip's. Default auto: raised if such a target does more than a joint.",
+        "auto",
+        read=lambda value: read_record(RestFrame, value) if isinstance(value, dict) else value,
+    )
     attachment: Attachment = key(
         one_of(*get_args(Attachment)),
         "Wrinkles stay on the skin, or the patch is projected anew. Default skin.",
@@ -585,10 +596,15 @@ class WrinkleTool:
         return not self.strength and not any(self.clips.values())
 
     @property
-    def clip_keys(self) -> list[tuple[str, ...]]:
-        """Paths of the keys that are names of clips: those with a strength of their own, and of keyed rest lengths."""
+    def named_clips(self) -> list[tuple[str, tuple[str, ...]]]:
+        """The clips with a strength of their own, of keyed rest lengths and of `laid`, with the paths of their keys."""
         keyed = self.rest_length.keys if isinstance(self.rest_length, RestLengthKeys) else {}
-        return [*(("clips", name) for name in self.clips), *(("rest_length", "keys", name) for name in keyed)]
+        laid = [self.laid.clip] if isinstance(self.laid, RestFrame) else []
+        return [
+            *((name, ("clips", name)) for name in self.clips),
+            *((name, ("rest_length", "keys", name)) for name in keyed),
+            *((name, ("laid", "clip")) for name in laid),
+        ]
 
     def strength_in(self, clip: str) -> float:
         """The factor of the height while a clip plays."""

@@ -149,10 +149,11 @@ def outline_of(tool: AttachedTool, mesh: PlayableMesh, body: int, colour: tuple[
     patch, surface = tool.carried.patch, mesh.ground.surface
     near = mesh.ground.rest.around.faces_of(distinct_values(surface.triangles[patch.members]))
     faces = np.flatnonzero(among(mesh.parents, near))
-    corners = mesh.rest_positions[mesh.faces[faces]]
+    positions = mesh.positions_in(patch.pose)
+    corners = positions[mesh.faces[faces]]
     u, v = patch.coordinates(corners)
-    outward = patch.cosines(u.mean(axis=1), unit(face_normals(mesh.rest_positions, mesh.faces[faces]))) > 0
-    places, ways = np.stack([u, v], axis=2), _Ways(mesh.rest_positions, mesh.faces[faces])
+    outward = patch.cosines(u.mean(axis=1), unit(face_normals(positions, mesh.faces[faces]))) > 0
+    places, ways = np.stack([u, v], axis=2), _Ways(positions, mesh.faces[faces])
     ends, ones = np.linspace(0.0, 1.0, _LINE_POINTS), np.ones(_LINE_POINTS)
     anchors = distinct_values(np.concatenate([anchor.triangles for anchor in patch.anchors]))
     middle = np.column_stack((ends, 0 * ends))
@@ -165,7 +166,8 @@ def outline_of(tool: AttachedTool, mesh: PlayableMesh, body: int, colour: tuple[
     sides_and_middle = [(ends, ones), (ends, -ones), (0 * ends, 2 * ends - 1), (ones, 2 * ends - 1), (ends, 0 * ends)]
     sought = [np.column_stack(line) for line in sides_and_middle]
     for anchor in patch.anchors:
-        sought.append(np.column_stack([np.atleast_1d(each) for each in patch.coordinates(anchor.position)]))
+        place = anchor.barycentrics @ patch.pose.positions[anchor.vertices]
+        sought.append(np.column_stack([np.atleast_1d(each) for each in patch.coordinates(place)]))
     # The edges are sought from the middle outwards: a wide patch may end where the surface faces away.
     sought += [np.column_stack([0.5 * ones, side * ends]) for side in (1.0, -1.0)]
     located = [_located(line, places, wanted) for line in sought]

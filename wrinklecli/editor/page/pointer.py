@@ -125,7 +125,7 @@ class Pointer:
 
     def _move_side(self, name: str, place: Floats, patch: Patch) -> None:
         """Let the side of a tool lie at a (3,) place at rest."""
-        percent = 200.0 * abs(float(patch.coordinates(place)[1])) * patch.half_width / patch.span
+        percent = 200.0 * abs(float(patch.at_rest.coordinates(place)[1])) * patch.half_width / patch.span
         before = next(tool.values.get("width") for tool in self._session.tools() if tool.name == name)
         width = as_written(_WIDTH, max(round(percent, 1), _MIN_WIDTH), before, patch.span)
         self._page.slide(

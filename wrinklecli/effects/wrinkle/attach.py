@@ -1,38 +1,52 @@
 """Tools attached to a surface at rest: their anchors, paths, control curves and member triangles.
 
+Crests are laid straight across a tool at rest, or in the pose in which a morph target raises them: there they are seen,
+and a brow that rises unevenly would pull straight ones into a V. Anchors, lengths and drive are those at rest all the
+same, and so are the directions of displacements.
+
 Source: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, Computer Graphics International 2004, on the
 influence region. Differs: members face the patch and are connected to an anchor. The paper takes every vertex that
 projects onto the patch, and with them the back of a thin limb.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
+from wrinklecli.character.clip import Clip, unknown_clip
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import Surface
 from wrinklecli.drive.segment import RestLength, Segment
+from wrinklecli.effects.wrinkle.bending import raised_weights
 from wrinklecli.effects.wrinkle.bumps import count_intervals
 from wrinklecli.effects.wrinkle.curve import ControlCurve, plan_curve
 from wrinklecli.effects.wrinkle.demand import demand_of
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.effects.wrinkle.variation import Variation, plan_variation
 from wrinklecli.errors import BakeError, WrinkleError, listed, nearest
-from wrinklecli.numeric.arrays import Ints, components, face_normals
+from wrinklecli.numeric.arrays import Ints, components, face_normals, unit
 from wrinklecli.numeric.intersections import sides_of
 from wrinklecli.numeric.nearest import meets_box
 from wrinklecli.surface.anchor import anchor_at
-from wrinklecli.surface.path import path_through
-from wrinklecli.surface.rest import Rest, asked_positions
-from wrinklecli.tools.records import RestLengthKeys, RestLengthMorph, WrinkleTool
+from wrinklecli.surface.path import Path, path_through
+from wrinklecli.surface.rest import Rest, asked_positions, clip_pose, raised_pose
+from wrinklecli.tools.records import RestFrame, RestLengthKeys, RestLengthMorph, WrinkleTool
 
 # Distance of anchors over the mesh's size below which they are one point.
 _LEAST_SPAN = 1e-9
+# Distance of neighbouring anchors in the pose in which a tool is laid, over the tool's length at rest, below which u is
+# not told from noise.
+_LEAST_LAID = 1e-3
 
 
-def attach_tools(tools: list[WrinkleTool], surface: Surface, rest: Rest, rig: Rig, *, up: str) -> list[Patch]:
-    """Attach every tool of a mesh; `up` is the axis of the tools file, for messages.
+def attach_tools(
+    tools: list[WrinkleTool], surface: Surface, rest: Rest, rig: Rig, *, up: str, clips: Sequence[Clip] = ()
+) -> list[Patch]:
+    """Attach every tool of a mesh.
+
+    `up` is the axis of the tools file, for messages, and `clips` are those that tools may be laid in.
 
     Raises:
         WrinkleError: Tools do not fit, a line for each.
@@ -40,7 +54,7 @@ def attach_tools(tools: list[WrinkleTool], surface: Surface, rest: Rest, rig: Ri
     patches, problems = [], []
     for tool in tools:
         try:
-            patches.append(_attach(tool, surface, rest, rig, up))
+            patches.append(_laid(_attach(tool, surface, rest, rig, up), surface, rest, rig, clips))
         except WrinkleError as error:
             problems.append(error)
     if problems:
@@ -80,13 +94,78 @@ def _attach(tool: WrinkleTool, surface: Surface, rest: Rest, rig: Rig, up: str) 
         segment=Segment(tuple(each.carried for each in anchors), rest_length),
         anchors=anchors,
         path=path,
+        pose=rest,
+        laid=path,
         span=span,
         half_width=half_width,
         members=np.zeros(0, np.intp),
         under=np.zeros(0, np.intp),
     )
-    curve, members = replace(patch.curve, demand=demand_of(patch, surface, rest, rig)), _members(patch, surface, rest)
-    return replace(patch, curve=curve, members=members, under=members)
+    return replace(patch, curve=replace(patch.curve, demand=demand_of(patch, surface, rest, rig)))
+
+
+def _laid(patch: Patch, surface: Surface, rest: Rest, rig: Rig, clips: Sequence[Clip]) -> Patch:
+    """Lay a tool out in the pose that it asks for: find the triangles of its patch there.
+
+    Raises:
+        BakeError: It cannot be laid there.
+    """
+    pose = _wanted_pose(patch, surface, rest, rig, clips)
+    if pose is not rest:
+        try:
+            laid = replace(patch, pose=pose, laid=_path_in(patch, pose))
+            members = _members(laid, surface)
+            return replace(laid, members=members, under=members)
+        except BakeError:
+            # A tool that asks for no pose can be laid at rest as well.
+            if patch.tool.laid != "auto":
+                raise
+    members = _members(patch, surface)
+    return replace(patch, members=members, under=members)
+
+
+def _wanted_pose(patch: Patch, surface: Surface, rest: Rest, rig: Rig, clips: Sequence[Clip]) -> Rest:
+    """The pose in which a tool asks to be laid.
+
+    Raises:
+        BakeError: There is no such pose.
+    """
+    tool, where = patch.tool, patch.tool.place("laid")
+    if tool.attachment == "patch":
+        if tool.laid not in ("auto", "stored"):
+            raise BakeError("attachment: patch is laid anew in each frame; laid can be auto or stored", where=where)
+        return rest
+    if isinstance(tool.laid, RestFrame):
+        clip = next((each for each in clips if each.name == tool.laid.clip), None)
+        if clip is not None:
+            return clip_pose(rest, surface, rig, clip, tool.laid.time)
+        if not tool.optional:
+            message = f"the asset has {unknown_clip(tool.laid.clip, [each.name for each in clips])}"
+            raise BakeError(message, where=tool.place("laid", "clip"))
+    # Keys that raise a tool by hand say nothing of a morph target.
+    elif tool.laid == "raised" or (tool.laid == "auto" and not isinstance(tool.rest_length, RestLengthKeys)):
+        weights = raised_weights(patch, rig, rest, surface)
+        if weights is not None:
+            return raised_pose(rest, surface, weights)
+        if tool.laid == "raised":
+            raise BakeError("no morph target brings the ends together; laid can be stored or a clip's", where=where)
+    return rest
+
+
+def _path_in(patch: Patch, pose: Rest) -> Path:
+    """The line through a tool's anchors in a pose.
+
+    Raises:
+        BakeError: There is no such line.
+    """
+    points = [each.barycentrics @ pose.positions[each.vertices] for each in patch.anchors]
+    normals = [unit(each.barycentrics @ pose.normals_at(each.vertices)) for each in patch.anchors]
+    names = [patch.tool.point_name(number) for number in range(len(points))]
+    where = patch.tool.place("laid")
+    for number, (one, other) in enumerate(pairwise(points)):
+        if np.linalg.norm(other - one) <= _LEAST_LAID * patch.span:
+            raise BakeError(f"{names[number]} and {names[number + 1]} are one point in the pose", where=where)
+    return path_through(points, normals, pose.foot, names=names, where=where)
 
 
 def _variation(tool: WrinkleTool, aspect: float) -> Variation | None:
@@ -164,25 +243,26 @@ def _max_height(tool: WrinkleTool, span: float, rest_length: float, variation: V
     return tool.bump_height * width * highest
 
 
-def _members(patch: Patch, surface: Surface, rest: Rest) -> Ints:
-    """(members,) sorted coarse triangles that face a patch, meet it and are connected with an anchor."""
-    near = rest.blocks.boxes.reaching(*patch.path.box(patch.half_width))
+def _members(patch: Patch, surface: Surface) -> Ints:
+    """(members,) sorted coarse triangles that face a patch, meet it and are connected with an anchor, in its pose."""
+    pose = patch.pose
+    near = pose.blocks.boxes.reaching(*patch.laid.box(patch.half_width))
     used, corners = np.unique(surface.triangles[near], return_inverse=True)
-    places = np.stack(patch.coordinates(rest.positions[used]), axis=1)
+    places = np.stack(patch.coordinates(pose.positions[used]), axis=1)
     meeting = meets_box(places, np.array([0.0, -1.0]), np.array([1.0, 1.0]), corners.reshape(-1, 3))
     u = places[corners.reshape(-1, 3)[meeting], 0].mean(axis=1)
     near = near[meeting]
     triangles = surface.triangles[near]
     vertices, corners = np.unique(triangles, return_inverse=True)
-    # Winding may be mirrored at rest; vertex normals are not.
-    faces = face_normals(rest.positions, triangles)
-    normals = rest.normals_at(vertices)[corners.reshape(-1, 3)]
+    # Winding may be mirrored in the pose; vertex normals are not.
+    faces = face_normals(pose.positions, triangles)
+    normals = pose.normals_at(vertices)[corners.reshape(-1, 3)]
     outward = np.sign(np.sum(faces * normals.sum(axis=1), axis=1))
     chosen = near[outward * patch.cosines(u, faces) > 0]
     inside = np.isin(chosen, np.concatenate([anchor.triangles for anchor in patch.anchors]))
     if not inside.any():
         raise BakeError("no triangle at its ends faces the patch", where=patch.tool.where)
-    sides = sides_of(surface.triangles[chosen]) @ [len(rest.positions), 1]
+    sides = sides_of(surface.triangles[chosen]) @ [len(pose.positions), 1]
     order = np.argsort(sides, kind="stable")
     shared = np.flatnonzero(np.diff(sides[order]) == 0)
     piece = components(np.stack([order[shared], order[shared + 1]], axis=1) // 3, len(chosen))

@@ -1,11 +1,11 @@
-"""Finds the motion that a tool's own wrinkles follow, and the pose in which they are tall, whatever clips there are.
+"""Finds the motion that a tool's own wrinkles follow, and poses of it, whatever clips there are.
 
 Results that follow from mesh and tools alone must not depend on clips. So the joint that carries one of the tool's ends
-and not the other turns about the patch's v axis, along which wrinkles run, or a morph target goes from 0 to 1. Not in
-the paper.
+and not the other turns about the patch's v axis, along which wrinkles run, or a morph target goes from 0 to 1. One pose
+is that in which wrinkles are tall, another that in which a morph target brings the ends together. Not in the paper.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -13,10 +13,12 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.motion import motion_clip, raising, turning
 from wrinklecli.character.pose import Pose, node_matrices, pose_at
 from wrinklecli.character.rig import Rig
+from wrinklecli.character.surface import Surface
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.numeric.arrays import Floats, cross, unit, unit_quaternions
 from wrinklecli.surface.anchor import Anchor
 from wrinklecli.surface.rest import Rest
+from wrinklecli.tools.mirror import exchange_sides
 from wrinklecli.tools.records import RestLengthKeys, RestLengthMorph
 
 MOMENTS = 65
@@ -25,6 +27,19 @@ MOMENTS = 65
 _MOST_TURN = np.radians(150.0)
 # A joint hardly bends the skin between two ends if the fractions of their weights that it carries differ by less.
 _LEAST_CARRIED = 0.1
+# Turn of a joint that a morph target must outdo to count as what drives a tool, radians: 30°, as far as a jaw opens.
+_JAW_TURN = np.radians(30.0)
+# How far the morph target that drives a tool is raised where the tool is laid, as a fraction. Wrinkles are seen from
+# half raised to fully raised. This is the middle: crests that are straight there bend least before and after.
+_RAISED = 0.75
+# A morph target that brings a tool's ends together by less, as a fraction, does not drive it.
+_LEAST_RAISED = 0.01
+# Triangles of a mesh that tell how much a morph target makes all of it smaller.
+_SAMPLED = 2000
+# Fraction of a mesh's edges that a morph target makes shorter if it makes all of the mesh smaller.
+_NEARLY_EVERY = 0.9
+# A morph target that brings a tool's ends together by less than this, over what nearly every edge loses, is one.
+_OF_SHRINKING = 1.5
 # Wrinkles this near to the tallest, as a fraction, are tall enough: full bumps stay full while a limb folds on.
 _TALLEST = 0.97
 
@@ -52,6 +67,71 @@ def _tallest_pose(patch: Patch, rig: Rig, rest: Rest) -> Pose:
     return pose
 
 
+def raised_weights(patch: Patch, rig: Rig, rest: Rest, surface: Surface) -> Floats | None:
+    """(morph targets,) weights of the pose in which the morph target that drives a tool is raised; None if none does.
+
+    It is raised by three quarters. The target that `rest_length` names drives the tool, or else the one that brings its
+    ends together most, if it does so more than a joint that turns by 30°. Its twin on the other side of the body, by
+    name, is raised in proportion to what the twin does: a tool between both brows is laid where both are raised.
+    """
+    wanted = patch.tool.rest_length
+    if isinstance(wanted, RestLengthMorph):
+        return _raised(rest, {rig.morph_names.index(wanted.morph): 1.0})
+    before = float(patch.segment.lengths(rig, None, np.zeros(1)).distances[0])
+    if not 0.0 < before < np.inf:  # the stored pose hides the character, and the rest pose is a clip's
+        return None
+    shares = np.zeros(len(rig.morph_names))
+    for number in range(len(shares)):
+        if _moves(patch, number):
+            motion = motion_clip("", [raising(rig, {number: 1.0})])
+            after = float(patch.segment.lengths(rig, motion, np.ones(1)).distances[0])
+            share = 1.0 - after / before
+            # A target that makes all of the mesh smaller, such as a child's head, raises nothing.
+            if share > _OF_SHRINKING * _shrinking(surface, number):
+                shares[number] = share
+    best = int(np.argmax(shares)) if len(shares) else -1
+    if best < 0 or shares[best] < max(_LEAST_RAISED, _jaw_share(patch, rig, before)):
+        return None
+    name = exchange_sides(rig.morph_names[best])
+    twin = rig.morph_names.index(name) if name in rig.morph_names else best
+    return _raised(rest, {best: 1.0, twin: max(float(shares[twin] / shares[best]), 0.0)})
+
+
+def _raised(rest: Rest, shares: Mapping[int, float]) -> Floats:
+    """(morph targets,) weights at rest, with some targets raised by fractions of `_RAISED` towards 1."""
+    weights = rest.morph_weights.copy()
+    for number, share in shares.items():
+        weights[number] += _RAISED * share * (1.0 - weights[number])
+    return weights
+
+
+def _moves(patch: Patch, number: int) -> bool:
+    """True if a morph target moves an end of a tool, or a point of its path."""
+    return any(anchor.carried.points[1 + number].any() for anchor in patch.anchors)
+
+
+def _shrinking(surface: Surface, number: int) -> float:
+    """The part of its length that nearly every edge of a mesh loses to a morph target; some lose more."""
+    sampled = surface.triangles[:: -(-len(surface.triangles) // _SAMPLED)]
+    lengths = []
+    for positions in (surface.positions, surface.positions + surface.morph_deltas[number]):
+        corners = positions[sampled]
+        lengths.append(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).reshape(-1))
+    known = lengths[0] > 0
+    ratios = np.sort(lengths[1][known] / lengths[0][known])
+    return 1.0 - float(ratios[int(_NEARLY_EVERY * len(ratios))]) if len(ratios) else 0.0
+
+
+def _jaw_share(patch: Patch, rig: Rig, before: float) -> float:
+    """The fraction by which a tool's ends approach while the joint between them turns by 30° to the better side."""
+    node = bent_node(patch, rig)
+    if node is None:
+        return 0.0
+    time = np.array([_JAW_TURN / _MOST_TURN])
+    after = min(float(patch.segment.lengths(rig, turn, time).distances[0]) for turn in turns_of(patch, rig, node))
+    return 1.0 - after / before
+
+
 def own_motions(patch: Patch, rig: Rig) -> Iterator[Clip]:
     """Motions of a second that may bring a tool's ends together: its joint turning either way, then morph targets."""
     morphed = patch.tool.rest_length.morph if isinstance(patch.tool.rest_length, RestLengthMorph) else None
@@ -59,8 +139,7 @@ def own_motions(patch: Patch, rig: Rig) -> Iterator[Clip]:
     if node is not None:
         yield from turns_of(patch, rig, node)
     for number, name in enumerate(rig.morph_names):
-        moves = any(anchor.carried.points[1 + number].any() for anchor in patch.anchors)
-        if moves if morphed is None else name == morphed:
+        if _moves(patch, number) if morphed is None else name == morphed:
             yield motion_clip("", [raising(rig, {number: 1.0})])
 
 

@@ -39,13 +39,13 @@ def _masked(patch: Patch, ground: Ground) -> Patch:
     mask = read_mask(patch.tool, ground, patch.members)
     if mask is None:
         return patch
-    rest, triangles = ground.rest, ground.surface.triangles[patch.members]
+    pose, triangles = patch.pose, ground.surface.triangles[patch.members]
     factors = mask.over(ground.surface.corners[patch.members])
     used, corners = np.unique(triangles, return_inverse=True)
-    normals = rest.normals_at(used)[corners.reshape(-1, 3)]
-    u, v = patch.coordinates(spread(rest.positions[triangles]))
+    normals = pose.normals_at(used)[corners.reshape(-1, 3)]
+    u, v = patch.coordinates(spread(pose.positions[triangles]))
     heights = patch.share(u, v, patch.cosines(u, unit(spread(normals))))
-    heights *= np.linalg.norm(face_normals(rest.positions, triangles), axis=1)[:, None]
+    heights *= np.linalg.norm(face_normals(pose.positions, triangles), axis=1)[:, None]
     left = float((factors * heights).sum())
     if not left > 0:
         raise BakeError(f"the mask leaves nothing of {patch.tool.name}", where=patch.tool.place("mask"))

@@ -1,8 +1,8 @@
 """A tool carried by the skin: the vertices of the refined surface that it moves, their directions and distances.
 
-A vertex keeps the (u, v) that it has on the patch at rest, and its displacement direction is the rest normal carried by
-the skin. So a tool's displacement is a sum of fixed shapes times amplitudes, which depend only on the distance of its
-anchors.
+A vertex keeps the (u, v) that it has on the patch in the pose in which the tool is laid, mostly at rest, and its
+displacement direction is the rest normal carried by the skin. So a tool's displacement is a sum of fixed shapes times
+amplitudes, which depend only on the distance of its anchors.
 
 Source: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004, on mesh deformation. Differs: the paper
 projects vertices onto the patch anew each frame, as module `posed` does for `attachment: patch`.
@@ -65,9 +65,9 @@ def carry(patch: Patch, fine: Refinement, pinned: Bools) -> CarriedPatch:
         BakeError: The tool moves no vertex.
     """
     members = distinct_values(fine.triangles[children(fine.subdivision.parents, patch.members)])
-    u, v = patch.coordinates(fine.rest_positions[members])
-    normals = fine.rest_normals_at(members)
-    places = patch.places(u, v, patch.cosines(u, normals))
+    positions, facing = fine.posed_at(patch.pose, members)
+    u, v = patch.coordinates(positions)
+    places = patch.places(u, v, patch.cosines(u, facing))
     old = members < len(pinned)
     kept = np.ones(len(members))
     kept[old] = ~pinned[members[old]]
@@ -82,7 +82,7 @@ def carry(patch: Patch, fine: Refinement, pinned: Bools) -> CarriedPatch:
     # If members are projected anew in each frame, any of them may come to lie on the patch.
     chosen = regular & (moving if patch.tool.attachment == "skin" else True)
     vertices = members[chosen]
-    normals_bind = np.einsum("vij,vj->vi", inverses(fine.blended[vertices]), normals[chosen])
+    normals_bind = np.einsum("vij,vj->vi", inverses(fine.blended[vertices]), fine.rest_normals_at(vertices))
     return CarriedPatch(
         patch=patch,
         vertices=vertices,

@@ -84,9 +84,10 @@ def creased(carried: CarriedPatch, fine: Refinement, rig: Rig) -> CarriedPatch:
     keyed = isinstance(patch.tool.rest_length, RestLengthKeys)
     if keyed or carried.ring is not None or patch.shape_strength < 0.0:
         return carried
-    u, v = patch.coordinates(fine.rest_positions[carried.vertices])
+    positions, normals = fine.posed_at(patch.pose, carried.vertices)
+    u, v = patch.coordinates(positions)
     # A mask multiplies what there would be without it.
-    nearer = _nearer(carried, fine, rig, patch.magnitudes(u, v, fine.rest_normals_at(carried.vertices)))
+    nearer = _nearer(carried, fine, rig, patch.magnitudes(u, v, normals))
     losses = 1.0 - np.maximum((1.0 + (nearer / _MOST_NEARER) ** 4) ** -0.25, _LEAST_FACTOR)
     if losses.max() < _LEAST_LOSS:
         return carried

@@ -192,7 +192,7 @@ class _Line:
         triangles = fine.triangles[children(fine.subdivision.parents, patch.members)]
         used, edges = np.unique(edges_of(triangles), return_inverse=True)
         edges = edges.reshape(-1, 2)
-        u, v = patch.coordinates(fine.rest_positions[used])
+        u, v = patch.coordinates(fine.posed_at(patch.pose, used)[0])
         longest = 1.0 / (_LEAST_EDGES * patch.curve.interval_count) * (1.0 + 1e-9)
         # There is no line where places jump from one part of the path to another.
         cut = ((v[edges] >= 0.0).sum(axis=1) == 1) & (np.abs(np.diff(u[edges], axis=1)[:, 0]) <= longest)

@@ -112,7 +112,8 @@ class WrinkleKind:
             WrinkleError: Tools do not fit, a line for each.
         """
         own = [tool for tool in tools if isinstance(tool, WrinkleTool)]
-        return bounded(attach_tools(own, ground.surface, ground.rest, ground.rig, up=settings.up), ground)
+        patches = attach_tools(own, ground.surface, ground.rest, ground.rig, up=settings.up, clips=ground.clips)
+        return bounded(patches, ground)
 
     def plan(self, plan: MeshPlan, ground: Ground, attached: Sequence[tuple[int, Attached]]) -> WrinkleLayer | None:
         """Let the refined surface carry the tools.

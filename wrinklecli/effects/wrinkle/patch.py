@@ -4,7 +4,7 @@ Source: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, Computer Graph
 influence region. Differs: displacement fades where the surface turns away; and (u, v) are those at rest.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from wrinklecli.effects.wrinkle.variation import Variation, attenuation
 from wrinklecli.numeric.arrays import Floats, Ints, smoothstep
 from wrinklecli.surface.anchor import Anchor
 from wrinklecli.surface.path import Path
+from wrinklecli.surface.rest import Rest
 from wrinklecli.tools.records import WrinkleTool
 
 # Cosines of vertex and patch normal between which displacement fades in.
@@ -36,6 +37,9 @@ class Patch:
         segment: The signal that measures its length over time.
         anchors: From u = 0 to u = 1, two, or more along a path.
         path: The line through the anchors at rest.
+        pose: The pose in which u and v of a place are found: at rest, or with a morph target raised. There crests run
+            straight across the tool. Each vertex keeps its u and v, so crests are bent where the surface is, at rest.
+        laid: The line through the anchors in that pose.
         span: The summed distances of neighbouring anchors at rest, scene units.
         half_width: The distance from the path at which |v| = 1, scene units.
         members: (members,) the coarse triangles of the patch, sorted.
@@ -50,6 +54,8 @@ class Patch:
     segment: Segment
     anchors: tuple[Anchor, ...]
     path: Path
+    pose: Rest
+    laid: Path
     span: float
     half_width: float
     members: Ints
@@ -78,16 +84,21 @@ class Patch:
         return self.path.normal
 
     @property
+    def at_rest(self) -> "Patch":
+        """The patch with u and v as if they were found at rest, for surfaces that are only known there."""
+        return self if self.laid is self.path else replace(self, laid=self.path)
+
+    @property
     def rest_length(self) -> float:
         """Nominal length of the control curve, scene units."""
         return self.curve.rest_length
 
     def coordinates(self, positions: Floats) -> tuple[Floats, Floats]:
-        """(…,) u along the path and v across it, of (…, 3) world positions at rest.
+        """(…,) u along the path and v across it, of (…, 3) world positions in `pose`.
 
         On the inside of a bend v rises faster than the distance: the patch ends before its map would fold.
         """
-        found = self.path.locate(positions)
+        found = self.laid.locate(positions)
         v = found.across / self.half_width
         if found.stretches is None:
             return found.u, v
@@ -102,8 +113,8 @@ class Patch:
         return bowed(u, v, self.tool.bow, self.tool.bumps) if self.tool.bow else u
 
     def cosines(self, u: Floats, normals: Floats) -> Floats:
-        """(…,) of (…, 3) unit normals of the surface, at (…,) places along it, and the patch's there."""
-        return self.path.cosines(u, normals)
+        """(…,) of (…, 3) unit normals of the surface in `pose`, at (…,) places along it, and the patch's there."""
+        return self.laid.cosines(u, normals)
 
     def stretched(self, u: Floats, v: Floats) -> Floats:
         """(…,) places along the patch, along which edges as long as each other show as much of the wrinkles.

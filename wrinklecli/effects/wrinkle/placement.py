@@ -52,9 +52,10 @@ def ground_under(plan: MeshPlan, patch: Patch) -> SurfaceBelow:
     fine = plan.fine
     vertices, local = np.unique(fine.triangles[children(fine.subdivision.parents, patch.under)], return_inverse=True)
     members, positions = local.reshape(-1, 3), fine.rest_positions[vertices]
-    u, v = patch.coordinates(positions)
+    places, normals = fine.posed_at(patch.pose, vertices)
+    u, v = patch.coordinates(places)
     least = _LOW * abs(patch.shape_strength)
-    moves = np.abs(patch.magnitudes(u, v, fine.rest_normals_at(vertices))) > least
+    moves = np.abs(patch.magnitudes(u, v, normals)) > least
     points = (np.arange(_POINTS) + 0.5) / _POINTS
     ends = _cut(members, np.column_stack([u, positions]), v, 0.0)
     middle, length = ends[..., 0], np.sqrt(np.sum((ends[:, 1, 1:] - ends[:, 0, 1:]) ** 2, axis=1))

@@ -189,7 +189,7 @@ def _along_curves(patch: Patch, ring: Ring, positions: Floats, normals: Floats) 
     apart = np.linalg.norm(np.diff(knots, axis=1), axis=2).min(axis=1) > _LEAST_SPAN * patch.span
     facing = facing / np.maximum(np.linalg.norm(facing, axis=2, keepdims=True), _LEAST_MEAN)
     for frame in np.flatnonzero(apart):
-        posed = replace(patch, path=curve_on(knots[frame], facing[frame]))
+        posed = replace(patch, laid=curve_on(knots[frame], facing[frame]))
         exists[frame] = True
         u[:, frame], v[:, frame] = posed.coordinates(positions[:, ring.members, frame].T)
         cosines[:, frame] = posed.cosines(u[:, frame], normals[:, ring.members, frame].T)

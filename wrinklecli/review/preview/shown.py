@@ -220,15 +220,17 @@ def _marks(source: ScenePrimitive, plans: Sequence[MeshPlan], refined: bool) -> 
         else:  # as stored in the file
             parents = np.flatnonzero(fine.surface.primitives == source.primitive)
             welded = primitive.weld[source.triangles]
-        outwards = fine.rest_normals[welded].sum(axis=1)
         for carried in carried_patches_of(plan):
             patch = carried.patch
             # Triangles around the members too, because the ends of the segment lie on the rectangle's edge.
             around = plan.rest.around.faces_of(distinct_values(fine.surface.triangles[patch.members]))
             triangles = children(parents, around)
             inside = among(parents[triangles], patch.members)
-            u, v = patch.coordinates(fine.rest_positions[welded[triangles]])
-            shown = inside | (patch.cosines(u.mean(axis=1), outwards[triangles]) > 0)
+            vertices, corners = np.unique(welded[triangles], return_inverse=True)
+            corners = corners.reshape(-1, 3)
+            positions, normals = fine.posed_at(patch.pose, vertices)
+            u, v = patch.coordinates(positions[corners])
+            shown = inside | (patch.cosines(u.mean(axis=1), normals[corners].sum(axis=1)) > 0)
             triangles, inside, u, v = triangles[shown], inside[shown], u[shown], v[shown]
             places = patch.places(u, v, np.ones(u.shape))
             low = np.abs(places.factors) < _LOW * abs(patch.shape_strength)

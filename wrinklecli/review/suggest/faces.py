@@ -330,7 +330,8 @@ def _drawn(region: FaceRegion, candidate: Candidate, name: str, width: float) ->
 def _near_rims(face: Face, patch: Patch) -> Floats | None:
     """(3,) the middle of the places on lids and lips where a patch has more than hardly any height; None if nowhere."""
     sites = face.mesh.sites
-    shares = np.abs(patch.magnitudes(*patch.coordinates(sites.positions), sites.normals) / patch.shape_strength)
+    laid = patch.at_rest
+    shares = np.abs(laid.magnitudes(*laid.coordinates(sites.positions), sites.normals) / patch.shape_strength)
     # Teeth and the inside of lips lie under a patch and are none of its triangles.
     under = sites.gather[:, np.isin(sites.gauge.numbers, patch.members)].sum(axis=1) > 0
     reached = ~face.free & (shares > _FADED) & under

@@ -288,6 +288,7 @@ class _Search:
 
 def _covers(patch: Patch, place: Floats, normal: Floats) -> bool:
     """True if a place with this normal lies well within a patch."""
+    patch = patch.at_rest
     u, v = patch.coordinates(place)
     height = abs(float(patch.path.depths(place)))
     on = 0.0 <= u <= 1.0 and abs(v) <= _WITHIN and height < _ABOVE * max(patch.span, patch.half_width)
@@ -371,7 +372,7 @@ def _misalignment(mesh: MeasuredMesh, patch: Patch, tensors: Floats) -> float:
 
     `tensors` are (sites, 6) loss tensors of the pose.
     """
-    sites = mesh.sites
+    sites, patch = mesh.sites, patch.at_rest
     members = np.isin(mesh.gauge.numbers, patch.members)
     under = np.flatnonzero(sites.gather[:, members].sum(axis=1))
     u, v = patch.coordinates(sites.positions[under])

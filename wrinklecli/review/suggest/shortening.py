@@ -183,7 +183,7 @@ def _free_height(mesh: MeasuredMesh, patch: Patch) -> float:
     members = surface.triangles[patch.members]
     places = positions[members].mean(axis=1)
     rays = unit(mesh.rest.normals[members].sum(axis=1))
-    factors = np.abs(patch.magnitudes(*patch.coordinates(places), rays))
+    factors = np.abs(patch.at_rest.magnitudes(*patch.at_rest.coordinates(places), rays))
     chosen = np.flatnonzero(factors > _LOW)
     chosen = chosen[:: -(-len(chosen) // _RAYS) or 1]
     usual = patch.curve.max_height
