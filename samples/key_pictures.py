@@ -79,7 +79,7 @@ CUT_OPEN = Look(
     "0:24",
     (0.0, 0.006, 0.025),
     0.046,
-    {"origin": [-0.07, 0.0, 0.05], "target": [0.07, 0.0, 0.05], "width": 0.14},
+    {"origin": [-0.07, 0.0, 0.05], "target": [0.07, 0.0, 0.05], "width": 0.14, "stops": "none"},
 )
 # The tool lies in the middle of the sheet, and is seen from above.
 ENDS = {"origin": [-0.07, 0.0, 0.0], "target": [0.07, 0.0, 0.0]}
@@ -162,6 +162,7 @@ PICTURES: dict[str, tuple[Look, list[Panel]]] = {
     "max_height": (CUT_OPEN, of_key("max_height", ("3%", "auto", "none"), LOW, 1.0)),
     "strength": (CUT_OPEN, of_key("strength", (0.5, 1, -1), LOW)),
     "attenuation": (ASIDE, of_key("attenuation", ("bell", "linear"), {})),
+    "stops": (replace(CUT_OPEN, view="0:40"), of_key("stops", ("features", "none"), {"variation": 0})),
     "mask": (WHOLE, of_key("mask", ("none", {"image": "spot.png"}), {"bumps": 5})),
     "material": (CUT_OPEN, of_key("material", ("none", "skin", "cloth", "leather"), {})),
     "profile": (CUT_OPEN, of_key("profile", ("smooth", "skin", "cloth", "polyline"), RULED)),

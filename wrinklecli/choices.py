@@ -23,6 +23,7 @@ PROFILES: dict[Profile, str] = {  # with what its bumps look like
 }
 Attenuation: TypeAlias = Literal["bell", "linear"]
 Attachment: TypeAlias = Literal["skin", "patch"]
+Stops: TypeAlias = Literal["features", "none"]
 Channel: TypeAlias = Literal["r", "g", "b", "a"]
 CHANNELS: tuple[Channel, ...] = get_args(Channel)
 """The channels of an image, and the components of a vertex attribute, in their order."""

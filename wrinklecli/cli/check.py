@@ -138,6 +138,11 @@ def _rows(tool: dict[str, Any]) -> list[str]:
         f"tissue   {_tissue(tool)}",
         f"mesh     {tool['triangles']} triangles, {tool['edges_split']} edges to split;"
         f" {tool['moved_vertices']} vertices move",
+        *(
+            [f"stops    at features, which leave {_percent(100 * tool['left_by_features'])} % of the wrinkles"]
+            if "left_by_features" in tool
+            else []
+        ),
         *([f"mask     leaves {_percent(100 * tool['mask'])} % of the patch"] if "mask" in tool else []),
         f"at rest  {_rounding(tool)}",
         f"overlaps {overlaps or 'none'}",

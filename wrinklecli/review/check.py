@@ -248,6 +248,7 @@ def describe_tool(plan: MeshPlan, number: int, up: str) -> Json:
         "triangles": len(patch.members),
         "edges_split": int((members >= len(fine.surface.positions)).sum()),
         "moved_vertices": len(carried.vertices),
+        **({} if patch.reach is None else {"left_by_features": significant(carried.left_by_features(fine))}),
         **({} if patch.mask is None else {"mask": significant(patch.mask_share)}),
         "scheme": fine.schemes[number],
         "hard_edges": significant(fine.hard_shares[number]),

@@ -13,6 +13,7 @@ from wrinklecli.character.rig import Rig, read_rig
 from wrinklecli.character.surface import Surface, read_surface
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import Document
+from wrinklecli.gltf.looks import looks_of
 from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints, distinct_values
 from wrinklecli.surface.rest import Rest, rest_pose
 from wrinklecli.tools.records import EffectTool, ToolsFile
@@ -47,6 +48,11 @@ class Ground:
     def contacts(self) -> Bools:
         """(vertices,) those that must stay where they are, as `contacts_of` marks them."""
         return contacts_of(self.neighbours, self.rig, self.surface, self.rest.positions)
+
+    @cached_property
+    def looks(self) -> Ints:
+        """(primitives,) equal numbers for those whose materials look the same."""
+        return looks_of(self.document, self.rig.mesh)
 
     @cached_property
     def masks(self) -> dict[Hashable, Array]:

@@ -6,6 +6,7 @@ from typing import Protocol
 import numpy as np
 
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, flags_of
+from wrinklecli.numeric.subdivide import Subdivision
 from wrinklecli.surface.anchor import Anchor
 from wrinklecli.surface.rest import Rest
 
@@ -62,6 +63,12 @@ class Region(Protocol):
 
     def presence(self, u: Floats, v: Floats, cosines: Floats) -> Floats:
         """(…,) as `share`, but fading to 0 at both ends of the region too."""
+
+    def left(self, subdivision: Subdivision, vertices: Ints, places: Floats) -> Floats | None:
+        """(vertices,) factors of the displacement near features of the surface; None if there are none.
+
+        (vertices, 3) `places` are world positions in `pose`.
+        """
 
 
 def members_of(regions: Sequence[Region], count: int) -> Bools:

@@ -34,6 +34,7 @@ from wrinklecli.numeric.arrays import (
     smoothstep,
     unit,
 )
+from wrinklecli.numeric.edges import Edges
 from wrinklecli.numeric.subdivide import Subdivision, two_rings
 from wrinklecli.surface.region import Region, members_of
 from wrinklecli.surface.rest import Rest
@@ -42,9 +43,9 @@ from wrinklecli.surface.rest import Rest
 # normals at seams, up to half a degree of rounding in bytes.
 _SAME_NORMAL = float(np.cos(np.radians(5.0)))
 # An edge is hard, whatever the normals, if its two faces enclose more than 50°.
-_SHARP = float(np.cos(np.radians(50.0)))
+SHARP = float(np.cos(np.radians(50.0)))
 # If more than this fraction of a region's edges is hard, all are: the mesh is meant to be faceted.
-_FACETED = 0.5
+FACETED = 0.5
 # Greatest offset over the region's greatest displacement at a strength of 1.
 _MOST = 0.15
 # Fraction of the region's displacement from which on morph deltas get their whole offsets: with the bell attenuation
@@ -72,7 +73,7 @@ class HardEdges:
     @property
     def faceted(self) -> Bools:
         """(regions,) True if all edges of the region count as hard."""
-        return self.shares > _FACETED
+        return self.shares > FACETED
 
 
 def hard_edges(surface: Surface, positions: Floats, regions: Sequence[Region]) -> HardEdges:
@@ -84,30 +85,32 @@ def hard_edges(surface: Surface, positions: Floats, regions: Sequence[Region]) -
     members = members_of(regions, len(surface.triangles))
     faces = np.flatnonzero(two_rings(members, surface.triangles, count))
     triangles = surface.triangles[faces]
-    starts, ends = triangles.reshape(-1), np.roll(triangles, -1, axis=1).reshape(-1)
-    keys, edges = np.unique(np.minimum(starts, ends) * count + np.maximum(starts, ends), return_inverse=True)
-    hard = np.zeros(len(keys), np.bool_)
+    edges = Edges.of(triangles)
+    hard = np.zeros(len(edges.vertices), np.bool_)
 
     authored = unit(surface.normals)[surface.corners[faces]]
-    at_starts, at_ends = authored.reshape(-1, 3), np.roll(authored, -1, axis=1).reshape(-1, 3)
-    hard[edges[~at_starts.any(axis=1) | ~at_ends.any(axis=1)]] = True
-    # The sides of two faces meet in an edge; as a rule one runs from its start to its end, and the other back.
-    order, pairs = np.argsort(edges, kind="stable"), np.flatnonzero(np.bincount(edges, minlength=len(keys)) == 2)
-    first = np.searchsorted(edges[order], pairs)
-    one, other = order[first], order[first + 1]
-    back = starts[one] != starts[other]
-    flat = np.repeat(unit(face_normals(positions, triangles)), 3, axis=0)
-    hard[pairs] |= np.sum(flat[one] * flat[other], axis=1) * np.where(back, 1.0, -1.0) < _SHARP
-    for here, there in ((at_starts, at_ends), (at_ends, at_starts)):
-        across = np.where(back[:, None], there[other], here[other])
-        hard[pairs] |= np.sum(here[one] * across, axis=1) < _SAME_NORMAL
+    without = ~authored.any(axis=2)
+    hard[edges.of_faces[without | np.roll(without, -1, axis=1)]] = True
+    flat = unit(face_normals(positions, triangles))
+    cosines = edges.way * np.sum(flat[edges.one // 3] * flat[edges.other // 3], axis=1)
+    hard[edges.pairs] |= (cosines < SHARP) | normals_differ(authored, edges)
 
-    edges = edges.reshape(-1, 3)
-    of_regions = [distinct_values(edges[children(faces, region.members)]) for region in regions]
+    of_regions = [distinct_values(edges.of_faces[children(faces, region.members)]) for region in regions]
     shares = np.array([hard[each].mean() for each in of_regions])
-    for number in np.flatnonzero(shares > _FACETED):
+    for number in np.flatnonzero(shares > FACETED):
         hard[of_regions[number]] = True
-    return HardEdges(np.stack(np.divmod(keys[hard], count), axis=1), shares)
+    return HardEdges(edges.vertices[hard], shares)
+
+
+def normals_differ(authored: Floats, edges: Edges) -> Bools:
+    """(pairs,) True for edges of two faces whose (faces, 3, 3) authored unit normals differ at one end or both."""
+    at_starts, at_ends = authored.reshape(-1, 3), np.roll(authored, -1, axis=1).reshape(-1, 3)
+    differ = np.zeros(len(edges.pairs), np.bool_)
+    # As a rule the two sides run in opposite ways.
+    for here, there in ((at_starts, at_ends), (at_ends, at_starts)):
+        across = np.where(edges.way[:, None] > 0, there[edges.other], here[edges.other])
+        differ |= np.sum(here[edges.one] * across, axis=1) < _SAME_NORMAL
+    return differ
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,6 +176,9 @@ def rounded(
         (there,) = (each for each in laid if each.pose is region.pose)
         u, v = region.coordinates(there.places[vertices])
         share = region.presence(u, v, region.cosines(u, there.normals[vertices]))
+        left = region.left(subdivision, vertices, there.places[vertices])
+        if left is not None:
+            share = left * share
         whole = np.rint(smoothstep(np.minimum(share / _WHOLE, 1.0)) / _STEP) * _STEP
         of_deltas[vertices - old] = np.maximum(of_deltas[vertices - old], whole)
         # The offset grows like the height at first, and towards its bound in the end.

@@ -22,6 +22,7 @@ from wrinklecli.choices import (
     RestPose,
     Scheme,
     Snap,
+    Stops,
     Strategy,
     Up,
 )
@@ -552,6 +553,12 @@ class WrinkleTool:
         "r}. Default none.",
         None,
         read=_read_mask,
+    )
+    stops: Stops = key(
+        one_of(*get_args(Stops)),
+        "Where wrinkles fade out within the patch: at features (open borders, seams of materials, sharp creases, the "
+        "other leg), or none. Default features.",
+        "features",
     )
     enabled: bool = key(FLAG, "false: checked but not baked. Default true.", True)
     optional: bool = key(FLAG, "true: an absent node or clip is a note, not an error. Default false.", False)

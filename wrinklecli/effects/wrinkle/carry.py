@@ -53,6 +53,15 @@ class CarriedPatch:
         """(vertices,) world displacement at rest over the curve's height."""
         return self.places.factors
 
+    def left_by_features(self, fine: Refinement) -> float:
+        """The part of the height that features of the surface leave, in the mean over the vertices that move."""
+        places, _ = fine.posed_at(self.patch.pose, self.vertices)
+        left = self.patch.left(fine.subdivision, self.vertices, places)
+        if left is None:
+            return 1.0
+        sizes = np.abs(self.magnitudes)
+        return float(sizes.sum() / (sizes / np.maximum(left, LEAST_SHARE)).sum())
+
     def shapes(self, chosen: Ints | None = None) -> Floats:
         """(groups, modes, vertices) heights of the curve per unit of amplitude, at all vertices or (chosen,)."""
         return (self.places if chosen is None else self.places.of(chosen)).shapes(self.patch.curve)
@@ -71,12 +80,18 @@ def carry(patch: Patch, fine: Refinement, pinned: Bools) -> CarriedPatch:
     old = members < len(pinned)
     kept = np.ones(len(members))
     kept[old] = ~pinned[members[old]]
+    left = patch.left(fine.subdivision, members, positions)
+    if left is not None:
+        kept *= left
     if patch.mask is not None:
         kept *= patch.mask.on_refined(fine, patch.members, members)
     places = places.times(kept)
     magnitudes = places.factors
     regular = ~singular(fine.blended[members])
     moving = np.abs(magnitudes) > LEAST_SHARE * abs(patch.shape_strength)
+    if left is not None and not (regular & moving).any():
+        message = f"features of the surface leave nothing of {patch.tool.name}; with stops: none it ignores them"
+        raise BakeError(message, where=patch.tool.where)
     if not (regular & moving).any():
         raise BakeError("moves no vertex: the mesh faces away or lies beside the patch", where=patch.tool.where)
     # If members are projected anew in each frame, any of them may come to lie on the patch.

@@ -13,8 +13,10 @@ from wrinklecli.drive.segment import Segment
 from wrinklecli.effects.wrinkle.curve import ControlCurve
 from wrinklecli.effects.wrinkle.mask import Mask
 from wrinklecli.effects.wrinkle.places import Places, bowed
+from wrinklecli.effects.wrinkle.reach import Reach
 from wrinklecli.effects.wrinkle.variation import Variation, attenuation
 from wrinklecli.numeric.arrays import Floats, Ints, smoothstep
+from wrinklecli.numeric.subdivide import Subdivision
 from wrinklecli.surface.anchor import Anchor
 from wrinklecli.surface.path import Path
 from wrinklecli.surface.rest import Rest
@@ -44,6 +46,7 @@ class Patch:
         half_width: The distance from the path at which |v| = 1, scene units.
         members: (members,) the coarse triangles of the patch, sorted.
         under: (under,) these, and the triangles of the surface under the patch where the mask leaves nothing.
+        reach: The factor on its height near features of the surface; None if there are none.
         mask: The factor on its height that an artist has painted, if any.
         mask_share: The mean of the mask over the patch, in proportion to the height that there would be without it.
     """
@@ -60,6 +63,7 @@ class Patch:
     half_width: float
     members: Ints
     under: Ints
+    reach: Reach | None = None
     mask: Mask | None = None
     mask_share: float = 1.0
 
@@ -173,6 +177,13 @@ class Patch:
         """
         t = np.clip(np.minimum(u, 1.0 - u) * self.curve.interval_count, 0.0, 1.0)
         return smoothstep(t) * self.share(u, v, cosines)
+
+    def left(self, subdivision: Subdivision, vertices: Ints, places: Floats) -> Floats | None:
+        """(vertices,) factors of the height near features of the surface; None if there are none.
+
+        (vertices, 3) `places` are world positions in `pose`.
+        """
+        return None if self.reach is None else self.reach.at(subdivision, vertices, places)
 
     @property
     def regions(self) -> "tuple[Patch, ...]":
