@@ -173,6 +173,9 @@ def _compared(staged: StagedTool, centre: Floats, axes: Floats, reach: float, vi
         pictures.append(picture)
         there[hit] |= staged.place[numbers]
         shown = numbers[staged.place[numbers]]
+    if not there.any():
+        # What hides the place lies so near to it that points of the place seemed visible.
+        return Seen(0.0, np.zeros(1), shown, np.stack(pictures))
     before, after = (picture[:, there] for picture in pictures)
     contrasts = (np.abs(after - before) / np.maximum(before, before.mean())).max(axis=0)
     return Seen(visible, contrasts, shown, np.stack(pictures))

@@ -77,7 +77,7 @@ class StagedTool:
         return len(distinct_values(low * len(self.plain) + high))
 
     def crossings(self) -> tuple[int, int]:
-        """The numbers of edges that pass through triangles at the place, without and with wrinkles."""
+        """The numbers of edges that pass through triangles at the place, of the coarse surface and with wrinkles."""
         there = flags_of(distinct_values(self.triangles[self.place]), len(self.plain))
         crossings = Crossings.of(self.plain, self.triangles)
 
@@ -86,7 +86,7 @@ class StagedTool:
             corners = np.concatenate([crossings.edges[edges], crossings.triangles[triangles]], axis=1)
             return int(there[corners].any(axis=1).sum())
 
-        return count(self.plain), count(self.wrinkled)
+        return count(self.flat_positions), count(self.wrinkled)
 
     def turned_over(self) -> Bools:
         """(triangles,) True for those of the place that wrinkles turn over."""

@@ -38,11 +38,13 @@ _LEAST_SEEN = 0.1
 _MOST_CROSSING = 3.0
 # Part of what is seen of a place that shows triangles turned over: on a picture of a place, a dark tile of 16 pixels.
 _MOST_TURNED = 0.01
-# Greatest departure of refined facets from the coarse ones in the pose, over the height of the wrinkles: as much as
-# refinement may round a surface at rest. Where shading is smooth, a rounder bend is no fault.
-_MOST_DEPARTURE = 0.15
-# Part of a place's edges above which it is made of facets; as for refinement, which then keeps them flat at rest.
-_FACETED = 0.5
+# Greatest departure of the refined surface from the coarse one in the pose, over the height of the wrinkles: of facets,
+# as much as refinement may round a surface at rest; where shading is smooth, so much that one sees a rounder bend in
+# place of wrinkles.
+_MOST_DEPARTURE = {"facets": 0.15, "smooth": 2.0}
+# Part of a place's edges that are hard above which it is made of facets: a third of the edges of quads are diagonals,
+# and those along a straight limb lie between facets of one plane.
+_FACETED = 0.25
 # Part of new vertices that stay below that departure.
 _MOST_VERTICES = 0.9
 # Suggestions that are looked at for each that may be kept. The next best ones fold ever less.
@@ -78,7 +80,7 @@ REASONS = {
     "unseen": "its wrinkles are hardly seen: the light changes on {} of the place",
     "crosses": "it would make the surface pass through itself at {} more edges",
     "turns": "it would turn triangles over, which show as teeth on {} of the place",
-    "bends facets": "refinement alone would move the surface by {} of the wrinkles' height",
+    "bends": "refinement alone would move the surface by {} of the wrinkles' height",
 }
 """Reasons to leave out a tool, in words with a place for the value."""
 
@@ -220,9 +222,9 @@ def _faults(placement: Placement, staged: StagedTool, seen: Seen) -> Iterator[tu
     turned = float(np.mean(staged.turned_over()[seen.shown])) if len(seen.shown) else 0.0
     if turned > _MOST_TURNED:
         yield "turns", turned
-    faceted = staged.shaded_flat or placement.plan.fine.hard_shares[placement.number] > _FACETED
-    departures = staged.departures() if faceted else np.zeros(0)
+    departures = staged.departures()
     if len(departures):
+        faceted = staged.shaded_flat or placement.plan.fine.hard_shares[placement.number] > _FACETED
         departure = float(np.quantile(departures, _MOST_VERTICES))
-        if departure > _MOST_DEPARTURE:
-            yield "bends facets", departure
+        if departure > _MOST_DEPARTURE["facets" if faceted else "smooth"]:
+            yield "bends", departure

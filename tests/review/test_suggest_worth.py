@@ -1,0 +1,141 @@
+"""Suggested tools are looked at, and those that are not worth it are left out, each for its reason."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kit.limb import limb
+from kit.sheet import arc, line, sheet
+from kit.suggested import run
+from wrinklecli.character.clip import read_clips
+from wrinklecli.gltf.document import read_document
+from wrinklecli.review.suggest.fitted_tools import Suggestion
+from wrinklecli.review.suggest.suggest import suggest
+from wrinklecli.review.suggest.text import tools_text
+from wrinklecli.review.suggest.worth import Worthwhile, worthwhile
+from wrinklecli.tools.records import Length, RefinementSettings, WrinkleTool
+
+FLAT = line(-0.5, 0.5)
+# Longer than the ribbon, as a view from the side would look under it.
+ROOF = line(-3.0, 3.0, 0.3)
+
+
+def suggestion(name: str = "fold", *, start: float = -0.4, stop: float = 0.4, height: float = 4.0) -> Suggestion:
+    """A tool on a sheet, of a height in per cent of its length."""
+    tool = WrinkleTool(
+        name=name,
+        origin=(start, 0.0, 0.0),
+        target=(stop, 0.0, 0.0),
+        width=Length(0.5),
+        bumps=4,
+        strategy="everywhere",
+        max_height=Length(height, percent=True),
+    )
+    return Suggestion(
+        tool=tool,
+        mirrored=False,
+        mesh="sheet",
+        driver="squeeze",
+        by_morph=True,
+        clip="squeeze",
+        time=1.0,
+        span=stop - start,
+        clips={"squeeze": (stop - start) / 2},
+        shortening=0.5,
+        score=1.0,
+    )
+
+
+def judged(path: Path, *tools: Suggestion, count: int = 8, everything: bool = False) -> Worthwhile:
+    document = read_document(path)
+    refinement = RefinementSettings(scheme="midpoint")
+    return worthwhile(document, tools, read_clips(document), refinement, count=count, everything=everything)
+
+
+def reasons(found: Worthwhile) -> list[tuple[str, str]]:
+    return [(each.name, each.reason) for each in found.dropped]
+
+
+@pytest.mark.parametrize(
+    ("reason", "profiles", "tool"),
+    [
+        ("unseen", [FLAT], suggestion(height=0.3)),
+        ("hidden", [FLAT, ROOF], suggestion()),
+        ("hidden", [FLAT, line(-0.5, 0.5, 0.02)], suggestion(height=2.0)),
+        ("crosses", [FLAT, line(-0.5, 0.5, 0.005)], suggestion()),
+        ("not raised", [FLAT], replace(suggestion(), time=0.0)),
+    ],
+    ids=lambda each: each if isinstance(each, str) else "",
+)
+def test_what_is_not_worth_it_is_left_out_for_its_reason(
+    tmp_path: Path, reason: str, profiles: Sequence[np.ndarray], tool: Suggestion
+) -> None:
+    path = sheet(tmp_path / "a.glb", *profiles)
+    found = judged(path, tool)
+    assert not found.tools
+    assert reasons(found) == [("fold", reason)]
+    (summary,) = found.summary
+    assert summary == f"sheet: left out 1 tool not worth it: 1 {reason}; -v says more"
+    assert [each.tool for each in judged(path, tool, everything=True).tools] == [tool.tool]
+
+
+def test_what_is_seen_and_harms_nothing_is_kept(tmp_path: Path) -> None:
+    """A layer under the wrinkles hides nothing and is not crossed."""
+    found = judged(sheet(tmp_path / "a.glb", FLAT, line(-0.5, 0.5, -0.3)), suggestion())
+    assert [each.tool for each in found.tools] == [suggestion().tool]
+    assert not found.dropped
+    assert not found.summary
+
+
+def test_triangles_turned_over_leave_a_tool_out(tmp_path: Path) -> None:
+    """In a groove as wide as its wrinkles are tall, their crests bend over each other."""
+    groove = np.concatenate([line(-0.5, -0.1), arc(170.0) * [0.2, -0.2], line(0.1, 0.5)])
+    found = judged(sheet(tmp_path / "a.glb", groove), suggestion(start=-0.2, stop=0.2, height=20.0))
+    assert reasons(found) == [("fold", "turns")]
+
+
+def test_the_next_best_take_the_place_of_what_is_left_out(tmp_path: Path) -> None:
+    path = sheet(tmp_path / "a.glb", FLAT)
+    flat = suggestion("flat", start=-0.4, stop=-0.05, height=0.5)
+    tall, taller = (suggestion(name, start=0.05, stop=0.4, height=8.0) for name in ("tall", "taller"))
+    found = judged(path, flat, tall, taller, count=1)
+    assert reasons(found) == [("flat", "unseen")]
+    assert [each.tool.name for each in found.tools] == ["tall"]
+
+
+def test_a_lower_wrinkle_that_is_seen_is_worth_more_than_none(tmp_path: Path) -> None:
+    path = sheet(tmp_path / "a.glb", FLAT, line(-0.1, 0.5, 0.02))
+    low = suggestion(height=2.0)
+    assert reasons(judged(path, suggestion(height=8.0))) == [("fold", "crosses")]
+    found = judged(path, replace(suggestion(height=8.0), lower=low))
+    assert [each.tool for each in found.tools] == [low.tool]
+
+
+@pytest.mark.parametrize(("time", "one_sided"), [(0.0, True), (1.0, False)])
+def test_the_twin_of_a_one_sided_clip_stays_and_the_file_says_so(tmp_path: Path, time: float, one_sided: bool) -> None:
+    pair = replace(suggestion("fold.L", start=0.05, stop=0.4, height=8.0), mirrored=True, twin_moment=("squeeze", time))
+    (kept,) = judged(sheet(tmp_path / "a.glb", FLAT), pair).tools
+    assert kept.one_sided is one_sided
+    assert (
+        "# fold.R, which mirror makes, is there for other clips: none here raises it" in tools_text([kept], "")
+    ) is (one_sided)
+
+
+def test_facets_that_refinement_bends_leave_a_tool_out_and_the_command_says_why(tmp_path: Path) -> None:
+    flat, smooth = (
+        limb(tmp_path / f"{normals}.glb", rings=12, sides=8, angle=60.0, normals=normals) for normals in (False, True)
+    )
+    assert suggest(smooth, count=1).tools
+    result = run(flat, "--json", "-v")
+    assert result.exit_code == 1
+    (dropped,) = json.loads(result.stdout)["dropped"]
+    assert list(dropped) == ["name", "reason", "value"]
+    assert (dropped["name"], dropped["reason"]) == ("joint_1", "bends")
+    assert dropped["value"] > 0.15
+    assert "left out joint_1: refinement alone would move the surface by" in result.stderr
+    assert "left out joint_1" not in run(flat).stderr
+    assert run(flat, "--all", "-q").exit_code == 0
