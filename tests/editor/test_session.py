@@ -374,7 +374,7 @@ def test_places_are_found_in_the_pose_that_is_set(tmp_path: Path) -> None:
     session = Session(limb(tmp_path / "limb.glb", rings=20, sides=12), tmp_path / "tools.yaml")
     clip = session.clips[0]
     in_motion = session.proposals()
-    session.take_pose(FreePose().with_turn("joint_1", "z", -60.0))
+    session.take_pose(FreePose().with_turn("joint_1", "y", -60.0))
     posed = session.proposals(posed=True)
     assert posed != in_motion
     assert all(clip.name not in each.why for each in posed)

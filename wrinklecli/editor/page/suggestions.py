@@ -90,7 +90,8 @@ class SuggestPanel:
         self.refresh()
         free = sum(row.card.visible for row in self._rows)
         taken = f"; {counted(len(proposals) - free, 'place')} with tools left out" if free < len(proposals) else ""
-        self._page.say(f"{free} found: Take adds one{taken}" if proposals else "nothing found that folds")
+        nothing = self._session.notes[-1] if self._session.notes else "nothing found that folds"
+        self._page.say(f"{free} found: Take adds one{taken}" if proposals else nothing)
 
     def _try(self, number: int, row: _Row) -> None:
         """Try a proposal on the asset and draw it; on the slow thread."""
