@@ -13,6 +13,9 @@ Scheme: TypeAlias = Literal["butterfly", "midpoint", "butterfly_full"]
 Snap: TypeAlias = Literal["surface", "vertex"]
 Axis: TypeAlias = Literal["x", "y", "z"]
 MaterialName: TypeAlias = Literal["skin", "cloth", "leather"]
+# What a place may be made of: a material, hard parts that get no tools, or nothing of it, for plain tools.
+Substance: TypeAlias = Literal[MaterialName, "hard", "none"]
+SUBSTANCES: tuple[Substance, ...] = get_args(Substance)
 Strategy: TypeAlias = Literal["everywhere", "origin", "both_ends"]
 Profile: TypeAlias = Literal["smooth", "skin", "cloth", "polyline"]
 PROFILES: dict[Profile, str] = {  # with what its bumps look like

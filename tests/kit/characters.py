@@ -710,21 +710,22 @@ def knight(*, tabard: bool = False) -> Asset:
         red = Stuff(writer.textured("Material.001", cotton(256, (0.55, 0.10, 0.10))))
         cloth = Surface()
         at = np.linspace(1.2, 0.62, 12)
-        rows = [{"spine": 1.0} if y > 1.1 else {"hips": 1.0} if y > 0.9 else None for y in at]
-        weights = [row or {"hips": 0.4, "thigh.L": 0.3, "thigh.R": 0.3} for row in rows]
         middles = np.stack([0 * at, at, 0 * at], axis=1)
         radii = np.stack([0.15 + 0.08 * (1.2 - at), 0.205 + 0.06 * (1.2 - at)], axis=1)
-        cloth.tube(middles, radii, weights, "cloth", sides=28, capped=False)
-        _follow_thighs(cloth)
+        cloth.tube(middles, radii, [{"hips": 1.0}] * len(at), "cloth", sides=28, capped=False)
+        _skirt(cloth)
         writer.mesh("Object.012", cloth, {"": red})
     _squat(writer)
     return writer.finish()
 
 
-def _follow_thighs(cloth: Surface) -> None:
-    """Let the points of a skirt below the hips follow the thigh on their side."""
+def _skirt(cloth: Surface) -> None:
+    """Let the points of a skirt follow the spine, and below the hips the thigh on their side."""
     for k, (x, y, _) in enumerate(cloth.points):
-        if y < 1.0:
+        if y > 1.0:
+            share = float(np.clip((y - 1.0) / 0.18, 1e-9, 1.0))
+            cloth.weights[k] = {"hips": 1.0 - share, "spine": share}
+        else:
             share = float(np.clip((1.0 - y) / 0.2, 0.0, 1.0))
             left = float(np.clip(0.5 + x / 0.12, 0.0, 1.0))
             cloth.weights[k] = {"hips": 1 - share + 1e-9, "thigh.L": share * left, "thigh.R": share * (1 - left)}

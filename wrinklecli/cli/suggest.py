@@ -1,10 +1,12 @@
 """`wrinkle suggest`."""
 
 import math
+import re
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from wrinklecli.choices import SUBSTANCES
 from wrinklecli.cli import options as opt
 from wrinklecli.cli.output import Progress, aligned, emit_json, say, say_findings, write_text
 from wrinklecli.cli.streams import command_outputs
@@ -16,6 +18,16 @@ if TYPE_CHECKING:
 
 
 _WIDEST = 60  # characters of a column
+
+
+_MATERIAL = re.compile(rf"(.+)=({'|'.join(SUBSTANCES)})", re.DOTALL)
+
+
+def _materials(_context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
+    """Read names and what they are made of. Names may hold `=`."""
+    expected = f"NAME=KIND, where KIND is {', '.join(SUBSTANCES)}"
+    found = (opt.parsed(value, _MATERIAL, parameter, expected) for value in values)
+    return {groups[0]: groups[1] for groups in found}
 
 
 @click.command(
@@ -33,6 +45,14 @@ _WIDEST = 60  # characters of a column
     default=8,
 )
 @click.option("--node", metavar="NAME", help="Look at the mesh of this node only.")
+@click.option(
+    "--material",
+    "materials",
+    metavar="NAME=KIND",
+    multiple=True,
+    callback=_materials,
+    help=f"What the node, mesh or material NAME is made of: {', '.join(SUBSTANCES)}. May be repeated.",
+)
 @opt.flag("--face", text="Suggest the wrinkles of a face by its morph targets, and nothing else.")
 @opt.flag("--all", "everything", text="Leave out neither hard or hidden parts nor what is not worth it.")
 @opt.fps("Poses per second, but 200 of a clip at most.", default=30.0)
@@ -45,9 +65,10 @@ _WIDEST = 60  # characters of a column
 def suggest(asset: str, output: str | None, as_json: bool, verbose: bool, quiet: bool, **options: Any) -> None:
     """Find where the clips of ASSET (glTF) compress its surface most, and write a tools file for `wrinkle bake`.
 
-    Each tool gets a material, skin, cloth or leather, by the names, factors, colours and weights of the surface. Hard
-    parts, folds that another layer hides, ribs, lips and lids are left out; notes on standard error say so, and --all
-    takes all. If the asset is symmetric about x = 0, the tools are symmetric too, whatever the clips.
+    Each tool gets a material, skin, cloth or leather: by the colours and the fine contrast of the textures under its
+    place, then by names. A comment beside the tool says why, and how sure that is; --material says otherwise. Metal,
+    plates, boxes, folds that another layer hides, ribs, lips and lids are left out; notes on standard error say so, and
+    --all takes all. If the asset is symmetric about x = 0, the tools are symmetric too, whatever the clips.
 
     Each tool is tried on the refined mesh and looked at where it is tallest, from the best side. It is left out if its
     wrinkles are hardly seen or hidden, or if the surface would pass through itself all over the place, show triangles
@@ -68,7 +89,8 @@ def suggest(asset: str, output: str | None, as_json: bool, verbose: bool, quiet:
     --json prints {"suggest": 1, "asset", "reason", "notes", "dropped", "tools"}; "dropped" has "name", "reason" and
     "value" of each tool that is not worth it. Each of "tools" has "name", "node", "origin", "between", "target",
     "mirror", "width", "material", "strategy", "bumps", "max_height", "compressible", "rest_length", "mesh", "driver",
-    "driver_kind", "clip", "time", "span", "shortest", "shortening", "clips" and "score". Within version 1, keys are
+    "driver_kind", "clip", "time", "span", "shortest", "shortening", "clips", "score", "substance", "why" and
+    "confidence", 0 to 1, null where nobody asked. Within version 1, keys are
     only added. Lengths are scene units, shortenings are ratios to the span. "between" has the points of a path
     between its ends. "clips" has the least length in each clip, null where the character is hidden. "reason" says why
     there are no tools, and is null if there are some.
@@ -141,6 +163,9 @@ def _json_tool(each: "Suggestion") -> dict[str, Any]:
         "shortening": _short(each.shortening),
         "clips": {name: _short(length) if math.isfinite(length) else None for name, length in each.clips.items()},
         "score": _short(each.score),
+        "substance": None if each.substance is None else each.substance.kind,
+        "why": None if each.substance is None else each.substance.why,
+        "confidence": None if each.substance is None else round(each.substance.confidence, 2),
     }
 
 

@@ -54,31 +54,31 @@ def read_paints(document: Document, primitives: Sequence[ScenePrimitive]) -> tup
         count = len(source.vertices.positions)
         texture, coordinates = None, np.zeros((count, 2))
         try:
-            info = _texture_info(document, primitive)
+            info = texture_info(document, primitive)
             if info:
-                coordinates = _texture_coordinates(document, primitive, info, count)
+                coordinates = texture_coordinates(document, primitive, info, count)
                 key = repr(info)
                 if key not in textures:
-                    textures[key] = _read_texture(document, info)
+                    textures[key] = read_texture(document, info)
                 texture = textures[key]
         except (AssetError, ArithmeticError, ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
             # Without a texture a picture still shows the wrinkles.
             warnings.append(f"{source.where}: drawn without its texture: {error}")
-        paints.append(Paint(source.colour * _vertex_colours(document, primitive, count), coordinates, texture))
+        paints.append(Paint(source.colour * vertex_colours(document, primitive, count), coordinates, texture))
     return paints, warnings
 
 
-def _texture_info(document: Document, primitive: Json) -> Json:
-    """The texture entry of a primitive's base colour; empty if there is none."""
+def texture_info(document: Document, primitive: Json, key: str = "baseColorTexture") -> Json:
+    """The entry of a texture in a primitive's material, of its base colour if not said; empty if there is none."""
     if "material" not in primitive:
         return {}
     material = document.item("materials", primitive["material"], user=document.path)
-    info: Json = material.get("pbrMetallicRoughness", {}).get("baseColorTexture", {})
+    info: Json = material.get("pbrMetallicRoughness", {}).get(key, {})
     return info
 
 
-def _read_texture(document: Document, info: Json) -> Texture:
-    """Read the texture of a base colour; AssetError if its file may not be read, ValueError if it is malformed."""
+def read_texture(document: Document, info: Json) -> Texture:
+    """Read the texture of an entry; AssetError if its file may not be read, ValueError if it is malformed."""
     where = document.where("textures")
     texture = document.item("textures", info.get("index"), user=where)
     webp = texture.get("extensions", {}).get("EXT_texture_webp", {})
@@ -94,7 +94,7 @@ def _read_texture(document: Document, info: Json) -> Texture:
     return Texture(read_pixels(data), (across, down))
 
 
-def _texture_coordinates(document: Document, primitive: Json, info: Json, count: int) -> Floats:
+def texture_coordinates(document: Document, primitive: Json, info: Json, count: int) -> Floats:
     """(vertices, 2) texture coordinates; AssetError if the primitive has none."""
     transform = info.get("extensions", {}).get("KHR_texture_transform", {})
     name = f"TEXCOORD_{transform.get('texCoord', info.get('texCoord', 0))}"
@@ -108,7 +108,7 @@ def _texture_coordinates(document: Document, primitive: Json, info: Json, count:
     return np.asarray(turned + offset)
 
 
-def _vertex_colours(document: Document, primitive: Json, count: int) -> Floats:
+def vertex_colours(document: Document, primitive: Json, count: int) -> Floats:
     """(vertices, 3) linear RGB factors; white for a primitive without COLOR_0."""
     if "COLOR_0" not in primitive["attributes"]:
         return np.ones((count, 3))
@@ -137,6 +137,16 @@ def look_up(texture: Texture, places: Floats) -> Array:
         y = _wrapped(floor[:, 1] + down, rows, texture.wraps[1])
         mixed += weight[:, None] * _DECODED[texture.pixels[y, x]]
     return mixed
+
+
+def pixels_at(texture: Texture, places: Floats, across: int = 0, down: int = 0) -> Bytes:
+    """(places, 3) sRGB pixels at (places, 2) coordinates, or so many pixels beside them."""
+    rows, columns = texture.pixels.shape[:2]
+    floor = np.floor(places * (columns, rows)) + np.array([across, down])
+    found = texture.pixels[
+        _wrapped(floor[:, 1], rows, texture.wraps[1]), _wrapped(floor[:, 0], columns, texture.wraps[0])
+    ]
+    return np.asarray(found, np.uint8)
 
 
 def _wrapped(indices: Floats, count: int, wrap: str) -> Ints:

@@ -20,6 +20,7 @@ from wrinklecli.choices import MaterialName
 from wrinklecli.numeric.arrays import Bools, Floats
 from wrinklecli.numeric.nearest import closest_point
 from wrinklecli.review.suggest.measure import MeasuredMesh
+from wrinklecli.review.suggest.substance import Substance
 from wrinklecli.surface.compression import (
     CompressedRegion,
     basins,
@@ -71,6 +72,7 @@ class Candidate:
         driver: Name of the joint or morph target that compresses the region.
         by_morph: True if the driver is a morph target.
         part: The part of the body of a driving joint, if known.
+        substance: What the place is made of; None if it was not looked at.
     """
 
     mesh: MeasuredMesh
@@ -87,6 +89,7 @@ class Candidate:
     driver: str = ""
     by_morph: bool = False
     part: Part | None = None
+    substance: Substance | None = None
 
 
 def find_candidates(

@@ -5,14 +5,14 @@ Lips, lids and nostrils are *rims*, where a surface slides over another and make
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from wrinklecli.character.bones import Part, read_bones, words_of
 from wrinklecli.character.scene import read_scene
-from wrinklecli.errors import counted
+from wrinklecli.errors import AssetError, counted, listed, nearest
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.intersections import sides_of
@@ -30,6 +30,7 @@ from wrinklecli.review.suggest.substance import (
     substance_of,
 )
 from wrinklecli.review.suggest.suggest_options import SuggestOptions
+from wrinklecli.review.suggest.swatch import Pictures
 from wrinklecli.surface.compression import CompressedRegion, triangle_weights
 from wrinklecli.tools.mirror import split_side
 
@@ -39,6 +40,8 @@ _SLIDING = re.compile(
     r"mouth|mth\b|\blips?\b|jaw|tongue|teeth|tooth|viseme|smile|\beyes?\b(?! ?(brow|squint))|lids?\b|blink|gaze|pupil"
     r"|cheek ?puff|breast|bust\b|hair|tail\b|\bears?\b|口|唇|舌|歯|目|瞼|胸|髪|耳|尾"
 )
+# Joints that people lack.
+_TAIL = re.compile(r"\btail\b|尾")
 # Joints of the trunk, where ribs and shoulder blades hold bare skin; clothes fold there.
 _BONY: tuple[Part, ...] = ("chest", "shoulder")
 # Greatest distance of a rim over the region's length for a region that lies on the rim.
@@ -49,17 +52,24 @@ _OPPOSITE = -0.3
 
 def choose_candidates(
     document: Document, candidates: Sequence[Candidate], options: SuggestOptions
-) -> tuple[list[Candidate], list[str]]:
+) -> tuple[list[Candidate], list[str], list[str]]:
     """Find the materials of candidates, and leave out those that an artist would not wrinkle.
 
     Returns:
-        The other candidates; and a line for each material, and for each reason to leave out candidates.
+        The other candidates; a line for each material, and for each reason to leave out candidates; and clauses about
+        hard parts that were left out, such as "body is metal".
+
+    Raises:
+        AssetError: No node, mesh or material has a name in `options.materials`.
     """
     everything = options.everything
-    judged = list(_judged(document, candidates, everything=everything))
+    _refuse_unknown(document, options.materials)
+    pictures = Pictures(document)
+    judged = list(_judged(document, candidates, options, pictures))
     covered = set() if everything else _covered(document, [each.candidate for each in judged if not each.fault])
     chosen: list[Candidate] = []
-    notes: Counter[str] = Counter()
+    notes: Counter[str] = Counter(pictures.notes)
+    hard: dict[str, None] = {}
     left_out: Counter[tuple[str, str]] = Counter()
     for each in judged:
         mesh = each.candidate.mesh
@@ -67,14 +77,29 @@ def choose_candidates(
         fault = "under another layer where it folds" if id(each.candidate.region) in covered else each.fault
         if fault:
             left_out[where, fault] += 1
+            if each.substance.kind == "hard":
+                hard[f"{where} is {each.substance.stiff}"] = None
         else:
             chosen.append(each.candidate)
-            notes[f"{where}: {each.substance.kind}, as {each.substance.why}"] += 1
+            notes[f"{where}: {each.substance.words}"] += 1
     lines = [
         f"{where}: left out {counted(count, 'fold')}: {why}; --all takes all"
         for (where, why), count in left_out.items()
     ]
-    return chosen, [*notes, *lines]
+    return chosen, [*notes, *lines], [*hard]
+
+
+def _refuse_unknown(document: Document, names: Iterable[str]) -> None:
+    """Raise AssetError for a name that no node with a mesh, no mesh and no material has."""
+    nodes = [node for node in document.items("nodes") if "mesh" in node]
+    items = [*document.items("materials"), *nodes, *document.items("meshes")]
+    known = list(dict.fromkeys(str(item["name"]) for item in items if "name" in item))
+    for name in names:
+        if name not in known:
+            fault = (
+                f"{name!r} is no material, node with a mesh, or mesh{nearest(name, known)}; there are {listed(known)}"
+            )
+            raise AssetError(fault, where=document.path)
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +111,9 @@ class _Judged:
     fault: str
 
 
-def _judged(document: Document, candidates: Sequence[Candidate], *, everything: bool) -> Iterator[_Judged]:
+def _judged(
+    document: Document, candidates: Sequence[Candidate], options: SuggestOptions, pictures: Pictures
+) -> Iterator[_Judged]:
     """Judge candidates by all but the layers that may hide them; with `everything` none has a fault."""
     bones, numbers = read_bones(document), dict[str, int]()
     hints: dict[int, tuple[PrimitiveHints, ...]] = {}
@@ -98,25 +125,29 @@ def _judged(document: Document, candidates: Sequence[Candidate], *, everything: 
         numbers = numbers or {name: number for number, name in reversed([*enumerate(mesh.rig.names)])}
         part = None if each.by_morph else bones.parts[numbers[each.driver]]
         if surface not in makeups:
-            makeups[surface], known_rims[surface] = read_makeup(document, mesh.rig, mesh.gauge), rims_of(mesh)
+            makeups[surface] = read_makeup(document, mesh.rig, mesh.gauge, pictures=pictures)
+            known_rims[surface] = rims_of(mesh)
         if mesh.rig.node not in hints:
-            hints[mesh.rig.node] = read_hints(document, mesh.rig)
+            hints[mesh.rig.node] = read_hints(document, mesh.rig, options.materials)
         # Instances share a surface, but the names of their nodes may say what each is made of.
         makeup = replace(makeups[surface], hints=hints[mesh.rig.node])
         weights = triangle_weights(mesh.sites, each.region)
-        substance = substance_of(makeup, weights)
+        # Animals are neither shod nor dressed.
+        animal = any(_TAIL.search(words_of(mesh.rig.names[joint])) for joint in mesh.rig.joints.tolist())
+        substance = substance_of(makeup, weights, None if animal else part, by_morph=each.by_morph)
         fault = ""
-        if everything:
+        if options.everything:
             pass
         elif substance.kind == "hard":
-            fault = f"hard, as {substance.why}"
+            fault = f"hard, {substance.why}"
         elif _SLIDING.search(words_of(each.driver)):
             fault = f"where {split_side(each.driver)[0] or each.driver} moves, which slides or swells"
         elif substance.kind == "skin" and part in _BONY:
             fault = "over ribs, which hold the skin"
         elif each.by_morph and _is_rim(each.region, known_rims[surface]):
             fault = "at a rim, such as of lips or lids"
-        found = replace(each, material=substance.material, facet=facet_length(makeup, weights), part=part)
+        facet = facet_length(makeup, weights)
+        found = replace(each, material=substance.material, facet=facet, part=part, substance=substance)
         yield _Judged(found, substance, fault)
 
 

@@ -25,6 +25,7 @@ from wrinklecli.review.suggest.shortening import (
     with_lower_bumps,
     with_rising_bumps,
 )
+from wrinklecli.review.suggest.substance import Substance
 from wrinklecli.surface.path import Curve
 from wrinklecli.surface.sites import at_sites
 from wrinklecli.surface.strain import principal, unscaled_pose
@@ -94,6 +95,7 @@ class Suggestion:
             may be.
         twin_moment: The clip and the time in which its mirror image shortens most; None if that is not suggested.
         one_sided: True if no clip raises the wrinkles of its mirror image.
+        substance: What the place is made of; None if it was not looked at.
     """
 
     tool: WrinkleTool
@@ -111,6 +113,7 @@ class Suggestion:
     lower: "Suggestion | None" = None
     twin_moment: tuple[str, float] | None = None
     one_sided: bool = False
+    substance: Substance | None = None
 
 
 def fit_tools(candidates: Sequence[Candidate], further: Sequence[Clip] = ()) -> Iterator[Suggestion]:
@@ -279,6 +282,7 @@ class _Search:
             clips={name: each.distance for name, each in shortenings[0].items()},
             shortening=best.ratio,
             score=candidate.score,
+            substance=candidate.substance,
             twin_moment=None if twin is None else (twin.clip.name, twin.time),
         )
         if lower is not None:

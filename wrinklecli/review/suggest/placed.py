@@ -79,8 +79,19 @@ class ToolGuesser:
     def _candidate(self, region: CompressedRegion, deepest: Shortening, origin: Floats, target: Floats) -> Candidate:
         mesh, makeup = self._mesh, self._makeup
         weights = triangle_weights(mesh.sites, region)
-        material, facet = substance_of(makeup, weights).material, facet_length(makeup, weights)
-        return Candidate(mesh, region, deepest.clip, deepest.time, origin, target, 0.0, material, facet)
+        substance, facet = substance_of(makeup, weights), facet_length(makeup, weights)
+        return Candidate(
+            mesh,
+            region,
+            deepest.clip,
+            deepest.time,
+            origin,
+            target,
+            0.0,
+            substance.material,
+            facet,
+            substance=substance,
+        )
 
 
 def _plain(origin: Floats, target: Floats, span: float) -> WrinkleTool:

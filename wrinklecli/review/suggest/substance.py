@@ -1,25 +1,28 @@
-"""The substance of a surface: skin, cloth, leather, or hard parts that do not wrinkle.
+"""The substance of a place: skin, cloth, leather, or hard parts that do not wrinkle, with its confidence.
 
-The material's name says most. Then come its factors and the skin weights, the names of mesh and node, and the colour.
-A surface about which the file says nothing counts as skin, whose wrinkles are the lowest.
+Metal, plates and boxes are hard. Else evidence is added up as logarithms of odds: the colours and the fine contrast of
+the textures under the place say most, then the words of names, then the part of the body. A place about which the file
+says nothing counts as skin, whose wrinkles are the lowest, with low confidence.
 """
 
 import re
-from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from wrinklecli.character.bones import Part
 from wrinklecli.character.rig import Rig
 from wrinklecli.choices import MaterialName
+from wrinklecli.choices import Substance as SubstanceKind
 from wrinklecli.errors import shortened
 from wrinklecli.gltf.document import Document
-from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, unit
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, face_normals, unit
+from wrinklecli.review.suggest.swatch import Pictures, Swatch
 from wrinklecli.surface.strain import Gauge
 
-SubstanceKind = MaterialName | Literal["hard"]
+# The reason of a substance that the user gives.
+BY_USER = "as --material says"
 
 # Words of names, singular; the first kind wins. No fold crosses hair, eyes and teeth. Some words are those of Ready
 # Player Me (`Wolf3D_Outfit_Footwear`), Daz (`EyeMoisture`, `Fingernails`) and Character Creator (`Std_Eye_Occlusion`).
@@ -29,12 +32,12 @@ _WORDS: dict[SubstanceKind, str] = {
         plastic glass glasses eyewear goggle stone wood wooden plate screw bolt gear helmet headwear visor lens gun
         weapon sword shield buckle button zipper rubber wheel jewelry earring necklace hair eyebrow brow beard lash
         eyelash eye iris irises cornea pupil sclera tearline eyemoisture tooth teeth tongue gum nail fingernail toenail
-        horn claw hoof""",
+        horn claw hoof fur feather""",
     "cloth": """cloth clothes clothing shirt tshirt trouser pant jeans denim jacket coat cape cloak robe dress skirt
         sleeve fabric cotton wool silk linen sock stocking legging tights scarf hood hoodie sweater suit bodysuit short
         tunic uniform top bottom onepiece kimono apron vest underwear bra panties blouse garment outfit textile hat cap
         tie""",
-    "skin": "skin flesh body face head hand wrist arm leg foot neck finger ear nose torso dermis",
+    "skin": "skin flesh dermis",
 }
 _KIND_OF: dict[str, SubstanceKind] = {word: kind for kind, words in reversed(_WORDS.items()) for word in words.split()}
 # Japanese words, which have no spaces between them, of MikuMikuDance and VRM models.
@@ -42,7 +45,7 @@ _JAPANESE: dict[SubstanceKind, str] = {
     "leather": "革|靴(?!下)|ブーツ|ベルト|手袋",
     "hard": "金属|金具|鎧|眼鏡|メガネ|ボタン|髪|目|瞳|眉|睫|まつげ|歯|舌|爪|角",
     "cloth": "服|布|袖|襟|シャツ|ズボン|パンツ|スカート|上着|コート|マント|帽子|靴下|リボン|ネクタイ|タイツ|着",
-    "skin": "肌|顔|体|首|手|足|腕",
+    "skin": "肌|皮膚",
 }
 # Least metallic factor of a metal; dirty metal, and cloth woven with wire, have less.
 _METALLIC = 0.5
@@ -56,33 +59,76 @@ _SECOND_JOINT = 0.05
 _SPLIT_NORMALS = 0.985
 # Part of a region's corners with split normals in a faceted region.
 _FACETED_PART = 0.6
-# Red over green of human skin, pale and dark, linear RGB.
-_SKIN_RED = (1.2, 2.8)
-# Green over blue of human skin, likewise.
-_SKIN_GREEN = (1.0, 2.6)
+# Length of the mean unit normal of a point on an edge of a box: faces at 90° have 0.71, the faces of a hexagon 0.87.
+_BOX_NORMALS = 0.8
+# Part of a region's corners on such edges in a box.
+_BOX_PART = 0.6
+
+# Logarithms of odds. The whole picture in the colours of a substance makes it 20 times as likely; a name less, because
+# one material often covers several stuffs, and names are left over from templates.
+_COLOUR, _MATERIAL_NAME, _NAME = 3.0, 2.0, 1.5
+# Eyes, teeth, hair and nails have the colours of anything: there the name says more than the picture.
+_HARD_NAME = 6.0
+# Weave and grain have more fine contrast than pores: for cloth and leather, and as much against skin twice.
+_WEAVE = 1.0
+# A dark smooth surface is leather rather than cloth.
+_SHINE = 1.5
+# Where nothing is convincing it is skin.
+_SKIN_ELSE = 0.3
+# The part of the body breaks ties: hands and faces are bare on most characters, feet are shod, and trunks are dressed.
+_BARE: tuple[Part, ...] = ("hand", "palm", "finger", "neck", "head", "jaw", "eye")
+_SHOD: tuple[Part, ...] = ("foot", "toes")
+_DRESSED: tuple[Part, ...] = ("hips", "spine", "chest", "shoulder", "upper leg", "lower leg", "upper arm")
+_OF_BODY = 1.0
+_OF_TRUNK = 0.4
+# Chroma of Oklab below which a plain colour is grey, which is what modelling programs give a new surface.
+_GREY = 0.02
+# Lightness of Oklab of the darkest skin, and from which on a brown is no longer too dark for skin: it has 0.32 to 0.95,
+# the leather of most shoes 0.2 to 0.45.
+_DARK = (0.25, 0.37)
+# Fine contrast of pores, and of a weave that a texture shows.
+_WOVEN = (0.06, 0.14)
+# Roughness of cloth and of leather; 0.5 is what programs give a new material.
+_SMOOTH = (0.48, 0.35)
+# Confidence from which on a substance is called sure, and likely.
+_SURE, _LIKELY = 0.85, 0.6
 
 
 @dataclass(frozen=True, slots=True)
 class Substance:
-    """The substance of a region, and what in the file says so."""
+    """The substance of a region, and what in the file says so.
+
+    Attributes:
+        kind: The substance; "none" if the user asks for a plain tool.
+        why: What says so, to follow "it is KIND, ".
+        confidence: The probability that it is so, 0 to 1, if the evidence is weighed rightly.
+        stiff: For hard parts a word for why: metal, rigid or hard.
+    """
 
     kind: SubstanceKind
     why: str
+    confidence: float = 1.0
+    stiff: str = "hard"
 
     @property
     def material(self) -> MaterialName | None:
         """The material of a tool; None, for a plain tool, on hard parts."""
-        return None if self.kind == "hard" else self.kind
+        return None if self.kind == "hard" or self.kind == "none" else self.kind
+
+    @property
+    def words(self) -> str:
+        """The substance, the reason and the confidence, as a user reads them."""
+        sure = "sure" if self.confidence >= _SURE else "likely" if self.confidence >= _LIKELY else "a guess"
+        return f"{self.kind}, {self.why}" + ("" if self.why == BY_USER else f" ({sure})")
 
 
 @dataclass(frozen=True, slots=True)
 class PrimitiveHints:
-    """The substances of a primitive according to its material's name, its node and its colour."""
+    """What names say of a primitive: its material's, those of node and mesh, and the user by one of them."""
 
     material: Substance | None
-    metallic: bool
     node: Substance | None
-    colour: Substance | None
+    asked: Substance | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,22 +139,46 @@ class Makeup:
         hints: Hints about each primitive.
         primitives: (triangles,) number of the triangle's primitive.
         split: (triangles, 3) True if the authored normals at a corner differ, or are missing.
+        boxed: (triangles, 3) True for a corner on an edge of a box.
         followed: (triangles, 3) the joint that a corner follows alone; -1 if it follows several.
         radii: (triangles,) greatest distance of a corner from the centroid, scene units.
+        corners: (triangles, 3) glTF vertices.
+        vertex_starts: (primitives + 1,) the first glTF vertex of each primitive.
+        mesh: Index of the mesh.
+        pictures: Its textures.
     """
 
     hints: tuple[PrimitiveHints, ...]
     primitives: Ints
     split: Bools
+    boxed: Bools
     followed: Ints
     radii: Floats
+    corners: Ints
+    vertex_starts: Ints
+    mesh: int
+    pictures: Pictures = field(compare=False, repr=False)
 
 
-def read_makeup(document: Document, rig: Rig, gauge: Gauge) -> Makeup:
-    """Gather the hints that names, factors, normals and weights give about a mesh."""
+def read_makeup(
+    document: Document,
+    rig: Rig,
+    gauge: Gauge,
+    *,
+    pictures: Pictures | None = None,
+) -> Makeup:
+    """Gather the hints that names, normals and weights give about a mesh.
+
+    Args:
+        document: The document.
+        rig: Moves the mesh.
+        gauge: Has the mesh's triangles.
+        pictures: The textures of the document that other meshes have read.
+    """
     surface = gauge.surface
     count = len(surface.positions)
     normals = unit(surface.normals)
+    corners, triangles = surface.corners[gauge.numbers], gauge.triangles
     sums = np.stack([np.bincount(surface.weld, normals[:, k], count) for k in range(3)], axis=1)
     of_point = np.bincount(surface.weld, minlength=count)
     split = np.sqrt(np.sum(sums**2, axis=1)) < _SPLIT_NORMALS * of_point
@@ -116,33 +186,178 @@ def read_makeup(document: Document, rig: Rig, gauge: Gauge) -> Makeup:
     rows = np.arange(count)
     alone = surface.weights[rows, greatest] >= _RIGID_WEIGHT
     followed = np.where(alone & rig.skinned, surface.joints[rows, greatest], -1)
-    primitives = surface.primitives[gauge.numbers]
-    return Makeup(read_hints(document, rig), primitives, split[gauge.triangles], followed[gauge.triangles], gauge.radii)
+    return Makeup(
+        read_hints(document, rig),
+        surface.primitives[gauge.numbers],
+        split[triangles],
+        _boxed(surface.positions, normals, triangles, corners)[triangles],
+        followed[triangles],
+        gauge.radii,
+        corners,
+        surface.vertex_starts,
+        rig.mesh,
+        pictures or Pictures(document),
+    )
 
 
-def read_hints(document: Document, rig: Rig) -> tuple[PrimitiveHints, ...]:
-    """The hints that names and materials give about each primitive of a rig's mesh."""
+def _boxed(positions: Floats, normals: Floats, triangles: Ints, corners: Ints) -> Bools:
+    """(vertices,) True for those on the edges of flat-shaded boxes: the normals of their faces differ by 90°."""
+    shaded, flat = normals[corners], unit(face_normals(positions, triangles))[:, None]
+    missing = ~shaded.any(axis=2, keepdims=True)
+    shaded = np.where(missing, flat, shaded)
+    # One normal for each direction of a point, as a face's two triangles do not count twice.
+    vertices = triangles.ravel()
+    rounded = np.round(shaded.reshape(-1, 3) * 16.0)
+    distinct = np.unique(np.concatenate([vertices[:, None], rounded], axis=1), axis=0)
+    sums = np.stack(
+        [np.bincount(distinct[:, 0].astype(int), unit(distinct[:, 1:])[:, k], len(positions)) for k in range(3)]
+    )
+    counts = np.bincount(distinct[:, 0].astype(int), minlength=len(positions))
+    return np.asarray((np.sqrt(np.sum(sums**2, axis=0)) < _BOX_NORMALS * counts) & (counts > 1))
+
+
+def read_hints(
+    document: Document, rig: Rig, asked: Mapping[str, SubstanceKind] | None = None
+) -> tuple[PrimitiveHints, ...]:
+    """The hints that names give about each primitive of a rig's mesh, and what the user asks for by name."""
     mesh = document.items("meshes")[rig.mesh]
     names = [name for name in (mesh.get("name"), rig.names[rig.node]) if isinstance(name, str)]
-    node = named(names, "the mesh")
-    return tuple(_hints_of(document, primitive, node) for primitive in mesh["primitives"])
+    node, materials, wanted = named(names, "the mesh"), document.items("materials"), asked or {}
+    found = []
+    for primitive in mesh["primitives"]:
+        number = primitive.get("material", len(materials))
+        name = materials[number].get("name") if number < len(materials) else None
+        own = [name] if isinstance(name, str) else []
+        # The material is the closest to the place, and the node closer than a mesh that several nodes share.
+        kind = next((wanted[each] for each in [*own, *names[::-1]] if each in wanted), None)
+        asked_for = None if kind is None else Substance(kind, BY_USER)
+        found.append(PrimitiveHints(named(own, "its material"), node, asked_for))
+    return tuple(found)
 
 
-def substance_of(makeup: Makeup, weights: Floats) -> Substance:
-    """The substance of a region with (triangles,) `triangle_weights`."""
+def substance_of(makeup: Makeup, weights: Floats, part: Part | None = None, *, by_morph: bool = False) -> Substance:
+    """The substance of a region.
+
+    Args:
+        makeup: Hints about the mesh.
+        weights: (triangles,) `triangle_weights` of the region.
+        part: The part of the body of the joint that bends the region, if known.
+        by_morph: True if a morph target deforms the region, so that it is no plates that only joints move.
+    """
     of_primitives = np.bincount(makeup.primitives, weights, len(makeup.hints))
     hints = makeup.hints[int(of_primitives.argmax())]
-    if hints.material is not None:
-        return hints.material
+    if hints.asked is not None:
+        return hints.asked
+    swatch = makeup.pictures.swatch(
+        makeup.mesh, makeup.primitives, makeup.corners, makeup.vertex_starts, np.maximum(weights, 0.0)
+    )
+    named_soft = hints.material is not None and hints.material.kind != "hard"
+    return _hard(makeup, weights, swatch, plates=not (by_morph or named_soft)) or _soft(hints, swatch, part)
+
+
+def _hard(makeup: Makeup, weights: Floats, swatch: Swatch, *, plates: bool) -> Substance | None:
+    """A hard substance if a region is metal, or, if they are looked for, plates or a box."""
     corners = np.repeat(weights / 3.0, 3)
     total = float(corners.sum())
-    followed = makeup.followed.ravel()
-    by_joint = np.bincount(followed + 1, corners)[1:] / total
-    rigid = by_joint.sum() > _RIGID_PART and (by_joint > _SECOND_JOINT).sum() > 1
-    looks = ["it is metallic"] * hints.metallic + ["each part of it follows one joint"] * bool(rigid)
-    if looks:
-        return Substance("hard", " and ".join([*looks, *(["it is faceted"] if _is_faceted(makeup, weights) else [])]))
-    return hints.node or hints.colour or Substance("skin", "nothing says what it is made of")
+    by_joint = np.bincount(makeup.followed.ravel() + 1, corners)[1:] / total
+    rigid = plates and by_joint.sum() > _RIGID_PART and (by_joint > _SECOND_JOINT).sum() > 1
+    boxed = plates and float(weights @ makeup.boxed.mean(axis=1)) > _BOX_PART * total
+    metal = swatch.metallic >= _METALLIC
+    looks = (
+        ["it is metallic"] * metal
+        + ["each part of it follows one joint"] * bool(rigid)
+        + ["it is a box with flat faces"] * boxed
+    )
+    if not looks:
+        return None
+    return Substance("hard", "as " + " and ".join(looks), 0.95, "metal" if metal else "rigid")
+
+
+def _soft(hints: PrimitiveHints, swatch: Swatch, part: Part | None) -> Substance:
+    """The likeliest substance by colours, names and the part of the body."""
+    evidence: dict[str, dict[SubstanceKind, float]] = {
+        ("by its texture" if swatch.pictured > 0.5 else "by its colour"): _by_looks(swatch),
+        "by the name of its material": _by_name(hints.material, _MATERIAL_NAME),
+        "by its name": _by_name(hints.node, _NAME),
+    }
+    said = {reason: found for reason, found in evidence.items() if any(found.values())}
+    on_body: dict[SubstanceKind, float] = {"skin": _SKIN_ELSE}
+    if part in _BARE:
+        on_body = {"skin": _OF_BODY}
+    elif part in _SHOD:
+        on_body = {"leather": _OF_BODY}
+    elif part in _DRESSED and said:
+        on_body = {"cloth": _OF_TRUNK}
+    kinds: tuple[SubstanceKind, ...] = ("skin", "cloth", "leather", "hard")
+    looks, *names = evidence.values()
+    # Several names come from one mind, and make it no likelier than one does.
+    scores = np.array(
+        [looks.get(kind, 0.0) + max(each.get(kind, 0.0) for each in names) + on_body.get(kind, 0.0) for kind in kinds]
+    )
+    scores[-1] -= _SKIN_ELSE if scores[-1] else np.inf
+    if not said:
+        # Shoes without a word or a colour are a guess, and so is all else.
+        return Substance("skin", "as nothing says what it is made of", 1.0 / 3.0)
+    odds = np.exp(scores - scores.max())
+    best = int(scores.argmax())
+    kind = kinds[best]
+    why = max(said, key=lambda reason: said[reason].get(kind, 0.0))
+    if not said[why].get(kind, 0.0) > 0.0:
+        why = "by its place on the body"
+    of_name = hints.material if why == "by the name of its material" else hints.node if why == "by its name" else None
+    if of_name is not None:
+        why = f"as {of_name.why}"
+    return Substance(kind, why, float(odds[best] / odds.sum()))
+
+
+def _by_name(named_as: Substance | None, strength: float) -> dict[SubstanceKind, float]:
+    if named_as is None:
+        return {}
+    return {named_as.kind: _HARD_NAME if named_as.kind == "hard" else strength}
+
+
+def _by_looks(swatch: Swatch) -> dict[SubstanceKind, float]:
+    """What colours, fine contrast and roughness say."""
+    lightness, chroma, hue = swatch.lightness, swatch.chroma, swatch.hue
+    if not swatch.coloured > 0.5:
+        return {}
+    if not swatch.pictured > 0.5 and float(chroma.mean()) < _GREY and float(lightness.mean()) > _DARK[0]:
+        # The default of modelling programs.
+        return {}
+    # Haemoglobin and melanin give human skin, pale and dark, hues around orange, and never vivid ones.
+    skin = _bell(hue, 56.0, 15.0) * _ramp(chroma, 0.012, 0.03) * _ramp(chroma, 0.165, 0.13) * _ramp(lightness, *_DARK)
+    tanned = _bell(hue, 56.0, 20.0) * _ramp(chroma, 0.012, 0.03) * _ramp(lightness, _DARK[1] + 0.12, _DARK[0])
+    # Indigo.
+    denim = _bell(hue, 262.0, 20.0) * _ramp(chroma, 0.01, 0.03) * _ramp(lightness, 0.8, 0.65)
+    others = 1.0 - np.maximum(np.maximum(skin, tanned), denim)
+    # Dark cloth scatters what little light it returns; leather, however dark, has a shine.
+    smooth = 0.0 if swatch.roughness is None else float(_ramp(np.array([swatch.roughness]), *_SMOOTH)[0])
+    shiny = smooth * _ramp(lightness, 0.5, 0.35)
+    found: dict[SubstanceKind, float] = {
+        "skin": _COLOUR * float(skin.mean()),
+        "leather": 0.9 * _COLOUR * float(np.maximum(tanned, shiny).mean()) + _SHINE * float(shiny.mean()),
+        "cloth": _COLOUR * float(((denim + others) * (1.0 - 0.5 * shiny)).mean()),
+    }
+    if swatch.contrast is not None:
+        woven = float(_ramp(np.array([swatch.contrast]), *_WOVEN)[0])
+        found["cloth"] += _WEAVE * woven
+        found["leather"] += _WEAVE * woven
+        found["skin"] -= 2.0 * _WEAVE * woven
+    return found
+
+
+def _bell(values: Floats, middle: float, deviation: float) -> Floats:
+    return np.asarray(np.exp(-0.5 * ((values - middle) / deviation) ** 2))
+
+
+def _ramp(values: Floats, low: float, high: float) -> Floats:
+    """0 at `low`, which may be the greater, and 1 at `high`."""
+    return np.asarray(np.clip((values - low) / (high - low), 0.0, 1.0))
+
+
+def is_rigid(gauge: Gauge) -> bool:
+    """True if a mesh is plates, each of which follows one joint."""
+    return gauge.rig.skinned and bool((gauge.surface.weights.max(axis=1) >= _RIGID_WEIGHT).all())
 
 
 def facet_length(makeup: Makeup, weights: Floats) -> float:
@@ -164,29 +379,3 @@ def named(names: Iterable[str], of: str) -> Substance | None:
             if kind in kinds or re.search(_JAPANESE[kind], name):
                 return Substance(kind, f"{of} is named {shortened(name, 40)}")
     return None
-
-
-def _hints_of(document: Document, primitive: Json, node: Substance | None) -> PrimitiveHints:
-    materials = document.items("materials")
-    number = primitive.get("material", len(materials))
-    material: Json = materials[number] if number < len(materials) else {}
-    name = material.get("name")
-    looks = material.get("pbrMetallicRoughness")
-    looks = looks if isinstance(looks, dict) else {}
-    # By default a material is metallic, which many files without this key do not mean.
-    factor = looks.get("metallicFactor", 0.0)
-    metallic = isinstance(factor, int | float) and factor >= _METALLIC and "metallicRoughnessTexture" not in looks
-    colour = None if "baseColorTexture" in looks else _coloured(looks.get("baseColorFactor"))
-    of_name = named([name], "its material") if isinstance(name, str) else None
-    return PrimitiveHints(of_name, bool(metallic), node, colour)
-
-
-def _coloured(factor: object) -> Substance | None:
-    """The substance that a plain colour says; None without one."""
-    if not isinstance(factor, list) or len(factor) != 4 or not all(isinstance(x, int | float) for x in factor):
-        return None
-    red, green, blue = (float(x) for x in factor[:3])
-    if not (red > 0.0 and green > 0.0 and blue > 0.0):
-        return Substance("cloth", "of its colour")
-    skin = _SKIN_RED[0] <= red / green <= _SKIN_RED[1] and _SKIN_GREEN[0] <= green / blue <= _SKIN_GREEN[1]
-    return Substance("skin" if skin else "cloth", "of its colour")

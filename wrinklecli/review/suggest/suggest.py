@@ -21,11 +21,15 @@ from wrinklecli.review.suggest.choice import choose_candidates
 from wrinklecli.review.suggest.faces import suggest_face
 from wrinklecli.review.suggest.fitted_tools import Suggestion, fit_tools
 from wrinklecli.review.suggest.measure import MeasuredMesh, find_mesh_nodes, measure_meshes
+from wrinklecli.review.suggest.substance import is_rigid
 from wrinklecli.review.suggest.suggest_options import SuggestOptions
 from wrinklecli.review.suggest.text import refuse_unwritable, tools_text
 from wrinklecli.review.suggest.worth import Dropped, Worthwhile, worthwhile
 from wrinklecli.surface.sites import Peaks
 from wrinklecli.tools.records import RefinementSettings
+
+# Most meshes that a reason names.
+_MOST_NAMED = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +89,7 @@ def suggest(
         memory = Memory(options.max_memory)
         document = read_document(asset, allow_external=options.allow_external, memory=memory)
         nodes, notes = find_mesh_nodes(document, options)
-        in_range = options.range_of_motion or None
+        in_range = False if options.face else options.range_of_motion or None
         motions = Motions(options.anims, in_range, options.pose, options.morphs)
         joined = moved(document, list(nodes), motions)
         document, notes = joined.document, [*notes, *joined.warnings, *([] if options.face else joined.notes)]
@@ -94,12 +98,7 @@ def suggest(
             raised = with_clips(document, of_face.motions)
             clips = tuple(read_clips(raised))
             found = worthwhile(
-                raised,
-                of_face.tools,
-                clips,
-                RefinementSettings(),
-                count=len(of_face.tools),
-                everything=options.everything,
+                raised, of_face.tools, clips, RefinementSettings(), count=len(of_face.tools), everything=True
             )
             return _written(raised, joined.beside, found, [*notes, *of_face.notes], of_face.reason)
         clips = chosen_clips(joined.clips, joined.chosen(options.clips), where=document.path)
@@ -110,12 +109,14 @@ def suggest(
             clips = (*others, *limit_to_body(generated, read_rig(document, next(iter(nodes))), read_bones(document)))
         meshes = measure_meshes(document, nodes, clips, options, progress) if clips else []
         candidates = _candidates_of(meshes, progress)
-        chosen, reasons = choose_candidates(document, candidates, options)
+        chosen, reasons, hard = choose_candidates(document, candidates, options)
+        rigid = {mesh.rig.names[mesh.rig.node]: None for mesh, _ in meshes if is_rigid(mesh.gauge)}
+        hard = [*(f"{name} is rigid" for name in rigid), *hard]
         flat = all(candidate.mesh.flat for candidate in chosen)
         fitted = fit_tools(chosen, generated)
         reason = ""
         if candidates and not chosen:
-            reason = "what its motions fold is left out, as the notes say"
+            reason = _joined([*hard, "what its motions fold is left out, as the notes say"])
         elif not nodes:
             reason = "no mesh deforms: none has a skin or morph targets"
         elif not clips:
@@ -123,7 +124,8 @@ def suggest(
         elif not meshes:
             reason = "no clip moves a mesh that deforms"
         else:
-            reason = f"no clip compresses the surface by more than {100 * LEAST_LOSS:g} % anywhere that a tool fits"
+            least = f"no clip compresses the surface by more than {100 * LEAST_LOSS:g} % anywhere that a tool fits"
+            reason = _joined([*hard, least])
         scheme: Scheme = "midpoint" if flat else "butterfly"
         found = worthwhile(
             document,
@@ -134,6 +136,13 @@ def suggest(
             everything=options.everything,
         )
         return _written(document, joined.beside, found, [*notes, *reasons], reason)
+
+
+def _joined(clauses: Sequence[str]) -> str:
+    """Join clauses of a reason, the last of which is always there; of many others the first ones."""
+    *others, last = clauses
+    more = [f"{len(others) - _MOST_NAMED} more are hard"] if len(others) > _MOST_NAMED else []
+    return "; ".join([", ".join([*others[:_MOST_NAMED], *more]), last]) if others else last
 
 
 def _written(

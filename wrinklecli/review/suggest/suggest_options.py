@@ -1,10 +1,11 @@
 """The options of `suggest`, as one record."""
 
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 from wrinklecli.character.posing import JointTurn, MorphWeight
+from wrinklecli.choices import Substance
 from wrinklecli.numeric.memory import MAX_MEMORY
 
 
@@ -18,6 +19,7 @@ class SuggestOptions:
         node: Name of the node whose mesh to look at; None for all nodes whose meshes deform.
         face: Suggest the wrinkles of a face by its morph targets, and nothing else.
         everything: Leave out neither hard parts, nor what another layer hides, nor what is not worth it.
+        materials: What places are made of, by the name of a material, node or mesh, whatever the pictures show.
         fps: Poses per second; at most 200 of a clip, evenly spaced, and fewer where mesh and clips are large.
         anims: Files with more clips, for joints of the same names.
         range_of_motion: Look at the range of motion too, even if the asset has clips.
@@ -32,6 +34,7 @@ class SuggestOptions:
     node: str | None = None
     face: bool = False
     everything: bool = False
+    materials: Mapping[str, Substance] = field(default_factory=dict)
     fps: float = 30.0
     anims: Sequence[str | os.PathLike[str]] = ()
     range_of_motion: bool = False

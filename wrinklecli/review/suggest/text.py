@@ -58,6 +58,8 @@ def tools_text(suggestions: Sequence[Suggestion], asset: str, refinement: Refine
             "compressible": f"{100 * tool.compressible:.0f}%" if tool.compressible or tool.material else None,
         }
         lines.append(f"  # {what} {printable(each.driver, 90)}: {shortens}")
+        if each.substance is not None:
+            lines.append(f"  # {each.substance.words}")
         if each.one_sided:
             lines.append(
                 f"  # {exchange_sides(tool.name)}, which mirror makes, is there for other clips: none here raises it"

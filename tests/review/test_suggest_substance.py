@@ -1,0 +1,292 @@
+"""The substance of each place: by the pictures under it, by metal and boxes, by names, or as the user says."""
+
+import builtins
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from kit import characters
+from kit.asset import Array, Asset, attribute
+from kit.limb import limb_asset
+from kit.suggested import run
+from wrinklecli.errors import AssetError
+from wrinklecli.review.suggest.substance import named
+from wrinklecli.review.suggest.suggest import Suggestions, suggest
+
+Json = dict[str, Any]
+
+
+def painted(pixels: Array | None, *, name: str = "Material.001", node: str = "limb", **looks: Any) -> Asset:
+    """A limb with a picture on it."""
+    asset = limb_asset(rings=11, sides=8)
+    if pixels is not None:
+        looks["baseColorTexture"] = {"index": texture(asset, pixels)}
+    asset.append("materials", {"name": name, "pbrMetallicRoughness": looks})
+    for primitive in asset.gltf["meshes"][0]["primitives"]:
+        primitive["material"] = 0
+    asset.gltf["nodes"][0]["name"] = node
+    return asset
+
+
+def texture(asset: Asset, pixels: Array) -> int:
+    view = asset.view(characters.png(pixels))
+    image = asset.append("images", {"bufferView": view, "mimeType": "image/png"})
+    return asset.append("textures", {"source": image})
+
+
+def judged(folder: Path, asset: Asset, **options: Any) -> Suggestions:
+    return suggest(asset.write(folder / "asset.glb"), count=1, everything=True, **options)
+
+
+def kind_of(folder: Path, asset: Asset, **options: Any) -> str:
+    substance = judged(folder, asset, **options).tools[0].substance
+    assert substance is not None
+    return substance.kind
+
+
+def flat(colour: tuple[float, float, float]) -> Array:
+    return np.tile(colour, (32, 32, 1))
+
+
+STUFFS = {
+    "pale skin": (characters.skin(128, (0.94, 0.79, 0.71)), "skin"),
+    "skin": (characters.skin(128), "skin"),
+    "dark skin": (characters.skin(128, (0.38, 0.24, 0.17)), "skin"),
+    "painted skin": (flat((0.98, 0.80, 0.62)), "skin"),
+    "jeans": (characters.denim(128), "cloth"),
+    "pale jeans": (characters.denim(128, (0.55, 0.64, 0.76)), "cloth"),
+    "white shirt": (characters.cotton(128), "cloth"),
+    "black shirt": (characters.cotton(128, (0.12, 0.12, 0.13)), "cloth"),
+    "khaki weave": (characters.cotton(128, (0.70, 0.63, 0.50)), "cloth"),
+    "painted red": (flat((0.75, 0.20, 0.18)), "cloth"),
+    "painted green": (flat((0.30, 0.55, 0.30)), "cloth"),
+    "boots": (characters.leather(128), "leather"),
+    "dark boots": (characters.leather(128, (0.17, 0.12, 0.09)), "leather"),
+}
+
+
+@pytest.mark.quick(2)
+@pytest.mark.parametrize("stuff", STUFFS)
+def test_a_picture_says_what_a_place_is_made_of(tmp_path: Path, stuff: str) -> None:
+    pixels, kind = STUFFS[stuff]
+    found = judged(tmp_path, painted(pixels)).tools[0].substance
+    assert found is not None
+    assert (found.kind, found.why) == (kind, "by its texture")
+    assert found.confidence > 0.5
+
+
+def halves(**info: Any) -> Asset:
+    """A limb whose picture is skin on the left and denim on the right."""
+    asset = painted(np.concatenate([characters.skin(64), characters.denim(64)], axis=1))
+    asset.gltf["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"] |= info
+    return asset
+
+
+def transformed(x: float) -> Json:
+    transform = {"offset": [x, 0.0], "scale": [0.4, 1.0]}
+    return {"extensions": {"KHR_texture_transform": transform}}
+
+
+def test_one_atlas_holds_several_stuffs(tmp_path: Path) -> None:
+    asset = halves()
+    places = attribute(asset, 0, "TEXCOORD_0")
+    places[:, 0] = 0.05 + 0.4 * places[:, 0]
+    assert kind_of(tmp_path, asset) == "skin"
+    places[:, 0] += 0.5
+    assert kind_of(tmp_path, asset) == "cloth"
+
+
+@pytest.mark.parametrize(("x", "kind"), [(0.05, "skin"), (0.55, "cloth"), (-0.45, "cloth"), (1.05, "skin")])
+def test_texture_transforms_and_wraps_are_followed(tmp_path: Path, x: float, kind: str) -> None:
+    assert kind_of(tmp_path, halves(**transformed(x))) == kind
+
+
+def test_the_texture_coordinates_are_those_of_the_texture(tmp_path: Path) -> None:
+    asset = halves(texCoord=1)
+    places = attribute(asset, 0, "TEXCOORD_0")
+    second = asset.accessor(places * [0.4, 1.0] + [0.55, 0.0])
+    places[:, 0] *= 0.4
+    asset.gltf["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_1"] = second
+    assert kind_of(tmp_path, asset) == "cloth"
+
+
+def test_factors_and_colours_of_vertices_are_multiplied_in(tmp_path: Path) -> None:
+    assert kind_of(tmp_path, painted(flat((1.0, 1.0, 1.0)), baseColorFactor=[0.05, 0.1, 0.5, 1.0])) == "cloth"
+    asset = limb_asset(rings=11, sides=8, colors=True)
+    attribute(asset, 0, "COLOR_0")[:] = [205, 130, 95]
+    assert kind_of(tmp_path, asset) == "skin"
+
+
+def rough(blue: float) -> Array:
+    return flat((0.0, 0.5, blue))
+
+
+@pytest.mark.parametrize(
+    ("factor", "blue", "kind"), [(1.0, 1.0, "hard"), (None, 0.8, "hard"), (0.4, 1.0, "cloth"), (1.0, 0.1, "cloth")]
+)
+def test_metal_is_factor_times_texture(tmp_path: Path, factor: float | None, blue: float, kind: str) -> None:
+    asset = painted(characters.cotton(64, (0.5, 0.5, 0.55)))
+    looks = asset.gltf["materials"][0]["pbrMetallicRoughness"]
+    looks["metallicRoughnessTexture"] = {"index": texture(asset, rough(blue))}
+    if factor is not None:
+        looks["metallicFactor"] = factor
+    assert kind_of(tmp_path, asset) == kind
+
+
+def test_a_dark_smooth_jacket_is_leather(tmp_path: Path) -> None:
+    black = characters.leather(128, (0.1, 0.1, 0.1))
+    assert kind_of(tmp_path, painted(black, metallicFactor=0.0, roughnessFactor=0.35)) == "leather"
+    assert kind_of(tmp_path, painted(black, metallicFactor=0.0, roughnessFactor=0.9)) == "cloth"
+
+
+@pytest.mark.parametrize("name", ["Hand.L", "ArmLeft", "body", "head", "Foot_R", "顔"])
+def test_a_limb_says_nothing_of_its_stuff(name: str) -> None:
+    assert named([name], "it") is None
+
+
+def test_the_picture_counts_more_than_names(tmp_path: Path) -> None:
+    skin = painted(characters.skin(128), name="Clothes_Atlas", node="Trousers")
+    assert kind_of(tmp_path, skin) == "skin"
+    assert kind_of(tmp_path, painted(None, name="Clothes_Atlas")) == "cloth"
+    # But eyes and hair have the colours of anything.
+    assert kind_of(tmp_path, painted(characters.skin(128), name="Hair")) == "hard"
+
+
+def test_where_nothing_is_said_the_confidence_is_low(tmp_path: Path) -> None:
+    grey = painted(None, baseColorFactor=[0.6, 0.6, 0.6, 1.0])
+    found = judged(tmp_path, grey)
+    substance = found.tools[0].substance
+    assert substance is not None
+    assert substance.kind == "skin"
+    assert substance.confidence < 0.5
+    assert "# skin, as nothing says what it is made of (a guess)" in found.text
+
+
+def test_the_file_and_json_say_why(tmp_path: Path) -> None:
+    path = painted(characters.denim(128)).write(tmp_path / "asset.glb")
+    assert "  # cloth, by its texture (sure)\n  - name: " in suggest(path, everything=True).text
+    (tool, *_) = json.loads(run(path, "--json", "--all").stdout)["tools"]
+    assert (tool["substance"], tool["why"]) == ("cloth", "by its texture")
+    assert 0.8 < tool["confidence"] <= 1.0
+
+
+@pytest.mark.parametrize("name", ["My=Jeans", "limb"])
+@pytest.mark.parametrize("kind", ["skin", "cloth", "leather", "hard", "none"])
+def test_material_overrides_the_picture(tmp_path: Path, name: str, kind: str) -> None:
+    path = painted(characters.denim(64), name="My=Jeans").write(tmp_path / "asset.glb")
+    found = json.loads(run(path, "--json", "--all", "--material", f"{name}={kind}").stdout)["tools"][0]
+    assert (found["substance"], found["why"]) == (kind, "as --material says")
+    plain = kind in ("hard", "none")
+    assert (found["material"] == "none") == plain
+
+
+def test_a_material_counts_before_its_node(tmp_path: Path) -> None:
+    asset = painted(characters.denim(64), name="jeans")
+    assert kind_of(tmp_path, asset, materials={"limb": "skin", "jeans": "leather"}) == "leather"
+
+
+def test_material_refuses_what_it_does_not_know(tmp_path: Path) -> None:
+    path = painted(None, name="jeans").write(tmp_path / "asset.glb")
+    with pytest.raises(AssetError, match=r"'jean' is no material.*did you mean 'jeans'"):
+        suggest(path, materials={"jean": "cloth"})
+    for value in ("jeans", "jeans=wool", "=cloth"):
+        result = run(path, "--material", value)
+        assert result.exit_code == 2
+        assert "skin, cloth, leather, hard, none" in " ".join(result.stderr.split())
+
+
+def test_what_cannot_be_read_says_nothing_in_one_note(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asset = painted(characters.denim(64))
+    asset.gltf["images"][0] = {"bufferView": asset.view(b"\x89PNG\r\n\x1a\n nothing"), "mimeType": "image/png"}
+    found = judged(tmp_path, asset)
+    assert [note for note in found.notes if "cannot be read" in note]
+    assert found.tools[0].substance.kind == "skin"  # type: ignore[union-attr]
+    found_import = builtins.__import__
+
+    def without_pillow(name: str, *arguments: Any, **more: Any) -> Any:
+        if name == "PIL":
+            raise ImportError("No module named 'PIL'")
+        return found_import(name, *arguments, **more)
+
+    monkeypatch.setattr(builtins, "__import__", without_pillow)
+    asset = painted(characters.denim(64))
+    looks = asset.gltf["materials"][0]["pbrMetallicRoughness"]
+    looks["metallicRoughnessTexture"] = {"index": texture(asset, rough(0.0))}
+    notes = [note for note in judged(tmp_path, asset).notes if "Pillow" in note]
+    assert len(notes) == 1
+    assert "wrinklecli[preview]" in notes[0]
+
+
+# Characters
+
+# By the joint's name without its side, what is there on most of the characters; "" is any other joint.
+DRESSED = {
+    "forearm": "skin",
+    "hand": "skin",
+    "neck": "skin",
+    "head": "skin",
+    "foot": "leather",
+    "toe": "leather",
+    "": "cloth",
+}
+TRUTH: dict[str, dict[str, str]] = {
+    "knight": {"": "hard"},
+    "knight_tabard": {"hand": "hard", "": "cloth"},
+    "robot": {"": "hard"},
+    "low_poly_flat": DRESSED,
+    "low_poly_smooth": DRESSED,
+    "dressed": DRESSED,
+    "dressed_dark": DRESSED,
+    "dressed_pale": DRESSED,
+    "cartoon": {**DRESSED, "shin": "skin"},
+}
+
+
+def places_of(name: str, folder: Path, **options: Any) -> list[tuple[str, str, str]]:
+    """The joint, the substance and the truth of each place of a character."""
+    path = characters.CHARACTERS[name]().write(folder / f"{name}.glb")
+    found = suggest(path, count=40, everything=True, **options).tools
+    joints = [(each.driver.split(".")[0], each.substance) for each in found]
+    truth = TRUTH[name]
+    return [(j, "" if s is None else s.kind, truth.get(j.split("_")[0], truth[""])) for j, s in joints]
+
+
+@pytest.mark.quick(3)
+@pytest.mark.parametrize(
+    "name", [pytest.param("dressed", marks=pytest.mark.slow), "low_poly_flat", "robot", "knight_tabard"]
+)
+def test_each_place_of_a_clip_has_its_substance(tmp_path: Path, name: str) -> None:
+    found = places_of(name, tmp_path)
+    assert len(found) >= 2
+    assert [(joint, kind) for joint, kind, _ in found] == [(joint, truth) for joint, _, truth in found]
+
+
+@pytest.mark.slow
+def test_nine_of_ten_places_of_all_characters_are_right(tmp_path: Path) -> None:
+    found = [(name, *each) for name in TRUTH for each in places_of(name, tmp_path, range_of_motion=True)]
+    wrong = [each for each in found if each[2] != each[3]]
+    assert len(found) > 60
+    assert len(wrong) <= 0.1 * len(found), wrong
+
+
+@pytest.mark.slow
+def test_layers_have_substances_of_their_own(tmp_path: Path) -> None:
+    path = characters.avatar().write(tmp_path / "avatar.glb")
+    clips = ["mixamorig:LeftLeg about x, +90°", "mixamorig:LeftHand about z, +90°", "mixamorig:LeftArm about z, +90°"]
+    found = suggest(path, clips=clips, everything=True, count=20).tools
+    kinds = {(each.mesh, each.substance.kind) for each in found if each.substance is not None}
+    assert kinds == {("mesh_0", "skin"), ("mesh_1", "cloth"), ("mesh_2", "cloth")}
+
+
+@pytest.mark.parametrize(
+    ("name", "words"), [("knight", ["body is rigid", "Hand.L is metal"]), ("robot", ["Cube.007 is rigid"])]
+)
+def test_a_knight_and_a_robot_get_nothing(tmp_path: Path, name: str, words: list[str]) -> None:
+    path = characters.CHARACTERS[name]().write(tmp_path / f"{name}.glb")
+    result = run(path, "-o", tmp_path / "tools.yaml")
+    assert result.exit_code == 1
+    assert all(each in str(result.exception) for each in ["nothing to suggest: ", *words])
+    assert not (tmp_path / "tools.yaml").exists()

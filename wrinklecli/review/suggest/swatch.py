@@ -1,0 +1,234 @@
+"""Samples the pictures of a surface: the base colour, the metal, the roughness and the fine contrast of a place.
+
+Points are spread over the triangles of a place in proportion to their weights, so that one atlas, of which a mesh uses
+small parts, says of each place what is drawn there.
+
+Source: B. Ottosson, *A perceptual color space for image processing*, 2020 (Oklab).
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from wrinklecli.errors import AssetError
+from wrinklecli.gltf.document import Document
+from wrinklecli.gltf.pixels import linear_rgb
+from wrinklecli.gltf.shape import Json
+from wrinklecli.numeric.arrays import Array, Floats, Ints
+from wrinklecli.review.preview.paints import (
+    Texture,
+    pixels_at,
+    read_texture,
+    texture_coordinates,
+    texture_info,
+    vertex_colours,
+)
+
+# Points on a place: a stuff that covers a twentieth of it gets about 25 of them, enough to be told from chance.
+_POINTS = 512
+# Different pixels among the points of a place from which on fine contrast is measured: a palette's swatch has few.
+_FEWEST_PIXELS = 64
+# Linear RGB to the responses of cones, and the cube roots of these to Oklab.
+_CONES = np.array(
+    [
+        [0.4122214708, 0.5363325363, 0.0514459929],
+        [0.2119034982, 0.6806995451, 0.1073969566],
+        [0.0883024619, 0.2817188376, 0.6299787005],
+    ]
+)
+_OKLAB = np.array(
+    [
+        [0.2104542553, 0.7936177850, -0.0040720468],
+        [1.9779984951, -2.4285922050, 0.4505937099],
+        [0.0259040371, 0.7827717662, -0.8086757660],
+    ]
+)
+# Luminance of linear RGB (ITU-R BT.709), and the least one, below which contrast is noise of 8 bits.
+_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+_DARKEST = 0.004
+
+
+@dataclass(frozen=True, slots=True)
+class Swatch:
+    """The look of a place.
+
+    Attributes:
+        lightness: (points,) of Oklab, 0 to 1.
+        chroma: (points,) of Oklab; 0 is grey, and vivid colours have 0.2.
+        hue: (points,) of Oklab, degrees from 0 to 360: red has 29, skin about 55, blue 264.
+        pictured: The part of the points that a texture colours.
+        coloured: The part of the points whose colour the file says, by a texture, a factor or vertices.
+        contrast: Deviation of the logarithm of luminance among neighbouring pixels; None without a picture.
+        metallic: Mean of the metallic factor times its texture.
+        roughness: Mean of the roughness factor times its texture; None if the file says nothing of it.
+    """
+
+    lightness: Floats
+    chroma: Floats
+    hue: Floats
+    pictured: float
+    coloured: float
+    contrast: float | None
+    metallic: float
+    roughness: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Coat:
+    """The base colour, metal and roughness of a primitive; textures at (vertices, 2) coordinates."""
+
+    factor: Floats
+    vertex_colours: Floats
+    base: tuple[Texture, Floats] | None
+    metal: tuple[Texture, Floats] | None
+    metallic: float
+    roughness: float | None
+    coloured: bool
+
+
+@dataclass
+class Pictures:
+    """The textures of a document, each read once, when a place first asks for it.
+
+    Attributes:
+        document: The document.
+        notes: A line for each texture that cannot be read.
+    """
+
+    document: Document
+    notes: list[str] = field(default_factory=list)
+    _textures: dict[str, Texture | None] = field(default_factory=dict)
+    _coats: dict[tuple[int, int, int], _Coat] = field(default_factory=dict)
+
+    def swatch(self, mesh: int, primitives: Ints, corners: Ints, starts: Ints, weights: Floats) -> Swatch:
+        """Sample a place of a mesh.
+
+        Args:
+            mesh: Index of the mesh.
+            primitives: (triangles,) the primitive of each.
+            corners: (triangles, 3) glTF vertices at their corners, numbered through all primitives.
+            starts: (primitives + 1,) the first glTF vertex of each primitive.
+            weights: (triangles,) how much of the place each has.
+        """
+        triangles, shares = _spread(weights)
+        colours, metallic = np.zeros((len(triangles), 3)), np.zeros(len(triangles))
+        roughness, contrasts = np.full(len(triangles), np.nan), np.full(len(triangles), np.nan)
+        pictured, coloured = np.zeros(len(triangles), bool), np.zeros(len(triangles), bool)
+        for primitive in np.unique(primitives[triangles]).tolist():
+            here = np.flatnonzero(primitives[triangles] == primitive)
+            first, end = int(starts[primitive]), int(starts[primitive + 1])
+            coat = self._coat(mesh, primitive, end - first)
+            at, parts = corners[triangles[here]] - first, shares[here]
+            colours[here] = coat.factor * np.einsum("pk,pkc->pc", parts, coat.vertex_colours[at])
+            coloured[here] = coat.coloured
+            if coat.base is not None:
+                texture, places = coat.base[0], np.einsum("pk,pkc->pc", parts, coat.base[1][at])
+                contrasts[here] = _contrast(texture, places, colours[here])
+                colours[here] *= _linear(texture, places)
+                pictured[here] = True
+            metallic[here] = coat.metallic
+            roughness[here] = np.nan if coat.roughness is None else coat.roughness
+            if coat.metal is not None:
+                stored = pixels_at(coat.metal[0], np.einsum("pk,pkc->pc", parts, coat.metal[1][at])) / 255.0
+                metallic[here] *= stored[:, 2]
+                roughness[here] *= stored[:, 1]
+        lightness, a, b = (np.cbrt(np.maximum(colours, 0.0) @ _CONES.T) @ _OKLAB.T).T
+        known, rough = contrasts[~np.isnan(contrasts)], roughness[~np.isnan(roughness)]
+        return Swatch(
+            lightness,
+            np.hypot(a, b),
+            np.degrees(np.arctan2(b, a)) % 360.0,
+            float(pictured.mean()),
+            float((coloured | pictured).mean()),
+            float(np.median(known)) if len(known) else None,
+            float(metallic.mean()),
+            float(rough.mean()) if len(rough) else None,
+        )
+
+    def _coat(self, mesh: int, primitive: int, count: int) -> _Coat:
+        key = mesh, primitive, count
+        if key not in self._coats:
+            self._coats[key] = self._read(self.document.items("meshes")[mesh]["primitives"][primitive], count)
+        return self._coats[key]
+
+    def _read(self, primitive: Json, count: int) -> _Coat:
+        """Read the looks of a primitive. What is malformed says nothing."""
+        materials = self.document.items("materials")
+        number = primitive.get("material", len(materials))
+        material = materials[number] if isinstance(number, int) and 0 <= number < len(materials) else {}
+        looks = material.get("pbrMetallicRoughness")
+        looks = looks if isinstance(looks, dict) else {}
+        factor = looks.get("baseColorFactor")
+        if not isinstance(factor, list) or len(factor) != 4 or not all(_is_number(x) for x in factor):
+            factor = None
+        base = self._texture(primitive, "baseColorTexture", count)
+        metal = self._texture(primitive, "metallicRoughnessTexture", count)
+        # By default a material is metallic, which many files with neither key nor texture do not mean.
+        metallic = looks.get("metallicFactor", 0.0 if metal is None else 1.0)
+        roughness = looks.get("roughnessFactor", None if metal is None else 1.0)
+        try:
+            of_vertices = vertex_colours(self.document, primitive, count)
+        except (AssetError, ValueError, KeyError, TypeError, IndexError):
+            of_vertices = np.ones((count, 3))
+        return _Coat(
+            np.clip(np.array([1.0] * 3 if factor is None else factor[:3], float), 0.0, 1.0),
+            of_vertices,
+            base,
+            metal,
+            float(metallic) if _is_number(metallic) else 0.0,
+            float(roughness) if roughness is not None and _is_number(roughness) else None,
+            factor is not None or "COLOR_0" in primitive["attributes"],
+        )
+
+    def _texture(self, primitive: Json, key: str, count: int) -> tuple[Texture, Floats] | None:
+        try:
+            info = texture_info(self.document, primitive, key)
+            if not info:
+                return None
+            index = repr(info.get("index"))
+            if index not in self._textures:
+                self._textures[index] = None
+                self._textures[index] = read_texture(self.document, info)
+            texture = self._textures[index]
+            return None if texture is None else (texture, texture_coordinates(self.document, primitive, info, count))
+        except ImportError as error:
+            # Once, however many textures there are.
+            note = f"textures say nothing of what surfaces are made of without Pillow ({error})"
+            self.notes = [f"{note}: pip install 'wrinklecli[preview]'"]
+            return None
+        except (AssetError, ArithmeticError, ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
+            self.notes.append(f"a texture says nothing of what the surface is made of, as it cannot be read: {error}")
+            return None
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))
+
+
+def _spread(weights: Floats) -> tuple[Ints, Floats]:
+    """(points,) triangles in proportion to their weights, and (points, 3) barycentric coordinates, evenly spread."""
+    bounds = np.cumsum(weights)
+    at = (np.arange(_POINTS) + 0.5) / _POINTS * bounds[-1]
+    triangles = np.minimum(np.searchsorted(bounds, at), len(weights) - 1)
+    # The R2 sequence (M. Roberts, 2018), folded into the triangle.
+    u, v = (np.arange(1, _POINTS + 1)[:, None] * [0.7548776662466927, 0.5698402909980532] % 1.0).T
+    outside = u + v > 1.0
+    u, v = np.where(outside, 1.0 - u, u), np.where(outside, 1.0 - v, v)
+    return np.asarray(triangles), np.stack([1.0 - u - v, u, v], axis=1)
+
+
+def _linear(texture: Texture, places: Floats) -> Array:
+    return linear_rgb(pixels_at(texture, places) / 255.0)
+
+
+def _contrast(texture: Texture, places: Floats, factors: Floats) -> Floats:
+    """(places,) deviation of ln(luminance) in a square of 3 pixels; NaN for all if few pixels are looked at."""
+    rows, columns = texture.pixels.shape[:2]
+    if len(np.unique(np.floor(places * (columns, rows)), axis=0)) < _FEWEST_PIXELS:
+        return np.full(len(places), np.nan)
+    around = []
+    for across in (-1, 0, 1):
+        for down in (-1, 0, 1):
+            colours = factors * linear_rgb(pixels_at(texture, places, across, down) / 255.0)
+            around.append(np.log(np.maximum(colours @ _LUMINANCE, _DARKEST)))
+    return np.asarray(np.std(around, axis=0))
