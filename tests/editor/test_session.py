@@ -115,6 +115,16 @@ def test_a_tool_between_two_places_wrinkles_at_once(session: Session) -> None:
     assert np.linalg.norm(anchors, axis=1) == pytest.approx([np.hypot(RADIUS, 0.3)] * 2, rel=0.03)
 
 
+def test_a_tool_where_nothing_folds_is_of_what_its_place_is_made_of(tmp_path: Path) -> None:
+    asset = limb_asset(rings=20, sides=12)
+    asset.gltf["materials"] = [{"name": "denim"}]
+    asset.gltf["meshes"][0]["primitives"][0]["material"] = 0
+    session = Session(asset.write(tmp_path / "limb.glb"), tmp_path / "tools.yaml")
+    session.add_tool([-0.95, 0.25, 0.0], [-0.8, 0.25, 0.0])
+    (tool,) = session.tools()
+    assert (tool.values["material"], tool.keys["profile"].source_words) == ("cloth", "material cloth")
+
+
 def test_every_step_can_be_undone_and_done_again(session: Session) -> None:
     for number in range(120):
         session.set_value("crease", ("bumps",), 4 + number % 2)

@@ -19,6 +19,8 @@ from wrinklecli.surface.compression import CompressedRegion, grow_region, triang
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.sites import at_sites, spread_sites
 from wrinklecli.surface.strain import read_gauge
+from wrinklecli.tools.json_schema import readers_of
+from wrinklecli.tools.materials import preset
 from wrinklecli.tools.records import Length, WrinkleTool
 
 # Poses of each clip.
@@ -45,12 +47,16 @@ class ToolGuesser:
         """Guess the tool between two (3,) places at rest, world space.
 
         The tool is as wide as the region that the pose with the greatest shortening folds, has the usual bumps of its
-        material, and they are full in that pose. If no clip folds the place, the tool is plain and as wide as long.
+        material, and they are full in that pose. If no clip folds the place, the tool has the usual values of its
+        material, and is as wide as long.
         """
         span = float(np.linalg.norm(target - origin))
         tool = _plain(origin, target, span)
         probes = attached(self._mesh, [tool])
-        if probes is None or not self._mesh.clips:
+        if probes is None:
+            return tool
+        tool = self._with_material(tool, probes[0])
+        if not self._mesh.clips:
             return tool
         deepest = greatest(shortenings_of(self._mesh, probes[0]))
         if not deepest.ratio > _LEAST_SHORTENING:
@@ -63,6 +69,17 @@ class ToolGuesser:
         patches = attached(self._mesh, [tool])
         found = patches and with_rising_bumps(self._mesh, patches, [shortenings_of(self._mesh, patches[0])])
         return found[0] if found else tool
+
+    def _with_material(self, tool: WrinkleTool, patch: Patch) -> WrinkleTool:
+        """Give a tool the material of the triangles on its patch."""
+        gauge = self._mesh.gauge
+        areas = np.prod(gauge.flat[:, ::2], axis=1) / 2.0 * np.isin(gauge.numbers, patch.members)
+        if not areas.any():
+            return tool
+        material = substance_of(self._makeup, areas / areas.sum()).material
+        if material is None:
+            return tool
+        return replace(tool, material=material, **preset(material).fields(readers_of(WrinkleTool)))
 
     def _region(self, patch: Patch, deepest: Shortening) -> CompressedRegion | None:
         """The region that the pose folds around the middle of a patch; None if it folds nothing there."""
