@@ -9,10 +9,10 @@ import tempfile
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
-import yaml
 
 matplotlib.use("svg")
 
@@ -81,10 +81,10 @@ def curve_points(curve: ControlCurve, distance: float) -> tuple[Floats, Floats]:
     return us * distance, np.einsum("gm,gmu->u", amplitudes[0], curve.shapes(us))
 
 
-def plans_of(sample: str, max_levels: int | None = None) -> MeshPlan:
-    """A sample with its tools attached, and the mesh under them refined."""
+def plans_of(sample: str, max_levels: int | None = None, tools: str = "") -> MeshPlan:
+    """A sample with its tools attached, or with those of another file, and the mesh under them refined."""
     options = BakeOptions(max_levels=max_levels)
-    return plan_meshes(read_job(HERE / f"{sample}.glb", HERE.parent / "configs" / f"{sample}.yaml", options))[0]
+    return plan_meshes(read_job(HERE / f"{sample}.glb", HERE.parent / "configs" / f"{tools or sample}.yaml", options))[0]
 
 
 def on_patch(plan: MeshPlan, number: int, positions: Floats, triangles: Ints) -> tuple[Floats, Ints]:
@@ -206,7 +206,7 @@ def draw_flow() -> None:
 
 def draw_index_spaces() -> None:
     """One place of a mesh on a seam, as its vertices are numbered before and after welding and refinement."""
-    plan = plans_of("head", 1)
+    plan = plans_of("head", 1, "head_keyed")
     fine, surface = plan.fine, plan.fine.surface
     _, panels = plt.subplots(1, 4, figsize=(9.6, 3.2), gridspec_kw={"wspace": 0.05})
     number, corner = seam_on_patch(plan)
@@ -251,14 +251,14 @@ def seam_on_patch(plan: MeshPlan) -> tuple[int, int]:
 def draw_contact() -> None:
     """A section through a folded knee: what skinning makes of the wrinkled cloth, and what contact does."""
     _, panels = plt.subplots(1, 3, figsize=(9.6, 3.6), gridspec_kw={"wspace": 0.05})
-    settings = yaml.safe_load((HERE.parent / "configs" / "trousers.yaml").read_text(encoding="utf-8"))
+    settings: dict[str, Any] = {"version": 1, "defaults": {}, "tools": [LEVEL_FOLDS]}
     with tempfile.TemporaryDirectory() as folder:
         tools, baked = Path(folder) / "tools.yaml", Path(folder) / "baked.glb"
         for contact, axes in zip((None, "off", "resolve"), panels, strict=True):
             if contact:
                 settings["defaults"] |= {"contact": contact}
                 tools.write_text(json.dumps(settings), encoding="utf-8")
-                options = BakeOptions(only=("knee.L",), clips=("squat",), max_levels=2)
+                options = BakeOptions(clips=("squat",), max_levels=2)
                 bake(HERE / "trousers.glb", tools, baked, options=options)
             document = read_document(baked if contact else HERE / "trousers.glb")
             surface = read_scene_surface(document, wholes={})
@@ -273,6 +273,19 @@ def draw_contact() -> None:
 
 
 MOMENT = np.array([0.8])  # seconds of the squat
+# Level folds, which go through themselves there.
+LEVEL_FOLDS = {
+    "name": "knee.L",
+    "origin": [0.104, 0.635, -0.0906],
+    "target": [0.104, 0.365, -0.0844],
+    "width": 0.24,
+    "bumps": 6,
+    "max_height": "5%",
+    "rest_length": "90%",
+    "compressible": "70%",
+    "profile": "cloth",
+    "variation": 0.6,
+}
 
 
 def bent_plane(rig: Rig, clip: Clip) -> tuple[Floats, Floats]:

@@ -2,7 +2,7 @@
 
     python tests/benchmarks/run.py                          all rows, a line for each
     python tests/benchmarks/run.py --only frames --only start  those of some sections
-    python tests/benchmarks/run.py --release 0.2.0          also as a row of results.csv, and in the table of README.md here
+    python tests/benchmarks/run.py --release 0.2.0          also as a row of results.csv and of README.md here
     python tests/benchmarks/run.py --assets DIR             with hand.glb and simple_skin.gltf from there
     python tests/benchmarks/run.py --markdown               the table as Markdown, on stdout
     python tests/benchmarks/run.py --readme                 that table anew from results.csv; nothing is run
@@ -491,7 +491,7 @@ def ways(places: Places) -> Iterator[Row]:
 
 HAND = "{name: wrist, origin: [-0.4622, 0.2576, 0.1750], target: [-0.4838, 0.2355, 0.2126], width: 0.05, bumps: 4}"
 PALM = "{name: palm, origin: [-0.034, -0.0221, 0.0], target: [0.030, -0.0200, 0.0], width: 0.07, bumps: 4}"
-# The knees of configs/trousers.yaml, of the one wave that both programs make.
+# Knees of the sample trousers, of the one wave that both programs make.
 KNEES = (
     "{name: knee.L, origin: [0.104, 0.635, -0.0906], target: [0.104, 0.365, -0.0844], mirror: x, width: 0.24, bumps: 6}"
 )
@@ -732,7 +732,7 @@ def nose_beneath_glasses(places: Places) -> Iterator[Row]:
 def knee(places: Places) -> Iterator[Row]:
     """The left knee of the sample trousers."""
     samples = yaml.safe_load((ROOT / "configs" / "trousers.yaml").read_text(encoding="utf-8"))
-    options = {"only": ("knee.L",), "clips": ("squat",), "max_levels": 2}
+    options = {"only": ("knee_out.L", "knee_in.L"), "clips": ("squat",), "max_levels": 2}
     yield from folded(places, "knee", ROOT / "samples" / "trousers.glb", samples, **options)
 
 
