@@ -83,8 +83,8 @@ def curve_points(curve: ControlCurve, distance: float) -> tuple[Floats, Floats]:
 
 def plans_of(sample: str, max_levels: int | None = None, tools: str = "") -> MeshPlan:
     """A sample with its tools attached, or with those of another file, and the mesh under them refined."""
-    options = BakeOptions(max_levels=max_levels)
-    return plan_meshes(read_job(HERE / f"{sample}.glb", HERE.parent / "configs" / f"{tools or sample}.yaml", options))[0]
+    path = HERE.parent / "configs" / f"{tools or sample}.yaml"
+    return plan_meshes(read_job(HERE / f"{sample}.glb", path, BakeOptions(max_levels=max_levels)))[0]
 
 
 def on_patch(plan: MeshPlan, number: int, positions: Floats, triangles: Ints) -> tuple[Floats, Ints]:

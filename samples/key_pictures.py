@@ -19,6 +19,7 @@ from PIL import Image, ImageDraw, ImageFont
 from _gltf import Character, Clip, Joint, to_glb
 from _shapes import Builder, Floats
 from wrinklecli import PreviewOptions, Style, preview
+from wrinklecli.tools.materials import presets
 
 HERE = Path(__file__).resolve().parent
 SHEET = (0.10, 0.05)  # metres: half the length along the segment, half the depth
@@ -108,7 +109,15 @@ FOREHEAD = Look(
         "compressible": "35%",
     },
 )
+# One tool across the forehead.
+WIDE: Mapping[str, Any] = {
+    "name": "brow",
+    "origin": [0.0, 0.2395, 0.089],
+    "target": [0.0, 0.2875, 0.0717],
+    "width": 0.2,
+}
 RULED: Mapping[str, Any] = {"variation": 0, "max_height": "30%", "bumps": 3}
+PRESETS = [name for name, each in presets().items() if each.material is not None]
 LOW: Mapping[str, Any] = {"variation": 0, "bumps": 4}
 LAG = {"frequency": 2, "damping": 0.15}
 
@@ -165,6 +174,7 @@ PICTURES: dict[str, tuple[Look, list[Panel]]] = {
     "stops": (replace(CUT_OPEN, view="0:40"), of_key("stops", ("features", "none"), {"variation": 0})),
     "mask": (WHOLE, of_key("mask", ("none", {"image": "spot.png"}), {"bumps": 5})),
     "material": (CUT_OPEN, of_key("material", ("none", "skin", "cloth", "leather"), {})),
+    "presets": (WHOLE, of_key("material", PRESETS, {"compressible": "70%"})),
     "profile": (CUT_OPEN, of_key("profile", ("smooth", "skin", "cloth", "polyline"), RULED)),
     "details": (CUT_OPEN, of_key("details", ([], [0.1], [0.4]), RULED)),
     "strategy": (
@@ -184,6 +194,7 @@ PICTURES: dict[str, tuple[Look, list[Panel]]] = {
     "variation": (WHOLE, of_key("variation", (0, 0.3, 1), {"bumps": 5})),
     "seed": (WHOLE, of_key("seed", (1, 2, 3), {"bumps": 5, "variation": 0.7})),
     "branch": (WHOLE, of_key("branch", (0, 1), {"bumps": 6, "seed": 3, "variation": 0.5})),
+    "broken": (FOREHEAD, of_key("broken", (0, 0.5, 1), {**WIDE, "seed": 5, "variation": 0.5, "branch": 0})),
     "bow": (WHOLE, of_key("bow", (-1, 0, 1), {"variation": 0})),
     "max_levels": (COARSE, refined("max_levels", (0, 1, 4), 6)),
     "edges_per_interval": (COARSE, refined("edges_per_interval", (1, 2, 4), 3)),

@@ -229,7 +229,7 @@ def test_attenuation_is_all_on_the_centre_line_and_nothing_outside() -> None:
 
 def broken(seed: str, amount: float, *, bumps: int = 5) -> Variation:
     """A variation whose furrows break, and no crests merge for good."""
-    return plan_variation(seed, 0.5, 0.0, amount, bumps=bumps, gap=0, aspect=1.5, kind="bell")
+    return plan_variation(seed, 0.5, 0.0, amount, bumps=bumps, gap=0, aspect=2.0, kind="bell")
 
 
 def test_the_outer_lines_of_a_broken_tool_end_first_and_none_with_another() -> None:
@@ -261,6 +261,8 @@ def test_breaks_follow_the_chance_and_leave_other_numbers_as_they_are() -> None:
     whole, half = ([len(broken(str(seed), chance).mergers) for seed in range(60)] for chance in (1.0, 0.5))
     assert set(whole) == {2}, "two of four furrows between five bumps: no bump is in two pairs"
     assert 0.5 < np.mean(half) < 1.9
+    narrow = plan_variation("0", 0.5, 0.0, 1.0, bumps=2, gap=0, aspect=0.3, kind="bell")
+    assert not narrow.mergers, "no room to merge and part again"
     merging = {"bumps": 5, "gap": 0, "aspect": 1.5, "kind": "bell"}
     plain, some = plan_variation("a", 0.5, 0.6, **merging), plan_variation("a", 0.5, 0.6, 0.0, **merging)
     assert np.array_equal(plain.reaches, some.reaches)

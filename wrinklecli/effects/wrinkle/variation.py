@@ -67,8 +67,9 @@ _MERGED_OVER = (0.45, 0.7)
 _MERGED_HEIGHT = 1.6
 # A furrow breaks where its two crests merge and part again: it begins to fill up at a |v| between these two numbers,
 _BREAKING = (0.12, 0.45)
-# is full after this length along v, and again open after as much more,
-_BROKEN_OVER = 0.22
+# is full after a length along v between these two, longer for wide bumps, and again open after as much more; where that
+# is too long, furrows stay whole, as skin would fold across them,
+_BROKEN_OVER = (0.22, 0.3)
 # and there the skin is this high, relative to the higher crest: it lies flat, and does not swell as where crests end.
 _BROKEN_HEIGHT = 1.0
 # A broken tool's crests are shorter by this fraction at its ends than in its middle,
@@ -342,7 +343,7 @@ def _mergers(
     found: list[Merger] = []
     bump = 0
     low, high = _MERGING
-    earliest, latest = _BREAKING
+    (earliest, latest), (shortest, longest) = _BREAKING, _BROKEN_OVER
     breaks = drawn(seed, "breaks", bumps)
     while bump + 1 < bumps:
         merges = (1.0 + chances[bump]) / 2.0 < branch and (bump, bump + 1) in together
@@ -353,11 +354,12 @@ def _mergers(
             over = float(np.clip(0.5 * widths[wider] / (_STEEPEST * aspect), *_MERGED_OVER))
             found.append(Merger(bump, wider, side=1.0 if sides[bump] > 0 else -1.0, start=start, over=over))
         elif (1.0 + breaks[bump]) / 2.0 < broken and (bump, bump + 1) in together:
-            merges = True
             start = earliest + (latest - earliest) * (1.0 + float(starts[bump])) / 2.0
             wider = bump + int(widths[bump + 1] > widths[bump])
             side = 1.0 if sides[bump] > 0 else -1.0
-            found.append(Merger(bump, wider, side, start, _BROKEN_OVER, start + _BROKEN_OVER, _BROKEN_HEIGHT))
+            over = max(shortest, 0.5 * float(widths[wider]) / (_STEEPEST * aspect))
+            merges = over <= longest
+            found += [Merger(bump, wider, side, start, over, start + over, _BROKEN_HEIGHT)] * merges
         bump += 1 + merges
     return tuple(found)
 
