@@ -34,6 +34,8 @@ _JAW_TURN = np.radians(30.0)
 _RAISED = 0.75
 # A morph target that brings a tool's ends together by less, as a fraction, does not drive it.
 _LEAST_RAISED = 0.01
+# A twin that does less than this part of what the target does bends no crest that one would see.
+_LEAST_TWIN = 0.05
 # Triangles of a mesh that tell how much a morph target makes all of it smaller.
 _SAMPLED = 2000
 # Fraction of a mesh's edges that a morph target makes shorter if it makes all of the mesh smaller.
@@ -94,7 +96,8 @@ def raised_weights(patch: Patch, rig: Rig, rest: Rest, surface: Surface) -> Floa
         return None
     name = exchange_sides(rig.morph_names[best])
     twin = rig.morph_names.index(name) if name in rig.morph_names else best
-    return _raised(rest, {best: 1.0, twin: max(float(shares[twin] / shares[best]), 0.0)})
+    share = float(shares[twin] / shares[best])
+    return _raised(rest, {best: 1.0} | ({twin: share} if share > _LEAST_TWIN else {}))
 
 
 def _raised(rest: Rest, shares: Mapping[int, float]) -> Floats:
