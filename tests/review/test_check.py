@@ -329,7 +329,7 @@ def test_without_clips_the_tallest_wrinkles_possible_count(tmp_path: Path) -> No
 
 
 def test_a_wrinkle_into_a_limb_has_the_room_of_its_thickness(tmp_path: Path) -> None:
-    asset = limb(tmp_path / "limb.glb", clip=None)
+    asset = limb(tmp_path / "limb.glb", clip=None, joints=1)
     deep = tool(origin=[-0.9, RADIUS, 0.0], target=[0.9, RADIUS, 0.0], strength=-1, bumps=1)
     lines = warnings(asset, {**deep, "max_height": 2.1 * RADIUS}, about="opposite surface")
     assert f"where there is room for {2 * RADIUS:.3g} at rest" in lines[0]

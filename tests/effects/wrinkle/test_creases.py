@@ -32,7 +32,7 @@ def limb_with(blend: float, **options: Any) -> Asset:
 def lowered(asset: Asset, asked: Any, **header: Any) -> tuple[Any, Refinement, CarriedPatch, CarriedPatch]:
     made = prepare(asset, asked, **header)
     carried, fine = carry_patch(made)
-    return made, fine, carried, creased(carried, fine, made.rig)
+    return made, fine, carried, creased(carried, fine, made.rest, made.rig)
 
 
 def factors(before: CarriedPatch, after: CarriedPatch) -> Any:
@@ -95,14 +95,20 @@ def test_a_limb_that_is_moved_scaled_or_mirrored_has_the_same_creases(root: Any)
         assert found == pytest.approx(ratios, abs=1e-6)
 
 
-def test_what_is_projected_or_keyed_or_sunken_stays_as_it_is() -> None:
-    for keys in (
-        {"strength": -1},
-        {"attachment": "patch"},
-        {"rest_length": {"keys": {"fold": [[0, "100%"], [1, "120%"]]}}},
-    ):
-        _, _, before, after = lowered(limb_with(SHARP), tool(**TALL, **keys))
-        assert after is before
+@pytest.mark.parametrize("keys", [{"strength": -2}, {"rest_length": {"keys": {"fold": [[0, "100%"], [1, "120%"]]}}}])
+def test_strengths_and_keys_have_nothing_to_do_with_it(keys: Any) -> None:
+    wanted = factors(*lowered(limb_with(SHARP), tool(**TALL))[2:])[1]
+    assert factors(*lowered(limb_with(SHARP), tool(**TALL, **keys))[2:])[1] == pytest.approx(wanted, abs=1e-9)
+
+
+def test_vertices_that_are_projected_in_each_frame_keep_as_much() -> None:
+    _, _, before, after = lowered(limb_with(SHARP), tool(**TALL, attachment="patch"))
+    assert before.ring is not None
+    assert after.ring is not None
+    moving = np.abs(before.magnitudes) > 1e-9
+    ratios = after.magnitudes[moving] / before.magnitudes[moving]
+    assert ratios.min() < 0.4
+    assert after.ring.kept[moving] == pytest.approx(ratios)
 
 
 def test_a_morph_target_that_only_squeezes_the_skin_makes_no_crease() -> None:

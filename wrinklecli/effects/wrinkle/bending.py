@@ -154,7 +154,7 @@ def turns_of(patch: Patch, rig: Rig, node: int) -> tuple[Clip, Clip]:
 
 def bent_node(patch: Patch, rig: Rig) -> int | None:
     """The joint that bends a tool: the one nearest to its middle of those that carry one end more than the other."""
-    carried = [_carried_by(anchor, rig) for anchor in patch.anchors]
+    carried = [carried_by(anchor, rig) for anchor in patch.anchors]
     shares = {
         node: [each.get(node, 0.0) for each in carried]
         for node in sorted({node for each in carried for node in each})
@@ -170,7 +170,7 @@ def bent_node(patch: Patch, rig: Rig) -> int | None:
     return likely[int(np.argmin(np.linalg.norm(places - middle, axis=1)))]
 
 
-def _carried_by(anchor: Anchor, rig: Rig) -> dict[int, float]:
+def carried_by(anchor: Anchor, rig: Rig) -> dict[int, float]:
     """The fraction of an anchor's weights that each node carries, directly or through its children."""
     shares: dict[int, float] = {}
     for node, weight in zip(anchor.carried.nodes.tolist(), anchor.carried.weights, strict=True):

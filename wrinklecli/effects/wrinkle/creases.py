@@ -1,26 +1,27 @@
-"""Lowers wrinkles in creases, where a joint or a morph target folds the surface more sharply than a bump is wide.
+"""Lowers wrinkles in creases, where a joint folds the surface more sharply than a bump is wide.
 
 On the inside of a fold, normals lean towards each other. Vertices that rise along them by h come nearer to each other
 by a fraction κh of their distance, where κ is the curvature of the folded surface. From κh = 1 on, triangles turn over,
-which shows as teeth and dark tiles. So wrinkles are lower where κh becomes large in the tool's own motion, whatever
-clips there are (module `bending`), and rise again over half a bump to either side: a crease keeps low, clean wrinkles.
+which shows as teeth and dark tiles. So wrinkles are lower where κh becomes large while the tool's joint bends, whatever
+clips there are, and rise again over half a bump to either side: a crease keeps low, clean wrinkles. Morph targets bend
+no normals, so they make no crease.
 
 Not in the paper, which moves the vertices of posed surfaces along their normals everywhere.
 """
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wrinklecli.character.pose import blend, joint_matrices, morph_weights
+from wrinklecli.character.pose import blend
 from wrinklecli.character.rig import Rig
-from wrinklecli.effects.wrinkle.bending import own_motions
+from wrinklecli.effects.wrinkle.bending import bent_node, carried_by
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, children, cross, dot, inverses
 from wrinklecli.surface.refine import Refinement
-from wrinklecli.tools.records import RestLengthKeys
+from wrinklecli.surface.rest import Rest
+from wrinklecli.tools.records import RestLengthMorph
 
 # κh from which heights are lowered: together with their own slopes, wrinkles turn over before κh is 1.
 _MOST_NEARER = 0.35
@@ -28,11 +29,16 @@ _MOST_NEARER = 0.35
 _LEAST_FACTOR = 0.2
 # Loss of height that nobody sees.
 _LEAST_LOSS = 0.02
+# κh of a surface that a fold turns inside out.
+_INSIDE_OUT = 1e3
 # κh at the corners of a coarse triangle up to which its inside is smooth too.
 _SMOOTH = 0.1
-# Moments of a motion of a second. A joint, which would turn by 150°, turns by 30°, 60° and 90°: limbs bend so far in
-# the range of motion, and knees and elbows, which bend farther, hide their creases then.
-_MOMENTS = np.array([0.2, 0.4, 0.6])
+# Angles by which the joint turns: limbs bend by 90° in the range of motion, and knees and elbows, which bend farther,
+# hide their creases then.
+_ANGLES = np.radians([30.0, 60.0, 90.0])
+# Greatest height that is looked at, over a bump's width, which is that of `max_height: auto`: higher bumps are steeper,
+# and their flanks turn over first.
+_HIGHEST = 0.25
 # Cells of the map of losses along a control interval, and the most cells along either side of the map.
 _CELLS = 4
 _MOST_CELLS = 256
@@ -45,26 +51,11 @@ _FADING = 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class _Fold:
-    """The coarse vertices of a patch at a moment of a motion.
-
-    Attributes:
-        blended: (vertices, 3, 4) bind to world space.
-        positions: (vertices, 3) bind space.
-        height: Height of the tallest bump, scene units.
-    """
-
-    blended: Floats
-    positions: Floats
-    height: float
-
-
-@dataclass(frozen=True, slots=True)
 class _Points:
     """Points of coarse triangles.
 
     Attributes:
-        triangles: (triangles, 3) indices into the vertices of a fold.
+        triangles: (triangles, 3) indices into the vertices that are posed.
         which: (points,) the triangle of each point.
         within: (points, 3) its barycentric coordinates there.
     """
@@ -74,44 +65,57 @@ class _Points:
     within: Floats
 
 
-def creased(carried: CarriedPatch, fine: Refinement, rig: Rig) -> CarriedPatch:
-    """Lower the wrinkles of a tool in creases.
+def creased(carried: CarriedPatch, fine: Refinement, rest: Rest, rig: Rig) -> CarriedPatch:
+    """Lower the wrinkles of a tool in creases; the tool itself if its joint makes none.
 
-    A tool stays as it is if no motion of its own raises wrinkles, if its rest length is keyed by hand, or if it is
-    projected in each frame, as in the paper. So does a tool of negative strength: inwards, normals lean apart.
+    Strengths, masks and keys have nothing to do with it: they multiply or raise what is left.
     """
-    patch = carried.patch
-    keyed = isinstance(patch.tool.rest_length, RestLengthKeys)
-    if keyed or carried.ring is not None or patch.shape_strength < 0.0:
+    patch, vertices = carried.patch, carried.vertices
+    if not patch.shape_strength:
         return carried
-    positions, normals = fine.posed_at(patch.pose, carried.vertices)
-    u, v = patch.coordinates(positions)
-    # A mask multiplies what there would be without it.
-    nearer = _nearer(carried, fine, rig, patch.magnitudes(u, v, normals))
+    u, v = patch.coordinates(fine.rest_positions[vertices])
+    nearer = _nearer(carried, fine, rest, rig, patch.share(u, v, patch.cosines(u, fine.rest_normals_at(vertices))))
     losses = 1.0 - np.maximum((1.0 + (nearer / _MOST_NEARER) ** 4) ** -0.25, _LEAST_FACTOR)
     if losses.max() < _LEAST_LOSS:
         return carried
     factors = 1.0 - _spread(losses, np.stack([u, v], axis=1), patch)
-    return replace(carried, places=carried.places.times(factors), directions=carried.directions * factors[:, None])
+    return replace(
+        carried,
+        places=carried.places.times(factors),
+        directions=carried.directions * factors[:, None],
+        ring=carried.ring and replace(carried.ring, kept=carried.ring.kept * factors),
+    )
 
 
-def _nearer(carried: CarriedPatch, fine: Refinement, rig: Rig, shares: Floats) -> Floats:
-    """(vertices,) greatest κh of a tool's vertices, infinite where a fold turns the surface inside out.
+def _nearer(carried: CarriedPatch, fine: Refinement, rest: Rest, rig: Rig, shares: Floats) -> Floats:
+    """(vertices,) greatest κh of a tool's vertices, very large where a fold turns the surface inside out.
 
     A vertex rises by its (vertices,) share of the height of the tallest bump.
     """
     patch, parents = carried.patch, fine.subdivision.parents
     nearer = np.zeros(len(carried.vertices))
     used, corners = np.unique(fine.surface.triangles[patch.members], return_inverse=True)
-    folds = list(_folds(patch, fine, rig, used))
-    if not folds:
+    folds = _folds(patch, fine, rest, rig, used)
+    if not len(folds):
         return nearer
     corners = corners.reshape(-1, 3)
-    rest = _Fold(fine.blended[used], fine.bind_positions[used], 0.0)
-    directions = np.einsum("vij,vj->vi", inverses(rest.blended), fine.rest_normals_at(used))
+    vectors = (
+        fine.bind_positions[used],
+        np.einsum("vij,vj->vi", inverses(fine.blended[used]), fine.rest_normals_at(used)),
+    )
+    height = min(patch.curve.greatest_height, _HIGHEST * 2.0 * patch.span / patch.curve.interval_count)
+
+    def greatest(points: _Points) -> Floats:
+        """(points,) greatest κh of points that rise like the tallest bump."""
+        _, facing = _curvatures(points, fine.blended[used], *vectors)
+        found = np.zeros(len(points.which))
+        for fold in folds:
+            curvatures, faces = _curvatures(points, fold, *vectors)
+            found = np.maximum(found, np.where(faces == facing, curvatures * height, _INSIDE_OUT))
+        return found
+
     at_corners = _Points(corners, np.repeat(np.arange(len(corners)), 3), np.tile(np.eye(3), (len(corners), 1)))
-    steepest = _greatest(at_corners, folds, rest, directions) * shares.max()
-    sharp = np.flatnonzero((steepest.reshape(-1, 3) > _SMOOTH).any(axis=1))
+    sharp = np.flatnonzero((greatest(at_corners).reshape(-1, 3) * shares.max() > _SMOOTH).any(axis=1))
     rows = children(parents, patch.members[sharp])
     # Each vertex is looked at in one of its coarse triangles.
     vertices, firsts = np.unique(fine.triangles[rows], return_index=True)
@@ -123,47 +127,69 @@ def _nearer(carried: CarriedPatch, fine: Refinement, rig: Rig, shares: Floats) -
         within=fine.subdivision.barycentrics[rows].reshape(-1, 3)[firsts],
     )
     at = np.searchsorted(carried.vertices, vertices)
-    nearer[at] = _greatest(points, folds, rest, directions) * shares[at]
+    nearer[at] = greatest(points) * shares[at]
     return nearer
 
 
-def _greatest(points: _Points, folds: Sequence[_Fold], rest: _Fold, directions: Floats) -> Floats:
-    """(points,) greatest κh of points that rise like the tallest bump; infinite if a fold turns them inside out."""
-    _, facing = _curvatures(points, rest, directions)
-    greatest = np.zeros(len(points.which))
-    for fold in folds:
-        curvatures, faces = _curvatures(points, fold, directions)
-        greatest = np.maximum(greatest, np.where(faces == facing, curvatures * fold.height, np.inf))
-    return greatest
-
-
-def _folds(patch: Patch, fine: Refinement, rig: Rig, vertices: Ints) -> Iterator[_Fold]:
-    """Give the moments of a tool's own motions that raise wrinkles, with some coarse vertices."""
+def _folds(patch: Patch, fine: Refinement, rest: Rest, rig: Rig, vertices: Ints) -> Floats:
+    """(angles, vertices, 3, 4) bind to world space while the tool's joint brings its ends together; empty without."""
+    none = np.zeros((0, len(vertices), 3, 4))
+    node = None if isinstance(patch.tool.rest_length, RestLengthMorph) else bent_node(patch, rig)
+    if node is None or node not in rig.joints:
+        return none
+    number = int(np.flatnonzero(rig.joints == node)[0])
+    centre = (rest.matrices[number] @ np.linalg.inv(rig.inverse_binds[number]))[:3, 3]
+    below = np.array([_hangs_on(rig, int(joint), node) for joint in rig.joints])
+    shares = [carried_by(anchor, rig).get(node, 0.0) for anchor in patch.anchors]
+    ends = np.array([anchor.position for anchor in patch.anchors])
+    axis = np.stack(cross(patch.along, patch.normal))
+    lengths = []
+    for way in (axis, -axis):
+        turned = (ends - centre) @ _turn(way, _ANGLES[0])[:3, :3].T + centre
+        moved = ends + np.array(shares)[:, None] * (turned - ends)
+        lengths.append(float(np.linalg.norm(np.diff(moved, axis=0), axis=1).sum()))
+    if min(lengths) >= patch.span:
+        return none
+    turns = np.stack([_turn(axis if lengths[0] <= lengths[1] else -axis, angle) for angle in _ANGLES])
+    turns[:, :3, 3] = centre - turns[:, :3, :3] @ centre
+    matrices = np.where(below[None, :, None, None], turns[:, None] @ rest.matrices, rest.matrices)
     weights = fine.surface.dense_weights(vertices, len(rig.joints))
     acting = np.flatnonzero(weights.any(axis=0))
-    for motion in own_motions(patch, rig):
-        amplitudes, _ = patch.curve.follow(*patch.segment.lengths(rig, motion, _MOMENTS))
-        heights = patch.curve.heights(amplitudes).max(axis=1)
-        times, heights = _MOMENTS[heights > 0.0], heights[heights > 0.0]
-        if not len(times):
-            continue
-        deltas = np.tensordot(morph_weights(rig, motion, times), fine.morph_deltas[:, vertices], axes=1)
-        blended = blend(weights[:, acting], joint_matrices(rig, motion, times, acting))
-        yield from map(_Fold, blended, fine.positions[vertices] + deltas, heights.tolist())
+    return blend(weights[:, acting], matrices[:, acting])
 
 
-def _curvatures(points: _Points, fold: _Fold, directions: Floats) -> tuple[Floats, Bools]:
+def _hangs_on(rig: Rig, node: int, above: int) -> bool:
+    """True if a node is another one, or below it in the hierarchy."""
+    while node >= 0 and node != above:
+        node = int(rig.parents[node])
+    return node == above
+
+
+def _turn(axis: Floats, angle: float) -> Floats:
+    """(4, 4) turn about a unit axis through the origin."""
+    x, y, z = axis
+    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    turn = np.eye(4)
+    turn[:3, :3] += np.sin(angle) * skew + (1.0 - np.cos(angle)) * skew @ skew
+    return turn
+
+
+def _curvatures(points: _Points, blended: Floats, positions: Floats, directions: Floats) -> tuple[Floats, Bools]:
     """Measure a posed surface at points; triangles are curved, as skin weights change along them.
 
-    `directions` are (vertices, 3) bind displacements for a height of 1, bind space.
+    Args:
+        points: The points.
+        blended: (vertices, 3, 4) bind to world space.
+        positions: (vertices, 3) bind space.
+        directions: (vertices, 3) displacement for a height of 1, bind space.
 
     Returns:
         (points,) greatest curvature of the hollow there, or 0 if there is none; and (points,) True where the surface
         winds left-handed about the displacement.
     """
-    matrices = fold.blended[points.triangles]
+    matrices = blended[points.triangles]
     linear = matrices[..., :3]
-    vectors = np.stack([fold.positions[points.triangles], directions[points.triangles]], axis=3)
+    vectors = np.stack([positions[points.triangles], directions[points.triangles]], axis=3)
     # Rates of change of place and displacement along two sides of a triangle are linear in a point's coordinates.
     rates = [np.einsum("tcij,tcj->tci", linear, vectors[..., 1])]
     for end in (1, 2):

@@ -125,7 +125,7 @@ class WrinkleKind:
         patches = {number: each for number, each in attached if isinstance(each, Patch)}
         for patch in patches.values():
             try:
-                lowered = creased(carry(patch, plan.fine, ground.contacts), plan.fine, plan.rig)
+                lowered = creased(carry(patch, plan.fine, ground.contacts), plan.fine, plan.rest, plan.rig)
                 carried.append(demanding(lowered, plan.fine, plan.rig))
             except BakeError as error:
                 problems.append(error)
