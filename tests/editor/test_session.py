@@ -182,14 +182,13 @@ def test_a_draft_knows_the_presets_of_its_file(tmp_path: Path) -> None:
 
 
 def test_the_peak_of_a_tool_is_that_of_a_review(session: Session) -> None:
-    peak, heights = session.peak("crease"), session.heights("crease", "fold")
-    assert peak is not None
+    raised, heights = session.raised("crease"), session.heights("crease", "fold")
+    assert raised is not None
     assert heights is not None
-    times, heights_over = heights
-    assert (peak.clip, peak.time) == ("fold", times[np.argmin(np.abs(times - peak.time))])
-    assert heights_over[np.flatnonzero(times == peak.time)[0]] == pytest.approx(heights_over.max(), rel=1e-3)
+    assert (raised.clip.name, raised.height) == ("fold", pytest.approx(heights[1].max(), rel=1e-2))
+    assert raised.time in heights[0]
     session.set_value("far", ("strength",), 0)
-    assert session.peak("far") is None
+    assert session.raised("far") is None
 
 
 def test_a_draft_is_no_step(session: Session) -> None:
@@ -348,6 +347,64 @@ def test_what_suggest_finds_is_accepted_one_by_one(session: Session, tmp_path: P
     suggested = suggest(tmp_path / "limb.glb").tools[0].tool
     (own,) = (tool for tool in session.settings().tools if tool.name == first)
     assert replace(own, where="", max_height=suggested.max_height) == replace(suggested, where="")
+
+
+def test_a_proposal_is_tried_alone_where_it_is_tallest(session: Session) -> None:
+    (offer, *_) = session.proposals()
+    text = session.text
+    tried = session.try_out(offer)
+    assert tried is not None
+    assert (session.text, tried.clip.name) == (text, "fold")
+    (before,), (after,) = (tried.shown(tried.time, wrinkled=wrinkled) for wrinkled in (False, True))
+    moved = np.sqrt(np.sum((after.positions - before.positions) ** 2, axis=1))
+    assert moved.max() == pytest.approx(tried.height, rel=0.2)
+    name = session.accept(offer)
+    taken = session.raised(name)
+    assert taken is not None
+    assert taken.time == tried.time
+
+
+def test_a_place_that_has_a_tool_is_taken_for_what_runs_the_same_way(tmp_path: Path) -> None:
+    session = Session(limb(tmp_path / "limb.glb", rings=20, sides=12), tmp_path / "tools.yaml")
+    offers = session.proposals()
+    assert not any(map(session.is_taken, offers))
+    session.accept(offers[0])
+    assert session.is_taken(offers[0])
+    session.undo()
+    assert not session.is_taken(offers[0])
+    ends = np.array([offers[0].values["origin"], offers[0].values["target"]])
+    along, middle = ends[1] - ends[0], ends.mean(axis=0)
+    turned = along[[2, 1, 0]] / 4.0
+    session.add_tool((middle - turned).tolist(), (middle + turned).tolist())
+    assert session.tools()[0].problem is None
+    assert not session.is_taken(offers[0])
+
+
+def test_places_are_found_in_the_pose_that_is_set(tmp_path: Path) -> None:
+    session = Session(limb(tmp_path / "limb.glb", rings=20, sides=12), tmp_path / "tools.yaml")
+    clip = session.clips[0]
+    in_motion = session.proposals()
+    session.take_pose(FreePose().with_turn("joint_1", "y", -60.0))
+    posed = session.proposals(posed=True)
+    assert posed != in_motion
+    assert all(clip.name not in each.why for each in posed)
+    tried = session.try_out(posed[0])
+    assert tried is not None
+    assert tried.height > 0
+    assert session.proposals() == in_motion
+
+
+def test_a_material_takes_the_place_of_a_tools_own_keys_in_one_step(session: Session) -> None:
+    session.set_value("across", ("max_height",), "5%")
+    before = session.text
+    tried = session.try_material("across", "leather")
+    assert tried is not None
+    assert session.set_material("across", "leather") == ["bumps", "max_height"]
+    across = session.tools()[1]
+    assert (across.values["bumps"], across.keys["bumps"].source) == (tried.attached.patch.tool.bumps, "material")
+    assert across.own == {"name", "origin", "target", "width", "material"}
+    assert session.undo()
+    assert session.text == before
 
 
 def test_warnings_are_beside_the_tool_that_they_are_about(session: Session) -> None:

@@ -23,7 +23,7 @@ from wrinklecli.surface.rest import rest_pose
 from wrinklecli.tools.read import parse_tools
 from wrinklecli.tools.records import RestLengthMorph
 
-EVERY = ["forehead", "forehead_side.L", "glabella", "crows_foot.L", "bunny.L", "nasolabial.L", "chin"]
+EVERY = ["forehead", "forehead_side.L", "glabella", "crows_foot.L", "bunny.L", "nasolabial.L", "chin", "neck.L"]
 # Without a target of the nose or the chin, as of a VRM.
 EXPRESSIVE = [name for name in EVERY if name not in ("bunny.L", "chin")]
 VARIANTS: dict[str, tuple[Face, Callable[[Face], Asset], list[str]]] = {
@@ -119,6 +119,12 @@ def test_each_region_has_its_tool(variant: str) -> None:
     assert CORNER < x < 0.05
     assert MOUTH - 0.01 < y < NOSE
     assert ways["nasolabial.L"][0] > 0.5
+    x, y, _ = places["neck.L"]
+    assert x > 0.03
+    assert y < CHIN
+    # The lines go from the ear to the pit of the throat.
+    assert ways["neck.L"][1] > 0.4
+    assert ways["neck.L"][2] > 0.4
     if "bunny.L" in places:
         x, y, _ = places["bunny.L"]
         assert 0.005 < x < 0.02
@@ -129,7 +135,7 @@ def test_each_region_has_its_tool(variant: str) -> None:
     for each in found.tools:
         assert 3 <= each.tool.bumps <= 5
         assert each.shortening > 0.04
-        assert each.by_morph
+        assert each.by_morph is not each.tool.name.startswith("neck")
 
 
 def upright(face: Face, place: np.ndarray) -> np.ndarray:
@@ -152,8 +158,8 @@ def test_patches_are_low_and_end_before_lids_and_lips(variant: str) -> None:
     tools = parse_tools(found.text)
     rest = rest_pose(surface, rig, tools, (), [])
     for patch in attach_tools(list(tools.tools), surface, rest, rig, up="y"):
-        # No wrinkle of a young face is higher than a millimetre and a half.
-        assert patch.greatest_height < 0.007 * face.height
+        # No wrinkle of a young face is higher than a millimetre and a half, and none of a neck than two and a half.
+        assert patch.greatest_height < (0.012 if "neck" in patch.tool.name else 0.007) * face.height
         for name, rim in face.rims.items():
             u, v = patch.coordinates(rim)
             on = np.abs(patch.magnitudes(u, v, np.tile(patch.normal, (len(rim), 1)))) > 0.05
@@ -168,10 +174,10 @@ def test_what_is_written_passes_a_strict_check(tmp_path: Path, variant: str) -> 
     assert check(path, tmp_path / "tools.yaml").warnings == ()
 
 
-@pytest.mark.quick(3)
+@pytest.mark.slow
 def test_plain_names_do_what_they_can() -> None:
     found = suggest(sample("head"), face=True)
-    assert [each.tool.name for each in found.tools] == ["forehead", "forehead_side.L", "glabella"]
+    assert [each.tool.name for each in found.tools] == ["forehead", "forehead_side.L", "glabella", "neck.L"]
     # The brows of the sample go down and not together: the weight makes the lines between them.
     assert isinstance(found.tools[2].tool.rest_length, RestLengthMorph)
     (note,) = (note for note in found.notes if "no such target" in note)
@@ -181,6 +187,7 @@ def test_plain_names_do_what_they_can() -> None:
     )
 
 
+@pytest.mark.quick(3)
 def test_targets_that_move_nothing_are_said(tmp_path: Path) -> None:
     face = Face()
     still = {
@@ -189,7 +196,7 @@ def test_targets_that_move_nothing_are_said(tmp_path: Path) -> None:
         if "row" in name or "Sneer" in name
     }
     found = suggest(face.asset(still).write(tmp_path / "face.glb"), face=True)
-    assert [each.tool.name for each in found.tools] == ["forehead", "forehead_side.L", "glabella"]
+    assert [each.tool.name for each in found.tools] == ["forehead", "forehead_side.L", "glabella", "neck.L"]
     assert any("bunny lines (noseSneer)" in note for note in found.notes)
 
 

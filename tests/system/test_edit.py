@@ -162,9 +162,9 @@ def test_a_proposal_is_pictured_pointed_at_taken_and_compared(tmp_path: Path) ->
             until(session.tools, "a tool")
             name = session.tools()[0].name
             tab.wait(f"document.body.innerText.includes('{name} is tallest at')")
-            peak = session.peak(name)
-            assert peak is not None
-            assert (page.player.clip, page.player.time) == (peak.clip, peak.time)
+            raised = session.raised(name)
+            assert raised is not None
+            assert page.player.clip == raised.clip.name
             wrinkled = page._viewport.shown
             take_picture(tab, "taken")
             tab.press("b", code=66)

@@ -76,8 +76,8 @@ def edit(
     stay as they were. Edits that are not saved stand in .NAME.unsaved beside the file NAME, and the next run takes
     them up.
 
-    The page needs no network, but viser: pip install 'wrinklecli[edit]'. Ctrl-C ends it. No other site opens it, and
-    nobody by a name that is neither localhost nor given by --host or --allow-host.
+    The page needs no network, but viser, embreex and Pillow: pip install 'wrinklecli[edit]'. Ctrl-C ends it. No other
+    site opens it, and nobody by a name that is neither localhost nor given by --host or --allow-host.
 
     Exit codes: 0 done; 1 the input is at fault, or the port is taken; 2 wrong usage; 70 a bug.
     """
@@ -86,7 +86,9 @@ def edit(
     with guarded(asset):
         from wrinklecli.editor.asset import ReadOptions
         from wrinklecli.editor.session import Session
+        from wrinklecli.review.preview.preview import refuse_missing
 
+        refuse_missing("edit")
         try:
             from wrinklecli.editor.page.access import is_own
             from wrinklecli.editor.page.page import Page

@@ -22,9 +22,6 @@ from wrinklecli.effects.wrinkle.layer import carried_patches_of
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.effects.wrinkle.warnings import tool_warnings
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, children, distinct_values
-from wrinklecli.review.check import describe_clip
-from wrinklecli.review.preview.moments import Moment
-from wrinklecli.review.preview.peaks import tallest_clip
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.rest import Rest
 from wrinklecli.tools.records import ToolsFile
@@ -222,14 +219,6 @@ class AttachedTool:
             ClipActivity(clip, cache.times(clip), cache.activity(self.ground, self.patch, clip))
             for clip in moving_clips(self.plan, clips)
         ]
-
-    def peak(self, cache: ClipCache, clips: Sequence[Clip]) -> Moment | None:
-        """The frame at which the tool is tallest, as in a review; None if no clip raises it."""
-        found = tallest_clip([describe_clip(self.carried, each) for each in self.sampled(cache, clips)])
-        if found is None:
-            return None
-        times = next(cache.times(clip) for clip in clips if clip.name == found["name"])
-        return Moment(found["name"], float(times[np.argmin(np.abs(times - found["time"]))]))
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,9 +16,11 @@ import numpy as np
 from wrinklecli.editor.store import Store, names_of, read_file
 from wrinklecli.errors import ConfigError, WrinkleError, nearest
 from wrinklecli.numeric.arrays import Floats
+from wrinklecli.tools.materials import Preset, presets
 from wrinklecli.tools.mirror import exchange_sides
 from wrinklecli.tools.read import read_values
 from wrinklecli.tools.records import ToolsFile, identifier, in_axes
+from wrinklecli.tools.schema import TOOL_KEYS
 from wrinklecli.tools.yaml_edit import Steps, ToolsText, with_part
 
 _MAX_STEPS = 300  # steps that can be undone
@@ -104,6 +106,11 @@ class Edits:
         """Read the enabled tools of the file as a bake does, without a draft."""
         return self._settings_of(self._base.file)
 
+    @property
+    def presets(self) -> dict[str, Preset]:
+        """All materials by name: the built-in ones, and those of the file."""
+        return {**presets(), **self.settings().presets}
+
     # Edits.
 
     def set_value(self, tool: str, steps: Steps, value: Any, *, draft: bool = False, slides: bool = False) -> None:
@@ -126,6 +133,21 @@ class Edits:
             else:
                 drag = (tool, *steps) if slides else None
                 self._become(file.with_value(number, steps, value), f"set {key} of {tool}", drag)
+
+    def set_material(self, tool: str, material: str) -> list[str]:
+        """Set the material of a tool in one step, and remove the tool's own keys that the material gives.
+
+        Returns:
+            The keys that were removed.
+        """
+        with self._guarded():
+            number = self._number(tool)
+            file = self._base.file.with_value(number, ("material",), material)
+            removed = [key for key in file.tools[number] if key in self._given_by(material)]
+            for key in removed:
+                file = file.without(number, (key,))
+            self._become(file, f"make {tool} {material}")
+            return removed
 
     def unset(self, tool: str, steps: Steps) -> None:
         """Remove a key from a tool, so that its default holds again."""
@@ -284,6 +306,10 @@ class Edits:
         if self._read is None or self._read[0] != file.text:
             self._read = file.text, read_file(file)
         return self._read[1]
+
+    def _given_by(self, material: str) -> set[str]:
+        """The keys that a material gives a tool in place of its own; the width is fitted to the place, and stays."""
+        return ({*self.presets[material].keys, "bumps", "max_height"} - {"width"}) & {*TOOL_KEYS}
 
     def _drafted(self, number: int, values: Mapping[str, Any]) -> Draft:
         """Give a tool other values. Its partner stays; a file of many tools takes too long to read for each frame."""

@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from wrinklecli.editor.attached import AttachedTool, ShownMesh
+from wrinklecli.editor.attached import AttachedTool
 from wrinklecli.numeric.arrays import Floats, unit
-from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.suggest.draft import written_length
 from wrinklecli.review.suggest.suggest import Suggestions
 from wrinklecli.tools.json_schema import defaults_of
@@ -42,24 +41,6 @@ class Proposal:
         middle = points[half] if len(points) % 2 else (points[half - 1] + points[half]) / 2.0
         along = unit((points[-1] - points[0])[None])[0]
         return tool.holds(middle) and abs(float(along @ tool.patch.along)) > _SAME_WAY
-
-
-@dataclass(frozen=True, slots=True)
-class TriedTool:
-    """A proposed tool, tried alone on the asset.
-
-    Attributes:
-        moment: Where it is tallest.
-        height: Its greatest height then, scene units.
-        before: All meshes at the moment, without it.
-        after: The same meshes with it.
-    """
-
-    attached: AttachedTool
-    moment: Moment
-    height: float
-    before: tuple[ShownMesh, ...]
-    after: tuple[ShownMesh, ...]
 
 
 def proposed_keys(tool: WrinkleTool) -> dict[str, Any]:

@@ -18,18 +18,17 @@ from wrinklecli.editor.attached import AttachedTool, AttachedTools, PlayableMesh
 from wrinklecli.editor.clip_cache import RecentResults, frame_times
 from wrinklecli.editor.edits import Draft, Edits, Step, length_of
 from wrinklecli.editor.free_pose import POSE, FreePose
-from wrinklecli.editor.proposals import Proposal, TriedTool, proposals_of, proposed_keys, to_axes
+from wrinklecli.editor.proposals import Proposal, proposals_of, proposed_keys, to_axes
+from wrinklecli.editor.raised import RaisedTool, raised_tool
 from wrinklecli.editor.store import Store
 from wrinklecli.errors import WrinkleError
 from wrinklecli.files.watched import Watched
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, significant
 from wrinklecli.numeric.guard import guarded
-from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.suggest.placed import ToolGuesser
 from wrinklecli.review.suggest.suggest import suggest
 from wrinklecli.tools.effective import EffectiveValue, effective_values, inherited_values
-from wrinklecli.tools.materials import Preset, presets
 from wrinklecli.tools.mirror import exchange_sides
 from wrinklecli.tools.read import read_values
 from wrinklecli.tools.records import ToolsFile, identifier, in_axes
@@ -159,11 +158,6 @@ class Session(Edits):
         own = {key: tool.keys[key].value for key in tool.own}
         return inherited_values(own, self._base.file.defaults, self.presets)
 
-    @property
-    def presets(self) -> dict[str, Preset]:
-        """All materials by name: the built-in ones, and those of the file."""
-        return {**presets(), **self.settings().presets}
-
     # Edits.
 
     def add_tool(self, origin: Sequence[float], target: Sequence[float], node: str | None = None) -> str:
@@ -213,26 +207,17 @@ class Session(Edits):
             self._proposals = pose, proposals_of(found)
         return self._proposals[1]
 
-    def try_out(self, proposal: Proposal) -> TriedTool | None:
+    def try_out(self, proposal: Proposal) -> RaisedTool | None:
         """Try a proposed tool alone; None if it does not fit, or nothing raises it. Others may go on meanwhile."""
-        with self._lock:
-            loaded, settings = self._loaded, self._settings_of(self._base.file)
-            posed = () if self._pose_clip is None else (self._pose_clip,)
-        read = read_values({"version": 1, "tools": [dict(proposal.values)]}, name=self.path)
-        with guarded(self.asset):
-            attached = loaded.attach(replace(settings, up="y", tools=read.tools))
-            tool, clips = attached.tools.get(proposal.name), (*loaded.clips, *posed)
-            peak = None if tool is None else tool.peak(loaded.cache, clips)
-            if tool is None or peak is None:
-                return None
-            clip = clip_named(clips, str(peak.clip), where=self.asset)
-            before, after = (
-                tuple(ShownMesh(each, each.posed(clip, peak.time, wrinkled=wrinkled)) for each in attached.meshes)
-                for wrinkled in (False, True)
-            )
-            height = float(tool.control_curve(loaded.cache, clip, peak.time)[:, 1].max())
-        moment = Moment(POSE, 0.0) if any(clip is each for each in posed) else peak
-        return TriedTool(tool, moment, height, before, after)
+        return self._tried({"tools": [dict(proposal.values)]})
+
+    def try_material(self, tool: str, material: str) -> RaisedTool | None:
+        """Try a tool alone with another material, as `set_material` gives it."""
+        with self._guarded():
+            file, number = self._base.file, self._number(tool)
+            values = {key: value for key, value in file.tools[number].items() if key not in self._given_by(material)}
+            header = {key: value for key, value in file.header.items() if key in ("up", "presets", "defaults")}
+        return self._tried({**header, "tools": [{**values, "material": material, "mirror": "none"}]})
 
     def is_taken(self, proposal: Proposal) -> bool:
         """True if a tool of the file makes the folds that a proposed one would make."""
@@ -332,11 +317,10 @@ class Session(Edits):
                 return None
             return found.heights(self._loaded.cache, at)
 
-    def peak(self, tool: str) -> Moment | None:
-        """The moment of a clip at which a tool is tallest; None if it does not fit, or no clip raises it."""
+    def raised(self, tool: str) -> RaisedTool | None:
+        """A tool of the file where it is tallest; None if it does not fit, or no clip raises it."""
         with self._guarded():
-            found = self._attached().tools.get(tool)
-            return None if found is None else found.peak(self._loaded.cache, self.clips)
+            return raised_tool(self._attached(), tool, self._loaded.cache, self.clips)
 
     def warnings(self) -> dict[str, list[str]]:
         """The warnings of `check` by tool, those about whole meshes under an empty name; may take seconds."""
@@ -351,6 +335,16 @@ class Session(Edits):
     def _guarded(self) -> Iterator[None]:
         with self._lock, guarded(self.asset):
             yield
+
+    def _tried(self, values: Mapping[str, Any]) -> RaisedTool | None:
+        """Try the tool of a file alone, refined as the tools of the session are."""
+        with self._lock:
+            loaded, settings = self._loaded, self._settings_of(self._base.file)
+            posed = () if self._pose_clip is None else (self._pose_clip,)
+        read = read_values({"version": 1, **values}, name=self.path)
+        with guarded(self.asset):
+            attached = loaded.attach(replace(settings, up=read.up, tools=read.tools[:1]))
+            return raised_tool(attached, read.tools[0].name, loaded.cache, (*loaded.clips, *posed))
 
     def _measured_mesh(self, mesh: PlayableMesh) -> ToolGuesser:
         """A mesh with the measurements that first guesses need."""

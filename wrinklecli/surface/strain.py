@@ -9,7 +9,7 @@ stretches are the eigenvalues of U in the polar decomposition F = RU.
 """
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 
 import numpy as np
@@ -19,7 +19,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import LEAST_SCALE, joint_matrices, morph_weights
 from wrinklecli.character.rig import TRANSFORM_DEFAULTS, Rig, moving_nodes
 from wrinklecli.character.surface import Surface
-from wrinklecli.numeric.arrays import Floats, Ints, components, distinct_values, face_normals, unit
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, distinct_values, face_normals, unit
 from wrinklecli.numeric.nearest import balls
 from wrinklecli.surface.rest import Rest
 
@@ -172,6 +172,21 @@ def read_gauge(surface: Surface, rest: Rest, rig: Rig) -> Gauge:
     numbers, pieces = np.flatnonzero(solid), _pieces(triangles, areas[solid], count)
     strained = StrainedParts(rig, surface, triangles)
     return Gauge(rig, surface, rest, influences, triangles, strained, numbers, pieces, middles, radii, flat, tensors)
+
+
+def part_of(gauge: Gauge, chosen: Bools) -> Gauge:
+    """A gauge of some of its triangles, with (triangles,) `chosen`."""
+    return replace(
+        gauge,
+        triangles=gauge.triangles[chosen],
+        strained=StrainedParts(gauge.rig, gauge.surface, gauge.triangles[chosen]),
+        numbers=gauge.numbers[chosen],
+        pieces=gauge.pieces[chosen],
+        middles=gauge.middles[chosen],
+        radii=gauge.radii[chosen],
+        flat=gauge.flat[chosen],
+        tensors=gauge.tensors[chosen],
+    )
 
 
 def _pieces(triangles: Ints, areas: Floats, count: int) -> Ints:

@@ -198,7 +198,8 @@ def test_a_flood_of_clicks_does_not_grow(page: Page, monkeypatch: pytest.MonkeyP
     with tab(page) as hostile:
         for _ in range(100):
             hostile.send(msgspec.msgpack.encode(set_to(control(page, "file"), value="Undo")))
-        until(lambda: len(page.work._asked) == 20, "a full queue")
+        # The page itself may ask for a little more meanwhile.
+        until(lambda: 20 <= len(page.work._asked) < 25, "a full queue")
     free.set()
     assert_alive(page)
 

@@ -15,9 +15,9 @@ from kit.browser import until
 from kit.limb import limb
 from wrinklecli.editor.free_pose import POSE
 from wrinklecli.editor.page.page import _SLIDE_SECONDS, Page
+from wrinklecli.editor.page.viewpoints import clear_time
 from wrinklecli.editor.session import Session
 from wrinklecli.errors import ConfigError, WrinkleError
-from wrinklecli.review.preview.moments import Moment
 
 TOOLS = """\
 version: 1
@@ -233,7 +233,9 @@ def test_a_value_that_is_refused_leaves_the_tool(page: Page, steps: tuple[str, .
 def test_a_tool_of_the_list_is_shown_where_it_is_tallest(page: Page) -> None:
     page.player.go(None, 0.0)
     page.choose("a", look=True)
-    assert (page.player.clip, page.session.peak("a")) == ("fold", Moment("fold", page.player.time))
+    raised = page.session.raised("a")
+    assert raised is not None
+    assert (page.player.clip, page.player.time) == ("fold", pytest.approx(clear_time(raised), abs=1e-3))
     assert "a is tallest at" in said(page)
     page.player.go(POSE, 0.0)
     page.choose("bent", look=True)

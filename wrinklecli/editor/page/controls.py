@@ -44,6 +44,7 @@ class ToolControls:
         self._distance = 1.0
         self._shows: list[Callable[[], None]] = []
         self._titled: list[tuple[KeyControl, str, Any]] = []  # widgets that bear the title of a key
+        self._widgets: dict[str, Any] = {}  # of the keys that have a single one
         controls = key_controls()
         self._resets: dict[str, str] = {}  # keys that can be unset, by what is said of each
         tip = "Takes a key away from the tool, which then has the value that stands here."
@@ -64,7 +65,11 @@ class ToolControls:
         gui.add_html(paragraph_of(_LEGEND, QUIET))
 
     def show(
-        self, keys: Mapping[str, EffectiveValue], inherited: Mapping[str, EffectiveValue], distance: float
+        self,
+        keys: Mapping[str, EffectiveValue],
+        inherited: Mapping[str, EffectiveValue],
+        distance: float,
+        materials: Sequence[str],
     ) -> None:
         """Show the keys of a tool.
 
@@ -72,7 +77,9 @@ class ToolControls:
             keys: The values that count.
             inherited: What the tool's own keys would be if they were unset.
             distance: Distance of its anchors at rest, scene units.
+            materials: Names of all materials, those of the file too.
         """
+        show_changed(self._widgets["material"], "options", (*materials, NONE))
         self._values, self._distance = {key: each.value for key, each in keys.items()}, distance
         for show in self._shows:
             show()
@@ -95,7 +102,7 @@ class ToolControls:
         elif control.kind == "json":
             self._add_json(control, control.title)
         else:
-            widget = self._titled_widget(control, self._widget(control, control.title))
+            widget = self._widgets[control.key] = self._titled_widget(control, self._widget(control, control.title))
             on_user_change(widget, lambda: self._set(control, widget.value))
             line = TypedText(widget)
 

@@ -13,11 +13,13 @@ from wrinklecli.editor.baked_file import BakedFile
 from wrinklecli.editor.free_pose import POSE
 from wrinklecli.editor.page.access import Access
 from wrinklecli.editor.page.controls import ToolControls
+from wrinklecli.editor.page.material_panel import MaterialPanel
 from wrinklecli.editor.page.panels import FileButtons, PosePanel
 from wrinklecli.editor.page.player import Charts, Player
 from wrinklecli.editor.page.pointer import Pointer
 from wrinklecli.editor.page.server import serve
 from wrinklecli.editor.page.suggestions import SuggestPanel
+from wrinklecli.editor.page.viewpoints import clear_time
 from wrinklecli.editor.page.viewport import Viewport
 from wrinklecli.editor.page.widgets import (
     ASKS,
@@ -164,6 +166,7 @@ class Page:
             }
             edits = {label: partial(self._edit, edit) for label, edit in actions.items()}
             add_group(self, "tool", {"Look": self._look, **edits})
+            self._materials = MaterialPanel(self, self._viewport)
             clips = [clip.name for clip in session.clips if clip.name not in session.range_clips]
             self._controls = ToolControls(gui, self._changed, self._unset, clips)
             self._charts = Charts(gui)
@@ -242,7 +245,8 @@ class Page:
         self._both_sides.value = tool.partner is not None
         attached = self.session.attached_tools().get(tool.name)
         span = tool.length if attached is None else attached.patch.span
-        self._controls.show(tool.keys, self.session.inherited(tool), span or 1.0)
+        self._controls.show(tool.keys, self.session.inherited(tool), span or 1.0, [*self.session.presets])
+        self._materials.show(tool.name)
 
     def _problems_of(self, tool: EditedTool) -> str:
         """HTML of a tool's problem, or of its warnings."""
@@ -306,16 +310,18 @@ class Page:
             self._look()
 
     def _look(self) -> None:
-        """Turn the cameras to the chosen tool, at the moment when it is tallest; a pose that is set by hand stays."""
+        """Turn the cameras to the chosen tool where it is tallest, or seen before; a pose that is set by hand stays."""
         if self.chosen is None:
             return
         if self.player.clip != POSE and self.chosen in self.session.attached_tools():
-            peak = self.session.peak(self.chosen)
-            if peak is None:
+            raised = self.session.raised(self.chosen)
+            if raised is None:
                 self.say(f"{self.chosen}: no clip raises it. Pose turns joints by hand.", ASKS)
             else:
-                self.player.go(peak.clip, peak.time)
-                self.say(f"{self.chosen} is tallest at {peak.time:.2f} s of {peak.clip}")
+                time = clear_time(raised)
+                self.player.go(raised.clip.name, time)
+                hidden = "" if time == raised.time else f", where the fold hides it; this is {time:.2f} s"
+                self.say(f"{self.chosen} is tallest at {raised.time:.2f} s of {raised.clip.name}{hidden}")
         self._viewport.look_at_tool(self.chosen)
 
     # User actions: editing.

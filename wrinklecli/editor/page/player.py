@@ -7,6 +7,7 @@ import numpy as np
 import viser
 from viser import uplot
 
+from wrinklecli.character.clip import Clip
 from wrinklecli.editor.free_pose import POSE
 from wrinklecli.editor.page.widgets import PageHost, add_button, add_shortcut, on_set, value_within
 from wrinklecli.numeric.arrays import Floats
@@ -60,6 +61,10 @@ class Player:
     def time(self) -> float:
         """Shown time of the clip, seconds."""
         return value_within(self._time)
+
+    def name_of(self, clip: Clip) -> str:
+        """The name among the choices of a clip, or of the pose that is set."""
+        return clip.name if clip.name in self._clips else POSE
 
     def refresh(self) -> None:
         """Offer other clips if the asset was exported again."""

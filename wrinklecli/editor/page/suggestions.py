@@ -1,6 +1,5 @@
 """The panel of proposed tools: a picture of each before and after, where it lies, and buttons that show and take it."""
 
-import base64
 import html
 from dataclasses import dataclass
 from functools import partial
@@ -9,29 +8,31 @@ from typing import Any
 import viser
 
 from wrinklecli.editor.free_pose import POSE, FreePose
-from wrinklecli.editor.page.before_and_after import before_and_after
 from wrinklecli.editor.page.drawn_scene import HINTED
+from wrinklecli.editor.page.pictures import BOTH, before_and_after, image
 from wrinklecli.editor.page.player import Player
+from wrinklecli.editor.page.viewpoints import clear_time
 from wrinklecli.editor.page.viewport import Viewport
 from wrinklecli.editor.page.widgets import ASKS, PageHost, add_button, add_group, add_shortcut, show_changed
-from wrinklecli.editor.proposals import Proposal, TriedTool
+from wrinklecli.editor.proposals import Proposal
+from wrinklecli.editor.raised import RaisedTool
 from wrinklecli.errors import counted
 from wrinklecli.gltf.document import Document
-from wrinklecli.gltf.pixels import Bytes, jpeg_of
+from wrinklecli.gltf.pixels import Bytes
 
 _KEYS = "123456789"  # of proposals, in their order; the script of the page presses one under the mouse, and 0 off it
 _NO_KEY = "0"
-_SHAPE = "aspect-ratio:306/126;width:100%;display:block;background:#e8ebef;border-radius:3px"  # as pictures are drawn
 
 
 @dataclass(slots=True, eq=False)
 class _Row:
-    """A proposal with its widgets; `tried` once it was tried on the asset."""
+    """A proposal with its widgets; once it was tried on the asset, the tool, and the time at which it is shown."""
 
     proposal: Proposal
     card: Any
     buttons: Any
-    tried: TriedTool | None = None
+    raised: RaisedTool | None = None
+    time: float = 0.0
 
 
 class SuggestPanel:
@@ -89,16 +90,18 @@ class SuggestPanel:
         self.refresh()
         free = sum(row.card.visible for row in self._rows)
         taken = f"; {counted(len(proposals) - free, 'place')} with tools left out" if free < len(proposals) else ""
-        self._page.say(f"{free} found: Take adds one{taken}" if proposals else "nothing found that folds")
+        nothing = self._session.notes[-1] if self._session.notes else "nothing found that folds"
+        self._page.say(f"{free} found: Take adds one{taken}" if proposals else nothing)
 
     def _try(self, number: int, row: _Row) -> None:
         """Try a proposal on the asset and draw it; on the slow thread."""
-        tried = self._session.try_out(row.proposal) if row in self._rows else None
-        picture = None if tried is None else before_and_after(tried, self._viewport.paints)
+        raised = self._session.try_out(row.proposal) if row in self._rows else None
+        time = 0.0 if raised is None else clear_time(raised)
+        picture = None if raised is None else before_and_after(raised, time, self._viewport.paints)
 
         def show() -> None:
             if row in self._rows:
-                row.tried = tried
+                row.raised, row.time = raised, time
                 row.card.content = _card(number, row, picture)
 
         self._page.work.put(object(), show)
@@ -106,15 +109,15 @@ class SuggestPanel:
     def _point_at(self, number: int | None) -> None:
         """Outline a proposal while the mouse is over its picture."""
         row = self._rows[number] if number is not None and number < len(self._rows) else None
-        self._viewport.hint_at(None if row is None or row.tried is None else row.tried.attached)
+        self._viewport.hint_at(None if row is None or row.raised is None else row.raised.attached)
 
     def _look(self, row: _Row) -> None:
         """Go to where a proposal would be tallest."""
-        if row.tried is None or row not in self._rows:
+        if row.raised is None or row not in self._rows:
             self._page.say("It does not fit the tools as they are, or is not drawn yet.", ASKS)
             return
-        self._viewport.hint_at(row.tried.attached)
-        self._player.go(row.tried.moment.clip, row.tried.moment.time)
+        self._viewport.hint_at(row.raised.attached)
+        self._player.go(self._player.name_of(row.raised.clip), row.time)
         self._viewport.look_at_tool(HINTED)
 
     def _take(self, row: _Row) -> None:
@@ -128,10 +131,9 @@ class SuggestPanel:
 
 def _card(number: int, row: _Row, picture: Bytes | None) -> str:
     """HTML of a proposal: its picture, and below it the clip, the height and the reason."""
-    source = "" if picture is None else f"data:image/jpeg;base64,{base64.b64encode(jpeg_of(picture)).decode()}"
-    image = f'<img src="{source}" style="{_SHAPE}">' if source else f'<div style="{_SHAPE}"></div>'
-    where = "" if row.tried is None else f"{row.tried.moment.label}, {row.tried.height:.3g} tall. "
+    raised = row.raised
+    where = "" if raised is None else f"{raised.clip.name} {raised.time:.2f} s, {raised.height:.3g} tall. "
     key = _KEYS[number] if number < len(_KEYS) else _NO_KEY
     text = html.escape(f"{where}{row.proposal.why}")
     style = "padding:4px 12px;font-size:.85em;overflow-wrap:anywhere"
-    return f'<div data-wrinkle-key="{key}" style="{style}">{image}{text}</div>'
+    return f'<div data-wrinkle-key="{key}" style="{style}">{image(picture, BOTH)}{text}</div>'

@@ -28,7 +28,8 @@ _ROOM = 3.1  # em, two lines of a paragraph with its padding
 # Fields keep the keyboard focus after a click, even checkboxes, and the page's commands hear no key then. This script
 # passes Ctrl-S on, and Ctrl-Z too unless a line of text has the focus, where it undoes typing. Enter leaves a field.
 # A command hears a key that goes down, but not when it is released: B, if it was held, is pressed again then. What is
-# under the mouse is told by a key, too: that of the element, or 0.
+# under the mouse is told by a key, too: that of the element, or 0. A press on a material's picture presses the key of
+# its command: a click would be lost if the picture is drawn anew meanwhile.
 _SCRIPT = """
 if (!window.wrinkleKeys) {
   window.wrinkleKeys = true;
@@ -67,6 +68,10 @@ if (!window.wrinkleKeys) {
     const key = event.target.closest("[data-wrinkle-key]")?.dataset.wrinkleKey ?? "0";
     if (key !== under) press({key, code: "Digit" + key});
     under = key;
+  });
+  document.addEventListener("pointerdown", event => {
+    const key = event.target.closest("[data-wrinkle-press]")?.dataset.wrinklePress;
+    if (key) press({key: key.toLowerCase(), code: "Key" + key, altKey: true, shiftKey: true});
   });
 }
 """

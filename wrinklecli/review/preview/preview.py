@@ -87,7 +87,7 @@ def preview(
     options = replace(options or PreviewOptions(), **named)
     path = os.fspath(out)
     with part_of(outputs) as written, guarded(os.fspath(assets[0])):
-        _refuse_missing()
+        refuse_missing()
         from wrinklecli.review.preview.sheet import draw_sheets
         from wrinklecli.review.preview.sheet_layout import encode_animation, encode_picture
 
@@ -124,14 +124,15 @@ def preview(
     return Preview(path, drawn.images[0].size, drawn.shown, drawn.views, tuple(warnings), joined[0].notes)
 
 
-def _refuse_missing() -> None:
+def refuse_missing(command: str = "preview") -> None:
+    """Raise WrinkleError if a library for pictures is missing, which the extra of a command's name installs."""
     leave_room()
     try:
         import embreex.mesh_construction  # noqa: F401
         import PIL.Image  # noqa: F401
     except (ImportError, ValueError) as error:  # ValueError: built for another numpy
         raise WrinkleError(
-            f"pictures need Pillow and embreex ({error}): pip install 'wrinklecli[preview]'", where="preview"
+            f"pictures need Pillow and embreex ({error}): pip install 'wrinklecli[{command}]'", where=command
         ) from error
 
 

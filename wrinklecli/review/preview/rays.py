@@ -167,13 +167,22 @@ def visible(corners: Floats, points: Floats, normals: Floats, directions: Floats
     `corners` are the (triangles, 3, 3) corners of everything; the points have unit normals, and the unit directions
     point to the eye.
     """
+    return _unhidden(corners, points, normals, np.repeat(directions[:, None], len(points), axis=1))
+
+
+def visible_from(corners: Floats, points: Floats, normals: Floats, eyes: Floats) -> Bools:
+    """(eyes, points) True if nothing lies between points of a surface and (eyes, 3) places; see `visible`."""
+    return _unhidden(corners, points, normals, unit(eyes[:, None] - points))
+
+
+def _unhidden(corners: Floats, points: Floats, normals: Floats, towards: Floats) -> Bools:
+    """(eyes, points) True if (eyes, points, 3) unit rays leave points of a surface, and meet nothing."""
     middle = (corners.min(axis=(0, 1)) + corners.max(axis=(0, 1))) / 2
     extent = max(float(np.abs(corners - middle).max()), 1e-30)
     rays = _traced((corners - middle) / extent)
-    starts = np.tile((points - middle) / extent + 10 * LIFT * normals, (len(directions), 1)).astype(np.float32)
-    towards = np.repeat(directions, len(points), axis=0).astype(np.float32)
-    free = rays.run(starts, towards, query="OCCLUDED").reshape(len(directions), -1) < 0
-    return np.asarray(free & (directions @ normals.T > 0))
+    starts = np.tile((points - middle) / extent + 10 * LIFT * normals, (len(towards), 1)).astype(np.float32)
+    free = rays.run(starts, towards.reshape(-1, 3).astype(np.float32), query="OCCLUDED").reshape(len(towards), -1) < 0
+    return np.asarray(free & (np.sum(towards * normals, axis=2) > 0))
 
 
 def unit_rows(vectors: Array) -> Array:

@@ -25,7 +25,7 @@ from wrinklecli.review.suggest.substance import read_makeup, substance_of
 from wrinklecli.surface.compression import sites_with_twins
 from wrinklecli.surface.rest import rest_pose
 from wrinklecli.surface.sites import Sites, spread_sites
-from wrinklecli.surface.strain import Gauge, StrainedParts, read_gauge, unscaled_pose
+from wrinklecli.surface.strain import Gauge, part_of, read_gauge, unscaled_pose
 from wrinklecli.tools.records import ToolsFile
 
 # Part of its greatest displacement by which a target moves the surface that is a part of the face.
@@ -133,9 +133,14 @@ class Face:
 
 def read_face(document: Document, rig: Rig, targets: Sequence[FaceTarget], node: str | None) -> Face | None:
     """Find the parts of a face; None if no target moves skin. `node` is the name as a tool must give it."""
-    gauge = _skin(document, rig, targets)
-    if gauge is None:
+    whole = read_skin(document, rig)
+    if whole is None:
         return None
+    ways = np.max([np.linalg.norm(_displacements(whole, each), axis=1) for each in targets], axis=0)
+    ways = ways[whole.triangles].max(axis=1)
+    if not ways.any():
+        return None
+    gauge = cropped(whole, ways > _STILL * ways.max())
     sites = spread_sites(gauge)
     moved = {each.name: _displacements(gauge, each)[gauge.triangles].mean(axis=1) for each in targets}
     motion = _Motion(targets, {name: np.asarray(sites.gather @ way) for name, way in moved.items()}, sites).of_skin()
@@ -278,37 +283,25 @@ def targets_of(targets: Sequence[FaceTarget], motions: Sequence[str], side: Side
     ]
 
 
-def _skin(document: Document, rig: Rig, targets: Sequence[FaceTarget]) -> Gauge | None:
-    """The triangles of a mesh that are skin, and around what targets move; None if there are none."""
+def read_skin(document: Document, rig: Rig) -> Gauge | None:
+    """The triangles of a mesh that may wrinkle, unlike eyes, teeth and hair; None if there are none."""
     surface = read_surface(document, rig)
     rest = rest_pose(surface, rig, ToolsFile(path=document.path, tools=()), (), [])
     gauge = read_gauge(surface, rest, rig)
     makeup = read_makeup(document, rig, gauge)
-    kinds = {
-        primitive: substance_of(makeup, np.where(makeup.primitives == primitive, 1.0, 0.0), by_morph=True).kind
-        for primitive in np.unique(makeup.primitives).tolist()
-    }
-    skin = np.isin(makeup.primitives, [primitive for primitive, kind in kinds.items() if kind != "hard"])
-    ways = np.max([np.linalg.norm(_displacements(gauge, each), axis=1) for each in targets], axis=0)
-    moving = ways[gauge.triangles].max(axis=1) > _STILL * ways.max(initial=0.0)
-    if not (skin & moving).any():
-        return None
-    inside = gauge.middles[skin & moving]
+    skin = np.zeros(len(gauge.triangles), bool)
+    for primitive in np.unique(makeup.primitives).tolist():
+        own = makeup.primitives == primitive
+        skin |= own & (substance_of(makeup, own / own.sum(), by_morph=True).kind != "hard")
+    return part_of(gauge, skin) if skin.any() else None
+
+
+def cropped(gauge: Gauge, moving: Bools) -> Gauge:
+    """The triangles around those of a gauge that move, with (triangles,) `moving`."""
+    inside = gauge.middles[moving]
     low, high = inside.min(axis=0), inside.max(axis=0)
     space = _AROUND * float(np.linalg.norm(high - low))
-    near = skin & (gauge.middles > low - space).all(axis=1) & (gauge.middles < high + space).all(axis=1)
-    chosen = np.flatnonzero(near)
-    return replace(
-        gauge,
-        triangles=gauge.triangles[chosen],
-        strained=StrainedParts(rig, surface, gauge.triangles[chosen]),
-        numbers=gauge.numbers[chosen],
-        pieces=gauge.pieces[chosen],
-        middles=gauge.middles[chosen],
-        radii=gauge.radii[chosen],
-        flat=gauge.flat[chosen],
-        tensors=gauge.tensors[chosen],
-    )
+    return part_of(gauge, ((gauge.middles > low - space) & (gauge.middles < high + space)).all(axis=1))
 
 
 def _displacements(gauge: Gauge, target: FaceTarget) -> Floats:

@@ -70,7 +70,7 @@ class FaceRegion:
         aside: Bounds within which its summit lies: 0 in the middle of the face, 1 at an eye's middle, 2 at its outer
             corner.
         height: Bounds likewise: -1 at the mouth, 0 at the eyes, 1 at the brows.
-        along: Aside and up, the direction across its wrinkles.
+        along: Aside and up, the direction across its wrinkles; (0, 0) for that of the strongest compression.
         middle: True if it lies across the middle of the face, False for one on each side.
         width: Least width of a tool, in distances of the eyes: shorter wrinkles look like dents.
         bumps: Fewest and most wrinkles.
@@ -117,12 +117,17 @@ REGIONS = (
     ),
     FaceRegion(
         "nasolabial folds", "nasolabial", ("mouthSmile", "cheekSquint"),
-        (0.6, 3.5), (-1.1, -0.4), (1.0, 0.4), middle=False, width=0.5, bumps=(3, 3), bump_height=0.10,
+        (0.6, 3.5), (-1.1, -0.4), (1.0, 0.4), middle=False, width=0.5, bumps=(3, 3), bump_height=0.13,
     ),
     FaceRegion(
         "the chin", "chin", ("mouthShrugLower",),
         (0.0, 1.0), (-4.0, -1.0), (0.0, 1.0), middle=True, width=0.35, bumps=(3, 4), bump_height=0.08,
     ),
+)  # fmt: skip
+# The side of the neck to which the head turns.
+NECK = FaceRegion(
+    "the neck", "neck", (),
+    (0.0, 9.0), (-9.0, -1.3), (0.0, 0.0), middle=False, width=0.5, bumps=(3, 4), bump_height=0.13, longest=0.7,
 )  # fmt: skip
 
 

@@ -20,6 +20,7 @@ from wrinklecli.review.suggest.candidates import Candidate
 from wrinklecli.review.suggest.draft import across_x, tool_of, width_of
 from wrinklecli.review.suggest.face_parts import Face, read_face
 from wrinklecli.review.suggest.face_targets import (
+    NECK,
     REGIONS,
     VOCABULARIES,
     FaceRegion,
@@ -29,6 +30,7 @@ from wrinklecli.review.suggest.face_targets import (
 )
 from wrinklecli.review.suggest.fitted_tools import FULL_BY_WEIGHT, Suggestion
 from wrinklecli.review.suggest.measure import MeasuredMesh
+from wrinklecli.review.suggest.neck import read_neck
 from wrinklecli.review.suggest.shortening import Shortening, attached, greatest, shortenings_of, with_rising_bumps
 from wrinklecli.surface.compression import CompressedRegion, connected_sites
 from wrinklecli.surface.sites import at_sites
@@ -38,6 +40,8 @@ from wrinklecli.tools.records import Length, RestLengthMorph, WrinkleTool
 
 # Least loss of a region's summit, and least shortening of its tool: less is no line of a face.
 _LEAST_LOSS = 0.04
+# The same for a tool that joints drive: for less, skin bulges and does not fold.
+_LEAST_BY_JOINT = 0.15
 # Part of a summit's loss at which its region ends, as for folds of joints.
 _REGION_LOSS = 0.5
 # Fewest sites of a region: fewer say too little.
@@ -52,6 +56,8 @@ _NARROWER, _NARROWEST = 0.9, 0.7
 _MOVE, _MOVES = 0.08, 4
 # Greatest part of its height that a tool may have on a lid or a lip, where its bell has nearly faded.
 _FADED = 0.05
+# Least cosine of a region's direction and the strongest compression of its place for a tool along the latter.
+_SAME_WAY = 0.5
 # Least cosine of the normals of a site and a region's summit.
 _FACING = 0.25
 # Least and greatest angle to either side by which crow's feet spread round an eye, radians.
@@ -109,6 +115,19 @@ def suggest_face(document: Document, nodes: Mapping[int, str | None], clips: Seq
             else:
                 of_side = region.title + {"": "", "L": ", left", "R": ", right"}[side]
                 notes.append(f"{where}: no tool for {of_side}: {fitted or 'no target on this side'}")
+    neck = read_neck(document, nodes, face)
+    if neck is None:
+        notes.append(f"{where}: no tool for the neck: no joint of a neck or head folds skin")
+    else:
+        skin, turns = neck
+        pairs: list[tuple[Side, Clip]] = [("L", turns[0]), ("R", turns[1])]
+        for side, turn in pairs[:1] if face.symmetric else pairs:
+            fitted = _fit(skin, NECK, side, (turn,), clips)
+            if isinstance(fitted, Suggestion):
+                tools.append(fitted)
+                motions[turn.name] = turn
+            else:
+                notes.append(f"{where}: no tool for the neck: {fitted}")
     if missing:
         notes.insert(0, f"{where}: no tool for {', '.join(missing)}: it has no such target")
     reason = "" if tools else f"{where}: no morph target compresses the skin where a face has lines"
@@ -146,10 +165,22 @@ def _fit(
     ends = find_segment(mesh.sites, compressed, [unscaled_pose(mesh.gauge, together, 1.0)])
     if ends is None:
         return f"no segment fits where {together.name} compresses the skin"
-    candidate = Candidate(mesh, compressed, together, 1.0, *ends, 1.0, "skin", driver=together.name, by_morph=True)
+    ends = _within(face, ends, region.longest * face.size)
+    driver = together.name if face.targets else region.name
+    candidate = Candidate(
+        mesh, compressed, together, 1.0, *ends, 1.0, "skin", driver=driver, by_morph=bool(face.targets)
+    )
     if region.round_eye:
         candidate = _round_eye(face, candidate, side)
     return _fit_tool(face, region, candidate, side, clips)
+
+
+def _within(face: Face, ends: tuple[Floats, Floats], longest: float) -> tuple[Floats, Floats]:
+    """Two (3,) ends on the surface, nearer to their middle if they are further apart than the longest."""
+    middle, half = (ends[0] + ends[1]) / 2.0, (ends[1] - ends[0]) / 2.0
+    ratio = min(1.0, longest / (2.0 * float(np.linalg.norm(half))))
+    first, last = (face.mesh.rest.foot(middle + sign * ratio * half)[0] for sign in (-1.0, 1.0))
+    return ends if ratio == 1.0 else (first, last)
 
 
 def _compressed(face: Face, region: FaceRegion, side: Side, clip: Clip) -> CompressedRegion | None:
@@ -158,7 +189,9 @@ def _compressed(face: Face, region: FaceRegion, side: Side, clip: Clip) -> Compr
     tensors = at_sites(sites, clip, np.array([1.0]))[0]
     sign = -1.0 if side == "R" else 1.0
     direction = unit(sign * region.along[0] * face.left + region.along[1] * face.up)
-    lost = np.where(_window(face, region, sign), along_directions(tensors, sites.normals, direction), -np.inf)
+    given = bool(direction.any())
+    lost = along_directions(tensors, sites.normals, direction) if given else principal(tensors, sites.normals)[0]
+    lost = np.where(_window(face, region, sign), lost, -np.inf)
     seed = int(lost.argmax())
     if not lost[seed] > _LEAST_LOSS:
         return None
@@ -172,9 +205,8 @@ def _compressed(face: Face, region: FaceRegion, side: Side, clip: Clip) -> Compr
     normal = unit(weights @ sites.normals[members])
     if not region.middle:
         _, found = principal((weights @ tensors[members] / weights.sum())[None], normal[None])
-        direction = (
-            found[0] * (1.0 if found[0] @ direction >= 0 else -1.0) if abs(found[0] @ direction) > 0.5 else direction
-        )
+        if not given or abs(found[0] @ direction) > _SAME_WAY:
+            direction = found[0] * np.sign(found[0] @ direction or 1.0)
     centre = weights @ places / weights.sum()
     if region.middle:
         normal = unit(normal - (normal @ face.left) * face.left)
@@ -245,8 +277,8 @@ def _fit_tool(
     if greatest(shortenings[0]).ratio < _LEAST_LOSS and region.middle and name in mesh.rig.morph_names:
         patches, shortenings = _by_weight(mesh, patches, shortenings, name)
     best = greatest(shortenings[0])
-    if best.ratio < _LEAST_LOSS:
-        return f"{name} hardly shortens the skin there"
+    if best.ratio < (_LEAST_LOSS if candidate.by_morph else _LEAST_BY_JOINT):
+        return f"{best.clip.name} hardly shortens the skin there"
     every = replace(mesh, clips=tuple(clips), times=tuple(_times(clip) for clip in clips))
     also = [found | shortenings_of(every, patch) for patch, found in zip(patches, shortenings, strict=True)]
     made = with_rising_bumps(mesh, patches, also, height=region.bump_height)
@@ -257,7 +289,7 @@ def _fit_tool(
         mirrored=len(made) == 2,
         mesh=mesh.rig.names[mesh.rig.node],
         driver=name,
-        by_morph=True,
+        by_morph=candidate.by_morph,
         clip=best.clip.name,
         time=best.time,
         span=patches[0].span,

@@ -79,7 +79,10 @@ class StagedTool:
     def crossings(self) -> tuple[int, int]:
         """The numbers of edges that pass through triangles at the place, of the coarse surface and with wrinkles."""
         there = flags_of(distinct_values(self.triangles[self.place]), len(self.plain))
-        crossings = Crossings.of(self.plain, self.triangles)
+        boxes = [_box(each[there]) for each in (self.flat_positions, self.wrinkled)]
+        low, high = np.minimum(boxes[0][0], boxes[1][0]), np.maximum(boxes[0][1], boxes[1][1])
+        meets = [_meets(each[self.triangles], low, high) for each in (self.flat_positions, self.wrinkled)]
+        crossings = Crossings.of(self.plain, self.triangles[meets[0] | meets[1]])
 
         def count(positions: Floats) -> int:
             edges, triangles = crossings.at(positions)
@@ -139,8 +142,7 @@ class Stage:
         low, high = _box(np.concatenate([plain[faces[place]], wrinkled[faces[place]]]))
         reach = _NEAR * float((high - low).max())
         low, high = low - reach, high + reach
-        of_faces = plain[faces]
-        near = place | ((of_faces.min(axis=1) <= high) & (of_faces.max(axis=1) >= low)).all(axis=1)
+        near = place | _meets(plain[faces], low, high)
         used = distinct_values(faces[near])
         others = self._others(plan, clip, time, low, high)
         corners = others.reshape(-1, 3)
@@ -166,8 +168,7 @@ class Stage:
         """(triangles, 3, 3) corners of other meshes that meet a box."""
         found = [np.zeros((0, 3, 3))]
         for corners in self._layers.near(clip, time, low, high, node=plan.rig.node):
-            meets = ((corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)).all(axis=1)
-            found.append(corners[meets])
+            found.append(corners[_meets(corners, low, high)])
         return np.concatenate(found)
 
 
@@ -212,6 +213,12 @@ def _box(corners: Floats) -> tuple[Floats, Floats]:
     """Least and greatest coordinates of (…, 3) corners."""
     points = corners.reshape(-1, 3)
     return points.min(axis=0), points.max(axis=0)
+
+
+def _meets(corners: Floats, low: Floats, high: Floats) -> Bools:
+    """(triangles,) True if the box round (triangles, 3, 3) corners meets that from `low` to `high`."""
+    meets: Bools = ((corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)).all(axis=1)
+    return meets
 
 
 def _ends(carried: CarriedPatch, positions: Floats) -> tuple[Floats, Floats]:

@@ -89,7 +89,7 @@ def suggest(
         memory = Memory(options.max_memory)
         document = read_document(asset, allow_external=options.allow_external, memory=memory)
         nodes, notes = find_mesh_nodes(document, options)
-        in_range = False if options.face else options.range_of_motion or None
+        in_range = options.range_of_motion or None
         motions = Motions(options.anims, in_range, options.pose, options.morphs)
         joined = moved(document, list(nodes), motions)
         document, notes = joined.document, [*notes, *joined.warnings, *([] if options.face else joined.notes)]
@@ -98,7 +98,12 @@ def suggest(
             raised = with_clips(document, of_face.motions)
             clips = tuple(read_clips(raised))
             found = worthwhile(
-                raised, of_face.tools, clips, RefinementSettings(), count=len(of_face.tools), everything=True
+                raised,
+                of_face.tools,
+                clips,
+                RefinementSettings(),
+                count=len(of_face.tools),
+                everything=options.everything,
             )
             return _written(raised, joined.beside, found, [*notes, *of_face.notes], of_face.reason)
         clips = chosen_clips(joined.clips, joined.chosen(options.clips), where=document.path)

@@ -1,0 +1,86 @@
+"""The panel of materials and presets: pictures of the chosen tool with each, one of which a click gives the tool."""
+
+import html
+from functools import partial
+from string import ascii_uppercase
+from typing import Any
+
+from wrinklecli.editor.page.pictures import ONE, after_alone, image
+from wrinklecli.editor.page.viewpoints import clear_time
+from wrinklecli.editor.page.viewport import Viewport
+from wrinklecli.editor.page.widgets import ASKS, PageHost, add_button, add_shortcut
+from wrinklecli.gltf.pixels import Bytes
+
+_GRID = "display:grid;grid-template-columns:repeat(3,1fr);gap:6px;padding:2px 12px 8px;font-size:.8em;line-height:1.2"
+
+
+class MaterialPanel:
+    """Pictures of materials, at the current place of the panel; each has a command too."""
+
+    def __init__(self, page: PageHost, viewport: Viewport) -> None:
+        self._page, self._session, self._viewport = page, page.session, viewport
+        self._titles = {name: each.title for name, each in page.session.presets.items()}
+        self._keys = dict(zip(self._titles, ascii_uppercase, strict=False))
+        self._tool: str | None = None
+        self._time: float | None = None  # at which all are drawn, seconds
+        self._pictures: dict[str, Bytes] = {}
+        with page.server.gui.add_folder("Materials", expand_by_default=False):
+            tip = "Draws this tool with each of them. A click on one gives it to the tool, in place of its own keys."
+            add_button(page, "Draw them on this tool", self._ask, color="gray", hint=tip)
+            self._grid: Any = page.server.gui.add_html("")
+        for name, key in self._keys.items():
+            take = partial(self._take, name)
+            add_shortcut(page, f"Material: {self._titles[name]}", take, hotkey=key, modifier="alt+shift")
+        self._show_grid()
+
+    def show(self, tool: str) -> None:
+        """Show a tool's pictures, of which there are none if it was another tool before."""
+        if tool != self._tool:
+            self._tool, self._time, self._pictures = tool, None, {}
+            self._show_grid()
+
+    def _ask(self) -> None:
+        if self._tool is None:
+            return
+        self._time = None
+        self._page.say("drawing the materials …", ASKS)
+        for name in self._keys:
+            self._page.slow.put(("material", name), partial(self._draw, self._tool, name))
+
+    def _draw(self, tool: str, name: str) -> None:
+        """Draw a tool with a material; on the slow thread."""
+        if tool != self._tool:
+            return
+        raised = self._session.try_material(tool, name)
+        if raised is None:
+            return
+        if self._time is None:
+            self._time = clear_time(raised)  # one time for all, so that they can be compared
+        picture = after_alone(raised, self._time, self._viewport.paints)
+
+        def show() -> None:
+            if tool == self._tool:
+                self._pictures[name] = picture
+                self._show_grid()
+
+        self._page.work.put(object(), show)
+
+    def _take(self, name: str) -> None:
+        """Give the chosen tool a material."""
+        self._page.commit()
+        tool = self._page.chosen
+        if tool is None:
+            self._page.say("Choose a tool first.", ASKS)
+            return
+        removed = self._session.set_material(tool, name)
+        self._page.refresh()
+        without = f", without its own {', '.join(removed)}; Undo brings them back" if removed else ""
+        self._page.say(f"{tool}: {self._titles[name]}{without}")
+
+    def _show_grid(self) -> None:
+        cells = [
+            f'<div data-wrinkle-press="{key}" title="{html.escape(name)}" style="cursor:pointer">'
+            f"{image(self._pictures.get(name), ONE)}{html.escape(self._titles[name])}</div>"
+            for name, key in self._keys.items()
+        ]
+        self._grid.content = f'<div style="{_GRID}">{"".join(cells)}</div>'
