@@ -183,7 +183,7 @@ def _judge(stage: Stage, suggestion: Suggestion, placed: dict[str, Placement]) -
     if faults:
         reason, value = faults[0]
         return Dropped(suggestion.tool.name, suggestion.mesh, reason, value)
-    return replace(suggestion, one_sided=suggestion.mirrored and len(looks) == 1)
+    return replace(suggestion, one_sided=suggestion.twin_moment is not None and len(looks) == 1)
 
 
 def _look(stage: Stage, placement: Placement, name: str, peak: float) -> tuple[StagedTool, Seen] | None:
