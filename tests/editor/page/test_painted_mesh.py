@@ -1,9 +1,11 @@
 """The browser's meshes: what is put into a .glb is read from it again, and the file is valid."""
 
+import io
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from kit.clients import assert_valid
 from kit.player import Gltf
@@ -37,3 +39,17 @@ def test_a_mesh_is_read_from_its_file_as_it_was(tmp_path: Path, texture: Texture
         assert file.json["samplers"] == [{"wrapS": 33648, "wrapT": 33071}]
         (image,) = file.json["images"]
         assert file.view_bytes(image["bufferView"])[:3] == b"\xff\xd8\xff", "a JPEG"
+
+
+@pytest.mark.parametrize(
+    ("height", "width", "sent"), [(1024, 3, (1024, 3)), (2048, 1500, (1024, 750)), (1025, 1, (512, 1))]
+)
+def test_a_large_texture_is_averaged_for_the_browser(height: int, width: int, sent: tuple[int, int]) -> None:
+    rows = np.arange(height, dtype=np.uint8)[:, None, None] % 200
+    pixels = np.broadcast_to(rows, (height, width, 3)).copy()
+    mesh = PaintedMesh(TRIANGLES, PLACES, Texture(pixels, ("repeat", "repeat")))
+    found = np.array(Image.open(io.BytesIO(mesh._image)))
+    assert found.shape == (*sent, 3)
+    step = height // sent[0]
+    means = rows[: sent[0] * step, 0, 0].reshape(-1, step).mean(axis=1)
+    assert np.median(np.abs(found[:, 0, 0] - means)) < 4

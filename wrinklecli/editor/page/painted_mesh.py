@@ -9,12 +9,14 @@ import struct
 import numpy as np
 
 from wrinklecli.gltf.document import BIN_CHUNK, COMPONENT_TYPES, GLB_MAGIC, JSON_CHUNK, SIZE_TYPES, TRIANGLES
-from wrinklecli.gltf.pixels import jpeg_of
+from wrinklecli.gltf.pixels import Bytes, jpeg_of
 from wrinklecli.numeric.arrays import Array, Floats, Ints
 from wrinklecli.review.preview.paints import Texture
 
 _WRAPS = {"clamp": 33071, "mirror": 33648, "repeat": 10497}  # glTF's wrapping modes
 _ROUGHNESS = 0.9  # like skin or cloth: folds show by their shading, not by reflections
+
+_MOST_PIXELS = 1024  # along each side of a texture, which the browser reads again in each frame; the view has no more
 
 
 class PaintedMesh:
@@ -30,7 +32,7 @@ class PaintedMesh:
         self._sampler = {}
         if texture is not None:
             self._fixed.append(coordinates.astype(np.float32))
-            self._image = jpeg_of(texture.pixels)
+            self._image = jpeg_of(_small(texture.pixels))
             self._material["baseColorTexture"] = {"index": 0}
             self._sampler = {key: _WRAPS[wrap] for key, wrap in zip(("wrapS", "wrapT"), texture.wraps, strict=True)}
 
@@ -80,6 +82,16 @@ class PaintedMesh:
             gltf["textures"] = [{"source": 0, "sampler": 0}]
         gltf["buffers"] = [{"byteLength": start}]
         return _container(gltf, b"".join(parts))
+
+
+def _small(pixels: Bytes) -> Bytes:
+    """Average (height, width, 3) pixels in blocks, so that neither side is longer than the browser needs."""
+    rows, columns = (-(-size // _MOST_PIXELS) for size in pixels.shape[:2])
+    if rows == columns == 1:
+        return pixels
+    height, width = pixels.shape[0] // rows, pixels.shape[1] // columns
+    blocks = pixels[: height * rows, : width * columns].reshape(height, rows, width, columns, 3)
+    return np.asarray(blocks.mean(axis=(1, 3)).round().astype(np.uint8))
 
 
 def _container(gltf: dict[str, object], data: bytes) -> bytes:
