@@ -5,8 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from kit.forehead import BROWS, forehead
+from kit.limb import write_tools
 from kit.places import ROOT
-from wrinklecli.editor.page.drawing import Body, outline_of
+from wrinklecli.editor.page.drawing import _LINE_POINTS, Body, outline_of
 from wrinklecli.editor.session import Session
 
 # In front of the left thigh, just below the crotch, and so wide that the other leg is as near in space.
@@ -25,3 +27,19 @@ def test_no_line_of_an_outline_leaves_the_surface(tool: str, longest: float, tmp
     lengths = np.linalg.norm(np.diff(places[outline.segments], axis=1)[:, 0], axis=1)
     assert len(lengths) > 40
     assert lengths.max() < longest * attached.patch.span
+
+
+@pytest.mark.parametrize("laid", ["stored", "raised"])
+def test_an_outline_is_a_rectangle_in_the_pose_in_which_the_tool_is_laid(laid: str, tmp_path: Path) -> None:
+    """The brows rise in arches, and so does the edge at the origin unless it is laid there."""
+    asset = forehead(count=33).write(tmp_path / "forehead.glb")
+    session = Session(asset, write_tools(tmp_path / "tools.yaml", {**BROWS, "laid": laid}))
+    bends = {}
+    for time in (0.0, 0.75):
+        (shown,) = session.meshes("raise", time, wait=False)
+        outline = outline_of(session.attached_tools()["brow"], shown.source, 0, (1.0, 0.0, 0.0))
+        places = outline.points.positions(Body(shown.faces, ()), shown.positions)
+        bends[time] = np.ptp(places[2 * _LINE_POINTS : 3 * _LINE_POINTS, 1])
+    straight, bent = (0.0, 0.75) if laid == "stored" else (0.75, 0.0)
+    assert bends[straight] < 0.03
+    assert bends[bent] > 3.0 * bends[straight]

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from kit.forehead import BROWS, forehead
 from kit.limb import tool, write_tools
 from kit.pictures import BUMPY, SIZE, covered, draw, limb, picture, reds
 from wrinklecli.baking.job import BakeOptions
@@ -40,6 +41,24 @@ def test_marks_lie_on_the_triangles_that_they_are_of_before_and_after(tmp_path: 
                 assert np.ptp(places[:, 0] - corners[:, 0]) < 0.01
                 assert np.abs(np.abs(places[:, 1]) - np.abs(corners[:, 2])).max() < 0.01
         assert marked > (50 if refined else 5)
+
+
+def test_marks_are_laid_where_the_tool_is(tmp_path: Path) -> None:
+    """At three quarters of the brows' rise, crests are drawn straight across the forehead."""
+    tools = write_tools(tmp_path / "tools.yaml", BROWS)
+    planned = plan_tools(forehead().write(tmp_path / "forehead.glb"), tools, BakeOptions())
+    assert planned.job is not None
+    asset, _ = read_shown(apply_tools(planned, [])[0], "forehead", planned.plans, refined=True)
+    bends = []
+    for time in (0.0, 0.75):
+        (posed,) = asset.posed(Moment("raise", time))
+        (mark,) = posed.shown.marks
+        up = posed.positions[posed.triangles[mark.triangles]].reshape(-1, 3)[:, 1]
+        u = mark.places.reshape(-1, 2)[:, 0] / mark.span
+        middle = np.abs(u - 0.5) < 0.25
+        line = np.polyfit(u[middle], up[middle], 1)
+        bends.append(np.abs(np.polyval(line, u[middle]) - up[middle]).max())
+    assert bends[1] < 0.25 * bends[0]
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
