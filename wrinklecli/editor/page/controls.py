@@ -22,8 +22,8 @@ _MAPPING = "by hand"
 _OWN = "as below"
 _NO_KEY = "–"
 # Marks before the title of a key, by the source of its value; what is built in has none.
-_MARKS: Mapping[Source, str] = {"tool": "• ", "material": "◦ ", "defaults": "▫ ", "built-in": ""}
-_LEGEND = "• own key · ◦ of its material · ▫ of the file's defaults"
+_MARKS: Mapping[Source, str] = {"tool": "• ", "material": "◇ ", "defaults": "≡ ", "built-in": ""}
+_LEGEND = "• own key · ◇ of its material · ≡ of the file's defaults"
 _MAX_SHOWN = 24  # characters of a value among those to go back to
 _CLIPS_TAB = "Clips"
 _MAX_STRENGTH = 2.0  # greatest strength, of either sign, that a slider offers

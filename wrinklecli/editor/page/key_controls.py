@@ -26,7 +26,7 @@ GROUPS: Mapping[str, Sequence[str]] = {
     "Shape": ("material", "width", "bumps", "gap", "strategy", "max_height", "profile", "attenuation", "details"),
     "Irregularity": ("variation", "seed", "branch", "broken", "bow"),
     "Motion": ("compressible", "strength", "rest_length", "lag", "contact"),
-    "Place": ("node", "snap", "mirror", "laid", "attachment", "optional"),
+    "Place": ("node", "snap", "mirror", "laid", "attachment", "optional", "mask", "stops"),
 }
 _OTHERS = "More"
 # Keys that are set by the mouse on the mesh, by buttons, or clip by clip.
