@@ -12,7 +12,7 @@ from wrinklecli.character.clip import KEY_GAP, Clip
 from wrinklecli.character.rig import Rig, morph_target_names
 from wrinklecli.choices import Mode
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, targets_of
-from wrinklecli.effects.plan import mesh_warnings
+from wrinklecli.effects.plan import mesh_warnings, track_warnings
 from wrinklecli.errors import counted, listed
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, significant
@@ -136,7 +136,8 @@ def make_report(job: Job, baked: Sequence[BakedMesh], *, images: Sequence[str], 
         notes += _joint_notes(job, mesh.joint_names)
         warnings += _joint_warnings(job, mesh.joint_names)
         clips = [motion.clip for motion in mesh.motions]
-        warnings += mesh_warnings(mesh.plan, job.settings, clips, tracks=tracks)
+        warnings += mesh_warnings(mesh.plan, job.settings, clips)
+        warnings += track_warnings(mesh.plan, clips) if tracks else ()
         warnings += _three_warnings(job, mesh.plan.rig, clips) if tracks else ()
         for number, effect in enumerate(mesh.effects):
             motions = [(motion, motion.states[number], motion.weights[number]) for motion in mesh.motions]

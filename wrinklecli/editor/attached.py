@@ -241,7 +241,7 @@ class AttachedTools:
             _add_by_name(found, [tool.patch.tool.name], lines)
         for plan in {id(each.plan): each.plan for each in self.tools.values()}.values():
             names = [each.patch.tool.name for each in carried_patches_of(plan)]
-            _add_by_name(found, names, mesh_warnings(plan, settings, clips, tracks=False))
+            _add_by_name(found, names, mesh_warnings(plan, settings, clips))
         return found
 
 

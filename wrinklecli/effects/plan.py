@@ -113,21 +113,26 @@ def plan_on(
     return plan
 
 
-def mesh_warnings(plan: MeshPlan, settings: ToolsFile, clips: Sequence[Clip], *, tracks: bool) -> list[str]:
-    """Warnings about a mesh with all its effects, for clips that are baked and perhaps get tracks of weights."""
-    rig = plan.rig
-    where = rig.names[rig.node]
+def mesh_warnings(plan: MeshPlan, settings: ToolsFile, clips: Sequence[Clip]) -> list[str]:
+    """Warnings about a mesh with all its effects, for clips that are baked."""
+    where = plan.rig.names[plan.rig.node]
     warnings = [line for layer in plan.layers for line in layer.warnings(plan, clips)]
     if plan.fine.subdivision.limited:
         warnings.append(
             f"{where}: {plan.fine.subdivision.limited} edges are still too long for the wrinkles at max_levels"
             f" {settings.refinement.max_levels}"
         )
-    return warnings + [
+    return warnings
+
+
+def track_warnings(plan: MeshPlan, clips: Sequence[Clip]) -> list[str]:
+    """Warnings about clips that get a track of weights on a mesh whose own morph targets they left alone."""
+    rig, where = plan.rig, plan.rig.names[plan.rig.node]
+    return [
         f"{where}: {clip.name} gets a weights channel, which will hold the morph targets that were free there;"
         " --tracks none avoids it"
         for clip in clips
-        if rig.morph_names and clip.channel(rig.node, "weights") is None and tracks
+        if rig.morph_names and clip.channel(rig.node, "weights") is None
     ]
 
 

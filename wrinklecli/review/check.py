@@ -16,7 +16,7 @@ from wrinklecli.character.moved import Motions
 from wrinklecli.character.posing import JointTurn, MorphWeight
 from wrinklecli.character.rig import moving_nodes
 from wrinklecli.effects.effect import MeshPlan, Motion, SamplingOptions
-from wrinklecli.effects.plan import mesh_warnings
+from wrinklecli.effects.plan import mesh_warnings, track_warnings
 from wrinklecli.effects.sampling import moving_clips
 from wrinklecli.effects.wrinkle.activity import ClipActivity
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
@@ -145,7 +145,7 @@ def check(
     options = replace(options or CheckOptions(), **named)
     with guarded(os.fspath(asset)):
         job = read_job(asset, tools, options.bake_options, options.motions)
-        warnings = list(job.warnings)
+        warnings, notes = list(job.warnings), list(job.notes)
         checked: list[CheckedTool] = []
         plans = plan_meshes(job)
         for plan in plans:
@@ -154,7 +154,9 @@ def check(
             sampling = SamplingOptions(job.settings.sampling.fps, "morph", job.document.memory, progress)
             motions = sample_activities(carried_patches_of(plan), plan, moving_clips(plan, clips), sampling)
             baked = [motion.clip for motion in motions if motion.clip.name not in (*job.range, job.pose)]
-            warnings += mesh_warnings(plan, job.settings, baked, tracks=True)
+            warnings += mesh_warnings(plan, job.settings, baked)
+            # No tool is at fault, and an option of the bake decides.
+            notes += track_warnings(plan, baked)
             carried_patches = carried_patches_of(plan)
             names = [carried.patch.tool.name for carried in carried_patches]
             for number, overlaps in enumerate(_overlaps([each.vertices for each in carried_patches], names)):
@@ -168,7 +170,7 @@ def check(
         "tools_file": job.settings.path,
         "meshes": [_describe_mesh(plan) for plan in plans],
         "tools": [tool.data for tool in checked],
-        "notes": list(job.notes),
+        "notes": notes,
         "warnings": warnings,
     }
     return Check(data, tuple(warnings), (*job.inputs, *job.beside), tuple(checked))

@@ -25,7 +25,7 @@ _MOST_KNOWN_ROWS = 500_000
 # Per cent added to `compressible`: between the poses looked at, a clip may fold a little further.
 _SPARE = 1
 # Most per cent of `compressible` that a file may have.
-_MOST_COMPRESSIBLE = 95
+MOST_COMPRESSIBLE = 95
 # Factor by which bumps grow until `compressible` is no more than that.
 _HIGHER = 1.1
 # Most rays that look for a surface over a patch.
@@ -129,7 +129,7 @@ def with_rising_bumps(
     usual = patches[0].tool.bump_height
     highest = min(_free_height(mesh, patch) for patch in patches)
     height = min(usual if height is None else height, highest / width)
-    while (percent := _needed_percent(patches, shortenings, height)) > _MOST_COMPRESSIBLE:
+    while (percent := _needed_percent(patches, shortenings, height)) > MOST_COMPRESSIBLE:
         height *= _HIGHER
     if height * width > highest:
         return None
@@ -158,7 +158,7 @@ def with_lower_bumps(
     # Rounded up to need no more `compressible`.
     percent_of_span = math.ceil(1e4 * part * height / first.span) / 100.0
     percent = _needed_percent(patches, shortenings, part * height / width)
-    if percent > _MOST_COMPRESSIBLE:
+    if percent > MOST_COMPRESSIBLE:
         return None
     max_height = Length(percent_of_span, percent=True)
     return [replace(each.tool, compressible=percent / 100.0, max_height=max_height) for each in patches]

@@ -24,6 +24,7 @@ from wrinklecli.review.suggest.measure import MeasuredMesh, find_mesh_nodes, mea
 from wrinklecli.review.suggest.substance import is_rigid
 from wrinklecli.review.suggest.suggest_options import SuggestOptions
 from wrinklecli.review.suggest.text import refuse_unwritable, tools_text
+from wrinklecli.review.suggest.unwarned import unwarned
 from wrinklecli.review.suggest.worth import Dropped, Worthwhile, worthwhile
 from wrinklecli.surface.sites import Peaks
 from wrinklecli.tools.records import RefinementSettings
@@ -105,8 +106,9 @@ def suggest(
                 count=len(of_face.tools),
                 everything=options.everything,
             )
+            found = unwarned(raised, found, clips)
             return _written(raised, joined.beside, found, [*notes, *of_face.notes], of_face.reason)
-        clips = chosen_clips(joined.clips, joined.chosen(options.clips), where=document.path)
+        clips = checked = chosen_clips(joined.clips, joined.chosen(options.clips), where=document.path)
         generated: list[Clip] = []
         if joined.range and not options.clips:
             generated = [clip for clip in clips if clip.name in joined.range]
@@ -140,6 +142,8 @@ def suggest(
             count=options.count,
             everything=options.everything,
         )
+        if not options.everything:
+            found = unwarned(document, found, checked)
         return _written(document, joined.beside, found, [*notes, *reasons], reason)
 
 

@@ -60,17 +60,20 @@ class Dropped:
         mesh: Name of the node.
         reason: A word of `REASONS`.
         value: The number that decided.
+        warning: The line of `check`, if that is the reason.
     """
 
     name: str
     mesh: str
     reason: str
     value: float
+    warning: str = ""
 
     @property
     def line(self) -> str:
         """The reason in words, for people."""
         value = f"{100 * self.value:.0f} %" if self.reason != "crosses" else f"{self.value:g}"
+        value = self.warning.removeprefix(f"{self.name}: ") if self.warning else value
         return f"{self.mesh}: left out {self.name}: {REASONS[self.reason].format(value)}"
 
 
@@ -80,6 +83,7 @@ REASONS = {
     "unseen": "its wrinkles are hardly seen: the light changes on {} of the place",
     "crosses": "it would make the surface pass through itself at {} more edges",
     "turns": "it would turn triangles over, which show as teeth on {} of the place",
+    "warned": "`check` would warn: {}",
     "bends": "refinement alone would move the surface by {} of the wrinkles' height",
 }
 """Reasons to leave out a tool, in words with a place for the value."""

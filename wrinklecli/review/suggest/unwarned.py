@@ -1,0 +1,84 @@
+"""Suggested tools without the warnings of `check`: each is made to fit where a key can do so, else left out.
+
+A file that `suggest` writes then passes `check --strict`.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+from wrinklecli.character.clip import Clip, clip_grid
+from wrinklecli.effects.effect import MeshPlan
+from wrinklecli.effects.wrinkle.activity import ClipActivity, activity
+from wrinklecli.effects.wrinkle.patch import Patch
+from wrinklecli.effects.wrinkle.warnings import departure_warnings, tool_warnings
+from wrinklecli.effects.wrinkle.weights import fitting_compressible
+from wrinklecli.gltf.document import Document
+from wrinklecli.review.suggest.fitted_tools import Suggestion
+from wrinklecli.review.suggest.shortening import MOST_COMPRESSIBLE
+from wrinklecli.review.suggest.trial import Placement, Trial, names_of
+from wrinklecli.review.suggest.worth import Dropped, Worthwhile
+from wrinklecli.tools.records import Sampling
+
+# Most times that tools are made to fit: once each by its compressible, its height, and what those change beside it.
+_ROUNDS = 4
+# Clips in which a tool is looked at frame by frame: those that shorten it most, as measured in fewer poses.
+_MOST_CLIPS = 6
+
+
+def unwarned(document: Document, found: Worthwhile, clips: Sequence[Clip]) -> Worthwhile:
+    """Remove what `check` would warn of from tools, or the tools.
+
+    Args:
+        document: The asset with all clips.
+        found: Tools that are worth keeping.
+        clips: Those that `check` looks at.
+    """
+    for _ in range(_ROUNDS):
+        placed = Trial(document, clips, found.refinement).placements(found.tools)
+        kept: list[Suggestion] = []
+        for each in found.tools:
+            mended = _mended(each, [placed[name] for name in names_of(each, placed)], _shortest_clips(each, clips))
+            if isinstance(mended, Dropped):
+                found.dropped.append(mended)
+            else:
+                kept.append(mended)
+        if kept == found.tools:
+            break
+        found = replace(found, tools=kept)
+    return found
+
+
+def _mended(suggestion: Suggestion, sides: Sequence[Placement], clips: Sequence[Clip]) -> Suggestion | Dropped:
+    """A suggestion, placed with its mirror image, that needs no warning, or less of one; or why there is none."""
+    warnings, needed = list[str](), suggestion.tool.compressible
+    for placement in sides:
+        plan, carried = placement.plan, placement.carried
+        seen = [_activity_in(clip, plan, carried.patch) for clip in clips]
+        lines = tool_warnings(plan, carried, seen, up="y") + departure_warnings(plan, [carried], placement.number)
+        if lines:
+            lengths = ((each.seen.distances, each.seen.rest_lengths) for each in seen)
+            needed = max(needed, math.ceil(100.0 * fitting_compressible(carried.patch.curve, lengths)) / 100.0)
+        warnings += lines
+    if not warnings:
+        return suggestion
+    if suggestion.tool.compressible < needed <= MOST_COMPRESSIBLE / 100.0:
+        return replace(suggestion, tool=replace(suggestion.tool, compressible=needed), lower=None)
+    if suggestion.lower is not None:
+        return replace(suggestion.lower, tool=replace(suggestion.lower.tool, width=suggestion.tool.width))
+    return Dropped(suggestion.tool.name, suggestion.mesh, "warned", 0.0, warnings[0])
+
+
+def _shortest_clips(suggestion: Suggestion, clips: Sequence[Clip]) -> list[Clip]:
+    """The clips that shorten a tool most, and the one that shortens its mirror image most."""
+    by_name = {clip.name: clip for clip in clips}
+    names = sorted((name for name in suggestion.clips if name in by_name), key=suggestion.clips.__getitem__)[
+        :_MOST_CLIPS
+    ]
+    twin = [] if suggestion.twin_moment is None else [suggestion.twin_moment[0]]
+    return [by_name[name] for name in dict.fromkeys([*names, *twin]) if name in by_name]
+
+
+def _activity_in(clip: Clip, plan: MeshPlan, patch: Patch) -> ClipActivity:
+    times = clip_grid(clip, plan.rig, fps=Sampling().fps)
+    return ClipActivity(clip, times, activity(patch, plan.rig, clip, times))
