@@ -200,6 +200,50 @@ def test_targets_that_move_nothing_are_said(tmp_path: Path) -> None:
     assert any("bunny lines (noseSneer)" in note for note in found.notes)
 
 
+@pytest.mark.parametrize(
+    ("targets", "reason"),
+    [
+        (["mouthSmileLeft", "mouthSmileRight"], "tell neither eyes nor brows, or move no skin"),
+        (["eyeBlinkLeft", "jawOpen", "mouthFrownLeft"], "no morph target compresses the skin where a face has lines"),
+    ],
+)
+def test_a_face_that_says_too_little_has_nothing(tmp_path: Path, targets: list[str], reason: str) -> None:
+    face = Face()
+    every = face.deltas()
+    asset = face.asset({name: every[name] for name in targets})
+    # Without joints, nothing turns the head.
+    for node in asset.gltf["nodes"]:
+        node.pop("skin", None)
+    for primitive in asset.gltf["meshes"][0]["primitives"]:
+        for name in ("JOINTS_0", "WEIGHTS_0"):
+            del primitive["attributes"][name]
+    found = suggest(asset.write(tmp_path / "face.glb"), face=True)
+    assert not found.tools
+    assert reason in found.reason
+
+
+@pytest.mark.parametrize(
+    "expressions",
+    [
+        None,
+        [],
+        {"preset": []},
+        {"preset": {"happy": None, "angry": {}, "blink": {"morphTargetBinds": {}}}},
+        {"preset": {"happy": {"morphTargetBinds": [None, {}, {"node": 0}, {"node": 0, "index": "0", "weight": 1}]}}},
+        {"preset": {"happy": {"morphTargetBinds": [{"node": 0, "index": 999, "weight": 1}]}}},
+        {"preset": {"happy": {"morphTargetBinds": [{"node": 0, "index": True, "weight": 1}]}}},
+        {"preset": {"happy": {"morphTargetBinds": [{"node": 0, "index": 0, "weight": "1"}]}}},
+        {"custom": {"": {"morphTargetBinds": [{"node": 7, "index": 0, "weight": 1}]}}},
+    ],
+)
+def test_malformed_expressions_say_nothing(tmp_path: Path, expressions: object) -> None:
+    asset = Face().vrm()
+    asset.gltf["extensions"]["VRMC_vrm"]["expressions"] = expressions
+    found = suggest(asset.write(tmp_path / "face.glb"), face=True)
+    assert not found.tools
+    assert "no mesh has morph targets of a face" in found.reason
+
+
 def test_an_asset_without_a_face_has_nothing(tmp_path: Path) -> None:
     result = run(sample("wrist"), "--face", "-o", tmp_path / "tools.yaml")
     assert result.exit_code == 1

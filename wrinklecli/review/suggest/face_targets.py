@@ -97,11 +97,11 @@ class FaceRegion:
 REGIONS = (
     FaceRegion(
         "the forehead", "forehead", ("browInnerUp",),
-        (0.0, 2.5), (1.0, 6.0), (0.0, 1.0), middle=True, width=0.8, bumps=(4, 5), bump_height=0.10,
+        (0.0, 2.5), (1.0, 6.0), (0.0, 1.0), middle=True, width=1.3, bumps=(4, 4), bump_height=0.10,
     ),
     FaceRegion(
         "the forehead's sides", "forehead_side", ("browOuterUp",),
-        (0.5, 3.0), (1.0, 6.0), (0.0, 1.0), middle=False, width=0.5, bumps=(3, 4), bump_height=0.09,
+        (0.5, 3.0), (1.0, 6.0), (0.0, 1.0), middle=False, width=1.1, bumps=(4, 4), bump_height=0.10,
     ),
     FaceRegion(
         "the glabella", "glabella", ("browDown",),
@@ -218,7 +218,10 @@ def _expressions(document: Document, rig: Rig) -> Iterator[tuple[str, dict[int, 
             if not isinstance(bind, dict) or bind.get(holder) != (rig.mesh if place == "mesh" else rig.node):
                 continue
             number, weight = bind.get("index"), bind.get("weight")
-            if isinstance(number, int) and 0 <= number < len(rig.morph_names) and isinstance(weight, int | float):
+            # In Python, true is a number.
+            if isinstance(number, bool) or isinstance(weight, bool) or not isinstance(weight, int | float):
+                continue
+            if isinstance(number, int) and 0 <= number < len(rig.morph_names):
                 weights[number] = min(max(float(weight) / full, 0.0), 1.0)
         if weights:
             yield name, weights

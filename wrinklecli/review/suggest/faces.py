@@ -96,7 +96,7 @@ def suggest_face(document: Document, nodes: Mapping[int, str | None], clips: Seq
     where = rig.names[rig.node]
     face = read_face(document, rig, targets, name)
     if face is None:
-        return FaceTools((), (), (), f"{where}: the morph targets of its face move no skin")
+        return FaceTools((), (), (), f"{where}: its morph targets tell neither eyes nor brows, or move no skin")
     tools: list[Suggestion] = []
     motions: dict[str, Clip] = {}
     missing: list[str] = []
