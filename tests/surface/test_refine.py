@@ -183,3 +183,35 @@ def test_edge_whose_weights_cannot_be_stored_is_left_whole() -> None:
     assert found[1e-3][1] <= 1e-3
     assert found[1e-3][0] < found[np.inf][0]
     assert found[1e-3][2] > 0 == found[np.inf][2]
+
+
+def test_edges_across_a_sharp_furrow_are_shorter_and_those_that_hardly_rise_longer(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    prepared = prepare(
+        limb_asset(rings=24, sides=24),
+        tool(bumps=3, profile="skin", variation=0, width=0.6, attenuation="linear"),
+        refinement={"max_levels": 8, "scheme": "midpoint"},
+    )
+    fine, patch = prepared.refined(), prepared.patch
+    assert fine.subdivision.limited == 0
+    member = np.isin(fine.subdivision.parents, patch.members)
+    u, v = patch.coordinates(fine.rest_positions)
+    edges = np.unique(np.sort(fine.triangles[member][:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)), axis=0)
+    heights = patch.magnitudes(np.full(len(u), 0.5), v, fine.rest_normals)[edges].min(axis=1)
+    edges = edges[(heights > 0.01) & (u[edges].min(axis=1) > 0) & (u[edges].max(axis=1) < 1)]
+    places, shares = patch.stretched(u, v)[edges], 1.0 - np.abs(v[edges]).min(axis=1)
+    steps, step = np.abs(np.diff(places, axis=1))[:, 0], 1 / (2 * 6)
+    across = np.zeros(len(edges), bool)
+    for furrow in (1 / 3, 2 / 3):
+        across |= (places.min(axis=1) < furrow) & (places.max(axis=1) > furrow)
+    most = step / np.maximum(shares, 0.05) ** 0.25
+    assert (steps <= most + 1e-12).all()
+    assert (steps[across] <= most[across] / 1.5 + 1e-12).all()
+    assert steps[~across & (shares > 0.7)].max() > 0.6 * step, "edges elsewhere are as long as ever"
+    monkeypatch.setattr("wrinklecli.surface.refine._FADING", 0.0)
+    assert len(prepared.refined().positions) > 1.05 * len(fine.positions)
+    with_smooth_crests = prepare(
+        limb_asset(rings=30, sides=24), tool(bumps=3, variation=0), refinement={"max_levels": 8, "scheme": "midpoint"}
+    )
+    assert not len(with_smooth_crests.patch.furrows)

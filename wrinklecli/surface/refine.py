@@ -40,6 +40,13 @@ from wrinklecli.tools.records import RefinementSettings
 
 # Fraction of a region's greatest displacement above which a displacement is visible.
 _LEAST_SHOWN = 0.01
+# Factor by which edges across a sharp furrow are shorter than others: as for 3 edges an interval in place of 2.
+_FURROWED = 1.5
+# Power of the fraction of the displacement by which edges are longer. An error of normals is in proportion to the
+# fraction and the square of the length, which gives 1/2; but edges along the fading side must also show how it fades.
+_FADING = 0.25
+# Fraction of the displacement below which edges do not become longer.
+_LEAST_SHARE = 0.05
 
 
 @dataclass(frozen=True)
@@ -317,8 +324,24 @@ def _long_edges_in(level: Level, laid: _Laid, settings: RefinementSettings) -> B
         if last and not region.projected:
             # The little that remains at the border of a region is not missed.
             steps = steps * _greatest_shares(level, edges, region, places, turned, scratch)
+        elif len(region.furrows) and not region.projected:
+            steps = steps * _weights(region, ends, _at(level.edges[edges], vertices, v, scratch))
         wanted[edges] |= steps > _greatest_step(region, settings)
     return wanted
+
+
+def _weights(region: Region, stretched: Floats, v: Floats) -> Floats:
+    """(edges,) weights of steps along a region with sharp furrows, from (edges, 2) coordinates of the edges' ends.
+
+    Edges across a furrow must be shorter: the lines at which it crosses them would show as teeth. Where the region
+    fades, edges may be longer.
+    """
+    low, high = stretched.min(axis=1), stretched.max(axis=1)
+    furrowed = np.searchsorted(region.furrows, high, "right") > np.searchsorted(region.furrows, low, "left")
+    nearest = np.where(v[:, 0] * v[:, 1] > 0, np.abs(v).min(axis=1), 0.0)
+    shares = region.share(np.full(len(v), 0.5), nearest, np.ones(len(v)))
+    weights: Floats = np.where(furrowed, _FURROWED, 1.0) * np.maximum(shares, _LEAST_SHARE) ** _FADING
+    return weights
 
 
 def _showing_edges(level: Level, laid: Sequence[_Laid]) -> Bools:

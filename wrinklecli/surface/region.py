@@ -58,6 +58,10 @@ class Region(Protocol):
     def stretched(self, u: Floats, v: Floats) -> Floats:
         """(…,) a coordinate along which edges of equal length show the displacement equally well."""
 
+    @property
+    def furrows(self) -> Floats:
+        """(furrows,) sorted `stretched` coordinates of sharp furrows, the borders of the region among them, if any."""
+
     def share(self, u: Floats, v: Floats, cosines: Floats) -> Floats:
         """(…,) fraction of the full displacement at points, from the cosines of their normals; 0 outside the region."""
 

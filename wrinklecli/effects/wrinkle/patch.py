@@ -131,6 +131,12 @@ class Patch:
             return bent
         return self.curve.stretched(bent if self.variation is None else self.variation.places(bent, v)[0].us)
 
+    @property
+    def furrows(self) -> Floats:
+        """(furrows,) sorted places between bumps, and at both ends, if the profile makes sharp furrows there."""
+        bumps = self.curve.bumps
+        return np.sort(np.concatenate([bumps.starts, bumps.ends])) if self.curve.profile.sharp else np.zeros(0)
+
     def places(self, u: Floats, v: Floats, cosines: Floats) -> Places:
         """Places on the control curve of points at (…,) u and v, and the factors on its height there.
 
