@@ -602,14 +602,21 @@ def _atlas(
 _SKINS = {"pale": (0.94, 0.79, 0.71), "tan": (0.80, 0.58, 0.44), "dark": (0.36, 0.22, 0.16)}
 
 
-def dressed(tone: str = "tan", shirt: Sequence[float] = (0.80, 0.80, 0.76)) -> Asset:
-    """A figure in a shirt, jeans and boots on one atlas and one mesh; it squats."""
+def dressed(
+    tone: str = "tan",
+    shirt: Sequence[float] = (0.80, 0.80, 0.76),
+    *,
+    trousers: Sequence[float] | None = None,
+    boots: Sequence[float] = (0.25, 0.15, 0.09),
+) -> Asset:
+    """A figure in a shirt, trousers (jeans if they have no colour) and boots on one atlas and one mesh; it squats."""
     writer = Writer()
     colour = _SKINS[tone]
     tile = 170
+    worn = denim(tile) if trousers is None else cotton(tile, trousers)
     pictures = {
-        "head": face(tile, colour), "skin": skin(tile, colour), "denim": denim(tile), "cotton": cotton(tile, shirt),
-        "leather": leather(tile),
+        "head": face(tile, colour), "skin": skin(tile, colour), "denim": worn, "cotton": cotton(tile, shirt),
+        "leather": leather(tile, boots),
     }  # fmt: skip
     atlas, rectangles = _atlas(pictures)
     material = writer.textured("Material.001", atlas)
@@ -813,6 +820,8 @@ CHARACTERS: dict[str, Callable[[], Asset]] = {
     "dressed": dressed,
     "dressed_dark": lambda: dressed("dark", (0.15, 0.15, 0.17)),
     "dressed_pale": lambda: dressed("pale", (0.75, 0.35, 0.30)),
+    "dressed_brown": lambda: dressed(trousers=(0.44, 0.31, 0.22), boots=(0.54, 0.35, 0.17)),
+    "dressed_black": lambda: dressed("pale", (0.12, 0.12, 0.13), trousers=(0.1, 0.1, 0.1), boots=(0.06, 0.06, 0.06)),
     "avatar": avatar,
     "cartoon": cartoon,
     "tubes": tubes,

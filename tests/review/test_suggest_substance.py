@@ -246,6 +246,8 @@ TRUTH: dict[str, dict[str, str]] = {
     "dressed": DRESSED,
     "dressed_dark": DRESSED,
     "dressed_pale": DRESSED,
+    "dressed_brown": DRESSED,
+    "dressed_black": DRESSED,
     "cartoon": {**DRESSED, "shin": "skin"},
 }
 
@@ -276,7 +278,7 @@ def compared(candidates: Sequence[Candidate], truth: dict[str, str]) -> list[tup
 
 
 @pytest.mark.quick(3)
-@pytest.mark.parametrize("name", ["dressed", "low_poly_flat", "robot", "knight_tabard"])
+@pytest.mark.parametrize("name", ["dressed", "dressed_brown", "low_poly_flat", "robot", "knight_tabard"])
 def test_each_place_of_a_clip_has_its_substance(places_of: Callable[..., list[Candidate]], name: str) -> None:
     found = compared(places_of(characters.CHARACTERS[name]()), TRUTH[name])
     assert len(found) >= 2

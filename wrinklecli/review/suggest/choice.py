@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wrinklecli.character.bones import Part, read_bones, words_of
+from wrinklecli.character.rig import Rig
 from wrinklecli.character.scene import read_scene
 from wrinklecli.errors import AssetError, counted, listed, nearest
 from wrinklecli.gltf.document import Document
@@ -25,6 +26,7 @@ from wrinklecli.review.suggest.substance import (
     PrimitiveHints,
     Substance,
     facet_length,
+    find_bare_skin,
     read_hints,
     read_makeup,
     substance_of,
@@ -119,21 +121,24 @@ def _judged(
     hints: dict[int, tuple[PrimitiveHints, ...]] = {}
     makeups: dict[int, Makeup] = {}
     known_rims: dict[int, Floats] = {}
+    distinct = {id(each.mesh.gauge.surface): each.mesh for each in candidates}
+    for surface, mesh in distinct.items():
+        makeups[surface] = read_makeup(document, mesh.rig, mesh.gauge, pictures=pictures)
+        known_rims[surface] = rims_of(mesh)
+    # Animals are neither shod nor dressed, and their coats have several colours.
+    animals = {surface for surface, mesh in distinct.items() if _has_tail(mesh.rig)}
+    bare = find_bare_skin([(mesh.gauge, makeups[surface]) for surface, mesh in distinct.items()], bones.parts)
     for each in candidates:
         mesh, surface = each.mesh, id(each.mesh.gauge.surface)
         # All meshes have the names of all nodes; of equal ones the first node counts.
         numbers = numbers or {name: number for number, name in reversed([*enumerate(mesh.rig.names)])}
         part = None if each.by_morph else bones.parts[numbers[each.driver]]
-        if surface not in makeups:
-            makeups[surface] = read_makeup(document, mesh.rig, mesh.gauge, pictures=pictures)
-            known_rims[surface] = rims_of(mesh)
         if mesh.rig.node not in hints:
             hints[mesh.rig.node] = read_hints(document, mesh.rig, options.materials)
-        # Instances share a surface, but the names of their nodes may say what each is made of.
-        makeup = replace(makeups[surface], hints=hints[mesh.rig.node])
         weights = triangle_weights(mesh.sites, each.region)
-        # Animals are neither shod nor dressed.
-        animal = any(_TAIL.search(words_of(mesh.rig.names[joint])) for joint in mesh.rig.joints.tolist())
+        animal = surface in animals
+        # Instances share a surface, but the names of their nodes may say what each is made of.
+        makeup = replace(makeups[surface], hints=hints[mesh.rig.node], bare=None if animal else bare)
         substance = substance_of(makeup, weights, None if animal else part, by_morph=each.by_morph)
         fault = ""
         if options.everything:
@@ -149,6 +154,10 @@ def _judged(
         facet = facet_length(makeup, weights)
         found = replace(each, material=substance.material, facet=facet, part=part, substance=substance)
         yield _Judged(found, substance, fault)
+
+
+def _has_tail(rig: Rig) -> bool:
+    return any(_TAIL.search(words_of(rig.names[joint])) for joint in rig.joints.tolist())
 
 
 def _covered(document: Document, candidates: Sequence[Candidate]) -> set[int]:

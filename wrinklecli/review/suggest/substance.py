@@ -6,7 +6,7 @@ says nothing counts as skin, whose wrinkles are the lowest, with low confidence.
 """
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -90,6 +90,14 @@ _DARK = (0.25, 0.37)
 _WOVEN = (0.06, 0.14)
 # Roughness of cloth and of leather; 0.5 is what programs give a new material.
 _SMOOTH = (0.48, 0.35)
+# Parts of the body that show bare skin, the surest first: heads have hair.
+_SHOWING: tuple[tuple[Part, ...], ...] = (("hand", "palm", "finger"), ("head",))
+# Distance in Oklab at which a colour is another one than the bare skin's, and at which it is the same; and how much
+# less likely another one is skin: soles and lips differ, but not as brown trousers do.
+_SAME_SKIN = (0.1, 0.05)
+_NOT_BARE = 0.7
+# How far a colour that leather and cloth have alike looks like leather.
+_EITHER = 0.45
 # Confidence from which on a substance is called sure, and likely.
 _SURE, _LIKELY = 0.85, 0.6
 
@@ -146,6 +154,7 @@ class Makeup:
         vertex_starts: (primitives + 1,) the first glTF vertex of each primitive.
         mesh: Index of the mesh.
         pictures: Its textures.
+        bare: (3,) the colour of the character's bare skin, in Oklab; None if unknown.
     """
 
     hints: tuple[PrimitiveHints, ...]
@@ -158,6 +167,7 @@ class Makeup:
     vertex_starts: Ints
     mesh: int
     pictures: Pictures = field(compare=False, repr=False)
+    bare: Floats | None = None
 
 
 def read_makeup(
@@ -248,11 +258,11 @@ def substance_of(makeup: Makeup, weights: Floats, part: Part | None = None, *, b
     hints = makeup.hints[int(of_primitives.argmax())]
     if hints.asked is not None:
         return hints.asked
-    swatch = makeup.pictures.swatch(
-        makeup.mesh, makeup.primitives, makeup.corners, makeup.vertex_starts, np.maximum(weights, 0.0)
-    )
+    swatch = _swatch(makeup, np.maximum(weights, 0.0))
     named_soft = hints.material is not None and hints.material.kind != "hard"
-    return _hard(makeup, weights, swatch, plates=not (by_morph or named_soft)) or _soft(hints, swatch, part)
+    return _hard(makeup, weights, swatch, plates=not (by_morph or named_soft)) or _soft(
+        hints, swatch, part, makeup.bare
+    )
 
 
 def _hard(makeup: Makeup, weights: Floats, swatch: Swatch, *, plates: bool) -> Substance | None:
@@ -273,10 +283,10 @@ def _hard(makeup: Makeup, weights: Floats, swatch: Swatch, *, plates: bool) -> S
     return Substance("hard", "as " + " and ".join(looks), 0.95, "metal" if metal else "rigid")
 
 
-def _soft(hints: PrimitiveHints, swatch: Swatch, part: Part | None) -> Substance:
+def _soft(hints: PrimitiveHints, swatch: Swatch, part: Part | None, bare: Floats | None = None) -> Substance:
     """The likeliest substance by colours, names and the part of the body."""
     evidence: dict[str, dict[SubstanceKind, float]] = {
-        ("by its texture" if swatch.pictured > 0.5 else "by its colour"): _by_looks(swatch),
+        ("by its texture" if swatch.pictured > 0.5 else "by its colour"): _by_looks(swatch, bare),
         "by the name of its material": _by_name(hints.material, _MATERIAL_NAME),
         "by its name": _by_name(hints.node, _NAME),
     }
@@ -316,7 +326,7 @@ def _by_name(named_as: Substance | None, strength: float) -> dict[SubstanceKind,
     return {named_as.kind: _HARD_NAME if named_as.kind == "hard" else strength}
 
 
-def _by_looks(swatch: Swatch) -> dict[SubstanceKind, float]:
+def _by_looks(swatch: Swatch, bare: Floats | None) -> dict[SubstanceKind, float]:
     """What colours, fine contrast and roughness say."""
     lightness, chroma, hue = swatch.lightness, swatch.chroma, swatch.hue
     if not swatch.coloured > 0.5:
@@ -324,9 +334,18 @@ def _by_looks(swatch: Swatch) -> dict[SubstanceKind, float]:
     if not swatch.pictured > 0.5 and float(chroma.mean()) < _GREY and float(lightness.mean()) > _DARK[0]:
         # The default of modelling programs.
         return {}
-    # Haemoglobin and melanin give human skin, pale and dark, hues around orange, and never vivid ones.
-    skin = _bell(hue, 56.0, 15.0) * _ramp(chroma, 0.012, 0.03) * _ramp(chroma, 0.165, 0.13) * _ramp(lightness, *_DARK)
-    tanned = _bell(hue, 56.0, 20.0) * _ramp(chroma, 0.012, 0.03) * _ramp(lightness, _DARK[1] + 0.12, _DARK[0])
+    skin = _skin_like(swatch)
+    brown = _bell(hue, 56.0, 20.0) * _ramp(chroma, 0.012, 0.03)
+    tanned = brown * _ramp(lightness, _DARK[1] + 0.12, _DARK[0])
+    # Black, and browns other than the character's skin, are the colours of leather and of cloth: the place decides.
+    black = _ramp(lightness, 0.35, 0.25) * _ramp(chroma, 0.03, 0.015)
+    tanned = np.maximum(tanned, _EITHER * black)
+    if bare is not None:
+        # Shadows are painted into textures, so lightness counts half.
+        away = np.sqrt(np.sum((_coordinates(swatch) - bare) ** 2 * [0.25, 1.0, 1.0], axis=1))
+        same = _ramp(away, *_SAME_SKIN)
+        skin = skin * (1.0 - _NOT_BARE * (1.0 - same))
+        tanned = np.maximum(tanned, _EITHER * brown * _ramp(lightness, 0.75, 0.6) * (1.0 - same))
     # Indigo.
     denim = _bell(hue, 262.0, 20.0) * _ramp(chroma, 0.01, 0.03) * _ramp(lightness, 0.8, 0.65)
     others = 1.0 - np.maximum(np.maximum(skin, tanned), denim)
@@ -344,6 +363,50 @@ def _by_looks(swatch: Swatch) -> dict[SubstanceKind, float]:
         found["leather"] += _WEAVE * woven
         found["skin"] -= 2.0 * _WEAVE * woven
     return found
+
+
+def _skin_like(swatch: Swatch) -> Floats:
+    """(points,) 1 for the colours of human skin, 0 for others.
+
+    Haemoglobin and melanin give skin, pale and dark, hues around orange, and never vivid ones.
+    """
+    hue, chroma = swatch.hue, swatch.chroma
+    of_hue = _ramp(hue, 24.0, 38.0) * _ramp(hue, 88.0, 74.0)
+    return of_hue * _ramp(chroma, 0.012, 0.03) * _ramp(chroma, 0.165, 0.13) * _ramp(swatch.lightness, *_DARK)
+
+
+def _coordinates(swatch: Swatch) -> Floats:
+    """(points, 3) colours in Oklab."""
+    turn = np.radians(swatch.hue)
+    return np.stack([swatch.lightness, swatch.chroma * np.cos(turn), swatch.chroma * np.sin(turn)], axis=1)
+
+
+def find_bare_skin(meshes: Sequence[tuple[Gauge, Makeup]], parts: Sequence[Part | None]) -> Floats | None:
+    """(3,) the colour of a character's hands in Oklab, or of its head; None if neither has the colour of skin.
+
+    Args:
+        meshes: Those of the character.
+        parts: (nodes,) the part of the body that each node moves.
+    """
+    for bare in _SHOWING:
+        for gauge, makeup in meshes:
+            surface, rig = gauge.surface, gauge.rig
+            if not rig.skinned:
+                continue
+            greatest = surface.joints[np.arange(len(surface.positions)), surface.weights.argmax(axis=1)]
+            inside = np.array([parts[joint] in bare for joint in rig.joints.tolist()])[greatest][gauge.triangles]
+            areas = np.where(inside.all(axis=1), gauge.flat[:, 0] * gauge.flat[:, 2], 0.0)
+            if not areas.any():
+                continue
+            swatch = _swatch(makeup, areas)
+            skin = _skin_like(swatch) > 0.5
+            if swatch.coloured > 0.5 and swatch.metallic < _METALLIC and skin.mean() > 0.5:
+                return np.asarray(np.median(_coordinates(swatch)[skin], axis=0))
+    return None
+
+
+def _swatch(makeup: Makeup, weights: Floats) -> Swatch:
+    return makeup.pictures.swatch(makeup.mesh, makeup.primitives, makeup.corners, makeup.vertex_starts, weights)
 
 
 def _bell(values: Floats, middle: float, deviation: float) -> Floats:
