@@ -11,11 +11,31 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import blend, joint_matrices, morph_weights, transform
 from wrinklecli.character.rig import Rig
+from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.effects.wrinkle.activity import ClipActivity
 from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
+from wrinklecli.errors import counted
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, determinants, distinct_values, face_normals, vertex_normals
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.rest import carried_normals
+
+# Fraction of the triangles that a tool moves from which on those that it turns over are seen: fewer lie in the fold.
+_SEEN = 0.01
+
+
+def turned_warnings(plan: MeshPlan, carried: CarriedPatch, clips: Sequence[ClipActivity]) -> list[str]:
+    """A warning about triangles that a tool turns over where clips shorten it most."""
+    moment = deepest_moment(clips)
+    if moment is None:
+        return []
+    clip, time = moment
+    count = count_turned_over(carried, plan.fine, plan.rig, clip, time)
+    if count <= _SEEN * len(plan.fine.around.faces_of(carried.vertices)):
+        return []
+    return [
+        f"{carried.patch.tool.name}: turns {counted(count, 'triangle')} over in {clip.name} at {time:.3g} s, which"
+        " shows as teeth or dark tiles: lower or fewer bumps, or a place beside the fold, avoid it"
+    ]
 
 
 def turned_over(faces: Floats, normals: Floats) -> Bools:
