@@ -9,7 +9,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, children, components, distinct_values, face_normals, unit
+from wrinklecli.numeric.arrays import (
+    Bools,
+    Floats,
+    Ints,
+    among,
+    children,
+    components,
+    distinct_values,
+    face_normals,
+    unit,
+)
 from wrinklecli.numeric.edges import Edges
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.rest import Rest
@@ -42,11 +52,11 @@ def cut_at_features(ground: Ground, members: Ints, least: float) -> Cut:
     """
     surface, rest = ground.surface, ground.rest
     faces = rest.around.faces_of(distinct_values(surface.triangles[members]))
-    triangles = surface.triangles[faces]
+    faces = faces[_firsts(surface.triangles[faces])]
+    triangles, is_member = surface.triangles[faces], among(faces, members)
     edges = Edges.of(triangles)
-    own = np.searchsorted(faces, members)
     near = np.zeros(len(edges.vertices), np.bool_)
-    near[edges.of_faces[own]] = True
+    near[edges.of_faces[is_member]] = True
     feature = near & (edges.counts == 1)
     looks = ground.looks[surface.primitives[faces]]
     feature[edges.pairs] |= near[edges.pairs] & (looks[edges.one // 3] != looks[edges.other // 3])
@@ -60,12 +70,30 @@ def cut_at_features(ground: Ground, members: Ints, least: float) -> Cut:
     if len(creases) and (hard | sharp)[inner].mean() <= FACETED:
         feature[creases[_long(edges.vertices[creases], rest.positions, least)]] = True
 
-    joined = ~feature[edges.pairs]
-    mine = np.full(len(faces), -1, np.intp)
-    mine[own] = np.arange(len(members))
-    links = np.stack([mine[edges.one[joined] // 3], mine[edges.other[joined] // 3]], axis=1)
-    parts = components(links[(links >= 0).all(axis=1)], len(members))
-    return Cut(edges.vertices[feature], parts)
+    return Cut(edges.vertices[feature], _parts(surface.triangles[members], edges.vertices[feature]))
+
+
+def _firsts(triangles: Ints) -> Bools:
+    """(triangles,) False for those with two equal corners, and for all but the first of those with the same corners.
+
+    Meshes have faces twice where both sides of cloth are drawn.
+    """
+    corners = np.sort(triangles, axis=1)
+    first: Bools = np.asarray((np.diff(corners, axis=1) != 0).all(axis=1))
+    order = np.lexsort(corners.T)
+    first[order[1:]] &= (np.diff(corners[order], axis=0) != 0).any(axis=1)
+    return first
+
+
+def _parts(triangles: Ints, features: Ints) -> Ints:
+    """(triangles,) the part of each, where (features, 2) edges lie between parts; a vertex alone connects nothing."""
+    edges = Edges.of(triangles)
+    sides = edges.of_faces.reshape(-1)
+    order = np.argsort(sides, kind="stable")
+    count = int(triangles.max(initial=-1)) + 1
+    cut = np.isin(edges.vertices @ [count, 1], features[(features < count).all(axis=1)] @ [count, 1])
+    joined = np.flatnonzero((np.diff(sides[order]) == 0) & ~cut[sides[order[1:]]])
+    return components(np.stack([order[joined], order[joined + 1]], axis=1) // 3, len(triangles))
 
 
 def _long(edges: Ints, positions: Floats, least: float) -> Bools:

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from kit.asset import Array, Asset, Json, stored
+from kit.command import Wrinkle
 from kit.limb import write_tools
+from wrinklecli import check
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
@@ -230,3 +232,81 @@ def test_a_hem_of_another_part_does_not_count(tmp_path: Path) -> None:
     below = {"origin": [-0.4, -0.001, 0.0], "target": [0.4, -0.001, 0.0]}
     carried, _ = attached(tmp_path, body, **below)
     assert carried.patch.reach is None
+
+
+def with_more_faces(asset: Asset, faces: Callable[[Array], Array]) -> Asset:
+    """The cloth with more triangles, a function of its (triangles, 3) corners."""
+    (primitive,) = asset.gltf["meshes"][0]["primitives"]
+    corners = stored(asset, primitive["indices"]).reshape(-1, 3)
+    primitive["indices"] = asset.accessor(np.concatenate([corners, faces(corners)]).ravel(), "u2")
+    return asset
+
+
+@pytest.mark.parametrize(
+    "faces",
+    [
+        lambda corners: corners,
+        lambda corners: corners[:, [0, 0, 1]],
+        lambda _: np.array([[0, 12, 240], [90, 103, 250]]),
+    ],
+    ids=["doubled", "degenerate", "with fins"],
+)
+def test_more_faces_are_no_features(tmp_path: Path, faces: Callable[[Array], Array]) -> None:
+    """Faces twice, or without area, or a third at an edge."""
+    carried, _ = attached(tmp_path, with_more_faces(patchwork(((-1.0, 1.0), 0)), faces))
+    plain, _ = attached(tmp_path, patchwork(((-1.0, 1.0), 0)))
+    assert carried.patch.reach is None
+    assert len(carried.patch.members) >= len(plain.patch.members)
+
+
+def test_a_hem_of_doubled_faces_is_a_feature(tmp_path: Path) -> None:
+    asset = with_more_faces(patchwork(((-1.0, 0.3), 0)), lambda corners: corners)
+    carried, _ = attached(tmp_path, asset, origin=[-0.5, 0.0, 0.0], target=[0.3, 0.0, 0.0])
+    assert carried.patch.reach is not None
+
+
+def test_a_face_that_is_wound_the_other_way_is_no_feature(tmp_path: Path) -> None:
+    asset = patchwork(((-1.0, 1.0), 0))
+    (primitive,) = asset.gltf["meshes"][0]["primitives"]
+    corners = stored(asset, primitive["indices"]).reshape(-1, 3).copy()
+    corners[1::7] = corners[1::7, ::-1]
+    primitive["indices"] = asset.accessor(corners.ravel(), "u2")
+    carried, _ = attached(tmp_path, asset)
+    assert carried.patch.reach is None
+
+
+def test_a_path_has_bounds_too(tmp_path: Path) -> None:
+    along = [[-0.4, 0.0, -0.1], [-0.1, 0.0, 0.0], [0.2, 0.0, 0.0], [0.3, 0.0, 0.0]]
+    asset = patchwork(((-1.0, 0.3), 0))
+    asked = {"name": "t", "width": 0.8, "bumps": 4, "path": along}
+    path = asset.write(tmp_path / "cloth.glb")
+    file = write_tools(tmp_path / "tools.yaml", asked, refinement={"max_levels": 3})
+    (plan,) = plan_meshes(read_job(path, file, BakeOptions()))
+    (carried,) = carried_patches_of(plan)
+    assert carried.patch.reach is not None
+    places = plan.fine.rest_positions[carried.vertices]
+    assert np.abs(carried.magnitudes[places[:, 0] > 0.3 - 1e-6]).max(initial=0.0) < 1e-3
+
+
+def test_check_says_how_much_features_leave(tmp_path: Path, wrinkle: Wrinkle) -> None:
+    path = patchwork(((-1.0, 0.0), 0), ((0.0, 1.0), 1)).write(tmp_path / "cloth.glb")
+    keys = {"origin": [-0.4, 0.0, 0.0], "target": [0.4, 0.0, 0.0], "width": 0.8}
+    file = write_tools(tmp_path / "tools.yaml", {"name": "t", **keys}, {"name": "u", **keys, "stops": "none"})
+    stopped, whole = check(path, file).data["tools"]
+    assert 0.5 < stopped["left_by_features"] < 0.95
+    assert "left_by_features" not in whole
+    lines = [line for line in wrinkle("check", path, file).out.splitlines() if "stops" in line]
+    assert lines == [f"  stops    at features, which leave {100 * stopped['left_by_features']:.0f} % of the wrinkles"]
+
+
+def test_a_tool_of_which_nothing_is_left_is_refused(tmp_path: Path, wrinkle: Wrinkle) -> None:
+    """It lies across a ridge that is narrower than the mesh can show, between two seams."""
+    pieces = [((-1.0, -0.1), 0), ((-0.1, 0.0), 1), ((0.0, 1.0), 0)]
+    path = patchwork(*pieces).write(tmp_path / "cloth.glb")
+    asked = {"name": "t", "origin": [-0.05, 0.0, -0.4], "target": [-0.05, 0.0, 0.4], "width": 0.4}
+    file = write_tools(tmp_path / "tools.yaml", asked, refinement={"max_levels": 0})
+    ran = wrinkle("bake", path, file, "-o", tmp_path / "out.glb")
+    assert (ran.code, ran.lines) == (
+        1,
+        [f"{file}:1: tools[0]: features of the surface leave nothing of t; with stops: none it ignores them"],
+    )
