@@ -110,6 +110,11 @@ class Page:
         found = f"[...document.querySelectorAll('button')].find(each => each.innerText.trim() === {text!r})"
         self.click(*self._middle(found))
 
+    def press_text(self, text: str) -> None:
+        """Click the innermost element that shows a text, whatever it is."""
+        shown = f"[...document.querySelectorAll('*')].filter(each => each.innerText?.trim() === {text!r})"
+        self.click(*self._middle(f"{shown}.at(-1)"))
+
     def point_at(self, element: str) -> None:
         """Move the mouse over the element that a JavaScript expression gives."""
         self._mouse("mouseMoved", *self._middle(element))

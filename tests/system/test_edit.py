@@ -165,8 +165,15 @@ def test_a_proposal_is_pictured_pointed_at_taken_and_compared(tmp_path: Path) ->
             raised = session.raised(name)
             assert raised is not None
             assert page.player.clip == raised.clip.name
-            wrinkled = page._viewport.shown
             take_picture(tab, "taken")
+            (client,) = page.server.get_clients().values()
+            eye = client.camera.position.copy()
+            tab.press_text("Materials")
+            tab.press_text("Skin")
+            until(lambda: "material: skin" in session.text, "a material by a press on its picture")
+            tab.wait(f"document.body.innerText.includes('{name}: Skin')")
+            assert np.allclose(client.camera.position, eye)
+            wrinkled = page._viewport.shown
             tab.press("b", code=66)
             until(lambda: page._viewport.shown is not wrinkled and not page._viewport._wrinkled.value, "no wrinkles")
             take_picture(tab, "before")

@@ -2,7 +2,6 @@
 
 import html
 from functools import partial
-from string import ascii_uppercase
 from typing import Any
 
 from wrinklecli.editor.page.pictures import ONE, after_alone, image
@@ -11,6 +10,7 @@ from wrinklecli.editor.page.viewport import Viewport
 from wrinklecli.editor.page.widgets import ASKS, PageHost, add_button, add_shortcut
 from wrinklecli.gltf.pixels import Bytes
 
+_LETTERS = "BCFGHIJKLMNOPRTUVXYZ"  # of the commands; viser moves the camera by the others, with any other key too
 _GRID = "display:grid;grid-template-columns:repeat(3,1fr);gap:6px;padding:2px 12px 8px;font-size:.8em;line-height:1.2"
 
 
@@ -20,7 +20,7 @@ class MaterialPanel:
     def __init__(self, page: PageHost, viewport: Viewport) -> None:
         self._page, self._session, self._viewport = page, page.session, viewport
         self._titles = {name: each.title for name, each in page.session.presets.items()}
-        self._keys = dict(zip(self._titles, ascii_uppercase, strict=False))
+        self._keys = dict(zip(self._titles, _LETTERS, strict=False))
         self._tool: str | None = None
         self._time: float | None = None  # at which all are drawn, seconds
         self._pictures: dict[str, Bytes] = {}

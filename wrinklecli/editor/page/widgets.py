@@ -34,8 +34,8 @@ _SCRIPT = """
 if (!window.wrinkleKeys) {
   window.wrinkleKeys = true;
   const press = keys => {
-    const event = new KeyboardEvent("keydown", {...keys, bubbles: true, cancelable: true});
-    document.body.dispatchEvent(event);
+    for (const kind of ["keydown", "keyup"])
+      document.body.dispatchEvent(new KeyboardEvent(kind, {...keys, bubbles: true, cancelable: true}));
   };
   document.addEventListener("keydown", event => {
     const field = event.target;
@@ -58,7 +58,7 @@ if (!window.wrinkleKeys) {
     else since = event.timeStamp;
   }, true);
   document.addEventListener("keyup", event => {
-    if (event.code !== "KeyB" || since === null || event.target.matches("input, textarea")) return;
+    if (!event.isTrusted || event.code !== "KeyB" || since === null || event.target.matches("input, textarea")) return;
     // ms: a longer press is a key that was held.
     if (event.timeStamp - since > 400) press({key: "b", code: "KeyB"});
     since = null;
