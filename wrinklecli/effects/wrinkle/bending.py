@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from wrinklecli.character.clip import Clip
+from wrinklecli.character.clip import Channel, Clip
 from wrinklecli.character.motion import motion_clip, raising, turning
 from wrinklecli.character.pose import Pose, node_matrices, pose_at
 from wrinklecli.character.rig import Rig
@@ -79,20 +79,12 @@ def raised_weights(patch: Patch, rig: Rig, rest: Rest, surface: Surface) -> Floa
     wanted = patch.tool.rest_length
     if isinstance(wanted, RestLengthMorph):
         return _raised(rest, {rig.morph_names.index(wanted.morph): 1.0})
-    before = float(patch.segment.lengths(rig, None, np.zeros(1)).distances[0])
-    if not 0.0 < before < np.inf:  # the stored pose hides the character, and the rest pose is a clip's
-        return None
-    shares = np.zeros(len(rig.morph_names))
-    for number in range(len(shares)):
-        if _moves(patch, number):
-            motion = motion_clip("", [raising(rig, {number: 1.0})])
-            after = float(patch.segment.lengths(rig, motion, np.ones(1)).distances[0])
-            share = 1.0 - after / before
-            # A target that makes all of the mesh smaller, such as a child's head, raises nothing.
-            if share > _OF_SHRINKING * _shrinking(surface, number):
-                shares[number] = share
-    best = int(np.argmax(shares)) if len(shares) else -1
-    if best < 0 or shares[best] < max(_LEAST_RAISED, _jaw_share(patch, rig, before)):
+    before, shares = _approaches(patch, rig)
+    least = max(_LEAST_RAISED, _jaw_share(patch, rig, before)) if shares.any() else np.inf
+    # A target that makes all of the mesh smaller, such as a child's head, raises nothing.
+    likely = (int(number) for number in np.argsort(-shares, kind="stable") if shares[number] >= least)
+    best = next((number for number in likely if shares[number] > _OF_SHRINKING * _shrinking(surface, number)), None)
+    if best is None:
         return None
     name = exchange_sides(rig.morph_names[best])
     twin = rig.morph_names.index(name) if name in rig.morph_names else best
@@ -106,6 +98,25 @@ def _raised(rest: Rest, shares: Mapping[int, float]) -> Floats:
     for number, share in shares.items():
         weights[number] += _RAISED * share * (1.0 - weights[number])
     return weights
+
+
+def _approaches(patch: Patch, rig: Rig) -> tuple[float, Floats]:
+    """A tool's length in the stored pose, and (morph targets,) fractions by which each target brings its ends together.
+
+    They are 0 where the stored pose hides the character, or where the ends move apart.
+    """
+    shares = np.zeros(len(rig.morph_names))
+    moving = [number for number in range(len(shares)) if _moves(patch, number)]
+    if not moving:
+        return patch.span, shares
+    times = np.arange(1.0 + len(moving))
+    values = np.tile(rig.morph_weights, (len(times), 1))
+    values[1 + np.arange(len(moving)), moving] = 1.0
+    each = Clip(-1, "", (Channel(0, rig.node, "weights", times, values, "LINEAR"),), 0.0, float(times[-1]))
+    before, *after = patch.segment.lengths(rig, each, times).distances
+    if 0.0 < before < np.inf:
+        shares[moving] = np.maximum(1.0 - np.array(after) / before, 0.0)
+    return float(before), shares
 
 
 def _moves(patch: Patch, number: int) -> bool:
