@@ -19,7 +19,6 @@ from PIL import Image, ImageDraw, ImageFont
 from _gltf import Character, Clip, Joint, to_glb
 from _shapes import Builder, Floats
 from wrinklecli import PreviewOptions, Style, preview
-from wrinklecli.tools.materials import presets
 
 HERE = Path(__file__).resolve().parent
 SHEET = (0.10, 0.05)  # metres: half the length along the segment, half the depth
@@ -117,7 +116,7 @@ WIDE: Mapping[str, Any] = {
     "width": 0.2,
 }
 RULED: Mapping[str, Any] = {"variation": 0, "max_height": "30%", "bumps": 3}
-PRESETS = [name for name, each in presets().items() if each.material is not None]
+PRESETS = ("jeans_knee", "cotton_sleeve", "leather_boot", "forehead_old", "wrist", "neck")
 LOW: Mapping[str, Any] = {"variation": 0, "bumps": 4}
 LAG = {"frequency": 2, "damping": 0.15}
 
