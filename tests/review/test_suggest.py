@@ -39,6 +39,7 @@ KEYS = [
     "max_height",
     "compressible",
     "rest_length",
+    "contact",
     "mesh",
     "driver",
     "driver_kind",

@@ -1,6 +1,7 @@
 """Cloth and leather on a bent limb get two tools that cross on the inside of the bend; all else gets level ones."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,11 +12,12 @@ from kit.suggested import along, ends, middle
 from wrinklecli.review.check import check
 from wrinklecli.review.suggest.suggest import Suggestions, suggest
 from wrinklecli.tools.read import parse_tools
+from wrinklecli.tools.records import Contact
 
 
-def limb_of(material: str, joint: str = "LeftLeg") -> Asset:
+def limb_of(material: str, joint: str = "LeftLeg", **options: Any) -> Asset:
     """A limb that bends at its middle, with the name of the bending joint."""
-    asset = limb_asset(rings=24, sides=16)
+    asset = limb_asset(**{"rings": 24, "sides": 16, **options})
     number = asset.append("materials", {"name": material})
     for primitive in asset.gltf["meshes"][0]["primitives"]:
         primitive["material"] = number
@@ -69,3 +71,34 @@ def test_half_a_tube_is_no_limb(tmp_path: Path) -> None:
         primitive["indices"] = asset.accessor(triangles[near > -0.1 * RADIUS].ravel(), "u2")
     found = suggested(tmp_path, asset)
     assert all(abs(along(each.tool) @ np.array([1.0, 0.0, 0.0])) > 0.98 for each in found.tools)
+
+
+# Contact
+
+
+def folded(folder: Path, monkeypatch: pytest.MonkeyPatch, *, installed: bool, joint: str = "LeftLeg") -> Suggestions:
+    """Suggestions for a bare limb that folds through itself."""
+    monkeypatch.setattr("wrinklecli.review.suggest.worth.has_contact", lambda: installed)
+    return suggested(folder, limb_of("skin", joint, angle=75.0, rings=16, sides=10))
+
+
+def test_contact_is_proposed_where_a_knee_passes_through_itself(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = folded(tmp_path, monkeypatch, installed=True)
+    assert found.tools[0].crossings > 0
+    assert parse_tools(found.text).tools[0].contact == Contact()
+    assert found.text.count("contact: resolve\n") == 1
+    assert "contact keeps its sides apart" in found.text
+
+
+def test_without_the_extra_a_comment_names_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    found = folded(tmp_path, monkeypatch, installed=False)
+    assert not any(tool.contact for tool in parse_tools(found.text).tools)
+    assert "pip install 'wrinklecli[contact]'" in found.text
+
+
+def test_a_fold_that_does_not_cross_has_no_contact(tmp_path: Path) -> None:
+    found = suggested(tmp_path, limb_of("skin", angle=30.0))
+    assert not any(each.crossings or each.tool.contact for each in found.tools)
+    assert "contact" not in found.text

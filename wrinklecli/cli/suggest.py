@@ -88,8 +88,8 @@ def suggest(asset: str, output: str | None, as_json: bool, verbose: bool, quiet:
 
     --json prints {"suggest": 1, "asset", "reason", "notes", "dropped", "tools"}; "dropped" has "name", "reason" and
     "value" of each tool that is not worth it. Each of "tools" has "name", "node", "origin", "between", "target",
-    "mirror", "width", "material", "strategy", "bumps", "max_height", "compressible", "rest_length", "mesh", "driver",
-    "driver_kind", "clip", "time", "span", "shortest", "shortening", "clips", "score", "substance", "why" and
+    "mirror", "width", "material", "strategy", "bumps", "max_height", "compressible", "rest_length", "contact", "mesh",
+    "driver", "driver_kind", "clip", "time", "span", "shortest", "shortening", "clips", "score", "substance", "why" and
     "confidence", 0 to 1, null where nobody asked. Within version 1, keys are
     only added. Lengths are scene units, shortenings are ratios to the span. "between" has the points of a path
     between its ends. "clips" has the least length in each clip, null where the character is hidden. "reason" says why
@@ -153,6 +153,7 @@ def _json_tool(each: "Suggestion") -> dict[str, Any]:
         "max_height": "auto" if tool.max_height == "auto" else written_length(tool.max_height),
         "compressible": f"{100 * tool.compressible:.0f}%",
         "rest_length": written_length(tool.rest_length),
+        "contact": "resolve" if tool.contact else "off",
         "mesh": each.mesh,
         "driver": each.driver,
         "driver_kind": "morph target" if each.by_morph else "joint",

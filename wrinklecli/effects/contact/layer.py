@@ -87,7 +87,7 @@ class ContactKind:
         if not chosen:
             return None
         tools = [carried[number].patch.tool for number in chosen]
-        if find_spec("ipctk") is None:
+        if not has_contact():
             message = "contact needs ipctk, which is not installed: pip install 'wrinklecli[contact]'"
             raise BakeError(message, where=tools[0].place("contact"))
         # Imported here, as other bakes need none of it.
@@ -100,6 +100,11 @@ class ContactKind:
         obstacles = partial(read_scene_meshes, ground.document, ground.rig.node)
         folds, without = find_folds(carried, chosen, plan.fine, ground.rest, ground.rig, parts, obstacles)
         return ContactLayer(tuple(folds), tuple(carried[number].patch.tool.name for number in without))
+
+
+def has_contact() -> bool:
+    """True if the extra `contact` is installed."""
+    return find_spec("ipctk") is not None
 
 
 def _check_ignored(document: Document, tools: Sequence[WrinkleTool]) -> None:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from wrinklecli.character.bones import Part
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import node_matrices
 from wrinklecli.effects.wrinkle.patch import Patch
@@ -96,6 +97,8 @@ class Suggestion:
         twin_moment: The clip and the time in which its mirror image shortens most; None if that is not suggested.
         one_sided: True if no clip raises the wrinkles of its mirror image.
         substance: What the place is made of; None if it was not looked at.
+        part: The part of the body of a driving joint, if known.
+        crossings: Edges that pass through triangles at the place when it is folded, if `contact` may keep them apart.
     """
 
     tool: WrinkleTool
@@ -114,6 +117,8 @@ class Suggestion:
     twin_moment: tuple[str, float] | None = None
     one_sided: bool = False
     substance: Substance | None = None
+    part: Part | None = None
+    crossings: int = 0
 
 
 def fit_tools(candidates: Sequence[Candidate], further: Sequence[Clip] = ()) -> Iterator[Suggestion]:
@@ -273,6 +278,7 @@ class _Search:
         suggestion = Suggestion(
             tool=tools[0],
             mirrored=len(tools) == 2,
+            part=candidate.part,
             mesh=mesh.rig.names[mesh.rig.node],
             driver=_of_side(mesh, driver, tools[0].name) if len(tools) == 2 else driver,
             by_morph=candidate.by_morph,

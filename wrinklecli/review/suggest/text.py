@@ -56,10 +56,19 @@ def tools_text(suggestions: Sequence[Suggestion], asset: str, refinement: Refine
             "bumps": tool.bumps,
             "max_height": f"{tool.max_height.value:.12g}%" if isinstance(tool.max_height, Length) else None,
             "compressible": f"{100 * tool.compressible:.0f}%" if tool.compressible or tool.material else None,
+            "contact": "resolve" if tool.contact else None,
         }
         lines.append(f"  # {what} {printable(each.driver, 90)}: {shortens}")
         if each.substance is not None:
             lines.append(f"  # {each.substance.words}")
+        if each.crossings and tool.contact:
+            lines.append(
+                "  # Folded, it would pass through itself: contact keeps its sides apart, and baking takes longer"
+            )
+        elif each.crossings:
+            lines.append(
+                "  # Folded, it passes through itself; contact: resolve mends that: pip install 'wrinklecli[contact]'"
+            )
         if each.one_sided:
             lines.append(
                 f"  # {exchange_sides(tool.name)}, which mirror makes, is there for other clips: none here raises it"

@@ -10,14 +10,16 @@ from itertools import islice
 
 import numpy as np
 
+from wrinklecli.character.bones import Part
 from wrinklecli.character.clip import Clip
+from wrinklecli.effects.contact.layer import has_contact
 from wrinklecli.errors import counted
 from wrinklecli.gltf.document import Document
 from wrinklecli.review.suggest.fitted_tools import Suggestion
 from wrinklecli.review.suggest.look import Seen, look_at
 from wrinklecli.review.suggest.stage import Stage, StagedTool
 from wrinklecli.review.suggest.trial import Placement, TrialResult, names_of, try_on_refined_meshes
-from wrinklecli.tools.records import RefinementSettings
+from wrinklecli.tools.records import Contact, RefinementSettings
 
 # Parts of the time to its peak at which a tool is looked at, if less than this part of its wrinkles is visible there.
 _MOMENTS = (1.0, 0.75, 0.5)
@@ -36,6 +38,12 @@ _LEAST_SEEN = 0.1
 # sides of a fold that closes cross along one line, and each side has its edges there; wrinkles that come through
 # clothes, or through each other, cross all over the place.
 _MOST_CROSSING = 3.0
+# The same from which a fold has a slit, which contact closes: a tenth of a line across the place.
+_SLIT = 0.1
+# Joints whose folds contact closes, as each bends one limb: hips and shoulders over one trunk are in each other's way.
+_OF_CONTACT: tuple[Part, ...] = ("lower arm", "lower leg", "finger")
+# Shortening from which a fold is closed so far that contact finds no room for it.
+_DEEPEST = 0.9
 # Part of what is seen of a place that shows triangles turned over: on a picture of a place, a dark tile of 16 pixels.
 _MOST_TURNED = 0.01
 # Greatest departure of the refined surface from the coarse one in the pose, over the height of the wrinkles: of facets,
@@ -179,7 +187,18 @@ def _judge(stage: Stage, suggestion: Suggestion, placed: dict[str, Placement]) -
             looks.append((placed[name], *look))
         elif name == suggestion.tool.name:
             return Dropped(name, suggestion.mesh, "not raised", 0.0)
-    faults = [fault for look in looks for fault in _faults(*look)]
+    crossings = [staged.crossings() for _, staged, _ in looks]
+    slit = any(
+        after > _SLIT * np.sqrt(staged.edge_count) for (_, staged, _), (_, after) in zip(looks, crossings, strict=True)
+    )
+    limb = suggestion.part in _OF_CONTACT and not suggestion.by_morph
+    touches = slit and limb and suggestion.shortening < _DEEPEST
+    resolved = touches and has_contact()
+    faults = [
+        fault
+        for look, (before, after) in zip(looks, crossings, strict=True)
+        for fault in _faults(*look, 0 if resolved else after - before)
+    ]
     # Of a pair, one that is seen is enough; but neither may harm the surface.
     sides = [_sight(seen) for _, _, seen in looks]
     if sides and all(sides):
@@ -187,6 +206,9 @@ def _judge(stage: Stage, suggestion: Suggestion, placed: dict[str, Placement]) -
     if faults:
         reason, value = faults[0]
         return Dropped(suggestion.tool.name, suggestion.mesh, reason, value)
+    if touches:
+        tool = replace(suggestion.tool, contact=Contact()) if resolved else suggestion.tool
+        suggestion = replace(suggestion, tool=tool, crossings=max(after for _, after in crossings))
     return replace(suggestion, one_sided=suggestion.twin_moment is not None and len(looks) == 1)
 
 
@@ -217,10 +239,8 @@ def _share_seen(seen: Seen) -> float:
     return float(np.mean(seen.contrasts > _NOTICED))
 
 
-def _faults(placement: Placement, staged: StagedTool, seen: Seen) -> Iterator[tuple[str, float]]:
-    """What a tool does to the surface, each with a number."""
-    before, after = staged.crossings()
-    crossings = after - before
+def _faults(placement: Placement, staged: StagedTool, seen: Seen, crossings: int) -> Iterator[tuple[str, float]]:
+    """What a tool does to the surface, each with a number; `crossings` are those that it adds."""
     if crossings > _MOST_CROSSING * np.sqrt(staged.edge_count):
         yield "crosses", crossings
     turned = float(np.mean(staged.turned_over()[seen.shown])) if len(seen.shown) else 0.0
