@@ -132,8 +132,11 @@ class Page:
         gui.main_panel.set_width(_PANEL_WIDTH)
         gui.add_html(KEYBOARD)
         self._head = gui.add_html("")
-        self._message = gui.add_html("")
-        self._problems = gui.add_html("")
+        said = gui.add_panel()  # over the 3D view, so that nothing scrolls it away
+        with said.add_tab("Messages"):
+            self._message = gui.add_html("")
+            self._problems = gui.add_html("")
+        said.float(x=15, y=15, width=_PLAYER_WIDTH)
         self.say(_START if session.settings().tools else _START_EMPTY, ASKS)
         self._files = FileButtons(self)
         play = gui.add_panel()
