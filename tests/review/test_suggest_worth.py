@@ -139,3 +139,10 @@ def test_facets_that_refinement_bends_leave_a_tool_out_and_the_command_says_why(
     assert "left out joint_1: refinement alone would move the surface by" in result.stderr
     assert "left out joint_1" not in run(flat).stderr
     assert run(flat, "--all", "-q").exit_code == 0
+
+
+def test_a_twin_that_rises_as_far_must_be_seen_too(tmp_path: Path) -> None:
+    pair = replace(suggestion("fold.L", start=0.05, stop=0.4, height=8.0), mirrored=True, twin_moment=("squeeze", 1.0))
+    half_covered = sheet(tmp_path / "a.glb", FLAT, line(-3.0, 0.0, 0.1))
+    assert reasons(judged(half_covered, pair)) == [("fold.L", "hidden")]
+    assert judged(half_covered, replace(pair, twin_moment=("squeeze", 0.0))).tools

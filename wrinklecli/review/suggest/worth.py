@@ -29,6 +29,8 @@ _PLAIN = 0.55
 _HIDDEN = 0.3
 # Height over the size of a place below which a tool is not raised: a hair on a hand.
 _RAISED = 1e-3
+# Height of a twin over that of the tool above which both must be seen.
+_AS_TALL = 0.5
 # Change of lightness that is noticed at a glance, over the lightness. One notices 0.01 to 0.02 in the laboratory, on a
 # plain field and at leisure; several times as much on a moving figure with a texture.
 _NOTICED = 0.1
@@ -199,10 +201,10 @@ def _judge(stage: Stage, suggestion: Suggestion, placed: dict[str, Placement]) -
         for look, (before, after) in zip(looks, crossings, strict=True)
         for fault in _faults(*look, 0 if resolved else after - before)
     ]
-    # Of a pair, one that is seen is enough; but neither may harm the surface.
-    sides = [_sight(seen) for _, _, seen in looks]
-    if sides and all(sides):
-        faults[:0] = filter(None, sides[:1])
+    # A twin that a clip hardly raises is hardly seen either; one that rises as far must look as good.
+    tallest = max((staged.height for _, staged, _ in looks), default=0.0)
+    raised = (seen for _, staged, seen in looks if staged.height > _AS_TALL * tallest)
+    faults[:0] = filter(None, map(_sight, raised))
     if faults:
         reason, value = faults[0]
         return Dropped(suggestion.tool.name, suggestion.mesh, reason, value)
