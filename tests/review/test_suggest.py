@@ -123,11 +123,11 @@ def two_limbs() -> Asset:
 
 def test_tools_name_their_node_where_several_meshes_deform(tmp_path: Path) -> None:
     path = two_limbs().write(tmp_path / "limbs.glb")
-    found = suggest(path, count=4)
+    found = suggest(path, count=4, everything=True)
     assert {each.tool.node for each in found.tools} == {"limb", "twin"}
     (tmp_path / "tools.yaml").write_text(found.text)
     bake(path, tmp_path / "tools.yaml", tmp_path / "out.glb")
-    alone = suggest(path, count=4, node="twin")
+    alone = suggest(path, count=4, node="twin", everything=True)
     assert {each.tool.node for each in alone.tools} == {"twin"}
 
 
@@ -137,11 +137,11 @@ def test_a_node_of_any_name_can_be_named(tmp_path: Path, name: str) -> None:
     asset = two_limbs()
     asset.gltf["nodes"][-1]["name"] = name
     path = asset.write(tmp_path / "limbs.glb")
-    found = suggest(path, count=1, node=name)
+    found = suggest(path, count=1, node=name, everything=True)
     assert parse_tools(found.text).tools[0].node == name
     (tmp_path / "tools.yaml").write_text(found.text, encoding="utf-8")
     bake(path, tmp_path / "tools.yaml", tmp_path / "out.glb")
-    assert run(path, "--node", name, "--count", 1).exit_code == 0
+    assert run(path, "--node", name, "--count", 1, "--all").exit_code == 0
 
 
 @pytest.mark.parametrize("name", [None, "", "wrist", "\ud800"])
