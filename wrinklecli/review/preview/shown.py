@@ -265,7 +265,8 @@ def take_snapshot(asset: ShownAsset, moment: Moment, *, heat: bool) -> Snapshot:
             normals = np.repeat(unit(face_normals(posed.positions, triangles))[:, None], 3, axis=1)
         else:
             normals = posed.normals[triangles]
-        colours = np.minimum(paint.colours, _BRIGHTEST)
+        brightest = paint.colours.max(axis=1, keepdims=True)
+        colours = paint.colours * np.minimum(1.0, _BRIGHTEST / np.maximum(brightest, _BRIGHTEST))
         if heat:
             colours = linear_rgb(heat_colours(compressions(posed.shown.source, posed.positions)))
         number = -1
