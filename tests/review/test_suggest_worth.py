@@ -1,7 +1,7 @@
 """Suggested tools are looked at, and those that are not worth it are left out, each for its reason."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,9 +13,11 @@ from kit.sheet import arc, line, sheet
 from kit.suggested import run
 from wrinklecli.character.clip import read_clips
 from wrinklecli.gltf.document import read_document
+from wrinklecli.review.suggest import worth
 from wrinklecli.review.suggest.fitted_tools import Suggestion
 from wrinklecli.review.suggest.suggest import suggest
 from wrinklecli.review.suggest.text import tools_text
+from wrinklecli.review.suggest.trial import Placement
 from wrinklecli.review.suggest.worth import Worthwhile, worthwhile
 from wrinklecli.tools.records import Length, RefinementSettings, WrinkleTool
 
@@ -113,6 +115,24 @@ def test_a_lower_wrinkle_that_is_seen_is_worth_more_than_none(tmp_path: Path) ->
     assert reasons(judged(path, suggestion(height=8.0))) == [("fold", "crosses")]
     found = judged(path, replace(suggestion(height=8.0), lower=low))
     assert [each.tool for each in found.tools] == [low.tool]
+
+
+def test_a_pair_of_which_one_side_is_harmed_gets_a_seed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def faults(placement: Placement, *_rest: object) -> Iterator[tuple[str, float]]:
+        tool = placement.carried.patch.tool
+        if tool.name == "fold.R" and tool.seed != 2:
+            yield "turns", 0.5
+
+    monkeypatch.setattr(worth, "_faults", faults)
+    path = sheet(tmp_path / "a.glb", FLAT)
+    pair = replace(suggestion("fold.L", start=0.05, stop=0.4, height=8.0), mirrored=True, twin_moment=("squeeze", 1.0))
+    irregular = replace(pair, tool=replace(pair.tool, material="cloth", variation=1.0))
+    (kept,) = judged(path, irregular).tools
+    assert kept.tool == replace(irregular.tool, seed=2)
+    assert "    seed: 2\n" in tools_text([kept], "")
+    # Ruled wrinkles are alike on both sides already.
+    ruled = replace(pair, tool=replace(pair.tool, variation=0.0))
+    assert reasons(judged(path, ruled)) == [("fold.L", "turns")]
 
 
 @pytest.mark.parametrize(("time", "one_sided"), [(0.0, True), (1.0, False)])

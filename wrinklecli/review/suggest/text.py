@@ -56,6 +56,7 @@ def tools_text(suggestions: Sequence[Suggestion], asset: str, refinement: Refine
             "bumps": tool.bumps,
             "max_height": f"{tool.max_height.value:.12g}%" if isinstance(tool.max_height, Length) else None,
             "compressible": f"{100 * tool.compressible:.0f}%" if tool.compressible or tool.material else None,
+            "seed": tool.seed,
             "contact": "resolve" if tool.contact else None,
         }
         lines.append(f"  # {what} {printable(each.driver, 90)}: {shortens}")

@@ -59,6 +59,8 @@ _FACETED = 0.25
 _MOST_VERTICES = 0.9
 # Suggestions that are looked at for each that may be kept. The next best ones fold ever less.
 _LOOKS = 3
+# Seeds that are tried where one side of a pair alone harms the surface; each takes a refinement of the mesh.
+_SEEDS = (1, 2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +73,7 @@ class Dropped:
         reason: A word of `REASONS`.
         value: The number that decided.
         warning: The line of `check`, if that is the reason.
+        on_one_side: True if its mirror image is worth keeping, or if it is and the mirror image is not.
     """
 
     name: str
@@ -78,6 +81,7 @@ class Dropped:
     reason: str
     value: float
     warning: str = ""
+    on_one_side: bool = False
 
     @property
     def line(self) -> str:
@@ -170,13 +174,25 @@ def _judged(
     """Each suggestion of a trial, lower if it must be, or the reason why it is dropped."""
     for each in trial.tools:
         judged = _judge(stage, each, trial.placed)
-        if isinstance(judged, Dropped) and judged.reason in ("crosses", "turns") and each.lower is not None:
-            # A lower wrinkle that is seen is worth more than none.
-            lower = replace(each.lower, tool=replace(each.lower.tool, width=each.tool.width))
-            again = try_on_refined_meshes(document, [lower], clips, trial.refinement)
-            retried = [_judge(stage, one, again.placed) for one in again.tools]
-            judged = next((one for one in retried if isinstance(one, Suggestion)), judged)
+        if isinstance(judged, Dropped):
+            for other in _others(each, judged):
+                again = try_on_refined_meshes(document, [other], clips, trial.refinement)
+                found = next((_judge(stage, one, again.placed) for one in again.tools), judged)
+                if isinstance(found, Suggestion):
+                    judged = found
+                    break
         yield judged
+
+
+def _others(suggestion: Suggestion, dropped: Dropped) -> Iterator[Suggestion]:
+    """Give variants of a suggestion that harms the surface, which may harm less."""
+    tool = suggestion.tool
+    if dropped.on_one_side and tool.variation > 0:
+        # A pair has two irregularities, by its names. With a seed, both sides are irregular alike.
+        yield from (replace(suggestion, tool=replace(tool, seed=seed), lower=None) for seed in _SEEDS)
+    if dropped.reason in ("crosses", "turns") and suggestion.lower is not None:
+        # A lower wrinkle that is seen is worth more than none.
+        yield replace(suggestion.lower, tool=replace(suggestion.lower.tool, width=tool.width))
 
 
 def _judge(stage: Stage, suggestion: Suggestion, placed: dict[str, Placement]) -> Suggestion | Dropped:
@@ -196,18 +212,18 @@ def _judge(stage: Stage, suggestion: Suggestion, placed: dict[str, Placement]) -
     limb = suggestion.part in _OF_CONTACT and not suggestion.by_morph
     touches = slit and limb and suggestion.shortening < _DEEPEST
     resolved = touches and has_contact()
-    faults = [
-        fault
-        for look, (before, after) in zip(looks, crossings, strict=True)
-        for fault in _faults(*look, 0 if resolved else after - before)
-    ]
     # A twin that a clip hardly raises is hardly seen either; one that rises as far must look as good.
     tallest = max((staged.height for _, staged, _ in looks), default=0.0)
-    raised = (seen for _, staged, seen in looks if staged.height > _AS_TALL * tallest)
-    faults[:0] = filter(None, map(_sight, raised))
+    sights = [_sight(seen) if staged.height > _AS_TALL * tallest else None for _, staged, seen in looks]
+    harms = [
+        list(_faults(*look, 0 if resolved else after - before))
+        for look, (before, after) in zip(looks, crossings, strict=True)
+    ]
+    faults = [*filter(None, sights), *(fault for side in harms for fault in side)]
     if faults:
         reason, value = faults[0]
-        return Dropped(suggestion.tool.name, suggestion.mesh, reason, value)
+        on_one_side = sum(bool(sight or harm) for sight, harm in zip(sights, harms, strict=True)) < len(looks)
+        return Dropped(suggestion.tool.name, suggestion.mesh, reason, value, on_one_side=on_one_side)
     if touches:
         tool = replace(suggestion.tool, contact=Contact()) if resolved else suggestion.tool
         suggestion = replace(suggestion, tool=tool, crossings=max(after for _, after in crossings))
