@@ -10,10 +10,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from wrinklecli.choices import MaterialName
 from wrinklecli.tools.json_schema import Reader
+from wrinklecli.tools.yaml_tree import plain_values
 
 # A tool without a material.
 PLAIN_BUMPS = 4
@@ -74,7 +73,7 @@ def presets_of(entries: Mapping[str, Mapping[str, Any]], known: Mapping[str, Pre
 def presets() -> Mapping[str, Preset]:
     """The built-in materials and presets by name, materials first."""
     text = Path(__file__).with_name("presets.yaml").read_text(encoding="utf-8")
-    return presets_of(yaml.safe_load(text), {})
+    return presets_of(plain_values(text), {})
 
 
 def preset(name: str) -> Preset:

@@ -207,6 +207,11 @@ class _TreeBuilder:
         raise _TooMuchError(problem=problem, problem_mark=node.start_mark)
 
 
+def plain_values(text: str) -> Any:
+    """Read YAML of our own as plain values."""
+    return yaml.safe_load(text)
+
+
 def tree_of(value: Any) -> Node:
     """The tree of plain Python values; every line is 1."""
     children: dict[str | int, Node] = {}

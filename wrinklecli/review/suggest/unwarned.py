@@ -7,6 +7,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from wrinklecli.character.clip import Clip, clip_grid
 from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.effects.wrinkle.activity import ClipActivity, activity
@@ -24,6 +26,8 @@ from wrinklecli.tools.records import Sampling
 _ROUNDS = 4
 # Clips in which a tool is looked at frame by frame: those that shorten it most, as measured in fewer poses.
 _MOST_CLIPS = 6
+# Frames of a clip that are looked at: eleven minutes.
+_MOST_FRAMES = 20_000
 
 
 def unwarned(document: Document, found: Worthwhile, clips: Sequence[Clip]) -> Worthwhile:
@@ -80,5 +84,8 @@ def _shortest_clips(suggestion: Suggestion, clips: Sequence[Clip]) -> list[Clip]
 
 
 def _activity_in(clip: Clip, plan: MeshPlan, patch: Patch) -> ClipActivity:
-    times = clip_grid(clip, plan.rig, fps=Sampling().fps)
+    """The activity of a tool at the frames of a clip; of a very long clip, at some."""
+    frames = (clip.end - clip.start) * Sampling().fps
+    long = frames > _MOST_FRAMES
+    times = np.linspace(clip.start, clip.end, _MOST_FRAMES) if long else clip_grid(clip, plan.rig, fps=Sampling().fps)
     return ClipActivity(clip, times, activity(patch, plan.rig, clip, times))
