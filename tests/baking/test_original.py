@@ -153,7 +153,7 @@ def test_samples_come_back_and_their_records_are_small(asset: str, config: str) 
     assert_same(restore.original(baked), source)
     record = baked.items("bufferViews")[-1]["byteLength"]
     assert record < 0.02 * (len(baked.buffers[0]) - len(source.buffers[0]))
-    assert record < 15_000
+    assert record < 20_000  # the head's forehead is refined from side to side
 
 
 @pytest.mark.parametrize("name", ["wrist", "head", "trousers"])

@@ -223,7 +223,14 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
         case "suggest":
             yield from (asset, *some("--json", share=0.3), *some("-o", "found.yaml", share=0.5), "--fps", "4")
             yield from (*some("--node", "limb"), *some("--count", "2"), *some("--clip", "fold"), *some("--all"))
-            yield from (*motions, *some("--quiet"), *some("--allow-external"), *some(*memory, share=0.1))
+            yield from some("--material", chance.choice(["limb=cloth", "limb=stone", "none=skin", "limb", "=cloth"]))
+            yield from (
+                *some("--face", share=0.1),
+                *motions,
+                *some(loudness),
+                *some("--allow-external"),
+                *some(*memory, share=0.1),
+            )
         case "preview" if chance.random() < 0.15:
             yield from (asset, *some("--tools", "tools.yaml", share=0.5), "-o", "p.png", "--size", "32x32")
             yield from (

@@ -61,9 +61,9 @@ def test_each_tool_has_its_own_peak_and_a_bake_has_the_same(tmp_path: Path) -> N
         assert baked.moment.time == pytest.approx(planned.moment.time, abs=0.01)
         (shorter,) = re.findall(r"\d+ % shorter", words(planned))
         assert shorter in words(baked)
-        # Of an attenuated wrinkle no vertex need be quite as tall as its control curve.
+        # Of an attenuated wrinkle no vertex need be quite as tall as its control curve, and in a crease none is.
         heights = [float(*re.findall(r"([\d.]+)(?: of [\d.]+)? tall", words(each))) for each in (planned, baked)]
-        assert 0.8 * heights[0] < heights[1] <= 1.01 * heights[0]
+        assert 0.6 * heights[0] < heights[1] <= 1.01 * heights[0]
 
 
 def test_what_is_known_of_a_tool_is_that_of_check(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.effects.wrinkle.bending import bent_node, carried_by
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.patch import Patch
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, children, cross, dot, inverses
+from wrinklecli.numeric.arrays import Floats, Ints, children, cross, dot, inverses
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.rest import Rest
 from wrinklecli.tools.records import RestLengthMorph
@@ -29,8 +29,11 @@ _MOST_NEARER = 0.35
 _LEAST_FACTOR = 0.2
 # Loss of height that nobody sees.
 _LEAST_LOSS = 0.02
-# κh of a surface that a fold turns inside out.
-_INSIDE_OUT = 1e3
+# Cosine of a displacement and the folded surface's normal that counts like `_MOST_NEARER`: a coarse triangle in a
+# crease turns away from what it carries, without a curvature of its own. Below 0 the fold turns it inside out.
+_OBLIQUE = 0.25
+# Least such cosine that is told from 0.
+_LEAST_COSINE = 1e-3
 # κh at the corners of a coarse triangle up to which its inside is smooth too.
 _SMOOTH = 0.1
 # Angles by which the joint turns: limbs bend by 90° in the range of motion, and knees and elbows, which bend farther,
@@ -88,7 +91,7 @@ def creased(carried: CarriedPatch, fine: Refinement, rest: Rest, rig: Rig) -> Ca
 
 
 def _nearer(carried: CarriedPatch, fine: Refinement, rest: Rest, rig: Rig, shares: Floats) -> Floats:
-    """(vertices,) greatest κh of a tool's vertices, very large where a fold turns the surface inside out.
+    """(vertices,) greatest κh of a tool's vertices, or what counts like it where a fold turns the surface away.
 
     A vertex rises by its (vertices,) share of the height of the tallest bump.
     """
@@ -107,27 +110,27 @@ def _nearer(carried: CarriedPatch, fine: Refinement, rest: Rest, rig: Rig, share
 
     def greatest(points: _Points) -> Floats:
         """(points,) greatest κh of points that rise like the tallest bump."""
-        _, facing = _curvatures(points, fine.blended[used], *vectors)
+        _, cosines = _curvatures(points, fine.blended[used], *vectors)
+        outward = np.where(cosines < 0.0, -1.0, 1.0)
         found = np.zeros(len(points.which))
         for fold in folds:
-            curvatures, faces = _curvatures(points, fold, *vectors)
-            found = np.maximum(found, np.where(faces == facing, curvatures * height, _INSIDE_OUT))
+            curvatures, cosines = _curvatures(points, fold, *vectors)
+            oblique = _MOST_NEARER * _OBLIQUE / np.maximum(outward * cosines, _LEAST_COSINE)
+            found = np.maximum(found, np.maximum(curvatures * height, oblique))
         return found
 
     at_corners = _Points(corners, np.repeat(np.arange(len(corners)), 3), np.tile(np.eye(3), (len(corners), 1)))
     sharp = np.flatnonzero((greatest(at_corners).reshape(-1, 3) * shares.max() > _SMOOTH).any(axis=1))
     rows = children(parents, patch.members[sharp])
-    # Each vertex is looked at in one of its coarse triangles.
-    vertices, firsts = np.unique(fine.triangles[rows], return_index=True)
+    which = np.repeat(np.searchsorted(patch.members[sharp], parents[rows]), 3)
+    # A vertex is looked at in each of its coarse triangles, so that their order in the file changes nothing.
+    looks, firsts = np.unique(fine.triangles[rows].ravel() * len(sharp) + which, return_index=True)
+    vertices = looks // max(len(sharp), 1)
     moved = np.isin(vertices, carried.vertices)
     vertices, firsts = vertices[moved], firsts[moved]
-    points = _Points(
-        triangles=corners[sharp],
-        which=np.searchsorted(patch.members[sharp], parents[rows][firsts // 3]),
-        within=fine.subdivision.barycentrics[rows].reshape(-1, 3)[firsts],
-    )
+    points = _Points(corners[sharp], which[firsts], fine.subdivision.barycentrics[rows].reshape(-1, 3)[firsts])
     at = np.searchsorted(carried.vertices, vertices)
-    nearer[at] = greatest(points) * shares[at]
+    np.maximum.at(nearer, at, greatest(points) * shares[at])
     return nearer
 
 
@@ -174,7 +177,7 @@ def _turn(axis: Floats, angle: float) -> Floats:
     return turn
 
 
-def _curvatures(points: _Points, blended: Floats, positions: Floats, directions: Floats) -> tuple[Floats, Bools]:
+def _curvatures(points: _Points, blended: Floats, positions: Floats, directions: Floats) -> tuple[Floats, Floats]:
     """Measure a posed surface at points; triangles are curved, as skin weights change along them.
 
     Args:
@@ -184,8 +187,8 @@ def _curvatures(points: _Points, blended: Floats, positions: Floats, directions:
         directions: (vertices, 3) displacement for a height of 1, bind space.
 
     Returns:
-        (points,) greatest curvature of the hollow there, or 0 if there is none; and (points,) True where the surface
-        winds left-handed about the displacement.
+        (points,) greatest curvature of the hollow there, or 0 if there is none; and (points,) cosine of the normal and
+        the displacement.
     """
     matrices = blended[points.triangles]
     linear = matrices[..., :3]
@@ -207,7 +210,9 @@ def _curvatures(points: _Points, blended: Floats, positions: Floats, directions:
     mean = (second[0] * first[2] - 2.0 * second[1] * first[1] + second[2] * first[0]) / (2.0 * area)
     product = (second[0] * second[2] - second[1] ** 2) / area
     hollow = np.sqrt(np.maximum(mean**2 - product, 0.0)) - mean
-    return np.maximum(hollow, 0.0), dot(cross(side, other_side), up) < 0.0
+    normal = cross(side, other_side)
+    lengths = np.sqrt(dot(normal, normal) * dot(up, up))
+    return np.maximum(hollow, 0.0), dot(normal, up) / np.where(lengths > 0.0, lengths, np.inf)
 
 
 def _spread(losses: Floats, places: Floats, patch: Patch) -> Floats:
