@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 import wrinklecli
 from kit.bakes import bake_once
 from kit.limb import write_tools
-from kit.places import ROOT
 from kit.player import Gltf, Json, anchor_distances, described, wrinkle_columns
 from kit.samples import BACK, BROW, PALM, Editor, edited, sample
 from wrinklecli.baking import morphs as encode
@@ -151,8 +150,13 @@ def promised(at: NDArray[np.float64], keys: NDArray[np.float64]) -> NDArray[np.b
 
 
 @pytest.mark.slow
-def test_the_forehead_of_the_samples_plays_with_eight_targets(tmp_path: Path) -> None:
-    tools = ROOT / "configs" / "head.yaml"
+def test_a_forehead_of_three_tools_plays_with_eight_targets(tmp_path: Path) -> None:
+    side = {"name": "brow.L", "mirror": "x", "origin": [0.033, 0.2402, 0.083], "target": [0.027, 0.2881, 0.0639]}
+    middle = {"name": "brow_middle", "origin": [0.0, 0.2395, 0.089], "target": [0.0, 0.2875, 0.0717]}
+    # The five bumps of each rise one after the other until the brows are up.
+    rise = {"strategy": "origin", "bumps": 5, "max_height": "3.5%", "rest_length": "92%", "compressible": "35%"}
+    look = {"width": 0.06, "profile": "skin", "seed": 2}
+    tools = write_tools(tmp_path / "tools.yaml", side, middle, defaults={**rise, **look})
     made = wrinklecli.bake(sample("head"), tools, tmp_path / "out.glb", engine="spec8", details=True)
     out = Gltf(tmp_path / "out.glb")
     (mesh,) = made.data["engine"]["meshes"]

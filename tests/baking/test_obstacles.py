@@ -27,7 +27,7 @@ def reported(folder: Path, *, joined: bool, angle: float, **contact: object) -> 
     if joined:
         asset.gltf["meshes"][0]["primitives"] += asset.gltf["meshes"][1]["primitives"]
         asset.gltf["scenes"][0]["nodes"].pop()
-    entry = tool(node="limb", bumps=2, max_height="10%", contact=contact)
+    entry = tool(node="limb", bumps=2, max_height="20%", contact=contact)
     tools = write_tools(folder / "tools.yaml", entry, refinement={"max_levels": 0})
     report = wrinklecli.bake(asset.write(folder / "limb.glb"), tools, folder / "out.glb")
     return counts(folder / "out.glb"), report
@@ -74,7 +74,7 @@ def test_a_nose_wrinkles_beneath_glasses_though_no_joint_bends_it(rest_length: o
         report = wrinklecli.bake(asset, tools, tmp_path / f"{contact}.glb")
         crossings[contact] = counts(tmp_path / f"{contact}.glb")
     assert crossings == {"off": (0, crossings["off"][1]), "resolve": (0, 0)}
-    assert crossings["off"][1] > 100
+    assert crossings["off"][1] > 50
     (fold,) = report.data["folds"]
     assert fold["joint"] is fold["degrees"] is None
     # The tool's shortening tells the weights, also in clips that were never baked.

@@ -170,9 +170,9 @@ def test_babylon_plays_all_parts(pair: tuple[Gltf, Gltf]) -> None:
 
 
 @pytest.mark.slow
-def test_a_forehead_takes_a_quarter_of_the_memory_in_three_js() -> None:
+def test_a_forehead_takes_a_third_of_the_memory_in_three_js() -> None:
     whole, parted = (bake_config("head", "head", **each) for each in ({}, {"split": True}))
-    assert target_bytes(parted.path) < target_bytes(whole.path) / 4
+    assert target_bytes(parted.path) < target_bytes(whole.path) / 3
     # Of the faces that wrinkle alone, with all targets as one mesh would have them.
     wrinkling = [node for node in nodes_of(parted) if any(n.startswith("wrinkle_") for n in targets_of(parted, node))]
     region = sum(len(parted.attribute(node, "POSITION")) for node in wrinkling)

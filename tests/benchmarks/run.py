@@ -271,8 +271,8 @@ def planned(sample: str, levels: int) -> tuple[MeshPlan, Clip]:
 def one_clip(places: Places, sample: str) -> Path:
     """Write a sample's tools file for an asset that has its first clip alone: it names no clip."""
     settings = yaml.safe_load((ROOT / "configs" / f"{sample}.yaml").read_text(encoding="utf-8"))
-    for tool in settings["tools"]:
-        tool.pop("clips", None)
+    for keys in (*settings["tools"], settings.get("defaults", {})):
+        keys.pop("clips", None)
     path = places.folder / f"{sample}_one_clip.yaml"
     path.write_text(json.dumps(settings), encoding="utf-8")
     return path

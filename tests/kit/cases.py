@@ -223,7 +223,7 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
         case "suggest":
             yield from (asset, *some("--json", share=0.3), *some("-o", "found.yaml", share=0.5), "--fps", "4")
             yield from (*some("--node", "limb"), *some("--count", "2"), *some("--clip", "fold"), *some("--all"))
-            yield from some("--material", chance.choice(["limb=cloth", "limb=stone", "none=skin", "limb", "=cloth"]))
+            yield from some("--material", chance.choice(["limb=cloth", "limb=hard", "nowhere=skin"]))
             yield from (
                 *some("--face", share=0.1),
                 *motions,

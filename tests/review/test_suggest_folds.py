@@ -42,7 +42,9 @@ def in_assets(name: str) -> Path:
     "options", [{}, {"rings": 40, "sides": 28}, {"rings": 11, "sides": 8}, {"normals": False, "indices": None}]
 )
 def test_a_bent_tube_folds_on_its_inner_side_along_the_tube(tmp_path: Path, options: Json) -> None:
-    found = suggest(limb(tmp_path / "limb.glb", **options))
+    # Facets of a limb without normals bend, and would leave the tool out.
+    everything = not options.get("normals", True)
+    found = suggest(limb(tmp_path / "limb.glb", **options), everything=everything)
     best = found.tools[0]
     x, y, z = middle(best.tool)
     assert abs(x) < 0.15 * best.span
@@ -52,7 +54,7 @@ def test_a_bent_tube_folds_on_its_inner_side_along_the_tube(tmp_path: Path, opti
     assert best.shortening > 0.4
     assert (best.driver, best.by_morph, best.clip, best.mirrored) == ("joint_1", False, "fold", False)
     assert best.time == pytest.approx(1.0, abs=0.1)
-    assert found.text == suggest(tmp_path / "limb.glb").text
+    assert found.text == suggest(tmp_path / "limb.glb", everything=everything).text
 
 
 def test_two_bends_are_one_mirrored_tool(tmp_path: Path) -> None:

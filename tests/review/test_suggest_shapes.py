@@ -93,8 +93,8 @@ BENT = [
 @pytest.mark.quick(5)
 @pytest.mark.parametrize("shape", BENT, ids=lambda each: f"{each.sides}x{each.rings}")
 def test_a_bent_tube_folds_at_the_same_place_however_fine(tmp_path: Path, shape: Shape) -> None:
-    # Without normals, facets that bend would leave the tool out.
-    best = suggested(shape, tmp_path, everything=not shape.normals).tools[0]
+    # The place is tested, not the look: facets that bend, and a crease as sharp as a bump, leave tools out.
+    best = suggested(shape, tmp_path, everything=True).tools[0]
     first, *_, last = (
         (np.array(point) - shape.place) @ shape.rotation() for point in best.tool.points if isinstance(point, tuple)
     )

@@ -23,7 +23,7 @@ WRITING = {
     "report": ("bake limb.gltf tools.yaml -o out.glb --report {}", ".json"),
     "timings": ("bake limb.gltf tools.yaml -o out.glb --timings {}", ".json"),
     "depfile": ("bake limb.gltf tools.yaml -o out.glb --depfile {}", ".d"),
-    "suggest": ("suggest limb.gltf -o {}", ".yaml"),
+    "suggest": ("suggest limb.gltf --all -o {}", ".yaml"),
     "check": ("check limb.gltf tools.yaml --plot {}", ".svg"),
     "preview": ("preview limb.gltf --tools tools.yaml -o {} --rest --size 32x32", ".png"),
 }
@@ -55,7 +55,7 @@ KEPT_APART = {
     ("bake", "timings"): (BAKE + " -o out.glb --timings {}", (*CLIPS, "tools.yaml")),
     ("bake", "depfile"): (BAKE + " -o out.glb --depfile {}", (*CLIPS, "tools.yaml")),
     ("bake", "frames_dir"): (BAKE + " --clip fold --frames-dir {}", (*CLIPS, "tools.yaml")),
-    ("suggest", "output"): ("suggest limb.gltf --anim run.gltf -o {}", CLIPS),
+    ("suggest", "output"): ("suggest limb.gltf --all --anim run.gltf -o {}", CLIPS),
     ("check", "plot"): ("check limb.gltf tools.yaml --anim run.gltf --plot {}.svg", (*CLIPS, "tools.yaml")),
     ("preview", "output"): (
         "preview limb.gltf --tools tools.yaml --anim run.gltf -o {}.png --rest --size 32x32",

@@ -8,7 +8,7 @@ Source: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004, on m
 projects vertices onto the patch anew each frame, as module `posed` does for `attachment: patch`.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -90,8 +90,8 @@ def carry(patch: Patch, fine: Refinement, pinned: Bools) -> CarriedPatch:
     regular = ~singular(fine.blended[members])
     moving = np.abs(magnitudes) > LEAST_SHARE * abs(patch.shape_strength)
     if left is not None and not (regular & moving).any():
-        message = f"features of the surface leave nothing of {patch.tool.name}; with stops: none it ignores them"
-        raise BakeError(message, where=patch.tool.where)
+        # A tool that lies on features alone was meant to wrinkle them.
+        return carry(replace(patch, reach=None), fine, pinned)
     if not (regular & moving).any():
         raise BakeError("moves no vertex: the mesh faces away or lies beside the patch", where=patch.tool.where)
     # If members are projected anew in each frame, any of them may come to lie on the patch.
