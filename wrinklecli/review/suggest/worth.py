@@ -34,8 +34,9 @@ _AS_TALL = 0.5
 # Change of lightness that is noticed at a glance, over the lightness. One notices 0.01 to 0.02 in the laboratory, on a
 # plain field and at leisure; several times as much on a moving figure with a texture.
 _NOTICED = 0.1
-# Part of a place that must change so much: crests and furrows that one sees take more than a tenth of the place.
-_LEAST_SEEN = 0.1
+# Part of a place that must change so much: tools of which one sees nothing change up to 6 % of theirs, and crests and
+# furrows that one sees from 9 % on.
+_LEAST_SEEN = 0.08
 # Edges that begin to cross, over the square root of the place's edges, which is how many a line across it meets. The
 # sides of a fold that closes cross along one line, and each side has its edges there; wrinkles that come through
 # clothes, or through each other, cross all over the place.
