@@ -1,4 +1,4 @@
-"""What `suggest` writes passes `check --strict`, on characters as others make them."""
+"""A file that `suggest` writes passes `check --strict`, on characters as others make them."""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -94,7 +94,7 @@ def test_what_is_seen_and_harms_nothing_is_kept(tmp_path: Path) -> None:
 
 
 def test_triangles_turned_over_leave_a_tool_out(tmp_path: Path) -> None:
-    """In a groove as wide as its wrinkles are tall, their crests bend over each other."""
+    """Crests bend over each other in a groove as wide as its wrinkles are tall."""
     groove = np.concatenate([line(-0.5, -0.1), arc(170.0) * [0.2, -0.2], line(0.1, 0.5)])
     found = judged(sheet(tmp_path / "a.glb", groove), suggestion(start=-0.2, stop=0.2, height=20.0))
     assert reasons(found) == [("fold", "turns")]

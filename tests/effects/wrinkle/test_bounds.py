@@ -104,7 +104,7 @@ def test_a_hem_keeps_its_line_and_wrinkles_rise_over_half_a_bump(tmp_path: Path)
 
 
 def test_wrinkles_end_round_a_hole(tmp_path: Path) -> None:
-    """As an eye's: a cell is missing in the middle of the patch."""
+    """A cell is missing in the middle of the patch, as an eye's is."""
     hole = (0.0, 0.1, 0.0, 0.2)
     places, kept = left(
         tmp_path,

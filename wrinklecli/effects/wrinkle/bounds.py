@@ -1,4 +1,4 @@
-"""Where the wrinkles of an attached tool end within its patch: at features of the surface, and where its mask is 0.
+"""The places where the wrinkles of a tool end within its patch: features of the surface, and where its mask is 0.
 
 The paper (C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004) ends wrinkles at the border of the patch.
 """

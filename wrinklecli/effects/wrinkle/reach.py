@@ -11,7 +11,7 @@ from wrinklecli.surface.features import Nearest
 
 @dataclass(frozen=True, slots=True)
 class Reach:
-    """How far the wrinkles of a tool reach.
+    """The reach of the wrinkles of a tool.
 
     Attributes:
         nearest: The features near the patch; None if there are none.

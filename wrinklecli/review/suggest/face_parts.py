@@ -198,7 +198,7 @@ class _Eyes:
 
 @dataclass(frozen=True, slots=True)
 class _Motion:
-    """What targets move: by name, (sites, 3) displacements at weight 1, scene units."""
+    """The moves of targets: by name, (sites, 3) displacements at weight 1, scene units."""
 
     targets: Sequence[FaceTarget]
     moved: Mapping[str, Floats]

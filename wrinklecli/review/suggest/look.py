@@ -39,7 +39,7 @@ _AT_ONCE = 2**21
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """What is seen of a place.
+    """The sight of a place.
 
     Attributes:
         visible: Part of the wrinkles that nothing hides, from the best side.

@@ -132,7 +132,7 @@ class Substance:
 
 @dataclass(frozen=True, slots=True)
 class PrimitiveHints:
-    """What names say of a primitive: its material's, those of node and mesh, and the user by one of them."""
+    """Find what names say of a primitive: its material's, those of node and mesh, and the user by one of them."""
 
     material: Substance | None
     node: Substance | None
@@ -327,7 +327,7 @@ def _by_name(named_as: Substance | None, strength: float) -> dict[SubstanceKind,
 
 
 def _by_looks(swatch: Swatch, bare: Floats | None) -> dict[SubstanceKind, float]:
-    """What colours, fine contrast and roughness say."""
+    """Find what colours, fine contrast and roughness say."""
     lightness, chroma, hue = swatch.lightness, swatch.chroma, swatch.hue
     if not swatch.coloured > 0.5:
         return {}

@@ -259,7 +259,7 @@ def _share_seen(seen: Seen) -> float:
 
 
 def _faults(placement: Placement, staged: StagedTool, seen: Seen, crossings: int) -> Iterator[tuple[str, float]]:
-    """What a tool does to the surface, each with a number; `crossings` are those that it adds."""
+    """Give the harms that a tool does to the surface, each with a number; `crossings` are those that it adds."""
     if crossings > _MOST_CROSSING * np.sqrt(staged.edge_count):
         yield "crosses", crossings
     turned = float(np.mean(staged.turned_over()[seen.shown])) if len(seen.shown) else 0.0
