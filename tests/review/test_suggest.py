@@ -161,7 +161,7 @@ def test_a_node_that_no_tool_could_name_is_left_out_with_a_note(name: str | None
 
 
 def test_a_mesh_without_normals_keeps_its_flat_faces(tmp_path: Path) -> None:
-    flat = suggest(limb(tmp_path / "flat.glb", normals=False))
+    flat = suggest(limb(tmp_path / "flat.glb", normals=False), everything=True)
     assert parse_tools(flat.text).refinement.scheme == "midpoint"
     assert parse_tools(suggest(limb(tmp_path / "smooth.glb")).text).refinement.scheme == "butterfly"
 
