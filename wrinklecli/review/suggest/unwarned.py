@@ -4,7 +4,7 @@ A file that `suggest` writes then passes `check --strict`.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -38,8 +38,11 @@ def unwarned(document: Document, found: Worthwhile, clips: Sequence[Clip]) -> Wo
         found: Tools that are worth keeping.
         clips: Those that `check` looks at.
     """
+    placed = found.placed
     for _ in range(_ROUNDS):
-        placed = Trial(document, clips, found.refinement).placements(found.tools)
+        # A placement holds for the tool as it was placed: refining anew takes as long as measuring the mesh.
+        if any(not _is_placed(each, placed) for each in found.tools):
+            placed = Trial(document, clips, found.refinement).placements(found.tools)
         kept: list[Suggestion] = []
         for each in found.tools:
             mended = _mended(each, [placed[name] for name in names_of(each, placed)], _shortest_clips(each, clips))
@@ -51,6 +54,13 @@ def unwarned(document: Document, found: Worthwhile, clips: Sequence[Clip]) -> Wo
             break
         found = replace(found, tools=kept)
     return found
+
+
+def _is_placed(suggestion: Suggestion, placed: Mapping[str, Placement]) -> bool:
+    """True if a tool was placed as it is; its contact is proposed later, and changes no place."""
+    there = placed.get(suggestion.tool.name)
+    alone = replace(suggestion.tool, where="", contact=None)
+    return there is not None and replace(there.carried.patch.tool, where="", contact=None) == alone
 
 
 def _mended(suggestion: Suggestion, sides: Sequence[Placement], clips: Sequence[Clip]) -> Suggestion | Dropped:

@@ -5,7 +5,7 @@ A tool is looked at where it is tallest, or a little before, if the fold hides i
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import islice
 
 import numpy as np
@@ -113,12 +113,14 @@ class Worthwhile:
         refinement: Fine enough for the tools.
         dropped: Those that are not worth it.
         notes: A line for each tool that no refinement shows.
+        placed: The tools that were looked at, and their twins, on refined meshes, by name.
     """
 
     tools: list[Suggestion]
     refinement: RefinementSettings
     dropped: list[Dropped]
     notes: list[str]
+    placed: dict[str, Placement] = field(default_factory=dict)
 
     @property
     def summary(self) -> list[str]:
@@ -161,6 +163,7 @@ def worthwhile(
             found.tools.extend(trial.tools)
             continue
         stage = stage or Stage(document, clips)
+        found.placed.update(trial.placed)
         for each in _judged(stage, trial, document, clips):
             if isinstance(each, Dropped):
                 found.dropped.append(each)
