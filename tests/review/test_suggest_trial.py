@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from kit.sheet import line, sheet
+from kit.suggested import squeezed
 from wrinklecli.character.clip import read_clips
 from wrinklecli.gltf.document import read_document
 from wrinklecli.review.suggest.fitted_tools import Suggestion
@@ -21,19 +22,7 @@ FOLDED = [line(-0.5, 0.1, 0.1), line(0.1, -0.1, 0.05), line(-0.1, 0.5, 0.0)]
 def suggestion(half: float, width: float, top: float, name: str = "fold") -> Suggestion:
     """A tool about the middle of a sheet."""
     tool = WrinkleTool(name=name, origin=(-half, top, 0.0), target=(half, 0.0, 0.0), width=Length(width))
-    return Suggestion(
-        tool=tool,
-        mirrored=False,
-        mesh="sheet",
-        driver="squeeze",
-        by_morph=True,
-        clip="squeeze",
-        time=1.0,
-        span=2.0 * half,
-        clips={"squeeze": half},
-        shortening=0.5,
-        score=1.0,
-    )
+    return squeezed(tool, 2.0 * half)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 
 from kit.limb import limb
 from kit.sheet import arc, line, sheet
-from kit.suggested import run
+from kit.suggested import run, squeezed
 from wrinklecli.character.clip import read_clips
 from wrinklecli.gltf.document import read_document
 from wrinklecli.review.suggest import worth
@@ -37,19 +37,7 @@ def suggestion(name: str = "fold", *, start: float = -0.4, stop: float = 0.4, he
         strategy="everywhere",
         max_height=Length(height, percent=True),
     )
-    return Suggestion(
-        tool=tool,
-        mirrored=False,
-        mesh="sheet",
-        driver="squeeze",
-        by_morph=True,
-        clip="squeeze",
-        time=1.0,
-        span=stop - start,
-        clips={"squeeze": (stop - start) / 2},
-        shortening=0.5,
-        score=1.0,
-    )
+    return squeezed(tool, stop - start)
 
 
 def judged(path: Path, *tools: Suggestion, count: int = 8, everything: bool = False) -> Worthwhile:

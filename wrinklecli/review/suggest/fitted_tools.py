@@ -120,6 +120,11 @@ class Suggestion:
     part: Part | None = None
     crossings: int = 0
 
+    @property
+    def lowered(self) -> "Suggestion | None":
+        """The tool `lower`, as wide as this one, which a fold may have made narrower; None if there is none."""
+        return self.lower and replace(self.lower, tool=replace(self.lower.tool, width=self.tool.width))
+
 
 def fit_tools(candidates: Sequence[Candidate], further: Sequence[Clip] = ()) -> Iterator[Suggestion]:
     """Fit tools to candidates, best first, each when it is asked for.

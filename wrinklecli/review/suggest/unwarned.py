@@ -78,9 +78,7 @@ def _mended(suggestion: Suggestion, sides: Sequence[Placement], clips: Sequence[
         return suggestion
     if suggestion.tool.compressible < needed <= MOST_COMPRESSIBLE / 100.0:
         return replace(suggestion, tool=replace(suggestion.tool, compressible=needed), lower=None)
-    if suggestion.lower is not None:
-        return replace(suggestion.lower, tool=replace(suggestion.lower.tool, width=suggestion.tool.width))
-    return Dropped(suggestion.tool.name, suggestion.mesh, "warned", 0.0, warnings[0])
+    return suggestion.lowered or Dropped(suggestion.tool.name, suggestion.mesh, "warned", 0.0, warnings[0])
 
 
 def _shortest_clips(suggestion: Suggestion, clips: Sequence[Clip]) -> list[Clip]:

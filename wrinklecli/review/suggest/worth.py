@@ -194,9 +194,10 @@ def _others(suggestion: Suggestion, dropped: Dropped) -> Iterator[Suggestion]:
     if dropped.on_one_side and tool.variation > 0:
         # A pair has two irregularities, by its names. With a seed, both sides are irregular alike.
         yield from (replace(suggestion, tool=replace(tool, seed=seed), lower=None) for seed in _SEEDS)
-    if dropped.reason in ("crosses", "turns") and suggestion.lower is not None:
+    lowered = suggestion.lowered
+    if dropped.reason in ("crosses", "turns") and lowered is not None:
         # A lower wrinkle that is seen is worth more than none.
-        yield replace(suggestion.lower, tool=replace(suggestion.lower.tool, width=tool.width))
+        yield lowered
 
 
 def _judge(stage: Stage, suggestion: Suggestion, placed: dict[str, Placement]) -> Suggestion | Dropped:
