@@ -15,6 +15,7 @@ from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.preview.preview_options import PreviewOptions
 from wrinklecli.review.preview.rays import visible
 from wrinklecli.review.preview.shown import ShownAsset
+from wrinklecli.review.preview.sides import ANGLES, FACES, LEVELS
 
 # Why there is no picture of an asset.
 NO_TRIANGLES = "nothing to see: no triangles in the scene, or all are scaled to 0"
@@ -31,17 +32,10 @@ _WRINKLES_MARGIN = 1.35
 _FIGURE_MARGIN = 1.12
 # Directions in which the bounds of a cloud of points are found, to frame it.
 _DIRECTIONS = 128
-# Views that may face the wrinkles, degrees; from higher up one cannot tell which part of the body it is.
-_AZIMUTHS = range(-165, 181, 15)
-_ELEVATIONS = range(-60, 61, 15)
 # Moments by which these views are judged.
 _JUDGED_MOMENTS = 4
 # Vertices of each primitive by which these views are judged.
 _JUDGED_VERTICES = 200
-# Cosine between normal and view above which a vertex counts fully.
-_FACES = 0.7
-# Part of its score that a view from straight above or below loses.
-_LEVEL = 0.25
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,9 +175,8 @@ def _facing(assets: Sequence[ShownAsset], moments: Sequence[Moment], wrinkles: _
         others = ", ".join(VIEWS)
         raise AssetError(f"has no wrinkles to face; other views are {others}", where=assets[-1].document.path)
     chosen = np.argsort(-wrinkles.totals, kind="stable")[:_JUDGED_MOMENTS]
-    angles = [(azimuth, elevation) for elevation in _ELEVATIONS for azimuth in _AZIMUTHS]
-    backs = np.array([camera_axes(*each)[2] for each in angles])
-    scores, whole = np.zeros(len(angles)), 0.0
+    backs = np.array([camera_axes(*each)[2] for each in ANGLES])
+    scores, whole = np.zeros(len(ANGLES)), 0.0
     for moment in (moments[number] for number in chosen):
         for asset, masks in zip(assets, wrinkles.masks, strict=True):
             shown = list(asset.posed(moment))
@@ -199,15 +192,14 @@ def _facing(assets: Sequence[ShownAsset], moments: Sequence[Moment], wrinkles: _
                     weights *= posed.shown.displacements(asset.clip(moment.clip), moment.time)[vertices]
                 normals = vertex_normals(posed.positions, posed.triangles)[vertices]
                 free = visible(everything, posed.positions[vertices], normals, backs)
-                scores += (free * np.minimum(backs @ normals.T, _FACES)) @ weights
-                whole += _FACES * float(weights.sum())
-    levels = np.cos(np.radians([elevation for _, elevation in angles]))
-    best = int(np.argmax(scores * (1 - _LEVEL + _LEVEL * levels)))
+                scores += (free * np.minimum(backs @ normals.T, FACES)) @ weights
+                whole += FACES * float(weights.sum())
+    best = int(np.argmax(scores * LEVELS))
     if not scores[best] > 0:
         return View(_DEFAULT, (), visible=0.0)
     # Wrinkles that do not show have no score, although their vertices may face the view.
     score = float(scores[best]) if wrinkles.totals.any() else 0.0
-    return View(f"{angles[best][0]}:{angles[best][1]}", (), score, float(scores[best]) / whole)
+    return View(f"{ANGLES[best][0]}:{ANGLES[best][1]}", (), score, float(scores[best]) / whole)
 
 
 def _followed(asset: ShownAsset, moments: Sequence[Moment], focus: Floats) -> Floats:

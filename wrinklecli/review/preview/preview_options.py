@@ -23,12 +23,15 @@ class Style:
         clay: Draw everything in grey.
         backfaces: Draw triangles that are seen from behind in red.
         lit_from_right: Mirror the lights, so that left and right tools look alike.
+        key: Unit direction in camera axes (right, up, backwards) from which a key light rakes over wrinkles, and the
+            camera lights what lies in its shade; None for the usual lights.
     """
 
     wire: bool = False
     clay: bool = False
     backfaces: bool = False
     lit_from_right: bool = False
+    key: tuple[float, float, float] | None = None
 
 
 PLAIN = Style()

@@ -3,6 +3,7 @@
 The same triangles give the same hits: rays follow fixed patterns.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -167,22 +168,32 @@ def visible(corners: Floats, points: Floats, normals: Floats, directions: Floats
     `corners` are the (triangles, 3, 3) corners of everything; the points have unit normals, and the unit directions
     point to the eye.
     """
-    return _unhidden(corners, points, normals, np.repeat(directions[:, None], len(points), axis=1))
+    return free_ways(corners, points, normals)(directions)
 
 
 def visible_from(corners: Floats, points: Floats, normals: Floats, eyes: Floats) -> Bools:
     """(eyes, points) True if nothing lies between points of a surface and (eyes, 3) places; see `visible`."""
-    return _unhidden(corners, points, normals, unit(eyes[:, None] - points))
+    return _unhidden(corners, points, normals)(unit(eyes[:, None] - points))
 
 
-def _unhidden(corners: Floats, points: Floats, normals: Floats, towards: Floats) -> Bools:
-    """(eyes, points) True if (eyes, points, 3) unit rays leave points of a surface, and meet nothing."""
+def free_ways(corners: Floats, points: Floats, normals: Floats) -> Callable[[Floats], Bools]:
+    """Prepare what `visible` does, for several sets of directions."""
+    free = _unhidden(corners, points, normals)
+    return lambda directions: free(np.repeat(directions[:, None], len(points), axis=1))
+
+
+def _unhidden(corners: Floats, points: Floats, normals: Floats) -> Callable[[Floats], Bools]:
+    """Prepare to find, for (eyes, points, 3) unit rays, which leave points of a surface and meet nothing."""
     middle = (corners.min(axis=(0, 1)) + corners.max(axis=(0, 1))) / 2
     extent = max(float(np.abs(corners - middle).max()), 1e-30)
     rays = _traced((corners - middle) / extent)
-    starts = np.tile((points - middle) / extent + 10 * LIFT * normals, (len(towards), 1)).astype(np.float32)
-    free = rays.run(starts, towards.reshape(-1, 3).astype(np.float32), query="OCCLUDED").reshape(len(towards), -1) < 0
-    return np.asarray(free & (np.sum(towards * normals, axis=2) > 0))
+
+    def free(towards: Floats) -> Bools:
+        starts = np.tile((points - middle) / extent + 10 * LIFT * normals, (len(towards), 1)).astype(np.float32)
+        met = rays.run(starts, towards.reshape(-1, 3).astype(np.float32), query="OCCLUDED").reshape(len(towards), -1)
+        return np.asarray((met < 0) & (np.sum(towards * normals, axis=2) > 0))
+
+    return free
 
 
 def unit_rows(vectors: Array) -> Array:

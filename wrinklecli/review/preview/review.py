@@ -12,6 +12,7 @@ from wrinklecli.character.clip import chosen_clips
 from wrinklecli.errors import AssetError, counted
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.pixels import Bytes
+from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.guard import Progress
 from wrinklecli.review.preview.apply import PlannedTools, apply_tools
 from wrinklecli.review.preview.camera import Camera, camera_axes, parse_view
@@ -22,22 +23,16 @@ from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.preview.overlay import placed_words
 from wrinklecli.review.preview.peaks import Fact, Peak, baked_peaks_of, planned_peaks
 from wrinklecli.review.preview.preview_options import PreviewOptions, Style
+from wrinklecli.review.preview.rays import free_ways
 from wrinklecli.review.preview.render import Snapshot, render
 from wrinklecli.review.preview.sheet_layout import Drawn, refuse_large
 from wrinklecli.review.preview.shown import INKS, ShownAsset, read_shown, take_snapshot
+from wrinklecli.review.preview.sides import Free, Place, Side, best_light, best_moment, best_side
 
 # The greatest number of tools on a sheet, which then has sixteen rows.
 MOST_REVIEWED = 48
 # For at most so many cards the number of columns, and the size of the pictures, pixels. Sheets are as wide as a screen.
 _LAYOUTS = ((1, 1, (760, 570)), (2, 1, (640, 420)), (6, 2, (444, 320)), (MOST_REVIEWED, 3, (300, 225)))
-# A tool is hidden at its peak if less than this part of its wrinkles is visible. It is then shown earlier,
-_HIDDEN = 0.55
-# at the first of these parts of the time to its peak
-_EARLIER = (0.85, 0.7, 0.55, 0.4)
-# at which this part of its wrinkles is visible,
-_PLAIN = 0.7
-# or else at the one at which at least this many times as much of them is visible.
-_MORE = 1.2
 # Part of its wrinkles below which a tool is out of sight.
 _OUT_OF_SIGHT = 0.2
 # Letters of a row below a card's pictures.
@@ -146,21 +141,32 @@ def review(
 def moments_and_views(after: ShownAsset, peak: Peak, options: PreviewOptions) -> Iterator[tuple[Moment, View]]:
     """Choose the moment and the views of a tool: its peak, or a moment before it if a fold hides it then."""
     alone = _alone(after, peak)
-    views = plan_views([alone], [peak.moment], options)
-    clip = alone.clip(peak.moment.clip)
-    if clip is None or views[0].visible >= _HIDDEN:
-        yield from ((peak.moment, view) for view in views)
+    if options.views:
+        yield from ((peak.moment, view) for view in plan_views([alone], [peak.moment], options))
         return
-    start = clip.start if clip.start < peak.moment.time else clip.end
-    best, least = (peak.moment, views[0]), _MORE * views[0].score
-    for part in _EARLIER:
-        moment = replace(peak.moment, time=start + part * (peak.moment.time - start))
-        (view,) = plan_views([alone], [moment], options)
-        if view.score > least:
-            best, least = (moment, view), view.score
-            if view.visible >= _PLAIN:
-                break
-    yield best
+
+    def look(time: float) -> tuple[Moment, Side]:
+        moment = replace(peak.moment, time=time)
+        return moment, best_side(*_place(alone, moment))
+
+    clip, time = alone.clip(peak.moment.clip), peak.moment.time
+    start = time if clip is None else clip.start if clip.start < time else clip.end
+    moment, side = best_moment(start, time, look)
+    (view,) = plan_views([alone], [moment], replace(options, views=[side.name] if side.score else []))
+    yield moment, replace(view, score=side.score, visible=side.visible)
+
+
+def _place(alone: ShownAsset, moment: Moment) -> tuple[Place, Free]:
+    """The place of a tool's wrinkles, and what is hidden there."""
+    pairs = list(zip(alone.without_wrinkles().posed(moment), alone.posed(moment), strict=True))
+    nothing = np.zeros((0, 3, 3))
+    moved = [(plain, posed) for plain, posed in pairs if len(posed.shown.shape_numbers)]
+    before, after = (
+        np.concatenate([nothing, *(each[k].positions[each[k].triangles] for each in moved)]) for k in (0, 1)
+    )
+    everything = np.concatenate([nothing, *(posed.positions[posed.triangles] for _, posed in pairs)])
+    place = Place.of(before, after)
+    return place, free_ways(everything, place.points, place.normals)
 
 
 def _left_out(missed: Sequence[Peak], count: int) -> list[str]:
@@ -209,7 +215,9 @@ def _cards(
         source = after if members[0].peak.raised else _alone(after, members[0].peak)
         snapshots = [take_snapshot(each, moment, heat=options.heat) for each in (before, source)]
         for shot in members:
-            yield shot.number, _card(shot, snapshots, options)
+            place, free = _place(_alone(after, shot.peak), moment)
+            key = best_light(place, shot.view.cameras[0].axes, free)
+            yield shot.number, _card(shot, snapshots, key, options)
 
 
 def _layout(count: int, options: PreviewOptions) -> tuple[int, tuple[int, int]]:
@@ -223,13 +231,14 @@ def _alone(after: ShownAsset, peak: Peak) -> ShownAsset:
     return after.of_targets(lambda node, name: node == peak.node and peak.owns(name), raised=not peak.raised)
 
 
-def _card(shot: _Shot, snapshots: Sequence[Snapshot], options: PreviewOptions) -> Card:
-    """A tool's pictures, before and after, and its facts."""
+def _card(shot: _Shot, snapshots: Sequence[Snapshot], key: Floats, options: PreviewOptions) -> Card:
+    """A tool's pictures, before and after, in a key light from (3,) a direction in camera axes, and its facts."""
     marked = replace(snapshots[0], marks=tuple(m for m in snapshots[0].marks if m.name == shot.peak.name))
     camera = shot.view.cameras[0]
-    # Left and right tools are seen from opposite sides; with mirrored lights they look alike.
+    # Left and right tools are seen from opposite sides; with mirrored lights their insets look alike.
     style = replace(options.style, lit_from_right=bool(camera.axes[2, 0] < 0))
-    pictures = [render(each, camera, size=options.picture_size, style=style) for each in (marked, snapshots[1])]
+    raking = replace(style, key=tuple(key.tolist()))
+    pictures = [render(each, camera, size=options.picture_size, style=raking) for each in (marked, snapshots[1])]
     pictures[0] = with_inset(pictures[0], snapshots[0], camera, style)
     return Card(
         name=shot.peak.name,
