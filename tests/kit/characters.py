@@ -20,16 +20,18 @@ from kit.asset import Array, Asset, Json
 
 Weights = dict[str, float]
 Rotation = tuple[str, Sequence[float]]
+# For each joint its parent, "" for a root, and its place in metres.
+Skeleton = Mapping[str, tuple[str, tuple[float, float, float]]]
 
 # The joints of a person of 1.75 m who stands as a T and looks along z: parent and place in metres; x > 0 is left.
-_TRUNK: dict[str, tuple[str, tuple[float, float, float]]] = {
+_TRUNK: Skeleton = {
     "hips": ("", (0.0, 0.95, 0.0)),
     "spine": ("hips", (0.0, 1.08, 0.0)),
     "chest": ("spine", (0.0, 1.24, 0.0)),
     "neck": ("chest", (0.0, 1.46, -0.01)),
     "head": ("neck", (0.0, 1.55, 0.0)),
 }
-_SIDE: dict[str, tuple[str, tuple[float, float, float]]] = {
+_SIDE: Skeleton = {
     "shoulder": ("chest", (0.05, 1.39, 0.0)),
     "upper_arm": ("shoulder", (0.19, 1.39, 0.0)),
     "forearm": ("upper_arm", (0.45, 1.39, 0.0)),
@@ -223,7 +225,7 @@ class Surface:
         return Surface(self.points, self.weights, faces, corners, regions)
 
 
-def _chain(at: float, joints: Sequence[str], blend: float) -> Weights:
+def chain_weights(at: float, joints: Sequence[str], blend: float) -> Weights:
     """Weights at a place along a chain whose joint k begins to turn at k, over a length of `blend`."""
     steps = np.clip((at - np.arange(len(joints) + 1)) / blend + 0.5, 0.0, 1.0)
     steps = steps * steps * (3.0 - 2.0 * steps)
@@ -283,7 +285,7 @@ def person(
     rings = []
     for height, (wide, deep, at) in zip(heights, trunk, strict=True):
         outline = np.stack([wide * np.sin(turns), np.full(columns, height), -deep * np.cos(turns)], axis=1)
-        rings.append(surface.ring(outline, _chain(at, joints, 0.9)))
+        rings.append(surface.ring(outline, chain_weights(at, joints, 0.9)))
     first, quarter = 6, columns // 4
     left = [(first + r, quarter - hole // 2 + c) for r in range(hole) for c in range(hole)]
     right = [(first + r, 3 * quarter - hole // 2 + c) for r in range(hole) for c in range(hole)]
@@ -334,7 +336,7 @@ def _arm(
          (2, 0.69, 0.025, 0.03), (2.2, 0.71, 0.024, 0.036), (2.6, 0.75, 0.02, 0.045), (3, 0.785, 0.015, 0.043)],
     )  # fmt: skip
     joints = [f"{name}.{side}" for name in ("upper_arm", "forearm", "hand")]
-    weights = [_chain(max(place, 0.3), joints, blend) for place in at]
+    weights = [chain_weights(max(place, 0.3), joints, blend) for place in at]
     for place, row in zip(at, weights, strict=True):
         for bone, name in enumerate(("upper_twist", "fore_twist") if twist else ()):
             if joints[bone] in row:
@@ -376,7 +378,7 @@ def _legs(surface: Surface, waist: list[int], *, rows: int, thick: float, blend:
         )  # fmt: skip
         middles = np.stack([np.full(len(at), sign * 0.1), limb[:, 0], limb[:, 1]], axis=1)
         joints = [f"{name}.{side}" for name in ("thigh", "shin", "foot", "toe")]
-        weights = [_chain(float(place), joints, blend) for place in at]
+        weights = [chain_weights(float(place), joints, blend) for place in at]
         weights[0] = {"hips": 0.5, joints[0]: 0.5}
         # The heel, the instep, the ball and the tip of a foot.
         middles = np.concatenate([middles, [[sign * 0.1, y, z] for y, z in ((0.055, 0.0), (0.045, 0.06))]])
@@ -409,23 +411,29 @@ def plain(
     return Stuff({"name": name, "pbrMetallicRoughness": looks}, flat=flat)
 
 
-class Writer:
-    """A character under construction: a skeleton, meshes and clips."""
+def _person_joints(*, twist: bool) -> Skeleton:
+    found, side = dict(_TRUNK), dict(_SIDE)
+    if twist:
+        side["upper_twist"] = ("upper_arm", (0.2, 1.39, 0.0))
+        side["fore_twist"] = ("forearm", (0.6, 1.39, 0.0))
+    for letter, sign in (("L", 1.0), ("R", -1.0)):
+        for name, (parent, (x, y, z)) in side.items():
+            above = parent if parent in _TRUNK else f"{parent}.{letter}"
+            found[f"{name}.{letter}"] = (above, (sign * x, y, z))
+    return found
 
-    def __init__(self, *, twist: bool = False, names: Mapping[str, str] | None = None) -> None:
+
+class Writer:
+    """A character under construction: a skeleton (a person's if none is given), meshes and clips."""
+
+    def __init__(
+        self, *, twist: bool = False, names: Mapping[str, str] | None = None, skeleton: Skeleton | None = None
+    ) -> None:
         self.asset = Asset()
-        self.places: dict[str, tuple[str, tuple[float, float, float]]] = dict(_TRUNK)
-        side = dict(_SIDE)
-        if twist:
-            side["upper_twist"] = ("upper_arm", (0.2, 1.39, 0.0))
-            side["fore_twist"] = ("forearm", (0.6, 1.39, 0.0))
-        for letter, sign in (("L", 1.0), ("R", -1.0)):
-            for name, (parent, (x, y, z)) in side.items():
-                above = parent if parent in _TRUNK else f"{parent}.{letter}"
-                self.places[f"{name}.{letter}"] = (above, (sign * x, y, z))
         self.names = names
         self.meshes: list[tuple[str, Surface, Mapping[str, Stuff]]] = []
         self.clips: list[tuple[str, Sequence[float], Mapping[str, Rotation], Array | None]] = []
+        self.places = dict(_person_joints(twist=twist) if skeleton is None else skeleton)
 
     def joint(self, name: str, parent: str, place: tuple[float, float, float]) -> str:
         """Add a joint, and give its name."""
@@ -470,7 +478,7 @@ class Writer:
         joints = list(range(len(numbers)))
         matrices = asset.accessor(binds.reshape(-1, 16))
         skin_index = asset.append("skins", {"joints": joints, "inverseBindMatrices": matrices})
-        roots = [numbers["hips"]]
+        roots = [numbers[name] for name, (parent, _) in self.places.items() if not parent]
         for name, surface, stuffs in self.meshes:
             mesh = asset.append("meshes", {"name": name, "primitives": self._primitives(surface, stuffs, numbers)})
             roots.append(asset.append("nodes", {"name": name, "mesh": mesh, "skin": skin_index}))
@@ -776,7 +784,7 @@ def robot() -> Asset:
     for side, sign in (("L", 1.0), ("R", -1.0)):
         x = sign * np.array([0.18, 0.35, 0.41, 0.45, 0.49, 0.55, 0.66])
         chain = [f"{name}.{side}" for name in ("upper_arm", "forearm", "hand")]
-        weights = [_chain(at, chain, 0.4) for at in (0.5, 0.6, 0.85, 1.0, 1.15, 1.4, 1.7)]
+        weights = [chain_weights(at, chain, 0.4) for at in (0.5, 0.6, 0.85, 1.0, 1.15, 1.4, 1.7)]
         _limb(body, np.stack([x, 0 * x + 1.39, 0 * x], axis=1), 0.05, weights, (0.0, 0.0, 1.0))
         body.tube([[sign * 0.66, 1.39, 0], [sign * 0.75, 1.39, 0]], (0.03, 0.06), [{chain[2]: 1.0}] * 2, "box", sides=4,
                   phase=0.5, across=(0.0, 0.0, 1.0))  # fmt: skip
@@ -790,7 +798,7 @@ def robot() -> Asset:
             moves |= {first: ("z", -60 * sign * there), second: ("z", -80 * sign * there)}
         y = np.array([0.88, 0.65, 0.55, 0.49, 0.43, 0.33, 0.1])
         chain = [f"{name}.{side}" for name in ("thigh", "shin", "foot")]
-        weights = [_chain(at, chain, 0.4) for at in (0.3, 0.6, 0.85, 1.0, 1.15, 1.4, 1.7)]
+        weights = [chain_weights(at, chain, 0.4) for at in (0.3, 0.6, 0.85, 1.0, 1.15, 1.4, 1.7)]
         _limb(body, np.stack([0 * y + sign * 0.09, y, 0 * y], axis=1), 0.065, weights, (1.0, 0.0, 0.0))
         body.box((sign * 0.09 - 0.05, 0.0, -0.07), (sign * 0.09 + 0.05, 0.1, 0.17), chain[2], "box")
     writer.mesh("Cube.007", body, {"": plain("Material", (0.45, 0.45, 0.47), roughness=0.6, flat=True)})

@@ -1,0 +1,145 @@
+"""What contact must not do to a surface, looked at in two bakes as a player shows them: with contact, and without."""
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kit.player import Gltf, Json
+from wrinklecli.baking.report import Report
+from wrinklecli.numeric.intersections import Crossings, edges_of
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+# Moments of a clip, evenly spread: at and between the keys of weights.
+_MOMENTS = 25
+# Edges are torn beyond these parts of the longer, and of the shorter, of their lengths at rest and without contact.
+_LONGEST, _SHORTEST = 2.0, 0.5
+# Cosine between a triangle and each of its neighbours below which it is turned over.
+_TURNED = -0.5
+# Greatest part of the volume of a piece of limb as long as it is thick that contact may take or give.
+_VOLUME = 0.01
+
+
+def faults(with_contact: Path, without: Path, report: Report, mesh: str, clip: str, radius: float) -> list[str]:
+    """Each fault of a bake with contact, in words; none if it holds what is promised.
+
+    Args:
+        with_contact: The bake with `contact: resolve`.
+        without: The same bake with `contact: off`.
+        report: The report of the first.
+        mesh: The node with the tools.
+        clip: The clip to play.
+        radius: Radius of the limb, scene units.
+    """
+    return list(_faults(Gltf(with_contact), Gltf(without), report, mesh, clip, radius))
+
+
+def _faults(one: Gltf, other: Gltf, report: Report, mesh: str, clip: str, radius: float) -> Iterator[str]:
+    keys = one.array(one.clip(clip)["samplers"][0]["input"])[:, 0]
+    times = np.linspace(keys[0], keys[-1], _MOMENTS)
+    rest = one.attribute(mesh, "POSITION")
+    firsts, welded = _welded(rest)
+    triangles = welded[one.triangles(mesh)]
+    triangles = triangles[(np.diff(np.sort(triangles, axis=1), axis=1) > 0).all(axis=1)]
+    if not np.array_equal(rest, other.attribute(mesh, "POSITION")):
+        yield "other vertices than without contact"
+        return
+    shown, given = (each.pose(mesh, clip, times)[:, firsts] for each in (one, other))
+    still = [each.pose(mesh, None, [0.0])[:, firsts] for each in (one, other)]
+    if not (np.array_equal(shown[0], given[0]) and np.array_equal(*still)):
+        yield "not at rest where the other is"
+    treated = _treated(one, report, mesh)[firsts]
+    trees = Crossings.of(rest[firsts], triangles)
+    counts, left = np.zeros((2, _MOMENTS), int), np.zeros(_MOMENTS, int)
+    for frame in range(_MOMENTS):
+        for state, positions in enumerate((shown[frame], given[frame])):
+            edges, crossed = trees.at(positions)
+            counts[state, frame] = len(edges)
+            if state == 0:
+                of_fold = treated[trees.edges[edges]].any(axis=1) | treated[triangles[crossed]].any(axis=1)
+                left[frame] = np.count_nonzero(of_fold)
+    if left.any():
+        yield f"{left.sum()} crossings left in treated folds, most ({left.max()}) at {times[np.argmax(left)]:.3g} s"
+    with_it, without_it = counts.sum(axis=1)
+    if with_it > without_it:
+        yield f"{with_it} crossings, {without_it} without contact"
+    yield from _torn(rest[firsts], triangles, shown, given, times)
+    for frame in range(_MOMENTS):
+        lost = abs(_volume(shown[frame], triangles) - _volume(given[frame], triangles)) / (2.0 * np.pi * radius**3)
+        if lost > _VOLUME:
+            yield f"volume changed by {100 * lost:.2g} % at {times[frame]:.3g} s"
+            break
+
+
+def _torn(rest: Floats, triangles: Ints, shown: Floats, given: Floats, times: Floats) -> Iterator[str]:
+    edges, beside = edges_of(triangles), _neighbours(triangles)
+    at_rest = _lengths(rest, edges)
+    for frame, time in enumerate(times):
+        found, wanted = _lengths(shown[frame], edges), _lengths(given[frame], edges)
+        longer = found / np.maximum(wanted, at_rest)
+        shorter = found / np.minimum(wanted, at_rest)
+        if longer.max() > _LONGEST:
+            yield f"an edge {longer.max():.3g} times as long at {time:.3g} s"
+        if shorter.min() < _SHORTEST:
+            yield f"an edge {shorter.min():.3g} times as long at {time:.3g} s"
+        turned = _turned(shown[frame], triangles, beside) & ~_turned(given[frame], triangles, beside)
+        if turned.any():
+            yield f"{np.count_nonzero(turned)} triangles turned over at {time:.3g} s"
+        if longer.max() > _LONGEST or shorter.min() < _SHORTEST or turned.any():
+            return
+
+
+def _welded(positions: Floats) -> tuple[Ints, Ints]:
+    """One vertex for each place, and the place of each vertex."""
+    _, firsts, numbers = np.unique(positions, axis=0, return_index=True, return_inverse=True)
+    return firsts, numbers.reshape(-1)
+
+
+def _treated(file: Gltf, report: Report, mesh: str) -> NDArray[np.bool_]:
+    """(vertices,) True for those that tools or contact move, but not where a line says that contact is left out."""
+    names, deltas = file.mesh(mesh)["extras"]["targetNames"], file.deltas(mesh)
+
+    def moved(parts: Iterable[Json]) -> NDArray[np.bool_]:
+        columns = [names.index(name) for part in parts for name in part["targets"]]
+        return np.asarray(deltas[columns].any(axis=(0, 2)))
+
+    lines = [line.partition(": ")[0].split(", ") for line in report.warnings if "contact is left" in line]
+    without = {name for line in lines for name in line}
+    tools, folds = report.data["tools"], [fold for fold in report.data["folds"] if fold["targets"]]
+    treated = moved(tool for tool in tools if tool["name"] not in without) | moved(folds)
+    return treated & ~moved(tool for tool in tools if tool["name"] in without)
+
+
+def _lengths(positions: Floats, edges: Ints) -> Floats:
+    return np.linalg.norm(positions[edges[:, 0]] - positions[edges[:, 1]], axis=1)
+
+
+def _neighbours(triangles: Ints) -> Ints:
+    """(triangles, 3) the triangle across each side, -1 for none."""
+    owners: dict[tuple[int, int], list[int]] = {}
+    for number, corners in enumerate(triangles.tolist()):
+        for k in range(3):
+            owners.setdefault((min(corners[k - 1], corners[k]), max(corners[k - 1], corners[k])), []).append(number)
+    found = np.full((len(triangles), 3), -1)
+    for number, corners in enumerate(triangles.tolist()):
+        for k in range(3):
+            others = owners[min(corners[k - 1], corners[k]), max(corners[k - 1], corners[k])]
+            found[number, k] = next((other for other in others if other != number), -1)
+    return found
+
+
+def _turned(positions: Floats, triangles: Ints, beside: Ints) -> NDArray[np.bool_]:
+    """(triangles,) True for those that face away from all of their three neighbours."""
+    a, b, c = (positions[triangles[:, k]] for k in range(3))
+    normals = np.cross(b - a, c - a)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-30)[:, None]
+    cosines = np.einsum("tj,tnj->tn", normals, normals[beside])
+    return np.asarray((cosines < _TURNED).all(axis=1) & (beside >= 0).all(axis=1))
+
+
+def _volume(positions: Floats, triangles: Ints) -> float:
+    """Signed volume of a surface; of an open one, up to what its border adds."""
+    a, b, c = (positions[triangles[:, k]] for k in range(3))
+    return float(np.sum(a * np.cross(b, c)) / 6.0)
