@@ -1,9 +1,11 @@
-// Folds whose skin touches and never crosses: shapes of contact, looked up by the angle of the joint that folds.
+// Folds whose skin touches and never crosses: shapes of contact, looked up by the turn of the joint that folds.
 
 import { between } from './polyline.js';
 
 /** The rotation in a 4×4 matrix, stored by columns: three columns of unit length. */
 const turn = (m) => [0, 4, 8].map((k) => m.slice(k, k + 3)).map((c) => c.map((x) => x / (Math.hypot(...c) || 1)));
+/** Below this a turn has no axis. */
+const LEAST_SINE = 1e-5;
 const dot = (a, b) => a.reduce((sum, x, i) => sum + x * b[i], 0);
 
 /**
@@ -13,7 +15,8 @@ const dot = (a, b) => a.reduce((sum, x, i) => sum + x * b[i], 0);
  * jointMatrixOf, morphWeightOf  as of `wrinkleWeights`
  */
 export function foldWeights(foldExtras, jointMatrixOf, morphWeightOf = () => 0) {
-  const { joint, parent, rest: [x, y, z, w], axis, angles, weights, targets, own: alone = [] } = foldExtras;
+  const { joint, parent, rest: [x, y, z, w], axis, targets, own: alone = [] } = foldExtras;
+  const { angles, weights, leaning = [] } = foldExtras;
   // A clip that was baked may have targets of its own, which stand for all.
   if (alone.some(morphWeightOf)) return targets.map(() => 0);
   const own = turn([...jointMatrixOf(joint)]);
@@ -27,6 +30,15 @@ export function foldWeights(foldExtras, jointMatrixOf, morphWeightOf = () => 0) 
   const local = above.map((row) => own.map((column) => dot(row, column)));
   const d = local.map((row) => stored.map((each) => dot(row, each)));
   const sines = [d[2][1] - d[1][2], d[0][2] - d[2][0], d[1][0] - d[0][1]];
-  const angle = 2 * Math.atan2(dot(axis, sines), 1 + d[0][0] + d[1][1] + d[2][2]);
-  return targets.map((_, k) => between(angles, weights.map((row) => row[k]), angle));
+  const along = dot(axis, sines);
+  const angle = 2 * Math.atan2(along, 1 + d[0][0] + d[1][1] + d[2][2]);
+  // Turns about axes that lean from this one: the nearer to one of these, the more its weights count.
+  const slanted = Math.abs(along) > LEAST_SINE ? sines.map((each) => each / along) : [0, 0, 0];
+  const shares = leaning.map(({ towards }) => Math.min(Math.max(dot(towards, slanted), 0), 1));
+  const most = Math.max(shares.reduce((sum, share) => sum + share, 0), 1);
+  const tables = [weights, ...leaning.map((each) => each.weights)];
+  const parts = shares.map((share) => share / most);
+  parts.unshift(1 - parts.reduce((sum, part) => sum + part, 0));
+  const found = (k) => (sum, rows, j) => sum + parts[j] * between(angles, rows.map((row) => row[k]), angle);
+  return targets.map((_, k) => tables.reduce(found(k), 0));
 }

@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 
 from kit.limb import RADIUS, limb_asset, tool
 from kit.prepared import Prepared, prepare
-from wrinklecli.drive.angle import JointAngle
+from wrinklecli.drive.angle import Angles, JointAngle
 from wrinklecli.drive.drive import Drive, StoredDrive
 from wrinklecli.drive.segment import Segment
-from wrinklecli.drive.table import Table
+from wrinklecli.drive.table import LeaningTable, Table
 from wrinklecli.effects.wrinkle.lookup import tabulate_curve
 from wrinklecli.numeric.arrays import Floats
 
@@ -130,3 +130,49 @@ def test_a_rest_length_is_constant_on_a_rig_without_its_morph_target() -> None:
     assert prepared.patch.segment.rest_length.morph is not None
     assert isinstance(found.signal, Segment)
     assert found.signal.rest_length.morph is None
+
+
+SIDES = np.array([[0.0, 5.0, 0.0], [0.0, -5.0, 0.0], [0.0, 0.0, 5.0], [0.0, 0.0, -5.0]])
+
+
+@given(st.tuples(*[st.floats(-0.6, 0.6)] * 2), st.floats(-2.0, 2.0), st.integers(0, 9))
+def test_turns_about_leaning_axes_are_looked_up_between_the_axis_and_the_sides(
+    slant: tuple[float, float], angle: float, seed: int
+) -> None:
+    numbers = np.random.default_rng(seed)
+    rows, central, *sides = np.array([-1.5, 0.0, 1.5]), *numbers.uniform(0.0, 1.0, (5, 3, 2))
+    table = LeaningTable(Table("angles", rows, central), SIDES, np.stack(sides))
+    along = np.array([1.0, 0.0, 0.0])
+
+    def at(*slants: Any) -> Floats:
+        return table.weights(Angles(np.full(len(slants), angle), np.array(slants)))
+
+    wanted = [Table("angles", rows, each).weights(Angles(np.array([angle]), np.zeros((1, 3)))) for each in sides]
+    on_axis = table.central.weights(Angles(np.array([angle]), np.zeros((1, 3))))
+    assert at(along) == pytest.approx(on_axis)
+    assert at(*(along + side / 25.0 for side in SIDES)) == pytest.approx(np.concatenate(wanted))
+    # Further out the weights are held, and nowhere do they leave the range of the tables.
+    assert at(*(along + side for side in SIDES)) == pytest.approx(np.concatenate(wanted))
+    every = np.concatenate([on_axis, *wanted])
+    (found,) = at([1.0, *slant])
+    assert (found >= every.min(axis=0) - 1e-12).all()
+    assert (found <= every.max(axis=0) + 1e-12).all()
+
+
+def test_a_table_of_turns_about_leaning_axes_is_read_as_it_was_written() -> None:
+    prepared = limb(0)
+    rows = np.array([[0.0, 0.5], [0.2, 0.1], [1.0, 0.0]])
+    table = LeaningTable(Table("angles", np.array([-1.5, 0.0, 1.5]), rows), SIDES, np.stack([rows, 0.5 * rows] * 2))
+    joint = prepared.rig.names.index("joint_1")
+    signal = JointAngle(joint, int(prepared.rig.parents[joint]), np.array([0.0, 0.6, 0.8]), np.array([0.0, 0, 0, 1.0]))
+    drive = Drive("", signal, ("a", "b"), table)
+    assert assert_same_weights(drive, prepared).any()
+    data = drive.to_json(prepared.rig.names, prepared.rig.morph_names)
+    # A reader that knows no slants has the weights of turns about the axis.
+    del data["leaning"]
+    old = StoredDrive.read(data).on({"joint_0": 1, "joint_1": 2}, ()).response
+    assert isinstance(old, Table)
+    assert old.table == pytest.approx(rows)
+    for faulty in ([{"towards": [1.0, 0.0]}], [{"towards": [np.nan] * 3, "weights": rows.tolist()}]):
+        with pytest.raises((KeyError, ValueError)):
+            StoredDrive.read({**data, "leaning": faulty})

@@ -9,7 +9,7 @@ import pytest
 from kit.asset import Asset
 from kit.bakes import COARSE, bake_config, bake_fold, bake_once, folding_limb, place
 from kit.clients import clip_tracks, drive, driver_warnings, gltfpack, optimize
-from kit.limb import limb_asset, nose
+from kit.limb import limb_asset, nose, waving_limb
 from kit.limb import tool as crease
 from kit.places import ROOT
 from kit.player import Gltf, Json
@@ -101,13 +101,17 @@ def test_tissue_lags_at_any_frame_rate_as_if_it_were_baked(name: str, clip: str)
                 assert error[told].max() < 0.02, (fps, names[column], times[told][error[told].argmax()])
 
 
-def test_a_fold_that_touches_is_driven_as_it_is_tracked(tmp_path: Path) -> None:
-    body = bake_fold()
-    (made,) = track(body.path, [folding_limb()], tmp_path)
+@pytest.mark.parametrize("leaning", [False, True])
+def test_a_fold_that_touches_is_driven_as_it_is_tracked(leaning: bool, tmp_path: Path) -> None:
+    """In the joint's own motion, and in clips of another file about axes that lean by up to 20°."""
+    body, anim, clip = bake_fold(), folding_limb(), "fold"
+    if leaning:
+        anim, clip = waving_limb(1, aside=20.0, rings=3, sides=3).write(tmp_path / "anim.glb"), "wave_0"
+    (made,) = track(body.path, [anim], tmp_path / "tracks")
     tracked = Gltf(Path(made.path))
-    times, values = tracked.keys("fold", "limb")
+    times, values = tracked.keys(clip, "limb")
     names = tracked.mesh("limb")["extras"]["targetNames"]
-    driven = drive(body.path, node="limb", clip="fold", times=times.tolist(), driver=True)
+    driven = drive(body.path, node="limb", clip=clip, times=times.tolist(), driver=True, anim=anim if leaning else None)
     (fold,) = body.json["nodes"][body.node("limb")]["extras"]["wrinkle"]["folds"]
     columns = [names.index(name) for name in fold["targets"]]
     # A shape of which this clip needs less than the error allowed has no weight.

@@ -10,11 +10,21 @@ from wrinklecli.character.pose import node_matrices
 from wrinklecli.character.rig import Rig
 from wrinklecli.numeric.arrays import Bools, Floats, affine_rows
 
+# Four times a sine and cosine of half an angle below which a turn has no axis: rounding of float32 rotations.
+_LEAST_SINE = 1e-5
+
 
 class Angles(NamedTuple):
-    """The measurements of a joint: (frames,) radians, by which a table is looked up."""
+    """The measurements of a joint.
+
+    Attributes:
+        rows: (frames,) radians about the axis, by which a table is looked up.
+        slants: (frames, 3) the axis about which the joint is turned, of a length such that its part along the axis of
+            the measurement is 1; 0 while it has no part along it, as at rest.
+    """
 
     rows: Floats
+    slants: Floats
 
     @property
     def active(self) -> Bools:
@@ -39,10 +49,10 @@ class JointAngle:
     rest: Floats
 
     def angles(self, rig: Rig, clip: Clip | None, times: Floats) -> Angles:
-        """Measure the twist about the axis at (frames,) seconds of a clip, by world matrices with scale taken out.
+        """Measure the turn about the axis at (frames,) seconds of a clip, by world matrices with scale taken out.
 
         Source: the swing-twist decomposition of quaternions (v, w), from the matrix of a rotation: its antisymmetric
-        part gives 4 w v, and 1 + its trace is 4 w².
+        part gives 4 w v, and 1 + its trace is 4 w². The turn about the axis is the twist; v is along the whole turn's.
         """
         nodes = [self.node] if self.parent < 0 else [self.node, self.parent]
         matrices = node_matrices(rig, clip, times, nodes)[:, :, :3, :3]
@@ -52,4 +62,6 @@ class JointAngle:
         rest = affine_rows(np.zeros((3, 1)), self.rest[:, None], np.ones((3, 1)))[:, :3, 0]
         turned = own @ rest.T
         sines = np.stack([turned[:, (k + 2) % 3, (k + 1) % 3] - turned[:, (k + 1) % 3, (k + 2) % 3] for k in range(3)])
-        return Angles(np.asarray(2.0 * np.arctan2(self.axis @ sines, 1.0 + np.trace(turned, axis1=1, axis2=2))))
+        along = self.axis @ sines
+        slants = np.where(np.abs(along) > _LEAST_SINE, sines / np.where(along, along, 1.0), 0.0).T
+        return Angles(np.asarray(2.0 * np.arctan2(along, 1.0 + np.trace(turned, axis1=1, axis2=2))), slants)

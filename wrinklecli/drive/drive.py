@@ -16,7 +16,9 @@ itself for arrays of times, and a node's `extras.wrinkle` holds it in JSON:
   taken out, from that of `rest` is a matrix D; with s = (D₃₂ - D₂₃, D₁₃ - D₃₁, D₂₁ - D₁₂) it measures
   2 atan2(`axis` · s, 1 + trace D).
 - The response has rows of `weights`, straight between, at `shortenings`, 1 - distance / rest_length, or at `angles`.
-  Where the rest length changes, `curve` takes their place: see `CurveTable`.
+  Where the rest length changes, `curve` takes their place: see `CurveTable`. Angles may have further rows of weights,
+  `leaning`, for turns about other axes: the share of each is its `towards` · s / (`axis` · s), between 0 and 1, divided
+  by the sum of the shares if that is more than 1; the rest is the share of `weights`.
 - `strengths` are factors on the weights in some clips; `strength` is the factor in all others. Weights are 0 where any
   of the targets `own` is not: these belong to one clip alone, which drives them itself.
 """
@@ -34,7 +36,7 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.drive.angle import Angles, JointAngle
 from wrinklecli.drive.lag import TAUT
 from wrinklecli.drive.segment import Lengths, RestLength, Segment
-from wrinklecli.drive.table import CurveTable, Json, Table, read_table, stored
+from wrinklecli.drive.table import CurveTable, Json, LeaningTable, Table, read_table, stored
 from wrinklecli.numeric.arrays import Floats, unit_quaternions
 from wrinklecli.numeric.piecewise import Signal
 from wrinklecli.tools.records import Lag
@@ -61,7 +63,7 @@ class Drive:
     name: str
     signal: Segment | JointAngle
     targets: tuple[str, ...]
-    response: Table | CurveTable
+    response: Table | LeaningTable | CurveTable
     lag: Lag | None = None
     strengths: Mapping[str, float] = field(default_factory=dict)
     strength: float = 1.0

@@ -3,11 +3,13 @@
 Module `effects.wrinkle.lookup` makes the tables of a control curve, and says why there are two kinds.
 """
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any, Literal, Protocol, TypeAlias
 
 import numpy as np
 
+from wrinklecli.drive.angle import Angles
 from wrinklecli.drive.segment import Lengths
 from wrinklecli.numeric.arrays import Bools, Floats, interpolated, significant
 
@@ -57,9 +59,54 @@ class Table:
         """(frames, targets) weights at the measurements of a signal."""
         return np.where(reading.active[:, None], interpolated(reading.rows, self.rows, self.table), 0.0)
 
+    def mapped(self, change: Callable[[Floats], Floats]) -> "Table":
+        """The table with other weights: `change` maps (rows, …) weights to those of other targets."""
+        return replace(self, table=change(self.table))
+
     def to_json(self) -> Json:
         """The rows as extras store them."""
         return {self.by: stored(self.rows), "weights": stored(self.table, _TABLE_DIGITS)}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LeaningTable:
+    """Weights against the angle of a joint, and against the slant of its turn towards some sides.
+
+    Attributes:
+        central: Weights of turns about the axis itself.
+        towards: (sides, 3) vectors whose products with the slants of turns are 0 for turns about the axis, and 1 for
+            the turns that `tables` hold.
+        tables: (sides, rows, targets) weights, at the rows of `central`.
+    """
+
+    central: Table
+    towards: Floats
+    tables: Floats
+
+    def weights(self, reading: Angles) -> Floats:
+        """(frames, targets) weights at the measurements of a joint.
+
+        They are straight between the axis and the sides, and held beyond. Between two sides, the shares of both add up
+        to 1 at most, so that no weight leaves the range of those in the tables.
+        """
+        shares = np.clip(reading.slants @ self.towards.T, 0.0, 1.0)
+        shares /= np.maximum(shares.sum(axis=1), 1.0)[:, None]
+        found: Floats = (1.0 - shares.sum(axis=1))[:, None] * self.central.weights(reading)
+        for share, table in zip(shares.T, self.tables, strict=True):
+            found += share[:, None] * interpolated(reading.rows, self.central.rows, table)
+        return found
+
+    def mapped(self, change: Callable[[Floats], Floats]) -> "LeaningTable":
+        """The table with other weights: `change` maps (rows, …) weights to those of other targets."""
+        return replace(
+            self, central=self.central.mapped(change), tables=np.stack([change(each) for each in self.tables])
+        )
+
+    def to_json(self) -> Json:
+        """The rows as extras store them; players that know no slants read those of turns about the axis alone."""
+        sides = zip(self.towards, self.tables, strict=True)
+        leaning = [{"towards": stored(each), "weights": stored(table, _TABLE_DIGITS)} for each, table in sides]
+        return {**self.central.to_json(), "leaning": leaning}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,7 +183,7 @@ class CurveTable:
         }
 
 
-def read_table(data: Json, targets: int) -> Table | CurveTable:
+def read_table(data: Json, targets: int) -> Table | LeaningTable | CurveTable:
     """Read the table of so many targets in extras.
 
     Raises:
@@ -146,7 +193,19 @@ def read_table(data: Json, targets: int) -> Table | CurveTable:
         return _read_curve(data["curve"], targets)
     by: Literal["shortenings", "angles"] = "angles" if "angles" in data else "shortenings"
     rows = _sorted_rows(data[by])
-    return Table(by, rows, np.array(data["weights"], np.float64).reshape(len(rows), targets))
+    found = Table(by, rows, _read_weights(data, len(rows), targets))
+    if "leaning" not in data:
+        return found
+    towards = np.array([each["towards"] for each in data["leaning"]], np.float64).reshape(-1, 3)
+    tables = [_read_weights(each, len(rows), targets) for each in data["leaning"]]
+    if by != "angles" or not np.isfinite(towards).all():
+        raise ValueError
+    return LeaningTable(found, towards, np.array(tables).reshape(-1, len(rows), targets))
+
+
+def _read_weights(data: Json, rows: int, targets: int) -> Floats:
+    """(rows, targets) weights of a table."""
+    return np.array(data["weights"], np.float64).reshape(rows, targets)
 
 
 def _read_curve(data: Json, targets: int) -> CurveTable:

@@ -50,3 +50,16 @@ def test_the_axis_is_one_of_the_joints_own_where_one_is_near(off: float, *, is_o
     assert guess == pytest.approx([0.0, 0.0, np.sign(guess[2])], abs=1e-6)
     degrees = np.degrees(np.arccos(np.clip(found @ guess, -1.0, 1.0)))
     assert degrees == pytest.approx(off if is_own else 0.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("degrees", [-80.0, -10.0, 35.0, 100.0])
+def test_the_sweeps_of_a_hinge_are_found_at_their_rows_and_slants(degrees: float) -> None:
+    prepared = prepare(limb_asset(rings=9, sides=8), tool())
+    hinge = hinge_of(prepared.rig.names.index("joint_1"), prepared.patches, np.zeros(3), prepared.rig)
+    angles = np.radians([0.0, degrees / 2.0, degrees])
+    for number, tilt in enumerate(hinge.leanings):
+        reading = hinge.reading(prepared.rig, hinge.turn(angles, tilt=tilt), np.linspace(0.0, 1.0, 3))
+        assert reading.rows == pytest.approx(hinge.rows(angles, tilt=tilt), abs=1e-9)
+        shares = reading.slants[1:] @ hinge.towards.T
+        wanted = np.eye(4)[number - 1] if number else np.zeros(4)
+        assert np.clip(shares, 0.0, None) == pytest.approx(np.tile(wanted, (2, 1)), abs=1e-9)

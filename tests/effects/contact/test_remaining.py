@@ -44,7 +44,7 @@ def test_a_clip_that_would_cross_more_with_contact_is_left_without_and_a_line_sa
     assert remaining_in(crease, clip, TIMES, followed) is None
 
     # A fit that presses what touches further in.
-    worse = replace(crease, table=0.0 * crease.table)
+    worse = replace(crease, response=crease.response.mapped(lambda weights: 0.0 * weights))
 
     def pressed(found: Solution, shapes: Floats, urgent: Floats | None) -> tuple[Floats, Floats, bool]:
         weights, urgent, _ = fit_pose(found, shapes, urgent)

@@ -7,11 +7,13 @@ solutions; weights of a clip that was never baked are looked up by the joint's a
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.motion import approach
+from wrinklecli.drive.table import LeaningTable, Table
 from wrinklecli.effects.contact.fitting import combined, fit_pose, fit_poses
 from wrinklecli.effects.contact.fold import RINGS, Fold
 from wrinklecli.effects.contact.given_up import DEGENERATE, TOO_MANY_STEPS, TORN, UNSETTLED, GivenUp, UnresolvedError
@@ -26,7 +28,7 @@ from wrinklecli.effects.contact.solution import (
     solutions_in,
 )
 from wrinklecli.effects.contact.tissue import FREE, SOFT, UNITS, Tissue
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, interpolated
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, interpolated
 from wrinklecli.numeric.intersections import widened
 from wrinklecli.numeric.nearest import nearest_of
 
@@ -90,8 +92,7 @@ class Crease:
         fold: The surface round the joint.
         tissue: That surface as the solver sees it.
         shapes: (shapes, free, 3) bind space, at weight 1.
-        rows: (rows,) sorted radians of the joint about its axis, or shortenings of the tool that rises,
-        table: and (rows, shapes) weights there.
+        response: Weights of the shapes by the joint's turn, or by the shortening of the tool that rises.
         samples: Weights, with the motions and times in which normals are to be right under them.
         error: Greatest distance of the shapes from the solutions of the sweeps, scene units.
         largest: Greatest move in the solutions, scene units.
@@ -103,8 +104,7 @@ class Crease:
     fold: Fold
     tissue: Tissue
     shapes: Floats
-    rows: Floats
-    table: Floats
+    response: Table | LeaningTable
     samples: tuple[tuple[Floats, Clip, float], ...]
     error: float
     largest: float
@@ -188,7 +188,8 @@ class Crease:
         scale = self.fold.radius / UNITS
         error = scale * max(each.greatest_error(combined(row, shapes)) for each, row in zip(solved, made, strict=True))
         samples = tuple((made[k], clip, float(times[touching[k]])) for k in _chosen(made))
-        own = replace(self, shapes=shapes, table=np.zeros((len(self.rows), len(shapes))), samples=samples)
+        nothing = self.response.mapped(lambda weights: np.zeros((len(weights), len(shapes))))
+        own = replace(self, shapes=shapes, response=nothing, samples=samples)
         return own, Followed(weights, error, crossing)
 
     def torn_frames(self, clip: Clip | None, times: Floats, weights: Floats, others: Sequence[Moves]) -> list[int]:
@@ -210,8 +211,8 @@ class Crease:
 
     def _looked_up(self, clip: Clip, times: Floats) -> Floats:
         """(shapes,) weights at (1,) second of a clip, from the table alone, as a player finds them."""
-        (weights,) = interpolated(self.fold.hinge.rows_in(self.fold.rig, clip, times), self.rows, self.table)
-        return np.asarray(weights)
+        reading: Any = self.fold.hinge.reading(self.fold.rig, clip, times)
+        return np.asarray(self.response.weights(reading)[0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -257,13 +258,11 @@ def resolve(fold: Fold, *, share: float, most: int) -> Crease | None:
     torn = [each for each, (found, moved) in zip(solved, made, strict=True) if found.tears(moved)]
     _refuse(fold, torn, TORN)
     scale = fold.radius / UNITS
-    rows, table = _tabulated(fold, solved, weights)
     return Crease(
         fold=fold,
         tissue=tissue,
         shapes=shapes,
-        rows=rows,
-        table=table,
+        response=_response(fold, solved, weights),
         samples=tuple((weights[k], solved[k].clip, solved[k].time) for k in _chosen(weights)),
         error=scale * max(found.greatest_error(moved) for found, moved in made),
         largest=scale * max(each.found.greatest_move for each in solved),
@@ -281,20 +280,20 @@ class _Solved:
         clip: The sweep.
         time: Seconds of it.
         folded: Angle of the joint, radians, or fraction of a rise.
-        leaning: True if the axis leans.
+        lean: Number of the leaning of the axis; 0 if it does not lean.
         found: The solution.
     """
 
     clip: Clip
     time: float
     folded: float
-    leaning: bool
+    lean: int
     found: Solution
 
 
 def _swept(fold: Fold, tissue: Tissue) -> Iterator[_Solved]:
     """Solve the sweeps: fold as far as the hinge goes, then with the axis leaning to each side."""
-    for lean in fold.hinge.leanings:
+    for number, lean in enumerate(fold.hinge.leanings):
         leaning = bool(lean.any())
         for end in fold.hinge.ends:
             way = _way(end, fold.hinge.stride * (_LEANING_STRIDES if leaning else 1.0))
@@ -302,7 +301,7 @@ def _swept(fold: Fold, tissue: Tissue) -> Iterator[_Solved]:
             times = np.linspace(0.0, 1.0, len(way))
             steps = Steps()
             for folded, time, found in zip(way, times, solutions_in(fold, tissue, clip, times), strict=True):
-                solved = _Solved(clip, float(time), float(folded), leaning, found)
+                solved = _Solved(clip, float(time), float(folded), number, found)
                 _refuse(fold, [] if steps.suffice(found) else [solved], TOO_MANY_STEPS)
                 if found.touches:
                     _refuse(fold, [] if found.state.converged else [solved], UNSETTLED)
@@ -319,16 +318,32 @@ def _refuse(fold: Fold, failed: "Sequence[_Solved]", reason: str) -> None:
         raise UnresolvedError(GivenUp(reason, len(failed), degrees=degrees))
 
 
-def _tabulated(fold: Fold, solved: Sequence[_Solved], weights: Floats) -> tuple[Floats, Floats]:
-    """(rows,) sorted values of the fold's own motion, and (rows, shapes) weights: 0 at rest and before a touch."""
-    central = [(each.folded, number) for number, each in enumerate(solved) if not each.leaning]
+def _response(fold: Fold, solved: Sequence[_Solved], weights: Floats) -> Table | LeaningTable:
+    """Tabulate (solved, shapes) weights of the sweeps, at the rows of all of them."""
+    sweeps = [_tabulated(fold, lean, solved, weights) for lean in range(len(fold.hinge.leanings))]
+    rows, table = sweeps[0]
+    if not isinstance(fold.hinge, Hinge):
+        return Table("shortenings", rows, table)
+    every = distinct_values(np.concatenate([each for each, _ in sweeps]))
+    central, tables = interpolated(every, rows, table), []
+    for own, weights_there in sweeps[1:]:
+        # Where a leaning sweep has ended, it differs from the others as at its end.
+        held = np.clip(every, own[0], own[-1])
+        tables.append(central + interpolated(held, own, weights_there) - interpolated(held, rows, table))
+    return LeaningTable(Table("angles", every, central), fold.hinge.towards, np.stack(tables))
+
+
+def _tabulated(fold: Fold, lean: int, solved: Sequence[_Solved], weights: Floats) -> tuple[Floats, Floats]:
+    """(rows,) sorted measurements of the sweeps of a leaning, and (rows, shapes) weights: 0 before anything touches."""
+    own = [(each.folded, number) for number, each in enumerate(solved) if each.lean == lean]
+    stride = fold.hinge.stride * (_LEANING_STRIDES if lean else 1.0)
     ahead = {0.0}
-    for sign in (1.0, -1.0):
-        nearest = min((sign * folded for folded, _ in central if sign * folded > 0), default=0.0)
-        ahead.add(sign * max(nearest - fold.hinge.stride, 0.0))
-    every = sorted([*central, *((folded, len(solved)) for folded in ahead)])
+    for end in fold.hinge.ends:
+        there = [abs(folded) for folded, _ in own if folded * end > 0]
+        ahead.add(float(np.sign(end)) * max(min(there) - stride, 0.0) if there else end)
+    every = sorted([*own, *((folded, len(solved)) for folded in ahead)])
     padded = np.concatenate([weights, np.zeros((1, weights.shape[1]))])
-    rows = fold.hinge.rows(np.array([folded for folded, _ in every]))
+    rows = fold.hinge.rows(np.array([folded for folded, _ in every]), tilt=fold.hinge.leanings[lean])
     # A morph target may move the ends beyond the place where they are nearest.
     rising = np.flatnonzero(np.diff(np.maximum.accumulate(rows), prepend=-np.inf) > 0)
     return rows[rising], padded[[number for _, number in every]][rising]

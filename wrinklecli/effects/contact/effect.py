@@ -10,7 +10,6 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.sparse_targets import SparseDeltas
 from wrinklecli.drive.drive import Drive
-from wrinklecli.drive.table import Table
 from wrinklecli.effects.contact.given_up import DEGENERATE, GivenUp
 from wrinklecli.effects.contact.hinge import Hinge
 from wrinklecli.effects.contact.remaining import Remaining
@@ -98,11 +97,11 @@ class ContactEffect(Effect):
         """Weights by the joint's angle, or by the tool's shortening if no joint bends the fold; None for one clip."""
         if self.clip is not None:
             return None
-        weights = self.written(self.shape_weights(self.crease.table))
+        response = self.crease.response.mapped(lambda signed: self.written(self.shape_weights(signed)))
         hinge = self.crease.fold.hinge
         if isinstance(hinge, Hinge):
-            return Drive("", hinge.signal, self.target_names, Table("angles", self.crease.rows, weights), own=self.own)
-        return tool_drive(self.patch, self.target_names, Table("shortenings", self.crease.rows, weights))
+            return Drive("", hinge.signal, self.target_names, response, own=self.own)
+        return tool_drive(self.patch, self.target_names, response)
 
     @classmethod
     def count_targets(cls, effects: Sequence[Effect]) -> str:

@@ -15,7 +15,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.motion import motion_clip, turned_axis, turning
 from wrinklecli.character.pose import node_matrices
 from wrinklecli.character.rig import Rig
-from wrinklecli.drive.angle import JointAngle
+from wrinklecli.drive.angle import Angles, JointAngle
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.numeric.arrays import Floats, cross, unit, unit_quaternions
 
@@ -75,17 +75,23 @@ class Hinge:
         """The angles at which sweeps end, one or both ways, radians."""
         return tuple(end for end in (self.least, self.most) if end)
 
-    def rows(self, angles: Floats) -> Floats:
-        """(rows,) values by which weights at (rows,) radians are looked up: these radians."""
-        return angles
+    def rows(self, angles: Floats, *, tilt: Floats) -> Floats:
+        """(rows,) radians about the axis, by which weights are looked up, at (rows,) radians about a tilted axis."""
+        return np.asarray(2.0 * np.arctan(np.tan(angles / 2.0) / np.sqrt(1.0 + tilt @ tilt)))
 
-    def rows_in(self, rig: Rig, clip: Clip, times: Floats) -> Floats:
-        """(frames,) values by which weights are looked up at (frames,) seconds of a clip: the angles there."""
-        return self.signal.angles(rig, clip, times).rows
+    @property
+    def towards(self) -> Floats:
+        """(leanings - 1, 3) vectors whose products with the slants of turns are 1 in the sweep of that leaning."""
+        leanings = self.leanings[1:]
+        return np.asarray(leanings @ _across(self.signal.axis) / np.sum(leanings**2, axis=1)[:, None])
+
+    def reading(self, rig: Rig, clip: Clip, times: Floats) -> Angles:
+        """The measurements at (frames,) seconds of a clip by which weights are looked up."""
+        return self.signal.angles(rig, clip, times)
 
     def strides(self, rig: Rig, clip: Clip, times: Floats) -> Floats:
         """(frames,) angles at (frames,) seconds of a clip, in strides."""
-        return np.asarray(self.rows_in(rig, clip, times) / _STRIDE)
+        return np.asarray(self.reading(rig, clip, times).rows / _STRIDE)
 
     def turn(self, angles: Floats, *, tilt: Floats | None = None) -> Clip:
         """A clip of a second through (keys,) evenly spaced radians from the stored rotation, less than 180° apart.

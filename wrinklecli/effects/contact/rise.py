@@ -12,6 +12,7 @@ import numpy as np
 from wrinklecli.character.clip import Clip, sample
 from wrinklecli.character.motion import motion_clip
 from wrinklecli.character.rig import Rig
+from wrinklecli.drive.segment import Lengths
 from wrinklecli.effects.wrinkle.bending import own_motions
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.numeric.arrays import Floats
@@ -48,18 +49,21 @@ class Rise:
         assert tilt is None or not tilt.any()
         return self.motion
 
-    def rows(self, shares: Floats) -> Floats:
+    def rows(self, shares: Floats, *, tilt: Floats | None = None) -> Floats:
         """(rows,) shortenings by which weights at (rows,) fractions of the rise are looked up."""
-        return self.rows_in(self.rig, self.motion, shares)
+        assert tilt is None or not tilt.any()
+        return self.reading(self.rig, self.motion, shares).rows
 
     def strides(self, rig: Rig, clip: Clip, times: Floats) -> Floats:
         """(frames,) progress at (frames,) seconds of a clip, in strides."""
         least, most = self.rows(_TIMES[[0, -1]])
-        return np.asarray(self.rows_in(rig, clip, times) / (_STRIDE * max(most - least, np.finfo(np.float64).tiny)))
+        return np.asarray(
+            self.reading(rig, clip, times).rows / (_STRIDE * max(most - least, np.finfo(np.float64).tiny))
+        )
 
-    def rows_in(self, rig: Rig, clip: Clip, times: Floats) -> Floats:
-        """(frames,) shortenings by which weights are looked up at (frames,) seconds of a clip."""
-        return self.patch.segment.lengths(rig, clip, times).rows
+    def reading(self, rig: Rig, clip: Clip, times: Floats) -> Lengths:
+        """The measurements at (frames,) seconds of a clip by which weights are looked up."""
+        return self.patch.segment.lengths(rig, clip, times)
 
 
 def rise_of(patch: Patch, rig: Rig) -> Rise | None:

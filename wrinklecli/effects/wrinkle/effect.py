@@ -10,7 +10,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.sparse_targets import SparseDeltas
 from wrinklecli.drive.drive import Drive
-from wrinklecli.drive.table import CurveTable, Table
+from wrinklecli.drive.table import CurveTable, LeaningTable, Table
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, named_targets
 from wrinklecli.effects.shapes import Shape
 from wrinklecli.effects.wrinkle import report
@@ -248,7 +248,7 @@ class WrinkleEffect(Effect):
         return tool_warnings(plan, self.carried, clips, up=up)
 
 
-def tool_drive(patch: Patch, targets: tuple[str, ...], response: Table | CurveTable) -> Drive:
+def tool_drive(patch: Patch, targets: tuple[str, ...], response: Table | LeaningTable | CurveTable) -> Drive:
     """A drive by a tool's segment, with its filter and its strengths."""
     strengths = {clip: each / patch.shape_strength for clip, each in patch.tool.clips.items()}
     others = patch.clip_strength(None)
