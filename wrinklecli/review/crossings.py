@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from wrinklecli.baking.baked_body import bodies_of_parts
+from wrinklecli.baking.baked_body import bodies_of_parts, wrinkle_targets
 from wrinklecli.baking.original import original, wrinkled
+from wrinklecli.baking.track import with_driven_weights
 from wrinklecli.character.clip import Clip, chosen_clips, clip_grid, read_clips
 from wrinklecli.character.joined import with_clips, with_free_nodes
 from wrinklecli.character.moved import moved
@@ -130,11 +131,14 @@ def _states(
         rewritten = (f"{document.path}: {_REWRITTEN}",)
     if carries and tools is None:
         before = _with_further_clips(before, document)
-    joined = moved(before, deforming_nodes(before), options.motions)
+    driven = wrinkle_targets(document)
+    joined = moved(before, deforming_nodes(before), options.motions, driven=driven)
     clips = chosen_clips(joined.clips, joined.chosen(options.clips), where=document.path)
     if tools is None:
-        after = moved(document, deforming_nodes(document), options.motions).document if carries else None
-        return [joined.document, *([after] if after else [])], tuple(clips), rewritten
+        shown = moved(document, deforming_nodes(document), options.motions, driven=driven)
+        after, unread = with_driven_weights(shown.document, [clip.name for clip in clips if clip.name in shown.further])
+        states = [joined.document, after] if carries else [after]
+        return states, tuple(clips), (*rewritten, *unread)
     planned = plan_tools(joined.document, tools, options.bake_options)
     if planned.job is None:
         raise BakeError.of_all([BakeError(line) for line in planned.warnings])

@@ -1,0 +1,124 @@
+"""Contact in clips and poses of any kind: one key, steps, loops, folds that are closed at the beginning, other files."""
+
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("ipctk", reason="needs the extra `contact`")
+
+import wrinklecli
+from kit.asset import Asset, Interpolation
+from kit.bakes import bake_once, place, report_of
+from kit.limb import limb_asset, nose, tool
+from kit.player import Gltf
+from wrinklecli.review.crossings import crossings
+
+CLOSED = 75.0
+TOOL = tool(bumps=3, max_height="10%", contact="resolve")
+# By clip: seconds, degrees and interpolation.
+CLIPS: dict[str, tuple[Sequence[float], Sequence[float], Interpolation]] = {
+    "one key": ([0.5], [CLOSED], "LINEAR"),
+    "one key at 0": ([0.0], [CLOSED], "LINEAR"),
+    "two float32 steps": ([0.5, float(np.nextafter(np.float32(0.5), np.float32(1.0)))], [0.0, CLOSED], "LINEAR"),
+    "never moves": ([0.0, 1.0], [0.0, 0.0], "LINEAR"),
+    "held closed": ([0.0, 1.0], [CLOSED, CLOSED], "LINEAR"),
+    "closed at 0": ([0.0, 1.0, 2.0], [CLOSED, 0.0, CLOSED], "LINEAR"),
+    "loop": ([0.0, 0.25, 0.5, 0.75, 1.0], [0.0, CLOSED, 0.0, CLOSED, 0.0], "LINEAR"),
+    "steps": ([0.0, 0.5, 1.0, 1.5], [0.0, CLOSED, 0.0, CLOSED], "STEP"),
+    "deeper at once": ([0.0, 0.5, 1.0], [60.0, 90.0, 0.0], "STEP"),
+    "deep at 0": ([0.0, 1.0], [100.0, 0.0], "LINEAR"),
+    "in 4 ms": ([0.0, 0.004], [0.0, CLOSED], "LINEAR"),
+}
+
+
+def turned(degrees: float) -> list[float]:
+    half = np.radians(degrees) / 2.0
+    return [0.0, 0.0, float(np.sin(half)), float(np.cos(half))]
+
+
+def with_clips(*names: str) -> Asset:
+    asset = limb_asset(clip=None, rings=16, sides=10)
+    for name in names:
+        times, degrees, interpolation = CLIPS[name]
+        animation: dict[str, Any] = {"name": name}
+        asset.channel(animation, 2, "rotation", times, [turned(each) for each in degrees], interpolation)
+        asset.append("animations", animation)
+    return asset
+
+
+@cache
+def still_limb() -> Path:
+    return place(with_clips("never moves"))
+
+
+@cache
+def baked() -> Gltf:
+    return bake_once(place(with_clips(*CLIPS)), TOOL)
+
+
+@pytest.mark.slow
+def test_no_clip_crosses_whatever_its_keys_are() -> None:
+    clips = crossings(baked().path).data["clips"]
+    found = {clip["name"]: clip["totals"] for clip in clips}
+    assert set(found) == set(CLIPS)
+    # No player shows a moment between two float32 steps.
+    (stepping,) = (clip for clip in clips if clip["name"] == "two float32 steps")
+    found["two float32 steps"] = [each[-1] for each in stepping["counts"]]
+    assert all(after == 0 for _, after in found.values()), found
+    assert all(bool(before) == (name != "never moves") for name, (before, _) in found.items()), found
+    (fold,) = report_of(baked()).data["folds"]
+    assert not fold["left"]
+    # What never folds gets no contact.
+    weights = baked().weights("limb", "never moves", np.linspace(0.0, 1.0, 5))
+    assert not weights.any()
+
+
+@pytest.mark.quick(1)
+@pytest.mark.parametrize("motions", [{"pose": [("joint_1", "z", CLOSED)]}, {"range_of_motion": True}, {"anims": True}])
+def test_a_baked_file_plays_contact_in_motions_that_are_added(motions: dict[str, Any], tmp_path: Path) -> None:
+    body = bake_once(still_limb(), TOOL)
+    if "anims" in motions:
+        motions = {"anims": [with_clips("one key", "loop").write(tmp_path / "anim.glb")]}
+    found = crossings(body.path, **motions).data["clips"]
+    folding = [clip for clip in found if clip["totals"][0] > 0]
+    assert folding
+    asset = crossings(still_limb(), **motions).data["clips"]
+    assert [clip["counts"][0] for clip in found] == [clip["counts"][0] for clip in asset]
+    about = [clip for clip in folding if "range_of_motion" not in motions or clip["name"] == "joint_1 about z, +90°"]
+    assert about
+    assert all(clip["totals"][1] == 0 for clip in about), about
+    wrinkled = crossings(still_limb(), body.path.with_name("tools.yaml"), **motions).data["clips"]
+    assert [clip["name"] for clip in wrinkled] == [clip["name"] for clip in found]
+
+
+@pytest.mark.slow
+def test_a_file_of_frames_has_contact_in_a_clip_of_one_key(tmp_path: Path) -> None:
+    asset = with_clips("one key", "steps").write(tmp_path / "limb.glb")
+    tools = bake_once(still_limb(), TOOL).path.with_name("tools.yaml")
+    wrinklecli.bake(asset, tools, tmp_path / "out.glb", mode="frames", max_levels=1)
+    assert all(clip["totals"] == [0] for clip in crossings(tmp_path / "out.glb").data["clips"])
+
+
+@pytest.mark.slow
+def test_a_morph_target_may_raise_a_fold_in_clips_of_any_kind() -> None:
+    asset = nose()
+    for name, times, weights, interpolation in (
+        ("one key", [0.3], [1.0], "LINEAR"),
+        ("raised at 0", [0.0, 1.0], [1.0, 0.0], "LINEAR"),
+        ("steps", [0.0, 0.5, 1.0], [0.0, 1.0, 0.0], "STEP"),
+        ("still", [0.0, 1.0], [0.0, 0.0], "LINEAR"),
+    ):
+        animation: dict[str, Any] = {"name": name}
+        asset.channel(animation, 0, "weights", times, np.array(weights)[:, None], interpolation)
+        asset.append("animations", animation)
+    bridge = {"name": "bridge", "node": "skin", "origin": [-0.5, 0, 0], "target": [0.5, 0, 0], "width": 0.8, "bumps": 4}
+    body, off = (bake_once(place(asset), {**bridge, "contact": each}, max_levels=0) for each in ("resolve", "off"))
+    counts = [{clip["name"]: clip["totals"][1] for clip in crossings(each.path).data["clips"]} for each in (body, off)]
+    assert set(counts[0].values()) == {0}, counts
+    assert {name for name, count in counts[1].items() if count} == {"sneer", "one key", "raised at 0", "steps"}
+    posed = crossings(body.path, morphs=[("squeeze", 1.0)]).data["clips"]
+    assert posed[0]["totals"][1] == 0
