@@ -241,7 +241,39 @@ def test_a_fold_of_a_finger_ends_within_its_bones(tmp_path: Path) -> None:
             node["name"] = f"{name} {node['name'][-1]}"
         found = suggested(tmp_path, asset, count=2)
         spans.append(max(each.span for each in found.tools))
-    assert spans[0] < 0.6 * spans[1]
+    assert spans[0] < 0.5 * spans[1]
+
+
+def hand(*names: str) -> Asset:
+    """A flat tube along x, whose half beyond the fold has a joint for each of equal parts across z; all fold alike."""
+    asset = limb_asset(rings=31, sides=48, seam=False)
+    positions, joints = attribute(asset, 0, "POSITION"), attribute(asset, 0, "JOINTS_0")
+    number = np.clip((positions[:, 2] / RADIUS + 1.0) / 2.0 * len(names), 0, len(names) - 1).astype(int)
+    joints[joints == 1] = (1 + np.broadcast_to(number[:, None], joints.shape))[joints == 1]
+    positions[:, 2] *= 2.5
+    nodes, (skin,), (clip,) = asset.gltf["nodes"], asset.gltf["skins"], asset.gltf["animations"]
+    inverse = stored(asset, skin["inverseBindMatrices"])
+    skin["inverseBindMatrices"] = asset.accessor(np.concatenate([inverse, *[inverse[1:]] * (len(names) - 1)]))
+    more = [asset.append("nodes", {"translation": nodes[2]["translation"]}) for _ in names[1:]]
+    nodes[1]["children"] += more
+    skin["joints"] += more
+    clip["channels"] += [{**clip["channels"][0], "target": {"node": node, "path": "rotation"}} for node in more]
+    for node, name in zip([2, *more], names, strict=True):
+        nodes[node]["name"] = name
+    return asset
+
+
+def test_fingers_that_fold_along_one_line_get_a_tool_each(tmp_path: Path) -> None:
+    fingers, tentacles = (
+        suggested(tmp_path, hand(*(f"{name} {k}" for k in "abc")), everything=True).tools
+        for name in ("Finger", "Tentacle")
+    )
+    assert [each.driver for each in tentacles] == ["Tentacle b"]
+    assert {each.driver for each in fingers} == {"Finger a", "Finger b", "Finger c"}
+    third = 2.0 * 2.5 * RADIUS / 3.0
+    for each in fingers:
+        assert each.tool.width.value < 1.3 * third < tentacles[0].tool.width.value
+        assert abs(middle(each.tool)[2] - third * ("abc".index(each.driver[-1]) - 1)) < third / 3.0
 
 
 def test_low_poly_faces_get_no_bumps_shorter_than_they_are(tmp_path: Path) -> None:

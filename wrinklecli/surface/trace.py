@@ -69,8 +69,16 @@ _NEIGHBOURS = 6
 _SITE_FACING = -0.3
 
 
-def find_segment(sites: Sites, region: CompressedRegion, poses: Sequence[Floats]) -> tuple[Floats, Floats] | None:
-    """Find the segment across a region that poses shorten best. Each pose has (vertices, 3) without animated scale.
+def find_segment(
+    sites: Sites, region: CompressedRegion, poses: Sequence[Floats], *, longest: float = np.inf
+) -> tuple[Floats, Floats] | None:
+    """Find the segment across a region that poses shorten best.
+
+    Args:
+        sites: Points of the surface.
+        region: The region.
+        poses: Each (vertices, 3) without animated scale.
+        longest: Greatest length of the segment over the surface, scene units.
 
     Returns:
         (3,) ends on the surface; None if no segment fits.
@@ -89,7 +97,7 @@ def find_segment(sites: Sites, region: CompressedRegion, poses: Sequence[Floats]
     smoothing = max(1, round(sites.radius / step))
     for turn, backward, forward in zip(turns, walks[: len(turns)], walks[len(turns) :], strict=True):
         line = np.concatenate([backward[:0:-1], forward])
-        found = _ends(line, len(backward) - 1, region, smoothing)
+        found = _ends(line, len(backward) - 1, region, smoothing, longest)
         if found is None:
             continue
         low, high = found
@@ -102,7 +110,9 @@ def find_segment(sites: Sites, region: CompressedRegion, poses: Sequence[Floats]
     return ends
 
 
-def _ends(line: Floats, centre: int, region: CompressedRegion, smoothing: int) -> tuple[int, int] | None:
+def _ends(
+    line: Floats, centre: int, region: CompressedRegion, smoothing: int, longest: float
+) -> tuple[int, int] | None:
     """Find two points of a line across a region between which the loss is at least half of its peak.
 
     Args:
@@ -110,6 +120,7 @@ def _ends(line: Floats, centre: int, region: CompressedRegion, smoothing: int) -
         centre: Number of the point at the region's centre.
         region: The region.
         smoothing: Steps to either side over which the loss is averaged.
+        longest: Greatest distance of the points along the line, scene units.
 
     Returns:
         Numbers of the points; None if no segment fits.
@@ -129,13 +140,14 @@ def _ends(line: Floats, centre: int, region: CompressedRegion, smoothing: int) -
     level = _END_LOSS * min(float(losses[peak]), _HIGHEST_PEAK)
     low, high = peak, peak + 1
     # Along a row of knuckles the loss nowhere falls to the level.
-    close = np.abs(travelled - (travelled[peak] + travelled[peak + 1]) / 2.0) <= _FURTHEST * region.length
+    furthest = min(_FURTHEST * region.length, longest / 2.0)
+    close = np.abs(travelled - (travelled[peak] + travelled[peak + 1]) / 2.0) <= furthest
     while low > 0 and losses[low - 1] >= level and close[low - 1]:
         low -= 1
     while high < len(steps) and losses[high] >= level and close[min(high + 1, len(steps))]:
         high += 1
     shortest = _SHORTEST * region.length
-    low, high = _grown(line, low, high, travelled, shortest)
+    low, high = _grown(line, low, high, travelled, shortest, longest)
     if region.on_plane and abs(region.along[0]) > 0.5:
         # Both ends are equally far from the plane x = 0.
         reach = min(max(centre - low, high - centre), centre, len(steps) - centre)
@@ -147,9 +159,9 @@ def _ends(line: Floats, centre: int, region: CompressedRegion, smoothing: int) -
     return low, high
 
 
-def _grown(line: Floats, low: int, high: int, travelled: Floats, shortest: float) -> tuple[int, int]:
+def _grown(line: Floats, low: int, high: int, travelled: Floats, shortest: float, longest: float) -> tuple[int, int]:
     """Move two ends apart while the segment is shorter than the shortest, or within a crease."""
-    longest = (_LONGER - 1e-6) * float(travelled[high] - travelled[low])
+    longest = min(longest, (_LONGER - 1e-6) * float(travelled[high] - travelled[low]))
     last = len(line) - 1
     while low > 0 or high < last:
         span, *spans = _spans(line, low, high)

@@ -6,7 +6,7 @@ direction.
 
 import math
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
@@ -17,8 +17,8 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import morph_weights, node_matrices
 from wrinklecli.character.rig import Rig
 from wrinklecli.choices import MaterialName
-from wrinklecli.numeric.arrays import Bools, Floats
-from wrinklecli.numeric.nearest import closest_point
+from wrinklecli.numeric.arrays import Bools, Floats, Ints
+from wrinklecli.numeric.nearest import closest_point, nearest_of
 from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.review.suggest.substance import Substance
 from wrinklecli.surface.compression import (
@@ -49,6 +49,10 @@ _BURIED_SCORE = 0.2
 _OF_JOINTS = 0.5
 # Least merit of the best joint; below, the joint with most of the region drives it.
 _LEAST_MERIT = 1e-3
+# Parts of a body of which several stand side by side.
+_DIGITS: tuple[Part, ...] = ("finger", "toes")
+# Part of a site's skin weights from which a finger moves it.
+_LEAST_SHARE = 0.01
 # Joints with a side that also wrinkle the skin between them and their twins: nobody raises one brow alone for long.
 _OF_BOTH_SIDES = re.compile("brow|forehead", re.IGNORECASE)
 
@@ -68,6 +72,7 @@ class Candidate:
         material: None for a plain tool.
         facet: Length of the triangles' edges if they are shaded flat, scene units; else 0.
         widest: Greatest width of the tool, scene units.
+        longest: Greatest length of a straight tool, scene units.
         between: (points, 3) of a path between the ends; none for a straight tool.
         driver: Name of the joint or morph target that compresses the region.
         by_morph: True if the driver is a morph target.
@@ -85,6 +90,7 @@ class Candidate:
     material: MaterialName | None = None
     facet: float = 0.0
     widest: float = math.inf
+    longest: float = math.inf
     between: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     driver: str = ""
     by_morph: bool = False
@@ -93,14 +99,19 @@ class Candidate:
 
 
 def find_candidates(
-    mesh: MeasuredMesh, peaks: Peaks, progress: Callable[[float], None] = lambda _done: None
+    mesh: MeasuredMesh,
+    peaks: Peaks,
+    progress: Callable[[float], None] = lambda _done: None,
+    *,
+    parts: Sequence[Part | None] = (),
 ) -> Iterator[Candidate]:
     """Find the regions of a mesh that are compressed most, none within another, and a segment across each.
 
-    `progress` is called with the part of the work that is done.
+    `progress` is called with the part of the work that is done; `parts` are those of a body that nodes move.
     """
     sites = mesh.sites
     summits = basins(peaks.losses, sites.near, LEAST_LOSS * _BASIN_LOSS)
+    summits = _on_one_digit(summits, _digits(mesh, parts), peaks.losses, sites.positions)
     twins = sites_with_twins(sites)
     seeds = np.unique(summits[summits >= 0])
     seeds = seeds[peaks.losses[seeds] >= LEAST_LOSS]
@@ -112,6 +123,43 @@ def find_candidates(
         candidate = _candidate(mesh, seed, pose, summits == seed, twin=bool(twins[seed]))
         if candidate is not None:
             yield candidate
+
+
+def _digits(mesh: MeasuredMesh, parts: Sequence[Part | None]) -> Ints:
+    """(sites,) number of the finger or toe that moves each site most; -1 where none does."""
+    rig, above = mesh.rig, mesh.rig.parents
+    numbers: dict[int, int] = {}
+    digits = np.full(len(rig.joints), -1)
+    for k, joint in enumerate(rig.joints.tolist()):
+        if joint < len(parts) and parts[joint] in _DIGITS:
+            first = joint
+            while above[first] >= 0 and parts[above[first]] == parts[joint]:
+                first = int(above[first])
+            digits[k] = numbers.setdefault(first, len(numbers))
+    if len(numbers) < 2:
+        return np.full(len(mesh.sites.positions), -1)
+    of_vertices = mesh.gauge.influences @ (digits[:, None] == np.arange(len(numbers))).astype(np.float64)
+    shares = mesh.sites.gather @ of_vertices[mesh.gauge.triangles].mean(axis=1)
+    return np.where(shares.max(axis=1) > _LEAST_SHARE, shares.argmax(axis=1), -1)
+
+
+def _on_one_digit(summits: Ints, digits: Ints, losses: Floats, positions: Floats) -> Ints:
+    """(sites,) summits of basins that are divided among the fingers on which they lie.
+
+    A fist folds the palm along one line, but a tool there would reach across the gaps between the fingers. What no
+    finger moves belongs to the nearest one of its basin.
+    """
+    divided = summits.copy()
+    for summit in np.unique(summits[(summits >= 0) & (digits >= 0)]):
+        members = np.flatnonzero(summits == summit)
+        on_digits = members[digits[members] >= 0]
+        if len(np.unique(digits[on_digits])) > 1:
+            _, nearest = nearest_of(positions[on_digits], positions[members])
+            of_members = digits[on_digits[nearest]]
+            for digit in np.unique(of_members):
+                there = members[of_members == digit]
+                divided[there] = there[losses[there].argmax()]
+    return divided
 
 
 @dataclass(frozen=True, slots=True)

@@ -43,6 +43,7 @@ _PRESETS: dict[tuple[MaterialName, Part], str] = {
     ("leather", "foot"): "leather_boot",
     ("leather", "toes"): "leather_boot",
     ("skin", "hand"): "wrist",
+    ("skin", "finger"): "finger",
     ("skin", "lower arm"): "elbow",
     ("skin", "neck"): "neck",
 }

@@ -59,8 +59,8 @@ _OF_RADIUS = 0.9
 _OF_SLANTED = 0.4
 # Least width of a path over the straight tool's.
 _LEAST_WIDTH = 0.6
-# Greatest length of a region at a finger's joint over the shorter bone's: a segment then ends halfway along the bone.
-_OF_BONE = 0.6
+# Greatest length of a tool at a finger's joint over the shorter bone's: the creases of a finger lie close to its joint.
+_OF_BONE = 0.4
 # Least distance of a candidate from x = 0 over its length or width, for a pair whose halves are apart.
 _APART = 0.25
 # Greatest |v| of a place well within a patch.
@@ -196,7 +196,8 @@ class _Search:
         apart = not region.on_plane and abs(float(region.centre[0])) > _APART * min(region.length, region.width)
         if region.twin and not (apart or region.on_plane or self.one_sided):
             return None
-        refined = _refined(_within_bones(candidate) if candidate.part == "finger" else candidate)
+        near = _within_bones(candidate) if candidate.part == "finger" else candidate
+        refined = near and _refined(near)
         if refined is None:
             return None
         crossing = self._crossing(refined, apart=apart)
@@ -316,17 +317,18 @@ def _overlap(first: Patch, second: Patch) -> bool:
     return _covers(second, middles[0], first.normal) or _covers(first, middles[1], second.normal)
 
 
-def _within_bones(candidate: Candidate) -> Candidate:
-    """A candidate at a finger's joint, shortened to end within the bones on either side: beyond are other creases."""
+def _within_bones(candidate: Candidate) -> Candidate | None:
+    """A candidate at a finger's joint, shortened to end near it, as the creases of fingers do; None if none fits."""
     rig, region = candidate.mesh.rig, candidate.region
     node = rig.names.index(candidate.driver)
     others = [*np.flatnonzero(rig.parents == node).tolist(), *([int(rig.parents[node])] * bool(rig.parents[node] >= 0))]
     joint, *ends = node_matrices(rig, None, np.zeros(1), [node, *others])[0, :, :3, 3]
     lengths = [length for end in ends if (length := float(np.linalg.norm(end - joint))) > 0]
-    region = replace(region, length=min([region.length, *(_OF_BONE * each for each in lengths)]))
+    longest = _OF_BONE * min(lengths, default=np.inf)
     pose = unscaled_pose(candidate.mesh.gauge, candidate.clip, candidate.time)
-    found = find_segment(candidate.mesh.sites, region, [pose])
-    return candidate if found is None else replace(candidate, region=region, origin=found[0], target=found[1])
+    region = replace(region, length=min(region.length, longest))
+    found = find_segment(candidate.mesh.sites, region, [pose], longest=longest)
+    return found and replace(candidate, region=region, longest=longest, origin=found[0], target=found[1])
 
 
 def _refined(candidate: Candidate) -> Candidate | None:
@@ -344,7 +346,7 @@ def _refined(candidate: Candidate) -> Candidate | None:
             break
         moments = ((candidate.clip, candidate.time), (best.clip, best.time))
         poses = [unscaled_pose(mesh.gauge, clip, time) for clip, time in moments]
-        ends = find_segment(mesh.sites, candidate.region, poses)
+        ends = find_segment(mesh.sites, candidate.region, poses, longest=candidate.longest)
         if ends is None:
             return None
         candidate = replace(candidate, origin=ends[0], target=ends[1])
@@ -354,7 +356,8 @@ def _refined(candidate: Candidate) -> Candidate | None:
 def _curved(candidate: Candidate) -> Candidate:
     """A candidate with a path along the strongest compression, if a straight tool crosses that askew."""
     mesh, straight = candidate.mesh, _probe(candidate)
-    if straight is None or candidate.region.on_plane:
+    if straight is None or candidate.region.on_plane or candidate.part == "finger":
+        # A finger bends about one axis, so its creases run straight across.
         return candidate
     moment = greatest(shortenings_of(mesh, straight))
     askew = _misalignment(mesh, straight, _tensors(mesh, moment))

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from wrinklecli.character.bones import read_bones
+from wrinklecli.character.bones import Part, read_bones
 from wrinklecli.character.clip import Clip, chosen_clips, read_clips
 from wrinklecli.character.joined import with_clips
 from wrinklecli.character.moved import Motions, moved
@@ -115,7 +115,7 @@ def suggest(
             others = (clip for clip in clips if clip.name not in joined.range)
             clips = (*others, *limit_to_body(generated, read_rig(document, next(iter(nodes))), read_bones(document)))
         meshes = measure_meshes(document, nodes, clips, options, progress) if clips else []
-        candidates = _candidates_of(meshes, progress)
+        candidates = _candidates_of(meshes, read_bones(document).parts, progress)
         chosen, reasons, hard = choose_candidates(document, candidates, options)
         rigid = {mesh.rig.names[mesh.rig.node]: None for mesh, _ in meshes if is_rigid(mesh.gauge)}
         hard = [*(f"{name} is rigid" for name in rigid), *hard]
@@ -174,7 +174,9 @@ def _written(
     return Suggestions(tuple(found.tools), text, reason, notes, inputs, tuple(found.dropped))
 
 
-def _candidates_of(meshes: Sequence[tuple[MeasuredMesh, Peaks]], progress: Progress) -> list[Candidate]:
+def _candidates_of(
+    meshes: Sequence[tuple[MeasuredMesh, Peaks]], parts: Sequence[Part | None], progress: Progress
+) -> list[Candidate]:
     """The candidates of all meshes, one mesh after another; instances, which share their peaks, have the same."""
     known: dict[int, list[Candidate]] = {}
     distinct = len({id(peaks) for _, peaks in meshes})
@@ -185,6 +187,6 @@ def _candidates_of(meshes: Sequence[tuple[MeasuredMesh, Peaks]], progress: Progr
             def report(done: float, number: int = len(known)) -> None:
                 progress("laying", round(100 * (number + done)), 100 * distinct)
 
-            known[id(peaks)] = list(find_candidates(mesh, peaks, report))
+            known[id(peaks)] = list(find_candidates(mesh, peaks, report, parts=parts))
         found += [replace(each, mesh=mesh) for each in known[id(peaks)]]
     return found

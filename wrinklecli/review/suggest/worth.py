@@ -44,7 +44,7 @@ _MOST_CROSSING = 3.0
 # The same from which a fold has a slit, which contact closes: a tenth of a line across the place.
 _SLIT = 0.1
 # Joints whose folds contact closes, as each bends one limb: hips and shoulders over one trunk are in each other's way.
-_OF_CONTACT: tuple[Part, ...] = ("lower arm", "lower leg", "finger")
+_OF_CONTACT: tuple[Part, ...] = ("lower arm", "lower leg")
 # Shortening from which a fold is closed so far that contact finds no room for it.
 _DEEPEST = 0.9
 # Part of what is seen of a place that shows triangles turned over: on a picture of a place, a dark tile of 16 pixels.
