@@ -139,7 +139,7 @@ export class WrinkleDriver {
         const state = (states[number] ??= {});
         show(tool, wrinkleWeights(tool, jointMatrixOf, { morphWeightOf, clip, time, state, elapsed }));
       }
-      for (const fold of folds) show(fold, foldWeights(fold, jointMatrixOf, morphWeightOf));
+      for (const fold of folds) show(fold, foldWeights(fold, jointMatrixOf, morphWeightOf, clip));
     }
   }
 }

@@ -12,9 +12,9 @@ const dot = (a, b) => a.reduce((sum, x, i) => sum + x * b[i], 0);
  * The weights of a fold's morph targets, in the order of `foldExtras.targets`, where touching skin is kept apart.
  *
  * foldExtras     one of `extras.wrinkle.folds`
- * jointMatrixOf, morphWeightOf  as of `wrinkleWeights`
+ * jointMatrixOf, morphWeightOf, clip  as of `wrinkleWeights`
  */
-export function foldWeights(foldExtras, jointMatrixOf, morphWeightOf = () => 0) {
+export function foldWeights(foldExtras, jointMatrixOf, morphWeightOf = () => 0, clip = undefined) {
   const { joint, parent, rest: [x, y, z, w], axis, targets, own: alone = [] } = foldExtras;
   const { angles, weights, leaning = [] } = foldExtras;
   // A clip that was baked may have targets of its own, which stand for all.
@@ -40,5 +40,6 @@ export function foldWeights(foldExtras, jointMatrixOf, morphWeightOf = () => 0) 
   const parts = shares.map((share) => share / most);
   parts.unshift(1 - parts.reduce((sum, part) => sum + part, 0));
   const found = (k) => (sum, rows, j) => sum + parts[j] * between(angles, rows.map((row) => row[k]), angle);
-  return targets.map((_, k) => tables.reduce(found(k), 0));
+  const strength = foldExtras.strengths?.[clip] ?? foldExtras.strength ?? 1;
+  return targets.map((_, k) => strength * tables.reduce(found(k), 0));
 }

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -119,6 +120,25 @@ def test_a_fold_that_touches_is_driven_as_it_is_tracked(leaning: bool, tmp_path:
     for name, column in zip(fold["targets"], columns, strict=True):
         wanted = values[:, [column]]
         assert np.abs(driven[name] - wanted).max() < TABLE
+
+
+def test_a_fold_has_the_strength_of_its_clip(tmp_path: Path) -> None:
+    """0 in a clip that the bake has left without contact: a player must not play there what the bake gave up."""
+    body = bake_fold()
+
+    def driven(**strengths: Any) -> np.ndarray:
+        editor = Editor(Gltf(body.path))
+        (fold,) = editor.json["nodes"][body.node("limb")]["extras"]["wrinkle"]["folds"]
+        fold |= strengths
+        played = drive(editor.save(tmp_path / "body.glb"), node="limb", clip="fold", times=[1.0], driver=True)
+        return np.array([played[name][0, 0] for name in fold["targets"]])
+
+    whole = driven()
+    assert whole.any()
+    assert not driven(strengths={"fold": 0.0}).any()
+    assert driven(strengths={"fold": 0.5}) == pytest.approx(0.5 * whole)
+    assert driven(strengths={"other": 0.0}) == pytest.approx(whole)
+    assert driven(strength=0.25) == pytest.approx(0.25 * whole)
 
 
 def limb_with(*names: str | None) -> Asset:
