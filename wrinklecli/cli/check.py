@@ -51,8 +51,9 @@ def check(
     The table of a tool then has the motions that shorten it most.
 
     --crossings needs no TOOLS. It says where and when surfaces of the scene go through themselves or each other,
-    without wrinkles, and with those of TOOLS or those that ASSET has. Skinning alone makes some crossings. A baked
-    file that `wrinkle track` or other software has rewritten is only counted as it is.
+    without wrinkles, and with those of TOOLS or those that ASSET has. Skinning alone makes some crossings. Edges that
+    refinement has split, and that no wrinkle moves, count as before. A baked file that `wrinkle track` or other
+    software has rewritten is only counted as it is.
 
     --json prints {"check": 1, "asset", "tools_file", "meshes", "tools", "notes", "warnings"}; within version 1, keys
     are only added. Lengths are scene units, positions have the tools file's axes, shortenings are shares of the rest

@@ -24,6 +24,7 @@ from wrinklecli.numeric.arrays import Floats, distinct, distinct_values, signifi
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.review.check import CheckOptions
+from wrinklecli.review.coarse import CoarseCounter
 from wrinklecli.review.preview.apply import apply_tools, plan_tools
 
 # Version of the JSON.
@@ -61,7 +62,8 @@ def crossings(
 ) -> CrossingsFound:
     """Count the edges that pass through triangles at moments of each clip, of all meshes of a scene together.
 
-    The asset without wrinkles is counted, and the asset with those of the tools or with those that it carries.
+    The asset without wrinkles is counted, and the asset with those of the tools or with those that it carries. Where no
+    wrinkle moves the surface, parts of an edge or triangle that refinement has split count as one, as before the bake.
 
     Args:
         asset: The .gltf or .glb to read.
@@ -84,7 +86,10 @@ def crossings(
     with guarded(os.fspath(asset)):
         document = read_document(asset, allow_external=options.allow_external, memory=Memory(options.max_memory))
         documents, clips, warnings = _states(document, tools, options, progress)
-        states = [_State(read_scene_surface(document, bodies_of_parts(document)), document) for document in documents]
+        states: list[_State] = []
+        for state in documents:
+            surface = read_scene_surface(state, bodies_of_parts(state))
+            states.append(_State(surface, state, CoarseCounter(states[0].surface, surface) if states else None))
         entries = []
         for number, clip in enumerate(clips, start=1):
             entries.append(_describe_clip(states, clip, options.fps))
@@ -94,7 +99,7 @@ def crossings(
         "asset": os.fspath(asset),
         "tools_file": None if tools is None else os.fspath(tools),
         "states": list(_NAMES[len(states)]),
-        "stored_pose": [len(each.surface.found(None, np.zeros(1))[0].edges) for each in states],
+        "stored_pose": [len(each.found(None, np.zeros(1))[0].edges) for each in states],
         "clips": entries,
         "warnings": list(warnings),
     }
@@ -104,10 +109,19 @@ def crossings(
 
 @dataclass(frozen=True, slots=True)
 class _State:
-    """The surface of an asset before or after a bake, and the document with the clips that move it."""
+    """The surface of an asset before or after a bake, and the document with the clips that move it.
+
+    After a bake, crossings are counted as on the surface before, where nothing of the bake moves it.
+    """
 
     surface: SceneSurface
     document: Document
+    counter: CoarseCounter | None
+
+    def found(self, clip: Clip | None, times: Floats) -> list[CrossingPairs]:
+        """Find what crosses at each of (frames,) seconds of a clip, or in the stored pose."""
+        every = self.surface.found(clip, times)
+        return every if self.counter is None else self.counter.reduced(clip, times, every)
 
 
 def _states(
@@ -175,7 +189,7 @@ def _describe_clip(states: Sequence[_State], clip: Clip, fps: float | None) -> J
     found = []
     for each in states:
         (own,) = [other for other in read_clips(each.document) if other.index == clip.index]
-        found.append(each.surface.found(own, times))
+        found.append(each.found(own, times))
     counts = [[len(frame.edges) for frame in frames] for frames in found]
     places: dict[str, Json] = {}
     for number, (each, frames) in enumerate(zip(states, found, strict=True)):

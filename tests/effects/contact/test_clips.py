@@ -1,4 +1,4 @@
-"""Contact in clips and poses of any kind: one key, steps, loops, folds that are closed at the beginning, other files."""
+"""Contact in clips and poses of any kind: one key, steps, loops, folds that begin closed, clips of other files."""
 
 from collections.abc import Sequence
 from functools import cache
