@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 import wrinklecli
 from kit.browser import Page as Tab
 from kit.browser import browsing, until
+from kit.folds import CLIP, elbow
 from kit.places import ROOT
 from wrinklecli.editor.page.page import Page
 from wrinklecli.editor.session import Session
@@ -177,5 +178,38 @@ def test_a_proposal_is_pictured_pointed_at_taken_and_compared(tmp_path: Path) ->
             tab.press("b", code=66)
             until(lambda: page._viewport.shown is not wrinkled and not page._viewport._wrinkled.value, "no wrinkles")
             take_picture(tab, "before")
+    finally:
+        page.close()
+
+
+@pytest.mark.slow
+def test_contact_is_resolved_on_demand_and_played(tmp_path: Path) -> None:
+    pytest.importorskip("ipctk", reason="needs the extra `contact`")
+    session = Session(*elbow().write(tmp_path, contact="resolve"))
+    page = Page(session)
+    try:
+        with browsing(tmp_path, f"http://127.0.0.1:{page.port}", SIZE) as tab:
+            until(page.server.get_clients, "a connected tab")
+            tab.press_button("elbow")
+            tab.wait("document.body.innerText.includes('is tallest')")
+            tab.press_button("Resolve contact")
+            tab.press_button("Cancel contact")
+            tab.wait("document.body.innerText.includes('contact was cancelled')")
+            tab.press_button("Resolve contact")
+            tab.wait("document.body.innerText.includes('this is its contact')")
+            until(lambda: page.player.playing, "the clip plays")
+            take_picture(tab, "contact")
+            tab.press_button("Pause")
+            # What is shown touches, where the edited tools go through each other.
+            until(lambda: not page.player.playing, "the clip is paused")
+            page.work.put("go", lambda: page.player.go(CLIP, 1.0))
+            until(lambda: page.player.time == 1.0, "the deepest moment")
+            (shown,) = page._viewport.shown
+            (edited,) = session.meshes(CLIP, 1.0)
+            assert np.abs(shown.positions[: len(edited.positions)] - edited.positions).max() > 0.005
+            take_picture(tab, "contact_deepest")
+            # An edit withdraws it.
+            tab.fill("• bumps", "3")
+            until(lambda: page._viewport.shown[0].source.ground.rig is not shown.source.ground.rig, "withdrawn")
     finally:
         page.close()

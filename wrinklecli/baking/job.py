@@ -131,7 +131,7 @@ def read_job(
     document = asset if isinstance(asset, Document) else _read(asset, options)
     if options.replace:
         document = original(document)
-    return _job(document, settings, options, motions or Motions(anims=options.anims, range_of_motion=False))
+    return job_of(document, settings, options, motions or Motions(anims=options.anims, range_of_motion=False))
 
 
 def tools_paths(tools: ToolsPaths) -> Sequence[str | os.PathLike[str]]:
@@ -143,8 +143,12 @@ def _read(asset: str | os.PathLike[str], options: BakeOptions) -> Document:
     return read_document(asset, allow_external=options.allow_external, memory=Memory(options.max_memory))
 
 
-def _job(asset: Document, settings: ToolsFile, options: BakeOptions, motions: Motions) -> Job:
-    """Join an asset with its tools and its motions."""
+def job_of(asset: Document, settings: ToolsFile, options: BakeOptions, motions: Motions) -> Job:
+    """Join an asset with its tools and its motions.
+
+    Raises:
+        WrinkleError: They do not go together.
+    """
     by_node, left_out = tools_by_node(asset, settings)
     joined = moved(asset, list(by_node), motions)
     document = joined.document

@@ -19,7 +19,7 @@ from wrinklecli.tools.records import ToolsFile
 class BakedFile:
     """A baked file, read again, with lines about the bake and the text of the tools file that was baked.
 
-    The wrinkles of its meshes (`sources`) are morph targets.
+    The wrinkles of its meshes (`sources`) are morph targets. `label` says what it is, on the page.
     """
 
     summary: str
@@ -27,6 +27,7 @@ class BakedFile:
     document: Document
     sources: tuple[PlayableMesh, ...]
     clips: dict[str, Clip]
+    label: str = "baked file"
 
     def plays(self, clip: str | None) -> bool:
         """True if the file has a clip, or None is asked for: the stored pose. Clips that `wrinkle` made up are not."""

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.character.posing import pose_clip
+from wrinklecli.character.posing import JointTurn, pose_clip
 from wrinklecli.gltf.document import Document
 
 POSE = "free pose"
@@ -33,6 +33,11 @@ class FreePose:
         return replace(self, weights=tuple({**dict(self.weights), target: weight}.items()))
 
     @property
+    def joint_turns(self) -> list[JointTurn]:
+        """The turns: joint, axis and degrees of each."""
+        return [(joint, axis, degrees) for (joint, axis), degrees in self.turns]
+
+    @property
     def options(self) -> str:
         """The pose as options of `wrinkle check` and `wrinkle preview`; empty for the stored pose."""
         words = [f"--pose {joint}={axis}:{degrees:g}" for (joint, axis), degrees in self.turns]
@@ -46,5 +51,4 @@ class FreePose:
         """
         if not self.turns and not self.weights:
             return None
-        turns = [(joint, axis, degrees) for (joint, axis), degrees in self.turns]
-        return pose_clip(document, turns, self.weights)
+        return pose_clip(document, self.joint_turns, self.weights)

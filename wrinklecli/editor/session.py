@@ -198,7 +198,7 @@ class Session(Edits):
                 self.asset,
                 anims=options.anims,
                 range_of_motion=options.range_of_motion,
-                pose=[(joint, axis, degrees) for (joint, axis), degrees in pose.turns],
+                pose=pose.joint_turns,
                 morphs=pose.weights,
                 allow_external=options.allow_external,
                 max_memory=options.max_memory,

@@ -12,6 +12,7 @@ from typing import Any
 from wrinklecli.editor.baked_file import BakedFile
 from wrinklecli.editor.free_pose import POSE
 from wrinklecli.editor.page.access import Access
+from wrinklecli.editor.page.contact_panel import ContactPanel
 from wrinklecli.editor.page.controls import ToolControls
 from wrinklecli.editor.page.material_panel import MaterialPanel
 from wrinklecli.editor.page.panels import FileButtons, PosePanel
@@ -112,6 +113,7 @@ class Page:
 
     def close(self) -> None:
         """Finish the current edit and end the server; a running save is finished, a running bake is given up."""
+        self._contact.close()
         self.stop_work(_CLOSE_SECONDS)
         with contextlib.suppress(WrinkleError):
             self.commit()
@@ -169,6 +171,7 @@ class Page:
             }
             edits = {label: partial(self._edit, edit) for label, edit in actions.items()}
             add_group(self, "tool", {"Look": self._look, **edits})
+            self._contact = ContactPanel(self, self.player)
             self._materials = MaterialPanel(self, self._viewport)
             clips = [clip.name for clip in session.clips if clip.name not in session.range_clips]
             self._controls = ToolControls(gui, self._changed, self._unset, clips)
@@ -192,9 +195,9 @@ class Page:
 
     # What is shown.
 
-    def compare(self, baked: BakedFile) -> None:
-        """Offer to show a baked file instead of the edited asset, until the tools change."""
-        self._viewport.compare(baked)
+    def compare(self, baked: BakedFile, *, shown: bool = False) -> None:
+        """Offer to show a baked file instead of the edited asset, until the tools change; or show it at once."""
+        self._viewport.compare(baked, shown=shown)
         self.show()
 
     def refresh(self) -> None:
@@ -211,6 +214,7 @@ class Page:
         self._list_tools(tools)
         self._tool_panel.visible = self.chosen is not None
         chosen = next((tool for tool in tools if tool.name == self.chosen), None)
+        self._contact.refresh(chosen)
         if chosen is not None:
             self._show_tool(chosen)
         problems = "".join(map(self._problems_of, tools if chosen is None else [chosen]))
@@ -255,11 +259,9 @@ class Page:
         """HTML of a tool's problem, or of its warnings."""
         if tool.problem:
             return paragraph_of(tool.problem, BAD)
-        contact = tool.values.get("contact") not in (None, False, "off")
-        note = paragraph_of("Bake resolves its contact; until then it is shown without.", QUIET) if contact else ""
         names = [tool.name] if tool.partner is None else [tool.name, tool.partner]
         lines = [line for name in names for line in self._warnings.get(name, [])]
-        return "".join(paragraph_of(line, _WARNING) for line in lines) + note
+        return "".join(paragraph_of(line, _WARNING) for line in lines)
 
     def _list_tools(self, tools: Sequence[EditedTool]) -> None:
         """Show a button for each tool."""

@@ -119,10 +119,11 @@ class Viewport:
         if self._baked is not None and self._baked.text != self._session.text:
             self._baked, self._as_baked.value, self._as_baked.visible = None, False, False
 
-    def compare(self, baked: BakedFile) -> None:
-        """Offer to show a baked file instead of the edited asset."""
+    def compare(self, baked: BakedFile, *, shown: bool = False) -> None:
+        """Offer to show a baked file instead of the edited asset, or show it at once."""
         self._baked, (self._baked_paints, _) = baked, paints_of(baked.document)
-        self._as_baked.visible = True
+        self._as_baked.visible, self._as_baked.label = True, baked.label
+        self._as_baked.value = shown or self._as_baked.value
 
     def show(self, player: Player, chosen: str | None) -> None:
         """Show the player's moment, and the dots of the chosen tool."""

@@ -1,0 +1,69 @@
+"""Contact resolved on demand: what it shows is what a bake writes, and it can be cancelled."""
+
+import multiprocessing
+import time
+from pathlib import Path
+from queue import Queue
+
+import numpy as np
+import pytest
+
+pytest.importorskip("ipctk", reason="needs the extra `contact`")
+
+import wrinklecli
+from kit.folds import CLIP, elbow, rigid
+from kit.player import Gltf
+from wrinklecli.editor.baked_file import BakedFile
+from wrinklecli.editor.contact_trial import ContactTrial, RunningTrial, trial_of
+from wrinklecli.editor.free_pose import POSE, FreePose
+from wrinklecli.editor.session import Session
+from wrinklecli.errors import WrinkleError
+from wrinklecli.numeric.guard import no_progress
+
+
+def solved(trial: ContactTrial) -> BakedFile:
+    """What a trial gives, once it is done."""
+    found: Queue[BakedFile | WrinkleError] = Queue()
+    RunningTrial(trial, no_progress, found.put)
+    result = found.get(timeout=60.0)
+    assert isinstance(result, BakedFile), result
+    return result
+
+
+def trial(session: Session, clip: str) -> ContactTrial:
+    (tool,) = session.tools()
+    return trial_of(session, tool, clip)
+
+
+@pytest.mark.slow
+def test_it_shows_what_a_bake_writes(tmp_path: Path) -> None:
+    asset, tools = elbow().write(tmp_path, contact="resolve")
+    shown = solved(trial(Session(asset, tools), CLIP))
+    wrinklecli.bake(asset, tools, tmp_path / "out.glb")
+    (mesh,) = shown.meshes(CLIP, 1.0)
+    (baked,) = Gltf(tmp_path / "out.glb").pose("limb", CLIP, [1.0])
+    assert np.abs(mesh.positions - np.unique(baked, axis=0)[:, None]).sum(axis=2).min(axis=0).max() < 1e-5
+    assert shown.plays(CLIP)
+    assert not shown.plays("another clip")
+
+
+@pytest.mark.slow
+def test_a_pose_by_hand_is_resolved_and_a_fold_that_is_given_up_says_so(tmp_path: Path) -> None:
+    session = Session(*rigid().write(tmp_path, contact="resolve"))
+    session.take_pose(FreePose().with_turn("lower", "z", 80.0))
+    shown = solved(trial(session, POSE))
+    assert "contact is left out of this fold" in shown.summary
+    (mesh,), (edited,) = shown.meshes(POSE, 0.0), session.meshes(POSE, 0.0)
+    assert np.allclose(np.ptp(mesh.positions, axis=0), np.ptp(edited.positions, axis=0), atol=1e-4)
+
+
+@pytest.mark.slow
+def test_cancel_ends_its_process(tmp_path: Path) -> None:
+    session = Session(*elbow().write(tmp_path, contact="resolve"))
+    found: list[object] = []
+    running = RunningTrial(trial(session, CLIP), no_progress, found.append)
+    (process,) = multiprocessing.active_children()
+    time.sleep(0.5)
+    running.cancel()
+    assert not process.is_alive()
+    assert not found
