@@ -50,7 +50,7 @@ class ContactPanel:
             return
         self._page.commit()
         tool = next((each for each in self._session.tools() if each.name == self._page.chosen), None)
-        if tool is None:
+        if tool is None or not self._button.visible:  # a click of another tab
             return
         if self._player.clip is None:
             self._page.say("Choose a clip, in which contact is to be resolved.", ASKS)
