@@ -36,13 +36,47 @@ def faults(with_contact: Path, without: Path, report: Report, mesh: str, clip: s
     return list(_faults(Gltf(with_contact), Gltf(without), report, mesh, clip, radius))
 
 
+def moments(file: Gltf, clip: str, count: int) -> Floats:
+    """(count,) seconds of a clip, evenly spread over the keys of all of its channels."""
+    keys = [file.array(each["input"])[:, 0] for each in file.clip(clip)["samplers"]]
+    return np.linspace(min(each[0] for each in keys), max(each[-1] for each in keys), count)
+
+
+def treated_crossings(
+    file: Gltf, mesh: str | int, clip: str, times: Floats, report: Json, resolved: Gltf, *, silent: bool
+) -> NDArray[np.int64]:
+    """(times,) edges through triangles at vertices that tools or contact move in a bake, as another file has them.
+
+    Args:
+        file: The bake, the same without contact, or the asset.
+        mesh: The node with the tools.
+        clip: The clip to play.
+        times: Seconds of the clip.
+        report: The report of the bake with contact.
+        resolved: The bake with contact.
+        silent: Leave out folds of which a line says that contact is left out.
+    """
+    treated = _treated(resolved, report, mesh, silent=silent)
+    # Vertices of the asset keep their numbers in each primitive, and new ones follow.
+    counts = [
+        [each.json["accessors"][part["attributes"]["POSITION"]]["count"] for part in each.mesh(mesh)["primitives"]]
+        for each in (resolved, file)
+    ]
+    starts = np.concatenate([[0], np.cumsum(counts[0])[:-1]])
+    rows = np.concatenate([start + np.arange(count) for start, count in zip(starts, counts[1], strict=True)])
+    firsts, welded = _welded(file.attribute(mesh, "POSITION"))
+    marked = np.zeros(len(firsts), bool)
+    marked[welded[treated[rows]]] = True
+    triangles = _whole(welded[file.triangles(mesh)])
+    trees = Crossings.of(file.attribute(mesh, "POSITION")[firsts], triangles)
+    return np.array([_count(trees, positions, marked) for positions in file.pose(mesh, clip, times)[:, firsts]])
+
+
 def _faults(one: Gltf, other: Gltf, report: Report, mesh: str, clip: str, radius: float) -> Iterator[str]:
-    keys = one.array(one.clip(clip)["samplers"][0]["input"])[:, 0]
-    times = np.linspace(keys[0], keys[-1], _MOMENTS)
+    times = moments(one, clip, _MOMENTS)
     rest = one.attribute(mesh, "POSITION")
     firsts, welded = _welded(rest)
-    triangles = welded[one.triangles(mesh)]
-    triangles = triangles[(np.diff(np.sort(triangles, axis=1), axis=1) > 0).all(axis=1)]
+    triangles = _whole(welded[one.triangles(mesh)])
     if not np.array_equal(rest, other.attribute(mesh, "POSITION")):
         yield "other vertices than without contact"
         return
@@ -50,21 +84,14 @@ def _faults(one: Gltf, other: Gltf, report: Report, mesh: str, clip: str, radius
     still = [each.pose(mesh, None, [0.0])[:, firsts] for each in (one, other)]
     if not (np.array_equal(shown[0], given[0]) and np.array_equal(*still)):
         yield "not at rest where the other is"
-    treated = _treated(one, report, mesh)[firsts]
+    treated = _treated(one, report.data, mesh)[firsts]
     trees = Crossings.of(rest[firsts], triangles)
-    counts, left = np.zeros((2, _MOMENTS), int), np.zeros(_MOMENTS, int)
-    for frame in range(_MOMENTS):
-        for state, positions in enumerate((shown[frame], given[frame])):
-            edges, crossed = trees.at(positions)
-            counts[state, frame] = len(edges)
-            if state == 0:
-                of_fold = treated[trees.edges[edges]].any(axis=1) | treated[triangles[crossed]].any(axis=1)
-                left[frame] = np.count_nonzero(of_fold)
+    counts = [sum(len(trees.at(positions)[0]) for positions in each) for each in (shown, given)]
+    left = np.array([_count(trees, positions, treated) for positions in shown])
     if left.any():
         yield f"{left.sum()} crossings left in treated folds, most ({left.max()}) at {times[np.argmax(left)]:.3g} s"
-    with_it, without_it = counts.sum(axis=1)
-    if with_it > without_it:
-        yield f"{with_it} crossings, {without_it} without contact"
+    if counts[0] > counts[1]:
+        yield f"{counts[0]} crossings, {counts[1]} without contact"
     yield from _torn(rest[firsts], triangles, shown, given, times)
     for frame in range(_MOMENTS):
         lost = abs(_volume(shown[frame], triangles) - _volume(given[frame], triangles)) / (2.0 * np.pi * radius**3)
@@ -97,7 +124,18 @@ def _welded(positions: Floats) -> tuple[Ints, Ints]:
     return firsts, numbers.reshape(-1)
 
 
-def _treated(file: Gltf, report: Report, mesh: str) -> NDArray[np.bool_]:
+def _whole(triangles: Ints) -> Ints:
+    """The triangles with three vertices."""
+    return triangles[(np.diff(np.sort(triangles, axis=1), axis=1) > 0).all(axis=1)]
+
+
+def _count(trees: Crossings, positions: Floats, marked: NDArray[np.bool_]) -> int:
+    """Edges that pass through triangles, with a marked vertex of either."""
+    edges, crossed = trees.at(positions)
+    return int(np.count_nonzero(marked[trees.edges[edges]].any(axis=1) | marked[trees.triangles[crossed]].any(axis=1)))
+
+
+def _treated(file: Gltf, report: Json, mesh: str | int, *, silent: bool = True) -> NDArray[np.bool_]:
     """(vertices,) True for those that tools or contact move, but not where a line says that contact is left out."""
     names, deltas = file.mesh(mesh)["extras"]["targetNames"], file.deltas(mesh)
 
@@ -105,9 +143,9 @@ def _treated(file: Gltf, report: Report, mesh: str) -> NDArray[np.bool_]:
         columns = [names.index(name) for part in parts for name in part["targets"]]
         return np.asarray(deltas[columns].any(axis=(0, 2)))
 
-    lines = [line.partition(": ")[0].split(", ") for line in report.warnings if "contact is left" in line]
-    without = {name for line in lines for name in line}
-    tools, folds = report.data["tools"], [fold for fold in report.data["folds"] if fold["targets"]]
+    lines = [line.partition(": ")[0].split(", ") for line in report["warnings"] if "contact is left" in line]
+    without = {name for line in lines for name in line} if silent else set()
+    tools, folds = report["tools"], [fold for fold in report["folds"] if fold["targets"]]
     treated = moved(tool for tool in tools if tool["name"] not in without) | moved(folds)
     return treated & ~moved(tool for tool in tools if tool["name"] in without)
 
