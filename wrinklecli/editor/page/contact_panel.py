@@ -16,6 +16,11 @@ _START, _CANCEL = "Resolve contact", "Cancel contact"
 _TICK_SECONDS = 1.0  # seconds between two messages about a trial that runs
 
 
+def has_contact(tool: EditedTool) -> bool:
+    """True if a tool asks for contact."""
+    return tool.values.get("contact") not in (None, False, "off")
+
+
 class ContactPanel:
     """A button and a progress bar, at the current place of the panel. One trial runs at a time."""
 
@@ -33,7 +38,7 @@ class ContactPanel:
         """Offer the button for a tool with contact; a trial of tools that have changed since is given up."""
         if self._running is not None and self._running.trial.text != self._session.text:
             self._end("the tools have changed: contact was not resolved")
-        wanted = tool is not None and tool.values.get("contact") not in (None, False, "off")
+        wanted = tool is not None and has_contact(tool)
         show_changed(self._button, "visible", self._running is not None or wanted)
         show_changed(self._button, "label", _START if self._running is None else _CANCEL)
         show_changed(self._progress, "visible", self._running is not None)
@@ -77,7 +82,9 @@ class ContactPanel:
         """Take a step of the trial; on its thread."""
 
         def show() -> None:
-            self._step, self._progress.value = f"({stage} {done}/{total})", 100.0 * done / max(total, 1)
+            self._step = f"({stage} {done}/{total})"
+            # Nearly all time goes into folds; the bar counts these.
+            self._progress.value = 100.0 * done / max(total, 1) if stage == "contact" else 0.0
 
         self._page.work.put("contact step", show)
 

@@ -12,7 +12,7 @@ from typing import Any
 from wrinklecli.editor.baked_file import BakedFile
 from wrinklecli.editor.free_pose import POSE
 from wrinklecli.editor.page.access import Access
-from wrinklecli.editor.page.contact_panel import ContactPanel
+from wrinklecli.editor.page.contact_panel import ContactPanel, has_contact
 from wrinklecli.editor.page.controls import ToolControls
 from wrinklecli.editor.page.material_panel import MaterialPanel
 from wrinklecli.editor.page.panels import FileButtons, PosePanel
@@ -56,6 +56,7 @@ _WARNING = "#b35c00"
 _START = "Choose a tool in the list: it is shown where it is tallest. B shows it without wrinkles."
 _START_EMPTY = "Find places proposes tools, or New tool draws one with two clicks. Then move its sliders."
 _NO_WARNINGS = "no warnings"
+_NO_CONTACT = "It is edited without its contact, which Resolve contact shows."
 _HINT = (
     "None yet. New tool takes two clicks on the mesh, across the wrinkles to be; Find places looks for folds. "
     "Drag turns the view, with the right button it moves, the wheel comes closer."
@@ -259,9 +260,10 @@ class Page:
         """HTML of a tool's problem, or of its warnings."""
         if tool.problem:
             return paragraph_of(tool.problem, BAD)
+        note = paragraph_of(_NO_CONTACT, QUIET) if has_contact(tool) else ""
         names = [tool.name] if tool.partner is None else [tool.name, tool.partner]
         lines = [line for name in names for line in self._warnings.get(name, [])]
-        return "".join(paragraph_of(line, _WARNING) for line in lines)
+        return "".join(paragraph_of(line, _WARNING) for line in lines) + note
 
     def _list_tools(self, tools: Sequence[EditedTool]) -> None:
         """Show a button for each tool."""
