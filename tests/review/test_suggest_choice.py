@@ -276,6 +276,27 @@ def test_fingers_that_fold_along_one_line_get_a_tool_each(tmp_path: Path) -> Non
         assert abs(middle(each.tool)[2] - third * ("abc".index(each.driver[-1]) - 1)) < third / 3.0
 
 
+def bent(joint: str) -> Asset:
+    """A limb of cloth that bends at its middle, at a joint of this name."""
+    asset = dressed(limb_asset(), name="Shirt")
+    asset.gltf["nodes"][asset.gltf["skins"][0]["joints"][1]]["name"] = joint
+    return asset
+
+
+def test_folds_of_a_shirt_are_as_wide_as_the_trunk_and_end_unevenly(tmp_path: Path) -> None:
+    (found,) = suggested(tmp_path, bent("Spine1"), count=1, everything=True).tools
+    assert found.tool.material == "shirt"
+    assert found.tool.broken > 0
+    # They fade where the trunk turns away, and not before.
+    assert found.tool.width.value > 2.0 * 1.5 * RADIUS
+
+
+def test_a_collar_is_left_out(tmp_path: Path) -> None:
+    found = suggested(tmp_path, bent("Neck"))
+    assert not found.tools
+    assert any("at a collar" in note for note in found.notes)
+
+
 def test_low_poly_faces_get_no_bumps_shorter_than_they_are(tmp_path: Path) -> None:
     smooth, flat = (make(rings=12, sides=8, angle=60.0) for make in (limb_asset, flat_limb))
     usual, fewer = (suggested(tmp_path, each, count=1, everything=True).tools[0] for each in (smooth, flat))

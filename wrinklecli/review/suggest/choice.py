@@ -46,6 +46,8 @@ _SLIDING = re.compile(
 _TAIL = re.compile(r"\btail\b|尾")
 # Joints of the trunk, where ribs and shoulder blades hold bare skin; clothes fold there.
 _BONY: tuple[Part, ...] = ("chest", "shoulder")
+# Joints that move within a collar or a hood, which is not fixed to them and folds elsewhere.
+_IN_COLLARS: tuple[Part, ...] = ("neck", "head")
 # Greatest distance of a rim over the region's length for a region that lies on the rim.
 _NEAR_RIM = 0.8
 # Cosine of the normals of two sites that look at each other, at most.
@@ -149,6 +151,8 @@ def _judged(
             fault = f"where {split_side(each.driver)[0] or each.driver} moves, which slides or swells"
         elif substance.kind == "skin" and part in _BONY:
             fault = "over ribs, which hold the skin"
+        elif substance.kind == "cloth" and part in _IN_COLLARS:
+            fault = "at a collar, in which the neck moves"
         elif each.by_morph and _is_rim(each.region, known_rims[surface]):
             fault = "at a rim, such as of lips or lids"
         facet = facet_length(makeup, weights)

@@ -25,8 +25,11 @@ _SIMILAR = (0.5, 1.5)
 _MORE_BUMPS = 3
 # Width of a tool over its region's: the attenuation falls to half within the region, and to 0 beyond it.
 _WIDTH_OF_REGION = 1.4
-# The same for a region across x = 0, which is known as a whole and fades by itself.
+# The same for a region across x = 0, which is known as a whole and fades by itself, as a forehead that a morph target
+# raises.
 _WIDTH_ACROSS = 1.15
+# The same for one that a joint bends: round a trunk or a neck wrinkles fade at the flanks, and else would end before them.
+_WIDTH_OF_TRUNK = 2.2
 # Least |x| of the unit vector across a tool that stands beside its twin.
 _SIDE_BY_SIDE = 0.5
 # Shortening without wrinkles, per cent of the rest distance, for a tool that a joint drives: clips rarely return to the
@@ -38,6 +41,8 @@ SLACK = 5
 _PRESETS: dict[tuple[MaterialName, Part], str] = {
     ("cloth", "lower leg"): "trouser_knee",
     ("cloth", "lower arm"): "cotton_sleeve",
+    ("cloth", "spine"): "shirt",
+    ("cloth", "chest"): "shirt",
     ("leather", "lower arm"): "leather_sleeve",
     ("leather", "lower leg"): "leather_boot",
     ("leather", "foot"): "leather_boot",
@@ -99,8 +104,10 @@ def pair_of(candidate: Candidate, stem: str, side: str, bump_length: float | Non
 
 def width_of(candidate: Candidate) -> float:
     """The usual width of a candidate's tool, scene units."""
-    region = candidate.region
-    return min((_WIDTH_ACROSS if region.on_plane else _WIDTH_OF_REGION) * region.width, candidate.widest)
+    region, factor = candidate.region, _WIDTH_OF_REGION
+    if region.on_plane:
+        factor = _WIDTH_ACROSS if candidate.by_morph else _WIDTH_OF_TRUNK
+    return min(factor * region.width, candidate.widest)
 
 
 def across_x(tool: WrinkleTool, name: str) -> WrinkleTool:
