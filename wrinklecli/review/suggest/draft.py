@@ -25,11 +25,11 @@ _SIMILAR = (0.5, 1.5)
 _MORE_BUMPS = 3
 # Width of a tool over its region's: the attenuation falls to half within the region, and to 0 beyond it.
 _WIDTH_OF_REGION = 1.4
-# The same for a region across x = 0, which is known as a whole and fades by itself, as a forehead that a morph target
-# raises.
+# The same for a region across x = 0, which is known as a whole and fades by itself.
 _WIDTH_ACROSS = 1.15
-# The same for one that a joint bends: round a trunk or a neck wrinkles fade at the flanks, and else would end before them.
+# The same for one on a trunk: wrinkles fade where its flanks turn away, and a narrower tool would end before them.
 _WIDTH_OF_TRUNK = 2.2
+_TRUNK: tuple[Part, ...] = ("hips", "spine", "chest", "neck")
 # Least |x| of the unit vector across a tool that stands beside its twin.
 _SIDE_BY_SIDE = 0.5
 # Shortening without wrinkles, per cent of the rest distance, for a tool that a joint drives: clips rarely return to the
@@ -106,7 +106,7 @@ def width_of(candidate: Candidate) -> float:
     """The usual width of a candidate's tool, scene units."""
     region, factor = candidate.region, _WIDTH_OF_REGION
     if region.on_plane:
-        factor = _WIDTH_ACROSS if candidate.by_morph else _WIDTH_OF_TRUNK
+        factor = _WIDTH_OF_TRUNK if candidate.part in _TRUNK else _WIDTH_ACROSS
     return min(factor * region.width, candidate.widest)
 
 

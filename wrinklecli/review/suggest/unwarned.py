@@ -13,6 +13,7 @@ from wrinklecli.character.clip import Clip, clip_grid
 from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.effects.wrinkle.activity import ClipActivity, activity
 from wrinklecli.effects.wrinkle.patch import Patch
+from wrinklecli.effects.wrinkle.turned import turned_warnings
 from wrinklecli.effects.wrinkle.warnings import departure_warnings, tool_warnings
 from wrinklecli.effects.wrinkle.weights import fitting_compressible
 from wrinklecli.gltf.document import Document
@@ -70,6 +71,7 @@ def _mended(suggestion: Suggestion, sides: Sequence[Placement], clips: Sequence[
         plan, carried = placement.plan, placement.carried
         seen = [_activity_in(clip, plan, carried.patch) for clip in clips]
         lines = tool_warnings(plan, carried, seen, up="y") + departure_warnings(plan, [carried], placement.number)
+        lines += turned_warnings(plan, carried, seen)
         if lines:
             lengths = ((each.seen.distances, each.seen.rest_lengths) for each in seen)
             needed = max(needed, math.ceil(100.0 * fitting_compressible(carried.patch.curve, lengths)) / 100.0)
