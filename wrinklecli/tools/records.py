@@ -235,8 +235,8 @@ class Contact:
 
     per_clip: bool = key(
         FLAG,
-        "true: a clip that still crosses with the targets of all clips gets targets of its own. Default false.",
-        False,
+        "false: no clip changes the targets, and a clip may still cross. Default true.",
+        True,
     )
     ignore: tuple[str, ...] = key(
         list_of(TEXT, 0, None, "a list of node names"),

@@ -20,7 +20,7 @@ TOP = {"refinement": {"max_levels": 1}}
     "more",
     [
         {"contact": "resolve"},
-        {"contact": {"per_clip": True}, "lag": {"frequency": 6, "damping": 0.5}},
+        {"contact": {"per_clip": False}, "lag": {"frequency": 6, "damping": 0.5}},
         {"contact": "resolve", "rest_length": {"keys": {"pose": [[0, 0.6], [0.5, 0.9]]}}},
     ],
 )

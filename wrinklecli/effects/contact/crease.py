@@ -2,11 +2,12 @@
 
 The joint sweeps through its range, and four times more with its axis leaning by 10° to a side. The solutions of these
 sweeps are compressed into shapes. A clip's weights come from solving the clip itself and fitting the shapes to the
-solutions; weights of a clip that was never baked are looked up by the joint's angle.
+solutions; weights of a clip that was never baked are looked up by the joint's angle. Where these shapes leave
+crossings in a clip, the sweeps and the poses of the clips are compressed together into other, few more shapes.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,6 @@ from wrinklecli.effects.contact.solution import (
     free_rows,
     is_clear,
     last_state,
-    skinned_positions,
     solutions_in,
 )
 from wrinklecli.effects.contact.tissue import FREE, SOFT, UNITS, Tissue
@@ -93,6 +93,7 @@ class Crease:
     Attributes:
         fold: The surface round the joint.
         tissue: That surface as the solver sees it.
+        sweeps: The solved poses of the sweeps in which contact moves something.
         shapes: (shapes, free, 3) bind space, at weight 1.
         response: Weights of the shapes by the joint's turn, or by the shortening of the tool that rises.
         samples: Weights, with the motions and times in which normals are to be right under them.
@@ -100,11 +101,12 @@ class Crease:
         largest: Greatest move in the solutions, scene units.
         squeezed: Greatest volume that the shapes take away in the sweeps, relative to a limb as long as it is thick.
         crossing: Number of poses of the sweeps in which the shapes leave crossings.
-        solved: Number of poses of the sweeps with contact.
+        spans_clips: True if the shapes are also those of clips.
     """
 
     fold: Fold
     tissue: Tissue
+    sweeps: "tuple[SolvedPose, ...]"
     shapes: Floats
     response: Table | LeaningTable
     samples: tuple[tuple[Floats, Clip, float], ...]
@@ -112,7 +114,7 @@ class Crease:
     largest: float
     squeezed: float
     crossing: int
-    solved: int
+    spans_clips: bool = False
 
     @property
     def vertices(self) -> Ints:
@@ -124,82 +126,72 @@ class Crease:
         """(shapes,) greatest move of a vertex at weight 1, bind units."""
         return np.asarray(np.sqrt(np.sum(self.shapes**2, axis=2)).max(axis=1))
 
-    def marched(self, clip: Clip | None, times: Floats) -> Iterator[Solution]:
+    def march(self, clip: Clip, times: Floats) -> "MarchedClip":
         """Solve a clip at (frames,) sorted seconds, near enough to each other for the surface to follow.
 
         If the clip begins folded, or jumps to a pose that is folded, an approach from rest is solved first.
-        """
-        for part in np.split(times, self._jumps(clip, times)):
-            start = None
-            if clip is not None and not is_clear(self.fold, self.tissue, clip, float(part[0])):
-                way = approach(clip, float(part[0]), self.fold.rig)
-                start = last_state(solutions_in(self.fold, self.tissue, way, np.linspace(0.0, 1.0, _APPROACH)))
-            yield from solutions_in(self.fold, self.tissue, clip, part, start)
-
-    def _jumps(self, clip: Clip | None, times: Floats) -> Ints:
-        """The frames, of (frames,) seconds of a clip, to which the joint comes too far for the surface."""
-        if clip is None:
-            return np.zeros(0, np.intp)
-        return 1 + np.flatnonzero(np.abs(np.diff(self.fold.hinge.strides(self.fold.rig, clip, times))) > _JUMP)
-
-    def follow(self, clip: Clip | None, times: Floats, marched: Iterable[Solution]) -> "Followed":
-        """Fit the shapes to the solutions of a clip at (frames,) seconds.
-
-        In a clip that folds the surface otherwise than the joint alone does, the shapes may make more crossings than
-        they take away; such a clip gets no contact.
 
         Raises:
             UnresolvedError: A frame did not settle, or all took too many steps.
         """
-        weights, error = np.zeros((len(times), len(self.shapes))), 0.0
-        urgent: Floats | None = None
-        touching: list[int] = []
-        remaining: list[int] = []  # vertices that cross, for each frame in which any do
-        steps = Steps()
-        for frame, found in enumerate(marched):
+        steps, solutions = Steps(), list[Solution | None]()
+        for time, found in zip(times, self._solutions(clip, times), strict=True):
             if not found.state.converged or not steps.suffice(found):
                 reason = TOO_MANY_STEPS if found.state.converged else UNSETTLED
-                raise UnresolvedError(GivenUp(reason, 1, time=float(times[frame])))
-            if found.touches:
-                weights[frame], urgent, crosses = fit_pose(found, self.shapes, urgent)
-                urgent = None if crosses else urgent
-                moved = combined(weights[frame], self.shapes)
-                if crosses and clip is not None:
-                    # The weights of the fold's own motion may leave no crossing.
-                    looked = self._looked_up(clip, times[frame : frame + 1])
-                    own = combined(looked, self.shapes)
-                    if found.crossing(own) is None:
-                        weights[frame], moved, crosses = looked, own, False
-                error = max(error, found.greatest_error(moved))
-                touching.append(frame)
-                if crosses:
-                    remaining.append(crossing_count(self.tissue, found.positions_under(moved)))
-        given_up = bool(remaining) and sum(remaining) > sum(
-            crossing_count(self.tissue, positions)
-            for positions in skinned_positions(self.fold, self.tissue, clip, times[touching])
+                raise UnresolvedError(GivenUp(reason, 1, time=float(time)))
+            solutions.append(found if found.touches else None)
+        return MarchedClip(clip, times, tuple(solutions))
+
+    def _solutions(self, clip: Clip, times: Floats) -> Iterator[Solution]:
+        for part in np.split(times, self._jumps(clip, times)):
+            start = None
+            if not is_clear(self.fold, self.tissue, clip, float(part[0])):
+                way = approach(clip, float(part[0]), self.fold.rig)
+                start = last_state(solutions_in(self.fold, self.tissue, way, np.linspace(0.0, 1.0, _APPROACH)))
+            yield from solutions_in(self.fold, self.tissue, clip, part, start)
+
+    def _jumps(self, clip: Clip, times: Floats) -> Ints:
+        """The frames, of (frames,) seconds of a clip, to which the joint comes too far for the surface."""
+        return 1 + np.flatnonzero(np.abs(np.diff(self.fold.hinge.strides(self.fold.rig, clip, times))) > _JUMP)
+
+    def follow(self, marched: "MarchedClip") -> "Followed":
+        """Fit the shapes to the solutions of a clip.
+
+        In a clip that folds the surface otherwise than the joint alone does, the shapes may make more crossings than
+        they take away; such a clip gets no contact.
+        """
+        clip, times = marched.clip, marched.times
+        weights, error = np.zeros((len(times), len(self.shapes))), 0.0
+        urgent: Floats | None = None
+        crossing: list[int] = []
+        remaining = 0  # vertices that cross
+        for frame in marched.touching:
+            found = marched.solution(frame)
+            weights[frame], urgent, crosses = fit_pose(found, self.shapes, urgent)
+            urgent = None if crosses else urgent
+            moved = combined(weights[frame], self.shapes)
+            if crosses:
+                # The weights of the fold's own motion may leave no crossing.
+                looked = self._looked_up(clip, times[frame : frame + 1])
+                own = combined(looked, self.shapes)
+                if found.crossing(own) is None:
+                    weights[frame], moved, crosses = looked, own, False
+            error = max(error, found.greatest_error(moved))
+            if crosses:
+                crossing.append(frame)
+                remaining += crossing_count(self.tissue, found.positions_under(moved))
+        given_up = bool(crossing) and remaining > sum(
+            crossing_count(self.tissue, marched.solution(frame).positions) for frame in marched.touching
         )
         if given_up:
             weights[:] = 0.0
-        return Followed(weights, error * self.fold.radius / UNITS, len(remaining), given_up)
+        return Followed(weights, error * self.fold.radius / UNITS, tuple(crossing), given_up)
 
-    def for_clip(
-        self, clip: Clip, times: Floats, marched: Sequence[Solution], *, share: float, most: int
-    ) -> "tuple[Crease, Followed]":
-        """The same fold with shapes for one clip alone, and their fit to it.
-
-        Something touches in the solutions at (frames,) seconds; `share` and `most` are as in `resolve`.
-        """
-        touching = [frame for frame, found in enumerate(marched) if found.touches]
-        solved = [marched[frame] for frame in touching]
-        made, shapes, crossing = fit_poses(solved, share=share, most=most)
-        weights = np.zeros((len(times), len(shapes)))
-        weights[touching] = made
-        scale = self.fold.radius / UNITS
-        error = scale * max(each.greatest_error(combined(row, shapes)) for each, row in zip(solved, made, strict=True))
-        samples = tuple((made[k], clip, float(times[touching[k]])) for k in _chosen(made))
-        nothing = self.response.mapped(lambda weights: np.zeros((len(weights), len(shapes))))
-        own = replace(self, shapes=shapes, response=nothing, samples=samples)
-        return own, Followed(weights, error, crossing)
+    def spanning(self, poses: "Sequence[SolvedPose]", *, share: float, most: int) -> "Crease":
+        """The same fold with shapes for its sweeps and for some poses of clips; arguments are as in `resolve`."""
+        return _compressed(
+            self.fold, self.tissue, (*self.sweeps, *poses), share=share, least=len(self.shapes), most=most
+        )
 
     def torn_frames(self, clip: Clip | None, times: Floats, weights: Floats, others: Sequence[Moves]) -> list[int]:
         """The frames, of (frames,) seconds of a clip, in which (frames, shapes) weights tear the surface.
@@ -225,19 +217,72 @@ class Crease:
 
 
 @dataclass(frozen=True, slots=True)
+class SolvedPose:
+    """A pose in which contact moves something.
+
+    Attributes:
+        clip: The clip, or a sweep.
+        time: Seconds of it.
+        found: The solution.
+        folded: In a sweep, angle of the joint, radians, or fraction of a rise.
+        lean: In a sweep, number of the leaning of the axis; 0 if it does not lean.
+    """
+
+    clip: Clip
+    time: float
+    found: Solution
+    folded: float | None = None
+    lean: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class MarchedClip:
+    """A clip, solved.
+
+    Attributes:
+        times: (frames,) seconds.
+        solutions: For each frame the solution; None if contact moves nothing.
+    """
+
+    clip: Clip
+    times: Floats
+    solutions: tuple[Solution | None, ...]
+
+    @property
+    def size(self) -> int:
+        """Bytes of the solutions, about."""
+        return sum(2 * (each.positions.nbytes + each.matrices.nbytes) for each in self.solutions if each is not None)
+
+    @property
+    def touching(self) -> list[int]:
+        """The frames in which contact moves something."""
+        return [frame for frame, found in enumerate(self.solutions) if found is not None]
+
+    def solution(self, frame: int) -> Solution:
+        """The solution of a frame in which contact moves something."""
+        found = self.solutions[frame]
+        assert found is not None
+        return found
+
+    def poses(self, frames: Iterable[int]) -> Iterator[SolvedPose]:
+        """The poses of some frames in which contact moves something."""
+        return (SolvedPose(self.clip, float(self.times[frame]), self.solution(frame)) for frame in frames)
+
+
+@dataclass(frozen=True, slots=True)
 class Followed:
     """The fit of a crease's shapes to a clip.
 
     Attributes:
         weights: (frames, shapes).
         error: Greatest distance of the shapes from the solutions, scene units.
-        crossing: Number of frames in which the shapes leave crossings.
+        crossing: The frames in which the shapes leave crossings.
         given_up: True if the clip gets no contact, since there would be more crossings with it.
     """
 
     weights: Floats
     error: float
-    crossing: int
+    crossing: tuple[int, ...]
     given_up: bool = False
 
 
@@ -251,7 +296,7 @@ def resolve(fold: Fold, *, share: float, most: int) -> Crease | None:
         most: Greatest number of shapes, even if crossings remain.
 
     Raises:
-        UnresolvedError: A pose did not settle or is torn, or all took too many steps.
+        UnresolvedError: The first pose that touches did not settle or is torn, or took too many steps.
     """
     apart = _apart(fold)
     if apart is None:
@@ -259,76 +304,101 @@ def resolve(fold: Fold, *, share: float, most: int) -> Crease | None:
     tissue = _tissue(fold, apart)
     if not tissue.colliding.any():
         raise UnresolvedError(GivenUp(DEGENERATE))
-    solved = list(_swept(fold, tissue))
-    if not solved:
-        return None
-    weights, shapes, crossing = fit_poses([each.found for each in solved], share=share, most=most)
-    made = [(each.found, combined(row, shapes)) for each, row in zip(solved, weights, strict=True)]
-    torn = [each for each, (found, moved) in zip(solved, made, strict=True) if found.tears(moved)]
-    _refuse(fold, torn, TORN)
+    solved = tuple(_swept(fold, tissue))
+    return _compressed(fold, tissue, solved, share=share, least=1, most=most) if solved else None
+
+
+def _compressed(
+    fold: Fold, tissue: Tissue, poses: Sequence[SolvedPose], *, share: float, least: int, most: int
+) -> Crease:
+    """Compress solved poses of sweeps, and of clips if there are any; arguments are as in `fit_poses`.
+
+    With poses of clips, the leaning sweeps may cross: these stand for clips that nobody has.
+    """
+    spans_clips = any(each.folded is None for each in poses)
+    demanded = np.array([not (spans_clips and each.lean) for each in poses])
+    weights, shapes, crossing = fit_poses(
+        [each.found for each in poses], share=share, least=least, most=most, demanded=demanded
+    )
+    sweeps = tuple(each for each in poses if each.folded is not None)
+    made = [(each.found, combined(row, shapes)) for each, row in zip(sweeps, weights, strict=False)]
     scale = fold.radius / UNITS
+    torn = [found.tears(moved) for found, moved in made]
     return Crease(
         fold=fold,
         tissue=tissue,
+        sweeps=sweeps,
         shapes=shapes,
-        response=_response(fold, solved, weights),
-        samples=tuple((weights[k], solved[k].clip, solved[k].time) for k in _chosen(weights)),
+        response=_response(fold, sweeps, weights, torn),
+        samples=tuple((weights[k], poses[k].clip, poses[k].time) for k in _chosen(weights)),
         error=scale * max(found.greatest_error(moved) for found, moved in made),
-        largest=scale * max(each.found.greatest_move for each in solved),
+        largest=scale * max(each.found.greatest_move for each in poses),
         squeezed=max(found.volume_loss(moved) for found, moved in made),
         crossing=crossing,
-        solved=len(solved),
+        spans_clips=spans_clips,
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Solved:
-    """A pose of a sweep in which contact moves something.
+def _swept(fold: Fold, tissue: Tissue) -> Iterator[SolvedPose]:
+    """Solve the sweeps: fold as far as the hinge goes, then with the axis leaning to each side.
 
-    Attributes:
-        clip: The sweep.
-        time: Seconds of it.
-        folded: Angle of the joint, radians, or fraction of a rise.
-        lean: Number of the leaning of the axis; 0 if it does not lean.
-        found: The solution.
+    A sweep ends before the first pose that does not settle, is torn, or takes too many steps. Nobody may ever bend the
+    joint as far, and clips that do are solved themselves.
+
+    Raises:
+        UnresolvedError: So the joint's own motion ends at the first touch.
     """
-
-    clip: Clip
-    time: float
-    folded: float
-    lean: int
-    found: Solution
-
-
-def _swept(fold: Fold, tissue: Tissue) -> Iterator[_Solved]:
-    """Solve the sweeps: fold as far as the hinge goes, then with the axis leaning to each side."""
     for number, lean in enumerate(fold.hinge.leanings):
         leaning = bool(lean.any())
         for end in fold.hinge.ends:
             way = _way(end, fold.hinge.stride * (_LEANING_STRIDES if leaning else 1.0))
             clip = fold.hinge.turn(way, tilt=lean)
             times = np.linspace(0.0, 1.0, len(way))
-            steps = Steps()
+            steps, touched = Steps(), False
             for folded, time, found in zip(way, times, solutions_in(fold, tissue, clip, times), strict=True):
-                solved = _Solved(clip, float(time), float(folded), number, found)
-                _refuse(fold, [] if steps.suffice(found) else [solved], TOO_MANY_STEPS)
+                solved = SolvedPose(clip, float(time), found, float(folded), number)
+                reason = _failure(steps, found)
+                if reason is not None:
+                    if not (leaning or touched):
+                        raise _refused(fold, [solved], reason)
+                    break
                 if found.touches:
-                    _refuse(fold, [] if found.state.converged else [solved], UNSETTLED)
+                    touched = True
                     yield solved
                     if found.greatest_move > (_DEEPEST_LEANING if leaning else _DEEPEST):
                         break
 
 
-def _refuse(fold: Fold, failed: "Sequence[_Solved]", reason: str) -> None:
-    """Raise UnresolvedError if any poses of the sweeps have failed."""
-    if failed:
-        bends = isinstance(fold.hinge, Hinge)
-        degrees = float(np.degrees(failed[0].folded)) if bends else None
-        raise UnresolvedError(GivenUp(reason, len(failed), degrees=degrees))
+def _failure(steps: Steps, found: Solution) -> str | None:
+    """The reason why a pose counts as not resolved, after so many steps; None if it does."""
+    if not steps.suffice(found):
+        return TOO_MANY_STEPS
+    if not found.touches:
+        return None
+    if not found.state.converged:
+        return UNSETTLED
+    return TORN if found.tears(found.moved) else None
 
 
-def _response(fold: Fold, solved: Sequence[_Solved], weights: Floats) -> Table | LeaningTable:
-    """Tabulate (solved, shapes) weights of the sweeps, at the rows of all of them."""
+def _refused(fold: Fold, failed: Sequence[SolvedPose], reason: str) -> UnresolvedError:
+    """The error for poses of the sweeps that have failed."""
+    bends = isinstance(fold.hinge, Hinge)
+    degrees = float(np.degrees(failed[0].folded)) if bends and failed[0].folded is not None else None
+    return UnresolvedError(GivenUp(reason, len(failed), degrees=degrees))
+
+
+def _response(fold: Fold, solved: Sequence[SolvedPose], weights: Floats, torn: Sequence[bool]) -> Table | LeaningTable:
+    """Tabulate (solved, shapes) weights of the sweeps, at the rows of all of them.
+
+    A sweep ends before a pose that is torn under its weights.
+
+    Raises:
+        UnresolvedError: So the joint's own motion ends at the first touch.
+    """
+    kept = _before_torn(solved, torn)
+    if any(torn) and not any(solved[number].lean == 0 for number in kept):
+        raise _refused(fold, [each for each, bad in zip(solved, torn, strict=True) if bad], TORN)
+    solved, weights = [solved[number] for number in kept], weights[kept]
     sweeps = [_tabulated(fold, lean, solved, weights) for lean in range(len(fold.hinge.leanings))]
     rows, table = sweeps[0]
     if not isinstance(fold.hinge, Hinge):
@@ -342,9 +412,20 @@ def _response(fold: Fold, solved: Sequence[_Solved], weights: Floats) -> Table |
     return LeaningTable(Table("angles", every, central), fold.hinge.towards, np.stack(tables))
 
 
-def _tabulated(fold: Fold, lean: int, solved: Sequence[_Solved], weights: Floats) -> tuple[Floats, Floats]:
+def _before_torn(solved: Sequence[SolvedPose], torn: Sequence[bool]) -> list[int]:
+    """Numbers of the poses of sweeps before the first in the same sweep that is torn."""
+    sweeps = [(each.lean, (each.folded or 0.0) > 0) for each in solved]
+    ends: dict[tuple[int, bool], float] = {}
+    for sweep, each, bad in zip(sweeps, solved, torn, strict=True):
+        if bad:
+            ends[sweep] = min(ends.get(sweep, np.inf), abs(each.folded or 0.0))
+    pairs = enumerate(zip(sweeps, solved, strict=True))
+    return [number for number, (sweep, each) in pairs if abs(each.folded or 0.0) < ends.get(sweep, np.inf)]
+
+
+def _tabulated(fold: Fold, lean: int, solved: Sequence[SolvedPose], weights: Floats) -> tuple[Floats, Floats]:
     """(rows,) sorted measurements of the sweeps of a leaning, and (rows, shapes) weights: 0 before anything touches."""
-    own = [(each.folded, number) for number, each in enumerate(solved) if each.lean == lean]
+    own = [(each.folded or 0.0, number) for number, each in enumerate(solved) if each.lean == lean]
     stride = fold.hinge.stride * (_LEANING_STRIDES if lean else 1.0)
     ahead = {0.0}
     for end in fold.hinge.ends:

@@ -67,9 +67,6 @@ class ContactEffect(Effect):
         basis: The relation of the targets' shapes to the crease's.
         followed: The weights of the shapes in each clip in which they act.
         remaining: The intersections that remain there.
-        clip: The one clip in which the targets act; None for all.
-        own: Names of the fold's targets that act in one clip alone, in place of these.
-        per_clip: True if a tool asks for targets of single clips.
         scale: World over bind units.
     """
 
@@ -79,9 +76,6 @@ class ContactEffect(Effect):
     basis: NonNegativeBasis
     followed: "tuple[Followed, ...]"
     remaining: tuple[Remaining, ...]
-    clip: str | None
-    own: tuple[str, ...]
-    per_clip: bool
     scale: float
 
     section: ClassVar[str] = "folds"
@@ -94,19 +88,17 @@ class ContactEffect(Effect):
 
     @property
     def drive(self) -> Drive | None:
-        """Weights by the joint's angle, or by the tool's shortening if no joint bends the fold; None for one clip."""
-        if self.clip is not None:
-            return None
+        """Weights by the joint's angle, or by the tool's shortening if no joint bends the fold."""
         response = self.crease.response.mapped(lambda signed: self.written(self.shape_weights(signed)))
         hinge = self.crease.fold.hinge
         if isinstance(hinge, Hinge):
-            return Drive("", hinge.signal, self.target_names, response, own=self.own)
+            return Drive("", hinge.signal, self.target_names, response)
         return tool_drive(self.patch, self.target_names, response)
 
     @classmethod
     def count_targets(cls, effects: Sequence[Effect]) -> str:
         """Count the targets of contact, and the folds."""
-        folds = sum(isinstance(each, ContactEffect) and each.clip is None for each in effects)
+        folds = sum(isinstance(each, ContactEffect) for each in effects)
         return f"{len(targets_of(effects))} of contact in {counted(folds, 'fold')}"
 
     def shape_weights(self, sampled: Floats) -> Floats:
@@ -145,7 +137,7 @@ class ContactEffect(Effect):
         crease, hinge = self.crease, self.crease.fold.hinge
         return {
             "tools": list(self.tools),
-            "clip": self.clip,
+            "clip": None,
             "joint": plan.rig.names[hinge.signal.node] if isinstance(hinge, Hinge) else None,
             "degrees": [round(float(np.degrees(end)), 1) for end in (hinge.least, hinge.most)]
             if isinstance(hinge, Hinge)
@@ -153,12 +145,13 @@ class ContactEffect(Effect):
             "moved_vertices": len(crease.vertices),
             "largest_move": significant(crease.largest),
             "volume_lost": significant(crease.squeezed),
-            "poses": crease.solved,
+            "poses": len(crease.sweeps),
+            "fitted_to_clips": crease.spans_clips,
             "unsettled_poses": 0,  # a fold with any is given up
             "crossing_poses": crease.crossing,
             "error": significant(crease.error),
             "unsettled_frames": 0,
-            "crossing_frames": sum(each.crossing for each in self.followed),
+            "crossing_frames": sum(len(each.crossing) for each in self.followed),
             "clips_given_up": sum(each.given_up for each in self.followed),
             "left": [asdict(each) | {"time": significant(each.time)} for each in self.remaining],
             "clip_error": significant(max((each.error for each in self.followed), default=0.0)),
@@ -186,8 +179,9 @@ class ContactEffect(Effect):
         counts = (
             f"{counted(remaining.resolved, 'edge passes', 'edges pass')} through triangles at {remaining.time:.3g} s"
         )
-        own, other = "fewer or lower bumps leave more room", "contact: {per_clip: true} gives it targets of its own"
-        hint = own if self.per_clip else other
+        hint = "fewer or lower bumps leave more room"
+        if not self.crease.fold.per_clip:
+            hint = "without `per_clip: false` the targets follow it better"
         return (
             f"contact {what}: {counts}, {remaining.before:,} before the bake"
             f" ({counted(remaining.frames, 'frame')} in all); {hint}"

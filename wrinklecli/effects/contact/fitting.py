@@ -24,41 +24,48 @@ _HOPELESS = 0.7
 _LOST = 0.01
 
 
-def fit_poses(solved: Sequence[Solution], *, share: float, most: int) -> tuple[Floats, Floats, int]:
-    """Fit the fewest shapes that are right enough, keep the volume and leave no crossing in any pose.
+def fit_poses(
+    solved: Sequence[Solution], *, share: float, most: int, least: int = 1, demanded: Bools | None = None
+) -> tuple[Floats, Floats, int]:
+    """Fit the fewest shapes that are right enough, keep the volume and leave no crossing in any demanded pose.
 
     Args:
         solved: The solutions, at least one.
         share: Greatest error of a vertex, relative to the greatest move.
         most: Greatest number of shapes. If even these leave crossings, the fit with the fewest counts, and of several
             the one that keeps the most volume.
+        least: Least number of shapes.
+        demanded: (solved,) False for poses that are fitted as well as the shapes of the others can; None if all are
+            demanded.
 
     Returns:
         (poses, shapes) weights in [-1, 1], (shapes, free, 3), and the number of poses in which they leave crossings.
     """
     fields = np.stack([each.moved for each in solved])
-    bound = share * max(each.greatest_move for each in solved)
+    every = np.arange(len(solved)) if demanded is None else np.flatnonzero(demanded)
+    asked = [solved[number] for number in every.tolist()]
+    bound = share * max(each.greatest_move for each in asked)
     # No shapes give back the volume that contact itself takes away.
-    allowed = max(_LOST, *(each.volume_loss(each.moved) for each in solved))
+    allowed = max(_LOST, *(each.volume_loss(each.moved) for each in asked))
     most = min(most, len(solved))
     tries: list[tuple[int, float, Floats, Floats]] = []
-    for count in range(1, most + 1):
+    for count in range(min(least, most), most + 1):
         shares, wanted = np.stack([each.error_weights for each in solved]), fields
-        suspects, before = np.arange(len(solved)), len(solved)
+        suspects, before = every, len(every)
         for _ in range(_TRIES):
             weights, shapes = weighted_basis(wanted, shares, count)
             made = [combined(row, shapes) for row in weights]
-            wrong = _wrong(solved, made, bound) if count < most else {}
+            wrong = _wrong(solved, made, every, bound) if count < most else {}
             hopeless = _HOPELESS * before if count < most else np.inf
             if len(wrong) > hopeless or _more_cross(solved, made, suspects, hopeless):
                 break
             crossing = _crossing(solved, made, suspects)
             # The other poses are checked only if all may be right or, in the end, if no try was better.
-            best = min((crossings for crossings, *_ in tries), default=len(solved) if count == most else 0)
+            best = min((crossings for crossings, *_ in tries), default=len(every) if count == most else 0)
             checked = len(crossing) <= best and not wrong
-            if checked and len(suspects) < len(solved):
-                crossing |= _crossing(solved, made, np.setdiff1d(np.arange(len(solved)), suspects))
-            lost = max(each.volume_loss(moved) for each, moved in zip(solved, made, strict=True))
+            if checked and len(suspects) < len(every):
+                crossing |= _crossing(solved, made, np.setdiff1d(every, suspects))
+            lost = max(solved[number].volume_loss(made[number]) for number in every.tolist())
             if not crossing and not wrong and lost <= allowed:
                 return weights, shapes, 0
             if count == most and checked:
@@ -74,13 +81,13 @@ def fit_poses(solved: Sequence[Solution], *, share: float, most: int) -> tuple[F
     return weights, shapes, crossings
 
 
-def _wrong(solved: Sequence[Solution], made: Sequence[Floats], bound: float) -> dict[int, Bools]:
-    """The poses in which a fit is further off than a bound, solver's units, and the (free,) vertices that are.
+def _wrong(solved: Sequence[Solution], made: Sequence[Floats], numbers: Ints, bound: float) -> dict[int, Bools]:
+    """The poses, among some, in which a fit is further off than a bound, solver's units, and the (free,) vertices.
 
     Neighbouring vertices count too; otherwise the shapes become jagged.
     """
-    further = [each.errors(moved) > bound for each, moved in zip(solved, made, strict=True)]
-    return {k: solved[k].with_neighbours(marked) for k, marked in enumerate(further) if marked.any()}
+    further = {number: solved[number].errors(made[number]) > bound for number in numbers.tolist()}
+    return {number: solved[number].with_neighbours(marked) for number, marked in further.items() if marked.any()}
 
 
 def _more_cross(solved: Sequence[Solution], made: Sequence[Floats], numbers: Ints, most: float) -> bool:

@@ -76,8 +76,8 @@ class Fold:
 
     @property
     def per_clip(self) -> bool:
-        """True if a tool asks for targets of single clips."""
-        return any(each.tool.contact is not None and each.tool.contact.per_clip for each in self.patches)
+        """True if targets may depend on the clips, as all tools allow."""
+        return all((each.tool.contact or Contact()).per_clip for each in self.patches)
 
     @cached_property
     def rest_positions(self) -> Floats:

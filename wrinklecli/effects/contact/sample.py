@@ -1,6 +1,6 @@
 """Contact over clips: each fold is solved once for its joint's own motion, then every clip is marched and followed."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -17,16 +17,21 @@ from wrinklecli.effects.sampling import duplicates_of, joined
 from wrinklecli.effects.shapes import Sample, Shape, make_shapes, summed
 from wrinklecli.numeric.arrays import Floats, distinct_values, interpolated, matches
 from wrinklecli.numeric.guard import one_thread
-from wrinklecli.tools.records import identifier
 
 if TYPE_CHECKING:
-    from wrinklecli.effects.contact.crease import Crease, Followed, Moves
+    from wrinklecli.effects.contact.crease import Crease, Followed, MarchedClip, Moves, SolvedPose
     from wrinklecli.effects.contact.fold import Fold
 
 # Most shapes of a fold, whatever their error: with the shape that `NonNegativeBasis` adds, eight morph targets.
 _MOST_SHAPES = 7
-# Most shapes of one clip alone: users who ask for these want no intersections rather than few targets.
-_MOST_OWN = 11
+# Most shapes of a fold whose clips still cross with those: twelve morph targets.
+_MOST_SHAPES_OF_CLIPS = 11
+# Poses of a clip, evenly spread, that such shapes are made of, beside some of those that still cross.
+_CLIP_POSES = 12
+# Rounds in which poses that cross with such shapes are added to those that they are made of.
+_ROUNDS = 3
+# Bytes of solutions that are kept while the shapes are made; clips beyond that are solved again.
+_KEPT_BYTES = 1e9
 # Greatest error of a vertex over the greatest move. Errors are hidden in the fold; shapes are right at contacts.
 _SHAPE_ERROR = 0.35
 
@@ -53,7 +58,7 @@ def sample_contact(
                     how.progress("contact", number, len(folds))
                     if crease is not None:
                         found, motions = _followed(plan, crease, made, motions, how)
-                        made += found
+                        made.append(found)
             except UnresolvedError as error:
                 made.append(_given_up(plan, fold, folds, made, error.given_up))
                 motions = [
@@ -79,105 +84,126 @@ def _given_up(
 
 @dataclass(frozen=True, slots=True)
 class _Marched:
-    """A clip, marched.
+    """A clip, solved and followed.
 
     Attributes:
+        motion: The clip as earlier effects have sampled it.
         times: (frames,) seconds.
-        followed: The weights of the shapes: those of all clips, or the clip's own.
-        own: Shapes for the clip alone, if those of all clips leave intersections and a tool asks for own ones.
-        remaining: The intersections that remain, if there are any.
+        poses: Some of its poses, of which shapes are made.
+        solved: All of its solutions; None if they are not kept.
+        followed: The weights of the shapes.
     """
 
+    motion: Motion
     times: Floats
+    poses: "tuple[SolvedPose, ...]"
+    solved: "MarchedClip | None"
     followed: "Followed"
-    own: "Crease | None" = None
-    remaining: Remaining | None = None
 
 
 def _followed(
     plan: MeshPlan, crease: "Crease", effects: Sequence[Effect], motions: Sequence[Motion], how: SamplingOptions
-) -> tuple[list[ContactEffect], list[Motion]]:
-    """A fold's effects, and motions with their weights in each clip."""
+) -> tuple[ContactEffect, list[Motion]]:
+    """A fold's effect, and motions with its weights in each clip."""
     marched = how.mode == "morph"
     firsts = duplicates_of(plan, [motion.clip for motion in motions])
-    marches = {
-        first: _march(
-            crease,
-            motions[first],
-            _march_times(crease, motions[first], how.fps) if marched else None,
-            [
-                (each, weights)
-                for each, weights in zip(effects, motions[first].weights, strict=True)
-                if isinstance(each, ContactEffect)
-            ],
-        )
+    times = {
+        first: _march_times(crease, motions[first], how.fps) if marched else motions[first].times
         for first in sorted(set(firsts))
     }
-    made = [_effect(plan, crease, effects, [each for each in marches.values() if each.own is None])]
-    acting = dict.fromkeys(marches, 0)
+    crease, marches = _spanned(crease, {first: (motions[first], each) for first, each in times.items()})
+    remaining = []
     for first, each in marches.items():
-        if each.own is not None:
-            acting[first] = len(made)
-            made.append(_effect(plan, each.own, effects, [each], clip=motions[first].clip.name))
-    made[0] = replace(made[0], own=tuple(name for each in made[1:] for name in each.target_names))
-    sizes = np.concatenate([plan.scale * each.crease.sizes for each in made])
+        before = _moves_of(crease.fold, effects, motions[first], each.times)
+        torn = crease.torn_frames(each.motion.clip, each.times, each.followed.weights, before)
+        if torn:
+            raise UnresolvedError(GivenUp(TORN, len(torn), each.motion.clip.name, float(each.times[torn[0]])))
+        remaining.append(remaining_in(crease, each.motion.clip, each.times, each.followed))
+    effect = _effect(plan, crease, effects, [each.followed for each in marches.values()], remaining)
+    sizes = plan.scale * crease.sizes
     followed: list[Motion] = []
     for motion, first in zip(motions, firsts, strict=True):
         if first < len(followed):
             followed.append(replace(followed[first], clip=motion.clip))
             continue
-        times, found = marches[first].times, marches[first].followed.weights
-        weights = [
-            found if number == acting[first] else np.zeros((len(times), len(each.crease.shapes)))
-            for number, each in enumerate(made)
-        ]
-        followed.append(joined(plan, effects, motion, times, weights, sizes, at_once=not marched))
-    return made, followed
+        weights = [marches[first].followed.weights]
+        followed.append(joined(plan, effects, motion, marches[first].times, weights, sizes, at_once=not marched))
+    return effect, followed
 
 
-def _march(
-    crease: "Crease", motion: Motion, times: Floats | None, before: "Sequence[tuple[ContactEffect, Floats]]"
-) -> _Marched:
-    """March a clip, at times of its own if there are any; `before` are earlier folds with their weights in it.
+def _spanned(crease: "Crease", clips: Mapping[int, tuple[Motion, Floats]]) -> "tuple[Crease, dict[int, _Marched]]":
+    """Solve and follow motions at (frames,) seconds; if the shapes leave crossings, with the fewest others that do not.
 
     Raises:
-        UnresolvedError: The fold cannot be resolved in the clip.
+        UnresolvedError: The fold cannot be resolved in a clip.
     """
-    clip, times = motion.clip, motion.times if times is None else times
+    marches, room = dict[int, _Marched](), _KEPT_BYTES
+    for first, (motion, times) in clips.items():
+        solved = _solved(crease, motion, times)
+        followed = crease.follow(solved)
+        frames = {*_some(solved.touching), *_some(followed.crossing)}
+        room -= solved.size
+        poses = tuple(solved.poses(sorted(frames)))
+        marches[first] = _Marched(motion, times, poses, solved if room > 0 else None, followed)
+    chosen = [pose for each in marches.values() for pose in each.poses]
+    best, least = (crease, marches), _crossing_frames(marches)
+    for _ in range(_ROUNDS if crease.fold.per_clip else 0):
+        if not least:
+            break
+        wider = crease.spanning(chosen, share=_SHAPE_ERROR, most=_MOST_SHAPES_OF_CLIPS)
+        again = {}
+        for first, each in marches.items():
+            solved = each.solved or _solved(crease, each.motion, each.times)
+            followed = wider.follow(solved)
+            again[first] = replace(each, followed=followed)
+            chosen += solved.poses(_some(followed.crossing))
+        if _crossing_frames(again) < least:
+            best, least = (wider, again), _crossing_frames(again)
+    return best
+
+
+def _solved(crease: "Crease", motion: Motion, times: Floats) -> "MarchedClip":
+    """Solve a motion, and name its clip if it cannot be solved."""
     try:
         with degenerate_given_up():
-            marched = crease.marched(clip, times)
-            kept = list(marched) if crease.fold.per_clip else []  # it may be followed twice
-            followed, own = crease.follow(clip, times, kept or marched), None
-            if crease.fold.per_clip and followed.crossing:
-                own, followed = crease.for_clip(clip, times, kept, share=_SHAPE_ERROR, most=_MOST_OWN)
-            others = _moves_of(crease.fold, before, motion.times, times)
-            torn = (own or crease).torn_frames(clip, times, followed.weights, others)
-            if torn:
-                raise UnresolvedError(GivenUp(TORN, len(torn), time=float(times[torn[0]])))
+            return crease.march(motion.clip, times)
     except UnresolvedError as error:
-        raise UnresolvedError(replace(error.given_up, clip=clip.name)) from error
-    return _Marched(times, followed, own, remaining_in(own or crease, clip, times, followed))
+        raise UnresolvedError(replace(error.given_up, clip=motion.clip.name)) from error
 
 
-def _moves_of(
-    fold: "Fold", effects: "Sequence[tuple[ContactEffect, Floats]]", sampled: Floats, times: Floats
-) -> "list[Moves]":
-    """The moves of other folds at (times,) seconds of a clip, from their weights at the (sampled,) ones."""
+def _crossing_frames(marches: Mapping[int, _Marched]) -> int:
+    """Number of frames in which shapes leave crossings."""
+    return sum(len(each.followed.crossing) for each in marches.values())
+
+
+def _some(frames: Sequence[int]) -> list[int]:
+    """A few of some frames, evenly spread."""
+    return (
+        [frames[k] for k in distinct_values(np.linspace(0, len(frames) - 1, _CLIP_POSES).astype(int))] if frames else []
+    )
+
+
+def _moves_of(fold: "Fold", effects: Sequence[Effect], motion: Motion, times: Floats) -> "list[Moves]":
+    """The moves of other folds at (times,) seconds of a clip, from their weights in its motion."""
     from wrinklecli.effects.contact.crease import Moves
 
     found = []
-    for effect, weights in effects:
-        rows, columns = matches(fold.vertices, effect.crease.vertices)
-        if len(rows):
-            found.append(Moves(rows, interpolated(times, sampled, weights), effect.crease.shapes[:, columns]))
+    for effect, weights in zip(effects, motion.weights, strict=True):
+        if isinstance(effect, ContactEffect):
+            rows, columns = matches(fold.vertices, effect.crease.vertices)
+            if len(rows):
+                found.append(Moves(rows, interpolated(times, motion.times, weights), effect.crease.shapes[:, columns]))
     return found
 
 
 def _effect(
-    plan: MeshPlan, crease: "Crease", effects: Sequence[Effect], acting: Sequence[_Marched], clip: str | None = None
+    plan: MeshPlan,
+    crease: "Crease",
+    effects: Sequence[Effect],
+    followed: "Sequence[Followed]",
+    remaining: Sequence[Remaining | None],
 ) -> ContactEffect:
-    """The effect of a fold in all clips, or in one, with the intersections that remain in those."""
+    """The effect of a fold, with the intersections that remain in each clip."""
     from wrinklecli.effects.contact.fitting import MOST_WEIGHT
 
     basis = NonNegativeBasis(len(crease.shapes), MOST_WEIGHT)
@@ -188,7 +214,7 @@ def _effect(
         tallest=plan.scale * crease.sizes,
         samples=_samples(plan, crease, effects) if plan.has_normals else [],
     )
-    name = _identifier(plan, crease.fold, effects, clip)
+    name = _identifier(plan, crease.fold, effects)
     return ContactEffect(
         identifier=name,
         targets=named_targets(name, _in_basis(basis, shapes)),
@@ -196,11 +222,8 @@ def _effect(
         patch=crease.fold.patches[0],
         tools=tuple(each.tool.name for each in crease.fold.patches),
         basis=basis,
-        followed=tuple(each.followed for each in acting),
-        remaining=tuple(each.remaining for each in acting if each.remaining is not None),
-        clip=clip,
-        own=(),
-        per_clip=crease.fold.per_clip,
+        followed=tuple(followed),
+        remaining=tuple(each for each in remaining if each is not None),
         scale=plan.scale,
     )
 
@@ -226,14 +249,13 @@ def _samples(plan: MeshPlan, crease: "Crease", effects: Sequence[Effect]) -> lis
     ]
 
 
-def _identifier(plan: MeshPlan, fold: "Fold", effects: Sequence[Effect], clip: str | None = None) -> str:
+def _identifier(plan: MeshPlan, fold: "Fold", effects: Sequence[Effect]) -> str:
     """The part of target names that is the fold's own, from its first tool; no other target of the mesh has it."""
     name = f"{fold.patches[0].tool.identifier}_contact"
     taken = {each.identifier for each in effects if not isinstance(each, ContactEffect)}
     while name in taken or any(own.startswith(f"wrinkle_{name}_") for own in plan.rig.morph_names):
         name += "_"
-    # No other name has two such parts before a clip's.
-    return name if clip is None else f"{name}_in_{identifier(clip)}"
+    return name
 
 
 def _march_times(crease: "Crease", motion: Motion, fps: float) -> Floats:

@@ -1,7 +1,7 @@
 """Solves a fold in the poses of a clip, by module `march`, and gives the solutions in bind space."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import islice
 
@@ -16,6 +16,8 @@ from wrinklecli.numeric.intersections import widened
 
 # Poses that are skipped together if nothing is near in the last one: 16° of a sweep, or an eighth of a second.
 _AHEAD = 4
+# A pose that does not settle is solved again in so many shorter steps from the one before it; in more if that fails.
+_SHORTER_STEPS = (4, 16)
 # Least weight of a squared error, where nothing touches, relative to 1 where something does: an error ten times as long
 # is as good there, hidden in the fold.
 _LEAST_WEIGHT = 0.01
@@ -126,7 +128,7 @@ def solutions_in(
     """Solve a fold at each of (frames,) seconds of a clip, from a state, or from a pose in which nothing touches."""
     scale = UNITS / fold.radius
     rows = free_rows(tissue)
-    for state in _states(tissue, _poses(fold, tissue, clip, times), start):
+    for state in _states(tissue, lambda at: _poses(fold, tissue, clip, at), times, start):
         matrices = scale * state.posed.matrices[rows]
         correction = state.correction[rows]
         moved, outward, shares = np.zeros_like(correction), np.zeros_like(correction), np.full(len(rows), _LEAST_WEIGHT)
@@ -178,16 +180,46 @@ def is_clear(fold: Fold, tissue: Tissue, clip: Clip | None, time: float) -> bool
     return tissue.is_clear(next(_poses(fold, tissue, clip, np.array([time]))).positions)
 
 
-def _states(tissue: Tissue, poses: Iterator[SkinnedPose], start: SolverState | None = None) -> Iterator[SolverState]:
-    """March poses, but skip runs of poses before and after which nothing is near."""
-    state = start
+def _states(
+    tissue: Tissue, posed_at: Callable[[Floats], Iterator[SkinnedPose]], times: Floats, start: SolverState | None
+) -> Iterator[SolverState]:
+    """March poses at (frames,) seconds, but skip runs of poses before and after which nothing is near."""
+    state, poses, frame = start, posed_at(times), 0
     while ahead := list(islice(poses, _AHEAD)):
         if tissue.is_clear(ahead[-1].positions) and (state is None or not state.correction.any()):
             yield from (SolverState(posed.positions, posed) for posed in ahead)
             state = SolverState(ahead[-1].positions, ahead[-1])
         else:
-            for marched in march(tissue, ahead, state):
-                yield (state := marched)
+            for number, posed in enumerate(ahead, start=frame):
+                before, (state,) = state, march(tissue, [posed], state)
+                if not state.converged and before is not None and number:
+                    state = _in_shorter_steps(tissue, posed_at, times[number - 1 : number + 1], before, state)
+                yield state
+        frame += len(ahead)
+
+
+def _in_shorter_steps(
+    tissue: Tissue,
+    posed_at: Callable[[Floats], Iterator[SkinnedPose]],
+    span: Floats,
+    before: SolverState,
+    found: SolverState,
+) -> SolverState:
+    """Solve a pose that did not settle again, from the state before it, by way of poses in the (2,) seconds between.
+
+    Gives back the state that was `found` if these do not settle either; in any case with the number of all steps.
+    """
+    steps = found.steps
+    for parts in _SHORTER_STEPS:
+        state = before
+        for posed in posed_at(np.linspace(span[0], span[1], parts + 1)[1:]):
+            (state,) = march(tissue, [posed], state)
+            steps += state.steps
+            if not state.converged:
+                break
+        else:
+            return replace(state, steps=steps)
+    return replace(found, steps=steps)
 
 
 def _poses(fold: Fold, tissue: Tissue, clip: Clip | None, times: Floats) -> Iterator[SkinnedPose]:
