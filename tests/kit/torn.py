@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from kit.player import Gltf, Json
 from wrinklecli.baking.report import Report
-from wrinklecli.numeric.intersections import Crossings, edges_of
+from wrinklecli.numeric.intersections import Crossings, edges_of, widened
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -16,6 +16,8 @@ Ints = NDArray[np.int64]
 _MOMENTS = 25
 # Edges are torn beyond these parts of the longer, and of the shorter, of their lengths at rest and without contact.
 _LONGEST, _SHORTEST = 2.0, 0.5
+# So many edges from what crosses without contact is the bottom of a crease, which is pressed together.
+_PRESSED_RINGS = 3
 # Cosine between a triangle and each of its neighbours below which it is turned over.
 _TURNED = -0.5
 # Greatest part of the volume of a piece of limb as long as it is thick that contact may take or give.
@@ -92,7 +94,7 @@ def _faults(one: Gltf, other: Gltf, report: Report, mesh: str, clip: str, radius
         yield f"{left.sum()} crossings left in treated folds, most ({left.max()}) at {times[np.argmax(left)]:.3g} s"
     if counts[0] > counts[1]:
         yield f"{counts[0]} crossings, {counts[1]} without contact"
-    yield from _torn(rest[firsts], triangles, shown, given, times)
+    yield from _torn(rest[firsts], triangles, trees, shown, given, times)
     for frame in range(_MOMENTS):
         lost = abs(_volume(shown[frame], triangles) - _volume(given[frame], triangles)) / (2.0 * np.pi * radius**3)
         if lost > _VOLUME:
@@ -100,13 +102,20 @@ def _faults(one: Gltf, other: Gltf, report: Report, mesh: str, clip: str, radius
             break
 
 
-def _torn(rest: Floats, triangles: Ints, shown: Floats, given: Floats, times: Floats) -> Iterator[str]:
+def _torn(
+    rest: Floats, triangles: Ints, trees: Crossings, shown: Floats, given: Floats, times: Floats
+) -> Iterator[str]:
     edges, beside = edges_of(triangles), _neighbours(triangles)
     at_rest = _lengths(rest, edges)
+    pressed, every = np.zeros(len(rest), bool), np.ones(len(rest), bool)
+    for positions in given:
+        pressed |= trees.vertices_at(positions, every)
+    for _ in range(_PRESSED_RINGS):
+        pressed = widened(edges, pressed)
     for frame, time in enumerate(times):
         found, wanted = _lengths(shown[frame], edges), _lengths(given[frame], edges)
         longer = found / np.maximum(wanted, at_rest)
-        shorter = found / np.minimum(wanted, at_rest)
+        shorter = np.where(pressed[edges].any(axis=1), 1.0, found / np.minimum(wanted, at_rest))
         if longer.max() > _LONGEST:
             yield f"an edge {longer.max():.3g} times as long at {time:.3g} s"
         if shorter.min() < _SHORTEST:

@@ -142,16 +142,29 @@ def weighted_basis(fields: Floats, importance: Floats, count: int) -> tuple[Floa
     return weights, shapes
 
 
-def project(fields: Floats, importance: Floats, shapes: Floats) -> Floats:
-    """(fields, shapes) weights of (shapes, vertices, 3) nearest to (fields, vertices, 3), by their `importance`."""
+def project(fields: Floats, importance: Floats, shapes: Floats, held: Floats | None = None) -> Floats:
+    """(fields, shapes) weights of (shapes, vertices, 3) nearest to (fields, vertices, 3), by their `importance`.
+
+    The squared products of the errors with (fields, vertices, 3) `held` count too, if there are any.
+    """
     together = np.einsum("svx,tvx->vst", shapes, shapes)
     normal = np.tensordot(importance, together, axes=1)
     right = np.tensordot(importance[..., None] * fields, shapes, axes=((1, 2), (1, 2)))
-    return np.asarray(_solved(normal, right[..., None])[..., 0])
+    steady = _steadied(normal)
+    if held is not None:
+        along = np.tensordot(held, shapes, axes=((1, 2), (1, 2)))
+        steady += along[:, :, None] * along[:, None, :]
+        right = right + along * np.sum(held * fields, axis=(1, 2))[:, None]
+    return np.asarray(np.linalg.solve(steady, right[..., None])[..., 0])
 
 
 def _solved(normal: Floats, right: Floats) -> Floats:
     """(n, shapes, columns) solutions of (n, shapes, shapes) positive semidefinite systems."""
+    return np.asarray(np.linalg.solve(_steadied(normal), right))
+
+
+def _steadied(normal: Floats) -> Floats:
+    """(n, shapes, shapes) positive semidefinite matrices with a little on their diagonals, which can be solved."""
     asked = np.trace(normal, axis1=1, axis2=2)
     ridge = _RIDGE * (asked + _RIDGE * asked.max(initial=0.0)) + 1e-30
-    return np.linalg.solve(normal + ridge[:, None, None] * np.eye(normal.shape[1]), right)
+    return np.asarray(normal + ridge[:, None, None] * np.eye(normal.shape[1]))

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from wrinklecli.effects.contact.fitting import MOST_WEIGHT, combined, fit_pose, fit_poses
+from wrinklecli.numeric.reduction import project
 
 POINTS, POSES = 12, 9
 
@@ -41,6 +42,10 @@ class Wall:
 
     def volume_loss(self, moved: np.ndarray) -> float:
         return abs(float(moved[:, 2].sum()))
+
+    @property
+    def volume_gradient(self) -> np.ndarray:
+        return np.tile([0.0, 0.0, 1.0], (POINTS, 1))
 
     def opened(self, moved: np.ndarray) -> np.ndarray:
         further = np.minimum(moved - self.moved, 0.0) * [1.0, 0.0, 0.0]
@@ -124,3 +129,18 @@ def test_errors_count_more_where_a_pose_crosses() -> None:
     assert urgent[1:] == pytest.approx(1.0)
     gaps[0] = -1.0
     assert fit_pose(Wall(moved, gaps), shapes)[2]  # type: ignore[arg-type]
+
+
+def test_a_pose_keeps_its_volume_where_its_shapes_do_not_span_it() -> None:
+    """The first shape is nearer to the pose, and takes volume away, which the other gives back."""
+    (found,) = walls(1)[-1:]
+    wanted = found.moved
+    swelling = np.tile([0.0, 0.0, 0.01], (POINTS, 1))
+    shapes = np.stack([wanted - 2.0 * swelling, 2.0 * swelling])
+    weights, _, _ = fit_pose(found, shapes)
+    assert found.volume_loss(combined(weights, shapes)) < 0.01
+    shares = found.error_weights[None]
+    (nearest,) = project(wanted[None], shares, shapes[:1])
+    held = (found.volume_gradient / 0.0025)[None]
+    (kept,) = project(wanted[None], shares, shapes[:1], held)
+    assert found.volume_loss(kept * shapes[0]) < found.volume_loss(nearest * shapes[0])

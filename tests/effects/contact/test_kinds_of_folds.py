@@ -12,7 +12,7 @@ import wrinklecli
 from kit.folds import CLIP, FOLDS, RANGES, Fold
 from kit.torn import faults
 
-KINDS = ["rigid", "elbow", "armpit", "no_room"]
+KINDS = ["rigid", "elbow", "finger", "hip", "one_sided", "armpit", "no_room"]
 ANY_OF = ["armpit", "no_room"]
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.motion import approach
 from wrinklecli.drive.table import LeaningTable, Table
-from wrinklecli.effects.contact.fitting import combined, fit_pose, fit_poses
+from wrinklecli.effects.contact.fitting import MOST_LOST, combined, fit_pose, fit_poses
 from wrinklecli.effects.contact.fold import RINGS, Fold
 from wrinklecli.effects.contact.given_up import DEGENERATE, TOO_MANY_STEPS, TORN, UNSETTLED, GivenUp, UnresolvedError
 from wrinklecli.effects.contact.hinge import Hinge
@@ -164,6 +164,7 @@ class Crease:
         weights, error = np.zeros((len(times), len(self.shapes))), 0.0
         urgent: Floats | None = None
         crossing: list[int] = []
+        unspanned: list[int] = []
         remaining = 0  # vertices that cross
         for frame in marched.touching:
             found = marched.solution(frame)
@@ -177,6 +178,8 @@ class Crease:
                 if found.crossing(own) is None:
                     weights[frame], moved, crosses = looked, own, False
             error = max(error, found.greatest_error(moved))
+            if crosses or found.volume_loss(moved) > max(MOST_LOST, found.volume_loss(found.moved)):
+                unspanned.append(frame)
             if crosses:
                 crossing.append(frame)
                 remaining += crossing_count(self.tissue, found.positions_under(moved))
@@ -185,7 +188,7 @@ class Crease:
         )
         if given_up:
             weights[:] = 0.0
-        return Followed(weights, error * self.fold.radius / UNITS, tuple(crossing), given_up)
+        return Followed(weights, error * self.fold.radius / UNITS, tuple(crossing), tuple(unspanned), given_up)
 
     def spanning(self, poses: "Sequence[SolvedPose]", *, share: float, most: int) -> "Crease":
         """The same fold with shapes for its sweeps and for some poses of clips; arguments are as in `resolve`."""
@@ -206,7 +209,7 @@ class Crease:
             for each in others:
                 moves[each.rows] += combined(each.weights[frame], each.shapes)
             shown = positions + np.einsum("vij,vj->vi", matrices, moves)
-            if self.tissue.tearing.tears(scale * positions, scale * shown):
+            if self.tissue.tears(scale * positions, scale * shown):
                 torn.append(frame)
         return torn
 
@@ -277,12 +280,14 @@ class Followed:
         weights: (frames, shapes).
         error: Greatest distance of the shapes from the solutions, scene units.
         crossing: The frames in which the shapes leave crossings.
+        unspanned: These frames, and those in which the shapes take volume away.
         given_up: True if the clip gets no contact, since there would be more crossings with it.
     """
 
     weights: Floats
     error: float
     crossing: tuple[int, ...]
+    unspanned: tuple[int, ...]
     given_up: bool = False
 
 

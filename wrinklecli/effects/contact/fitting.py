@@ -14,14 +14,16 @@ from wrinklecli.numeric.reduction import project, weighted_basis
 
 MOST_WEIGHT = 1.5
 """Greatest weight of a shape in any clip; in the sweeps it is 1."""
+MOST_LOST = 0.01
+"""Volume that shapes may take away, relative to that of a limb as long as it is thick."""
+# Loss of volume in a fit that counts as much as an error of a solver's unit everywhere: well below the most.
+_UNIT_LOSS = MOST_LOST / 4.0
 # Fits of shapes and weights, each with more weight on the errors of the one before.
 _TRIES = 8
 # Factor on the weight of such an error.
 _MORE = 3.0
 # A number of shapes is given up if more than this fraction of the poses that were wrong is still wrong after a fit.
 _HOPELESS = 0.7
-# Volume that shapes may take away, relative to that of a limb as long as it is thick.
-_LOST = 0.01
 
 
 def fit_poses(
@@ -46,7 +48,7 @@ def fit_poses(
     asked = [solved[number] for number in every.tolist()]
     bound = share * max(each.greatest_move for each in asked)
     # No shapes give back the volume that contact itself takes away.
-    allowed = max(_LOST, *(each.volume_loss(each.moved) for each in asked))
+    allowed = max(MOST_LOST, *(each.volume_loss(each.moved) for each in asked))
     most = min(most, len(solved))
     tries: list[tuple[int, float, Floats, Floats]] = []
     for count in range(min(least, most), most + 1):
@@ -120,10 +122,12 @@ def fit_pose(found: Solution, shapes: Floats, urgent: Floats | None = None) -> t
     """
     urgent = np.ones(len(found.error_weights)) if urgent is None else urgent
     wanted = found.moved
+    held = found.volume_gradient / _UNIT_LOSS
     tries: list[tuple[int, Floats, Floats]] = []
     for _ in range(_TRIES):
         shares = found.error_weights * urgent
-        (weights,) = np.clip(project(wanted[None], shares[None], shapes), -MOST_WEIGHT, MOST_WEIGHT)
+        along = np.sqrt(shares.sum()) * held
+        (weights,) = np.clip(project(wanted[None], shares[None], shapes, along[None]), -MOST_WEIGHT, MOST_WEIGHT)
         moved = combined(weights, shapes)
         marked = found.crossing(moved)
         if marked is None:

@@ -141,14 +141,14 @@ def _spanned(crease: "Crease", clips: Mapping[int, tuple[Motion, Floats]]) -> "t
     for first, (motion, times) in clips.items():
         solved = _solved(crease, motion, times)
         followed = crease.follow(solved)
-        frames = {*_some(solved.touching), *_some(followed.crossing)}
+        frames = {*_some(solved.touching), *_some(followed.unspanned)}
         room -= solved.size
         poses = tuple(solved.poses(sorted(frames)))
         marches[first] = _Marched(motion, times, poses, solved if room > 0 else None, followed)
     chosen = [pose for each in marches.values() for pose in each.poses]
-    best, least = (crease, marches), _crossing_frames(marches)
+    best, least = (crease, marches), _unspanned(marches)
     for _ in range(_ROUNDS if crease.fold.per_clip else 0):
-        if not least:
+        if not any(least):
             break
         wider = crease.spanning(chosen, share=_SHAPE_ERROR, most=_MOST_SHAPES_OF_CLIPS)
         again = {}
@@ -156,9 +156,9 @@ def _spanned(crease: "Crease", clips: Mapping[int, tuple[Motion, Floats]]) -> "t
             solved = each.solved or _solved(crease, each.motion, each.times)
             followed = wider.follow(solved)
             again[first] = replace(each, followed=followed)
-            chosen += solved.poses(_some(followed.crossing))
-        if _crossing_frames(again) < least:
-            best, least = (wider, again), _crossing_frames(again)
+            chosen += solved.poses(_some(followed.unspanned))
+        if _unspanned(again) < least:
+            best, least = (wider, again), _unspanned(again)
     return best
 
 
@@ -171,9 +171,10 @@ def _solved(crease: "Crease", motion: Motion, times: Floats) -> "MarchedClip":
         raise UnresolvedError(replace(error.given_up, clip=motion.clip.name)) from error
 
 
-def _crossing_frames(marches: Mapping[int, _Marched]) -> int:
-    """Number of frames in which shapes leave crossings."""
-    return sum(len(each.followed.crossing) for each in marches.values())
+def _unspanned(marches: Mapping[int, _Marched]) -> tuple[int, int]:
+    """Number of frames in which shapes leave crossings, and of those in which they also take volume away."""
+    followed = [each.followed for each in marches.values()]
+    return sum(len(each.crossing) for each in followed), sum(len(each.unspanned) for each in followed)
 
 
 def _some(frames: Sequence[int]) -> list[int]:

@@ -25,6 +25,8 @@ _LEAST_WEIGHT = 0.01
 _RINGS = 3
 # by this factor for each ring.
 _RING_FACTOR = 0.4
+# Volume of a piece of a limb as long as it is thick, cubic solver's units.
+_VOLUME = 2.0 * np.pi * UNITS**3
 # Touching vertices may be moved this much further apart than the solution, solver's units: the fold hides it.
 _OPEN = 1.5
 
@@ -101,7 +103,14 @@ class Solution:
     def volume_loss(self, moved: Floats) -> float:
         """Volume that another move takes away, relative to that of a limb as long as it is thick."""
         change = self.tissue.pieces.volume_change(self.positions_under(moved), self.positions)
-        return abs(change) / (2.0 * np.pi * UNITS**3)
+        return abs(change) / _VOLUME
+
+    @cached_property
+    def volume_gradient(self) -> Floats:
+        """(free, 3) change of the volume, as `volume_loss` measures it, with the solution's move, in solver's units."""
+        pushed = np.sum(self.tissue.pieces.gradients(self.positions_under(self.moved)), axis=0)
+        scale = np.sqrt(np.mean(np.sum(self.matrices**2, axis=(1, 2))) / 3.0)
+        return np.asarray(np.einsum("vij,vi->vj", self.matrices, pushed[free_rows(self.tissue)]) / (scale * _VOLUME))
 
     def opened(self, moved: Floats) -> Floats:
         """(free, 3) the solution's move, opened further where another move opens it; the fold hides small gaps."""
@@ -114,7 +123,7 @@ class Solution:
 
     def tears(self, moved: Floats) -> bool:
         """True if another move tears the surface."""
-        return self.tissue.tearing.tears(self.positions, self.positions_under(moved))
+        return self.tissue.tears(self.positions, self.positions_under(moved))
 
     @cached_property
     def _own_crossings(self) -> Bools | None:

@@ -1,4 +1,4 @@
-"""Finds where contact tears a surface: it lengthens an edge too far, or turns a triangle over.
+"""Finds where contact tears a surface: it changes the length of an edge too far, turns a triangle over, or goes far.
 
 The surface is compared with the one that the solver was given, skinned and wrinkled: wrinkles lengthen edges
 themselves, and are no tears. Skinning shrinks edges to nothing on the inside of a bend, where contact gives them their
@@ -6,17 +6,26 @@ length back; so an edge is compared with its length at rest too. Likewise, skinn
 passes through itself, and contact turns them back.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from wrinklecli.numeric.arrays import Bools, Floats, Ints
-from wrinklecli.numeric.intersections import edges_of
+from wrinklecli.numeric.intersections import edges_of, widened
 
 # Greatest length of an edge, relative to the longer of its lengths at rest and as skinned. In folds that look right
 # it is 1.2, and 1.6 in the sleeve of a limb that is pressed by half of its radius; in torn ones it is 2 to 10.
 _LONGEST = 2.0
-# Edges count as this long at least, solver's units: a millimetre of a knee is about what contact holds off.
+# Least length of an edge, relative to the shorter of its lengths at rest and as skinned,
+_SHORTEST = 0.5
+# further than so many edges from what crosses as skinned: nearer, in a crease, whole folds
+# have 0.1 to 0.5.
+_PRESSED_RINGS = 3
+# Farthest move of a vertex, solver's units: the radius of the limb, by which nothing can press it in.
+_FARTHEST = 70.0
+# Edges count as this long at least where they are lengthened, and become shorter by more than this, solver's units: a
+# millimetre of a knee is about what contact holds off.
 _SHORT = 1.0
 # Cosine between the normals of a triangle and of each neighbour below which it is turned over: more than 120°. The
 # bottom of a closed fold is as sharp, but it has neighbours on its own side.
@@ -33,6 +42,7 @@ class Tearing:
         edges: (edges, 2) vertices.
         lengths: (edges,) at rest.
         triangles: (triangles, 3) vertices.
+        pressed: (vertices,) True for those that cross in the fold's own motion without contact.
         inner: (inner,) triangles with a neighbour at each side,
         beside: and (inner, 3) these neighbours.
     """
@@ -40,11 +50,12 @@ class Tearing:
     edges: Ints
     lengths: Floats
     triangles: Ints
+    pressed: Bools
     inner: Ints
     beside: Ints
 
     @classmethod
-    def of(cls, rest: Floats, triangles: Ints, free: Bools) -> "Tearing":
+    def of(cls, rest: Floats, triangles: Ints, free: Bools, pressed: Bools) -> "Tearing":
         """Look at the (triangles, 3) with a corner among the (vertices,) that are free."""
         triangles = triangles[free[triangles].any(axis=1)]
         edges = edges_of(triangles)
@@ -56,14 +67,31 @@ class Tearing:
         others[order[same]], others[order[same + 1]] = owners[order[same + 1]], owners[order[same]]
         beside = others.reshape(3, -1).T
         inner = np.flatnonzero((beside >= 0).all(axis=1))
-        return cls(edges, _lengths(rest, edges), triangles, inner, beside[inner])
+        return cls(edges, _lengths(rest, edges), triangles, pressed, inner, beside[inner])
 
-    def tears(self, given: Floats, shown: Floats) -> bool:
-        """True if (vertices, 3) positions are torn relative to the given ones; both in solver's units."""
-        whole = np.maximum(np.maximum(self.lengths, _lengths(given, self.edges)), _SHORT)
-        if (_lengths(shown, self.edges) > _LONGEST * whole).any():
+    def tears(self, given: Floats, shown: Floats, crossing: Callable[[Floats], Bools | None]) -> bool:
+        """True if (vertices, 3) positions are torn relative to the given ones; both in solver's units.
+
+        `crossing` finds the (vertices,) that cross at positions, as a clip may press others; None if none do.
+        """
+        wanted, found = _lengths(given, self.edges), _lengths(shown, self.edges)
+        if (found > _LONGEST * np.maximum(np.maximum(self.lengths, wanted), _SHORT)).any():
             return True
-        return bool((self._turned(shown) & ~self._turned(given)).any())
+        ends = self.edges[:, 0]
+        if (np.sum((shown[ends] - given[ends]) ** 2, axis=1) > _FARTHEST**2).any():
+            return True
+        if (self._turned(shown) & ~self._turned(given)).any():
+            return True
+        least = np.minimum(self.lengths, wanted)
+        short = self.edges[(found < _SHORTEST * least) & (found < least - _SHORT)]
+        if not len(short):
+            return False
+        # The bottom of a crease is pressed together, and ends that passed through the surface come back to it.
+        through, near = crossing(given), self.pressed
+        near = near if through is None else near | through
+        for _ in range(_PRESSED_RINGS):
+            near = widened(self.edges, near)
+        return not near[short].any(axis=1).all()
 
     def _turned(self, positions: Floats) -> Bools:
         """(inner,) True for triangles that face away from all of their neighbours."""

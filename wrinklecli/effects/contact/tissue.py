@@ -183,10 +183,10 @@ class Tissue:
         return Crossings.of(self.rest[self.rows], np.searchsorted(self.rows, self.triangles[self.colliding]))
 
     @cached_property
-    def tearing(self) -> Tearing:
+    def _tearing(self) -> Tearing:
         """The part of the surface that may tear."""
         own = self.triangles[self.own[self.triangles].all(axis=1)]
-        return Tearing.of(self.rest, own, self.free)
+        return Tearing.of(self.rest, own, self.free, self.apart == 0.0)
 
     @cached_property
     def edges(self) -> Ints:
@@ -275,6 +275,10 @@ class Tissue:
         marked = np.zeros(len(positions), bool)
         marked[self.rows] = self._crossings.vertices_at(positions[self.rows], counting)
         return marked if marked.any() else None
+
+    def tears(self, given: Floats, shown: Floats) -> bool:
+        """True if (vertices, 3) positions are torn relative to the given ones."""
+        return self._tearing.tears(given, shown, self.crossing)
 
     def _near(self, positions: Floats, barrier_gap: float, kept_gap: float) -> Any:
         import ipctk
