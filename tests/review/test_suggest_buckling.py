@@ -27,13 +27,14 @@ def limb_of(material: str, joint: str = "LeftLeg", **options: Any) -> Asset:
     return asset
 
 
-def suggested(folder: Path, asset: Asset) -> Suggestions:
-    return suggest(asset.write(folder / "limb.glb"))
+def suggested(folder: Path, asset: Asset, *, everything: bool = False) -> Suggestions:
+    return suggest(asset.write(folder / "limb.glb"), everything=everything)
 
 
 @pytest.mark.parametrize("material", ["Trousers", "leather"])
 def test_folds_of_cloth_cross_on_the_inside_of_a_bent_limb(tmp_path: Path, material: str) -> None:
-    found = suggested(tmp_path, limb_of(material))
+    # Leather folds too low on so thin a limb to be worth it.
+    found = suggested(tmp_path, limb_of(material), everything=material == "leather")
     first, second = (each.tool for each in found.tools[:2])
     assert (first.between, second.between) == ((), ())
     # They cross at the crease, and lean as much to one side as to the other.

@@ -106,7 +106,7 @@ def test_a_lower_wrinkle_that_is_seen_is_worth_more_than_none(tmp_path: Path) ->
 
 
 def test_a_pair_of_which_one_side_is_harmed_gets_a_seed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def faults(placement: Placement, *_rest: object) -> Iterator[tuple[str, float]]:
+    def faults(placement: Placement, *_rest: object, **_named: object) -> Iterator[tuple[str, float]]:
         tool = placement.carried.patch.tool
         if tool.name == "fold.R" and tool.seed != 2:
             yield "turns", 0.5

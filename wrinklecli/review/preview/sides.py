@@ -20,6 +20,10 @@ FACES = 0.7
 # Factor of a side's score, by its elevation: a view from straight above or below loses a quarter.
 LEVELS = 1 - 0.25 + 0.25 * np.cos(np.radians([elevation for _, elevation in ANGLES]))
 
+# Every second azimuth and elevation: the sides around the best of them are looked at then.
+_COARSE = np.array([k for k, angles in enumerate(ANGLES) if not any(angle % 30 for angle in angles)])
+# Cosine of the angle between sides that are beside each other.
+_BESIDE = np.cos(np.radians(22.0))
 # Triangles of a place by which sides and lights are judged.
 _JUDGED = 400
 # Displacement, as a part of the greatest one, from which a triangle is on the place of wrinkles.
@@ -28,23 +32,22 @@ _LEAST_WRINKLE = 0.05
 _AT_ONCE = 8
 # Angles between the key light and the view, degrees: light that comes from the side shows relief, and light from
 # farther behind leaves most of a limb in the shade.
-_SLANTS = (50.0, 65.0, 80.0)
+_SLANTS = (50.0, 70.0)
 # Directions of the light around the view.
-_AROUND = 24
+_AROUND = 16
 # Part of its score that light from straight below loses: people take light to come from above, and see bumps as
 # hollows otherwise.
 _FROM_BELOW = 0.3
-# Worth of light over that of its change by wrinkles: of two lights that show them alike, the one that leaves less of the
-# place in the shade.
+# Worth of light over that of its change by wrinkles: of two lights that show them alike, the one that leaves less
+# in the shade is better.
 _LIT = 0.2
 # A place is hidden if less than this part of its wrinkles is visible. It is then shown earlier,
-_HIDDEN = 0.55
+_HIDDEN = 0.6
 # at the first of these parts of the time to its peak
 _EARLIER = (0.85, 0.7, 0.55, 0.4)
 # at which this part of its wrinkles is visible,
 _PLAIN = 0.7
-# or else at the one at which at least this many times as much of them is visible.
-_MORE = 1.2
+# or else at the one at which the most of them is visible.
 
 Seen = TypeVar("Seen")
 
@@ -69,6 +72,13 @@ class Place:
     normals: Floats
     areas: Floats
     heights: Floats
+
+    @property
+    def centre(self) -> Floats:
+        """(3,) middle of the wrinkles, world space."""
+        weights = self.areas * self.heights
+        middle: Floats = weights @ self.points / weights.sum()
+        return middle
 
     @classmethod
     def of(cls, plain: Floats, wrinkled: Floats) -> "Place":
@@ -117,15 +127,23 @@ class Side:
         return camera_axes(*self.angles)
 
 
+UNSEEN = Side((0.0, 0.0), 0.0, 0.0)
+"""A side that shows no wrinkles."""
+
+
 def best_side(place: Place, free: Free) -> Side:
     """Choose the side from which most of the wrinkles of a place are visible."""
     backs = np.array([camera_axes(*angles)[2] for angles in ANGLES])
     weights = place.areas * place.heights
     shares = weights * np.clip(backs @ place.normals.T, 0.0, FACES)
-    scores = _seen(shares, LEVELS, backs, free)
-    best = int(np.argmax(LEVELS * scores))
+    scores = np.zeros(len(ANGLES))
+    some = _COARSE
+    for _ in range(2):  # the coarse sides, then those beside the best
+        scores[some] = _seen(shares[some], LEVELS[some], backs[some], free)
+        best = int(np.argmax(LEVELS * scores))
+        some = np.flatnonzero((backs @ backs[best] > _BESIDE) & (scores == 0.0))
     whole = FACES * float(weights.sum())
-    return Side(ANGLES[best], float(scores[best]), float(scores[best]) / whole if whole > 0 else 0.0)
+    return Side(ANGLES[best], float(scores[best]), min(float(scores[best]) / whole, 1.0) if whole > 0 else 0.0)
 
 
 def best_light(place: Place, axes: Floats, free: Free) -> Floats:
@@ -177,11 +195,10 @@ def best_moment(start: float, peak: float, look: Callable[[float], tuple[Seen, S
     best = look(peak)
     if best[1].visible >= _HIDDEN:
         return best
-    least = _MORE * best[1].score
     for part in _EARLIER:
         found = look(start + part * (peak - start))
-        if found[1].score > least:
-            best, least = found, found[1].score
+        if found[1].score > best[1].score:
+            best = found
             if found[1].visible >= _PLAIN:
                 break
     return best

@@ -3,36 +3,40 @@
 `review.preview` draws with rays, which need an optional library; a tool is looked at wherever the program runs.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import uniform_filter
 
-from wrinklecli.numeric.arrays import Floats, Ints, face_normals, runs, unit, vertex_normals
+from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints, face_normals, runs, unit, vertex_normals
+from wrinklecli.review.preview.sides import UNSEEN, Place, Side, best_light, best_side
 from wrinklecli.review.suggest.stage import StagedTool
 from wrinklecli.surface.strain import tangents
 
 # Pixels along a picture's side: a place that is drawn as large as on a sheet of `preview --review`.
 SIDE = 160
 # Pixels along the side of the pictures by which the side to look from is chosen.
-_COARSE = 48
-# Points of a place by which these sides are judged.
-_JUDGED = 400
-# Angle between the normal of a place and the further views that are tried, degrees.
-_TILT = 40.0
-# Number of these views.
-_AROUND = 8
+_COARSE = 32
 # Factor of a picture's reach round a place: what is beside it shows where it is.
 _MARGIN = 1.15
-# Depth over a picture's reach by which a point may lie behind what is drawn and still count as visible: a pixel of the
-# coarse picture is 1/24 of the reach, and a surface seen at 60° falls by nearly twice that across it.
-_NEAR = 0.06
-# Cosine between normal and view above which a point counts fully; as in the views of a preview.
-_FACES = 0.7
-# Angle between the light and the view, degrees: light that rakes over a surface shows its relief best.
-_RAKING = 55.0
-# Part of the light that comes from everywhere.
-_AMBIENT = 0.25
+# Cosine between normal and view down to which a surface that falls away within a pixel does not hide itself.
+_STEEPEST = 0.2
+# Strips in which crests are looked at, side by side across a tool; a crest is at least as long as one.
+_STRIPS = 3
+# Greatest |v| in them; beyond, wrinkles fade.
+_WITHIN = 0.75
+# Steps across a bump in which the light is alike: eight for either flank, as large as a pixel or two.
+_STEPS = 16
+# Pixels in a step from which its mean counts.
+_FEWEST = 3
+# Part of the steps of a strip that must be seen.
+_LEAST_KNOWN = 0.25
+# Shares of the key light, of the fill light at the camera, and of the sky in the light of a review.
+_KEY, _FILL, _SKY = 0.75, 0.25, 0.14
+# Distance between points of a cloud over a pixel of a coarse picture, so that it has no holes.
+_DENSE = 0.6
+# Inverse of the golden ratio, whose multiples spread points evenly.
+_GOLDEN = 0.6180339887498949
 # Greatest number of pixels that are tested at once; bounds the memory.
 _AT_ONCE = 2**21
 
@@ -42,62 +46,135 @@ class Seen:
     """The sight of a place.
 
     Attributes:
-        visible: Part of the wrinkles that nothing hides, from the best side.
-        contrasts: (pixels,) change of lightness at all pixels of the place, over the lightness that the plain place has
-            there, or over its mean in the shade.
+        side: From which it is seen, and how much of the wrinkles is visible from there.
+        crests: What one sees of its crests.
         shown: (pixels,) triangles that are seen with wrinkles at pixels of the place.
-        pictures: (2, 2, side, side) lightness without and with wrinkles, in either light; 0 where nothing is.
+        pictures: (2, side, side) lightness without and with wrinkles; 0 where nothing is.
     """
 
-    visible: float
-    contrasts: Floats
+    side: Side
+    crests: "Crests"
     shown: Ints
     pictures: Floats
 
 
-def look_at(staged: StagedTool) -> Seen:
-    """Look at a tool from the side that shows most of its wrinkles, in light that rakes along the tool."""
-    faces = staged.triangles[staged.place]
-    heights = np.linalg.norm(staged.wrinkled - staged.plain, axis=1)
-    points = staged.wrinkled[faces].mean(axis=1)
-    crossed = face_normals(staged.wrinkled, faces)
-    weights = heights[faces].mean(axis=1) * np.linalg.norm(crossed, axis=1)
-    normals = unit(crossed)
-    centre = weights @ points / weights.sum()
-    reach = _MARGIN * float(np.sqrt(np.max(np.sum((points - centre) ** 2, axis=1))))
-    # Wrinkles are at a few thousand places; some of them tell how many are visible.
-    some = np.arange(len(points))[:: -(-len(points) // _JUDGED)]
-    best = _View(-1.0, np.eye(3))
-    for axes in _cameras(unit(weights @ normals)):
-        drawn = _draw(_local(staged.wrinkled, centre, axes, reach), staged.triangles, _COARSE)
-        local = _local(points[some], centre, axes, reach)
-        columns, rows = np.clip(((local[:, :2] + 1.0) * (_COARSE / 2.0)).astype(np.intp), 0, _COARSE - 1).T
-        cosines = normals[some] @ axes[2]
-        free = (local[:, 2] > drawn.depths[rows, columns] - _NEAR) & (cosines > 0)
-        score = float(weights[some] @ (free * np.minimum(cosines, _FACES)))
-        if score > best.score:
-            best = _View(score, axes)
-    visible = best.score / (_FACES * float(weights[some].sum()))
-    return _compared(staged, centre, best.axes, reach, visible)
+@dataclass(frozen=True, slots=True)
+class Crests:
+    """The change of lightness that wrinkles make at a place, over the lightness.
+
+    Crests are bands across the tool, light on one side and dark on the other. Lumps, specks and a step at the border
+    of a place change the light as much, but not along the crests.
+
+    Attributes:
+        contrast: The part that is alike along the crests and alternates across them, root mean square.
+        share: Square of that part over the square of all that changes within the place.
+    """
+
+    contrast: float
+    share: float
+
+    @classmethod
+    def of(cls, changes: Floats, us: Floats, vs: Floats, bumps: int) -> "Crests":
+        """Measure (pixels,) changes of lightness at places us along the curve of the wrinkles and vs across it."""
+        inside = np.abs(vs) < _WITHIN
+        changes, us, vs = changes[inside], us[inside], vs[inside]
+        steps = _STEPS * bumps
+        columns = np.clip((us * steps).astype(np.intp), 0, steps - 1)
+        strips = np.clip(((vs / _WITHIN + 1.0) * (_STRIPS / 2.0)).astype(np.intp), 0, _STRIPS - 1)
+        along, whole = 0.0, 0.0
+        for strip in range(_STRIPS):
+            here = strips == strip
+            counts = np.bincount(columns[here], minlength=steps)
+            known = counts >= _FEWEST
+            here &= known[columns]
+            if known.sum() < _LEAST_KNOWN * steps:
+                continue
+            counts = counts[known]
+            means = np.bincount(columns[here], changes[here], steps)[known] / counts
+            # A step or a slope in the light over a strip of several crests is none of them.
+            line = np.polynomial.Polynomial.fit(np.flatnonzero(known), means, min(bumps - 1, 1), w=np.sqrt(counts))
+            means_at = np.zeros(steps)
+            means_at[known] = means
+            beside = float(np.sum((changes[here] - means_at[columns[here]]) ** 2))
+            crests = float(counts @ (means - line(np.flatnonzero(known))) ** 2)
+            along, whole = along + crests, whole + crests + beside
+        count = max(int(np.count_nonzero(inside)), 1)
+        return cls(float(np.sqrt(along / count)), along / whole if whole > 0 else 0.0)
 
 
 @dataclass(frozen=True, slots=True)
-class _View:
-    """The score of a camera and its (3, 3) axes: right, up, and backwards."""
+class Sight:
+    """A place, and what may hide it.
 
-    score: float
-    axes: Floats
+    Attributes:
+        place: Some of its triangles.
+        reach: Distance from its middle that a picture shows, scene units.
+        cloud: (points, 3) float32, on all that is near, with wrinkles, as dense as the pixels of a coarse picture.
+    """
+
+    place: Place
+    reach: float
+    cloud: Array
+
+    @classmethod
+    def of(cls, staged: StagedTool) -> "Sight":
+        """Prepare to look at a tool from many sides."""
+        faces = staged.triangles[staged.place]
+        place = Place.of(staged.plain[faces], staged.wrinkled[faces])
+        corners = staged.wrinkled[faces].reshape(-1, 3)
+        reach = _MARGIN * float(np.sqrt(np.max(np.sum((corners - place.centre) ** 2, axis=1))))
+        cloud = _spread(staged.wrinkled, staged.triangles, _DENSE * 2.0 * reach / _COARSE)
+        return cls(place, reach, cloud.astype(np.float32))
+
+    @property
+    def best_side(self) -> Side:
+        """The side to look from."""
+        return best_side(self.place, self.free)
+
+    def free(self, directions: Floats) -> Bools:
+        """(directions, points) True for points of the place that nothing hides from (directions, 3)."""
+        place = self.place
+        return np.array([self.seen(place.points, place.normals, each) for each in directions])
+
+    def seen(self, points: Floats, normals: Floats, direction: Floats) -> Bools:
+        """(points,) True for (points, 3) of a surface that nothing of the cloud hides from (3,) a direction."""
+        axes = _axes(direction)
+        depths = np.full(_COARSE**2, -np.inf, np.float32)
+        pixels, deep = self._pixels(self.cloud, axes)
+        np.maximum.at(depths, pixels, deep)
+        pixels, deep = self._pixels(points, axes)
+        cosines = normals @ direction
+        falls = np.sqrt(np.maximum(1.0 - cosines**2, 0.0)) / np.maximum(cosines, _STEEPEST)
+        seen: Bools = (deep > depths[pixels] - (1.0 + falls) * (2.0 / _COARSE)) & (cosines > 0)
+        return seen
+
+    def _pixels(self, points: Array, axes: Floats) -> tuple[Ints, Array]:
+        """The pixels of (points, 3) in a coarse picture, and their depths; those beside it are at its border."""
+        local = points @ (axes.T / self.reach).astype(points.dtype)
+        local -= (axes @ self.place.centre / self.reach).astype(points.dtype)
+        columns, rows = np.clip((local[:, :2].T + 1) * (_COARSE // 2), 0, _COARSE - 1).astype(np.intp)
+        return rows * _COARSE + columns, local[:, 2]
 
 
-def _cameras(normal: Floats) -> Iterator[Floats]:
-    """(3, 3) axes of cameras around a place with (3,) a normal: right, up and backwards."""
-    right, up = (each[0] for each in tangents(normal[None]))
-    yield np.stack([right, up, normal])
-    tilt = np.radians(_TILT)
-    for angle in 2 * np.pi * np.arange(_AROUND) / _AROUND:
-        back = np.cos(tilt) * normal + np.sin(tilt) * (np.cos(angle) * right + np.sin(angle) * up)
-        one, other = (each[0] for each in tangents(back[None]))
-        yield np.stack([one, other, back])
+def _axes(back: Floats) -> Floats:
+    """(3, 3) axes of a camera that looks against (3,) a unit direction: right, up and backwards."""
+    right, up = (each[0] for each in tangents(back[None]))
+    return np.stack([right, up, back])
+
+
+def _spread(positions: Floats, triangles: Ints, apart: float) -> Floats:
+    """(points, 3) spread evenly over triangles, about `apart` from each other."""
+    areas = np.linalg.norm(face_normals(positions, triangles), axis=1) / 2.0
+    # The rest of each triangle's number is carried on to the next, so that small ones have a point together.
+    counts = np.diff(np.floor(np.cumsum(areas / apart**2)), prepend=0.0).astype(np.intp)
+    own = np.repeat(np.arange(len(triangles)), counts)
+    numbers = runs(np.zeros(len(triangles), np.intp), counts)
+    first, second = ((numbers + 0.5) / counts[own]), (_GOLDEN * (numbers + 1)) % 1.0
+    # The square root makes points as dense near one corner as elsewhere.
+    root = np.sqrt(first)
+    shares = np.stack([1.0 - root, root * (1.0 - second), root * second], axis=1)
+    points: Floats = np.einsum("pk,pka->pa", shares, positions[triangles[own]])
+    return points
 
 
 def _local(corners: Floats, centre: Floats, axes: Floats, reach: float) -> Floats:
@@ -119,6 +196,11 @@ class _Drawn:
     depths: Floats
     numbers: Ints
     shares: Floats
+
+    def interpolate(self, values: Floats, triangles: Ints) -> Floats:
+        """(side, side, k) values at the pixels, of (vertices, k) ones on the (triangles, 3) that are drawn."""
+        found: Floats = np.einsum("yxk,yxka->yxa", self.shares, values[triangles[self.numbers]])
+        return found
 
 
 def _draw(local: Floats, triangles: Ints, side: int) -> _Drawn:
@@ -156,34 +238,57 @@ def _draw(local: Floats, triangles: Ints, side: int) -> _Drawn:
     return _Drawn(depths.reshape(side, side), numbers.reshape(side, side), shares.reshape(side, side, 3))
 
 
-def _compared(staged: StagedTool, centre: Floats, axes: Floats, reach: float, visible: float) -> Seen:
-    """Draw a tool without and with wrinkles, in light from either of its ends, and compare."""
-    across = unit(staged.along - (staged.along @ axes[2]) * axes[2])
-    slant = np.radians(_RAKING)
-    lights = np.stack([np.cos(slant) * axes[2] + sign * np.sin(slant) * across for sign in (1.0, -1.0)])
-    pictures, there, shown = [], np.zeros((SIDE, SIDE), np.bool_), np.zeros(0, np.intp)
-    for positions in (staged.plain, staged.wrinkled):
-        drawn = _draw(_local(positions, centre, axes, reach), staged.triangles, SIDE)
-        hit = drawn.numbers >= 0
-        numbers = drawn.numbers[hit]
-        normals = _normals(staged, positions, numbers, drawn.shares[hit])
-        normals *= np.where(normals @ axes[2] < 0, -1.0, 1.0)[:, None]
-        picture = np.zeros((2, SIDE, SIDE))
-        picture[:, hit] = _AMBIENT + (1.0 - _AMBIENT) * np.maximum(lights @ normals.T, 0.0)
-        pictures.append(picture)
-        there[hit] |= staged.place[numbers]
-        shown = numbers[staged.place[numbers]]
-    if not there.any():
-        # What hides the place lies so near to it that points of the place seemed visible.
-        return Seen(0.0, np.zeros(1), shown, np.stack(pictures))
-    before, after = (picture[:, there] for picture in pictures)
-    contrasts = (np.abs(after - before) / np.maximum(before, before.mean())).max(axis=0)
-    return Seen(visible, contrasts, shown, np.stack(pictures))
+def look_at(staged: StagedTool, sight: Sight, side: Side) -> Seen:
+    """Look at a tool from a side, in the light in which a review shows it."""
+    axes, place = side.axes, sight.place
+    key = best_light(place, axes, sight.free) @ axes
+    drawn = [
+        _draw(_local(positions, place.centre, axes, sight.reach), staged.triangles, SIDE) for positions in staged.poses
+    ]
+    normals = [_normals(staged, positions, each, axes[2]) for positions, each in zip(staged.poses, drawn, strict=True)]
+    # Shadows of the body are the same without and with wrinkles.
+    lit = _softened(sight, staged.wrinkled[staged.triangles], drawn[1], normals[1], key)
+    pictures = np.zeros((2, SIDE, SIDE))
+    taken = np.zeros((2, SIDE, SIDE), np.bool_)
+    for number, (each, towards) in enumerate(zip(drawn, normals, strict=True)):
+        hit = each.numbers >= 0
+        light = _KEY * lit * np.maximum(towards @ key, 0.0) + _FILL * (towards @ axes[2]) + _SKY
+        pictures[number, hit] = light[hit]
+        taken[number, hit] = staged.place[each.numbers[hit]]
+    wrinkled, there = drawn[1], taken[1]
+    crests = Crests(0.0, 0.0)
+    both = taken[0] & taken[1]
+    if both.any():
+        before, after = pictures[:, both]
+        us, vs = wrinkled.interpolate(staged.places, staged.triangles)[both].T
+        known = np.isfinite(us)
+        changes = (after - before) / np.maximum(before, before.mean())
+        crests = Crests.of(changes[known], us[known], vs[known], staged.bumps)
+    # What hides a place may lie so near to it that its points seemed visible.
+    return Seen(side if there.any() else UNSEEN, crests, wrinkled.numbers[there], pictures)
 
 
-def _normals(staged: StagedTool, positions: Floats, numbers: Ints, shares: Floats) -> Floats:
-    """(pixels, 3) unit normals at places on triangles of these numbers."""
+def _softened(sight: Sight, corners: Floats, drawn: _Drawn, normals: Floats, key: Floats) -> Floats:
+    """(side, side) part of the key light that reaches each pixel, blurred to the size of a coarse pixel."""
+    hit = drawn.numbers >= 0
+    points = np.einsum("pk,pka->pa", drawn.shares[hit], corners[drawn.numbers[hit]])
+    lit = np.zeros((SIDE, SIDE))
+    # What faces away from the light is dark anyway, and its neighbours are not in its shade.
+    lit[hit] = sight.seen(points, normals[hit], key) | (normals[hit] @ key <= 0.0)
+    blurred, counts = (
+        uniform_filter(each, 2 * SIDE // _COARSE + 1, mode="constant") for each in (lit, hit.astype(float))
+    )
+    soft: Floats = blurred / np.maximum(counts, 1e-9)
+    return soft
+
+
+def _normals(staged: StagedTool, positions: Floats, drawn: _Drawn, towards: Floats) -> Floats:
+    """(side, side, 3) unit normals of what is drawn, on the side of (3,) the view; 0 where nothing is."""
+    normals = np.zeros((SIDE, SIDE, 3))
+    hit = drawn.numbers >= 0
     if staged.shaded_flat:
-        return unit(face_normals(positions, staged.triangles[numbers]))
-    corners = vertex_normals(positions, staged.triangles)[staged.triangles[numbers]]
-    return unit(np.einsum("pk,pka->pa", shares, corners))
+        found = unit(face_normals(positions, staged.triangles[drawn.numbers[hit]]))
+    else:
+        found = unit(drawn.interpolate(vertex_normals(positions, staged.triangles), staged.triangles)[hit])
+    normals[hit] = found * np.where(found @ towards < 0, -1.0, 1.0)[:, None]
+    return normals

@@ -31,7 +31,7 @@ from wrinklecli.review.suggest.cover import Layers
 # Part of a tool's greatest displacement above which a vertex is on its place.
 _LEAST = 0.05
 # Reach of what is near a place over the greatest side of its box: what is further off hides it only from afar.
-_NEAR = 0.5
+_NEAR = 3.0
 # Most meshes, ready to be posed, and poses of them, in memory: tools of one mesh are tallest at a few moments.
 _KNOWN = 8
 
@@ -48,7 +48,8 @@ class StagedTool:
         place: (triangles,) True for those that the tool moves.
         fresh: (vertices,) True for vertices on the place that refinement has added.
         shaded_flat: True if the mesh has no normals.
-        along: (3,) unit, from the tool's first end to its last one.
+        places: (vertices, 2) u along the curve of the wrinkles, which follows their crests, and v across; else NaN.
+        bumps: Number of the tool's bumps.
     """
 
     flat_positions: Floats
@@ -58,7 +59,13 @@ class StagedTool:
     place: Bools
     fresh: Bools
     shaded_flat: bool
-    along: Floats
+    places: Floats
+    bumps: int
+
+    @property
+    def poses(self) -> tuple[Floats, Floats]:
+        """The positions without and with wrinkles."""
+        return self.plain, self.wrinkled
 
     @cached_property
     def height(self) -> float:
@@ -149,7 +156,9 @@ class Stage:
         beside = len(used) + np.arange(len(corners)).reshape(-1, 3)
         old = len(fine.surface.positions)
         flat = fine.subdivision.interpolate(plain[:old])
-        ends = _ends(carried, wrinkled[chosen])
+        places = np.full((len(plain), 2), np.nan)
+        _, across = carried.patch.coordinates(fine.posed_at(carried.patch.pose, chosen)[0])
+        places[chosen] = np.stack([carried.us, across], axis=1)
         return StagedTool(
             flat_positions=np.concatenate([flat[used], corners]),
             plain=np.concatenate([plain[used], corners]),
@@ -158,7 +167,8 @@ class Stage:
             place=np.append(place[near], np.zeros(len(others), np.bool_)),
             fresh=np.append((used >= old) & on[used], np.zeros(len(corners), np.bool_)),
             shaded_flat=not plan.has_normals,
-            along=unit(ends[1] - ends[0]),
+            places=np.concatenate([places[used], np.full((len(corners), 2), np.nan)]),
+            bumps=carried.patch.tool.bumps,
         )
 
     def _pose(self, mesh: "_Staged", name: str, time: float) -> tuple[Floats, Floats, Floats]:
@@ -219,9 +229,3 @@ def _meets(corners: Floats, low: Floats, high: Floats) -> Bools:
     """(triangles,) True if the box round (triangles, 3, 3) corners meets that from `low` to `high`."""
     meets: Bools = ((corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)).all(axis=1)
     return meets
-
-
-def _ends(carried: CarriedPatch, positions: Floats) -> tuple[Floats, Floats]:
-    """The middles of the third of a tool's (vertices, 3) positions that is nearest to either of its ends."""
-    low, high = np.quantile(carried.us, [1 / 3, 2 / 3])
-    return positions[carried.us <= low].mean(axis=0), positions[carried.us >= high].mean(axis=0)

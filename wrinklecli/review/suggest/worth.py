@@ -15,28 +15,27 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.effects.contact.layer import has_contact
 from wrinklecli.errors import counted
 from wrinklecli.gltf.document import Document
+from wrinklecli.review.preview.sides import UNSEEN, Side, best_moment
 from wrinklecli.review.suggest.fitted_tools import Suggestion
-from wrinklecli.review.suggest.look import Seen, look_at
+from wrinklecli.review.suggest.look import Seen, Sight, look_at
 from wrinklecli.review.suggest.stage import Stage, StagedTool
 from wrinklecli.review.suggest.trial import Placement, TrialResult, names_of, try_on_refined_meshes
 from wrinklecli.tools.records import Contact, RefinementSettings
 
-# Parts of the time to its peak at which a tool is looked at, if less than this part of its wrinkles is visible there.
-_MOMENTS = (1.0, 0.75, 0.5)
-_PLAIN = 0.55
-# Part of a tool's wrinkles below which other parts hide it: of wrinkles that are seen from one side only, as round a
-# limb, about half are visible.
-_HIDDEN = 0.3
+# Part of a tool's wrinkles below which other parts hide it: of wrinkles round a limb, half and more are visible, and of
+# those that one sees only at a slant of 75°, between two layers, 0.37.
+_HIDDEN = 0.4
 # Height over the size of a place below which a tool is not raised: a hair on a hand.
 _RAISED = 1e-3
 # Height of a twin over that of the tool above which both must be seen.
 _AS_TALL = 0.5
-# Change of lightness that is noticed at a glance, over the lightness. One notices 0.01 to 0.02 in the laboratory, on a
-# plain field and at leisure; several times as much on a moving figure with a texture.
-_NOTICED = 0.1
-# Part of a place that must change so much: tools of which one sees nothing change up to 6 % of theirs, and crests and
-# furrows that one sees from 9 % on.
-_LEAST_SEEN = 0.08
+# Least contrast of crests, root mean square over the lightness: light and dark flanks then differ by 0.1. One notices
+# 0.01 to 0.02 in the laboratory, on a plain field and at leisure; several times as much on a textured figure in motion.
+_LEAST_CONTRAST = 0.035
+# Least part of the change of light that follows the crests: half as much again as lumps, specks and borders change it.
+# Folds that cross on a limb have 0.62 and more, those of a wrist or a hip 0.8; what looks like dirt or
+# dents 0.3 to 0.58.
+_LEAST_CRESTS = 0.6
 # Edges that begin to cross, over the square root of the place's edges, which is how many a line across it meets. The
 # sides of a fold that closes cross along one line, and each side has its edges there; wrinkles that come through
 # clothes, or through each other, cross all over the place.
@@ -95,13 +94,14 @@ class Dropped:
 REASONS = {
     "not raised": "no clip raises it",
     "hidden": "other parts hide it: at most {} of its wrinkles can be seen from any side",
-    "unseen": "its wrinkles are hardly seen: the light changes on {} of the place",
     "crosses": "it would make the surface pass through itself at {} more edges",
     "turns": "it would turn triangles over, which show as teeth on {} of the place",
-    "warned": "`check` would warn: {}",
     "bends": "refinement alone would move the surface by {} of the wrinkles' height",
+    "unseen": "its wrinkles are hardly seen: they change the light by {}",
+    "no crests": "what one sees of it is lumps or specks: {} of the change of light follows its crests",
+    "warned": "`check` would warn: {}",
 }
-"""Reasons to leave out a tool, in words with a place for the value."""
+"""Reasons to leave out a tool, in words with a place for the value; the first one that holds is said."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,68 +207,92 @@ def _judge(stage: Stage, suggestion: Suggestion, placed: dict[str, Placement]) -
     for name, moment in zip(names_of(suggestion, placed), moments, strict=False):
         look = None if moment is None else _look(stage, placed[name], *moment)
         if look is not None:
-            looks.append((placed[name], *look))
+            looks.append((placed[name], look))
         elif name == suggestion.tool.name:
             return Dropped(name, suggestion.mesh, "not raised", 0.0)
-    crossings = [staged.crossings() for _, staged, _ in looks]
-    slit = any(
-        after > _SLIT * np.sqrt(staged.edge_count) for (_, staged, _), (_, after) in zip(looks, crossings, strict=True)
-    )
+    folded = [look.tallest.crossings()[1] for _, look in looks]
+    slit = any(count > _SLIT * np.sqrt(look.tallest.edge_count) for (_, look), count in zip(looks, folded, strict=True))
     limb = suggestion.part in _OF_CONTACT and not suggestion.by_morph
     touches = slit and limb and suggestion.shortening < _DEEPEST
     resolved = touches and has_contact()
     # A twin that a clip hardly raises is hardly seen either; one that rises as far must look as good.
-    tallest = max((staged.height for _, staged, _ in looks), default=0.0)
-    sights = [_sight(seen) if staged.height > _AS_TALL * tallest else None for _, staged, seen in looks]
-    harms = [
-        list(_faults(*look, 0 if resolved else after - before))
-        for look, (before, after) in zip(looks, crossings, strict=True)
+    tallest = max((look.staged.height for _, look in looks), default=0.0)
+    sides = [
+        [
+            *_faults(placement, look, resolved=resolved),
+            *(_sight(look.seen) if look.staged.height > _AS_TALL * tallest else ()),
+        ]
+        for placement, look in looks
     ]
-    faults = [*filter(None, sights), *(fault for side in harms for fault in side)]
+    faults = sorted((fault for side in sides for fault in side), key=lambda fault: list(REASONS).index(fault[0]))
     if faults:
         reason, value = faults[0]
-        on_one_side = sum(bool(sight or harm) for sight, harm in zip(sights, harms, strict=True)) < len(looks)
+        on_one_side = sum(map(bool, sides)) < len(looks)
         return Dropped(suggestion.tool.name, suggestion.mesh, reason, value, on_one_side=on_one_side)
     if touches:
         tool = replace(suggestion.tool, contact=Contact()) if resolved else suggestion.tool
-        suggestion = replace(suggestion, tool=tool, crossings=max(after for _, after in crossings))
+        suggestion = replace(suggestion, tool=tool, crossings=max(folded))
     return replace(suggestion, one_sided=suggestion.twin_moment is not None and len(looks) == 1)
 
 
-def _look(stage: Stage, placement: Placement, name: str, peak: float) -> tuple[StagedTool, Seen] | None:
-    """Look at a tool in a clip at its peak, or before if more is seen then; None if the clip does not raise it."""
+@dataclass(frozen=True, slots=True)
+class _Look:
+    """A look at a tool.
+
+    Attributes:
+        staged: The tool where one sees it best.
+        seen: The sight of it then.
+        tallest: The tool at its peak, where a fold may hide it.
+        turned: Part of what is seen of it at its peak that is turned over.
+    """
+
+    staged: StagedTool
+    seen: Seen
+    tallest: StagedTool
+    turned: float
+
+
+def _look(stage: Stage, placement: Placement, name: str, peak: float) -> _Look | None:
+    """Look at a tool in a clip at its peak, or before if a fold hides it then; None if the clip does not raise it."""
     clip = stage.clip(name)
-    start = clip.start if clip.start < peak else clip.end
-    looks: list[tuple[StagedTool, Seen]] = []
-    for part in _MOMENTS:
-        staged = stage.staged(placement.plan, placement.carried, name, start + part * (peak - start))
+
+    def look(time: float) -> tuple[tuple[StagedTool, Sight] | None, Side]:
+        staged = stage.staged(placement.plan, placement.carried, name, time)
         if staged.height <= _RAISED * staged.size:
-            break
-        looks.append((staged, look_at(staged)))
-        if looks[0][1].visible >= _PLAIN:
-            break
-    return max(looks, key=lambda look: min(look[1].visible, _PLAIN) * _share_seen(look[1]), default=None)
+            return None, UNSEEN
+        sight = Sight.of(staged)
+        return (staged, sight), sight.best_side
+
+    tallest, side_then = look(peak)
+    if tallest is None:
+        return None
+    start = clip.start if clip.start < peak else clip.end
+    best, side = best_moment(start, peak, lambda time: (tallest, side_then) if time == peak else look(time))
+    best = best or tallest
+    seen = look_at(*best, side)
+    at_peak = seen if best is tallest else look_at(*tallest, side_then)
+    turned = tallest[0].turned_over()[at_peak.shown]
+    return _Look(best[0], seen, tallest[0], float(turned.mean()) if len(turned) else 0.0)
 
 
-def _sight(seen: Seen) -> tuple[str, float] | None:
-    """Why hardly anything is seen of a tool, with the number that says so."""
-    if seen.visible < _HIDDEN:
-        return "hidden", seen.visible
-    return ("unseen", _share_seen(seen)) if _share_seen(seen) < _LEAST_SEEN else None
+def _sight(seen: Seen) -> Iterator[tuple[str, float]]:
+    """Give why no crests are seen of a tool, with the number that says so."""
+    if seen.side.visible < _HIDDEN:
+        yield "hidden", seen.side.visible
+    elif seen.crests.contrast < _LEAST_CONTRAST:
+        yield "unseen", seen.crests.contrast
+    elif seen.crests.share < _LEAST_CRESTS:
+        yield "no crests", seen.crests.share
 
 
-def _share_seen(seen: Seen) -> float:
-    """The part of a place whose lightness changes so that one notices it."""
-    return float(np.mean(seen.contrasts > _NOTICED))
-
-
-def _faults(placement: Placement, staged: StagedTool, seen: Seen, crossings: int) -> Iterator[tuple[str, float]]:
-    """Give the harms that a tool does to the surface, each with a number; `crossings` are those that it adds."""
-    if crossings > _MOST_CROSSING * np.sqrt(staged.edge_count):
-        yield "crosses", crossings
-    turned = float(np.mean(staged.turned_over()[seen.shown])) if len(seen.shown) else 0.0
-    if turned > _MOST_TURNED:
-        yield "turns", turned
+def _faults(placement: Placement, look: _Look, *, resolved: bool) -> Iterator[tuple[str, float]]:
+    """Give the harms that a tool does to the surface, each with a number; contact keeps apart what is `resolved`."""
+    staged = look.staged
+    before, after = (0, 0) if resolved else staged.crossings()
+    if after - before > _MOST_CROSSING * np.sqrt(staged.edge_count):
+        yield "crosses", after - before
+    if look.turned > _MOST_TURNED:
+        yield "turns", look.turned
     departures = staged.departures()
     if len(departures):
         faceted = staged.shaded_flat or placement.plan.fine.hard_shares[placement.number] > _FACETED
