@@ -17,7 +17,6 @@ from wrinklecli.review.suggest import worth
 from wrinklecli.review.suggest.fitted_tools import Suggestion
 from wrinklecli.review.suggest.suggest import suggest
 from wrinklecli.review.suggest.text import tools_text
-from wrinklecli.review.suggest.trial import Placement
 from wrinklecli.review.suggest.worth import Worthwhile, worthwhile
 from wrinklecli.tools.records import Length, RefinementSettings, WrinkleTool
 
@@ -106,9 +105,8 @@ def test_a_lower_wrinkle_that_is_seen_is_worth_more_than_none(tmp_path: Path) ->
 
 
 def test_a_pair_of_which_one_side_is_harmed_gets_a_seed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def faults(placement: Placement, *_rest: object, **_named: object) -> Iterator[tuple[str, float]]:
-        tool = placement.carried.patch.tool
-        if tool.name == "fold.R" and tool.seed != 2:
+    def faults(look: worth._Look, **_named: object) -> Iterator[tuple[str, float]]:
+        if look.tool.name == "fold.R" and look.tool.seed != 2:
             yield "turns", 0.5
 
     monkeypatch.setattr(worth, "_faults", faults)

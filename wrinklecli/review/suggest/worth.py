@@ -20,7 +20,7 @@ from wrinklecli.review.suggest.fitted_tools import Suggestion
 from wrinklecli.review.suggest.look import Seen, Sight, look_at
 from wrinklecli.review.suggest.stage import Stage, StagedTool
 from wrinklecli.review.suggest.trial import Placement, TrialResult, names_of, try_on_refined_meshes
-from wrinklecli.tools.records import Contact, RefinementSettings
+from wrinklecli.tools.records import Contact, RefinementSettings, WrinkleTool
 
 # Part of a tool's wrinkles below which other parts hide it: of wrinkles round a limb, half and more are visible, and of
 # those that one sees only at a slant of 75°, between two layers, 0.37.
@@ -93,10 +93,10 @@ class Dropped:
 
 REASONS = {
     "not raised": "no clip raises it",
+    "bends": "refinement alone would move the surface by {} of the wrinkles' height",
     "hidden": "other parts hide it: at most {} of its wrinkles can be seen from any side",
     "crosses": "it would make the surface pass through itself at {} more edges",
     "turns": "it would turn triangles over, which show as teeth on {} of the place",
-    "bends": "refinement alone would move the surface by {} of the wrinkles' height",
     "unseen": "its wrinkles are hardly seen: they change the light by {}",
     "no crests": "what one sees of it is lumps or specks: {} of the change of light follows its crests",
     "warned": "`check` would warn: {}",
@@ -206,23 +206,25 @@ def _judge(stage: Stage, suggestion: Suggestion, placed: dict[str, Placement]) -
     looks = []
     for name, moment in zip(names_of(suggestion, placed), moments, strict=False):
         look = None if moment is None else _look(stage, placed[name], *moment)
+        if isinstance(look, float):
+            return Dropped(suggestion.tool.name, suggestion.mesh, "bends", look)
         if look is not None:
-            looks.append((placed[name], look))
+            looks.append(look)
         elif name == suggestion.tool.name:
             return Dropped(name, suggestion.mesh, "not raised", 0.0)
-    folded = [look.tallest.crossings()[1] for _, look in looks]
-    slit = any(count > _SLIT * np.sqrt(look.tallest.edge_count) for (_, look), count in zip(looks, folded, strict=True))
+    folded = [look.tallest.crossings()[1] for look in looks]
+    slit = any(count > _SLIT * np.sqrt(look.tallest.edge_count) for look, count in zip(looks, folded, strict=True))
     limb = suggestion.part in _OF_CONTACT and not suggestion.by_morph
     touches = slit and limb and suggestion.shortening < _DEEPEST
     resolved = touches and has_contact()
     # A twin that a clip hardly raises is hardly seen either; one that rises as far must look as good.
-    tallest = max((look.staged.height for _, look in looks), default=0.0)
+    tallest = max((look.staged.height for look in looks), default=0.0)
     sides = [
         [
-            *_faults(placement, look, resolved=resolved),
+            *_faults(look, resolved=resolved),
             *(_sight(look.seen) if look.staged.height > _AS_TALL * tallest else ()),
         ]
-        for placement, look in looks
+        for look in looks
     ]
     faults = sorted((fault for side in sides for fault in side), key=lambda fault: list(REASONS).index(fault[0]))
     if faults:
@@ -240,39 +242,51 @@ class _Look:
     """A look at a tool.
 
     Attributes:
+        tool: What is looked at.
         staged: The tool where one sees it best.
         seen: The sight of it then.
         tallest: The tool at its peak, where a fold may hide it.
         turned: Part of what is seen of it at its peak that is turned over.
     """
 
+    tool: WrinkleTool
     staged: StagedTool
     seen: Seen
     tallest: StagedTool
     turned: float
 
 
-def _look(stage: Stage, placement: Placement, name: str, peak: float) -> _Look | None:
-    """Look at a tool in a clip at its peak, or before if a fold hides it then; None if the clip does not raise it."""
+def _look(stage: Stage, placement: Placement, name: str, peak: float) -> _Look | float | None:
+    """Look at a tool in a clip at its peak, or before if a fold hides it then.
+
+    None if the clip does not raise it; how far refinement bends the surface if that is too far, as no look is needed.
+    """
     clip = stage.clip(name)
+    first = stage.staged(placement.plan, placement.carried, name, peak)
+    if first.height <= _RAISED * first.size:
+        return None
+    bent = _bent(placement, first)
+    if bent is not None:
+        return bent
 
     def look(time: float) -> tuple[tuple[StagedTool, Sight] | None, Side]:
-        staged = stage.staged(placement.plan, placement.carried, name, time)
+        staged = first if time == peak else stage.staged(placement.plan, placement.carried, name, time)
         if staged.height <= _RAISED * staged.size:
             return None, UNSEEN
         sight = Sight.of(staged)
         return (staged, sight), sight.best_side
 
     tallest, side_then = look(peak)
-    if tallest is None:
-        return None
+    assert tallest is not None
     start = clip.start if clip.start < peak else clip.end
     best, side = best_moment(start, peak, lambda time: (tallest, side_then) if time == peak else look(time))
     best = best or tallest
     seen = look_at(*best, side)
-    at_peak = seen if best is tallest else look_at(*tallest, side_then)
-    turned = tallest[0].turned_over()[at_peak.shown]
-    return _Look(best[0], seen, tallest[0], float(turned.mean()) if len(turned) else 0.0)
+    over = tallest[0].turned_over()
+    if over.any():
+        at_peak = seen if best is tallest else look_at(*tallest, side_then)
+        over = over[at_peak.shown]
+    return _Look(placement.carried.patch.tool, best[0], seen, tallest[0], float(over.mean()) if len(over) else 0.0)
 
 
 def _sight(seen: Seen) -> Iterator[tuple[str, float]]:
@@ -285,7 +299,7 @@ def _sight(seen: Seen) -> Iterator[tuple[str, float]]:
         yield "no crests", seen.crests.share
 
 
-def _faults(placement: Placement, look: _Look, *, resolved: bool) -> Iterator[tuple[str, float]]:
+def _faults(look: _Look, *, resolved: bool) -> Iterator[tuple[str, float]]:
     """Give the harms that a tool does to the surface, each with a number; contact keeps apart what is `resolved`."""
     staged = look.staged
     before, after = (0, 0) if resolved else staged.crossings()
@@ -293,9 +307,13 @@ def _faults(placement: Placement, look: _Look, *, resolved: bool) -> Iterator[tu
         yield "crosses", after - before
     if look.turned > _MOST_TURNED:
         yield "turns", look.turned
+
+
+def _bent(placement: Placement, staged: StagedTool) -> float | None:
+    """How far refinement alone moves the surface under a tool, over its height, if that is too far."""
     departures = staged.departures()
-    if len(departures):
-        faceted = staged.shaded_flat or placement.plan.fine.hard_shares[placement.number] > _FACETED
-        departure = float(np.quantile(departures, _MOST_VERTICES))
-        if departure > _MOST_DEPARTURE["facets" if faceted else "smooth"]:
-            yield "bends", departure
+    if not len(departures):
+        return None
+    faceted = staged.shaded_flat or placement.plan.fine.hard_shares[placement.number] > _FACETED
+    departure = float(np.quantile(departures, _MOST_VERTICES))
+    return departure if departure > _MOST_DEPARTURE["facets" if faceted else "smooth"] else None
