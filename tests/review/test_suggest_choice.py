@@ -297,6 +297,23 @@ def test_a_collar_is_left_out(tmp_path: Path) -> None:
     assert any("at a collar" in note for note in found.notes)
 
 
+def test_the_inner_side_of_a_tube_is_left_out(tmp_path: Path) -> None:
+    asset = limb_asset()
+    (outer,) = asset.gltf["meshes"][0]["primitives"]
+    keys = outer["attributes"]
+    positions, normals = (attribute(asset, 0, name).astype(float) for name in ("POSITION", "NORMAL"))
+    inner = {
+        **keys,
+        "POSITION": asset.accessor(positions * [1.0, 0.95, 0.95], bounds=True),
+        "NORMAL": asset.accessor(-normals),
+    }
+    triangles = stored(asset, outer["indices"]).reshape(-1, 3)[:, ::-1]
+    asset.gltf["meshes"][0]["primitives"] = [{"attributes": inner, "indices": asset.accessor(triangles.ravel(), "u2")}]
+    found = suggested(tmp_path, asset)
+    assert not found.tools
+    assert any("inside" in note for note in found.notes)
+
+
 def test_low_poly_faces_get_no_bumps_shorter_than_they_are(tmp_path: Path) -> None:
     smooth, flat = (make(rings=12, sides=8, angle=60.0) for make in (limb_asset, flat_limb))
     usual, fewer = (suggested(tmp_path, each, count=1, everything=True).tools[0] for each in (smooth, flat))

@@ -19,7 +19,7 @@ from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.intersections import sides_of
 from wrinklecli.numeric.nearest import pairs_within
 from wrinklecli.review.suggest.candidates import Candidate
-from wrinklecli.review.suggest.cover import Layers, is_covered
+from wrinklecli.review.suggest.cover import Layers, is_covered, is_inside
 from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.review.suggest.substance import (
     Makeup,
@@ -155,6 +155,8 @@ def _judged(
             fault = "at a collar, in which the neck moves"
         elif each.by_morph and _is_rim(each.region, known_rims[surface]):
             fault = "at a rim, such as of lips or lids"
+        elif is_inside(mesh, each.region):
+            fault = "inside, as of a mouth or a pocket"
         facet = facet_length(makeup, weights)
         found = replace(each, material=substance.material, facet=facet, part=part, substance=substance)
         yield _Judged(found, substance, fault)

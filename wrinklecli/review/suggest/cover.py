@@ -1,6 +1,7 @@
-"""Regions that another layer covers in the pose that folds them: a belly under a cape, a knee in trousers.
+"""Regions that hardly anybody sees: within a mouth, or under another layer in the pose that folds them, as a knee in
+trousers.
 
-Rays leave the region along its normals. They meet a layer that covers it from inside: clothes look away from the body
+Rays leave a region along its normals. They meet a layer that covers it from inside: clothes look away from the body
 that wears them, whereas a forearm in front of an upper arm looks at it.
 """
 
@@ -16,7 +17,8 @@ from wrinklecli.character.scene import ScenePrimitive, pose_primitive
 from wrinklecli.numeric.arrays import Floats, face_normals, unit
 from wrinklecli.numeric.nearest import distances_along, near_points
 from wrinklecli.review.suggest.measure import MeasuredMesh
-from wrinklecli.surface.strain import posed
+from wrinklecli.surface.compression import CompressedRegion, triangle_weights
+from wrinklecli.surface.strain import posed, tangents
 
 # Greatest distance of a covering layer, as a part of the diagonal of the mesh's box: 20 cm on a person.
 _REACH = 0.12
@@ -30,6 +32,15 @@ _ALONG = 0.2
 _RAYS = 32
 # Part of a region that must be covered for the whole to count as hidden.
 _HIDDEN = 0.6
+# Places of a region from which rays go to all sides, and rays of each.
+_PLACES = 6
+_AROUND = 24
+# Least cosine of such a ray and the normal: surfaces that are nearly level with a place hide it from no one.
+_LEVEL = 0.2
+# Length of these rays over the region's length: the walls of a mouth, an eye socket or a pocket are nearer than that.
+_WITHIN = 4.0
+# Part of these rays that must get out: within a mouth, a socket or a pocket a third do, and two thirds between fingers.
+_LEAST_FREE = 0.5
 # Most posed layers in memory: those of a character are posed once in each pose.
 _KNOWN_LAYERS = 32
 
@@ -143,6 +154,29 @@ def is_covered(mesh: MeasuredMesh, layers: Layers, weights: Floats, clip: Clip, 
     corners += layers.near(clip, time, low, high, node=mesh.rig.node)
     covered = _met_from_inside(starts, rays, np.concatenate(corners), size)
     return bool(weights[chosen] @ covered > _HIDDEN * weights[chosen].sum())
+
+
+def is_inside(mesh: MeasuredMesh, region: CompressedRegion) -> bool:
+    """True if a region lies within a mouth, an eye socket or a pocket at rest, so that hardly anybody sees it."""
+    gauge, rest = mesh.gauge, mesh.rest
+    chosen = np.argsort(-triangle_weights(mesh.sites, region), kind="stable")[:_PLACES]
+    corners = rest.positions[gauge.triangles]
+    places, normals = corners[chosen].mean(axis=1), unit(rest.normals[gauge.triangles[chosen]].sum(axis=1))
+    reach = _WITHIN * max(region.length, region.width)
+    near = corners[near_points(corners, places, reach)]
+    # Evenly spread over a half sphere around the normal.
+    heights = 1.0 - (1.0 - _LEVEL) * (np.arange(_AROUND) + 0.5) / _AROUND
+    angles = np.pi * (1.0 + 5.0**0.5) * np.arange(_AROUND)
+    aside = np.sqrt(1.0 - heights**2)
+    free = 0
+    for place, normal, right, up in zip(places, normals, *tangents(normals), strict=True):
+        rays = (
+            np.outer(aside * np.cos(angles), right) + np.outer(aside * np.sin(angles), up) + np.outer(heights, normal)
+        )
+        for ray in rays:
+            distances = distances_along(place, ray, near)
+            free += not ((distances > _SELF * reach) & (distances < reach)).any()
+    return free < _LEAST_FREE * len(places) * _AROUND
 
 
 def _met_from_inside(starts: Floats, rays: Floats, corners: Floats, size: float) -> Floats:
