@@ -1,5 +1,4 @@
-"""Regions that hardly anybody sees: within a mouth, or under another layer in the pose that folds them, as a knee in
-trousers.
+"""Regions that hardly anybody sees: within a mouth, or under another layer in the pose that folds them, as in trousers.
 
 Rays leave a region along its normals. They meet a layer that covers it from inside: clothes look away from the body
 that wears them, whereas a forearm in front of an upper arm looks at it.
