@@ -156,13 +156,17 @@ def is_covered(mesh: MeasuredMesh, layers: Layers, weights: Floats, clip: Clip, 
 
 
 def is_inside(mesh: MeasuredMesh, region: CompressedRegion) -> bool:
-    """True if a region lies within a mouth, an eye socket or a pocket at rest, so that hardly anybody sees it."""
+    """True if a region lies within a mouth, an eye socket or a pocket at rest, so that hardly anybody sees it.
+
+    Only the piece of the mesh that the region is on hides it: other pieces, such as clothes, are layers.
+    """
     gauge, rest = mesh.gauge, mesh.rest
     chosen = np.argsort(-triangle_weights(mesh.sites, region), kind="stable")[:_PLACES]
     corners = rest.positions[gauge.triangles]
     places, normals = corners[chosen].mean(axis=1), unit(rest.normals[gauge.triangles[chosen]].sum(axis=1))
     reach = _WITHIN * max(region.length, region.width)
-    near = corners[near_points(corners, places, reach)]
+    own = corners[np.isin(gauge.pieces, gauge.pieces[chosen])]
+    near = own[near_points(own, places, reach)]
     # Evenly spread over a half sphere around the normal.
     heights = 1.0 - (1.0 - _LEVEL) * (np.arange(_AROUND) + 0.5) / _AROUND
     angles = np.pi * (1.0 + 5.0**0.5) * np.arange(_AROUND)
