@@ -206,7 +206,7 @@ def knees(*, angle: float = 110.0, inwards: float = 7.0, radius: float = 0.055, 
     return Fold(_written(surface, joints, moves), tuple(tools), radius)
 
 
-def no_room(*, angle: float = 110.0, gap: float = 0.004, radius: float = 0.05, sides: int = 10) -> Fold:
+def no_room(*, angle: float = 110.0, gap: float = 0.016, radius: float = 0.05, sides: int = 10) -> Fold:
     """A limb that folds onto a slab, which lies on its other side and leaves it no room."""
     joints: Skeleton = {"upper": ("", (0.0, 0.0, 0.0)), "lower": ("upper", (0.25, 0.0, 0.0))}
     xs = np.linspace(0.0, 0.5, 18)

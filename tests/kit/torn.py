@@ -20,7 +20,7 @@ _LONGEST, _SHORTEST = 2.0, 0.5
 _PRESSED_RINGS = 3
 # Cosine between a triangle and each of its neighbours below which it is turned over.
 _TURNED = -0.5
-# Greatest part of the volume of a piece of limb as long as it is thick that contact may take or give.
+# Greatest part that contact may take or give of the volume of a piece of limb, as long as it is thick, for each fold.
 _VOLUME = 0.01
 
 
@@ -95,8 +95,9 @@ def _faults(one: Gltf, other: Gltf, report: Report, mesh: str, clip: str, radius
     if counts[0] > counts[1]:
         yield f"{counts[0]} crossings, {counts[1]} without contact"
     yield from _torn(rest[firsts], triangles, trees, shown, given, times)
+    whole = max(len(report.data["folds"]), 1) * 2.0 * np.pi * radius**3
     for frame in range(_MOMENTS):
-        lost = abs(_volume(shown[frame], triangles) - _volume(given[frame], triangles)) / (2.0 * np.pi * radius**3)
+        lost = abs(_volume(shown[frame], triangles) - _volume(given[frame], triangles)) / whole
         if lost > _VOLUME:
             yield f"volume changed by {100 * lost:.2g} % at {times[frame]:.3g} s"
             break

@@ -12,8 +12,8 @@ import wrinklecli
 from kit.folds import CLIP, FOLDS, RANGES, Fold
 from kit.torn import faults
 
-KINDS = ["rigid", "elbow", "finger", "hip", "one_sided", "armpit", "no_room"]
-ANY_OF = ["armpit", "no_room"]
+KINDS = ["one_sided", "elbow", "finger", "hip", "armpit", "groin", "rigid", "no_room"]
+ANY_OF = ["elbow", "finger", "hip", "rigid", "groin"]
 
 
 def faults_of(fold: Fold, folder: Path) -> list[str]:
