@@ -13,7 +13,7 @@ from kit.folds import CLIP, FOLDS, RANGES, Fold
 from kit.torn import faults
 
 KINDS = ["one_sided", "elbow", "finger", "hip", "armpit", "groin", "rigid", "no_room"]
-ANY_OF = ["elbow", "finger", "hip", "rigid", "groin"]
+ANY_OF = ["elbow", "finger", "hip"]
 
 
 def faults_of(fold: Fold, folder: Path) -> list[str]:
