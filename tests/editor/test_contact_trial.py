@@ -11,7 +11,7 @@ import pytest
 pytest.importorskip("ipctk", reason="needs the extra `contact`")
 
 import wrinklecli
-from kit.folds import CLIP, elbow, rigid
+from kit.folds import CLIP, elbow
 from kit.player import Gltf
 from wrinklecli.editor.baked_file import BakedFile
 from wrinklecli.editor.contact_trial import ContactTrial, RunningTrial, trial_of
@@ -48,13 +48,14 @@ def test_it_shows_what_a_bake_writes(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_pose_by_hand_is_resolved_and_a_fold_that_is_given_up_says_so(tmp_path: Path) -> None:
-    session = Session(*rigid().write(tmp_path, contact="resolve"))
-    session.take_pose(FreePose().with_turn("lower", "z", 80.0))
+def test_a_pose_by_hand_is_resolved(tmp_path: Path) -> None:
+    session = Session(*elbow().write(tmp_path, contact="resolve"))
+    session.take_pose(FreePose().with_turn("forearm", "z", 100.0))
     shown = solved(trial(session, POSE))
-    assert "contact is left out of this fold" in shown.summary
     (mesh,), (edited,) = shown.meshes(POSE, 0.0), session.meshes(POSE, 0.0)
-    assert np.allclose(np.ptp(mesh.positions, axis=0), np.ptp(edited.positions, axis=0), atol=1e-4)
+    apart = np.abs(mesh.positions[:, None] - edited.positions).sum(axis=2).min(axis=0)
+    assert apart.max() > 0.002
+    assert (apart < 1e-6).mean() > 0.2
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ import signal
 import tempfile
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 
@@ -105,6 +106,8 @@ class RunningTrial:
     def cancel(self) -> None:
         """End the trial, of which nothing is left."""
         self._cancelled = True
+        with suppress(OSError):  # it has ended, or has no group yet
+            _end_group(self._process.pid)
         self._process.kill()
         self._thread.join()
 
@@ -149,8 +152,20 @@ class RunningTrial:
         )
 
 
+def _end_group(leader: int | None) -> None:
+    """Kill a process and those that it has started.
+
+    Raises:
+        OSError: It leads no group.
+    """
+    if leader is not None and hasattr(os, "killpg"):
+        os.killpg(leader, signal.SIGKILL)
+
+
 def _solve(trial: ContactTrial, out: str, sender: Connection) -> None:
     """Write the asset with the tools; the process's main function."""
+    if hasattr(os, "setsid"):
+        os.setsid()  # `cancel` ends it together with the processes that it starts
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the page, which ends this
     try:
         sender.send(_Answer(left_out=tuple(_solved(trial, out, lambda *step: sender.send(step)))))
