@@ -151,7 +151,7 @@ def is_covered(mesh: MeasuredMesh, layers: Layers, weights: Floats, clip: Clip, 
     corners = [own[0][gauge.triangles[~np.isin(gauge.pieces, gauge.pieces[chosen])]]]
     low, high = starts.min(axis=0) - _REACH * size, starts.max(axis=0) + _REACH * size
     corners += layers.near(clip, time, low, high, node=mesh.rig.node)
-    covered = _met_from_inside(starts, rays, np.concatenate(corners), size)
+    covered = met_from_inside(starts, rays, np.concatenate(corners), size, _REACH * size)
     return bool(weights[chosen] @ covered > _HIDDEN * weights[chosen].sum())
 
 
@@ -182,7 +182,7 @@ def is_inside(mesh: MeasuredMesh, region: CompressedRegion) -> bool:
     return free < _LEAST_FREE * len(places) * _AROUND
 
 
-def _met_from_inside(starts: Floats, rays: Floats, corners: Floats, size: float) -> Floats:
+def met_from_inside(starts: Floats, rays: Floats, corners: Floats, size: float, reach: float) -> Floats:
     """(rays,) 1 for rays that meet the inside of a layer before they meet anything thicker; else 0.
 
     Args:
@@ -190,15 +190,16 @@ def _met_from_inside(starts: Floats, rays: Floats, corners: Floats, size: float)
         rays: (rays, 3) unit.
         corners: (triangles, 3, 3) of the layers.
         size: Diagonal of the mesh's box, scene units.
+        reach: Greatest length of a ray, scene units.
     """
-    near = corners[near_points(corners, starts, _REACH * size)]
+    near = corners[near_points(corners, starts, reach)]
     covered = np.zeros(len(starts))
     if not len(near):
         return covered
     normals = unit(np.cross(near[:, 1] - near[:, 0], near[:, 2] - near[:, 0]))
     for number, (start, ray) in enumerate(zip(starts, rays, strict=True)):
         distances = distances_along(start, ray, near)
-        hit = (distances > _SELF * size) & (distances < _REACH * size)
+        hit = (distances > _SELF * size) & (distances < reach)
         cosines = normals[hit] @ ray
         inside, outside = (distances[hit][cosines * sign > _ALONG] for sign in (1.0, -1.0))
         covered[number] = len(inside) and inside.min() < outside.min(initial=np.inf) + _THICKNESS * size

@@ -26,12 +26,16 @@ from wrinklecli.numeric.arrays import (
     vertex_normals,
 )
 from wrinklecli.numeric.intersections import Crossings, sides_of
-from wrinklecli.review.suggest.cover import Layers
+from wrinklecli.review.suggest.cover import Layers, met_from_inside
 
 # Part of a tool's greatest displacement above which a vertex is on its place.
 _LEAST = 0.05
 # Reach of what is near a place over the greatest side of its box: what is further off hides it only from afar.
 _NEAR = 3.0
+# Rays by which the part of a place that another mesh comes through is measured, and their length over the place's size:
+# clothes lie closer to what they cover.
+_RAYS = 300
+_ABOVE = 0.1
 # Most meshes, ready to be posed, and poses of them, in memory: tools of one mesh are tallest at a few moments.
 _KNOWN = 8
 
@@ -46,6 +50,7 @@ class StagedTool:
         wrinkled: (vertices, 3) with them.
         triangles: (triangles, 3) of the mesh, then those of other meshes.
         place: (triangles,) True for those that the tool moves.
+        others: (triangles,) True for those of other meshes.
         fresh: (vertices,) True for vertices on the place that refinement has added.
         shaded_flat: True if the mesh has no normals.
         places: (vertices, 2) u along the curve of the wrinkles, which follows their crests, and v across; else NaN.
@@ -57,6 +62,7 @@ class StagedTool:
     wrinkled: Floats
     triangles: Ints
     place: Bools
+    others: Bools
     fresh: Bools
     shaded_flat: bool
     places: Floats
@@ -108,6 +114,17 @@ class StagedTool:
         found = np.zeros(len(self.triangles), np.bool_)
         found[self.place] = turned(self.wrinkled) & ~turned(self.plain)
         return found
+
+    def bared(self) -> float:
+        """Part of the place that comes to lie beneath another mesh, as jeans do where skin shows through them."""
+        numbers = np.flatnonzero(self.place)
+        faces = self.triangles[numbers[:: -(-len(numbers) // _RAYS)]]
+        beneath = []
+        for positions in (self.flat_positions, self.wrinkled):
+            starts, rays = positions[faces].mean(axis=1), unit(face_normals(positions, faces))
+            corners = positions[self.triangles[self.others]]
+            beneath.append(met_from_inside(starts, rays, corners, self.size, _ABOVE * self.size) > 0)
+        return float(np.mean(beneath[1] & ~beneath[0]))
 
     def departures(self) -> Floats:
         """(new vertices,) distance by which refinement alone moves each off the coarse surface, over the height."""
@@ -165,6 +182,7 @@ class Stage:
             wrinkled=np.concatenate([wrinkled[used], corners]),
             triangles=np.concatenate([np.searchsorted(used, faces[near]), beside]),
             place=np.append(place[near], np.zeros(len(others), np.bool_)),
+            others=np.arange(near.sum() + len(others)) >= near.sum(),
             fresh=np.append((used >= old) & on[used], np.zeros(len(corners), np.bool_)),
             shaded_flat=not plan.has_normals,
             places=np.concatenate([places[used], np.full((len(corners), 2), np.nan)]),

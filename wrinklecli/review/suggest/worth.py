@@ -48,6 +48,9 @@ _OF_CONTACT: tuple[Part, ...] = ("lower arm", "lower leg")
 _DEEPEST = 0.9
 # Part of what is seen of a place that shows triangles turned over: on a picture of a place, a dark tile of 16 pixels.
 _MOST_TURNED = 0.01
+# Part of a place through which skin may come, or another layer: a spot of a seventh of its length and width. In a fold
+# refined clothes sink below what they cover, which is not refined.
+_MOST_BARED = 0.02
 # Greatest departure of the refined surface from the coarse one in the pose, over the height of the wrinkles: of facets,
 # as much as refinement may round a surface at rest; where shading is smooth, so much that one sees a rounder bend in
 # place of wrinkles.
@@ -97,6 +100,7 @@ REASONS = {
     "hidden": "other parts hide it: at most {} of its wrinkles can be seen from any side",
     "crosses": "it would make the surface pass through itself at {} more edges",
     "turns": "it would turn triangles over, which show as teeth on {} of the place",
+    "bared": "what lies beneath would come through on {} of the place",
     "unseen": "its wrinkles are hardly seen: they change the light by {}",
     "no crests": "what one sees of it is lumps or specks: {} of the change of light follows its crests",
     "warned": "`check` would warn: {}",
@@ -191,7 +195,7 @@ def _judged(
 def _others(suggestion: Suggestion, dropped: Dropped) -> Iterator[Suggestion]:
     """Give variants of a suggestion that harms the surface, which may harm less."""
     tool = suggestion.tool
-    if dropped.on_one_side and tool.variation > 0:
+    if dropped.on_one_side and tool.variation > 0 and dropped.reason != "bared":
         # A pair has two irregularities, by its names. With a seed, both sides are irregular alike.
         yield from (replace(suggestion, tool=replace(tool, seed=seed), lower=None) for seed in _SEEDS)
     lowered = suggestion.lowered
@@ -307,6 +311,9 @@ def _faults(look: _Look, *, resolved: bool) -> Iterator[tuple[str, float]]:
         yield "crosses", after - before
     if look.turned > _MOST_TURNED:
         yield "turns", look.turned
+    bared = look.tallest.bared()
+    if bared > _MOST_BARED:
+        yield "bared", bared
 
 
 def _bent(placement: Placement, staged: StagedTool) -> float | None:
