@@ -14,7 +14,7 @@ from kit.bent_tube import SIDES, tube
 from kit.limb import limb_asset, tool, write_tools
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.plan import plan_meshes
-from wrinklecli.effects.contact.crease import resolve
+from wrinklecli.effects.contact.crease import distances_from_crossings, resolve
 from wrinklecli.effects.contact.fitting import fit_poses
 from wrinklecli.effects.contact.fold import RINGS
 from wrinklecli.effects.contact.layer import ContactLayer
@@ -69,7 +69,7 @@ def test_all_that_is_near_what_crosses_may_move(tmp_path: Path) -> None:
     (plan,) = plan_meshes(read_job(str(asset.write(tmp_path / "limb.glb")), str(tools), BakeOptions()))
     contact = plan.layer(ContactLayer)
     assert contact is not None
-    found = resolve(contact.folds[0], share=0.35, most=4)
+    found = resolve(contact.folds[0], distances_from_crossings(contact.folds[0]), share=0.35, most=4)
     assert found is not None
     free, near = found.tissue.free, found.tissue.apart == 0.0
     assert np.array_equal(free, found.tissue.apart < FREE * SOFT)

@@ -14,7 +14,6 @@ import wrinklecli
 from kit.asset import Asset, Json, attribute
 from kit.bakes import folding_limb
 from kit.limb import limb_asset, tool, write_tools
-from kit.samples import sample
 from wrinklecli.baking.report import Report
 from wrinklecli.baking.track import track
 from wrinklecli.effects.contact import crease, tearing
@@ -94,25 +93,6 @@ def test_a_fold_that_tears_is_given_up_in_its_own_motion_or_in_a_clip(
     (line,) = (line for line in report.warnings if "contact" in line)
     assert "it would tear the surface " + ("in 'fold' at " if in_clip else "where joint_1 turns by ") in line
     assert bytes_of == baked(folding_limb(), tmp_path, "off")[0]
-
-
-@pytest.mark.slow
-def test_both_hips_over_one_pelvis_leave_it_whole(tmp_path: Path) -> None:
-    """Each fold has the other in its way: pieces of belly and thighs lay apart, and the bake ended with 0."""
-    hips = [
-        tool(name=name, origin=[x, 0.955, 0.1], target=[1.05 * x, 0.80, 0.09], width=0.15, bumps=3)
-        for name, x in (("left", 0.1), ("right", -0.1))
-    ]
-    files = []
-    for contact in ("resolve", "off"):
-        tools = write_tools(tmp_path / f"{contact}.yaml", *(each | {"contact": contact} for each in hips))
-        report = wrinklecli.bake(sample("trousers"), tools, tmp_path / f"{contact}.glb")
-        files.append((tmp_path / f"{contact}.glb").read_bytes())
-        lines = [line for line in report.warnings if "contact is left out" in line]
-        assert len(lines) == (2 if contact == "resolve" else 0)
-        assert all("did not settle in 'squat' at 0.6" in line for line in lines)
-        assert all("folds are resolved one by one" in line for line in lines)
-    assert files[0] == files[1]
 
 
 FAULTS = ["doubled", "sliver", "coincident", "noise"]

@@ -19,6 +19,7 @@ from wrinklecli.effects.contact.fitting import MOST_LOST, combined, fit_pose, fi
 from wrinklecli.effects.contact.fold import RINGS, Fold
 from wrinklecli.effects.contact.given_up import DEGENERATE, TOO_MANY_STEPS, TORN, UNSETTLED, GivenUp, UnresolvedError
 from wrinklecli.effects.contact.hinge import Hinge
+from wrinklecli.effects.contact.rise import Rise
 from wrinklecli.effects.contact.solution import (
     Solution,
     crossing_count,
@@ -127,32 +128,8 @@ class Crease:
         return np.asarray(np.sqrt(np.sum(self.shapes**2, axis=2)).max(axis=1))
 
     def march(self, clip: Clip, times: Floats) -> "MarchedClip":
-        """Solve a clip at (frames,) sorted seconds, near enough to each other for the surface to follow.
-
-        If the clip begins folded, or jumps to a pose that is folded, an approach from rest is solved first.
-
-        Raises:
-            UnresolvedError: A frame did not settle, or all took too many steps.
-        """
-        steps, solutions = Steps(), list[Solution | None]()
-        for time, found in zip(times, self._solutions(clip, times), strict=True):
-            if not found.state.converged or not steps.suffice(found):
-                reason = TOO_MANY_STEPS if found.state.converged else UNSETTLED
-                raise UnresolvedError(GivenUp(reason, 1, time=float(time)))
-            solutions.append(found if found.touches else None)
-        return MarchedClip(clip, times, tuple(solutions))
-
-    def _solutions(self, clip: Clip, times: Floats) -> Iterator[Solution]:
-        for part in np.split(times, self._jumps(clip, times)):
-            start = None
-            if not is_clear(self.fold, self.tissue, clip, float(part[0])):
-                way = approach(clip, float(part[0]), self.fold.rig)
-                start = last_state(solutions_in(self.fold, self.tissue, way, np.linspace(0.0, 1.0, _APPROACH)))
-            yield from solutions_in(self.fold, self.tissue, clip, part, start)
-
-    def _jumps(self, clip: Clip, times: Floats) -> Ints:
-        """The frames, of (frames,) seconds of a clip, to which the joint comes too far for the surface."""
-        return 1 + np.flatnonzero(np.abs(np.diff(self.fold.hinge.strides(self.fold.rig, clip, times))) > _JUMP)
+        """Solve a clip at (frames,) sorted seconds, as `march_clip` does."""
+        return march_clip(self.fold, self.tissue, [self.fold.hinge], clip, times)
 
     def follow(self, marched: "MarchedClip") -> "Followed":
         """Fit the shapes to the solutions of a clip.
@@ -182,9 +159,9 @@ class Crease:
                 unspanned.append(frame)
             if crosses:
                 crossing.append(frame)
-                remaining += crossing_count(self.tissue, found.positions_under(moved))
+                remaining += crossing_count(found.tissue, found.positions_under(moved))
         given_up = bool(crossing) and remaining > sum(
-            crossing_count(self.tissue, marched.solution(frame).positions) for frame in marched.touching
+            crossing_count(found.tissue, found.positions) for found in map(marched.solution, marched.touching)
         )
         if given_up:
             weights[:] = 0.0
@@ -202,16 +179,20 @@ class Crease:
         `others` are moves of other folds, whose shapes add to these.
         """
         frames = np.flatnonzero(weights.any(axis=1)).tolist()
-        rows, scale, torn = free_rows(self.tissue), UNITS / self.fold.radius, []
+        scale, torn = UNITS / self.fold.radius, []
         for frame, (positions, matrices) in zip(frames, self.fold.poses(clip, times[frames]), strict=True):
-            moves = np.zeros_like(positions)
-            moves[rows] = combined(weights[frame], self.shapes)
-            for each in others:
-                moves[each.rows] += combined(each.weights[frame], each.shapes)
-            shown = positions + np.einsum("vij,vj->vi", matrices, moves)
+            shown = positions + np.einsum("vij,vj->vi", matrices, self.moves_with(weights, others, frame))
             if self.tissue.tears(scale * positions, scale * shown):
                 torn.append(frame)
         return torn
+
+    def moves_with(self, weights: Floats, others: Sequence[Moves], frame: int) -> Floats:
+        """(vertices, 3) moves by contact in a frame, bind space, from (frames, shapes) weights and the other folds."""
+        moves = np.zeros((len(self.fold.own), 3))
+        moves[free_rows(self.tissue)] = combined(weights[frame], self.shapes)
+        for each in others:
+            moves[each.rows] += combined(each.weights[frame], each.shapes)
+        return moves
 
     def _looked_up(self, clip: Clip, times: Floats) -> Floats:
         """(shapes,) weights at (1,) second of a clip, from the table alone, as a player finds them."""
@@ -291,11 +272,43 @@ class Followed:
     given_up: bool = False
 
 
-def resolve(fold: Fold, *, share: float, most: int) -> Crease | None:
+def march_clip(fold: Fold, tissue: Tissue, hinges: "Sequence[Hinge | Rise]", clip: Clip, times: Floats) -> MarchedClip:
+    """Solve a clip at (frames,) sorted seconds, near enough to each other for the surface to follow.
+
+    If the clip begins folded, or jumps to a pose that is folded at one of the hinges, an approach from rest is solved
+    first.
+
+    Raises:
+        UnresolvedError: A frame did not settle, or all took too many steps.
+    """
+    steps, solutions = Steps(), list[Solution | None]()
+    for time, found in zip(times, _in_clip(fold, tissue, hinges, clip, times), strict=True):
+        if not found.state.converged or not steps.suffice(found):
+            reason = TOO_MANY_STEPS if found.state.converged else UNSETTLED
+            raise UnresolvedError(GivenUp(reason, 1, time=float(time)))
+        solutions.append(found if found.touches else None)
+    return MarchedClip(clip, times, tuple(solutions))
+
+
+def _in_clip(
+    fold: Fold, tissue: Tissue, hinges: "Sequence[Hinge | Rise]", clip: Clip, times: Floats
+) -> Iterator[Solution]:
+    strides = np.stack([hinge.strides(fold.rig, clip, times) for hinge in hinges])
+    jumps = np.abs(np.diff(strides, axis=1)).max(axis=0) > _JUMP
+    for part in np.split(times, 1 + np.flatnonzero(jumps)):
+        start = None
+        if not is_clear(fold, tissue, clip, float(part[0])):
+            way = approach(clip, float(part[0]), fold.rig)
+            start = last_state(solutions_in(fold, tissue, way, np.linspace(0.0, 1.0, _APPROACH)))
+        yield from solutions_in(fold, tissue, clip, part, start)
+
+
+def resolve(fold: Fold, apart: Floats | None, *, share: float, most: int) -> Crease | None:
     """Solve a fold for its joint's motion and compress the solutions; None if nothing ever crosses.
 
     Args:
         fold: The surface round a joint.
+        apart: As `distances_from_crossings` gives it.
         share: Greatest error of a vertex, relative to the greatest move. More shapes are made than this asks for if
             there would be crossings.
         most: Greatest number of shapes, even if crossings remain.
@@ -303,10 +316,9 @@ def resolve(fold: Fold, *, share: float, most: int) -> Crease | None:
     Raises:
         UnresolvedError: The first pose that touches did not settle or is torn, or took too many steps.
     """
-    apart = _apart(fold)
     if apart is None:
         return None
-    tissue = _tissue(fold, apart)
+    tissue = tissue_of(fold, apart)
     if not tissue.colliding.any():
         raise UnresolvedError(GivenUp(DEGENERATE))
     solved = tuple(_swept(fold, tissue))
@@ -455,10 +467,11 @@ def _way(end: float, stride: float) -> Floats:
     return np.linspace(0.0, end, int(np.ceil(abs(end) / stride)) + 1)
 
 
-def _apart(fold: Fold) -> Floats | None:
+def distances_from_crossings(fold: Fold, further: Ints | None = None) -> Floats | None:
     """(vertices,) distance at rest from the vertices that cross in a sweep and not at rest, solver's units.
 
-    Where edges are long, a vertex counts as nearer, so that corrections fade over at least `RINGS` edges.
+    `further` are fine welded vertices that cross elsewhere. None if nothing of the fold's own crosses in a sweep. Where
+    edges are long, a vertex counts as nearer, so that corrections fade over at least `RINGS` edges.
     """
     still = fold.crossing(fold.rest_positions)
     marked = np.zeros(len(fold.own), bool)
@@ -471,6 +484,8 @@ def _apart(fold: Fold) -> Floats | None:
     marked &= ~still
     if not marked[fold.own].any():
         return None
+    if further is not None:
+        marked[: len(fold.vertices)] |= np.isin(fold.vertices, further)
     apart = nearest_of(fold.rest_positions[marked], fold.rest_positions)[0] * UNITS / fold.radius
     for ring in range(1, RINGS + 1):
         marked, within = widened(fold.crossings.edges, marked), marked
@@ -485,7 +500,8 @@ def _border(fold: Fold) -> Bools:
     return np.asarray(starts[fold.vertices + 1] - starts[fold.vertices] > inside)
 
 
-def _tissue(fold: Fold, apart: Floats) -> Tissue:
+def tissue_of(fold: Fold, apart: Floats) -> Tissue:
+    """The fold as the solver sees it, from (vertices,) distances from what crosses, solver's units."""
     free = apart < FREE * SOFT
     free[: len(fold.vertices)] &= ~_border(fold)
     edges, crossed = fold.crossings.at(fold.rest_positions)

@@ -196,7 +196,7 @@ class FoldWithoutContact(Effect):
         tools: Names of all tools over the fold.
         joint: Name of the joint that bends it, if one does.
         given_up: The reason, and where it showed.
-        beside: Names of the tools of other folds that share vertices with this one.
+        beside: Names of the tools of other folds that move the same vertices, or that touch it in a clip.
     """
 
     tools: tuple[str, ...]
@@ -278,7 +278,7 @@ class FoldWithoutContact(Effect):
             hint = "mend the mesh there; `contact: off` is the same without this line"
         elif self.beside:
             hint = (
-                f"folds are resolved one by one, and that of {listed(self.beside)} has vertices in common with it:"
+                f"nor is it resolved together with that of {listed(self.beside)}, which it touches;"
                 " `contact: off` is the same without this line"
             )
         return f"{', '.join(self.tools)}: contact is left out of this fold: it {found.reason}{where}{poses}; {hint}"

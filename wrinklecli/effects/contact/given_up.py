@@ -1,8 +1,8 @@
 """Folds that are given up: why contact cannot be resolved in them, and where this showed.
 
 A surface that the solver leaves early, or that it pulls apart, is worse than one that passes through itself. So a fold
-with a single such pose gets no contact at all. Folds are solved one by one: where two of them share vertices, as both
-hips do over one pelvis, each has the other in its way, and their moves add up.
+with a single such pose gets no contact at all. Where folds that are solved together have such a pose, each is solved
+alone, and those that still have one get none.
 """
 
 from collections.abc import Iterator

@@ -3,7 +3,7 @@
 They are counted as edges that pass through triangles, as in `check --crossings`, at vertices that contact may move.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -13,7 +13,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.numeric.arrays import Bools, Floats
 
 if TYPE_CHECKING:
-    from wrinklecli.effects.contact.crease import Crease, Followed
+    from wrinklecli.effects.contact.crease import Crease, Followed, Moves
     from wrinklecli.effects.contact.fold import Fold
 
 
@@ -40,12 +40,17 @@ class Remaining:
     given_up: bool
 
 
-def remaining_in(crease: "Crease", clip: Clip, times: Floats, followed: "Followed") -> Remaining | None:
-    """Count the intersections at the (frames,) seconds at which a clip was marched; None if there are none."""
+def remaining_in(
+    crease: "Crease", clip: Clip, times: Floats, followed: "Followed", others: "Sequence[Moves]" = ()
+) -> Remaining | None:
+    """Count the intersections at the (frames,) seconds at which a clip was marched; None if there are none.
+
+    `others` are moves of other folds, which add to those of this one.
+    """
     if not followed.crossing:
         return None
     fold, free = crease.fold, crease.tissue.free & crease.tissue.own
-    moves = (np.tensordot(row, crease.shapes, axes=1) for row in followed.weights)
+    moves = (crease.moves_with(followed.weights, others, frame) for frame in range(len(times)))
     resolved = np.array(list(_counts(fold, free, clip, times, moves)))
     if not resolved.any():
         return None
@@ -60,13 +65,13 @@ def _counts(
 ) -> Iterator[int]:
     """The number of edges that pass through triangles at each of (frames,) seconds of a clip.
 
-    Those of the (vertices,) `free` ones count. `moves` are for each frame the (free, 3) displacements by contact, bind
-    space.
+    Those of the (vertices,) `free` ones count. `moves` are for each frame the (vertices, 3) displacements by contact,
+    bind space.
     """
-    rows, crossings = np.flatnonzero(free), fold.crossings
+    crossings = fold.crossings
     for positions, matrices in fold.poses(clip, times):
         if moves is not None:
-            positions[rows] += np.einsum("vij,vj->vi", matrices[rows], next(moves))
+            positions += np.einsum("vij,vj->vi", matrices, next(moves))
         edges, triangles = crossings.at(positions)
         counts = free[crossings.edges[edges]].any(axis=1) | free[crossings.triangles[triangles]].any(axis=1)
         yield int(np.count_nonzero(counts))

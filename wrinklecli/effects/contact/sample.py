@@ -2,11 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from wrinklecli.character.clip import KEY_GAP, clip_grid
+from wrinklecli.character.clip import KEY_GAP, Clip, clip_grid
 from wrinklecli.character.pose import pose_at
 from wrinklecli.effects.contact.effect import ContactEffect, FoldWithoutContact, NonNegativeBasis
 from wrinklecli.effects.contact.given_up import TORN, GivenUp, UnresolvedError, degenerate_given_up
@@ -49,36 +50,103 @@ def sample_contact(
 
     from wrinklecli.effects.contact.crease import resolve
 
-    made = list(effects)
+    made, done = list(effects), 0
     with one_thread():
-        for number, fold in enumerate(folds, start=1):
-            try:
-                with degenerate_given_up():
-                    crease = resolve(fold, share=_SHAPE_ERROR, most=_MOST_SHAPES)
-                    how.progress("contact", number, len(folds))
-                    if crease is not None:
-                        found, motions = _followed(plan, crease, made, motions, how)
-                        made.append(found)
-            except UnresolvedError as error:
-                made.append(_given_up(plan, fold, folds, made, error.given_up))
-                motions = [
-                    replace(each, states=(*each.states, None), weights=(*each.weights, np.zeros((len(each.times), 0))))
-                    for each in motions
-                ]
+        for members in _systems(folds, motions):
+            creases = []
+            for fold, apart in members:
+                try:
+                    with degenerate_given_up():
+                        creases.append(resolve(fold, apart, share=_SHAPE_ERROR, most=_MOST_SHAPES))
+                except UnresolvedError as error:
+                    made.append(_given_up(plan, fold, members, made, error.given_up))
+                    motions = _unmoved(motions)
+                done += 1
+                how.progress("contact", done, len(folds))
+            touching = [crease for crease in creases if crease is not None]
+            if touching:
+                found, motions = _followed_or_given_up(plan, touching, members, made, motions, how)
+                made += found
     return made, list(motions)
 
 
+def _systems(folds: "Sequence[Fold]", motions: Sequence[Motion]) -> "list[list[tuple[Fold, Floats | None]]]":
+    """The folds that are solved together, each with its distances from what crosses; None if nothing does."""
+    from wrinklecli.effects.contact.crease import distances_from_crossings
+    from wrinklecli.effects.contact.system import grouped, near_each_other, touching_in_clips
+
+    hinged = [number for number, fold in enumerate(folds) if isinstance(fold.hinge, Hinge)]
+    clips = [motion.clip for motion in motions] if all(fold.per_clip for fold in folds) else []
+    touching = [
+        (hinged[one], hinged[two], vertices)
+        for one, two, vertices in touching_in_clips([folds[number] for number in hinged], clips)
+    ]
+    found = []
+    for number, fold in enumerate(folds):
+        further = [vertices for one, two, vertices in touching if number in (one, two)]
+        found.append(distances_from_crossings(fold, np.concatenate(further) if further else None))
+    pairs = [(one, two) for one, two, _ in touching if found[one] is not None and found[two] is not None]
+    pairs += [
+        (one, two)
+        for one, two in combinations(hinged, 2)
+        if near_each_other((folds[one], found[one]), (folds[two], found[two]))
+    ]
+    return [_as_thick([(folds[number], found[number]) for number in each]) for each in grouped(len(folds), pairs)]
+
+
+def _as_thick(members: "list[tuple[Fold, Floats | None]]") -> "list[tuple[Fold, Floats | None]]":
+    """Folds that are solved together, in units of their mean thickness."""
+    if len(members) < 2:
+        return members
+    radius = float(np.mean([fold.radius for fold, _ in members]))
+    return [
+        (replace(fold, radius=radius), None if apart is None else apart * (fold.radius / radius))
+        for fold, apart in members
+    ]
+
+
+def _followed_or_given_up(
+    plan: MeshPlan,
+    creases: "Sequence[Crease]",
+    members: "Sequence[tuple[Fold, Floats | None]]",
+    effects: Sequence[Effect],
+    motions: Sequence[Motion],
+    how: SamplingOptions,
+) -> tuple[list[Effect], list[Motion]]:
+    """The effects of folds solved together, or one by one if they cannot be, and motions with their weights."""
+    try:
+        with degenerate_given_up():
+            followed, after = _followed(plan, creases, effects, motions, how)
+            return [*followed], after
+    except UnresolvedError as error:
+        if len(creases) == 1:
+            return [_given_up(plan, creases[0].fold, members, effects, error.given_up)], _unmoved(motions)
+    found: list[Effect] = []
+    for crease in creases:
+        more, motions = _followed_or_given_up(plan, [crease], members, [*effects, *found], motions, how)
+        found += more
+    return found, list(motions)
+
+
+def _unmoved(motions: Sequence[Motion]) -> list[Motion]:
+    """Motions with an effect that has no targets."""
+    return [
+        replace(each, states=(*each.states, None), weights=(*each.weights, np.zeros((len(each.times), 0))))
+        for each in motions
+    ]
+
+
 def _given_up(
-    plan: MeshPlan, fold: "Fold", folds: "Sequence[Fold]", effects: Sequence[Effect], given_up: GivenUp
+    plan: MeshPlan,
+    fold: "Fold",
+    members: "Sequence[tuple[Fold, Floats | None]]",
+    effects: Sequence[Effect],
+    given_up: GivenUp,
 ) -> FoldWithoutContact:
-    """The effect in place of that of a fold, of several, whose contact cannot be resolved."""
+    """The effect in place of that of a fold whose contact cannot be resolved, with others or alone."""
     joint = plan.rig.names[fold.hinge.signal.node] if isinstance(fold.hinge, Hinge) else None
-    tools, *shared = (
-        tuple(patch.tool.name for patch in each.patches)
-        for each in (fold, *folds)
-        if each is fold or np.isin(each.vertices, fold.vertices).any()
-    )
-    beside = tuple(name for each in shared for name in each if name not in tools)
+    tools = tuple(patch.tool.name for patch in fold.patches)
+    beside = tuple(patch.tool.name for each, _ in members for patch in each.patches if patch.tool.name not in tools)
     return FoldWithoutContact(_identifier(plan, fold, effects), (), tools, joint, given_up, beside)
 
 
@@ -87,88 +155,128 @@ class _Marched:
     """A clip, solved and followed.
 
     Attributes:
-        motion: The clip as earlier effects have sampled it.
+        clip: The first of the clips with this motion.
         times: (frames,) seconds.
-        poses: Some of its poses, of which shapes are made.
-        solved: All of its solutions; None if they are not kept.
         followed: The weights of the shapes.
     """
 
-    motion: Motion
+    clip: Clip
     times: Floats
-    poses: "tuple[SolvedPose, ...]"
-    solved: "MarchedClip | None"
     followed: "Followed"
 
 
+class _Solver:
+    """Solves clips for folds that are solved together, and keeps as many solutions as memory allows.
+
+    Args:
+        times: For each clip, by its number, (frames,) seconds.
+    """
+
+    def __init__(self, creases: "Sequence[Crease]", clips: Mapping[int, Clip], times: Mapping[int, Floats]) -> None:
+        from wrinklecli.effects.contact.system import System
+
+        self._system, self.clips, self.times = System(tuple(creases)), clips, times
+        self._kept: dict[int, MarchedClip] = {}
+        self._room = _KEPT_BYTES
+        self._fitted: list[tuple[Crease, dict[int, _Marched]]] = []
+
+    def fix(self, crease: "Crease", marches: "dict[int, _Marched]") -> None:
+        """Take the weights of the next fold for granted in the parts of those behind it."""
+        self._fitted.append((crease, marches))
+
+    def part(self, number: int) -> "MarchedClip":
+        """A clip, solved, for the next fold.
+
+        Raises:
+            UnresolvedError: The folds cannot be resolved in the clip.
+        """
+        fitted = [(crease, marches[number].followed.weights) for crease, marches in self._fitted]
+        return self._system.part(len(fitted), self._solved(number), fitted)
+
+    def _solved(self, number: int) -> "MarchedClip":
+        if number in self._kept:
+            return self._kept[number]
+        clip = self.clips[number]
+        try:
+            with degenerate_given_up():
+                found = self._system.march(clip, self.times[number])
+        except UnresolvedError as error:
+            raise UnresolvedError(replace(error.given_up, clip=clip.name)) from error
+        self._room -= found.size
+        if self._room > 0:
+            self._kept[number] = found
+        return found
+
+
 def _followed(
-    plan: MeshPlan, crease: "Crease", effects: Sequence[Effect], motions: Sequence[Motion], how: SamplingOptions
-) -> tuple[ContactEffect, list[Motion]]:
-    """A fold's effect, and motions with its weights in each clip."""
+    plan: MeshPlan,
+    creases: "Sequence[Crease]",
+    effects: Sequence[Effect],
+    motions: Sequence[Motion],
+    how: SamplingOptions,
+) -> tuple[list[ContactEffect], list[Motion]]:
+    """The effects of folds that are solved together, and motions with their weights in each clip."""
     marched = how.mode == "morph"
     firsts = duplicates_of(plan, [motion.clip for motion in motions])
-    times = {
-        first: _march_times(crease, motions[first], how.fps) if marched else motions[first].times
-        for first in sorted(set(firsts))
-    }
-    crease, marches = _spanned(crease, {first: (motions[first], each) for first, each in times.items()})
-    remaining = []
-    for first, each in marches.items():
-        before = _moves_of(crease.fold, effects, motions[first], each.times)
-        torn = crease.torn_frames(each.motion.clip, each.times, each.followed.weights, before)
-        if torn:
-            raise UnresolvedError(GivenUp(TORN, len(torn), each.motion.clip.name, float(each.times[torn[0]])))
-        remaining.append(remaining_in(crease, each.motion.clip, each.times, each.followed))
-    effect = _effect(plan, crease, effects, [each.followed for each in marches.values()], remaining)
-    sizes = plan.scale * crease.sizes
-    followed: list[Motion] = []
+    chosen = sorted(set(firsts))
+    times = {k: _march_times(creases, motions[k], how.fps) if marched else motions[k].times for k in chosen}
+    solver = _Solver(creases, {k: motions[k].clip for k in chosen}, times)
+    spanned = []
+    for crease in creases:
+        spanned.append(_spanned(crease, solver))
+        solver.fix(*spanned[-1])
+    made: list[ContactEffect] = []
+    for number, (crease, marches) in enumerate(spanned):
+        remaining = []
+        for first, each in marches.items():
+            others = _moves_of(crease.fold, effects, motions[first], each.times)
+            for other, (beside, there) in enumerate(spanned):
+                if other != number:
+                    others += _moves(crease.fold, beside, there[first].followed.weights)
+            torn = crease.torn_frames(each.clip, each.times, each.followed.weights, others)
+            if torn:
+                raise UnresolvedError(GivenUp(TORN, len(torn), each.clip.name, float(each.times[torn[0]])))
+            remaining.append(remaining_in(crease, each.clip, each.times, each.followed, others))
+        followed = [each.followed for each in marches.values()]
+        made.append(_effect(plan, crease, [*effects, *made], followed, remaining))
+    sizes = np.concatenate([plan.scale * crease.sizes for crease, _ in spanned])
+    after: list[Motion] = []
     for motion, first in zip(motions, firsts, strict=True):
-        if first < len(followed):
-            followed.append(replace(followed[first], clip=motion.clip))
+        if first < len(after):
+            after.append(replace(after[first], clip=motion.clip))
             continue
-        weights = [marches[first].followed.weights]
-        followed.append(joined(plan, effects, motion, marches[first].times, weights, sizes, at_once=not marched))
-    return effect, followed
+        weights = [marches[first].followed.weights for _, marches in spanned]
+        after.append(joined(plan, effects, motion, times[first], weights, sizes, at_once=not marched))
+    return made, after
 
 
-def _spanned(crease: "Crease", clips: Mapping[int, tuple[Motion, Floats]]) -> "tuple[Crease, dict[int, _Marched]]":
-    """Solve and follow motions at (frames,) seconds; if the shapes leave crossings, with the fewest others that do not.
+def _spanned(crease: "Crease", solver: _Solver) -> "tuple[Crease, dict[int, _Marched]]":
+    """Follow solved clips; if the shapes leave crossings, with the fewest others that do not.
 
     Raises:
-        UnresolvedError: The fold cannot be resolved in a clip.
+        UnresolvedError: The folds that are solved together cannot be resolved in a clip.
     """
-    marches, room = dict[int, _Marched](), _KEPT_BYTES
-    for first, (motion, times) in clips.items():
-        solved = _solved(crease, motion, times)
+    marches: dict[int, _Marched] = {}
+    chosen: list[SolvedPose] = []
+    for number, clip in solver.clips.items():
+        solved = solver.part(number)
         followed = crease.follow(solved)
-        frames = {*_some(solved.touching), *_some(followed.unspanned)}
-        room -= solved.size
-        poses = tuple(solved.poses(sorted(frames)))
-        marches[first] = _Marched(motion, times, poses, solved if room > 0 else None, followed)
-    chosen = [pose for each in marches.values() for pose in each.poses]
+        chosen += solved.poses(sorted({*_some(solved.touching), *_some(followed.unspanned)}))
+        marches[number] = _Marched(clip, solver.times[number], followed)
     best, least = (crease, marches), _unspanned(marches)
     for _ in range(_ROUNDS if crease.fold.per_clip else 0):
         if not any(least):
             break
         wider = crease.spanning(chosen, share=_SHAPE_ERROR, most=_MOST_SHAPES_OF_CLIPS)
         again = {}
-        for first, each in marches.items():
-            solved = each.solved or _solved(crease, each.motion, each.times)
+        for number, each in marches.items():
+            solved = solver.part(number)
             followed = wider.follow(solved)
-            again[first] = replace(each, followed=followed)
+            again[number] = replace(each, followed=followed)
             chosen += solved.poses(_some(followed.unspanned))
         if _unspanned(again) < least:
             best, least = (wider, again), _unspanned(again)
     return best
-
-
-def _solved(crease: "Crease", motion: Motion, times: Floats) -> "MarchedClip":
-    """Solve a motion, and name its clip if it cannot be solved."""
-    try:
-        with degenerate_given_up():
-            return crease.march(motion.clip, times)
-    except UnresolvedError as error:
-        raise UnresolvedError(replace(error.given_up, clip=motion.clip.name)) from error
 
 
 def _unspanned(marches: Mapping[int, _Marched]) -> tuple[int, int]:
@@ -179,22 +287,26 @@ def _unspanned(marches: Mapping[int, _Marched]) -> tuple[int, int]:
 
 def _some(frames: Sequence[int]) -> list[int]:
     """A few of some frames, evenly spread."""
-    return (
-        [frames[k] for k in distinct_values(np.linspace(0, len(frames) - 1, _CLIP_POSES).astype(int))] if frames else []
-    )
+    if not frames:
+        return []
+    return [frames[k] for k in distinct_values(np.linspace(0, len(frames) - 1, _CLIP_POSES).astype(int))]
 
 
 def _moves_of(fold: "Fold", effects: Sequence[Effect], motion: Motion, times: Floats) -> "list[Moves]":
-    """The moves of other folds at (times,) seconds of a clip, from their weights in its motion."""
-    from wrinklecli.effects.contact.crease import Moves
-
+    """The moves of earlier folds at (times,) seconds of a clip, from their weights in its motion."""
     found = []
     for effect, weights in zip(effects, motion.weights, strict=True):
         if isinstance(effect, ContactEffect):
-            rows, columns = matches(fold.vertices, effect.crease.vertices)
-            if len(rows):
-                found.append(Moves(rows, interpolated(times, motion.times, weights), effect.crease.shapes[:, columns]))
+            found += _moves(fold, effect.crease, interpolated(times, motion.times, weights))
     return found
+
+
+def _moves(fold: "Fold", other: "Crease", weights: Floats) -> "list[Moves]":
+    """The moves of another fold with (frames, shapes) weights; none if it shares no vertex with this one."""
+    from wrinklecli.effects.contact.crease import Moves
+
+    rows, columns = matches(fold.vertices, other.vertices)
+    return [Moves(rows, weights, other.shapes[:, columns])] if len(rows) else []
 
 
 def _effect(
@@ -259,13 +371,14 @@ def _identifier(plan: MeshPlan, fold: "Fold", effects: Sequence[Effect]) -> str:
     return name
 
 
-def _march_times(crease: "Crease", motion: Motion, fps: float) -> Floats:
+def _march_times(creases: "Sequence[Crease]", motion: Motion, fps: float) -> Floats:
     """(frames,) seconds of a clip's grid, with more where it folds fast."""
-    fold = crease.fold
-    grid = clip_grid(motion.clip, fold.rig, fps=fps)
+    rig = creases[0].fold.rig
+    grid = clip_grid(motion.clip, rig, fps=fps)
     if len(grid) < 2:
         return grid
-    parts = np.ceil(np.abs(np.diff(fold.hinge.strides(fold.rig, motion.clip, grid)))).astype(int)
+    strides = np.stack([crease.fold.hinge.strides(rig, motion.clip, grid) for crease in creases])
+    parts = np.ceil(np.abs(np.diff(strides, axis=1)).max(axis=0)).astype(int)
     # No player distinguishes closer times.
     parts = np.clip(parts, 1, np.maximum((np.diff(grid) / (2.0 * KEY_GAP)).astype(int), 1))
     steps = zip(grid[:-1], grid[1:], parts, strict=True)

@@ -1,0 +1,96 @@
+"""Folds that share vertices, or that touch in a clip, are solved together."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("ipctk", reason="needs the extra `contact`")
+
+import wrinklecli
+from kit.folds import FOLDS
+from kit.limb import tool, write_tools
+from kit.samples import sample
+from wrinklecli.baking.job import BakeOptions, read_job
+from wrinklecli.baking.plan import plan_meshes
+from wrinklecli.character.clip import Clip
+from wrinklecli.effects.contact.crease import distances_from_crossings, resolve
+from wrinklecli.effects.contact.fold import Fold
+from wrinklecli.effects.contact.layer import ContactLayer
+from wrinklecli.effects.contact.solution import free_rows
+from wrinklecli.effects.contact.system import System, grouped, near_each_other, touching_in_clips, union
+from wrinklecli.review.crossings import crossings
+
+
+def folds_of(kind: str, folder: Path) -> tuple[tuple[Fold, ...], list[Clip]]:
+    asset, tools = FOLDS[kind]().write(folder, contact="resolve")
+    job = read_job(str(asset), [str(tools)], BakeOptions())
+    (plan,) = plan_meshes(job)
+    layer = plan.layer(ContactLayer)
+    assert layer is not None
+    return layer.folds, list(job.clips)
+
+
+@pytest.mark.slow
+def test_both_hips_over_one_pelvis_are_resolved_together(tmp_path: Path) -> None:
+    """Solved alone, each had the other in its way: pieces of belly and thighs lay apart."""
+    hips = [
+        tool(name=name, origin=[x, 0.955, 0.1], target=[1.05 * x, 0.80, 0.09], width=0.15, bumps=3, contact="resolve")
+        for name, x in (("left", 0.1), ("right", -0.1))
+    ]
+    report = wrinklecli.bake(sample("trousers"), write_tools(tmp_path / "tools.yaml", *hips), tmp_path / "out.glb")
+    assert not any("contact" in line for line in report.warnings), report.warnings
+    for fold in report.data["folds"]:
+        assert fold["crossing_frames"] == 0
+        assert len(fold["targets"]) <= 10
+    squat, _ = crossings(tmp_path / "out.glb").data["clips"]
+    assert squat["totals"][0] > squat["totals"][1] == 0
+
+
+@pytest.mark.quick(1)
+def test_the_parts_of_folds_add_up_to_the_move_of_their_system(tmp_path: Path) -> None:
+    (left, right), (clip,) = folds_of("groin", tmp_path)
+    pairs = [(each, distances_from_crossings(each)) for each in (left, right)]
+    assert near_each_other(*pairs)
+    creases = tuple(resolve(*pair, share=0.35, most=4) for pair in pairs)
+    system = System(tuple(each for each in creases if each is not None))
+    assert len(system.creases) == 2
+    times = np.linspace(clip.start, (clip.start + clip.end) / 2.0, 16)
+    whole = system.march(clip, times)
+    assert whole.touching
+    first = system.part(0, whole, [])
+    nothing = np.zeros((len(times), len(system.creases[0].shapes)))
+    rest = system.part(1, whole, [(system.creases[0], nothing)])
+    vertices = system.fold.vertices[free_rows(system.tissue)]
+    for frame in whole.touching:
+        found, one, two = whole.solution(frame), first.solution(frame), rest.solution(frame)
+        total = np.zeros_like(found.moved)
+        other = ~np.isin(vertices, system.creases[1].vertices)
+        total[np.isin(vertices, system.creases[0].vertices)] = one.moved
+        # With nothing fitted by the first, the second takes over all that it can move.
+        total[~other] = two.moved
+        assert total == pytest.approx(found.moved, abs=1e-12)
+        assert not found.tissue.crosses(one.positions_under(one.moved))
+
+
+def test_knees_that_meet_in_a_clip_are_found(tmp_path: Path) -> None:
+    folds, clips = folds_of("knees", tmp_path)
+    ((one, two, vertices),) = touching_in_clips(folds, clips)
+    assert (one, two) == (0, 1)
+    assert np.isin(vertices, folds[0].vertices).any()
+    assert np.isin(vertices, folds[1].vertices).any()
+    assert touching_in_clips(folds[:1], clips) == touching_in_clips(folds, []) == []
+
+
+def test_a_union_has_each_triangle_of_its_folds_once(tmp_path: Path) -> None:
+    folds, _ = folds_of("groin", tmp_path)
+    whole = union(folds)
+    corners = [np.sort(each.vertices[each.triangles], axis=1) for each in (whole, *folds)]
+    assert len(np.unique(corners[0], axis=0)) == len(corners[0])
+    assert np.array_equal(np.unique(corners[0], axis=0), np.unique(np.concatenate(corners[1:]), axis=0))
+    assert np.array_equal(union(folds[:1]).vertices, folds[0].vertices)
+
+
+def test_groups_are_the_connected_folds() -> None:
+    assert grouped(5, [(3, 1), (1, 4)]) == [[0], [1, 3, 4], [2]]
+    assert grouped(2, []) == [[0], [1]]

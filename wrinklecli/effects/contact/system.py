@@ -1,0 +1,195 @@
+"""Systems: folds that share vertices, or that touch in a clip, are solved together in each pose of it.
+
+Both hips press one pelvis, and two knees may meet: solved alone, each fold would have the skinned surface of the other
+in its way, and their moves would add up. So the poses of a clip are solved once, for the union of their surfaces. Then
+the move of each vertex is divided among the folds, by weights that fade away from where each of them crosses, and each
+fold fits its own shapes to its part. Shapes, targets and look-ups are those of one joint, as in a fold that stands
+alone: a set of targets for the whole system would have to follow several joints at once. Not in the paper.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from wrinklecli.character.clip import Clip
+from wrinklecli.effects.contact.crease import Crease, MarchedClip, march_clip, tissue_of
+from wrinklecli.effects.contact.fitting import combined
+from wrinklecli.effects.contact.fold import Fold
+from wrinklecli.effects.contact.solution import Solution, free_rows
+from wrinklecli.effects.contact.tissue import FREE, SOFT, Tissue
+from wrinklecli.numeric.arrays import Floats, Ints, components, distinct_values
+
+# Moments of a clip at which folds are checked for touching each other, at most.
+_MOMENTS = 8
+
+
+@dataclass(frozen=True)
+class System:
+    """Folds that are solved together.
+
+    Attributes:
+        creases: The folds, each with the shapes of its joint's own motion; all count as equally thick.
+    """
+
+    creases: tuple[Crease, ...]
+
+    @cached_property
+    def fold(self) -> Fold:
+        """The union of the folds' surfaces."""
+        return union([each.fold for each in self.creases])
+
+    @cached_property
+    def tissue(self) -> Tissue:
+        """The union as the solver sees it."""
+        apart = np.full(len(self.fold.own), np.inf)
+        for crease in self.creases:
+            rows = np.searchsorted(self.fold.vertices, crease.fold.vertices)
+            apart[rows] = np.minimum(apart[rows], crease.tissue.apart[: len(rows)])
+        others = np.concatenate([each.tissue.apart[len(each.fold.vertices) :] for each in self.creases])
+        apart[len(self.fold.vertices) :] = others
+        return tissue_of(self.fold, apart)
+
+    @cached_property
+    def _rows(self) -> list[Ints]:
+        """For each fold the indices of its free vertices among the system's."""
+        vertices = self.fold.vertices[free_rows(self.tissue)]
+        return [np.searchsorted(vertices, each.vertices) for each in self.creases]
+
+    @cached_property
+    def _weights(self) -> Floats:
+        """(folds, free) parts of the move of each free vertex that belong to each fold."""
+        weights = np.zeros((len(self.creases), len(free_rows(self.tissue))))
+        for weight, rows, crease in zip(weights, self._rows, self.creases, strict=True):
+            apart = crease.tissue.apart[free_rows(crease.tissue)]
+            weight[rows] = np.maximum(1.0 - apart / (FREE * SOFT), np.finfo(np.float64).tiny) ** 2
+        return np.asarray(weights / np.maximum(weights.sum(axis=0), np.finfo(np.float64).tiny))
+
+    @cached_property
+    def _tissues(self) -> list[Tissue]:
+        """For each fold the system's surface, of which only the fold's vertices may move."""
+        found = []
+        for crease in self.creases:
+            free = np.zeros(len(self.fold.own), bool)
+            free[: len(self.fold.vertices)] = np.isin(self.fold.vertices, crease.vertices)
+            found.append(replace(self.tissue, free=free))
+        return found
+
+    def march(self, clip: Clip, times: Floats) -> MarchedClip:
+        """Solve a clip at (frames,) sorted seconds for all folds together.
+
+        Raises:
+            UnresolvedError: A frame did not settle, or all took too many steps.
+        """
+        if len(self.creases) == 1:
+            return self.creases[0].march(clip, times)
+        return march_clip(self.fold, self.tissue, [each.fold.hinge for each in self.creases], clip, times)
+
+    def part(self, number: int, solved: MarchedClip, fitted: Sequence[tuple[Crease, Floats]]) -> MarchedClip:
+        """The part of one fold in a solved clip.
+
+        `fitted` are the folds before it with (frames, shapes) weights that they have, whose errors it takes over.
+        """
+        if len(self.creases) == 1:
+            return solved
+        parts = [
+            None if found is None else self._part(number, found, [(each, weights[frame]) for each, weights in fitted])
+            for frame, found in enumerate(solved.solutions)
+        ]
+        return replace(solved, solutions=tuple(parts))
+
+    def _part(self, number: int, found: Solution, fitted: Sequence[tuple[Crease, Floats]]) -> Solution:
+        """The part of one fold in a solution, beside the moves of all others."""
+        others = np.sum(self._weights[number + 1 :], axis=0)[:, None] * found.moved
+        for (crease, weights), there in zip(fitted, self._rows, strict=False):
+            others[there] += combined(weights, crease.shapes)
+        rows = self._rows[number]
+        return replace(
+            found,
+            tissue=self._tissues[number],
+            moved=found.moved[rows] - others[rows],
+            error_weights=found.error_weights[rows],
+            outward=found.outward[rows],
+            positions=found.positions_under(others),
+            matrices=found.matrices[rows],
+        )
+
+
+def union(folds: Sequence[Fold]) -> Fold:
+    """One fold with the surface of several on the same mesh; its hinge is that of the first."""
+    vertices = np.unique(np.concatenate([each.vertices for each in folds]))
+    own = np.zeros(len(vertices), bool)
+    triangles, others, count = [], [], len(vertices)
+    for each in folds:
+        rows = np.searchsorted(vertices, each.vertices)
+        own[rows] |= each.own[: len(rows)]
+        of_mesh = each.triangles[:, 0] < len(rows)
+        triangles.append(rows[each.triangles[of_mesh]])
+        others.append(each.triangles[~of_mesh] - len(rows) + count)
+        count += len(each.own) - len(rows)
+    return replace(
+        folds[0],
+        patches=tuple(patch for each in folds for patch in each.patches),
+        vertices=vertices,
+        triangles=np.concatenate([np.unique(np.concatenate(triangles), axis=0), *others]),
+        own=np.concatenate([own, np.zeros(count - len(vertices), bool)]),
+        radius=float(np.mean([each.radius for each in folds])),
+        pivot=np.mean([each.pivot for each in folds], axis=0),
+        weights=folds[0].fine.dense_weights(vertices, len(folds[0].rig.joints)),
+        others=tuple(other for each in folds for other in each.others),
+    )
+
+
+def touching_in_clips(folds: Sequence[Fold], clips: Iterable[Clip]) -> list[tuple[int, int, Ints]]:
+    """Find folds that cross each other in clips, and not at rest, as skinned and wrinkled.
+
+    Returns:
+        The numbers of two folds, and the vertices of both that cross, as often as folds do.
+    """
+    if len(folds) < 2:
+        return []
+    whole = union([_mesh_alone(each) for each in folds])
+    places = whole.rest_positions
+    apart = np.full((len(folds), len(places)), np.inf)
+    for distances, each in zip(apart, folds, strict=True):
+        rows = np.searchsorted(whole.vertices, each.vertices[each.own[: len(each.vertices)]])
+        distances[rows] = np.sqrt(np.sum((places[rows] - each.pivot) ** 2, axis=1)) / each.radius
+    nearest = np.where(np.isfinite(apart).any(axis=0), np.argmin(apart, axis=0), -1)
+    still = whole.crossing(places)
+    found: dict[tuple[int, int], set[int]] = {}
+    for clip in clips:
+        times = np.linspace(clip.start, clip.end, _MOMENTS)
+        for positions in whole.posed(clip, times)[0]:
+            edges, triangles = whole.crossings.at(positions)
+            corners = np.concatenate([whole.crossings.edges[edges], whole.crossings.triangles[triangles]], axis=1)
+            corners = corners[~still[corners].any(axis=1)]
+            labels = nearest[corners]
+            for one, two in np.unique(labels[:, [0, 2]], axis=0).tolist():
+                if one != two and min(one, two) >= 0:
+                    these = corners[(labels[:, 0] == one) & (labels[:, 2] == two)]
+                    pair = (min(one, two), max(one, two))
+                    found.setdefault(pair, set()).update(whole.vertices[np.unique(these)].tolist())
+    return [(one, two, np.array(sorted(vertices), np.intp)) for (one, two), vertices in sorted(found.items())]
+
+
+def _mesh_alone(fold: Fold) -> Fold:
+    """The fold without other meshes."""
+    count = len(fold.vertices)
+    return replace(fold, others=(), triangles=fold.triangles[fold.triangles[:, 0] < count], own=fold.own[:count])
+
+
+def near_each_other(one: tuple[Fold, Floats | None], two: tuple[Fold, Floats | None]) -> bool:
+    """True if two folds, with distances from what crosses in them, may move the same vertices."""
+    (first, apart), (second, beside) = one, two
+    if apart is None or beside is None:
+        return False
+    moved = first.vertices[apart[: len(first.vertices)] < FREE * SOFT]
+    return bool(np.isin(moved, second.vertices[beside[: len(second.vertices)] < FREE * SOFT]).any())
+
+
+def grouped(count: int, pairs: Iterable[tuple[int, int]]) -> list[list[int]]:
+    """The groups of `count` folds of which some pairs belong together, in the order of their first folds."""
+    edges = np.array([*pairs], np.intp).reshape(-1, 2)
+    labels = components(edges, count)
+    return [np.flatnonzero(labels == each).tolist() for each in distinct_values(labels)]
