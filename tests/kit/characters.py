@@ -369,7 +369,7 @@ def _legs(surface: Surface, waist: list[int], *, rows: int, thick: float, blend:
         ("L", 1.0, [*waist[: count // 2 + 1], *strip[::-1]]),
         ("R", -1.0, [*waist[count // 2 :], waist[0], *strip]),
     ):
-        at = np.concatenate([np.linspace(0.0, 1.0, rows + 1)[:-1] + 0.15, np.linspace(1.0, 2.0, rows + 1)])
+        at = np.concatenate([np.linspace(0.15, 1.0, rows + 1)[:-1], np.linspace(1.0, 2.0, rows + 1)])
         # Place, height, depth, radius to the back, radius aside.
         limb = _along(
             at,

@@ -10,9 +10,10 @@ from kit.asset import Asset, stored
 from kit.limb import RADIUS, limb_asset
 from kit.suggested import along, ends, middle
 from wrinklecli.review.check import check
+from wrinklecli.review.suggest.fitted_tools import Suggestion
 from wrinklecli.review.suggest.suggest import Suggestions, suggest
 from wrinklecli.tools.read import parse_tools
-from wrinklecli.tools.records import Contact
+from wrinklecli.tools.records import Contact, Length
 
 
 def limb_of(material: str, joint: str = "LeftLeg", **options: Any) -> Asset:
@@ -27,12 +28,22 @@ def limb_of(material: str, joint: str = "LeftLeg", **options: Any) -> Asset:
     return asset
 
 
+def height_of(suggestion: Suggestion) -> float:
+    """Height of a tool's highest bump, scene units."""
+    tool, span = suggestion.tool, suggestion.span
+    return (
+        tool.max_height.resolve(span) if isinstance(tool.max_height, Length) else tool.bump_height * span / tool.bumps
+    )
+
+
 def suggested(folder: Path, asset: Asset, *, everything: bool = False) -> Suggestions:
     return suggest(asset.write(folder / "limb.glb"), everything=everything)
 
 
-@pytest.mark.parametrize("material", ["Trousers", "leather"])
-def test_folds_of_cloth_cross_on_the_inside_of_a_bent_limb(tmp_path: Path, material: str) -> None:
+@pytest.mark.parametrize(("material", "bumps"), [("Trousers", (6, 4)), ("leather", (4, 4))])
+def test_folds_of_cloth_cross_on_the_inside_of_a_bent_limb(
+    tmp_path: Path, material: str, bumps: tuple[int, int]
+) -> None:
     # Leather folds too low on so thin a limb to be worth it.
     found = suggested(tmp_path, limb_of(material), everything=material == "leather")
     first, second = (each.tool for each in found.tools[:2])
@@ -47,6 +58,11 @@ def test_folds_of_cloth_cross_on_the_inside_of_a_bent_limb(tmp_path: Path, mater
     side = np.cross(axis, middle(first))
     leaning = [along(tool) @ side * np.sign(along(tool) @ axis) for tool in (first, second)]
     assert leaning[0] == pytest.approx(-leaning[1], rel=0.25)
+    # They reach as far as the bend presses the limb together. One leads, and the crease is a furrow of both.
+    assert (first.bumps, second.bumps) == bumps
+    halves = [abs(float((ends(tool)[1] - ends(tool)[0]) @ axis)) / 2.0 for tool in (first, second)]
+    assert RADIUS * 0.9 < halves[1] < halves[0] < RADIUS * 1.5
+    assert height_of(found.tools[1]) < 0.7 * height_of(found.tools[0])
     (tmp_path / "tools.yaml").write_text(found.text)
     assert not check(tmp_path / "limb.glb", tmp_path / "tools.yaml").warnings
     assert [tool.name for tool in parse_tools(found.text).tools] == [each.tool.name for each in found.tools]

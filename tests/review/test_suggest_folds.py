@@ -189,8 +189,10 @@ def test_real_trousers_fold_behind_the_knees() -> None:
     found = suggest(path)
     knee = nearest_to(found, (0.098, -0.311, -0.023))
     behind = [each for each in found.tools[:3] if each.driver.startswith("lowerleg") and middle(each.tool)[2] < -0.02]
-    assert behind
-    assert all(each.mirrored and each.clip == "squat" and abs(along(each.tool)[1]) > 0.85 for each in behind)
+    # The folds of the two run across the back of the knee together: each leans by 45° at most, to its own side.
+    assert len(behind) == 2
+    assert all(each.mirrored and each.clip == "squat" and abs(along(each.tool)[1]) > 0.7 for each in behind)
+    assert abs(unit(along(behind[0].tool) + along(behind[1].tool))[1]) > 0.95
     assert off(behind[0], (0.098, -0.311, -0.023)) < 0.09
     assert knee.mirrored
     measured(path, found)

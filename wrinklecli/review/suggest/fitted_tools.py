@@ -34,8 +34,8 @@ from wrinklecli.surface.trace import CLEAR_LOSS, find_segment, trace
 from wrinklecli.tools.mirror import split_side
 from wrinklecli.tools.records import Length, RestLengthMorph, WrinkleTool
 
-# Factor on the height of wrinkles that would be too tall for their place.
-_LOWER = 0.5
+# Factors on the height of wrinkles that would be too tall for their place, the last one tried first.
+_LOWER = (0.5, 0.7)
 # Least score of a candidate, as a part of the best one's.
 _LEAST_SCORE = 0.02
 # Least shortening of a tool that a joint drives, as a part of its length, by material: for less, skin bulges and does
@@ -92,8 +92,8 @@ class Suggestion:
         shortening: The greatest, as a part of the span, or of the rest length if a morph target makes that longer.
         score: The region's loss 1 − σ summed over its area, scene units squared.
         straight: A straight tool in place of one with a path.
-        lower: The same tool with wrinkles of half the height; None if these would need more `compressible` than there
-            may be.
+        lower: The same tool with lower wrinkles, beside which there may be a lower one; None if they would need more
+            `compressible` than there may be.
         twin_moment: The clip and the time in which its mirror image shortens most; None if that is not suggested.
         one_sided: True if no clip raises the wrinkles of its mirror image.
         substance: What the place is made of; None if it was not looked at.
@@ -275,11 +275,11 @@ class _Search:
         every = [
             found | shortenings_of(mesh, patch, self.further) for patch, found in zip(patches, shortenings, strict=True)
         ]
-        tools = with_rising_bumps(mesh, patches, every)
+        height = None if candidate.lower == 1.0 else candidate.lower * patches[0].tool.bump_height
+        tools = with_rising_bumps(mesh, patches, every, height=height)
         if tools is None:
             return None
         patches = [replace(each, tool=tool) for each, tool in zip(patches, tools, strict=True)]
-        lower = with_lower_bumps(patches, every, _LOWER)
         twin = greatest(shortenings[1]) if len(tools) == 2 else None
         suggestion = Suggestion(
             tool=tools[0],
@@ -297,9 +297,11 @@ class _Search:
             substance=candidate.substance,
             twin_moment=None if twin is None else (twin.clip.name, twin.time),
         )
-        if lower is not None:
-            suggestion = replace(suggestion, lower=replace(suggestion, tool=lower[0]))
-        return _Fitted([suggestion], patches)
+        lower: Suggestion | None = None
+        for part in _LOWER:
+            found = with_lower_bumps(patches, every, part)
+            lower = lower if found is None else replace(suggestion, tool=found[0], lower=lower)
+        return _Fitted([replace(suggestion, lower=lower)], patches)
 
 
 def _covers(patch: Patch, place: Floats, normal: Floats) -> bool:
