@@ -290,6 +290,7 @@ def _fit_tool(
         mesh=mesh.rig.names[mesh.rig.node],
         driver=name,
         by_morph=candidate.by_morph,
+        part=None if candidate.by_morph else "neck",
         clip=best.clip.name,
         time=best.time,
         span=patches[0].span,
