@@ -4,8 +4,8 @@ import { between } from './polyline.js';
 
 /** The rotation in a 4×4 matrix, stored by columns: three columns of unit length. */
 const turn = (m) => [0, 4, 8].map((k) => m.slice(k, k + 3)).map((c) => c.map((x) => x / (Math.hypot(...c) || 1)));
-/** Below this a turn has no axis. */
-const LEAST_SINE = 1e-5;
+/** Below this a turn has no axis; and the sum of the shares of `leaning` beyond which weights are held. */
+const [LEAST_SINE, FARTHEST] = [1e-5, 2];
 const dot = (a, b) => a.reduce((sum, x, i) => sum + x * b[i], 0);
 
 /**
@@ -16,7 +16,7 @@ const dot = (a, b) => a.reduce((sum, x, i) => sum + x * b[i], 0);
  */
 export function foldWeights(foldExtras, jointMatrixOf, morphWeightOf = () => 0, clip = undefined) {
   const { joint, parent, rest: [x, y, z, w], axis, targets, own: alone = [] } = foldExtras;
-  const { angles, weights, leaning = [] } = foldExtras;
+  const { angles, weights, leaning = [], null: nothing } = foldExtras;
   // A clip that was baked may have targets of its own, which stand for all.
   if (alone.some(morphWeightOf)) return targets.map(() => 0);
   const own = turn([...jointMatrixOf(joint)]);
@@ -32,14 +32,18 @@ export function foldWeights(foldExtras, jointMatrixOf, morphWeightOf = () => 0, 
   const sines = [d[2][1] - d[1][2], d[0][2] - d[2][0], d[1][0] - d[0][1]];
   const along = dot(axis, sines);
   const angle = 2 * Math.atan2(along, 1 + d[0][0] + d[1][1] + d[2][2]);
-  // Turns about axes that lean from this one: the nearer to one of these, the more its weights count.
+  // Turns about axes that lean from this one: the further towards one of these, the more its weights count.
   const slanted = Math.abs(along) > LEAST_SINE ? sines.map((each) => each / along) : [0, 0, 0];
-  const shares = leaning.map(({ towards }) => Math.min(Math.max(dot(towards, slanted), 0), 1));
-  const most = Math.max(shares.reduce((sum, share) => sum + share, 0), 1);
+  const asked = leaning.map(({ towards }) => Math.min(Math.max(dot(towards, slanted), 0), FARTHEST));
+  const most = Math.max(asked.reduce((sum, share) => sum + share, 0), FARTHEST);
+  const shares = asked.map((share) => (FARTHEST * share) / most);
+  shares.unshift(1 - shares.reduce((sum, share) => sum + share, 0));
   const tables = [weights, ...leaning.map((each) => each.weights)];
-  const parts = shares.map((share) => share / most);
-  parts.unshift(1 - parts.reduce((sum, part) => sum + part, 0));
-  const found = (k) => (sum, rows, j) => sum + parts[j] * between(angles, rows.map((row) => row[k]), angle);
+  const found = targets.map((_, k) =>
+    tables.reduce((sum, rows, j) => sum + shares[j] * between(angles, rows.map((row) => row[k]), angle), 0),
+  );
+  // No engine needs weights below 0: multiples of `nothing` move nothing.
+  const least = nothing ? Math.min(0, ...found.map((weight, k) => weight / nothing[k])) : 0;
   const strength = foldExtras.strengths?.[clip] ?? foldExtras.strength ?? 1;
-  return targets.map((_, k) => strength * tables.reduce(found(k), 0));
+  return found.map((weight, k) => strength * (weight - least * (nothing?.[k] ?? 0)));
 }

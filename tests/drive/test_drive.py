@@ -144,25 +144,30 @@ def test_turns_about_leaning_axes_are_looked_up_between_the_axis_and_the_sides(
     table = LeaningTable(Table("angles", rows, central), SIDES, np.stack(sides))
     along = np.array([1.0, 0.0, 0.0])
 
-    def at(*slants: Any) -> Floats:
+    def at(*slants: Any, table: LeaningTable = table) -> Floats:
         return table.weights(Angles(np.full(len(slants), angle), np.array(slants)))
 
     wanted = [Table("angles", rows, each).weights(Angles(np.array([angle]), np.zeros((1, 3)))) for each in sides]
     on_axis = table.central.weights(Angles(np.array([angle]), np.zeros((1, 3))))
     assert at(along) == pytest.approx(on_axis)
     assert at(*(along + side / 25.0 for side in SIDES)) == pytest.approx(np.concatenate(wanted))
-    # Further out the weights are held, and nowhere do they leave the range of the tables.
-    assert at(*(along + side for side in SIDES)) == pytest.approx(np.concatenate(wanted))
-    every = np.concatenate([on_axis, *wanted])
-    (found,) = at([1.0, *slant])
-    assert (found >= every.min(axis=0) - 1e-12).all()
-    assert (found <= every.max(axis=0) + 1e-12).all()
+    # They go on as far again, and are held there.
+    beyond = 2.0 * np.concatenate(wanted) - on_axis
+    assert at(*(along + 0.08 * side for side in SIDES)) == pytest.approx(beyond)
+    assert at(*(along + side for side in SIDES)) == pytest.approx(beyond)
+    # Weights below 0 are raised by weights that add up to nothing.
+    raised = replace(table, null=np.array([1.0, 2.0]))
+    (found,), (above,) = at([1.0, *slant]), at([1.0, *slant], table=raised)
+    assert above.min() >= -1e-12
+    assert above - found == pytest.approx((above - found)[0] * np.array([1.0, 2.0]))
+    assert above == pytest.approx(found) or above.min() == pytest.approx(0.0, abs=1e-12)
 
 
 def test_a_table_of_turns_about_leaning_axes_is_read_as_it_was_written() -> None:
     prepared = limb(0)
     rows = np.array([[0.0, 0.5], [0.2, 0.1], [1.0, 0.0]])
-    table = LeaningTable(Table("angles", np.array([-1.5, 0.0, 1.5]), rows), SIDES, np.stack([rows, 0.5 * rows] * 2))
+    central, sides = Table("angles", np.array([-1.5, 0.0, 1.5]), rows), np.stack([rows, 0.5 * rows] * 2)
+    table = LeaningTable(central, SIDES, sides, np.array([0.5, 1.0]))
     joint = prepared.rig.names.index("joint_1")
     signal = JointAngle(joint, int(prepared.rig.parents[joint]), np.array([0.0, 0.6, 0.8]), np.array([0.0, 0, 0, 1.0]))
     drive = Drive("", signal, ("a", "b"), table)
@@ -173,6 +178,8 @@ def test_a_table_of_turns_about_leaning_axes_is_read_as_it_was_written() -> None
     old = StoredDrive.read(data).on({"joint_0": 1, "joint_1": 2}, ()).response
     assert isinstance(old, Table)
     assert old.table == pytest.approx(rows)
+    with pytest.raises(ValueError):  # noqa: PT011
+        StoredDrive.read({**data, "leaning": [], "null": [1.0, 0.0]})
     for faulty in ([{"towards": [1.0, 0.0]}], [{"towards": [np.nan] * 3, "weights": rows.tolist()}]):
         with pytest.raises((KeyError, ValueError)):
             StoredDrive.read({**data, "leaning": faulty})

@@ -17,8 +17,8 @@ itself for arrays of times, and a node's `extras.wrinkle` holds it in JSON:
   2 atan2(`axis` · s, 1 + trace D).
 - The response has rows of `weights`, straight between, at `shortenings`, 1 - distance / rest_length, or at `angles`.
   Where the rest length changes, `curve` takes their place: see `CurveTable`. Angles may have further rows of weights,
-  `leaning`, for turns about other axes: the share of each is its `towards` · s / (`axis` · s), between 0 and 1, divided
-  by the sum of the shares if that is more than 1; the rest is the share of `weights`.
+  `leaning`, for turns about other axes: the share of each is its `towards` · s / (`axis` · s), at least 0, in the sum
+  2 at most; the rest of 1 is the share of `weights`. Weights below 0 are raised by a multiple of `null`.
 - `strengths` are factors on the weights in some clips; `strength` is the factor in all others. Weights are 0 where any
   of the targets `own` is not: these belong to one clip alone, which drives them itself.
 """

@@ -23,6 +23,8 @@ DIGITS = 8
 
 # Significant digits of tabulated weights, of which about three are right.
 _TABLE_DIGITS = 5
+# Sum of the shares of sides beyond which weights are held: joints of common rigs lean by up to 20°, and sweeps by 10°.
+_FARTHEST = 2.0
 # Most control intervals: 64 bumps with gaps of 64, the most of a tools file, have 4,160.
 _MOST_INTERVALS = 10_000
 
@@ -59,8 +61,9 @@ class Table:
         """(frames, targets) weights at the measurements of a signal."""
         return np.where(reading.active[:, None], interpolated(reading.rows, self.rows, self.table), 0.0)
 
-    def mapped(self, change: Callable[[Floats], Floats]) -> "Table":
-        """The table with other weights: `change` maps (rows, …) weights to those of other targets."""
+    def mapped(self, change: Callable[[Floats], Floats], null: Floats | None = None) -> "Table":
+        """The table with other weights: `change` maps (rows, …) weights to those of other targets, with `null` ones."""
+        assert null is None or (null > 0).all()
         return replace(self, table=change(self.table))
 
     def to_json(self) -> Json:
@@ -77,36 +80,40 @@ class LeaningTable:
         towards: (sides, 3) vectors whose products with the slants of turns are 0 for turns about the axis, and 1 for
             the turns that `tables` hold.
         tables: (sides, rows, targets) weights, at the rows of `central`.
+        null: (targets,) weights above 0 under which the targets add up to nothing; None for signed weights.
     """
 
     central: Table
     towards: Floats
     tables: Floats
+    null: Floats | None = None
 
     def weights(self, reading: Angles) -> Floats:
         """(frames, targets) weights at the measurements of a joint.
 
-        They are straight between the axis and the sides, and held beyond. Between two sides, the shares of both add up
-        to 1 at most, so that no weight leaves the range of those in the tables.
+        They change evenly from the axis to the sides, as far again beyond, and are held there. Weights that would be
+        below 0 get as much of the null weights as they need.
         """
-        shares = np.clip(reading.slants @ self.towards.T, 0.0, 1.0)
-        shares /= np.maximum(shares.sum(axis=1), 1.0)[:, None]
+        shares = np.clip(reading.slants @ self.towards.T, 0.0, _FARTHEST)
+        shares *= _FARTHEST / np.maximum(shares.sum(axis=1), _FARTHEST)[:, None]
         found: Floats = (1.0 - shares.sum(axis=1))[:, None] * self.central.weights(reading)
         for share, table in zip(shares.T, self.tables, strict=True):
             found += share[:, None] * interpolated(reading.rows, self.central.rows, table)
+        if self.null is not None:
+            found -= np.minimum((found / self.null).min(axis=1, initial=0.0), 0.0)[:, None] * self.null
         return found
 
-    def mapped(self, change: Callable[[Floats], Floats]) -> "LeaningTable":
+    def mapped(self, change: Callable[[Floats], Floats], null: Floats | None = None) -> "LeaningTable":
         """The table with other weights: `change` maps (rows, …) weights to those of other targets."""
-        return replace(
-            self, central=self.central.mapped(change), tables=np.stack([change(each) for each in self.tables])
-        )
+        tables = np.stack([change(each) for each in self.tables])
+        return replace(self, central=self.central.mapped(change), tables=tables, null=null)
 
     def to_json(self) -> Json:
         """The rows as extras store them; players that know no slants read those of turns about the axis alone."""
         sides = zip(self.towards, self.tables, strict=True)
         leaning = [{"towards": stored(each), "weights": stored(table, _TABLE_DIGITS)} for each, table in sides]
-        return {**self.central.to_json(), "leaning": leaning}
+        null = {} if self.null is None else {"null": stored(self.null)}
+        return {**self.central.to_json(), "leaning": leaning, **null}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -198,9 +205,10 @@ def read_table(data: Json, targets: int) -> Table | LeaningTable | CurveTable:
         return found
     towards = np.array([each["towards"] for each in data["leaning"]], np.float64).reshape(-1, 3)
     tables = [_read_weights(each, len(rows), targets) for each in data["leaning"]]
-    if by != "angles" or not np.isfinite(towards).all():
+    null = np.array(data["null"], np.float64).reshape(targets) if "null" in data else None
+    if by != "angles" or not np.isfinite(towards).all() or (null is not None and not (null > 0).all()):
         raise ValueError
-    return LeaningTable(found, towards, np.array(tables).reshape(-1, len(rows), targets))
+    return LeaningTable(found, towards, np.array(tables).reshape(-1, len(rows), targets), null)
 
 
 def _read_weights(data: Json, rows: int, targets: int) -> Floats:

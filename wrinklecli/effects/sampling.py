@@ -105,8 +105,12 @@ def joined(
     unmeasured = (None,) * len(weights)
     if at_once:
         return replace(motion, states=(*motion.states, *unmeasured), weights=(*motion.weights, *weights))
-    # All times are added, not the keys alone, as the proof compares times between keys too.
-    whole = with_times(effects, plan.rig, motion, np.setdiff1d(times, motion.times))
+    # All times at which the effects act are added, not the keys alone, as the proof compares times between keys too.
+    acting = np.any([each.any(axis=1) for each in weights], axis=0)
+    near = acting.copy()  # with the times before and after
+    near[1:] |= acting[:-1]
+    near[:-1] |= acting[1:]
+    whole = with_times(effects, plan.rig, motion, np.setdiff1d(times[near], motion.times))
     more = [interpolated(whole.times, times, each) for each in weights]
     keys = np.searchsorted(whole.times, times[_keys(plan, times, np.concatenate(weights, axis=1) * sizes)])
     states, keys = (*whole.states, *unmeasured), np.union1d(whole.keys, keys)

@@ -13,8 +13,13 @@ pytest.importorskip("ipctk", reason="needs the extra `contact`")
 import wrinklecli
 from kit.asset import Asset, Interpolation
 from kit.bakes import bake_once, place, report_of
-from kit.limb import limb_asset, nose, tool
+from kit.limb import limb_asset, nose, tool, write_tools
 from kit.player import Gltf
+from wrinklecli.baking.job import BakeOptions, read_job
+from wrinklecli.baking.plan import plan_meshes
+from wrinklecli.effects.effect import SamplingOptions
+from wrinklecli.effects.sampling import sample_effects
+from wrinklecli.numeric.guard import no_progress
 from wrinklecli.review.crossings import crossings
 
 CLOSED = 75.0
@@ -32,7 +37,9 @@ CLIPS: dict[str, tuple[Sequence[float], Sequence[float], Interpolation]] = {
     "deeper at once": ([0.0, 0.5, 1.0], [60.0, 90.0, 0.0], "STEP"),
     "deep at 0": ([0.0, 1.0], [100.0, 0.0], "LINEAR"),
     "in 4 ms": ([0.0, 0.004], [0.0, CLOSED], "LINEAR"),
+    "stays open": ([0.0, 0.1, 1.0], [0.0, 40.0, 0.0], "LINEAR"),
 }
+OPEN = {"never moves", "stays open"}
 
 
 def turned(degrees: float) -> list[float]:
@@ -69,12 +76,13 @@ def test_no_clip_crosses_whatever_its_keys_are() -> None:
     (stepping,) = (clip for clip in clips if clip["name"] == "two float32 steps")
     found["two float32 steps"] = [each[-1] for each in stepping["counts"]]
     assert all(after == 0 for _, after in found.values()), found
-    assert all(bool(before) == (name != "never moves") for name, (before, _) in found.items()), found
+    assert {name for name, (before, _) in found.items() if not before} == OPEN
     (fold,) = report_of(baked()).data["folds"]
     assert not fold["left"]
-    # What never folds gets no contact.
-    weights = baked().weights("limb", "never moves", np.linspace(0.0, 1.0, 5))
-    assert not weights.any()
+    names = baked().mesh("limb")["extras"]["targetNames"]
+    for clip in OPEN:
+        weights = baked().weights("limb", clip, np.linspace(0.0, 1.0, 21))
+        assert not weights[:, [names.index(name) for name in fold["targets"]]].any()
 
 
 @pytest.mark.quick(1)
@@ -93,6 +101,21 @@ def test_a_baked_file_plays_contact_in_motions_that_are_added(motions: dict[str,
     assert all(clip["totals"][1] == 0 for clip in about), about
     wrinkled = crossings(still_limb(), body.path.with_name("tools.yaml"), **motions).data["clips"]
     assert [clip["name"] for clip in wrinkled] == [clip["name"] for clip in found]
+
+
+def test_a_clip_without_contact_is_sampled_as_ever(tmp_path: Path) -> None:
+    """At further times the proof finds what it has not looked at otherwise, and crossing tools were refused there."""
+    times = []
+    for contact in ("resolve", "off"):
+        asset = with_clips("stays open").write(tmp_path / "limb.glb")
+        tools = write_tools(tmp_path / f"{contact}.yaml", {**TOOL, "contact": contact})
+        job = read_job(asset, tools, BakeOptions())
+        (plan,) = plan_meshes(job)
+        how = SamplingOptions(30.0, "morph", job.document.memory, no_progress)
+        effects, (motion,) = sample_effects(plan, job.clips, how)
+        assert len(effects) == (2 if contact == "resolve" else 1)
+        times.append(motion.times)
+    assert np.array_equal(*times)
 
 
 @pytest.mark.slow

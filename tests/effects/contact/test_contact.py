@@ -191,7 +191,7 @@ def test_without_the_library_one_line_says_so(folded: Baked, monkeypatch: pytest
 
 def test_extras_are_json_that_a_player_reads(folded: Baked) -> None:
     (fold,) = folded.document.items("nodes")[0]["extras"]["wrinkle"]["folds"]
-    assert list(fold) == ["joint", "parent", "rest", "axis", "targets", "angles", "weights", "leaning"]
+    assert list(fold) == ["joint", "parent", "rest", "axis", "targets", "angles", "weights", "leaning", "null"]
     assert json.loads(json.dumps(fold)) == fold
     assert fold["angles"] == sorted(fold["angles"])
     assert np.linalg.norm(fold["axis"]) == pytest.approx(1.0)
@@ -200,6 +200,10 @@ def test_extras_are_json_that_a_player_reads(folded: Baked) -> None:
     assert towards @ fold["axis"] == pytest.approx(np.zeros(4), abs=1e-6)
     assert np.degrees(np.arctan(1.0 / np.linalg.norm(towards, axis=1))) == pytest.approx(np.full(4, 10.0))
     assert all(np.shape(each["weights"]) == np.shape(fold["weights"]) for each in fold["leaning"])
+    file = Gltf(folded.out)
+    names = file.mesh("limb")["extras"]["targetNames"]
+    deltas = file.deltas("limb")[[names.index(name) for name in fold["targets"]]]
+    assert np.abs(np.tensordot(fold["null"], deltas, axes=1)).max() < 1e-5 * np.abs(deltas).max()
 
 
 def test_weights_of_contact_are_those_that_every_player_takes(folded: Baked) -> None:

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -46,8 +47,10 @@ def test_a_clip_that_would_cross_more_with_contact_is_left_without_and_a_line_sa
     # A fit that presses what touches further in.
     worse = replace(crease, response=crease.response.mapped(lambda weights: 0.0 * weights))
 
-    def pressed(found: Solution, shapes: Floats, urgent: Floats | None) -> tuple[Floats, Floats, bool]:
-        weights, urgent, _ = fit_pose(found, shapes, urgent)
+    def pressed(
+        found: Solution, shapes: Floats, urgent: Floats | None = None, **known: Any
+    ) -> tuple[Floats, Floats, bool]:
+        weights, urgent, _ = fit_pose(found, shapes, urgent, **known)
         return -weights, urgent, True
 
     monkeypatch.setattr("wrinklecli.effects.contact.crease.fit_pose", pressed)
@@ -70,6 +73,7 @@ def test_a_clip_that_would_cross_more_with_contact_is_left_without_and_a_line_sa
         basis=NonNegativeBasis(1, 1.5),
         followed=(given_up,),
         remaining=(left,),
+        given_up=("fold",),
         scale=1.0,
     )
     (line,) = found.warnings(plan, [], up="y")

@@ -49,6 +49,10 @@ _CROSSING_POSES = 8
 _APPROACH = 33
 # Strides between two frames from which on a clip jumps, as STEP keys do: a quarter of what closes most folds.
 _JUMP = 4.0
+# Weights that are looked up may be this much further off than fitted ones, solver's units: a millimetre of a knee.
+_AS_NEAR = 1.0
+# and take this much more volume away than the solution, relative to that of a limb as long as it is thick.
+_AS_WHOLE = MOST_LOST / 10.0
 # Sampled poses, evenly spread, in which normals are to be right, beside those with the greatest weights.
 _NORMAL_POSES = 8
 
@@ -134,28 +138,38 @@ class Crease:
     def follow(self, marched: "MarchedClip") -> "Followed":
         """Fit the shapes to the solutions of a clip.
 
-        In a clip that folds the surface otherwise than the joint alone does, the shapes may make more crossings than
-        they take away; such a clip gets no contact.
+        If the weights that a player looks up are about as good as fitted ones, the clip keeps them, and leaves them
+        only in frames in which they cross, as little as it can: then bake and player show the same, and a pose looks
+        alike however a clip gets there. In a clip that folds the surface otherwise than the joint alone does, the
+        shapes may make more crossings than they take away; such a clip gets no contact.
         """
-        clip, times = marched.clip, marched.times
-        weights, error = np.zeros((len(times), len(self.shapes))), 0.0
+        looked = self._looked_up(marched.clip, marched.times)
+        if self._about_as_good(marched, looked):
+            followed = self._fitted(marched, looked, keep=True)
+            if not followed.unspanned:
+                return followed
+        return self._fitted(marched, looked, keep=False)
+
+    def _fitted(self, marched: "MarchedClip", looked: Floats, *, keep: bool) -> "Followed":
+        """Fit the shapes to the solutions, and `keep` (frames, shapes) weights that are looked up if possible."""
+        weights, error = np.where(keep, looked, 0.0), 0.0
         urgent: Floats | None = None
         crossing: list[int] = []
         unspanned: list[int] = []
         remaining = 0  # vertices that cross
         for frame in marched.touching:
             found = marched.solution(frame)
-            weights[frame], urgent, crosses = fit_pose(found, self.shapes, urgent)
+            known = looked[frame] if keep else None
+            weights[frame], urgent, crosses = fit_pose(found, self.shapes, urgent, known=known)
             urgent = None if crosses else urgent
             moved = combined(weights[frame], self.shapes)
             if crosses:
                 # The weights of the fold's own motion may leave no crossing.
-                looked = self._looked_up(clip, times[frame : frame + 1])
-                own = combined(looked, self.shapes)
+                own = combined(looked[frame], self.shapes)
                 if found.crossing(own) is None:
-                    weights[frame], moved, crosses = looked, own, False
+                    weights[frame], moved, crosses = looked[frame], own, False
             error = max(error, found.greatest_error(moved))
-            if crosses or found.volume_loss(moved) > max(MOST_LOST, found.volume_loss(found.moved)):
+            if crosses or _loses_volume(found, moved):
                 unspanned.append(frame)
             if crosses:
                 crossing.append(frame)
@@ -166,6 +180,27 @@ class Crease:
         if given_up:
             weights[:] = 0.0
         return Followed(weights, error * self.fold.radius / UNITS, tuple(crossing), tuple(unspanned), given_up)
+
+    def _about_as_good(self, marched: "MarchedClip", looked: Floats) -> bool:
+        """True if (frames, shapes) weights tear nothing, keep the volume, and are about as near as fitted weights.
+
+        Nearness is compared where the weights are furthest off.
+        """
+        furthest, worst = 0.0, None
+        for frame in marched.touching:
+            found, moved = marched.solution(frame), combined(looked[frame], self.shapes)
+            if found.tears(moved) or found.volume_loss(moved) > found.volume_loss(found.moved) + _AS_WHOLE:
+                return False
+            if worst is None or found.visible_error(moved) > furthest:
+                furthest, worst = found.visible_error(moved), found
+        if worst is None:
+            return False
+        still = np.setdiff1d(np.arange(len(looked)), marched.touching)
+        scale = float(np.cbrt(np.abs(np.linalg.det(worst.matrices)).max(initial=0.0)))
+        if scale * float((np.abs(looked[still]) @ self.sizes).max(initial=0.0)) > _AS_NEAR:
+            return False
+        fitted, _, _ = fit_pose(worst, self.shapes)
+        return furthest <= worst.visible_error(combined(fitted, self.shapes)) + _AS_NEAR
 
     def spanning(self, poses: "Sequence[SolvedPose]", *, share: float, most: int) -> "Crease":
         """The same fold with shapes for its sweeps and for some poses of clips; arguments are as in `resolve`."""
@@ -195,9 +230,9 @@ class Crease:
         return moves
 
     def _looked_up(self, clip: Clip, times: Floats) -> Floats:
-        """(shapes,) weights at (1,) second of a clip, from the table alone, as a player finds them."""
+        """(frames, shapes) weights at (frames,) seconds of a clip, from the table alone, as a player finds them."""
         reading: Any = self.fold.hinge.reading(self.fold.rig, clip, times)
-        return np.asarray(self.response.weights(reading)[0])
+        return np.asarray(self.response.weights(reading))
 
 
 @dataclass(frozen=True, slots=True)
@@ -460,6 +495,11 @@ def _chosen(weights: Floats) -> list[int]:
     """Frames in which normals are to be right: the frame with the greatest weight of each shape, and an even choice."""
     even = np.linspace(0, len(weights) - 1, _NORMAL_POSES).astype(int).tolist()
     return sorted({*even, *np.argmax(np.abs(weights), axis=0).tolist()})
+
+
+def _loses_volume(found: Solution, moved: Floats) -> bool:
+    """True if a move takes more volume away than it may, and than the solution does."""
+    return found.volume_loss(moved) > max(MOST_LOST, found.volume_loss(found.moved))
 
 
 def _way(end: float, stride: float) -> Floats:

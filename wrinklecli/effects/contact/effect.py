@@ -1,7 +1,7 @@
 """The effect of a fold whose contact is resolved: its targets, their weights in clips, and its drive."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -51,6 +51,11 @@ class NonNegativeBasis:
         return np.asarray(self._full[:, None] * parts)
 
     @property
+    def null(self) -> Floats:
+        """(count + 1,) weights under which the shapes add up to nothing."""
+        return 1.0 / self._full * self.greatest
+
+    @property
     def _full(self) -> Floats:
         """(count + 1,) the signed weights that weights of 1 stand for."""
         return self.greatest * np.append(np.full(self.count, 2.0), 1.0)
@@ -67,6 +72,7 @@ class ContactEffect(Effect):
         basis: The relation of the targets' shapes to the crease's.
         followed: The weights of the shapes in each clip in which they act.
         remaining: The intersections that remain there.
+        given_up: Names of the clips that get no contact, since there would be more intersections with it.
         scale: World over bind units.
     """
 
@@ -76,6 +82,7 @@ class ContactEffect(Effect):
     basis: NonNegativeBasis
     followed: "tuple[Followed, ...]"
     remaining: tuple[Remaining, ...]
+    given_up: tuple[str, ...]
     scale: float
 
     section: ClassVar[str] = "folds"
@@ -88,12 +95,18 @@ class ContactEffect(Effect):
 
     @property
     def drive(self) -> Drive | None:
-        """Weights by the joint's angle, or by the tool's shortening if no joint bends the fold."""
-        response = self.crease.response.mapped(lambda signed: self.written(self.shape_weights(signed)))
+        """Weights by the joint's angle, or by the tool's shortening if no joint bends the fold.
+
+        They are 0 in clips that the bake has given up, so that players show no more than the bake.
+        """
+        null = self.basis.null[self.columns]
+        response = self.crease.response.mapped(lambda signed: self.written(self.shape_weights(signed)), null)
         hinge = self.crease.fold.hinge
+        silent = dict.fromkeys(self.given_up, 0.0)
         if isinstance(hinge, Hinge):
-            return Drive("", hinge.signal, self.target_names, response)
-        return tool_drive(self.patch, self.target_names, response)
+            return Drive("", hinge.signal, self.target_names, response, strengths=silent)
+        drive = tool_drive(self.patch, self.target_names, response)
+        return replace(drive, strengths={**drive.strengths, **silent})
 
     @classmethod
     def count_targets(cls, effects: Sequence[Effect]) -> str:

@@ -22,6 +22,9 @@ _UNIT_LOSS = MOST_LOST / 4.0
 _TRIES = 8
 # Factor on the weight of such an error.
 _MORE = 3.0
+# Weight of the squared distance from known weights, relative to that from the solution where something touches: what
+# touches counts more, and what the fold hides stays as known.
+_PULL = 0.3
 # A number of shapes is given up if more than this fraction of the poses that were wrong is still wrong after a fit.
 _HOPELESS = 0.7
 
@@ -114,20 +117,33 @@ def _crossing(solved: Sequence[Solution], made: Sequence[Floats], numbers: Ints)
     return found
 
 
-def fit_pose(found: Solution, shapes: Floats, urgent: Floats | None = None) -> tuple[Floats, Floats, bool]:
+def fit_pose(
+    found: Solution, shapes: Floats, urgent: Floats | None = None, *, known: Floats | None = None
+) -> tuple[Floats, Floats, bool]:
     """Fit (shapes, free, 3) to a solution, from the (free,) factors on weights of errors that a similar pose needed.
+
+    If (shapes,) weights are `known` that are about right, the fit leaves them only as far as it needs to.
 
     Returns:
         (shapes,) weights that leave the fewest crossings, the (free,) factors used, and True if crossings remain.
     """
     urgent = np.ones(len(found.error_weights)) if urgent is None else urgent
-    wanted = found.moved
+    wanted, near, pull = found.moved, np.zeros_like(found.moved), 0.0
     held = found.volume_gradient / _UNIT_LOSS
     tries: list[tuple[int, Floats, Floats]] = []
+    if known is not None:
+        near, pull = combined(known, shapes), _PULL
+        marked = found.crossing(near)
+        if marked is None:
+            return known, np.ones_like(urgent), False
+        tries.append((int(marked.sum()), known, urgent))
+        urgent, wanted = np.where(marked, _MORE * urgent, urgent), found.opened(near)
     for _ in range(_TRIES):
-        shares = found.error_weights * urgent
+        # The pull to the known weights is a second target of each vertex; both together are their mean.
+        shares = found.error_weights * urgent + pull
+        target = wanted + pull * (near - wanted) / shares[:, None]
         along = np.sqrt(shares.sum()) * held
-        (weights,) = np.clip(project(wanted[None], shares[None], shapes, along[None]), -MOST_WEIGHT, MOST_WEIGHT)
+        (weights,) = np.clip(project(target[None], shares[None], shapes, along[None]), -MOST_WEIGHT, MOST_WEIGHT)
         moved = combined(weights, shapes)
         marked = found.crossing(moved)
         if marked is None:

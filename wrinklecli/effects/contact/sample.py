@@ -238,7 +238,10 @@ def _followed(
                 raise UnresolvedError(GivenUp(TORN, len(torn), each.clip.name, float(each.times[torn[0]])))
             remaining.append(remaining_in(crease, each.clip, each.times, each.followed, others))
         followed = [each.followed for each in marches.values()]
-        made.append(_effect(plan, crease, [*effects, *made], followed, remaining))
+        given_up = [
+            each.clip.name for each, first in zip(motions, firsts, strict=True) if marches[first].followed.given_up
+        ]
+        made.append(_effect(plan, crease, [*effects, *made], followed, remaining, given_up))
     sizes = np.concatenate([plan.scale * crease.sizes for crease, _ in spanned])
     after: list[Motion] = []
     for motion, first in zip(motions, firsts, strict=True):
@@ -315,8 +318,9 @@ def _effect(
     effects: Sequence[Effect],
     followed: "Sequence[Followed]",
     remaining: Sequence[Remaining | None],
+    given_up: Sequence[str],
 ) -> ContactEffect:
-    """The effect of a fold, with the intersections that remain in each clip."""
+    """The effect of a fold, with the intersections that remain in each clip, and the names of clips without contact."""
     from wrinklecli.effects.contact.fitting import MOST_WEIGHT
 
     basis = NonNegativeBasis(len(crease.shapes), MOST_WEIGHT)
@@ -337,6 +341,7 @@ def _effect(
         basis=basis,
         followed=tuple(followed),
         remaining=tuple(each for each in remaining if each is not None),
+        given_up=tuple(given_up),
         scale=plan.scale,
     )
 

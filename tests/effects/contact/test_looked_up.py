@@ -1,0 +1,94 @@
+"""Players show what the bake shows of contact, from the extras alone: poses, loops, and clips that are given up."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("ipctk", reason="needs the extra `contact`")
+
+import wrinklecli
+from kit.bakes import bake_fold, bake_once, folding_limb, place, report_of
+from kit.limb import limb_asset, tool, waving_limb, write_tools
+from kit.looked_up import lookup_gaps
+from kit.player import Gltf
+from kit.samples import config
+from wrinklecli.baking.track import track
+from wrinklecli.effects.contact import crease
+from wrinklecli.effects.contact.crease import Crease
+
+# Greatest difference, as a part of contact's greatest move in the clip.
+CLOSE = 0.1
+TOOL = tool(bumps=3, max_height="10%", contact="resolve")
+
+
+def test_a_fold_about_its_axis_looks_alike_in_player_and_bake() -> None:
+    (gap,) = lookup_gaps(bake_fold(), "fold").values()
+    assert gap.share < CLOSE
+
+
+def test_a_pose_looks_alike_however_the_clip_gets_there() -> None:
+    """A closing fold and an opening one differ where skin has slid; loops would jump."""
+    body = bake_fold()
+    names = body.mesh("limb")["extras"]["targetNames"]
+    (fold,) = report_of(body).data["folds"]
+    columns = [names.index(name) for name in fold["targets"]]
+    times = np.linspace(0.0, 1.0, 21)
+    closing, opening = (body.weights("limb", "fold", each)[:, columns] for each in (times, 2.0 - times))
+    moved = np.tensordot(closing, body.deltas("limb")[columns], axes=1)
+    apart = np.tensordot(closing - opening, body.deltas("limb")[columns], axes=1)
+    assert np.linalg.norm(apart, axis=2).max() < CLOSE * np.linalg.norm(moved, axis=2).max()
+
+
+@pytest.mark.slow
+def test_a_finer_elbow_looks_alike_in_player_and_bake() -> None:
+    elbow = place(limb_asset(rings=30, sides=20, angle=85.0))
+    body = bake_once(elbow, tool(bumps=3, max_height="8%", contact="resolve"))
+    (gap,) = lookup_gaps(body, "fold").values()
+    assert gap.share < CLOSE
+
+
+@pytest.mark.slow
+def test_the_knee_of_the_sample_looks_alike_in_player_and_bake() -> None:
+    """The thigh turns, too, and the knee leans by 12°."""
+    tools = config("trousers")
+    tools["defaults"]["contact"] = "resolve"
+    body = bake_once("trousers", top=tools, only=["knee_out.L", "knee_in.L"], clips=["squat"], max_levels=1)
+    (gap,) = lookup_gaps(body, "squat").values()
+    assert gap.share < CLOSE
+
+
+@pytest.mark.slow
+def test_clips_about_leaning_axes_look_alike_in_player_and_bake() -> None:
+    body = bake_once(place(waving_limb(6, rings=16, sides=10)), TOOL)
+    (fold,) = report_of(body).data["folds"]
+    gaps = {clip: gap for clip in (f"wave_{k}" for k in range(6)) for gap in lookup_gaps(body, clip).values()}
+    assert len(gaps) >= 4
+    # Of small moves the keys of a track are off by as much as of large ones.
+    assert max(gap.share * gap.largest for gap in gaps.values()) < 0.01 * fold["largest_move"], gaps
+
+
+def test_a_clip_that_the_bake_gives_up_is_given_up_in_the_extras(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    fitted = crease.fit_pose
+
+    def pressed(*arguments: Any, **options: Any) -> tuple[np.ndarray, Any, bool]:
+        weights, urgent, _ = fitted(*arguments, **options)
+        return -weights, urgent, True
+
+    monkeypatch.setattr(crease, "fit_pose", pressed)
+    monkeypatch.setattr(Crease, "_about_as_good", lambda *_: False)
+    monkeypatch.setattr(Crease, "_looked_up", lambda self, _, times: np.zeros((len(times), len(self.shapes))))
+    tools = write_tools(tmp_path / "tools.yaml", {**TOOL, "contact": {"per_clip": False}})
+    report = wrinklecli.bake(folding_limb(), tools, tmp_path / "out.glb")
+    assert any("contact is left out of 'fold'" in line for line in report.warnings), report.warnings
+    body = Gltf(tmp_path / "out.glb")
+    (fold,) = body.json["nodes"][body.node("limb")]["extras"]["wrinkle"]["folds"]
+    assert fold["strengths"] == {"fold": 0.0}
+    (made,) = track(body.path, [folding_limb()], tmp_path / "tracks")
+    names = body.mesh("limb")["extras"]["targetNames"]
+    weights = Gltf(Path(made.path)).weights("limb", "fold", np.linspace(0.0, 2.0, 21))
+    assert weights.any()
+    assert not weights[:, [names.index(name) for name in fold["targets"]]].any()
