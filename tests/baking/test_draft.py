@@ -6,7 +6,7 @@ import pytest
 
 import wrinklecli
 from kit.command import Wrinkle
-from kit.limb import limb, write_tools
+from kit.limb import limb, tool, write_tools
 from kit.player import Gltf
 
 
@@ -34,6 +34,17 @@ def test_a_draft_is_less_refined_and_not_proven_and_says_so_wherever_it_goes(wri
     # The asset that a draft keeps is the asset: a bake of it is finished.
     wrinklecli.bake(tmp_path / "draft.glb", tools, tmp_path / "replaced.glb", replace=True)
     assert (tmp_path / "replaced.glb").read_bytes() == (tmp_path / "done.glb").read_bytes()
+
+
+def test_a_draft_leaves_contact_out_and_says_so(wrinkle: Wrinkle, tmp_path: Path) -> None:
+    asset = limb(tmp_path / "limb.glb", rings=12, sides=10)
+    tools = write_tools(tmp_path / "tools.yaml", tool(contact="resolve"))
+    ran = wrinkle("bake", asset, tools, "-o", "draft.glb", "--draft")
+    assert ran.code == 0
+    assert any("crease: contact is left out, as in every draft" in line for line in ran.lines), ran.lines
+    assert not any(
+        "_contact_" in name for name in Gltf(tmp_path / "draft.glb").json["meshes"][0]["extras"]["targetNames"]
+    )
 
 
 @pytest.mark.parametrize("levels", [0, 1])

@@ -51,7 +51,9 @@ class BakeOptions:
         strict: Refuse to write if there are warnings.
         replace: If the asset is the output of an earlier bake, bake the asset of that bake; see `baking.original`.
         details: Measure residuals of normals and curve lengths for the report, which takes longer.
-        draft: For a quick look: refine one level less and do not prove the file, which says that it is a draft.
+        draft: For a quick look: refine one level less, leave contact out, and do not prove the file, which says that it
+            is a draft.
+        jobs: Processes that resolve contact. The file does not depend on their number.
         split: Let faces that the same morph targets move be meshes and nodes of their own, without the other targets.
     """
 
@@ -76,6 +78,7 @@ class BakeOptions:
     replace: bool = False
     details: bool = False
     draft: bool = False
+    jobs: int = 1
     split: bool = False
 
 
@@ -94,7 +97,8 @@ class Job:
         by_node: The tools of each node that has a mesh, sorted by node.
         pose: Name of the clip that is the pose asked for, if any.
         range: Names of the clips that are the asset's range of motion.
-        notes: A line for each motion that was made, and for each part of the anims that was left out or renamed.
+        notes: A line for each motion that was made, for each part of the anims that was left out or renamed, and for
+            contact that is left out of a draft.
         warnings: A line for each tool that is left out, each unknown clip that an optional tool names, and each anim
             without clips.
     """
@@ -131,7 +135,13 @@ def read_job(
     document = asset if isinstance(asset, Document) else _read(asset, options)
     if options.replace:
         document = original(document)
-    return job_of(document, settings, options, motions or Motions(anims=options.anims, range_of_motion=False))
+    drafted = replace(settings, tools=tuple(replace(tool, contact=None) for tool in settings.tools))
+    motions = motions or Motions(anims=options.anims, range_of_motion=False)
+    job = job_of(document, drafted if options.draft else settings, options, motions)
+    asked = [tool.name for tool in settings.tools if tool.contact is not None]
+    if not options.draft or not asked:
+        return job
+    return replace(job, notes=(*job.notes, f"{', '.join(asked)}: contact is left out, as in every draft"))
 
 
 def tools_paths(tools: ToolsPaths) -> Sequence[str | os.PathLike[str]]:

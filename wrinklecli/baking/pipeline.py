@@ -129,9 +129,8 @@ def _pose_frames(job: Job, plan: MeshPlan, clock: StageClock, progress: Progress
 
 def _sample(job: Job, plan: MeshPlan, mode: Mode, progress: Progress) -> tuple[list[Effect], list[Motion]]:
     """Run the effects of a mesh over all clips."""
-    return sample_effects(
-        plan, job.clips, SamplingOptions(job.settings.sampling.fps, mode, job.document.memory, progress)
-    )
+    how = SamplingOptions(job.settings.sampling.fps, mode, job.document.memory, progress, job.options.jobs)
+    return sample_effects(plan, job.clips, how)
 
 
 def _add_morph_targets(

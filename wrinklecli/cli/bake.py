@@ -58,7 +58,7 @@ _MODIFIERS = {"define", "export", "override", "private", "undefine", "unexport"}
     " Godot 3, VTK and f3d.",
 )
 @opt.choice("--tracks", Tracks, "none: write targets and extras, but no weight tracks.")
-@opt.flag("--draft", text="Leave out the proof and one level of refinement, for a quick look; OUT says so.")
+@opt.flag("--draft", text="Leave out the proof, contact and one level of refinement, for a quick look; OUT says so.")
 @opt.flag(
     "--split",
     text="Divide meshes into parts, NAME_part2 and so on beside NAME, each with only the morph targets that move it:"
@@ -77,6 +77,7 @@ _MODIFIERS = {"define", "export", "override", "private", "undefine", "unexport"}
 @opt.file("--report", metavar="FILE.json", text="Write what was made and how exact it is.")
 @opt.file("--timings", metavar="FILE.json", text="Write seconds by stage, frames per second, and memory.")
 @opt.file("--depfile", metavar="FILE.d", text="Write the files that OUT depends on, for Make and Ninja.")
+@opt.whole("-j", "--jobs", bounds=(1, 1024), text="Processes that resolve contact; as many as cores by default.")
 @opt.allow_external()
 @opt.max_memory
 @opt.flag("--replace", text="If ASSET is the output of a bake, bake its original, as if from another folder.")
@@ -92,6 +93,7 @@ def bake(
     depfile: str | None,
     quiet: bool,
     verbose: bool,
+    jobs: int | None,
     **options: Any,
 ) -> None:
     """Bake the wrinkling tools of TOOLS (YAML) into the animations of ASSET (glTF).
@@ -127,10 +129,11 @@ def bake(
         from wrinklecli import bake as run
         from wrinklecli.baking.job import BakeOptions
         from wrinklecli.baking.report import as_json
+        from wrinklecli.numeric.processes import core_count
 
         for path in filter(None, (report, timings, depfile)):
             outputs.claim(path)
-        chosen = BakeOptions(details=report is not None, **options)
+        chosen = BakeOptions(details=report is not None, jobs=jobs or core_count(), **options)
         made = run(asset, tools, output, chosen, outputs=outputs, progress=progress.show)
         if report is not None:
             outputs.add_bytes(report, as_json(made.data).encode())

@@ -67,12 +67,14 @@ class SamplingOptions:
         mode: `frames` samples the grid alone, `morph` the times that straight lines between keys need.
         memory: The limit on samples.
         progress: Called with a stage's name, steps done and steps in all.
+        jobs: Processes that resolve contact.
     """
 
     fps: float
     mode: Mode
     memory: Memory
     progress: Progress
+    jobs: int = 1
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ crossings in a clip, the sweeps and the poses of the clips are compressed togeth
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,7 @@ from wrinklecli.effects.contact.tissue import FREE, SOFT, UNITS, Tissue
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, interpolated
 from wrinklecli.numeric.intersections import widened
 from wrinklecli.numeric.nearest import nearest_of
+from wrinklecli.numeric.processes import in_processes
 
 # A sweep ends where contact moves a vertex this far, solver's units: a limb is pressed by half of its radius,
 _DEEPEST = 36.0
@@ -317,11 +319,11 @@ def march_clip(fold: Fold, tissue: Tissue, hinges: "Sequence[Hinge | Rise]", cli
         UnresolvedError: A frame did not settle, or all took too many steps.
     """
     steps, solutions = Steps(), list[Solution | None]()
-    for time, found in zip(times, _in_clip(fold, tissue, hinges, clip, times), strict=True):
+    for time, found in zip(times, _in_clip(fold, tissue.again(), hinges, clip, times), strict=True):
         if not found.state.converged or not steps.suffice(found):
             reason = TOO_MANY_STEPS if found.state.converged else UNSETTLED
             raise UnresolvedError(GivenUp(reason, 1, time=float(time)))
-        solutions.append(found if found.touches else None)
+        solutions.append(found.settled_in(tissue) if found.touches else None)
     return MarchedClip(clip, times, tuple(solutions))
 
 
@@ -338,7 +340,7 @@ def _in_clip(
         yield from solutions_in(fold, tissue, clip, part, start)
 
 
-def resolve(fold: Fold, apart: Floats | None, *, share: float, most: int) -> Crease | None:
+def resolve(fold: Fold, apart: Floats | None, *, share: float, most: int, jobs: int = 1) -> Crease | None:
     """Solve a fold for its joint's motion and compress the solutions; None if nothing ever crosses.
 
     Args:
@@ -347,6 +349,7 @@ def resolve(fold: Fold, apart: Floats | None, *, share: float, most: int) -> Cre
         share: Greatest error of a vertex, relative to the greatest move. More shapes are made than this asks for if
             there would be crossings.
         most: Greatest number of shapes, even if crossings remain.
+        jobs: Processes that solve.
 
     Raises:
         UnresolvedError: The first pose that touches did not settle or is torn, or took too many steps.
@@ -356,7 +359,7 @@ def resolve(fold: Fold, apart: Floats | None, *, share: float, most: int) -> Cre
     tissue = tissue_of(fold, apart)
     if not tissue.colliding.any():
         raise UnresolvedError(GivenUp(DEGENERATE))
-    solved = tuple(_swept(fold, tissue))
+    solved = tuple(_swept(fold, tissue, jobs))
     return _compressed(fold, tissue, solved, share=share, least=1, most=most) if solved else None
 
 
@@ -391,34 +394,42 @@ def _compressed(
     )
 
 
-def _swept(fold: Fold, tissue: Tissue) -> Iterator[SolvedPose]:
+def _swept(fold: Fold, tissue: Tissue, jobs: int) -> Iterator[SolvedPose]:
     """Solve the sweeps: fold as far as the hinge goes, then with the axis leaning to each side.
+
+    Raises:
+        UnresolvedError: The joint's own motion fails at the first touch.
+    """
+    sweeps = [(number, end) for number in range(len(fold.hinge.leanings)) for end in fold.hinge.ends]
+    solved = in_processes(partial(_sweep, fold, tissue), sweeps, jobs, shared=(fold, tissue))
+    for (number, _), (poses, failed) in zip(sweeps, solved, strict=True):
+        if failed is not None and not poses and not fold.hinge.leanings[number].any():
+            raise failed
+        yield from poses
+
+
+def _sweep(fold: Fold, tissue: Tissue, sweep: tuple[int, float]) -> tuple[list[SolvedPose], UnresolvedError | None]:
+    """Solve the sweep of a leaning, by its number, to an end; also give the error that ends it, if one does.
 
     A sweep ends before the first pose that does not settle, is torn, or takes too many steps. Nobody may ever bend the
     joint as far, and clips that do are solved themselves.
-
-    Raises:
-        UnresolvedError: So the joint's own motion ends at the first touch.
     """
-    for number, lean in enumerate(fold.hinge.leanings):
-        leaning = bool(lean.any())
-        for end in fold.hinge.ends:
-            way = _way(end, fold.hinge.stride * (_LEANING_STRIDES if leaning else 1.0))
-            clip = fold.hinge.turn(way, tilt=lean)
-            times = np.linspace(0.0, 1.0, len(way))
-            steps, touched = Steps(), False
-            for folded, time, found in zip(way, times, solutions_in(fold, tissue, clip, times), strict=True):
-                solved = SolvedPose(clip, float(time), found, float(folded), number)
-                reason = _failure(steps, found)
-                if reason is not None:
-                    if not (leaning or touched):
-                        raise _refused(fold, [solved], reason)
-                    break
-                if found.touches:
-                    touched = True
-                    yield solved
-                    if found.greatest_move > (_DEEPEST_LEANING if leaning else _DEEPEST):
-                        break
+    number, end = sweep
+    lean = fold.hinge.leanings[number]
+    way = _way(end, fold.hinge.stride * (_LEANING_STRIDES if lean.any() else 1.0))
+    clip = fold.hinge.turn(way, tilt=lean)
+    times = np.linspace(0.0, 1.0, len(way))
+    steps, poses = Steps(), list[SolvedPose]()
+    for folded, time, found in zip(way, times, solutions_in(fold, tissue.again(), clip, times), strict=True):
+        solved = SolvedPose(clip, float(time), found.settled_in(tissue), float(folded), number)
+        reason = _failure(steps, found)
+        if reason is not None:
+            return poses, _refused(fold, [solved], reason)
+        if found.touches:
+            poses.append(solved)
+            if found.greatest_move > (_DEEPEST_LEANING if lean.any() else _DEEPEST):
+                break
+    return poses, None
 
 
 def _failure(steps: Steps, found: Solution) -> str | None:

@@ -45,8 +45,12 @@ class UnresolvedError(Exception):
     """Contact cannot be resolved in a fold."""
 
     def __init__(self, given_up: GivenUp) -> None:
-        super().__init__(given_up.reason)
+        super().__init__(given_up)
         self.given_up = given_up
+
+    def __str__(self) -> str:
+        """The reason."""
+        return self.given_up.reason
 
 
 @contextmanager

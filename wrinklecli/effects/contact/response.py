@@ -5,6 +5,7 @@ gave way would lose the volume that a contact squeezes away, where flesh bulges 
 held at that of the skinned pose, in which overlapping parts count twice.
 """
 
+from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -140,6 +141,13 @@ class Response:
         self._known = np.full(stiffness.shape[0], -1, np.intp)
         self._vertices = np.zeros(0, np.intp)
         self._gains = np.zeros((0, 0))
+
+    def again(self) -> "Response":
+        """The same response before anything has touched: what touches first decides the last bits of all movements."""
+        fresh = copy(self)
+        fresh._known = np.full(len(self._known), -1, np.intp)
+        fresh._vertices, fresh._gains = np.zeros(0, np.intp), np.zeros((0, 0))
+        return fresh
 
     def moves_under(self, forces: Floats) -> Floats:
         """(free, columns) movements of the free vertices, one coordinate for each column of forces."""

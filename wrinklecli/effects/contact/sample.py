@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations
 from typing import TYPE_CHECKING
 
@@ -18,6 +19,7 @@ from wrinklecli.effects.sampling import duplicates_of, joined
 from wrinklecli.effects.shapes import Sample, Shape, make_shapes, summed
 from wrinklecli.numeric.arrays import Floats, distinct_values, interpolated, matches
 from wrinklecli.numeric.guard import one_thread
+from wrinklecli.numeric.processes import in_processes
 
 if TYPE_CHECKING:
     from wrinklecli.effects.contact.crease import Crease, Followed, MarchedClip, Moves, SolvedPose
@@ -48,26 +50,38 @@ def sample_contact(
     # Imported here, as other bakes need none of it.
     import scipy.linalg  # noqa: F401  # has a BLAS of its own, which is to run one thread
 
-    from wrinklecli.effects.contact.crease import resolve
-
     made, done = list(effects), 0
     with one_thread():
-        for members in _systems(folds, motions):
-            creases = []
-            for fold, apart in members:
-                try:
-                    with degenerate_given_up():
-                        creases.append(resolve(fold, apart, share=_SHAPE_ERROR, most=_MOST_SHAPES))
-                except UnresolvedError as error:
-                    made.append(_given_up(plan, fold, members, made, error.given_up))
+        systems = _systems(folds, motions)
+        every = [member for members in systems for member in members]
+        # Processes beyond one for each fold solve its sweeps.
+        work = partial(_resolved, jobs=max(1, how.jobs // max(1, len(every))))
+        resolved = in_processes(work, every, how.jobs, shared=[fold for fold, _ in every])
+        for members in systems:
+            touching = []
+            for (fold, _), found in zip(members, resolved, strict=False):
+                if isinstance(found, GivenUp):
+                    made.append(_given_up(plan, fold, members, made, found))
                     motions = _unmoved(motions)
+                elif found is not None:
+                    touching.append(found)
                 done += 1
                 how.progress("contact", done, len(folds))
-            touching = [crease for crease in creases if crease is not None]
             if touching:
-                found, motions = _followed_or_given_up(plan, touching, members, made, motions, how)
-                made += found
+                more, motions = _followed_or_given_up(plan, touching, members, made, motions, how)
+                made += more
     return made, list(motions)
+
+
+def _resolved(member: "tuple[Fold, Floats | None]", *, jobs: int) -> "Crease | GivenUp | None":
+    """Resolve a fold, with its distances from what crosses; None if nothing ever does."""
+    from wrinklecli.effects.contact.crease import resolve
+
+    try:
+        with degenerate_given_up():
+            return resolve(*member, share=_SHAPE_ERROR, most=_MOST_SHAPES, jobs=jobs)
+    except UnresolvedError as error:
+        return error.given_up
 
 
 def _systems(folds: "Sequence[Fold]", motions: Sequence[Motion]) -> "list[list[tuple[Fold, Floats | None]]]":
@@ -170,12 +184,17 @@ class _Solver:
 
     Args:
         times: For each clip, by its number, (frames,) seconds.
+        jobs: Number of clips that are solved at a time.
     """
 
-    def __init__(self, creases: "Sequence[Crease]", clips: Mapping[int, Clip], times: Mapping[int, Floats]) -> None:
+    def __init__(
+        self, creases: "Sequence[Crease]", clips: Mapping[int, Clip], times: Mapping[int, Floats], jobs: int
+    ) -> None:
         from wrinklecli.effects.contact.system import System
 
         self._system, self.clips, self.times = System(tuple(creases)), clips, times
+        self._jobs = jobs
+        self._ahead: dict[int, MarchedClip] = {}
         self._kept: dict[int, MarchedClip] = {}
         self._room = _KEPT_BYTES
         self._fitted: list[tuple[Crease, dict[int, _Marched]]] = []
@@ -196,16 +215,23 @@ class _Solver:
     def _solved(self, number: int) -> "MarchedClip":
         if number in self._kept:
             return self._kept[number]
-        clip = self.clips[number]
-        try:
-            with degenerate_given_up():
-                found = self._system.march(clip, self.times[number])
-        except UnresolvedError as error:
-            raise UnresolvedError(replace(error.given_up, clip=clip.name)) from error
+        if number not in self._ahead:
+            next_ones = [each for each in self.clips if each >= number and each not in self._kept][: self._jobs]
+            solved = in_processes(self._march, next_ones, self._jobs, shared=self._system.parts(self.clips.values()))
+            self._ahead = dict(zip(next_ones, solved, strict=True))
+        found = self._ahead.pop(number)
         self._room -= found.size
         if self._room > 0:
             self._kept[number] = found
         return found
+
+    def _march(self, number: int) -> "MarchedClip":
+        clip = self.clips[number]
+        try:
+            with degenerate_given_up():
+                return self._system.march(clip, self.times[number])
+        except UnresolvedError as error:
+            raise UnresolvedError(replace(error.given_up, clip=clip.name)) from error
 
 
 def _followed(
@@ -220,7 +246,7 @@ def _followed(
     firsts = duplicates_of(plan, [motion.clip for motion in motions])
     chosen = sorted(set(firsts))
     times = {k: _march_times(creases, motions[k], how.fps) if marched else motions[k].times for k in chosen}
-    solver = _Solver(creases, {k: motions[k].clip for k in chosen}, times)
+    solver = _Solver(creases, {k: motions[k].clip for k in chosen}, times, how.jobs)
     spanned = []
     for crease in creases:
         spanned.append(_spanned(crease, solver))

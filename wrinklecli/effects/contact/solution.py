@@ -129,6 +129,11 @@ class Solution:
         """True if another move tears the surface."""
         return self.tissue.tears(self.positions, self.positions_under(moved))
 
+    def settled_in(self, tissue: Tissue) -> "Solution":
+        """The same solution, of another copy of the tissue, from which no pose starts any more."""
+        state = replace(self.state, posed=SkinnedPose(self.positions, self.matrices), near=None)
+        return replace(self, tissue=tissue, state=state)
+
     @cached_property
     def _own_crossings(self) -> Bools | None:
         """(vertices,) vertices that cross in the solution."""

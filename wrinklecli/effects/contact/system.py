@@ -51,6 +51,11 @@ class System:
         apart[len(self.fold.vertices) :] = others
         return tissue_of(self.fold, apart)
 
+    def parts(self, clips: Iterable[Clip]) -> list[object]:
+        """What the solutions of clips refer to."""
+        one = self.creases[0] if len(self.creases) == 1 else self
+        return [one.fold, one.tissue, *clips]
+
     @cached_property
     def _rows(self) -> list[Ints]:
         """For each fold the indices of its free vertices among the system's."""

@@ -3,7 +3,8 @@
 Collisions are found by the library ipctk. All lengths are in solver's units: a limb's radius is 70 of them.
 """
 
-from dataclasses import dataclass, replace
+from copy import copy
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -106,6 +107,18 @@ class Tissue:
     free: Bools
     own: Bools
     apart: Floats
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The attributes: what is computed from them is computed again in another process."""
+        return {each.name: getattr(self, each.name) for each in fields(self)}
+
+    def again(self) -> "Tissue":
+        """A copy that nothing has touched yet: its solutions depend on no others, not even in the last bits."""
+        once = self.mesh, self.barrier, self.pressures, self._crossings, self._tearing  # for all copies
+        fresh = copy(self)
+        fresh.__dict__.update(self.__dict__, response=self.response.again())
+        assert fresh.mesh is once[0]
+        return fresh
 
     def without_close_meshes(self) -> "Tissue":
         """A copy in which triangles of other meshes that lie on the surface at rest never collide."""

@@ -1,0 +1,47 @@
+"""Work in processes gives what it gives here, in the same order."""
+
+import os
+from itertools import islice
+
+import pytest
+
+from wrinklecli.effects.contact.given_up import UNSETTLED, GivenUp, UnresolvedError
+from wrinklecli.numeric.processes import core_count, in_processes
+
+
+@pytest.mark.parametrize("jobs", [1, 2, 8])
+def test_results_come_in_the_order_of_the_items(jobs: int) -> None:
+    assert list(in_processes(lambda number: number**2, [3, 1, 2], jobs)) == [9, 1, 4]
+    assert list(in_processes(lambda number: number, [], jobs)) == []
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_several_items_are_worked_out_elsewhere_and_one_is_here() -> None:
+    assert os.getpid() not in in_processes(lambda _: os.getpid(), [0, 1], 2)
+    assert list(in_processes(lambda _: os.getpid(), [0], 2)) == [os.getpid()]
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_shared_objects_are_not_copied(jobs: int) -> None:
+    shared, other = {"large": 1}, {"small": 2}
+    for first, second in in_processes(lambda _: (shared, dict(other)), [0, 1], jobs, shared=[shared]):
+        assert first is shared
+        assert second == other
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_an_error_comes_when_it_is_its_turn(jobs: int) -> None:
+    def work(number: int) -> int:
+        if number == 1:
+            raise UnresolvedError(GivenUp(UNSETTLED, 3, time=0.5))
+        return number
+
+    found = in_processes(work, [0, 1, 2], jobs)
+    assert list(islice(found, 1)) == [0]
+    with pytest.raises(UnresolvedError, match=UNSETTLED) as raised:
+        next(found)
+    assert raised.value.given_up == GivenUp(UNSETTLED, 3, time=0.5)
+
+
+def test_there_is_a_core() -> None:
+    assert core_count() >= 1
