@@ -8,8 +8,8 @@
     python tests/benchmarks/contact_table.py --readme               README's table anew from contact.csv
 
 Crossings are edges that pass through triangles, added up over 13 moments of a clip: of the asset, of the bake with
-contact off, and with contact; in all meshes, and at vertices that the tools or contact move ("in the folds"). Seconds
-are those of the processor, of the whole command and all that it starts.
+contact off, and with contact; in all meshes, and at vertices that the tools or contact move ("in the folds"), those
+that cross at rest aside. Seconds are those of the processor, of the whole command and all that it starts.
 """
 
 import argparse

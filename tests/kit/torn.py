@@ -49,6 +49,8 @@ def treated_crossings(
 ) -> NDArray[np.int64]:
     """(times,) edges through triangles at vertices that tools or contact move in a bake, as another file has them.
 
+    Edges that pass through a triangle at rest too do not count.
+
     Args:
         file: The bake, the same without contact, or the asset.
         mesh: The node with the tools.
@@ -71,7 +73,8 @@ def treated_crossings(
     marked[welded[treated[rows]]] = True
     triangles = _whole(welded[file.triangles(mesh)])
     trees = Crossings.of(file.attribute(mesh, "POSITION")[firsts], triangles)
-    return np.array([_count(trees, positions, marked) for positions in file.pose(mesh, clip, times)[:, firsts]])
+    (rest,) = file.pose(mesh, None, [0.0])[:, firsts]
+    return _counts(trees, rest, file.pose(mesh, clip, times)[:, firsts], marked)
 
 
 def _faults(one: Gltf, other: Gltf, report: Report, mesh: str, clip: str, radius: float) -> Iterator[str]:
@@ -89,7 +92,7 @@ def _faults(one: Gltf, other: Gltf, report: Report, mesh: str, clip: str, radius
     treated = _treated(one, report.data, mesh)[firsts]
     trees = Crossings.of(rest[firsts], triangles)
     counts = [sum(len(trees.at(positions)[0]) for positions in each) for each in (shown, given)]
-    left = np.array([_count(trees, positions, treated) for positions in shown])
+    left = _counts(trees, still[0][0], shown, treated)
     if left.any():
         yield f"{left.sum()} crossings left in treated folds, most ({left.max()}) at {times[np.argmax(left)]:.3g} s"
     if counts[0] > counts[1]:
@@ -139,10 +142,14 @@ def _whole(triangles: Ints) -> Ints:
     return triangles[(np.diff(np.sort(triangles, axis=1), axis=1) > 0).all(axis=1)]
 
 
-def _count(trees: Crossings, positions: Floats, marked: NDArray[np.bool_]) -> int:
-    """Edges that pass through triangles, with a marked vertex of either."""
-    edges, crossed = trees.at(positions)
-    return int(np.count_nonzero(marked[trees.edges[edges]].any(axis=1) | marked[trees.triangles[crossed]].any(axis=1)))
+def _counts(trees: Crossings, rest: Floats, shown: Floats, marked: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """(frames,) edges that pass through triangles, with a marked vertex of either, and that do not so at rest."""
+    still, found = set(zip(*trees.at(rest), strict=True)), []
+    for positions in shown:
+        edges, crossed = trees.at(positions)
+        ours = marked[trees.edges[edges]].any(axis=1) | marked[trees.triangles[crossed]].any(axis=1)
+        found.append(len(set(zip(edges[ours], crossed[ours], strict=True)) - still))
+    return np.array(found)
 
 
 def _treated(file: Gltf, report: Json, mesh: str | int, *, silent: bool = True) -> NDArray[np.bool_]:
