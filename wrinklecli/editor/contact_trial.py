@@ -24,6 +24,7 @@ from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.writer import write
 from wrinklecli.numeric.guard import Progress, guarded
 from wrinklecli.numeric.memory import Memory
+from wrinklecli.numeric.processes import core_count
 from wrinklecli.review.preview.apply import PlannedTools, apply_tools
 from wrinklecli.tools.records import ToolsFile
 
@@ -179,7 +180,7 @@ def _solved(trial: ContactTrial, out: str, progress: Progress) -> list[str]:
         document = LoadedAsset.read(trial.asset, trial.read_options).document
         pose = trial.pose if trial.clip == POSE else FreePose()
         motions = Motions(range_of_motion=False, pose=pose.joint_turns, morphs=pose.weights)
-        job = job_of(document, trial.settings, BakeOptions(), motions)
+        job = job_of(document, trial.settings, BakeOptions(jobs=core_count()), motions)
         planned = PlannedTools(trial.settings, job, tuple(plan_meshes(job)), (), ())
         edited, left_out = apply_tools(planned, [job.pose or trial.clip], progress)
         write(EditedDocument(edited), out)

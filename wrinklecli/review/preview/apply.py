@@ -113,7 +113,7 @@ def apply_tools(
     assert job is not None
     edited, left_out = EditedDocument(job.document), list[str]()
     chosen = [clip for clip in job.clips if clip.name in clips]
-    sampling = SamplingOptions(job.settings.sampling.fps, "morph", job.document.memory, progress)
+    sampling = SamplingOptions(job.settings.sampling.fps, "morph", job.document.memory, progress, job.options.jobs)
     for plan in planned.plans:
         refuse_too_much(job, plan, chosen, job.document.path)
         effects, motions = sample_effects(plan, chosen, sampling)
