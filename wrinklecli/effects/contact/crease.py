@@ -1,8 +1,8 @@
 """Creases: the contact in a fold as few fixed shapes for any clip, solved for the joint's own motion.
 
 The joint sweeps through its range, and four times more with its axis leaning by 10° to a side. The solutions of these
-sweeps are compressed into shapes. A clip's weights come from solving the clip itself and fitting the shapes to the
-solutions; weights of a clip that was never baked are looked up by the joint's angle. Where these shapes leave
+sweeps are compressed into shapes. Each clip is solved, too. Its weights are looked up by the joint's turn, as players
+do it for clips that were never baked, or fitted to the solutions where that is much nearer. Where these shapes leave
 crossings in a clip, the sweeps and the poses of the clips are compressed together into other, few more shapes.
 """
 
