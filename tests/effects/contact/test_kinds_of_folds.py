@@ -12,7 +12,7 @@ import wrinklecli
 from kit.folds import CLIP, FOLDS, RANGES, Fold
 from kit.torn import faults
 
-KINDS = ["one_sided", "elbow", "finger", "hip", "armpit", "groin", "rigid", "no_room"]
+KINDS = ["low_poly", "one_sided", "elbow", "finger", "hip", "armpit", "groin", "rigid", "no_room"]
 ANY_OF = ["elbow", "finger", "hip"]
 
 

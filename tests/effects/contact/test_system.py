@@ -18,7 +18,14 @@ from wrinklecli.effects.contact.crease import distances_from_crossings, resolve
 from wrinklecli.effects.contact.fold import Fold
 from wrinklecli.effects.contact.layer import ContactLayer
 from wrinklecli.effects.contact.solution import free_rows
-from wrinklecli.effects.contact.system import System, grouped, near_each_other, touching_in_clips, union
+from wrinklecli.effects.contact.system import (
+    System,
+    crossing_in_clips,
+    grouped,
+    near_each_other,
+    touching_in_clips,
+    union,
+)
 from wrinklecli.review.crossings import crossings
 
 
@@ -80,6 +87,20 @@ def test_knees_that_meet_in_a_clip_are_found(tmp_path: Path) -> None:
     assert np.isin(vertices, folds[0].vertices).any()
     assert np.isin(vertices, folds[1].vertices).any()
     assert touching_in_clips(folds[:1], clips) == touching_in_clips(folds, []) == []
+
+
+def test_a_fold_that_only_a_clip_closes_has_shapes_of_the_clip_alone(tmp_path: Path) -> None:
+    ((fold,), clips) = folds_of("low_poly", tmp_path)
+    assert distances_from_crossings(fold) is None
+    assert not len(crossing_in_clips(fold, []))
+    crease = resolve(fold, distances_from_crossings(fold, crossing_in_clips(fold, clips)), share=0.35, most=4)
+    assert crease is not None
+    assert not crease.sweeps
+    assert not len(crease.shapes)
+    solved = crease.march(clips[0], np.linspace(clips[0].start, clips[0].end, 31))
+    assert crease.follow(solved).crossing
+    wider = crease.spanning([*solved.poses(solved.touching)], share=0.35, most=4)
+    assert not wider.follow(solved).crossing
 
 
 def test_a_union_has_each_triangle_of_its_folds_once(tmp_path: Path) -> None:

@@ -207,7 +207,7 @@ class Crease:
     def spanning(self, poses: "Sequence[SolvedPose]", *, share: float, most: int) -> "Crease":
         """The same fold with shapes for its sweeps and for some poses of clips; arguments are as in `resolve`."""
         return _compressed(
-            self.fold, self.tissue, (*self.sweeps, *poses), share=share, least=len(self.shapes), most=most
+            self.fold, self.tissue, (*self.sweeps, *poses), share=share, least=max(len(self.shapes), 1), most=most
         )
 
     def torn_frames(self, clip: Clip | None, times: Floats, weights: Floats, others: Sequence[Moves]) -> list[int]:
@@ -343,6 +343,8 @@ def _in_clip(
 def resolve(fold: Fold, apart: Floats | None, *, share: float, most: int, jobs: int = 1) -> Crease | None:
     """Solve a fold for its joint's motion and compress the solutions; None if nothing ever crosses.
 
+    There are no shapes yet if only clips cross, which bend the joint further or otherwise.
+
     Args:
         fold: The surface round a joint.
         apart: As `distances_from_crossings` gives it.
@@ -359,8 +361,7 @@ def resolve(fold: Fold, apart: Floats | None, *, share: float, most: int, jobs: 
     tissue = tissue_of(fold, apart)
     if not tissue.colliding.any():
         raise UnresolvedError(GivenUp(DEGENERATE))
-    solved = tuple(_swept(fold, tissue, jobs))
-    return _compressed(fold, tissue, solved, share=share, least=1, most=most) if solved else None
+    return _compressed(fold, tissue, tuple(_swept(fold, tissue, jobs)), share=share, least=1, most=most)
 
 
 def _compressed(
@@ -372,9 +373,11 @@ def _compressed(
     """
     spans_clips = any(each.folded is None for each in poses)
     demanded = np.array([not (spans_clips and each.lean) for each in poses])
-    weights, shapes, crossing = fit_poses(
-        [each.found for each in poses], share=share, least=least, most=most, demanded=demanded
-    )
+    weights, shapes, crossing = np.zeros((0, 0)), np.zeros((0, len(free_rows(tissue)), 3)), 0
+    if poses:
+        weights, shapes, crossing = fit_poses(
+            [each.found for each in poses], share=share, least=least, most=most, demanded=demanded
+        )
     sweeps = tuple(each for each in poses if each.folded is not None)
     made = [(each.found, combined(row, shapes)) for each, row in zip(sweeps, weights, strict=False)]
     scale = fold.radius / UNITS
@@ -385,10 +388,10 @@ def _compressed(
         sweeps=sweeps,
         shapes=shapes,
         response=_response(fold, sweeps, weights, torn),
-        samples=tuple((weights[k], poses[k].clip, poses[k].time) for k in _chosen(weights)),
-        error=scale * max(found.greatest_error(moved) for found, moved in made),
-        largest=scale * max(each.found.greatest_move for each in poses),
-        squeezed=max(found.volume_loss(moved) for found, moved in made),
+        samples=tuple((weights[k], poses[k].clip, poses[k].time) for k in _chosen(weights)) if poses else (),
+        error=scale * max((found.greatest_error(moved) for found, moved in made), default=0.0),
+        largest=scale * max((each.found.greatest_move for each in poses), default=0.0),
+        squeezed=max((found.volume_loss(moved) for found, moved in made), default=0.0),
         crossing=crossing,
         spans_clips=spans_clips,
     )
@@ -521,8 +524,8 @@ def _way(end: float, stride: float) -> Floats:
 def distances_from_crossings(fold: Fold, further: Ints | None = None) -> Floats | None:
     """(vertices,) distance at rest from the vertices that cross in a sweep and not at rest, solver's units.
 
-    `further` are fine welded vertices that cross elsewhere. None if nothing of the fold's own crosses in a sweep. Where
-    edges are long, a vertex counts as nearer, so that corrections fade over at least `RINGS` edges.
+    `further` are fine welded vertices that cross in clips. None if nothing of the fold's own crosses. Where edges are
+    long, a vertex counts as nearer, so that corrections fade over at least `RINGS` edges.
     """
     still = fold.crossing(fold.rest_positions)
     marked = np.zeros(len(fold.own), bool)
@@ -533,10 +536,10 @@ def distances_from_crossings(fold: Fold, further: Ints | None = None) -> Floats 
             for positions in fold.posed(clip, looks)[0]:
                 marked |= fold.crossing(positions)
     marked &= ~still
-    if not marked[fold.own].any():
-        return None
     if further is not None:
         marked[: len(fold.vertices)] |= np.isin(fold.vertices, further)
+    if not marked[fold.own].any():
+        return None
     apart = nearest_of(fold.rest_positions[marked], fold.rest_positions)[0] * UNITS / fold.radius
     for ring in range(1, RINGS + 1):
         marked, within = widened(fold.crossings.edges, marked), marked

@@ -87,7 +87,7 @@ def _resolved(member: "tuple[Fold, Floats | None]", *, jobs: int) -> "Crease | G
 def _systems(folds: "Sequence[Fold]", motions: Sequence[Motion]) -> "list[list[tuple[Fold, Floats | None]]]":
     """The folds that are solved together, each with its distances from what crosses; None if nothing does."""
     from wrinklecli.effects.contact.crease import distances_from_crossings
-    from wrinklecli.effects.contact.system import grouped, near_each_other, touching_in_clips
+    from wrinklecli.effects.contact.system import crossing_in_clips, grouped, near_each_other, touching_in_clips
 
     hinged = [number for number, fold in enumerate(folds) if isinstance(fold.hinge, Hinge)]
     clips = [motion.clip for motion in motions] if all(fold.per_clip for fold in folds) else []
@@ -98,7 +98,10 @@ def _systems(folds: "Sequence[Fold]", motions: Sequence[Motion]) -> "list[list[t
     found = []
     for number, fold in enumerate(folds):
         further = [vertices for one, two, vertices in touching if number in (one, two)]
-        found.append(distances_from_crossings(fold, np.concatenate(further) if further else None))
+        apart = distances_from_crossings(fold, np.concatenate(further) if further else None)
+        if apart is None and clips:
+            apart = distances_from_crossings(fold, crossing_in_clips(fold, clips))
+        found.append(apart)
     pairs = [(one, two) for one, two, _ in touching if found[one] is not None and found[two] is not None]
     pairs += [
         (one, two)
@@ -251,6 +254,10 @@ def _followed(
     for crease in creases:
         spanned.append(_spanned(crease, solver))
         solver.fix(*spanned[-1])
+    # Nothing touches where a fold that clips alone cross has no shapes.
+    spanned = [(crease, marches) for crease, marches in spanned if len(crease.shapes)]
+    if not spanned:
+        return [], list(motions)
     made: list[ContactEffect] = []
     for number, (crease, marches) in enumerate(spanned):
         remaining = []

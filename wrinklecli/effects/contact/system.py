@@ -23,6 +23,8 @@ from wrinklecli.numeric.arrays import Floats, Ints, components, distinct_values
 
 # Moments of a clip at which folds are checked for touching each other, at most.
 _MOMENTS = 8
+# Moments of a clip among which the turn of a joint is looked for that is furthest.
+_LOOKS = 65
 
 
 @dataclass(frozen=True)
@@ -164,8 +166,7 @@ def touching_in_clips(folds: Sequence[Fold], clips: Iterable[Clip]) -> list[tupl
     still = whole.crossing(places)
     found: dict[tuple[int, int], set[int]] = {}
     for clip in clips:
-        times = np.linspace(clip.start, clip.end, _MOMENTS)
-        for positions in whole.posed(clip, times)[0]:
+        for positions in whole.posed(clip, _moments(folds, clip))[0]:
             edges, triangles = whole.crossings.at(positions)
             corners = np.concatenate([whole.crossings.edges[edges], whole.crossings.triangles[triangles]], axis=1)
             corners = corners[~still[corners].any(axis=1)]
@@ -176,6 +177,24 @@ def touching_in_clips(folds: Sequence[Fold], clips: Iterable[Clip]) -> list[tupl
                     pair = (min(one, two), max(one, two))
                     found.setdefault(pair, set()).update(whole.vertices[np.unique(these)].tolist())
     return [(one, two, np.array(sorted(vertices), np.intp)) for (one, two), vertices in sorted(found.items())]
+
+
+def crossing_in_clips(fold: Fold, clips: Iterable[Clip]) -> Ints:
+    """The fold's vertices that cross in clips and not at rest, as skinned and wrinkled."""
+    marked = np.zeros(len(fold.own), bool)
+    for clip in clips:
+        for positions in fold.posed(clip, _moments([fold], clip))[0]:
+            marked |= fold.crossing(positions)
+    marked &= ~fold.crossing(fold.rest_positions)
+    return fold.vertices[marked[: len(fold.vertices)]]
+
+
+def _moments(folds: Sequence[Fold], clip: Clip) -> Floats:
+    """(moments,) seconds of a clip, evenly spread, and those at which each joint is turned furthest either way."""
+    evenly, times = (np.linspace(clip.start, clip.end, count) for count in (_MOMENTS, _LOOKS))
+    strides = [each.hinge.strides(each.rig, clip, times) for each in folds]
+    furthest = [times[end(each)] for each in strides for end in (np.argmin, np.argmax)]
+    return distinct_values(np.array([*evenly, *furthest]))
 
 
 def _mesh_alone(fold: Fold) -> Fold:
