@@ -98,10 +98,12 @@ def _faults(one: Gltf, other: Gltf, report: Report, mesh: str, clip: str, radius
     if counts[0] > counts[1]:
         yield f"{counts[0]} crossings, {counts[1]} without contact"
     yield from _torn(rest[firsts], triangles, trees, shown, given, times)
+    border = np.unique(triangles[(_neighbours(triangles) < 0).any(axis=1)])
     whole = max(len(report.data["folds"]), 1) * 2.0 * np.pi * radius**3
     for frame in range(_MOMENTS):
         lost = abs(_volume(shown[frame], triangles) - _volume(given[frame], triangles)) / whole
-        if lost > _VOLUME:
+        # An open border that moves leaves no volume to compare.
+        if lost > _VOLUME and np.array_equal(shown[frame][border], given[frame][border]):
             yield f"volume changed by {100 * lost:.2g} % at {times[frame]:.3g} s"
             break
 

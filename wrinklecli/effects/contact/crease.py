@@ -7,7 +7,7 @@ crossings in a clip, the sweeps and the poses of the clips are compressed togeth
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -307,6 +307,11 @@ class Followed:
     crossing: tuple[int, ...]
     unspanned: tuple[int, ...]
     given_up: bool = False
+
+    @property
+    def without_contact(self) -> "Followed":
+        """The same clip, given up."""
+        return replace(self, weights=np.zeros_like(self.weights), given_up=True)
 
 
 def march_clip(fold: Fold, tissue: Tissue, hinges: "Sequence[Hinge | Rise]", clip: Clip, times: Floats) -> MarchedClip:

@@ -138,11 +138,12 @@ def fit_pose(
             return known, np.ones_like(urgent), False
         tries.append((int(marked.sum()), known, urgent))
         urgent, wanted = np.where(marked, _MORE * urgent, urgent), found.opened(near)
-    for _ in range(_TRIES):
+    for number in range(_TRIES):
         # The pull to the known weights is a second target of each vertex; both together are their mean.
         shares = found.error_weights * urgent + pull
         target = wanted + pull * (near - wanted) / shares[:, None]
-        along = np.sqrt(shares.sum()) * held
+        # Nothing may cross, even if that takes volume away: this counts less with each try.
+        along = np.sqrt(shares.sum()) / _MORE**number * held
         (weights,) = np.clip(project(target[None], shares[None], shapes, along[None]), -MOST_WEIGHT, MOST_WEIGHT)
         moved = combined(weights, shapes)
         marked = found.crossing(moved)

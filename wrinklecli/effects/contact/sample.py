@@ -261,7 +261,7 @@ def _followed(
     made: list[ContactEffect] = []
     for number, (crease, marches) in enumerate(spanned):
         remaining = []
-        for first, each in marches.items():
+        for first, each in list(marches.items()):
             others = _moves_of(crease.fold, effects, motions[first], each.times)
             for other, (beside, there) in enumerate(spanned):
                 if other != number:
@@ -269,7 +269,11 @@ def _followed(
             torn = crease.torn_frames(each.clip, each.times, each.followed.weights, others)
             if torn:
                 raise UnresolvedError(GivenUp(TORN, len(torn), each.clip.name, float(each.times[torn[0]])))
-            remaining.append(remaining_in(crease, each.clip, each.times, each.followed, others))
+            left = remaining_in(crease, each.clip, each.times, each.followed, others)
+            if left is not None and left.resolved > left.wrinkled:
+                marches[first] = each = replace(each, followed=each.followed.without_contact)
+                left = remaining_in(crease, each.clip, each.times, each.followed, others)
+            remaining.append(left)
         followed = [each.followed for each in marches.values()]
         given_up = [
             each.clip.name for each, first in zip(motions, firsts, strict=True) if marches[first].followed.given_up
