@@ -31,12 +31,12 @@ _RAISED = 1e-3
 _AS_TALL = 0.5
 # Least contrast of crests, root mean square over the lightness: light and dark flanks then differ by 0.1. One notices
 # 0.01 to 0.02 in the laboratory, on a plain field and at leisure; several times as much on a textured figure in motion.
-# Lines of a face and its neck are looked at from nearer.
-_LEAST_CONTRAST = {"face": 0.02, "body": 0.035}
-# Least part of the change of light that follows the crests. Lines of skin are even: those of wrists, elbows and brows
-# have 0.75 and more, dents and dirt 0.3 to 0.7. Folds of cloth wander, join and cross: 0.62 and more, while what looks
-# like dents has up to 0.58.
-_LEAST_CRESTS = {"skin": 0.7, "other": 0.6}
+# Lines of faces and hands are looked at from nearer.
+_LEAST_CONTRAST = {"near": 0.02, "body": 0.035}
+_LOOKED_AT_NEAR: tuple[Part, ...] = ("neck", "head", "hand", "palm", "finger")
+# Least part of the change of light that follows the crests: those of wrists, elbows and brows have 0.75 and more, folds
+# that wander, join and cross 0.56 and more, and dents, dirt and specks 0.3 to 0.52.
+_LEAST_CRESTS = 0.55
 # Edges that begin to cross, over the square root of the place's edges, which is how many a line across it meets. The
 # sides of a fold that closes cross along one line, and each side has its edges there; wrinkles that come through
 # clothes, or through each other, cross all over the place.
@@ -224,13 +224,12 @@ def _judge(stage: Stage, suggestion: Suggestion, placed: dict[str, Placement]) -
     resolved = touches and has_contact()
     # A twin that a clip hardly raises is hardly seen either; one that rises as far must look as good.
     tallest = max((look.staged.height for look in looks), default=0.0)
-    of_skin = suggestion.substance is not None and suggestion.substance.kind == "skin"
-    of_face = suggestion.by_morph or suggestion.part == "neck"
-    contrast, share = _LEAST_CONTRAST["face" if of_face else "body"], _LEAST_CRESTS["skin" if of_skin else "other"]
+    near = suggestion.by_morph or suggestion.part in _LOOKED_AT_NEAR
+    contrast = _LEAST_CONTRAST["near" if near else "body"]
     sides = [
         [
             *_faults(look, resolved=resolved),
-            *(_sight(look.seen, contrast, share) if look.staged.height > _AS_TALL * tallest else ()),
+            *(_sight(look.seen, contrast) if look.staged.height > _AS_TALL * tallest else ()),
         ]
         for look in looks
     ]
@@ -297,13 +296,13 @@ def _look(stage: Stage, placement: Placement, name: str, peak: float) -> _Look |
     return _Look(placement.carried.patch.tool, best[0], seen, tallest[0], float(over.mean()) if len(over) else 0.0)
 
 
-def _sight(seen: Seen, contrast: float, share: float) -> Iterator[tuple[str, float]]:
-    """Give why crests of at least this contrast and share are not seen of a tool, with the number that says so."""
+def _sight(seen: Seen, contrast: float) -> Iterator[tuple[str, float]]:
+    """Give why crests of at least this contrast are not seen of a tool, with the number that says so."""
     if seen.side.visible < _HIDDEN:
         yield "hidden", seen.side.visible
     elif seen.crests.contrast < contrast:
         yield "unseen", seen.crests.contrast
-    elif seen.crests.share < share:
+    elif seen.crests.share < _LEAST_CRESTS:
         yield "no crests", seen.crests.share
 
 
