@@ -17,7 +17,7 @@ from wrinklecli.effects.contact.remaining import Remaining, remaining_in
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, SamplingOptions, named_targets
 from wrinklecli.effects.sampling import duplicates_of, joined
 from wrinklecli.effects.shapes import Sample, Shape, make_shapes, summed
-from wrinklecli.numeric.arrays import Floats, distinct_values, interpolated, matches
+from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, interpolated, matches
 from wrinklecli.numeric.guard import one_thread
 from wrinklecli.numeric.processes import in_processes
 
@@ -35,6 +35,9 @@ _CLIP_POSES = 12
 _ROUNDS = 3
 # Bytes of solutions that are kept while the shapes are made; clips beyond that are solved again.
 _KEPT_BYTES = 1e9
+# Most folds that are solved together: two limbs that meet, or share a trunk. In a fist each finger meets all others; a
+# union of three of them takes minutes, and tears.
+_MOST_TOGETHER = 2
 # Greatest error of a vertex over the greatest move. Errors are hidden in the fold; shapes are right at contacts.
 _SHAPE_ERROR = 0.35
 
@@ -95,19 +98,28 @@ def _systems(folds: "Sequence[Fold]", motions: Sequence[Motion]) -> "list[list[t
         (hinged[one], hinged[two], vertices)
         for one, two, vertices in touching_in_clips([folds[number] for number in hinged], clips)
     ]
-    found = []
-    for number, fold in enumerate(folds):
-        further = [vertices for one, two, vertices in touching if number in (one, two)]
-        apart = distances_from_crossings(fold, np.concatenate(further) if further else None)
+
+    def distances(number: int, touching: Ints | None = None) -> Floats | None:
+        apart = distances_from_crossings(folds[number], touching)
         if apart is None and clips:
-            apart = distances_from_crossings(fold, crossing_in_clips(fold, clips))
-        found.append(apart)
-    pairs = [(one, two) for one, two, _ in touching if found[one] is not None and found[two] is not None]
-    pairs += [
-        (one, two)
+            return distances_from_crossings(folds[number], crossing_in_clips(folds[number], clips))
+        return apart
+
+    found = [distances(number) for number in range(len(folds))]
+    near = [
+        (one, two, None)
         for one, two in combinations(hinged, 2)
         if near_each_other((folds[one], found[one]), (folds[two], found[two]))
     ]
+    pairs: list[tuple[int, int]] = []
+    for one, two, crossing in (*near, *touching):
+        more = [*pairs, (one, two)]
+        if max(map(len, (each for each in grouped(len(folds), more) if one in each))) > _MOST_TOGETHER:
+            continue
+        pairs = more
+        if crossing is not None:
+            found[one], found[two] = distances(one, crossing), distances(two, crossing)
+    pairs = [(one, two) for one, two in pairs if found[one] is not None and found[two] is not None]
     return [_as_thick([(folds[number], found[number]) for number in each]) for each in grouped(len(folds), pairs)]
 
 
