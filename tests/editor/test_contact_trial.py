@@ -22,7 +22,7 @@ from wrinklecli.numeric.guard import no_progress
 
 
 def solved(trial: ContactTrial) -> BakedFile:
-    """What a trial gives, once it is done."""
+    """The outcome of a trial, once it is done."""
     found: Queue[BakedFile | WrinkleError] = Queue()
     RunningTrial(trial, no_progress, found.put)
     result = found.get(timeout=60.0)

@@ -1,4 +1,4 @@
-"""What contact must not do to a surface, looked at in two bakes as a player shows them: with contact, and without."""
+"""Faults that contact must not make in a surface: two bakes, with contact and without, as a player shows them."""
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path

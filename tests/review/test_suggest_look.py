@@ -1,4 +1,4 @@
-"""What one sees of crests: bands across a tool, and no lumps, specks or steps."""
+"""Crests are seen as bands across a tool; lumps, specks and steps are none."""
 
 import numpy as np
 import pytest

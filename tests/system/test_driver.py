@@ -104,7 +104,7 @@ def test_tissue_lags_at_any_frame_rate_as_if_it_were_baked(name: str, clip: str)
 
 @pytest.mark.parametrize("leaning", [False, True])
 def test_a_fold_that_touches_is_driven_as_it_is_tracked(leaning: bool, tmp_path: Path) -> None:
-    """In the joint's own motion, and in clips of another file about axes that lean by up to 20°."""
+    """Nothing crosses in the joint's own motion, nor in clips of another file about axes that lean by up to 20°."""
     body, anim, clip = bake_fold(), folding_limb(), "fold"
     if leaning:
         anim, clip = waving_limb(1, aside=20.0, rings=3, sides=3).write(tmp_path / "anim.glb"), "wave_0"

@@ -17,7 +17,7 @@ ANY_OF = ["elbow", "finger", "hip"]
 
 
 def faults_of(fold: Fold, folder: Path) -> list[str]:
-    """What is wrong with the fold's bake with contact, beside the same bake without."""
+    """The faults of the fold's bake with contact, beside the same bake without."""
     without, with_contact = folder / "off.glb", folder / "resolve.glb"
     wrinklecli.bake(*fold.write(folder, contact="off"), without)
     report = wrinklecli.bake(*fold.write(folder, contact="resolve"), with_contact)

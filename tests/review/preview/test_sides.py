@@ -23,7 +23,7 @@ def sheet(across: int) -> Place:
 
 
 def free_but(away: tuple[float, float, float], place: Place) -> Free:
-    """What a wall on one side leaves free."""
+    """The part of the directions that a wall on one side leaves free."""
 
     def free(directions: Floats) -> Bools:
         return np.repeat((directions @ np.array(away) < 0.3)[:, None], len(place.points), axis=1)

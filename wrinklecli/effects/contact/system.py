@@ -54,7 +54,7 @@ class System:
         return tissue_of(self.fold, apart)
 
     def parts(self, clips: Iterable[Clip]) -> list[object]:
-        """What the solutions of clips refer to."""
+        """The objects that the solutions of clips refer to."""
         one = self.creases[0] if len(self.creases) == 1 else self
         return [one.fold, one.tissue, *clips]
 

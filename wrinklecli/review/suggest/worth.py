@@ -320,7 +320,7 @@ def _faults(look: _Look, *, resolved: bool) -> Iterator[tuple[str, float]]:
 
 
 def _bent(placement: Placement, staged: StagedTool) -> float | None:
-    """How far refinement alone moves the surface under a tool, over its height, if that is too far."""
+    """The distance by which refinement alone moves the surface, over the tool's height; None if that is not too far."""
     departures = staged.departures()
     if not len(departures):
         return None
