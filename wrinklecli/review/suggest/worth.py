@@ -32,7 +32,7 @@ _AS_TALL = 0.5
 # Least contrast of crests, root mean square over the lightness: light and dark flanks then differ by 0.1. One notices
 # 0.01 to 0.02 in the laboratory, on a plain field and at leisure; several times as much on a textured figure in motion.
 # Lines of faces and hands are looked at from nearer.
-_LEAST_CONTRAST = {"near": 0.02, "body": 0.035}
+_LEAST_CONTRAST = {"near": 0.015, "body": 0.035}
 _LOOKED_AT_NEAR: tuple[Part, ...] = ("neck", "head", "hand", "palm", "finger")
 # Least part of the change of light that follows the crests: those of wrists, elbows and brows have 0.75 and more, folds
 # that wander, join and cross 0.56 and more, and dents, dirt and specks 0.3 to 0.52.
