@@ -148,8 +148,11 @@ def test_the_twin_of_a_fold_is_suggested_though_no_clip_folds_it(tmp_path: Path)
     assert middle(best.tool)[0] < 0, "the side that the clip folds is written"
 
 
-def forehead() -> Asset:
-    """A curved sheet, and a morph target that raises two places at its lower border, one to either side."""
+def forehead(*targets: str) -> Asset:
+    """A curved sheet, and morph targets that raise two places at its lower border, one to either side.
+
+    One target raises both; of two, the first one raises that towards +x, and the other that towards -x.
+    """
     asset = Asset()
     x, y = (each.ravel() for each in np.meshgrid(np.linspace(-0.07, 0.07, 29), np.linspace(0.0, 0.1, 21)))
     places = np.stack([x, y, -8.0 * x * x], axis=1)
@@ -157,24 +160,30 @@ def forehead() -> Asset:
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     near = np.exp(-(((np.abs(x) - 0.03) / 0.025) ** 2))
     raised = np.stack([0.0 * x, 0.012 * near * np.clip((0.07 - y) / 0.04, 0.0, 1.0), 0.0 * x], axis=1)
+    deltas = [raised] if len(targets) == 1 else [np.where(side[:, None], raised, 0.0) for side in (x > 0, x < 0)]
     corner = (np.arange(20)[:, None] * 29 + np.arange(28)).ravel()
     faces = np.stack([corner, corner + 1, corner + 29, corner + 1, corner + 30, corner + 29], axis=1)
     primitive = {
         "attributes": {"POSITION": asset.accessor(places, bounds=True), "NORMAL": asset.accessor(normals)},
         "indices": asset.accessor(faces.ravel(), "u2"),
-        "targets": [{"POSITION": asset.accessor(raised, bounds=True)}],
+        "targets": [{"POSITION": asset.accessor(each, bounds=True)} for each in deltas],
     }
-    asset.append("meshes", {"primitives": [primitive], "extras": {"targetNames": ["browsUp"]}})
+    asset.append("meshes", {"primitives": [primitive], "extras": {"targetNames": list(targets)}})
     asset.append("nodes", {"name": "face", "mesh": 0})
     asset.append("scenes", {"nodes": [0]})
     return asset
 
 
 def test_two_brows_that_rise_make_one_tool_across_the_forehead(tmp_path: Path) -> None:
-    (tool,) = (each.tool for each in suggested(tmp_path, forehead()).tools)
+    (tool,) = (each.tool for each in suggested(tmp_path, forehead("browsUp")).tools)
     assert np.abs(np.array(ends(tool))[:, 0]).max() < 1e-3
     assert tool.width.value > 0.08
     assert tool.rest_length.morph == "browsUp"
+
+
+def test_targets_of_two_sides_are_looked_at_raised_together(tmp_path: Path) -> None:
+    found = suggested(tmp_path, forehead("browUpLeft", "browUpRight"))
+    assert [each.clip for each in found.tools] == ["browUpLeft + browUpRight"]
 
 
 # How far bodies go

@@ -19,6 +19,8 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.numeric.arrays import Floats, unit
 from wrinklecli.tools.mirror import split_side
 
+# What is between the names of motions in the name of the one that joins them.
+JOINED = " + "
 # Least cosine of the bone and the axis of a turn that twists the bone.
 _TWISTS = 0.87
 # Least cosine of a direction and a motion that goes in that direction.
@@ -150,5 +152,5 @@ def _expressions(clips: Sequence[Clip]) -> Iterator[Clip]:
                 added = channel.values - channel.values[:1]
                 values = channel.values if known is None else known.values + added
                 channels[channel.node] = replace(known or channel, values=values)
-        name = " + ".join(clip.name for clip in group)
+        name = JOINED.join(clip.name for clip in group)
         yield replace(first, name=name, channels=tuple(channels.values()))

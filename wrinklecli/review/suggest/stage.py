@@ -140,7 +140,7 @@ class Stage:
     """Poses suggested tools, amid all meshes of the scene."""
 
     def __init__(self, document: Document, clips: Sequence[Clip]) -> None:
-        """`clips` are all from which poses are asked for."""
+        """`clips` are all from which poses are asked for; the last of a name counts."""
         self._clips = {clip.name: clip for clip in clips}
         self._layers = Layers(read_scene(document, leave_out_malformed=True), list(clips))
         self._skin_of = lru_cache(_KNOWN)(_Staged.of)

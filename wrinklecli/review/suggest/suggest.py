@@ -141,6 +141,7 @@ def suggest(
             RefinementSettings(scheme=scheme),
             count=options.count,
             everything=options.everything,
+            joined=clips,
         )
         if not options.everything:
             found = unwarned(document, found, checked)

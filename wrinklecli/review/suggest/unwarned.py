@@ -17,6 +17,7 @@ from wrinklecli.effects.wrinkle.turned import turned_warnings
 from wrinklecli.effects.wrinkle.warnings import departure_warnings, tool_warnings
 from wrinklecli.effects.wrinkle.weights import fitting_compressible
 from wrinklecli.gltf.document import Document
+from wrinklecli.review.suggest.anatomy import JOINED
 from wrinklecli.review.suggest.fitted_tools import Suggestion
 from wrinklecli.review.suggest.shortening import MOST_COMPRESSIBLE
 from wrinklecli.review.suggest.trial import Placement, Trial, names_of
@@ -86,11 +87,15 @@ def _mended(suggestion: Suggestion, sides: Sequence[Placement], clips: Sequence[
 def _shortest_clips(suggestion: Suggestion, clips: Sequence[Clip]) -> list[Clip]:
     """The clips that shorten a tool most, and the one that shortens its mirror image most."""
     by_name = {clip.name: clip for clip in clips}
-    names = sorted((name for name in suggestion.clips if name in by_name), key=suggestion.clips.__getitem__)[
-        :_MOST_CLIPS
-    ]
+    # Suggestions are measured where morph targets of both sides are raised together.
+    parts = {
+        name: [name] if name in by_name else [part for part in name.split(JOINED) if part in by_name]
+        for name in suggestion.clips
+    }
+    names = sorted((name for name in parts if parts[name]), key=suggestion.clips.__getitem__)[:_MOST_CLIPS]
     twin = [] if suggestion.twin_moment is None else [suggestion.twin_moment[0]]
-    return [by_name[name] for name in dict.fromkeys([*names, *twin]) if name in by_name]
+    wanted = [part for name in (*names, *twin) for part in parts.get(name, [name])]
+    return [by_name[name] for name in dict.fromkeys(wanted) if name in by_name]
 
 
 def _activity_in(clip: Clip, plan: MeshPlan, patch: Patch) -> ClipActivity:

@@ -146,6 +146,7 @@ def worthwhile(
     *,
     count: int,
     everything: bool,
+    joined: Sequence[Clip] = (),
 ) -> Worthwhile:
     """Try and look at suggestions, best first, until some are worth keeping.
 
@@ -156,6 +157,7 @@ def worthwhile(
         refinement: What the tools file has at least.
         count: Most tools to keep.
         everything: Keep all that can be baked, without a look.
+        joined: Clips in which suggestions may be tallest, besides those of the asset.
     """
     stage: Stage | None = None
     found = Worthwhile([], refinement, [], [])
@@ -167,7 +169,7 @@ def worthwhile(
         if everything:
             found.tools.extend(trial.tools)
             continue
-        stage = stage or Stage(document, clips)
+        stage = stage or Stage(document, (*joined, *clips))
         found.placed.update(trial.placed)
         for each in _judged(stage, trial, document, clips):
             if isinstance(each, Dropped):
