@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from wrinklecli.numeric.arrays import face_normals
 from wrinklecli.numeric.distances import farthest, triangle_distances
-from wrinklecli.numeric.nearest import _closest_of, closest_point, nearest_points
+from wrinklecli.numeric.nearest import Blocks, _closest_of, closest_point, distances_along, nearest_points, ray_hits
 
 Floats = NDArray[np.float64]
 
@@ -156,3 +156,29 @@ def test_of_equally_near_triangles_the_first_is_taken() -> None:
         assert triangle == 0
         assert place.tolist() == [0.5, 0.5, 0.0]
         assert sorted(barycentrics.tolist()) == [0.0, 0.5, 0.5]
+
+
+@given(seed=st.integers(0, 999), count=st.sampled_from([0, 1, 40, 1000]), away=st.sampled_from([0.0, 1e3]))
+def test_all_rays_at_once_meet_what_each_meets_alone(seed: int, count: int, away: float) -> None:
+    rng = np.random.default_rng(seed)
+    corners = soup(rng, count) + away
+    starts, rays = rng.normal(size=(30, 3)) + away, rng.normal(size=(30, 3))
+    rays[:10] = corners.reshape(-1, 3).mean(axis=0) - starts[:10] if count else rays[:10]
+    numbers, triangles, distances = ray_hits(starts, rays, corners)
+    found = np.full((30, count), np.inf)
+    found[numbers, triangles] = distances
+    alone = np.array([distances_along(start, ray, corners) for start, ray in zip(starts, rays, strict=True)])
+    assert np.array_equal(np.isfinite(found), np.isfinite(alone))
+    met = np.isfinite(alone)
+    assert found[met] == pytest.approx(alone[met], rel=1e-9 if away else 1e-12, abs=1e-9 if away else 1e-12)
+
+
+def test_a_mesh_in_boxes_has_the_closest_point_of_the_mesh_alone() -> None:
+    rng = np.random.default_rng(3)
+    corners = soup(rng, 5000)
+    positions, triangles = corners.reshape(-1, 3), np.arange(15000).reshape(-1, 3)
+    triangles = np.concatenate([triangles, triangles[:50]])
+    blocks = Blocks.of(positions, triangles)
+    for point in np.concatenate([rng.normal(size=(20, 3)), positions[:100:5]]):
+        for found, wanted in zip(blocks.closest_point(point), closest_point(positions, triangles, point), strict=True):
+            assert np.array_equal(found, wanted)

@@ -23,14 +23,20 @@ _MANY = 1 / 16
 
 def unit(vectors: Floats) -> Floats:
     """Vectors (…, 3) divided by their length; 0 stays 0."""
-    lengths = np.sqrt(np.sum(vectors * vectors, axis=-1, keepdims=True))
-    return np.where(lengths > 0, vectors / np.where(lengths > 0, lengths, 1.0), 0.0)
+    # Coordinate by coordinate, as numpy takes twice as long along an axis of three.
+    x, y, z = vectors[..., :1], vectors[..., 1:2], vectors[..., 2:]
+    lengths = np.sqrt(x * x + y * y + z * z)
+    empty = ~(lengths > 0)
+    units: Floats = vectors / np.where(empty, 1.0, lengths)
+    if empty.any():
+        units[empty[..., 0]] = 0.0
+    return units
 
 
 def face_normals(positions: Floats, triangles: Ints) -> Floats:
     """(triangles, 3) normals, each as long as twice its triangle's area."""
-    a, b, c = (positions[triangles[:, k]] for k in range(3))
-    return np.cross(b - a, c - a)
+    a, b, c = (positions.T.take(triangles[:, k], axis=1) for k in range(3))
+    return np.stack(cross(b - a, c - a), axis=1)
 
 
 def vertex_normals(positions: Floats, triangles: Ints) -> Floats:

@@ -13,8 +13,8 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import moving_nodes
 from wrinklecli.character.scene import ScenePrimitive, pose_primitive
-from wrinklecli.numeric.arrays import Floats, face_normals, unit
-from wrinklecli.numeric.nearest import distances_along, near_points
+from wrinklecli.numeric.arrays import Floats, distinct_values, face_normals, unit
+from wrinklecli.numeric.nearest import near_points, ray_hits
 from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.surface.compression import CompressedRegion, triangle_weights
 from wrinklecli.surface.strain import posed, tangents
@@ -176,9 +176,9 @@ def is_inside(mesh: MeasuredMesh, region: CompressedRegion) -> bool:
         rays = (
             np.outer(aside * np.cos(angles), right) + np.outer(aside * np.sin(angles), up) + np.outer(heights, normal)
         )
-        for ray in rays:
-            distances = distances_along(place, ray, near)
-            free += not ((distances > _SELF * reach) & (distances < reach)).any()
+        numbers, _, distances = ray_hits(np.broadcast_to(place, rays.shape), rays, near)
+        met = numbers[(distances > _SELF * reach) & (distances < reach)]
+        free += _AROUND - len(distinct_values(met))
     return free < _LEAST_FREE * len(places) * _AROUND
 
 
@@ -196,11 +196,15 @@ def met_from_inside(starts: Floats, rays: Floats, corners: Floats, size: float, 
     covered = np.zeros(len(starts))
     if not len(near):
         return covered
-    normals = unit(np.cross(near[:, 1] - near[:, 0], near[:, 2] - near[:, 0]))
-    for number, (start, ray) in enumerate(zip(starts, rays, strict=True)):
-        distances = distances_along(start, ray, near)
-        hit = (distances > _SELF * size) & (distances < reach)
-        cosines = normals[hit] @ ray
-        inside, outside = (distances[hit][cosines * sign > _ALONG] for sign in (1.0, -1.0))
-        covered[number] = len(inside) and inside.min() < outside.min(initial=np.inf) + _THICKNESS * size
+    numbers, triangles, distances = ray_hits(starts, rays, near)
+    hit = (distances > _SELF * size) & (distances < reach)
+    numbers, triangles, distances = numbers[hit], triangles[hit], distances[hit]
+    met = near[triangles]
+    normals = unit(face_normals(met.reshape(-1, 3), np.arange(3 * len(met)).reshape(-1, 3)))
+    cosines = np.sum(normals * rays[numbers], axis=1)
+    inside, outside = np.full((2, len(starts)), np.inf)
+    for nearest, sign in ((inside, 1.0), (outside, -1.0)):
+        faces = cosines * sign > _ALONG
+        np.minimum.at(nearest, numbers[faces], distances[faces])
+    covered[np.isfinite(inside) & (inside < outside + _THICKNESS * size)] = 1.0
     return covered

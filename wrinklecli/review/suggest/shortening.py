@@ -14,7 +14,7 @@ from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.effects.wrinkle.weights import fitting_compressible
 from wrinklecli.errors import WrinkleError
 from wrinklecli.numeric.arrays import unit
-from wrinklecli.numeric.nearest import balls, distances_along, near_points
+from wrinklecli.numeric.nearest import near_points, ray_hits
 from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.tools.records import Length, WrinkleTool
 
@@ -191,13 +191,11 @@ def _free_height(mesh: MeasuredMesh, patch: Patch) -> float:
         return np.inf
     corners = positions[surface.triangles]
     near = near_points(corners, places[chosen], usual)
-    triangles, corners = surface.triangles[near], corners[near]
-    middles, radii = balls(corners)
-    highest = np.inf
-    for number in chosen:
-        close = np.sum((middles - places[number]) ** 2, axis=1) < (usual * factors[number] + radii) ** 2
-        apart = close & (triangles[:, :, None] != members[number]).all(axis=(1, 2))
-        free = float(distances_along(places[number], rays[number], corners[apart]).min(initial=np.inf))
-        if free < usual * factors[number]:
-            highest = min(highest, _TAKEN * free / factors[number])
-    return highest
+    triangles, own = surface.triangles[near], members[chosen]
+    rows, met, free = ray_hits(places[chosen], rays[chosen], corners[near])
+    # A ray passes through the triangle that it leaves, and may graze those beside it.
+    beside = (triangles[met][:, :, None] == own[rows][:, None, :]).any(axis=(1, 2))
+    reached = np.full(len(chosen), np.inf)
+    np.minimum.at(reached, rows[~beside], free[~beside])
+    low = reached < usual * factors[chosen]
+    return float(np.min(_TAKEN * reached[low] / factors[chosen][low], initial=np.inf))
