@@ -3,6 +3,7 @@
 
 import { foldWeights } from './fold.js';
 import { jointFinder, morphMeshes, named, nameOf, quoted } from './joints.js';
+import { activation } from './muscle.js';
 import { between } from './polyline.js';
 import { lagged } from './spring.js';
 
@@ -51,7 +52,7 @@ function followed(curve, distance, length) {
 /**
  * The weights of one tool's morph targets, in the order of `toolExtras.targets`.
  *
- * toolExtras     one of `extras.wrinkle.tools`
+ * toolExtras     one of `extras.wrinkle.tools` or `extras.wrinkle.muscles`
  * jointMatrixOf  a joint's name to its matrix to world space: 16 numbers, by columns
  * morphWeightOf  the weight of another morph target by name, where faces move the anchors
  * clip, time     name and seconds, for tools with a strength or rest length of their own in a clip
@@ -63,6 +64,7 @@ export function wrinkleWeights(
   { morphWeightOf = () => 0, clip, time = 0, state = {}, elapsed } = {},
 ) {
   const { rest_length: nominal, rest_length_morph: morph, shortenings, weights, curve, targets, lag } = toolExtras;
+  const { tension } = toolExtras;
   const posed = anchorsOf(toolExtras).map((each) => anchor(each, jointMatrixOf, morphWeightOf));
   const scale = posed.reduce((sum, each) => sum + each.scale, 0) / posed.length;
   if (scale < 1e-6) {
@@ -75,6 +77,8 @@ export function wrinkleWeights(
   if (keys) length = between(keys.map(([t]) => t), keys.map(([, l]) => l), time);
   const steps = posed.slice(1).map(({ place }, k) => Math.hypot(...place.map((x, i) => x - posed[k].place[i])));
   let distance = steps.reduce((sum, step) => sum + step) / scale;
+  // An activation shortens a muscle whose ends stay.
+  if (tension) distance -= tension.length * activation(tension, morphWeightOf, clip, time);
   if (lag) {
     const x = Math.min(lagged(state, lag, lag.taut - distance / length, elapsed), lag.taut);
     distance = x > 0 ? (lag.taut - x) * length : Math.max(distance, lag.taut * length);
@@ -98,7 +102,7 @@ export class WrinkleDriver {
     if (!this.bodies.length) console.warn('wrinkle: nothing to drive: no object has extras.wrinkle and morph targets');
   }
 
-  add(object, { tools = [], folds = [], parts = [] }) {
+  add(object, { muscles = [], tools = [], folds = [], parts = [] }) {
     const warn = (line) => console.warn(`wrinkle: ${nameOf(object)}: ${line}`);
     // The other parts of a mesh that was split stand beside it.
     const places = parts.map((name) => named(this.root, name));
@@ -115,10 +119,10 @@ export class WrinkleDriver {
       if (lost.length) warn(`${called} does not show, as there is no morph target ${quoted(lost)}`);
       return !absent.length;
     };
-    // A fold that no joint bends is driven as a tool.
+    // Muscles move the skin on which the anchors of tools are. A fold that no joint bends is driven as a tool.
     const [bent, risen] = [folds.filter(({ joint }) => joint), folds.filter(({ joint }) => !joint)];
     const jointMatrixOf = (name) => jointOf(name).matrixWorld.elements;
-    const drives = { tools: [...tools, ...risen].filter(isThere), folds: bent.filter(isThere) };
+    const drives = { tools: [...muscles, ...tools, ...risen].filter(isThere), folds: bent.filter(isThere) };
     if (meshes.length) this.bodies.push({ ...drives, meshes, jointMatrixOf, states: [] });
   }
 

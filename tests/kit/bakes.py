@@ -67,7 +67,8 @@ def bake_once(asset: Path | str, *tools: Json, top: Json | None = None, fine: bo
         options: Of `wrinklecli.bake`.
     """
     asset = sample(asset) if isinstance(asset, str) else asset
-    text = yaml.safe_dump({"version": 1, "tools": list(tools), **(top or {})})
+    listed = {"tools": list(tools)} if tools else {}
+    text = yaml.safe_dump({"version": 1, **listed, **(top or {})})
     if not (fine or "refinement" in (top or {})):
         options = COARSE | options
     return _read(baked(asset, text, json.dumps(options, sort_keys=True)))

@@ -26,6 +26,7 @@ from kit.tools_text import (
     HEAD,
     LENGTH,
     LENGTHS,
+    MUSCLE,
     NAMES,
     OPTIONS,
     README,
@@ -739,6 +740,8 @@ def readme_tables() -> dict[str, dict[str, str]]:
             TOOL["rest_length"]["then"]["properties"] | TOOL["rest_length"]["else"]["then"]["properties"],
         ),
         ("Tissue that lags", TOOL["lag"]["then"]["properties"]),
+        ("Muscles", MUSCLE),
+        ("joint", MUSCLE["origin"]["then"]["properties"]),
         ("Folds that touch", TOOL["contact"]["then"]["properties"]),
     ],
 )
@@ -757,7 +760,7 @@ def defaults_of(keys: dict[str, Any]) -> dict[str, Any]:
     """The defaults of the schema."""
     defaults = {key: entry.get("default", "required") for key, entry in keys.items()}
     defaults |= {key: {} for key in ("sampling", "refinement") if key in keys}  # none of their keys given
-    return defaults | {key: None for key in ("path",) if key in keys}  # in place of what is required
+    return defaults | {key: None for key in ("path", "tools", "muscles") if key in keys}  # in place of each other
 
 
 def written_defaults(table: dict[str, str]) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from wrinklecli.baking.parts import PARTS
 from wrinklecli.character.rig import read_rig
-from wrinklecli.drive.drive import StoredDrive, wrinkle_entry
+from wrinklecli.drive.drive import StoredDrive, stored_drives, wrinkle_entry
 from wrinklecli.errors import AssetError, listed
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
@@ -110,7 +110,7 @@ def read_bodies(document: Document) -> list[BakedBody]:
             raise AssetError("tracks find their mesh by the node's name, and it has none", where=where)
         try:
             parts = tuple(_read_part(document, each) for each in (index, *part_nodes(document, index)))
-            stored = [*entry["tools"], *entry.get("folds", ())]
+            stored = stored_drives(entry)
             stored.sort(key=lambda each: "joint" in each)
             drives = tuple(StoredDrive.read(each) for each in stored if each["targets"])
             undriven = frozenset(str(name) for name in entry.get("undriven", ()))
@@ -180,8 +180,9 @@ def _read_part(document: Document, node: int) -> BakedPart:
 def _wrinkle_targets(node: Json) -> frozenset[str]:
     entry = wrinkle_entry(node)
     try:
-        driven = [*entry["tools"], *entry.get("folds", ())]
-        return frozenset({name for each in driven for name in each["targets"]} | set(entry.get("undriven", ())))
+        return frozenset(
+            {name for each in stored_drives(entry) for name in each["targets"]} | set(entry.get("undriven", ()))
+        )
     except (KeyError, TypeError, AttributeError):
         return frozenset()  # no bake has written these extras
 

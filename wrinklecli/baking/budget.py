@@ -166,7 +166,7 @@ def fit_budget(
             " `strategy: everywhere`, fewer tools on this mesh or a larger --max-error would help",
             where=name,
         )
-    found["targets"] = len(plan.rig.morph_names) + len(targets_of(effects))
+    found["targets"] = len(plan.rig.own.morph_names) + len(targets_of(effects))
     found["active"] = max((int(_active(plan, effects, motion)[0].sum()) for motion in motions), default=0)
     found["active_attributes"] = found["active"] * _attributes(plan)
     return effects, motions, found
@@ -174,7 +174,7 @@ def fit_budget(
 
 def _weight_range(plan: MeshPlan, effects: Sequence[Effect], motions: Sequence[Motion]) -> Json:
     """The least and greatest weights of effects, and the least of the asset's own targets, which do not change."""
-    own = [morph_weights(plan.rig, motion.clip, motion.times) for motion in motions]
+    own = [morph_weights(plan.rig.own, motion.clip, motion.times) for motion in motions]
     wrinkles = [target_weights(effects, motion) for motion in motions]
     return {
         "least_weight": min((float(weights.min(initial=0.0)) for weights in wrinkles), default=0.0),
@@ -224,7 +224,7 @@ def _keyed_at_turns(plan: MeshPlan, effects: Sequence[Effect], motion: Motion) -
 
 def _excess(plan: MeshPlan, effects: Sequence[Effect], motions: Sequence[Motion], budget: Budget) -> str:
     """Words about targets that exceed the limits; empty if none do."""
-    own = len(plan.rig.morph_names)
+    own = len(plan.rig.own.morph_names)
     count = own + len(targets_of(effects))
     if budget.targets is not None and count > budget.targets:
         return f"has {count} morph targets, {own} of them the asset's own"
@@ -244,7 +244,7 @@ def _active(plan: MeshPlan, effects: Sequence[Effect], motion: Motion) -> tuple[
     """(targets,) True if active when most are, at and between keys, and that time in seconds."""
     channel = motion.clip.channel(plan.rig.node, "weights")
     weights = target_weights(effects, motion)[motion.keys]
-    track = widen(channel, plan.rig, motion.clip, motion.times[motion.keys], weights)
+    track = widen(channel, plan.rig.own, motion.clip, motion.times[motion.keys], weights)
     stored = track.values.astype(np.float32) != 0
     # A key of CUBICSPLINE has tangents too.
     shown: Bools = np.any(stored, axis=1) if track.interpolation == "CUBICSPLINE" else stored

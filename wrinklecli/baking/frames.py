@@ -40,7 +40,7 @@ class PosedFrame:
 
 def pose_frames(document: Document, mesh: BakedMesh, motion: Motion) -> Iterator[PosedFrame]:
     """Pose every frame of a clip by unpruned skin weights, wrinkles included."""
-    rig, fine = mesh.plan.rig, mesh.plan.fine
+    rig, fine = mesh.plan.rig.own, mesh.plan.fine
     refined_primitives = primitives_of(fine)
     primitives = document.items("meshes")[rig.mesh]["primitives"]
     welds = np.concatenate([refined.weld for refined in refined_primitives])
@@ -53,7 +53,7 @@ def pose_frames(document: Document, mesh: BakedMesh, motion: Motion) -> Iterator
     shapes = np.zeros((len(targets), *fine.positions.shape))
     for into, target in zip(shapes, targets, strict=True):
         into[target.shape.vertices] = target.shape.deltas
-    deltas = np.concatenate([fine.morph_deltas, shapes])[:, welds]
+    deltas = np.concatenate([fine.morph_deltas[: len(rig.morph_names)], shapes])[:, welds]
     bent = None
     if base is not None:
         copies = ValueIndex.of(welds)

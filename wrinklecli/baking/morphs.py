@@ -66,12 +66,12 @@ def encode_morphs(
 
     With `tangents`, a base that has TANGENT gets targets of it. With `draft`, the extras say that the bake is a draft.
     """
-    targets = targets_of(effects)
+    targets, rig = targets_of(effects), plan.rig.own
     stored = np.concatenate([each.stored_weights(plan.rig) for each in effects])
-    groups = shared_vertices(edited.source, plan.rig.mesh, plan.fine)
-    encode_mesh(edited, plan.rig, plan.fine, targets, stored=stored, tangents=tangents, groups=groups)
+    groups = shared_vertices(edited.source, rig.mesh, plan.fine)
+    encode_mesh(edited, rig, plan.fine, targets, stored=stored, tangents=tangents, groups=groups)
     encode_extras(edited, plan, effects, draft=draft)
-    _encode_tracks(edited, plan.rig, effects, motions, stored)
+    _encode_tracks(edited, rig, effects, motions, stored)
 
 
 def _encode_tracks(

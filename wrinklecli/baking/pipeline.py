@@ -152,7 +152,7 @@ def _add_morph_targets(
     if options.tracks == "all" and not options.draft:
         with clock.stage("prove"):
             residuals = prove(edited, plan, effects, motions, details=options.details, progress=progress)
-    own_bytes = own_target_bytes(job.document.gltf, plan.rig), own_target_bytes(edited.gltf, plan.rig)
+    own_bytes = own_target_bytes(job.document.gltf, plan.rig.own), own_target_bytes(edited.gltf, plan.rig.own)
     return BakedMesh(plan, tuple(effects), tuple(motions), residuals, budget, own_bytes, joint_names=names)
 
 

@@ -133,7 +133,7 @@ def read_back(edited: EditedDocument, plan: MeshPlan, effects: Sequence[Effect])
     refined_primitives = primitives_of(fine, shared_vertices(edited.source, plan.rig.mesh, fine))
     written = edited.document()
     rig = read_rig(written, plan.rig.node)
-    primitives, old = written.items("meshes")[rig.mesh]["primitives"], len(fine.morph_deltas)
+    primitives, old = written.items("meshes")[rig.mesh]["primitives"], len(plan.rig.own.morph_names)
     distinct = _distinct(primitives, refined_primitives)
     stored = read_vertices(written, rig, distinct, targets=old)
 
@@ -164,7 +164,7 @@ def read_back(edited: EditedDocument, plan: MeshPlan, effects: Sequence[Effect])
     exact = fine.dense_weights(vertices, len(plan.rig.joints))
     joints = np.flatnonzero(exact.any(axis=0) | dense.any(axis=0))
     bodies = Pair(
-        prepare(exact[:, joints], fine.positions[vertices], fine.morph_deltas[:, vertices]),
+        prepare(exact[:, joints], fine.positions[vertices], fine.morph_deltas[:old, vertices]),
         prepare(dense[:, joints], stored.positions[chosen], stored.morph_deltas[:, chosen]),
     )
     return Proof(
@@ -264,7 +264,7 @@ def _vertex_errors(
     proof: Proof, plan: MeshPlan, moved: _Moved, written: Clip, shaded: Ints
 ) -> tuple[float, float, Floats]:
     """The largest distance of a vertex, its time, and the angles of normals in degrees at the times `shaded`."""
-    rig, clip, times, own = plan.rig, moved.clip, moved.times, proof.own_target_count
+    rig, clip, times, own = plan.rig.own, moved.clip, moved.times, proof.own_target_count
     matrices, stored = (joint_matrices(*side, times, proof.joints) for side in ((rig, clip), (proof.rig, written)))
     weights, played = morph_weights(rig, clip, times), morph_weights(proof.rig, written, times)
     chunk = max(_CHUNK // max(len(proof.vertices), 1), 1)
@@ -280,9 +280,7 @@ def _vertex_errors(
         at = shaded[(shaded >= frames.start) & (shaded < frames.stop)] - frames.start
         if len(at) and proof.normals is not None and displaced is not None:
             poses = [pose_at(rig, clip, time) for time in times[frames][at].tolist()]
-            angles.append(
-                _normal_angles(proof.normals, proof.vertices, plan.fine, displaced[at], played[frames][at], poses)
-            )
+            angles.append(_normal_angles(proof.normals, proof.vertices, plan.fine, displaced[at], new[at], poses))
     return worst, worst_time, np.concatenate(angles)
 
 
@@ -339,7 +337,7 @@ def _normal_angles(
     Only new targets count: turns of normals by the source's own morph targets are not compared.
     """
     base, deltas = normals
-    turned = deltas.added(played[:, len(fine.morph_deltas) :]).transpose(0, 2, 1)
+    turned = deltas.added(played).transpose(0, 2, 1)
     moved = moved.transpose(0, 2, 1)
     vertices, first = np.unique(compared, return_index=True)
     touched, true = displaced_normals(fine, vertices, moved[:, first], poses)

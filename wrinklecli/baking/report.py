@@ -62,11 +62,11 @@ class Report:
         targets = sum(len(tool["targets"]) for tool in self.data["tools"])
         added = sum(mesh["vertices"] - mesh["coarse_vertices"] for mesh in meshes)
         parts = ["a draft (one level less refined, not proven)"] if self.data["draft"] else []
+        tools = [counted(len(self.data["tools"]), "tool")] if self.data["tools"] or not self.further_targets else []
+        made = [counted(targets, "morph target")] if tools else []
         parts += [
-            counted(len(self.data["tools"]), "tool"),
-            ", ".join([counted(targets, "morph target"), *self.further_targets])
-            if self.data["mode"] == "morph"
-            else "per-frame geometry",
+            *tools,
+            ", ".join([*made, *self.further_targets]) if self.data["mode"] == "morph" else "per-frame geometry",
             counted(added, "new vertex", "new vertices"),
             counted(len(self.data["clips"]), "clip"),
         ]
@@ -228,7 +228,7 @@ def _above(rig: Rig, node: int) -> Iterator[int]:
 
 
 def _describe_mesh(mesh: BakedMesh, mode: Mode) -> Json:
-    plan, rig, fine = mesh.plan, mesh.plan.rig, mesh.plan.fine
+    plan, rig, fine = mesh.plan, mesh.plan.rig.own, mesh.plan.fine
     data = {
         "node": rig.names[rig.node],
         "coarse_vertices": len(fine.surface.weld),
@@ -268,7 +268,7 @@ def _describe_clips(baked: Sequence[BakedMesh], *, details: bool) -> list[Json]:
             for motion in mesh.motions:
                 described = effect.describe_clip(motion, motion.states[number])
                 if described is not None:
-                    clips[motion.clip.name][effect.section].append(described)
+                    clips[motion.clip.name].setdefault(effect.section, []).append(described)
     return list(clips.values())
 
 

@@ -35,7 +35,7 @@ def split_meshes(edited: EditedDocument, baked: Sequence[BakedMesh]) -> tuple[Ed
 def weighed(edited: EditedDocument, mesh: BakedMesh) -> BakedMesh:
     """A mesh that is not split, with the memory of its targets if it were, unless this is little anyway."""
     plan = mesh.plan
-    if texture_bytes(plan, len(plan.rig.morph_names) + len(targets_of(mesh.effects))) < _MATTERS:
+    if texture_bytes(plan, len(plan.rig.own.morph_names) + len(targets_of(mesh.effects))) < _MATTERS:
         return mesh
     document = edited.document()
     parts = _parts(document, edited.source, mesh)
@@ -68,4 +68,4 @@ def _parts(document: Document, source: Document, mesh: BakedMesh) -> list[Part]:
     if not any(primitive.get("targets") for primitive in primitives):
         return []
     refined_primitives = primitives_of(plan.fine, shared_vertices(source, plan.rig.mesh, plan.fine))
-    return parts_of(document, primitives, refined_primitives, own=len(plan.rig.morph_names))
+    return parts_of(document, primitives, refined_primitives, own=len(plan.rig.own.morph_names))

@@ -298,7 +298,7 @@ def track_body(
             tracks.moved.append(clip.name)
             times = driven.key_times(clip, fps=fps, tolerance=tolerance)
             weights = driven.weights_in(clip)(times)
-            made = widen(channel, driven.rig, clip, times, weights)
+            made = widen(channel, driven.rig.own, clip, times, weights)
             flat = list(driven.flat(clip, times, weights))
             tracks.flat.extend((clip.name, why) for why in flat)
             if not weights.any():
@@ -367,7 +367,8 @@ class _Driven:
     Attributes:
         drives: The drives whose joints are all there.
         keyed: Names of the clips that key a rest length.
-        rig: The joints of the drives, and the morph targets that nothing drives, of the node that gets the tracks.
+        rig: The joints of the drives, and the morph targets that nothing drives, of the node that gets the tracks;
+            then the driven ones that carry anchors.
         stored: (driven targets,) weights in the stored pose, for all drives of the body.
         columns: For each drive, the numbers of its targets among the driven ones.
     """
@@ -437,17 +438,20 @@ def _driven(edited: EditedDocument, node: int, body: BakedBody, drives: Sequence
     named = _joints_of(body, edited.gltf).joints
     joints = {joint: named[joint] for each in drives for joint in each.joints}
     kept, driven = body.kept, body.driven
+    # Drives whose targets carry the anchors of others, as muscles do under wrinkles, act first.
+    carrying = {name for each in drives for name in each.carrying_targets}
+    moving = [each.on(joints, kept) for each in drives if carrying.intersection(each.targets)]
     rig = replace(
         whole,
         joints=np.array(list(joints.values()), np.intp),
         inverse_binds=np.tile(np.eye(4), (len(joints), 1, 1)),
         morph_names=kept,
         morph_weights=whole.morph_weights[[body.targets.index(name) for name in kept]],
-    )
+    ).driven_by(moving)
     numbers = {name: number for number, name in enumerate(driven)}
     columns = tuple([numbers[name] for name in each.targets] for each in drives)
     keyed = frozenset(clip for each in drives for clip in each.keyed)
-    return _Driven(tuple(each.on(joints, kept) for each in drives), keyed, rig, body.stored(driven), columns)
+    return _Driven(tuple(each.on(joints, rig.morph_names) for each in drives), keyed, rig, body.stored(driven), columns)
 
 
 def with_driven_weights(document: Document, clips: Collection[str]) -> tuple[Document, list[str]]:

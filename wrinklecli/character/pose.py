@@ -113,11 +113,18 @@ def _local_rows(hierarchy: Hierarchy, channels: dict[tuple[int, str], Channel], 
 
 
 def morph_weights(rig: Rig, clip: Clip | None, times: Floats) -> Floats:
-    """(frames, morph targets) weights of the clip's channel, or else the stored ones."""
+    """(frames, morph targets) weights of the clip's channel, or else the stored ones, with those of the rig's drives.
+
+    A channel that has the weights of the drives too, as made motions have, counts as it is.
+    """
     channel = clip.channel(rig.node, "weights") if clip else None
-    if channel is None:
-        return np.tile(rig.morph_weights, (len(times), 1))
-    return sample(channel, times)
+    if channel is not None and (not rig.drives or channel.values.shape[-1] == len(rig.morph_names)):
+        return sample(channel, times)
+    own = rig.own
+    weights = np.tile(own.morph_weights, (len(times), 1)) if channel is None else sample(channel, times)
+    if not rig.drives:
+        return weights
+    return np.concatenate([weights, *(each.weights_in(own, clip)(times) for each in rig.drives)], axis=1)
 
 
 def blend(weights: Floats, matrices: Floats) -> Floats:

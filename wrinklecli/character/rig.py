@@ -5,9 +5,10 @@ An unskinned mesh counts as skinned to its own node with weight 1, so that all l
 Source: glTF 2.0 specification, §3.5 (nodes), §3.7.3 (skins).
 """
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from itertools import chain, count
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -41,6 +42,19 @@ class Hierarchy:
     names: tuple[str, ...]
 
 
+class DrivenTargets(Protocol):
+    """Morph targets that an asset does not have yet, and whose weights follow its rig."""
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        """Their names."""
+        ...
+
+    def weights_in(self, rig: "Rig", clip: Any) -> Callable[[Floats], Floats]:
+        """A function from (frames,) seconds of a clip to (frames, targets) weights; None is the stored pose."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class Rig(Hierarchy):
     """The joints and morph targets that move the mesh of one node.
@@ -52,6 +66,7 @@ class Rig(Hierarchy):
         inverse_binds: (joints, 4, 4) bind space to joint space.
         morph_names: One for each morph target, from the mesh's `extras.targetNames`.
         morph_weights: (morph targets,) stored weights of the node, or else of the mesh.
+        drives: Effects that move the mesh too. Their targets are the last of the morph targets.
     """
 
     node: int
@@ -61,6 +76,25 @@ class Rig(Hierarchy):
     inverse_binds: Floats
     morph_names: tuple[str, ...]
     morph_weights: Floats
+    drives: tuple[DrivenTargets, ...] = ()
+
+    @property
+    def own(self) -> "Rig":
+        """The rig of the asset itself, which no effect moves."""
+        if not self.drives:
+            return self
+        count = len(self.morph_names) - sum(len(each.targets) for each in self.drives)
+        return replace(self, morph_names=self.morph_names[:count], morph_weights=self.morph_weights[:count], drives=())
+
+    def driven_by(self, drives: Sequence[DrivenTargets]) -> "Rig":
+        """The rig with further effects that move the mesh, and nothing at rest."""
+        names = tuple(name for each in drives for name in each.targets)
+        return replace(
+            self,
+            morph_names=self.morph_names + names,
+            morph_weights=np.concatenate([self.morph_weights, np.zeros(len(names))]),
+            drives=(*self.drives, *drives),
+        )
 
 
 def read_hierarchy(document: Document) -> Hierarchy:

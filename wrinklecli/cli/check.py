@@ -55,10 +55,11 @@ def check(
     refinement has split, and that no wrinkle moves, count as before. A baked file that `wrinkle track` or other
     software has rewritten is only counted as it is.
 
-    --json prints {"check": 1, "asset", "tools_file", "meshes", "tools", "notes", "warnings"}; within version 1, keys
-    are only added. Lengths are scene units, positions have the tools file's axes, shortenings are shares of the rest
-    length. With --crossings it prints {"crossings": 1, "asset", "tools_file", "states", "stored_pose", "clips",
-    "warnings"}: counts are a number for each state, or a list of them for the times of a clip.
+    --json prints {"check": 1, "asset", "tools_file", "meshes", "tools", "notes", "warnings"}, and "muscles" where
+    there are any; within version 1, keys are only added. Lengths are scene units, positions have the tools file's axes,
+    shortenings are shares of the rest length. With --crossings it prints {"crossings": 1, "asset", "tools_file",
+    "states", "stored_pose", "clips", "warnings"}: counts are a number for each state, or a list of them for the
+    times of a clip.
 
     Exit codes: 0 done; 1 the input is at fault; 2 wrong usage; 3 refused (--strict with warnings), no picture
     written; 70 a bug.
@@ -101,6 +102,13 @@ def _emit_tables(data: dict[str, Any]) -> None:
     for note in data["notes"]:
         emit(f"note: {note}")
         emit("")
+    for muscle in data.get("muscles", ()):
+        emit(f"{muscle['name']} on {muscle['node']}", style={"bold": True})
+        for line in _muscle_rows(muscle):
+            emit(f"  {line}")
+        for warning in muscle["warnings"]:
+            _emit_warning(warning)
+        emit("")
     for tool in data["tools"]:
         emit(f"{tool['name']} on {tool['node']}", style={"bold": True})
         for line in _rows(tool):
@@ -114,12 +122,37 @@ def _emit_tables(data: dict[str, Any]) -> None:
             f" + {mesh['new_triangles']}, {counted(mesh['levels'], 'level')} of refinement"
         )
     for warning in data["warnings"]:
-        if not any(warning in tool["warnings"] for tool in data["tools"]):
+        if not any(warning in each["warnings"] for each in (*data.get("muscles", ()), *data["tools"])):
             _emit_warning(warning)
 
 
 def _emit_warning(warning: str) -> None:
     emit(f"warning: {warning}", style={"fg": "yellow"})
+
+
+def _muscle_rows(muscle: dict[str, Any]) -> list[str]:
+    """The lines of a muscle, and a table of its clips."""
+    table = [
+        (
+            each["name"],
+            *(f"{100 * end:.3g}" for end in each["length"]),
+            f"{each['bulge'][1]:.3g}",
+            each["volume_gained"],
+        )
+        for each in muscle["clips"]
+    ]
+    width = max((len(name) for name, *_ in table), default=0)
+    return [
+        f"ends     {muscle['origin']} to {muscle['insertion']}, along {muscle['bone']}",
+        f"length   {muscle['length']:.4g} at rest, of which tendons {muscle['tendons']:.4g}",
+        f"belly    {muscle['thickness']:.4g} thick, {muscle['width']:.4g} wide,"
+        f" {muscle['depth']:.4g} from the bone to the skin",
+        f"mesh     {muscle['moved_vertices']} vertices move, by at most {muscle['height_limit']:.3g}",
+        *(
+            f"{name:{width}}  {low} to {high} % long, bulges by up to {bulge}, skin gains {volume:.3g} of volume"
+            for name, low, high, bulge, volume in table
+        ),
+    ]
 
 
 def _rows(tool: dict[str, Any]) -> list[str]:

@@ -178,7 +178,7 @@ def _clip(clip: dict[str, Any]) -> str:
 
 def _wrinkles(each: dict[str, Any]) -> list[str]:
     lines = ["a draft: neither proven nor fully refined"] if each["draft"] else []
-    for tool in each["tools"]:
+    for tool in (*each.get("muscles", ()), *each["tools"]):
         anchors = [tool["origin_joints"], *tool.get("between_joints", []), tool["target_joints"]]
         joints = " to ".join(" + ".join(each) for each in anchors)
         lines.append(f"{tool['name']}: {joints}, rest length {tool['rest_length']:.4g}")

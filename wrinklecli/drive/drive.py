@@ -3,6 +3,8 @@
 A signal is measured in the posed rig, a filter follows it, and a response turns it into weights. A drive evaluates
 itself for arrays of times, and a node's `extras.wrinkle` holds it in JSON:
 
+Sections of the extras are played in their order, `SECTIONS`: anchors may move with the targets of those before.
+
 - A segment has `anchors`, or `origin` and `target` where there are two. Each is the sum over its joints of weight ·
   matrix · position, where the matrix is the joint's own, to world space: optimisers that quantise positions change bind
   space and inverse bind matrices, but not the joints. `morphs` are the deltas of morph targets. The segment
@@ -15,6 +17,8 @@ itself for arrays of times, and a node's `extras.wrinkle` holds it in JSON:
   parent, and an `axis` in the parent's space. The joint's turn against its parent, both by their matrices with scale
   taken out, from that of `rest` is a matrix D; with s = (D₃₂ - D₂₃, D₁₃ - D₃₁, D₂₁ - D₁₂) it measures
   2 atan2(`axis` · s, 1 + trace D).
+- Its `tension` is a shortening of the distance, `length` scene units times an activation from 0 to 1: the weight of a
+  `morph` target, or `keys` of some clips, and 0 in others.
 - The response has rows of `weights`, straight between, at `shortenings`, 1 - distance / rest_length, or at `angles`.
   Where the rest length changes, `curve` takes their place: see `CurveTable`. Angles may have further rows of weights,
   `leaning`, for turns about other axes: the share of each is its `towards` · s / (`axis` · s), at least 0, in the sum
@@ -35,11 +39,14 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.angle import Angles, JointAngle
 from wrinklecli.drive.lag import TAUT
-from wrinklecli.drive.segment import Lengths, RestLength, Segment
-from wrinklecli.drive.table import CurveTable, Json, LeaningTable, Table, read_table, stored
+from wrinklecli.drive.segment import Lengths, RestLength, Segment, Tension
+from wrinklecli.drive.table import Json, Response, read_table, stored
 from wrinklecli.numeric.arrays import Floats, unit_quaternions
 from wrinklecli.numeric.piecewise import Signal
 from wrinklecli.tools.records import Lag
+
+SECTIONS = ("muscles", "tools", "folds")
+"""The lists of drives in extras, in the order in which they act."""
 
 # Frequency, in hertz, and damping ratio of a spring that extras may ask for: more than a tools file may.
 _FASTEST = 1_000.0
@@ -63,7 +70,7 @@ class Drive:
     name: str
     signal: Segment | JointAngle
     targets: tuple[str, ...]
-    response: Table | LeaningTable | CurveTable
+    response: Response
     lag: Lag | None = None
     strengths: Mapping[str, float] = field(default_factory=dict)
     strength: float = 1.0
@@ -76,7 +83,7 @@ class Drive:
             return frozenset({self.signal.node, self.signal.parent} - {-1})
         return frozenset(node for point in self.signal.points for node in point.nodes.tolist())
 
-    def reader(self, rig: Rig, clip: Clip) -> Callable[[Floats], Lengths | Angles]:
+    def reader(self, rig: Rig, clip: Clip | None) -> Callable[[Floats], Lengths | Angles]:
         """A function from (frames,) seconds of a clip to the filtered measurements."""
         if isinstance(self.signal, JointAngle):
             return partial(self.signal.angles, rig, clip)
@@ -88,9 +95,10 @@ class Drive:
 
         return read
 
-    def weights_in(self, rig: Rig, clip: Clip) -> Signal:
-        """A function from (frames,) seconds of a clip to (frames, targets) weights."""
-        read, strength = self.reader(rig, clip), self.strengths.get(clip.name, self.strength)
+    def weights_in(self, rig: Rig, clip: Clip | None) -> Signal:
+        """A function from (frames,) seconds of a clip to (frames, targets) weights; None is the stored pose."""
+        strength = self.strength if clip is None else self.strengths.get(clip.name, self.strength)
+        read = self.reader(rig, clip)
         response: Any = self.response
         return lambda times: strength * response.weights(read(times))
 
@@ -121,7 +129,7 @@ class StoredDrive:
         name: The tool's name, or the joint's.
         joints: Names of all joints that its signal needs.
         targets: Names of its morph targets.
-        keyed: Names of the clips that key its rest length.
+        keyed: Names of the clips that key its rest length or its tension.
         data: The whole drive as stored.
     """
 
@@ -136,6 +144,13 @@ class StoredDrive:
         """True if its signal is a segment, False if it is a joint's angle."""
         return "joint" not in self.data
 
+    @property
+    def carrying_targets(self) -> frozenset[str]:
+        """Names of the morph targets that carry its anchors."""
+        if not self.measures_segment:
+            return frozenset()
+        return frozenset(name for anchor in anchors_of(self.data) for name in anchor.get("morphs", {}))
+
     @classmethod
     def read(cls, data: Json) -> "StoredDrive":
         """Read and check a drive in extras.
@@ -149,9 +164,8 @@ class StoredDrive:
             joints = [joint for anchor in anchors_of(data) for joint in anchor["joints"]]
         names = tuple(dict.fromkeys(str(joint) for joint in joints))
         targets = tuple(str(name) for name in data["targets"])
-        drive = cls(str(data.get("name", names[0])), names, targets, frozenset(data.get("rest_length_keys", {})), data)
-        morphs = {name for anchor in ([] if "joint" in data else anchors_of(data)) for name in anchor.get("morphs", {})}
-        drive.on({name: number for number, name in enumerate(names)}, sorted(morphs))
+        drive = cls(str(data.get("name", names[0])), names, targets, _keyed(data), data)
+        drive.on({name: number for number, name in enumerate(names)}, sorted(drive.carrying_targets))
         return drive
 
     def on(self, nodes: Mapping[str, int], morph_names: Sequence[str]) -> Drive:
@@ -171,10 +185,20 @@ class StoredDrive:
         )
 
 
+def _keyed(data: Json) -> frozenset[str]:
+    """Names of the clips that key a rest length or a tension."""
+    return frozenset(data.get("rest_length_keys", {})) | frozenset(data.get("tension", {}).get("keys", {}))
+
+
 def wrinkle_entry(node: Json) -> Any:
     """The entry `wrinkle` of a node's extras, whoever wrote it; None without one."""
     extras = node.get("extras")
     return extras.get("wrinkle") if isinstance(extras, dict) else None
+
+
+def stored_drives(entry: Json) -> list[Json]:
+    """The drives in a node's extras, in the order in which they act; KeyError if no bake has written them."""
+    return [drive for name in SECTIONS for drive in (entry[name] if name == "tools" else entry.get(name, ()))]
 
 
 def anchors_of(data: Json) -> list[Json]:
@@ -186,8 +210,12 @@ def _segment_json(segment: Segment, names: Sequence[str], morph_names: Sequence[
     points = [_point_json(point, names, morph_names) for point in segment.points]
     # A player of two anchors does not look for those of a path.
     anchors = dict(zip(("origin", "target"), points, strict=True)) if len(points) == 2 else {"anchors": points}
-    rest = segment.rest_length
+    rest, tension = segment.rest_length, segment.tension
     head = {**anchors, "rest_length": stored(rest.constant)}
+    if tension is not None:
+        keys = {clip: stored(each) for clip, each in tension.keys.items()}
+        drawn = {"keys": keys} if tension.morph is None else {"morph": morph_names[tension.morph]}
+        head["tension"] = {"length": stored(tension.length), **drawn}
     if rest.morph is not None:
         number, full = rest.morph
         return {**head, "rest_length_morph": {"name": morph_names[number], "full": stored(full)}}
@@ -230,7 +258,19 @@ def _read_segment(data: Json, nodes: Mapping[str, int], morph_names: Sequence[st
         raise ValueError
     there = morph is not None and str(morph["name"]) in morph_names
     follows = (list(morph_names).index(str(morph["name"])), float(morph["full"])) if morph and there else None
-    return Segment(points, RestLength(constant, keys, follows))
+    return Segment(points, RestLength(constant, keys, follows), _read_tension(data, morph_names))
+
+
+def _read_tension(data: Json, morph_names: Sequence[str]) -> Tension | None:
+    said = data.get("tension")
+    if said is None:
+        return None
+    keys = {clip: np.array(each, np.float64).reshape(-1, 2) for clip, each in said.get("keys", {}).items()}
+    if any(not len(each) or not (np.diff(each[:, 0]) > 0).all() for each in keys.values()):
+        raise ValueError
+    name = said.get("morph")
+    there = name is not None and str(name) in morph_names
+    return Tension(float(said["length"]), keys, list(morph_names).index(str(name)) if there else None)
 
 
 def _read_point(data: Json, nodes: Mapping[str, int], morph_names: Sequence[str]) -> CarriedPoint:

@@ -70,11 +70,35 @@ class RestLength:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Tension:
+    """An activation of a muscle, 0 to 1, that counts as a shortening of its segment.
+
+    Attributes:
+        length: The shortening at an activation of 1, scene units.
+        keys: By clip, (keys, 2) seconds and activations, straight between them; 0 in other clips.
+        morph: Number of the morph target whose weight is the activation, in place of keys.
+    """
+
+    length: float
+    keys: Mapping[str, Floats] = field(default_factory=dict)
+    morph: int | None = None
+
+    def at(self, rig: Rig, clip: Clip | None, times: Floats) -> Floats:
+        """(frames,) shortenings at (frames,) seconds of a clip, scene units."""
+        if self.morph is not None:
+            return self.length * np.clip(morph_weights(rig.own, clip, times)[:, self.morph], 0.0, 1.0)
+        if clip is not None and clip.name in self.keys:
+            return self.length * np.interp(times, *self.keys[clip.name].T)
+        return np.zeros(len(times))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Segment:
     """A segment or path through two or more carried points, from its origin to its target."""
 
     points: tuple[CarriedPoint, ...]
     rest_length: RestLength
+    tension: Tension | None = None
 
     def lengths(self, rig: Rig, clip: Clip | None, times: Floats, carriers: Carriers | None = None) -> Lengths:
         """Measure the segment at (frames,) seconds of a clip; in the stored pose if `clip` is None.
@@ -89,6 +113,8 @@ class Segment:
         steps = [b - a for a, b in pairwise(places)]
         apart = sum((np.sqrt(np.einsum("xf,xf->f", step, step)) for step in steps), np.zeros(1))
         distances = np.where(hidden, np.inf, apart / np.where(hidden, 1.0, scale))
+        if self.tension is not None:
+            distances = distances - self.tension.at(rig, clip, times)
         return Lengths(distances, self.rest_length.at(rig, clip, times))
 
     def spring(self, lag: Lag | None, rig: Rig, clip: Clip | None) -> SpringFilter | None:

@@ -43,6 +43,18 @@ class Reading(Protocol):
         ...
 
 
+class Response(Protocol):
+    """A function from the measurements of a signal to the weights of some targets."""
+
+    def weights(self, reading: Any) -> Floats:
+        """(frames, targets) weights at the measurements of a signal."""
+        ...
+
+    def to_json(self) -> Json:
+        """The rows as extras store them."""
+        ...
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Table:
     """Weights against one number.

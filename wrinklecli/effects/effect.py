@@ -9,12 +9,12 @@ order, and each sees the body as moved by those before it.
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol, Self, TypeVar
+from typing import Any, ClassVar, NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.character.rig import Rig
+from wrinklecli.character.rig import DrivenTargets, Rig
 from wrinklecli.character.sparse_targets import SparseDeltas
 from wrinklecli.choices import Mode
 from wrinklecli.drive.drive import Drive
@@ -82,8 +82,11 @@ class MeshPlan:
     """The effects on one node's mesh, attached and refined: everything but time.
 
     Attributes:
+        rig: The rig, with the targets of effects that move the mesh below the skin; `rig.own` is the asset's.
+        fine: The refined surface, with these targets among its morph targets.
         layers: The effects, kind by kind, in the order in which they act.
         tallest: The largest move that any effect can make, as a rule the height of the tallest wrinkle, scene units.
+            If there are several kinds, it is that of the kind with the smallest moves, as errors show most there.
         max_error: Scene units.
         scale: World over bind units, at rest.
         has_normals: True if the mesh has NORMALs, so that shapes need them too.
@@ -244,6 +247,18 @@ class Effect(ABC):
         """Warnings for users, from motions with the effect's measurements and weights in them."""
 
 
+class Moves(NamedTuple):
+    """Morph targets of an effect that moves the whole body below the skin, for the effects after it.
+
+    Attributes:
+        drive: The names of the targets, and their weights.
+        deltas: (targets, vertices, 3) of the coarse surface, bind space.
+    """
+
+    drive: DrivenTargets
+    deltas: Floats
+
+
 class Attached(Protocol):
     """A tool on the mesh at rest, before refinement."""
 
@@ -257,6 +272,11 @@ class Attached(Protocol):
         """The largest move of the effect, scene units."""
         ...
 
+    @property
+    def moves(self) -> "Moves | None":
+        """The morph targets by which the effect moves the mesh before later effects see it; None if they do not."""
+        ...
+
 
 class Layer(Protocol):
     """All effects of one kind on a refined mesh."""
@@ -264,6 +284,11 @@ class Layer(Protocol):
     @property
     def section(self) -> str:
         """The key of extras and report under which these effects stand."""
+        ...
+
+    @property
+    def drives_alone(self) -> bool:
+        """True if drives alone move its effects, whatever other effects do, so that it can be sampled by itself."""
         ...
 
     @property

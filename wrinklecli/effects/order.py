@@ -2,6 +2,7 @@
 
 from wrinklecli.effects.contact.layer import ContactKind
 from wrinklecli.effects.effect import EffectKind
+from wrinklecli.effects.muscle.layer import MuscleKind
 from wrinklecli.effects.wrinkle.layer import WrinkleKind
 
-KINDS: tuple[EffectKind, ...] = (WrinkleKind(), ContactKind())
+KINDS: tuple[EffectKind, ...] = (MuscleKind(), WrinkleKind(), ContactKind())

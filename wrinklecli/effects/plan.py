@@ -55,16 +55,36 @@ def plan_mesh(
         WrinkleError: Tools do not fit, a line for each.
     """
     ground = read_ground(document, node, tools, settings, clips, neighbours=neighbours)
+    ground, attached = attach_effects(ground, tools, settings)
+    return plan_on(ground, attached, settings, max_error, influences=influences, max_vertices=max_vertices)
+
+
+def attach_effects(
+    ground: Ground, tools: Sequence[EffectTool], settings: ToolsFile
+) -> tuple[Ground, Sequence[Attached]]:
+    """Attach tools kind by kind; each kind sees the mesh as those before it move it.
+
+    Returns:
+        The mesh as the effects below the skin move it, and all attached tools.
+
+    Raises:
+        WrinkleError: Tools do not fit, a line for each.
+    """
     attached: list[Attached] = []
     problems: list[WrinkleError] = []
     for kind in KINDS:
         try:
-            attached += kind.attach(tools, ground, settings)
+            own = kind.attach(tools, ground, settings)
         except WrinkleError as error:
             problems.append(error)
+            continue
+        attached += own
+        moves = [each.moves for each in own if each.moves is not None]
+        if moves:
+            ground = ground.moved_by([each.drive for each in moves], np.concatenate([each.deltas for each in moves]))
     if problems:
         raise BakeError.of_all(problems)
-    return plan_on(ground, attached, settings, max_error, influences=influences, max_vertices=max_vertices)
+    return ground, attached
 
 
 def plan_on(
@@ -78,7 +98,10 @@ def plan_on(
 ) -> MeshPlan:
     """Plan tools that are attached already, as `plan_mesh` does."""
     document, rig, rest = ground.document, ground.rig, ground.rest
-    tallest = max(each.greatest_height for each in attached)
+    tallest = min(
+        max(each.greatest_height for each in attached if type(each) is kind)
+        for kind in {type(each) for each in attached}
+    )
     bound = max(max_error.resolve(tallest), _float32_error(rest))
     fine = refine(
         ground.surface,
@@ -132,7 +155,7 @@ def track_warnings(plan: MeshPlan, clips: Sequence[Clip]) -> list[str]:
         f"{where}: {clip.name} gets a weights channel, which will hold the morph targets that were free there;"
         " --tracks none avoids it"
         for clip in clips
-        if rig.morph_names and clip.channel(rig.node, "weights") is None
+        if rig.own.morph_names and clip.channel(rig.node, "weights") is None
     ]
 
 

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from wrinklecli.character.clip import KEY_GAP, KEY_STEP, Clip
+from wrinklecli.character.clip import KEY_GAP, KEY_STEP, Clip, clip_grid
 from wrinklecli.character.rig import Rig, moving_nodes
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, SamplingOptions
 from wrinklecli.numeric.arrays import Floats, Ints, interpolated
-from wrinklecli.numeric.piecewise import key_points
+from wrinklecli.numeric.piecewise import Signal, key_points, key_times
 
 SAMPLING_SHARE = 0.5
 """Part of the error bound for errors between two samples; pruned skin weights get the rest."""
@@ -51,6 +51,68 @@ def duplicates_of(plan: MeshPlan, clips: Sequence[Clip]) -> list[int]:
         first.setdefault((clip.name if clip.name in named else "", clip.motion), index)
         for index, clip in enumerate(clips)
     ]
+
+
+def sample_driven(
+    plan: MeshPlan,
+    clips: Sequence[Clip],
+    effects: Sequence[Effect],
+    how: SamplingOptions,
+) -> list[Motion]:
+    """Sample effects that their drives alone move, at times between which straight lines are right for all of them."""
+    bound = plan.max_error / max(most_overlaps(plan), 1)
+    motions: list[Motion] = []
+    for done, (clip, first) in enumerate(zip(clips, duplicates_of(plan, clips), strict=True), start=1):
+        if how.mode == "frames":
+            times = clip_grid(clip, None, fps=how.fps)
+            keys = np.arange(len(times))
+        elif first < len(motions):
+            times, keys = motions[first].times, motions[first].keys
+        else:
+            moves = moves_of(effects, plan, clip)
+            times, keys = key_times(
+                clip_grid(clip, plan.rig, fps=how.fps),
+                lambda _stretch, moves=moves: moves,  # type: ignore[misc]
+                width=sum(len(each.target_names) for each in effects),
+                tolerance=SAMPLING_SHARE * bound,
+                thinning=KEYS_SHARE * bound,
+                gap=KEY_GAP,
+                step=KEY_STEP,
+            )
+        motions.append(driven_motion(plan, Motion(clip, times, keys, ()), effects))
+        how.progress("sampling", done, len(clips))
+    return motions
+
+
+def driven_motion(plan: MeshPlan, motion: Motion, effects: Sequence[Effect]) -> Motion:
+    """A motion whose times are known already, with states and weights of effects that their drives alone move."""
+    weights = tuple(each.weights_at(plan.rig, motion, np.zeros(0), motion.times) for each in effects)
+    blank = replace(motion, states=(None,) * len(effects), weights=weights)
+    return replace(
+        blank, states=tuple(observed(effects, plan.rig, replace(blank, times=motion.times[:0]), motion.times))
+    )
+
+
+def moves_of(effects: Sequence[Effect], plan: MeshPlan, clip: Clip) -> Signal:
+    """A function from (frames,) seconds of a clip to (frames, shapes) moves of effects that their drives alone move.
+
+    A move is a weight times the largest displacement of its shape, scene units.
+    """
+    still = Motion(clip, np.zeros(0), np.zeros(0, np.intp), ())
+    sizes = [np.array([0.0 if t is None else t.shape.tallest for t in each.targets]) for each in effects]
+
+    def moves(times: Floats) -> Floats:
+        pairs = zip(effects, sizes, strict=True)
+        parts = [each.weights_at(plan.rig, still, np.zeros(0), times) * size for each, size in pairs]
+        return np.concatenate([np.zeros((len(times), 0)), *parts], axis=1)
+
+    return moves
+
+
+def most_overlaps(plan: MeshPlan) -> int:
+    """The greatest number of effects that move one vertex: their errors add up there."""
+    moved = np.concatenate([np.zeros(0, np.intp), *(each for layer in plan.layers for each in layer.moved)])
+    return int(np.bincount(moved).max(initial=0))
 
 
 def observed(effects: Sequence[Effect], rig: Rig, motion: Motion, times: Floats) -> list[Any]:

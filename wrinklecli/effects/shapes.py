@@ -158,7 +158,9 @@ def displaced_normals(
     weights, base = fine.dense_weights(around, fine.weights.shape[1]), fine.normals_at(touched)
     normals = np.zeros((len(displacements), len(touched), 3))
     for number, (into, displacement, pose) in enumerate(zip(normals, displacements, poses, strict=True)):
-        bind = fine.positions[around] + np.tensordot(pose.morph_weights, fine.morph_deltas[:, around], axes=1)
+        # Poses of the asset's own rig say nothing of the targets of effects.
+        deltas = fine.morph_deltas[: len(pose.morph_weights), around]
+        bind = fine.positions[around] + np.tensordot(pose.morph_weights, deltas, axes=1)
         blended = blend(weights, pose.matrices[None])[0]
         # A mirrored pose turns the winding inside out.
         outward = np.sign(determinants(blended[rows, :, :3]))[:, None]

@@ -1,7 +1,7 @@
 """Say, without a bake, where each tool attaches, how far clips shorten it, and how much mesh it refines."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -148,6 +148,7 @@ def check(
         job = read_job(asset, tools, options.bake_options, options.motions)
         warnings, notes = list(job.warnings), list(job.notes)
         checked: list[CheckedTool] = []
+        sections: dict[str, list[Json]] = {}
         plans = plan_meshes(job)
         for plan in plans:
             clips = _clips_to_check(plan, job)
@@ -158,6 +159,9 @@ def check(
             warnings += mesh_warnings(plan, job.settings, baked)
             # No tool is at fault, and an option of the bake decides.
             notes += track_warnings(plan, baked)
+            for section, found in _check_driven(plan, clips, sampling, job):
+                sections.setdefault(section, []).append(found)
+                warnings += found["warnings"]
             carried_patches = carried_patches_of(plan)
             names = [carried.patch.tool.name for carried in carried_patches]
             for number, overlaps in enumerate(_overlaps([each.vertices for each in carried_patches], names)):
@@ -170,6 +174,7 @@ def check(
         "asset": job.document.path,
         "tools_file": job.settings.path,
         "meshes": [_describe_mesh(plan) for plan in plans],
+        **sections,
         "tools": [tool.data for tool in checked],
         "notes": notes,
         "warnings": warnings,
@@ -183,10 +188,32 @@ def _clips_to_check(plan: MeshPlan, job: Job) -> list[Clip]:
     for carried in carried_patches_of(plan):
         joints = [joint for anchor in carried.patch.anchors for joint in anchor.joints]
         moving |= moving_nodes(plan.rig, joints)
+    if plan.rig.drives:
+        moving |= moving_nodes(plan.rig)
     made = set(job.range)
     return [
         clip for clip in job.clips if clip.name not in made or any(channel.node in moving for channel in clip.channels)
     ]
+
+
+def _check_driven(
+    plan: MeshPlan, clips: Sequence[Clip], sampling: SamplingOptions, job: Job
+) -> Iterator[tuple[str, Json]]:
+    """Describe the effects that come before wrinkles, each after the key of its section."""
+    for layer in plan.layers:
+        if layer.drives_alone:
+            effects, motions = layer.sample(plan, moving_clips(plan, clips), [], [], sampling)
+            for number, effect in enumerate(effects):
+                states = [(motion, motion.states[number], motion.weights[number]) for motion in motions]
+                rows = [(motion, effect.describe_clip(motion, state)) for motion, state, _ in states]
+                # Of a range of motion those motions are told that do something.
+                told = [
+                    {**row, "name": motion.clip.name}
+                    for (motion, row), (_, _, weights) in zip(rows, states, strict=True)
+                    if row is not None and (motion.clip.name not in job.range or weights.any())
+                ]
+                lines = effect.warnings(plan, states, up=job.settings.up)
+                yield layer.section, {**effect.describe(plan), "clips": told, "warnings": lines}
 
 
 def _check_tool(plan: MeshPlan, number: int, motions: Sequence[Motion], overlaps: Json, job: Job) -> CheckedTool:

@@ -249,7 +249,7 @@ def _bounds(accessors: Iterable[Json], key: str) -> list[float]:
 
 
 def _wrinkles(document: Document) -> Iterator[Json]:
-    """The tools that a bake has recorded on each node."""
+    """The tools and muscles that a bake has recorded on each node."""
     for index in wrinkled(document.gltf):
         entry = wrinkle_entry(document.items("nodes")[index])
         try:
@@ -257,22 +257,25 @@ def _wrinkles(document: Document) -> Iterator[Json]:
                 "node": _node_name(document, index),
                 "method": entry.get("method"),
                 "draft": entry.get("draft") is True,
-                "tools": [
-                    {
-                        "name": str(tool["name"]),
-                        "origin_joints": _joints(anchors_of(tool)[0]),
-                        **({"between_joints": list(map(_joints, tool["anchors"][1:-1]))} if "anchors" in tool else {}),
-                        "target_joints": _joints(anchors_of(tool)[-1]),
-                        "rest_length": _number(tool["rest_length"]),
-                        "targets": [str(name) for name in tool["targets"]],
-                    }
-                    for tool in entry["tools"]
-                ],
+                **({"muscles": list(map(_segment, entry["muscles"]))} if "muscles" in entry else {}),
+                "tools": list(map(_segment, entry["tools"])),
                 "undriven": [str(name) for name in entry.get("undriven", [])],
             }
         except (LookupError, TypeError, ValueError, AttributeError) as error:
             where = document.where("nodes", index, "extras", "wrinkle")
             raise AssetError("is not what `wrinkle bake` writes", where=where) from error
+
+
+def _segment(drive: Json) -> Json:
+    """A drive by a segment, as a bake has recorded it."""
+    return {
+        "name": str(drive["name"]),
+        "origin_joints": _joints(anchors_of(drive)[0]),
+        **({"between_joints": list(map(_joints, drive["anchors"][1:-1]))} if "anchors" in drive else {}),
+        "target_joints": _joints(anchors_of(drive)[-1]),
+        "rest_length": _number(drive["rest_length"]),
+        "targets": [str(name) for name in drive["targets"]],
+    }
 
 
 def _joints(anchor: Json) -> list[str]:

@@ -1,7 +1,7 @@
 """A node's mesh at rest, before effects are on it: what many plans for one mesh share."""
 
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -9,7 +9,7 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.contacts import Neighbours, contacts_of
 from wrinklecli.character.pose import joint_matrices
-from wrinklecli.character.rig import Rig, read_rig
+from wrinklecli.character.rig import DrivenTargets, Rig, read_rig
 from wrinklecli.character.surface import Surface, read_surface
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import Document
@@ -63,6 +63,16 @@ class Ground:
     def poses(self) -> Floats:
         """(poses, joints, 4, 4) a few of every clip, as `poses_of`."""
         return poses_of(self.rig, self.clips, distinct_values(self.surface.joints))
+
+    def moved_by(self, drives: Sequence[DrivenTargets], deltas: Floats) -> "Ground":
+        """The mesh as effects move it too, by (their targets, vertices, 3) deltas, bind space; the same at rest."""
+        rig, surface = self.rig.driven_by(drives), self.surface
+        return replace(
+            self,
+            rig=rig,
+            surface=replace(surface, morph_deltas=np.concatenate([surface.morph_deltas, deltas])),
+            rest=replace(self.rest, morph_weights=np.append(self.rest.morph_weights, np.zeros(len(deltas)))),
+        )
 
 
 def read_ground(

@@ -17,7 +17,7 @@ from wrinklecli.character.surface import Surface
 from wrinklecli.errors import BakeError, ConfigError, listed, nearest
 from wrinklecli.numeric.arrays import Floats, Ints, VertexFaces, determinants, inverses, median, unit, vertex_normals
 from wrinklecli.numeric.nearest import Blocks, nearest_vertex
-from wrinklecli.tools.records import EffectTool, Marker, ToolsFile
+from wrinklecli.tools.records import EffectTool, JointPoint, ToolsFile
 
 # Poses of a surface besides the rest pose that are kept: in the editor a time may be dragged.
 _MOST_OTHERS = 16
@@ -181,16 +181,28 @@ def asked_positions(rig: Rig, clip: Clip | None, time: Floats, tool: EffectTool)
 
 def _asked_position(rig: Rig, clip: Clip | None, time: Floats, tool: EffectTool, number: int) -> Floats:
     point = tool.points[number]
-    if not isinstance(point, Marker):
+    if isinstance(point, tuple):
         return np.array(point)
-    found = [index for index, name in enumerate(rig.names) if name == point.marker]
+    place: Floats = node_matrices(rig, clip, time, [named_node(rig, tool, number)])[0, 0, :3, 3]
+    return place + point.offset if isinstance(point, JointPoint) else place
+
+
+def named_node(rig: Rig, tool: EffectTool, number: int) -> int:
+    """The node that a tool's point names.
+
+    Raises:
+        BakeError: It names no node, or several.
+    """
+    point = tool.points[number]
+    assert not isinstance(point, tuple), "the point names a node"
+    key, wanted = ("joint", point.joint) if isinstance(point, JointPoint) else ("marker", point.marker)
+    found = [index for index, name in enumerate(rig.names) if name == wanted]
     if len(found) != 1:
-        fault = f"no node is named {point.marker!r}{nearest(point.marker, rig.names)}; there are {listed(rig.names)}"
+        fault = f"no node is named {wanted!r}{nearest(wanted, rig.names)}; there are {listed(rig.names)}"
         if found:
-            fault = f"{len(found)} nodes are named {point.marker!r}"
-        raise BakeError(fault, where=tool.place_of(number, "marker"))
-    place: Floats = node_matrices(rig, clip, time, found)[0, 0, :3, 3]
-    return place
+            fault = f"{len(found)} nodes are named {wanted!r}"
+        raise BakeError(fault, where=tool.place_of(number, key))
+    return found[0]
 
 
 def carried_normals(blended: Floats, normals: Floats) -> Floats:

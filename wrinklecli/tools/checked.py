@@ -75,7 +75,7 @@ def check(root: Node, form: Format) -> tuple[list[Problem], set[Place]]:
             meant.add((place, near))
             wrong.add((*place, key))
             message = f"unknown key, did you mean {near}?" if near else f"unknown key, expected {', '.join(known)}"
-            for kind in form.kinds:
+            for kind in reversed(form.kinds):  # the first that knows the key has the last word
                 if place == ("defaults",) and key in kind.own:
                     message = f"not inherited, each {kind.item} needs its own"
                 if not place and key in kind.keys:

@@ -5,7 +5,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from wrinklecli.tools.records import Marker, Position, RestLengthMorph, with_points
+from wrinklecli.tools.body import ActivationMorph
+from wrinklecli.tools.records import Position, RestLengthMorph, moved_point, with_points
 
 _SIDES = {"L": "R", "l": "r", "Left": "Right", "left": "right", "LEFT": "RIGHT"}
 _OTHER_SIDE = _SIDES | {right: left for left, right in _SIDES.items()}
@@ -32,16 +33,15 @@ def split_side(name: str) -> tuple[str, str]:
 def mirrored(record: type, values: Mapping[str, Any], axis: str) -> dict[str, Any]:
     """The keys of the effect on the other side of an axis's plane: names of one side become names of the other."""
 
-    def other_side(anchor: Position | Marker) -> Position | Marker:
-        if isinstance(anchor, Marker):
-            return Marker(exchange_sides(anchor.marker))
-        x, y, z = (0.0 - value if axis == name else value for name, value in zip("xyz", anchor, strict=True))
+    def other_side(position: Position) -> Position:
+        x, y, z = (0.0 - value if axis == name else value for name, value in zip("xyz", position, strict=True))
         return (x, y, z)
 
-    other = with_points(record, values, other_side)
+    other = with_points(record, values, lambda point: moved_point(point, other_side, exchange_sides))
     for key in ("name", "node"):
         if isinstance(values.get(key), str):
             other[key] = exchange_sides(values[key])
-    if isinstance(driver := values.get("rest_length"), RestLengthMorph):
-        other["rest_length"] = replace(driver, morph=exchange_sides(driver.morph))
+    for key in ("rest_length", "activation"):
+        if isinstance(driver := values.get(key), RestLengthMorph | ActivationMorph):
+            other[key] = replace(driver, morph=exchange_sides(driver.morph))
     return other

@@ -6,7 +6,7 @@ valid keys become records: tools inherit defaults, mirrored tools are made, and 
 """
 
 import os
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, BinaryIO, TypeAlias
@@ -15,11 +15,20 @@ from wrinklecli.errors import ConfigError
 from wrinklecli.files.claims import is_path
 from wrinklecli.files.formats import is_gltf
 from wrinklecli.files.inputs import open_input
+from wrinklecli.tools.body import odd_activation
 from wrinklecli.tools.checked import Format, Place, at, check, refusal
 from wrinklecli.tools.json_schema import readers_of
 from wrinklecli.tools.materials import Preset, presets
 from wrinklecli.tools.mirror import mirrored
-from wrinklecli.tools.records import Marker, MaskImage, Position, ToolsFile, identifier, with_points
+from wrinklecli.tools.records import (
+    MaskImage,
+    Point,
+    Position,
+    ToolsFile,
+    identifier,
+    moved_point,
+    with_points,
+)
 from wrinklecli.tools.schema import KINDS, TOOLS_SCHEMA, Kind
 from wrinklecli.tools.yaml_tree import MAX_BYTES, Node, Problem, path_to, printable, read_tree, tree_of
 
@@ -41,6 +50,8 @@ def _odd(key: str, value: Any) -> Iterator[tuple[Place, str]]:
                 if after <= before:
                     yield ("keys", clip), f"expected times that rise from key to key, not {before:g} and then {after:g}"
                     break
+    if key == "activation":
+        yield from odd_activation(value)
     if key == "presets":
         known = [*presets()]
         for name, entry in value.items():
@@ -99,15 +110,16 @@ def _effects(
     node = root.children.get(key)
     if node is None or not isinstance(node.value, list):
         return [], []  # the schema has not looked into what stands there
-    record = KINDS[key].record
+    kind = KINDS[key]
+    record = kind.record
     problems: list[Problem] = []
     given: list[_Effect] = []
     for i, child in node.children.items():
         values, odd = _read(root, (key, i), record, wrong)
         effect = _Effect({**defaults, **values}, path_to(key, i), child)
         given.append(effect)
-        problems += [*odd, *_problems_of(effect, owners)]
-        if known is not None and not {(key, i), ("defaults",)} & wrong:
+        problems += [*odd, *_problems_of(effect, kind, owners)]
+        if "material" in kind.items.keys and known is not None and not {(key, i), ("defaults",)} & wrong:
             problems += _problems_of_material(effect, known)
         if "name" in effect.values:
             owners.setdefault(identifier(effect.values["name"]), effect.path)
@@ -120,42 +132,46 @@ def _effects(
         values = mirrored(record, effect.values, axis)
         path = f"{effect.path} (mirrored as {printable(values['name'])})"
         effects.append(_Effect({**values, "mirrored": True}, path, effect.node))
-        problems += _problems_of_mirrored(effect, values, owners)
-        owners.setdefault(identifier(values["name"]), f"the tool mirrored from {effect.path}")
+        problems += _problems_of_mirrored(effect, values, kind, owners)
+        owners.setdefault(identifier(values["name"]), f"the {kind.items.item} mirrored from {effect.path}")
     return effects, problems
 
 
-def _problems_of(tool: _Effect, owners: Mapping[str, str]) -> Iterator[Problem]:
-    """The problems of a tool with its points, and with the names of the tools before it."""
+def _problems_of(tool: _Effect, kind: Kind, owners: Mapping[str, str]) -> Iterator[Problem]:
+    """The problems of an effect with its points, and with the names of the effects before it."""
     values, parts = tool.values, tool.node.children
     if "name" in values and (owner := owners.get(identifier(values["name"]))) is not None:
         shown = parts["name"].shown
         message = f"found {shown}, but {owner} has that name: they must differ in letters, digits or _"
         yield Problem(parts["name"].line, f"{tool.path}.name", message)
-    if "origin" in values and values["origin"] == values.get("target"):
-        yield Problem(parts["target"].line, f"{tool.path}.target", "same as origin, expected another point")
+    for first, second in pairwise(kind.points):
+        if first in values and values[first] == values.get(second):
+            message = f"same as {first}, expected another point"
+            yield Problem(parts[second].line, f"{tool.path}.{second}", message)
     for number, (before, point) in enumerate(pairwise(values.get("path", ())), start=1):
         if point == before:
             line = parts["path"].children[number].line
             yield Problem(line, f"{tool.path}.path[{number}]", "same as the point before it, expected another")
 
 
-def _problems_of_mirrored(tool: _Effect, other: Mapping[str, Any], owners: Mapping[str, str]) -> Iterator[Problem]:
-    """The problems of the tool that is mirrored from another one."""
-    name = tool.node.children["name"]
+def _problems_of_mirrored(
+    tool: _Effect, other: Mapping[str, Any], kind: Kind, owners: Mapping[str, str]
+) -> Iterator[Problem]:
+    """The problems of the effect that is mirrored from another one."""
+    name, item = tool.node.children["name"], kind.items.item
     if other["name"] == tool.values["name"]:
         message = f"found {name.shown}, expected a side to exchange for mirror, such as brow.L or left_brow"
     elif (taken := identifier(other["name"])) in owners:
-        message = f"found {name.shown}, but its mirrored tool would have the name of {owners[taken]}"
-    elif None not in _points(tool.values) and _points(tool.values) == _points(other):
-        message = f"found {name.shown}, but its mirrored tool would lie on itself: remove mirror"
+        message = f"found {name.shown}, but its mirrored {item} would have the name of {owners[taken]}"
+    elif None not in _points(tool.values, kind) and _points(tool.values, kind) == _points(other, kind):
+        message = f"found {name.shown}, but its mirrored {item} would lie on itself: remove mirror"
     else:
         return
     yield Problem(name.line, f"{tool.path}.name", message)
 
 
-def _points(values: Mapping[str, Any]) -> set[Position | Marker | None]:
-    return {*values["path"]} if "path" in values else {values.get("origin"), values.get("target")}
+def _points(values: Mapping[str, Any], kind: Kind) -> set[Point | None]:
+    return {*values["path"]} if "path" in values else {values.get(name) for name in kind.points}
 
 
 def _problems_of_material(effect: _Effect, known: Mapping[str, Preset]) -> Iterator[Problem]:
@@ -179,7 +195,7 @@ def _record(
 ) -> Any:
     """The record of an effect without problems, with the places of its own and its inherited values."""
     shown_name, folder = printable(name, len(name)), os.path.dirname(name)
-    values = with_points(kind.record, effect.values, lambda anchor: _y_up(anchor, up))
+    values = with_points(kind.record, effect.values, lambda point: moved_point(point, _Y_UP[up]))
     fields = kind.record.fields_of(values, known)
     images = {key: replace(value, folder=folder) for key, value in fields.items() if isinstance(value, MaskImage)}
     places = {keys: place for keys, place in inherited.items() if keys[0] not in effect.node.children}
@@ -197,11 +213,13 @@ def _places(node: Node, path: str, shown_name: str) -> dict[Keys, str]:
     return places
 
 
-def _y_up(anchor: Position | Marker, up: str) -> Position | Marker:
-    if up == "y" or isinstance(anchor, Marker):
-        return anchor
-    x, y, z = anchor
+def _from_z_up(position: Position) -> Position:
+    x, y, z = position
     return (x, z, 0.0 - y)
+
+
+# From the axes of a file to Y-up.
+_Y_UP: Mapping[str, Callable[[Position], Position]] = {"y": lambda position: position, "z": _from_z_up}
 
 
 def parse_tools(text: str, *, name: str = "<tools>") -> ToolsFile:
@@ -231,7 +249,8 @@ def _parsed(root: Node | None, problems: list[Problem], name: str) -> ToolsFile:
         sound = "presets" in header or "presets" not in root.children
         known = {**presets(), **header.get("presets", {})} if sound else None
         for key, kind in KINDS.items():
-            defaults, odd = _read(root, ("defaults",), kind.record, wrong) if "defaults" in root.children else ({}, [])
+            inherits = "defaults" in root.children and kind.items.inherited
+            defaults, odd = _read(root, ("defaults",), kind.record, wrong) if inherits else ({}, [])
             effects[key], odd_effects = _effects(root, key, defaults, known, wrong, owners)
             problems += [*odd, *odd_effects]
     if problems:

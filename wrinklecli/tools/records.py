@@ -31,6 +31,7 @@ from wrinklecli.tools.json_schema import (
     LENGTH,
     LENGTHS,
     TEXT,
+    Schema,
     any_keys,
     defaults_of,
     expects,
@@ -56,7 +57,7 @@ MAX_POINTS = 64  # of a path
 MAX_SEED = 2**31 - 1  # what any language's whole numbers hold
 MAX_TEXCOORD = 7  # sets of texture coordinates are numbered from 0; importers read eight at most
 
-_SECONDS = number(0, 1e6, "seconds")
+SECONDS = number(0, 1e6, "seconds")
 _STRENGTH = number(-100, 100)
 _MATERIALS = f"{', '.join(presets())} or none"
 
@@ -98,23 +99,52 @@ class Marker:
     marker: str = key(TEXT, "Node whose position at rest is the anchor.")
 
 
+def _coordinates(accepted: str, *types: str, **keywords: Any) -> Schema:
+    """Three numbers, or other values of some types."""
+    return expects(accepted, type=["array", *types], items=number(-1e9, 1e9), minItems=3, maxItems=3, **keywords)
+
+
+def _read_position(value: Any) -> Position:
+    x, y, z = map(float, value)
+    return (x, y, z)
+
+
+@dataclass(frozen=True, slots=True)
+class JointPoint:
+    """A point that a joint carries: the joint's position at rest, with an offset in the axes of the file."""
+
+    joint: str = key(TEXT, "Joint, or any node, that carries the point.")
+    offset: Position = key(
+        _coordinates("[x, y, z]"),
+        "From the joint's position at rest, in the axes of this file, scene units. Default [0, 0, 0].",
+        [0.0, 0.0, 0.0],
+        read=_read_position,
+    )
+
+
+Point: TypeAlias = Position | Marker | JointPoint
+
 # Keywords for items hold for lists alone, keywords for properties for mappings alone, so both stand side by side.
-_ANCHOR = expects(
-    "[x, y, z] or {marker: NODE}",
-    type=["array", "object"],
-    items=number(-1e9, 1e9),
-    minItems=3,
-    maxItems=3,
-    **{name: each for name, each in schema_of(Marker).items() if name != "type"},
+_MARKED = {name: each for name, each in schema_of(Marker).items() if name != "type"}
+_ANCHOR = _coordinates("[x, y, z] or {marker: NODE}", "object", **_MARKED)
+END = if_mapping(
+    schema_of(JointPoint),
+    _coordinates("[x, y, z], {marker: NODE} or {joint: NODE, offset: [x, y, z]}", "object", **_MARKED),
+    required=["joint"],
 )
+"""A point below the skin, which needs no surface near it."""
 
 
 def read_anchor(value: Any) -> Position | Marker:
     """An anchor of a tools file, in the file's axes."""
-    if isinstance(value, dict):
-        return Marker(**value)
-    x, y, z = map(float, value)
-    return (x, y, z)
+    return Marker(**value) if isinstance(value, dict) else _read_position(value)
+
+
+def read_end(value: Any) -> Point:
+    """A point below the skin, in the file's axes."""
+    if isinstance(value, dict) and "joint" in value:
+        return read_record(JointPoint, value)
+    return read_anchor(value)
 
 
 def read_anchors(value: Any) -> tuple[Position | Marker, ...]:
@@ -127,7 +157,7 @@ class RestFrame:
     """A clip's pose at a time, taken as the rest pose, or as the one in which a tool is laid."""
 
     clip: str = key(TEXT, "Name of the clip.")
-    time: float = key(_SECONDS, "Seconds from the clip's start. Default 0.", 0.0, read=float)
+    time: float = key(SECONDS, "Seconds from the clip's start. Default 0.", 0.0, read=float)
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,7 +208,7 @@ class RestLengthKeys:
     keys: Mapping[str, tuple[tuple[float, Length], ...]] = key(
         any_keys(
             list_of(
-                expects("[seconds, length]", type="array", prefixItems=[_SECONDS, LENGTH], minItems=2, maxItems=2),
+                expects("[seconds, length]", type="array", prefixItems=[SECONDS, LENGTH], minItems=2, maxItems=2),
                 1,
                 None,
                 "a list of one or more [seconds, length]",
@@ -313,6 +343,15 @@ def in_axes(position: Sequence[float], up: str) -> tuple[float, float, float]:
     return (x, y, z) if up == "y" else (x, 0.0 - z, y)
 
 
+def moved_point(point: Point, moved: Callable[[Position], Position], named: Callable[[str], str] = str) -> Point:
+    """A point whose position or offset a linear map moves, and whose node gets another name."""
+    if isinstance(point, Marker):
+        return Marker(named(point.marker))
+    if isinstance(point, JointPoint):
+        return JointPoint(named(point.joint), moved(point.offset))
+    return moved(point)
+
+
 def identifier(name: str) -> str:
     """A tool's name in letters, digits and `_`."""
     return re.sub(r"[^A-Za-z0-9_]", "_", name)
@@ -342,8 +381,8 @@ class EffectTool(Protocol):
         ...
 
     @property
-    def points(self) -> tuple[Position | Marker, ...]:
-        """The points at which the effect lies on the mesh, from its origin on."""
+    def points(self) -> tuple[Point, ...]:
+        """The points at which the effect lies on the mesh or below it, from its origin on."""
         ...
 
     @property
@@ -618,14 +657,12 @@ class WrinkleTool:
         return self.clips.get(clip, self.strength)
 
 
-def with_points(
-    record: type, values: Mapping[str, Any], moved: Callable[[Position | Marker], Position | Marker]
-) -> dict[str, Any]:
-    """Values of a record's keys, with each anchor among them moved."""
+def with_points(record: type, values: Mapping[str, Any], moved: Callable[[Point], Point]) -> dict[str, Any]:
+    """Values of a record's keys, with each point among them moved."""
     readers = readers_of(record)
     found = dict(values)
     for name in values:
-        if readers.get(name) is read_anchor:
+        if readers.get(name) in (read_anchor, read_end):
             found[name] = moved(values[name])
         elif readers.get(name) is read_anchors:
             found[name] = tuple(map(moved, values[name]))
@@ -651,7 +688,7 @@ class ToolsFile:
     Attributes:
         path: The file as the user typed it.
         up: The up axis of the file; positions here are Y-up already.
-        tools: The enabled tools in the file's order, a mirrored one behind its source.
+        tools: The enabled tools in the file's order, a mirrored one behind its source; other lists are alike.
         places: Places of the other keys of the file, such as those of `rest.clip`, for later errors.
         merged_paths: Further files that are merged into this one.
     """
@@ -689,11 +726,12 @@ class ToolsFile:
         read=lambda value: presets_of(value, presets()),
         hashed=False,
     )
-    tools: tuple[WrinkleTool, ...]
+    tools: tuple[WrinkleTool, ...] = ()
+    muscles: tuple[EffectTool, ...] = ()
     places: Mapping[tuple[str, ...], str] = field(default_factory=dict, hash=False, compare=False)
     merged_paths: tuple[str, ...] = ()
 
-    LISTS: ClassVar[tuple[str, ...]] = ("tools",)
+    LISTS: ClassVar[tuple[str, ...]] = ("tools", "muscles")
     """The fields that are lists of effects, one for each kind."""
 
     @property

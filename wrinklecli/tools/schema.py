@@ -6,6 +6,7 @@ Source: JSON Schema, draft 2020-12. `read` checks order, sums and unique names, 
 from dataclasses import dataclass
 from typing import Any
 
+from wrinklecli.tools.body import Muscle
 from wrinklecli.tools.json_schema import Items, Schema, expects, key_of, keys_of, list_of, mapping_of
 from wrinklecli.tools.materials import presets
 from wrinklecli.tools.records import ToolsFile, WrinkleTool
@@ -25,6 +26,7 @@ class Kind:
         schema: Schema of one effect.
         description: What the list means, for editors.
         most: Most effects of the list.
+        points: The keys of an effect's points, of which no two are equal.
     """
 
     items: Items
@@ -32,6 +34,7 @@ class Kind:
     schema: Schema
     description: str
     most: int
+    points: tuple[str, ...]
 
 
 KINDS = {
@@ -50,6 +53,15 @@ KINDS = {
         },
         "The wrinkling tools.",
         MAX_TOOLS,
+        ("origin", "target"),
+    ),
+    "muscles": Kind(
+        Items("muscle", keys_of(Muscle), tuple(keys_of(Muscle))),
+        Muscle,
+        mapping_of(keys_of(Muscle), required=("name", "origin", "insertion")),
+        "Muscles below the skin, which thicken as they shorten. They inherit nothing from `defaults`.",
+        MAX_TOOLS,
+        ("origin", "insertion"),
     ),
 }
 """The kinds of effects by the keys of their lists. A new kind is an entry, a record, and a field of `ToolsFile`."""
@@ -82,9 +94,10 @@ TOOLS_SCHEMA: Schema = {
             ),
             **_LISTS,
         },
-        required=("version", "tools"),
+        required=("version",),
     ),
     "allOf": [
+        {"if": {"not": {"anyOf": [{"required": [name]} for name in KINDS]}}, "then": {"required": ["tools"]}},
         {
             # The width stands in the defaults, in each tool, or in a preset.
             "if": {

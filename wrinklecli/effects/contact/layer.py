@@ -32,6 +32,7 @@ class ContactLayer:
     tools_without_fold: tuple[str, ...]
 
     section: ClassVar[str] = "folds"  # as ContactEffect's, which other bakes do not import
+    drives_alone: ClassVar[bool] = False
     named_clips: ClassVar[frozenset[str]] = frozenset()
     keyed_clips: ClassVar[frozenset[str]] = frozenset()
     sampled_numbers: ClassVar[int] = 0

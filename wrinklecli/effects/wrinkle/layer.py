@@ -41,6 +41,7 @@ class WrinkleLayer:
     first: int = 0
 
     section: ClassVar[str] = WrinkleEffect.section
+    drives_alone: ClassVar[bool] = False
 
     @property
     def moved(self) -> Sequence[Ints]:
@@ -92,9 +93,8 @@ class WrinkleLayer:
         _motions: Sequence[Motion],
         how: SamplingOptions,
     ) -> tuple[list[Effect], list[Motion]]:
-        """Run the tools over clips; as the first layer, they give motions their times."""
-        assert not effects, "wrinkles act first"
-        return sample_wrinkles(self.carried_patches, self.first, plan, clips, how)
+        """Run the tools over clips, at times that suit the effects before them, too."""
+        return sample_wrinkles(self.carried_patches, self.first, plan, clips, effects, how)
 
     def warnings(self, plan: MeshPlan, clips: Sequence[Clip]) -> list[str]:
         """Tools at one place, and tools under which the refined surface departs from the old one."""

@@ -5,6 +5,7 @@ influence region. Differs: displacement fades where the surface turns away; and 
 """
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -66,6 +67,9 @@ class Patch:
     reach: Reach | None = None
     mask: Mask | None = None
     mask_share: float = 1.0
+
+    moves: ClassVar[None] = None
+    """Nothing before later effects see the mesh: contact sees wrinkles by their own shapes."""
 
     @property
     def origin(self) -> Anchor:

@@ -12,7 +12,8 @@ from wrinklecli.character.clip import KEY_GAP, KEY_STEP, Clip, clip_grid, motion
 from wrinklecli.character.pose import Pose, pose_at
 from wrinklecli.drive.lag import SpringFilter
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, SamplingOptions, named_targets
-from wrinklecli.effects.sampling import KEYS_SHARE, SAMPLING_SHARE, duplicates_of
+from wrinklecli.effects.sampling import KEYS_SHARE, SAMPLING_SHARE, driven_motion, duplicates_of, moves_of
+from wrinklecli.effects.sampling import most_overlaps as most_effects
 from wrinklecli.effects.shapes import Sample, Shape, fit_bytes, make_shapes
 from wrinklecli.effects.wrinkle.activity import activities, points_of, springs_in
 from wrinklecli.effects.wrinkle.bending import tallest_poses
@@ -40,10 +41,15 @@ PER_COORDINATE = 3.0**0.5
 
 
 def sample_wrinkles(
-    carried_patches: Sequence[CarriedPatch], first: int, plan: MeshPlan, clips: Sequence[Clip], how: SamplingOptions
+    carried_patches: Sequence[CarriedPatch],
+    first: int,
+    plan: MeshPlan,
+    clips: Sequence[Clip],
+    before: Sequence[Effect],
+    how: SamplingOptions,
 ) -> tuple[list[Effect], list[Motion]]:
     """Run tools over clips, as `Layer.sample` does; `first` is the number of the first tool's region."""
-    motions = sample_activities(carried_patches, plan, clips, how)
+    motions = sample_activities(carried_patches, plan, clips, how, before)
     patches = [carried.patch for carried in carried_patches]
     poses: Sequence[Pose | None] = [None] * len(patches)
     if plan.has_normals:
@@ -57,15 +63,31 @@ def sample_wrinkles(
         effects.append(WrinkleEffect(identifier, targets, carried_patches[number], first + number))
         by_tool.append(weights)
     by_clip = zip(*by_tool, strict=True)
-    return effects, [replace(motion, weights=weights) for motion, weights in zip(motions, by_clip, strict=True)]
+    found = [replace(motion, weights=weights) for motion, weights in zip(motions, by_clip, strict=True)]
+    if before:
+        found = [_after(driven_motion(plan, motion, before), motion) for motion in found]
+    return [*before, *effects], found
+
+
+def _after(first: Motion, second: Motion) -> Motion:
+    """A motion with the states and weights of some effects, and of others after them."""
+    return replace(first, states=(*first.states, *second.states), weights=(*first.weights, *second.weights))
 
 
 def sample_activities(
-    carried_patches: Sequence[CarriedPatch], plan: MeshPlan, clips: Sequence[Clip], how: SamplingOptions
+    carried_patches: Sequence[CarriedPatch],
+    plan: MeshPlan,
+    clips: Sequence[Clip],
+    how: SamplingOptions,
+    before: Sequence[Effect] = (),
 ) -> list[Motion]:
-    """Sample clips without weights: their times, and the tools' activities as states."""
+    """Sample clips without weights: their times, and the tools' activities as states.
+
+    The times suit the effects `before` the tools, too.
+    """
     patches = [carried.patch for carried in carried_patches]
-    bound, fps, progress = plan.max_error / most_overlaps(carried_patches), how.fps, how.progress
+    overlaps = most_effects(plan) if before else most_overlaps(carried_patches)
+    bound, fps, progress = plan.max_error / overlaps, how.fps, how.progress
     # Frames up to the end of each clip.
     ends = np.ceil(np.cumsum([1.0 + (clip.end - clip.start) * fps for clip in clips])).astype(int).tolist()
     sampled: list[Motion] = []
@@ -78,7 +100,8 @@ def sample_activities(
             times, keys = sampled[first].times, sampled[first].keys
         else:
             report_remaining = partial(_report_remaining, progress, end, ends[-1])
-            times, keys = _key_times(carried_patches, plan, clip, springs, bound, how, report_remaining)
+            others = moves_of(before, plan, clip) if before else None
+            times, keys = _key_times(carried_patches, plan, clip, springs, bound, how, report_remaining, others)
         seen = activities(patches, plan.rig, clip, times, springs=springs)
         sampled.append(Motion(clip, times, keys, tuple(seen)))
         progress("sampling", end, ends[-1])
@@ -97,6 +120,7 @@ def _key_times(
     bound: float,
     how: SamplingOptions,
     report_remaining: Callable[[int], None],
+    others: Signal | None,
 ) -> tuple[Floats, Ints]:
     """Times so dense that straight lines between them are right, and the numbers of the keys among them.
 
@@ -108,6 +132,7 @@ def _key_times(
         bound: Greatest error of one tool, scene units.
         how: The grid, and the limit on values between keys.
         report_remaining: Called now and then with the number of frames that remain.
+        others: The moves of effects before the tools, scene units; None without any.
 
     Returns:
         (frames,) seconds and (keys,) indices into them, as `key_times`.
@@ -118,9 +143,9 @@ def _key_times(
         report_remaining(math.ceil((clip.end - stretch[0]) * how.fps))
         within = clip_breaks[(clip_breaks > stretch[0]) & (clip_breaks < stretch[-1])]
         breaks = distinct_values(np.concatenate([stretch[::_FRAMES_OF_A_QUARTIC], stretch[-1:], within]))
-        return _within(
-            how.memory, _signals(carried_patches, plan, clip, breaks, tolerance, springs), width, where=clip.name
-        )
+        own = _signals(carried_patches, plan, clip, breaks, tolerance, springs)
+        every = own if others is None else lambda times: np.concatenate([own(times), others(times)], axis=1)
+        return _within(how.memory, every, width, where=clip.name)
 
     grid, width = clip_grid(clip, plan.rig, fps=how.fps), sum(_width(each) for each in carried_patches)
     return key_times(

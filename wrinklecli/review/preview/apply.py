@@ -59,7 +59,8 @@ def plan_tools(asset: Document, tools: str | os.PathLike[str], options: BakeOpti
     misfits: list[RefusedTool] = []
     settings = load_tools(tools)
     wanted = [tool for tool in settings.tools if not options.only or tool.name in options.only]
-    settings, asked = replace(settings, tools=tuple(wanted)), options
+    settings = settings.only(options.only) if options.only else settings
+    asked = options
     # A tool may fail at one of several stages: its mesh, its ends or its patch.
     while not wanted or len(misfits) < len(wanted):
         try:
@@ -71,7 +72,8 @@ def plan_tools(asset: Document, tools: str | os.PathLike[str], options: BakeOpti
             if not found:
                 raise
             misfits += found
-            asked = replace(options, only=[tool.name for tool in _without(wanted, misfits)])
+            others = [each.name for each in settings.effects if each not in wanted]
+            asked = replace(options, only=[*(tool.name for tool in _without(wanted, misfits)), *others])
         else:
             reasons = [each.reason for each in misfits]
             return PlannedTools(settings, job, plans, tuple(misfits), (*reasons, *job.warnings))

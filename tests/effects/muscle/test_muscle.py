@@ -1,0 +1,175 @@
+"""Muscles thicken as they shorten, in bakes, in players and under wrinkles."""
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from kit.asset import Json
+from kit.bakes import bake_once, report_of
+from kit.clients import assert_valid, drive
+from kit.command import Wrinkle
+from kit.limb import tool, write_tools
+from kit.muscles import arm, muscle
+from kit.player import Gltf, anchor_distances
+from wrinklecli.baking.track import track
+from wrinklecli.effects.muscle.volume import ACTIVATION, FULLEST, LONGEST, SHORTEST, ConstantVolume
+
+ARM = cache(arm)
+FLEXED = {"keys": {"fold": [[0.0, 0.0], [1.0, 1.0], [2.0, 0.0]]}}
+# A tool across the joint, whose anchors lie on the belly.
+CREASE = tool(origin=[-0.3, 0.25, 0.0], target=[0.3, 0.25, 0.0], bumps=2)
+
+
+def flexed(*tools: Json, **keys: Any) -> Gltf:
+    return bake_once(ARM(), *tools, top={"muscles": [muscle(**keys)]}, details=True)
+
+
+def drive_of(file: Gltf) -> Json:
+    (found,) = file.json["nodes"][file.node("limb")]["extras"]["wrinkle"]["muscles"]
+    return found
+
+
+@pytest.mark.parametrize("tendons", [0.0, 0.2, 0.7])
+def test_the_volume_of_a_muscle_is_constant(tendons: float) -> None:
+    response = ConstantVolume(1.0, tendons, np.array([FULLEST]))
+    shares = np.linspace(SHORTEST, LONGEST, 101)
+    thicknesses = response.thicknesses(tendons + shares * (1.0 - tendons))
+    assert np.abs(shares * thicknesses**2 - 1.0).max() < 1e-9
+
+
+def test_weights_are_exact_at_keys() -> None:
+    """By the places of the ends alone, as the extras have them, and the formula of constant volume."""
+    file = flexed(activation=FLEXED)
+    (name,) = drive_of(file)["targets"]
+    times, _ = file.keys("fold", "limb")
+    distances = anchor_distances(file, drive_of(file), "limb", "fold", times)
+    rest = drive_of(file)["rest_length"]
+    tendons = 0.22 * rest
+    activation = 1.0 - np.abs(times - 1.0)
+    shares = np.maximum((distances - tendons) / (rest - tendons) - ACTIVATION * activation, SHORTEST)
+    column = file.mesh("limb")["extras"]["targetNames"].index(name)
+    weights = file.weights("limb", "fold", times)[:, column]
+    assert weights.max() > 0.3
+    assert weights == pytest.approx((shares**-0.5 - 1.0) / (FULLEST - 1.0), abs=1e-6)
+
+
+def test_a_relaxed_muscle_is_thinner_than_a_flexed_one() -> None:
+    relaxed, strong = (
+        report_of(flexed(**keys)).data["clips"][0]["muscles"][0] for keys in ({}, {"activation": FLEXED})
+    )
+    assert 0.0 < relaxed["bulge"][1] < strong["bulge"][1] < 0.2
+
+
+def test_the_other_side_gets_thinner() -> None:
+    """The muscle behind a joint that bends is stretched."""
+    ends = {"origin": {"joint": "joint_0", "offset": [0.15, -0.1, 0.0]}}
+    ends["insertion"] = {"joint": "joint_1", "offset": [0.15, -0.1, 0.0]}
+    low, high = report_of(flexed(**ends)).data["clips"][0]["muscles"][0]["bulge"]
+    assert low < 0.0
+    assert high == pytest.approx(0.0, abs=0.01)
+
+
+def test_the_bulge_ends_smoothly() -> None:
+    """No edge of the mesh has a step, and the tendons, the joint's far side and the back stay."""
+    file = flexed()
+    (deltas,) = file.deltas("limb")
+    places = file.attribute("limb", "POSITION")
+    heights = np.linalg.norm(deltas, axis=1)
+    edges = file.triangles("limb")[:, [0, 1]]
+    steps = np.abs(np.diff(heights[edges], axis=1))[:, 0]
+    lengths = np.linalg.norm(np.diff(places[edges], axis=1), axis=2)[:, 0]
+    # A bell that rises over half of the limb's thickness is no steeper.
+    assert (steps < heights.max() * lengths / 0.1).all()
+    assert heights[places[:, 1] < 0.0].max() == 0.0
+    assert heights[(places[:, 0] < -0.75) | (places[:, 0] > 0.05)].max() == 0.0
+    assert (deltas[heights > 0.01, 1] > 0.0).all()
+
+
+def test_players_drive_muscles_as_the_bake_does() -> None:
+    file = flexed(CREASE, activation=FLEXED)
+    assert_valid(file.path)
+    times = np.linspace(0.0, 2.0, 21)
+    driven = drive(file.path, node="limb", clip="fold", times=times, driver=True)
+    for name, played in drive(file.path, node="limb", clip="fold", times=times).items():
+        assert played.max() > 0.2
+        assert driven[name] == pytest.approx(played, abs=0.02 * played.max())
+
+
+def test_wrinkles_follow_the_skin_that_a_muscle_moves() -> None:
+    """The anchors' distance is that of the moved skin, and the file's wrinkles are right for it."""
+    file = flexed(CREASE, activation=FLEXED)
+    entry = file.json["nodes"][file.node("limb")]["extras"]["wrinkle"]["tools"][0]
+    assert [*entry["origin"]["morphs"]] == ["wrinkle_biceps_1"]
+    times = np.array([0.0, 0.5, 1.0])
+    still = anchor_distances(file, {**entry, "origin": {**entry["origin"], "morphs": {}}}, "limb", "fold", times)
+    moved = anchor_distances(file, entry, "limb", "fold", times)
+    assert moved[0] == pytest.approx(entry["rest_length"])
+    assert abs(moved[2] - still[2]) > 0.01
+    residual = report_of(file).data["clips"][0]["residual"]
+    assert residual["position"] < report_of(file).data["meshes"][0]["max_error"]
+
+
+def test_tracks_are_those_of_the_bake(tmp_path: Path) -> None:
+    whole = flexed(CREASE, activation=FLEXED)
+    body = bake_once(ARM(), CREASE, top={"muscles": [muscle(activation=FLEXED)]}, tracks="none")
+    (made,) = track(body.path, [ARM()], tmp_path)
+    times = np.linspace(0.0, 2.0, 41)
+    expected, found = (each.weights("limb", "fold", times) for each in (whole, Gltf(Path(made.path))))
+    assert np.abs(found - expected).max() < 0.021
+
+
+def test_an_arm_without_clips_gets_its_targets() -> None:
+    file = bake_once(arm(clip=None), top={"muscles": [muscle()]})
+    assert drive_of(file)["targets"] == file.mesh("limb")["extras"]["targetNames"]
+
+
+def test_a_morph_target_activates_a_muscle() -> None:
+    flex = arm(morphs=2, morph_clip="LINEAR")
+    file = bake_once(flex, top={"muscles": [muscle(activation={"morph": "morph_1"})]})
+    times = np.linspace(0.0, 2.0, 9)
+    played = drive(file.path, node="limb", clip="fold", times=times)
+    driven = drive(file.path, node="limb", clip="fold", times=times, driver=True)
+    assert np.ptp(played["morph_1"]) > 0.1
+    name = "wrinkle_biceps_1"
+    assert driven[name] == pytest.approx(played[name], abs=0.02 * played[name].max())
+
+
+@pytest.mark.parametrize(
+    ("keys", "line"),
+    [
+        ({"tendon": "120%"}, "muscles[0].tendon: its tendons are 1.2 long together, and the whole muscle is 1:"),
+        ({"origin": [-0.8, 0.0, 0.0], "insertion": [0.1, 0.0, 0.0]}, "its middle lies in the bone of 'joint_0'"),
+        ({"thickness": 3.0}, "muscles[0].thickness: is 3 thick, where bone and skin are 0.25"),
+        ({"insertion": {"joint": "joint_9"}}, "muscles[0].insertion.joint: no node is named 'joint_9'; did you mean"),
+        ({"activation": {"morph": "smile"}}, "activation.morph: the mesh has no morph target 'smile'"),
+        ({"activation": {"keys": {"curl": [[0, 1]]}}}, "activation.keys.curl: the asset has no clip 'curl'"),
+        (
+            {"origin": [-0.5, 9.0, 0.0], "insertion": [0.5, 9.0, 0.0]},
+            "there is no skin near it: its middle is 9 from the bone of 'joint_0', and skin",
+        ),
+    ],
+)
+def test_a_muscle_that_does_not_fit_gets_one_line(wrinkle: Wrinkle, tmp_path: Path, keys: Json, line: str) -> None:
+    tools = tmp_path / "tools.yaml"
+    write_tools(tools, tool(), muscles=[muscle(**keys)])
+    ran = wrinkle("bake", ARM(), tools, "-o", tmp_path / "out.glb")
+    assert ran.code == 1
+    assert [line in each for each in ran.lines] == [True], ran.lines
+    assert not (tmp_path / "out.glb").exists()
+
+
+def test_check_tells_of_muscles(wrinkle: Wrinkle, tmp_path: Path) -> None:
+    tools = write_tools(tmp_path / "tools.yaml", tool(), muscles=[muscle()])
+    ran = wrinkle("check", ARM(), tools)
+    assert ran.code == 0
+    assert "ends     joint_0 to joint_1, along joint_0" in ran.out
+    assert "% long, bulges by up to" in ran.out
+
+
+def test_a_muscle_that_no_joint_shortens_is_warned_of(wrinkle: Wrinkle, tmp_path: Path) -> None:
+    tools = write_tools(tmp_path / "tools.yaml", tool(), muscles=[muscle(insertion=[-0.2, 0.1, 0.0])])
+    ran = wrinkle("check", ARM(), tools)
+    assert "both ends are on 'joint_0', so no joint shortens it" in ran.out

@@ -1,0 +1,1 @@
+"""Muscles: from origin to insertion below the skin, of constant volume, which bulge as they shorten."""

@@ -1,0 +1,180 @@
+"""The effect of one muscle: its morph targets, their weights by its length and activation, and its drive."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.rig import Rig
+from wrinklecli.character.sparse_targets import SparseDeltas
+from wrinklecli.drive.drive import Drive
+from wrinklecli.drive.segment import Lengths
+from wrinklecli.effects.effect import Effect, MeshPlan, Motion, targets_of
+from wrinklecli.effects.muscle.attach import AttachedMuscle
+from wrinklecli.effects.muscle.volume import SHORTEST
+from wrinklecli.effects.shapes import Shape
+from wrinklecli.errors import counted
+from wrinklecli.gltf.shape import Json
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, nonzero_rows, significant
+from wrinklecli.tools.records import in_axes
+
+# Change of a muscle's length over that at rest below which it does nothing that one would see.
+_LEAST_CHANGE = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class MuscleEffect(Effect):
+    """One muscle's morph targets. Its states are `Lengths`, and its weights as sampled are those of the targets.
+
+    Attributes:
+        attached: The muscle at rest.
+        deltas: (targets, fine vertices, 3) displacements at weight 1, bind space.
+        gained: Volume that the skin gains at the greatest thickness, cubic scene units.
+    """
+
+    attached: AttachedMuscle
+    deltas: Floats
+    gained: float
+
+    section: ClassVar[str] = "muscles"
+
+    @property
+    def name(self) -> str:
+        """The muscle's name."""
+        return self.attached.tool.name
+
+    @property
+    def drive(self) -> Drive:
+        """The segment of the muscle, and the weights that keep its volume."""
+        return self.attached.drive
+
+    @classmethod
+    def count_targets(cls, effects: Sequence[Effect]) -> str:
+        """Count the muscles, and their targets."""
+        return f"{counted(len(effects), 'muscle')} in {counted(len(targets_of(effects)), 'morph target')}"
+
+    def shape_weights(self, sampled: Floats) -> Floats:
+        """The weights as sampled."""
+        return sampled
+
+    def stored_weights(self, rig: Rig) -> Floats:
+        """(targets,) weights in the stored pose: zeros, unless the tools file has another rest pose."""
+        return np.asarray(self.drive.weights_in(rig.own, None)(np.zeros(1))[0])
+
+    def weights_at(self, rig: Rig, motion: Motion, _sampled: Floats, times: Floats) -> Floats:
+        """(times, targets) the weights of the drive."""
+        return self.drive.weights_in(rig.own, motion.clip)(times)
+
+    def acting(self, rig: Rig, clip: Clip, time: float) -> list[tuple[Shape, float]]:
+        """Nothing: the rig has the muscle's targets among its own."""
+        assert rig is not None
+        assert clip is not None
+        assert time is not None
+        return []
+
+    @classmethod
+    def observe(cls, effects: Sequence[Self], rig: Rig, motion: Motion, times: Floats, _known: Sequence[Any]) -> Any:
+        """The length of each muscle at all times."""
+        return [each.drive.reader(rig.own, motion.clip)(times) for each in effects]
+
+    def exact_shapes(self, vertices: Ints) -> Iterator[SparseDeltas]:
+        """The displacements of each target at weight 1."""
+        for deltas in self.deltas:
+            rows = nonzero_rows(deltas[vertices])
+            yield SparseDeltas(rows, deltas[vertices[rows]])
+
+    def exact_weights(self, _motion: Motion, _sampled: Floats, _times: Floats, state: Lengths) -> Floats:
+        """(times, targets) the weights that keep the volume."""
+        return self.attached.response.weights(state)
+
+    def raised(self, _times: Floats, state: Lengths) -> Bools:
+        """(times,) True where the muscle is thicker than at rest."""
+        return np.asarray(self.attached.response.weights(state).any(axis=1))
+
+    def telling(self, exact: Floats, _state: Lengths) -> set[int]:
+        """The times when the muscle is thickest and thinnest."""
+        total = exact.sum(axis=1)
+        return {int(np.argmax(total)), int(np.argmin(total))}
+
+    def weight_error(self, played: Floats, exact: Floats, _state: Lengths, _clip: Clip) -> float:
+        """Largest error of the move that a weight stands for, scene units."""
+        sizes = np.array([target.shape.tallest for target in self.targets if target is not None])
+        return float((np.abs(played - self.written(exact)) * sizes).max(initial=0.0))
+
+    def describe(self, plan: MeshPlan) -> Json:
+        """The muscle's entry in the report; lengths are scene units, volumes cubic ones."""
+        attached, names = self.attached, plan.rig.names
+        return {
+            "name": self.name,
+            "where": attached.tool.where,
+            "node": names[plan.rig.node],
+            "origin": names[attached.bones[0]],
+            "insertion": names[attached.bones[1]],
+            "bone": names[attached.bone],
+            "length": significant(attached.belly.span),
+            "tendons": significant(attached.belly.tendons),
+            "thickness": significant(attached.belly.thickness),
+            "width": significant(attached.belly.width),
+            "depth": significant(attached.depth),
+            "height_limit": significant(attached.greatest_height),
+            "volume_gained": significant(self.gained),
+            "moved_vertices": int(np.any(self.deltas, axis=(0, 2)).sum()),
+            "targets": list(self.target_names),
+        }
+
+    def describe_clip(self, motion: Motion, state: Lengths) -> Json | None:
+        """The muscle's entry in a clip: lengths over that at rest, and what the skin does; None while hidden."""
+        assert len(motion.times)
+        if not state.active.any():
+            return None
+        lengths = state.distances[state.active]
+        response = self.attached.response
+        bulge = (response.thicknesses(lengths) - 1.0) * self._height_of_thickness
+        volumes = (response.thicknesses(lengths) - 1.0) * self._volume_of_thickness
+        return {
+            "name": self.name,
+            "length": [significant(float(end / response.rest_length)) for end in (lengths.min(), lengths.max())],
+            "bulge": [significant(float(end)) for end in (bulge.min(), bulge.max())],
+            "volume_gained": significant(float(volumes.max())),
+        }
+
+    @property
+    def _height_of_thickness(self) -> float:
+        """The largest move of the skin for one more thickness, scene units."""
+        return self.attached.greatest_height / (float(self.attached.response.knots[-1]) - 1.0)
+
+    @property
+    def _volume_of_thickness(self) -> float:
+        """The volume that the skin gains for one more thickness, cubic scene units."""
+        return self.gained / (float(self.attached.response.knots[-1]) - 1.0)
+
+    def warnings(self, plan: MeshPlan, motions: Sequence[tuple[Motion, Any, Floats]], *, up: str) -> list[str]:
+        """Warnings about a muscle that nothing moves, or that is asked to shorten further than it can."""
+        attached, response, warnings = self.attached, self.attached.response, []
+        one, other = attached.bones
+        if one == other and attached.tool.activation is None:
+            place = ", ".join(f"{x:.4g}" for x in in_axes(attached.belly.insertion.tolist(), up))
+            warnings.append(
+                f"{self.name}: both ends are on {plan.rig.names[one]!r}, so no joint shortens it; its insertion"
+                f" [{place}] belongs on the bone that it moves, for instance by {{joint: NAME, offset: …}}"
+            )
+            return warnings
+        least, at, clip = np.inf, 0.0, ""
+        moved = False
+        for motion, state, _ in motions:
+            lengths = np.where(state.active, state.distances, response.rest_length)
+            moved |= bool((np.abs(lengths / response.rest_length - 1.0) > _LEAST_CHANGE).any())
+            if lengths.min() < least:
+                least, at, clip = float(lengths.min()), float(motion.times[int(np.argmin(lengths))]), motion.clip.name
+        if motions and not moved:
+            warnings.append(f"{self.name}: no clip changes its length, and nothing activates it: it stays as at rest")
+        shortest = response.tendons + SHORTEST * response.belly
+        if least < shortest:
+            warnings.append(
+                f"{self.name}: its ends come to {100 * least / response.rest_length:.3g} % of their distance at rest in"
+                f" {clip!r} at {at:.3g} s; below {100 * shortest / response.rest_length:.3g} % it gets no thicker, as"
+                " fibres shorten to half at most; an insertion nearer to the joint shortens less"
+            )
+        return warnings

@@ -1,0 +1,145 @@
+"""The shape of a belly under the skin: a spindle along its segment that fades round the limb.
+
+The skin moves along its normal by the thickness that the belly gains, times a spindle along the segment, times a bell
+round the bone. Both fall to 0 smoothly, whatever the skin weights of the joints are: masks by these weights would make
+lumps at a joint's border. Skin that faces the bone, as an armpit or a groin does, stays where it is, and so does skin
+that is much farther from the bone than the skin above the belly, as that of other limbs. No vertex moves by more than a
+part of the way to skin that it faces.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from wrinklecli.numeric.arrays import Floats, Ints, inverses, singular, smoothstep, unit
+from wrinklecli.numeric.nearest import pairs_within
+from wrinklecli.surface.ground import Ground
+
+# Cosines between a vertex's normal and its direction from the bone, below which nothing and above which all moves, as
+# for wrinkles.
+_FACING = (0.2, 0.6)
+# Distances from the bone, over that of the skin above the belly, up to which all and beyond which nothing moves: limbs
+# are rarely oval beyond 1.4, and what touches a limb lies behind its skin.
+_NEAR = (1.5, 2.2)
+# Greatest angle round the bone to which the skin follows, radians: 150°, as the other side of a limb has its own
+# muscles.
+_MOST_ANGLE = np.radians(150.0)
+# Part of the way to opposite skin that a vertex may move: both sides may have a muscle.
+_OF_GAP = 0.45
+# A vertex whose height is below this ratio of the greatest stays still: nobody would see it.
+_LEAST = 1e-4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Belly:
+    """The place and size of a muscle at rest, world space and scene units.
+
+    Attributes:
+        origin, insertion: (3,) its ends.
+        tendons: Length of both tendons together, of which each end has a half.
+        thickness: Of the belly in its middle.
+        width: Along the skin, over which the skin follows.
+        depth: Distance from the bone to the skin above the belly.
+        foot: (3,) the point of the bone beneath the middle.
+        axis: (3,) unit vector along the bone.
+        side: (3,) unit vector from the bone to the belly.
+    """
+
+    origin: Floats
+    insertion: Floats
+    tendons: float
+    thickness: float
+    width: float
+    depth: float
+    foot: Floats
+    axis: Floats
+    side: Floats
+
+    @property
+    def span(self) -> float:
+        """The distance of the ends."""
+        return float(np.linalg.norm(self.insertion - self.origin))
+
+    def along(self, places: Floats) -> Floats:
+        """(…,) distances of (…, 3) places from the origin along the muscle, scene units."""
+        distances: Floats = (places - self.origin) @ unit(self.insertion - self.origin)
+        return distances
+
+    def round(self, places: Floats, normals: Floats) -> Floats:
+        """(…,) factors of the height round the bone, at (…, 3) places of the skin with (…, 3) unit normals."""
+        relative = places - self.foot
+        outward = relative - (relative @ self.axis)[..., None] * self.axis
+        distances = np.linalg.norm(outward, axis=-1)
+        outward = unit(outward)
+        angles = np.arccos(np.clip(outward @ self.side, -1.0, 1.0))
+        widest = min(self.width / (2.0 * self.depth), _MOST_ANGLE)
+        bell = np.maximum(1.0 - (angles / widest) ** 2, 0.0) ** 2
+        low, high = _FACING
+        facing = smoothstep(np.clip((np.sum(outward * normals, axis=-1) - low) / (high - low), 0.0, 1.0))
+        near, far = _NEAR
+        close = smoothstep(np.clip((far - distances / self.depth) / (far - near), 0.0, 1.0))
+        factors: Floats = bell * facing * close
+        return factors
+
+
+def spindle(along: Floats, start: float, length: float) -> Floats:
+    """(…,) the thickness of a belly over that in its middle, at (…,) distances along a muscle; 0 on its tendons."""
+    shares = np.clip((along - start) / length, 0.0, 1.0)
+    return np.asarray(np.sin(np.pi * shares) ** 2)
+
+
+def displaced(belly: Belly, knots: Floats, ground: Ground) -> tuple[Floats, Floats]:
+    """Displace the coarse skin above a belly.
+
+    Args:
+        belly: The muscle at rest.
+        knots: (targets,) thicknesses over that at rest.
+        ground: The mesh.
+
+    Returns:
+        (targets, vertices, 3) displacements in bind space, and (vertices,) the greatest heights, scene units.
+    """
+    rest = ground.rest
+    along = belly.along(rest.positions)
+    vertices = np.flatnonzero((along > belly.tendons / 2.0) & (along < belly.span - belly.tendons / 2.0))
+    normals = rest.normals_at(vertices)
+    profile = spindle(along[vertices], belly.tendons / 2.0, belly.span - belly.tendons)
+    factors = profile * belly.round(rest.positions[vertices], normals)
+    seen = (factors > _LEAST * factors.max(initial=0.0)) & ~singular(rest.blended[vertices])
+    vertices, normals, factors = vertices[seen], normals[seen], factors[seen]
+    heights = belly.thickness * (knots[:, None] - 1.0) * factors
+    heights *= _allowed(ground, vertices, normals, heights)
+    deltas, greatest = np.zeros((len(knots), len(rest.positions), 3)), np.zeros(len(rest.positions))
+    inward = inverses(rest.blended[vertices])
+    deltas[:, vertices] = np.einsum("vij,vj,kv->kvi", inward, normals, heights)
+    greatest[vertices] = np.abs(heights).max(axis=0)
+    return deltas, greatest
+
+
+def _allowed(ground: Ground, vertices: Ints, normals: Floats, heights: Floats) -> Floats:
+    """(vertices,) factors that keep (targets, vertices) heights clear of skin that the vertices face at rest."""
+    greatest = np.abs(heights).max(axis=0, initial=0.0)
+    reach = float(greatest.max(initial=0.0)) / _OF_GAP
+    if not reach:
+        return np.ones(len(vertices))
+    rest = ground.rest
+    low, high = rest.positions[vertices].min(axis=0) - reach, rest.positions[vertices].max(axis=0) + reach
+    near = np.flatnonzero(((rest.positions > low) & (rest.positions < high)).all(axis=1))
+    pairs = pairs_within(rest.positions[near], reach)
+    pairs = near[np.concatenate([pairs, pairs[:, ::-1]])]
+    own = np.zeros(len(rest.positions), np.intp)
+    own[vertices] = 1 + np.arange(len(vertices))
+    pairs = pairs[own[pairs[:, 0]] > 0]
+    here = own[pairs[:, 0]] - 1
+    there = rest.positions[pairs[:, 1]] - rest.positions[pairs[:, 0]]
+    others = np.zeros(rest.positions.shape)
+    others[near] = rest.normals_at(near)
+    ahead = np.sum(there * normals[here], axis=1)
+    # Skin opposite: in front of the vertex, and facing it.
+    opposite = (ahead > 0.7 * np.linalg.norm(there, axis=1)) & (
+        np.sum(others[pairs[:, 1]] * normals[here], axis=1) < -0.5
+    )
+    gaps = np.full(len(vertices), np.inf)
+    np.minimum.at(gaps, here[opposite], ahead[opposite])
+    excess = greatest / (_OF_GAP * gaps)
+    return np.asarray((1.0 + excess**4) ** -0.25)
