@@ -30,6 +30,12 @@ Stops: TypeAlias = Literal["features", "none"]
 Channel: TypeAlias = Literal["r", "g", "b", "a"]
 CHANNELS: tuple[Channel, ...] = get_args(Channel)
 """The channels of an image, and the components of a vertex attribute, in their order."""
+# The parts of a body that joints move.
+Part: TypeAlias = Literal[
+    "hips", "spine", "chest", "neck", "head", "jaw", "eye", "shoulder", "upper arm", "lower arm", "hand", "palm",
+    "finger", "upper leg", "lower leg", "foot", "toes", "twist",
+]  # fmt: skip
+PARTS: tuple[Part, ...] = get_args(Part)
 
 # A bake.
 Mode: TypeAlias = Literal["morph", "frames"]

@@ -155,6 +155,36 @@ def test_the_image_of_a_mask_is_fetched_with_the_tools(wrinkle: Wrinkle, folder:
     assert Batch(wrinkle, tools="memory:///masked/t.yaml").run()["reason"] == "the tools changed"
 
 
+def _with_presets(folder: Path, *, bumps: int) -> None:
+    """Let the tool have a preset, from a file beside the tools file."""
+    (folder / "studio.yaml").write_text(f"felt: {{material: cloth, bumps: {bumps}}}\n")
+    asked = tool(material="felt")
+    write_tools(folder / "t.yaml", asked, presets="studio.yaml", refinement={"max_levels": 0}, sampling={"fps": 4})
+
+
+def test_a_file_of_presets_is_an_input(wrinkle: Wrinkle, folder: Path) -> None:
+    """Outputs depend on it and never replace it, and it is fetched with the tools."""
+    _with_presets(folder, bumps=1)
+    batch = Batch(wrinkle)
+    assert [batch.run()["reason"] for _ in range(2)] == ["new", "in place"]
+    _with_presets(folder, bumps=2)
+    assert batch.run()["reason"] == "the tools changed"
+    refused = Batch(wrinkle, report="studio.yaml").command()
+    assert refused.lines == ["m.jsonl:1: jobs[0]: would write over 'studio.yaml', which jobs[0] reads"]
+    system = fsspec.filesystem("memory")
+    for name in ("t.yaml", "studio.yaml"):
+        system.pipe(f"/preset/{name}", (folder / name).read_bytes())
+    assert Batch(wrinkle, tools="memory:///preset/t.yaml").run()["result"] == "built"
+    for command in (["bake", "-o", "o.glb", "--report"], ["check", "--plot"], ["preview", "--tools"]):
+        before = (folder / "studio.yaml").read_bytes()
+        given = ["a/limb.gltf", "t.yaml"] if command[0] != "preview" else ["a/limb.gltf"]
+        last = ["t.yaml", "-o"] if command[0] == "preview" else []
+        ran = wrinkle(command[0], *given, *command[1:], *last, "studio.yaml")
+        assert (ran.code != 0, (folder / "studio.yaml").read_bytes()) == (True, before), command
+    assert wrinkle("bake", "a/limb.gltf", "t.yaml", "-o", "o.glb", "--depfile", "o.d").code == 0
+    assert "studio.yaml" in (folder / "o.d").read_text().split()
+
+
 @pytest.mark.parametrize("uri", ["", ".", "tex", "http://127.0.0.1:9/skin.png", "../skin.png", "none.png"])
 def test_a_reference_that_is_no_file_beside_is_not_kept(uri: str, wrinkle: Wrinkle, folder: Path) -> None:
     asset = limb_asset(rings=7, sides=6)

@@ -181,6 +181,50 @@ def test_a_draft_knows_the_presets_of_its_file(tmp_path: Path) -> None:
     assert [across.keys[key].source_words for key in ("bumps", "gap")] == ["own key", "material cuff"]
 
 
+def test_the_presets_of_a_file_are_taken_watched_and_kept(tmp_path: Path) -> None:
+    (tmp_path / "tools.yaml").write_text(TOOLS)
+    asset = limb(tmp_path / "limb.glb", rings=20, sides=12)
+    studio = tmp_path / "studio.yaml"
+    studio.write_text("felt: {material: cloth, gap: 1, bumps: 2}\n")
+    options = ReadOptions(presets=[studio])
+    session = Session(asset, tmp_path / "tools.yaml", options)
+    assert session.text == TOOLS.replace("\ntools:", "\npresets: studio.yaml\ntools:")
+    session.set_material("across", "felt")
+    assert session.tools()[1].values["gap"] == 1
+    session.set_value("across", ("gap",), 3, draft=True)
+    raised = session.try_material("crease", "felt")
+    assert raised is not None
+    assert raised.attached.patch.tool.gap == 1
+    session.save()
+    assert Session(asset, tmp_path / "tools.yaml", options).text == session.text, "it is named once"
+    studio.write_text("felt: {material: cloth, gap: 2, bumps: 2}\n")
+    os.utime(studio, ns=(1, 1))
+    session.refresh()
+    assert session.refresh()
+    assert session.tools()[1].values["gap"] == 2
+    assert session.notes[-1] == f"{studio}: has changed on disk, and was read again"
+    studio.write_text("felt: {gap: x}\n")
+    session.refresh()
+    session.refresh()
+    assert session.notes[-1] == f"{studio}:1: felt.gap: found x, expected a whole number from 0 to 64"
+    assert session.tools()[1].values["gap"] == 2
+
+
+def test_presets_that_the_tools_file_cannot_name_are_refused(tmp_path: Path) -> None:
+    asset = limb(tmp_path / "limb.glb", rings=20, sides=12)
+    (tmp_path / "in").mkdir()
+    tools = tmp_path / "in" / "tools.yaml"
+    studio = tmp_path / "studio.yaml"
+    studio.write_text("felt: {material: cloth}\n")
+    with pytest.raises(ConfigError, match=r"presets: found '../studio.yaml', expected a file below the folder"):
+        Session(asset, tools, ReadOptions(presets=[studio]))
+    named = Session(asset, tools, ReadOptions(presets=[studio], allow_external=True))
+    assert "felt" in named.presets
+    tools.write_text(TOOLS.replace("tools:", "presets: {cuff: {gap: 1}}\ntools:"))
+    with pytest.raises(ConfigError, match=r"tools.yaml:3: presets: the file has presets of its own"):
+        Session(asset, tools, ReadOptions(presets=[studio], allow_external=True))
+
+
 def test_the_peak_of_a_tool_is_that_of_a_review(session: Session) -> None:
     raised, heights = session.raised("crease"), session.heights("crease", "fold")
     assert raised is not None

@@ -1,5 +1,6 @@
 """Cloth and leather on a bent limb get two tools that cross on the inside of the bend; all else gets level ones."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from kit.suggested import along, ends, middle
 from wrinklecli.review.check import check
 from wrinklecli.review.suggest.fitted_tools import Suggestion
 from wrinklecli.review.suggest.suggest import Suggestions, suggest
-from wrinklecli.tools.read import parse_tools
+from wrinklecli.tools.read import load_tools, parse_tools
 from wrinklecli.tools.records import Contact, Length
 
 
@@ -119,3 +120,22 @@ def test_a_fold_that_does_not_cross_has_no_contact(tmp_path: Path) -> None:
     found = suggested(tmp_path, limb_of("skin", angle=30.0))
     assert not any(each.crossings or each.tool.contact for each in found.tools)
     assert "contact" not in found.text
+
+
+def test_a_preset_of_a_file_is_taken_for_its_parts_of_a_body(tmp_path: Path) -> None:
+    """The text names the file from where it will stand, reads as the tools are, and bakes."""
+    (tmp_path / "in").mkdir()
+    studio, tools = tmp_path / "in" / "studio.yaml", tmp_path / "in" / "tools.yaml"
+    felt = "felt: {material: cloth, parts: [lower leg], bump_height: 22%, branch: 0.7, width: 3, max_height: none}\n"
+    studio.write_text(f"{felt}boot: {{material: felt, parts: [foot]}}\n")
+    limb_of("Trousers").write(tmp_path / "limb.glb")
+    found = suggest(tmp_path / "limb.glb", presets=[studio], folder=str(tmp_path / "in"), everything=True)
+    assert {each.tool.material for each in found.tools} == {"felt"}
+    assert all((each.tool.branch, each.tool.bump_height) == (0.7, 0.22) for each in found.tools)
+    assert str(studio) in found.inputs
+    tools.write_text(found.text)
+    assert 'presets: ["studio.yaml"]' in found.text
+    read = load_tools(tools).tools
+    assert [replace(tool, where="") for tool in read[: len(found.tools)]] == [each.tool for each in found.tools]
+    assert check(tmp_path / "limb.glb", tools).data["tools"]
+    assert "presets" not in suggest(tmp_path / "limb.glb", everything=True).text

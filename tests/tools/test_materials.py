@@ -125,7 +125,18 @@ def test_a_preset_is_made_from_another_and_the_tool_s_keys_win() -> None:
             "t.yaml:1: presets.felt.details: found a list of 2, expected shares whose sum is at most 0.99, not 1",
         ),
         ("presets: {felt: 5}", "felt", "t.yaml:1: presets.felt: found 5, expected a mapping of {preset_keys}"),
-        ("presets: 5", "felt", "t.yaml:1: presets: found 5, expected a mapping of names to keys of tools"),
+        (
+            "presets: 5",
+            "felt",
+            "t.yaml:1: presets: found 5, expected a mapping of names to keys of tools, or a file of such, or a list of"
+            " up to 16 files",
+        ),
+        (
+            "presets: {felt: {parts: [knee]}}",
+            "felt",
+            "t.yaml:1: presets.felt.parts[0]: found knee, expected hips, spine, chest, neck, head, jaw, eye, shoulder,"
+            " upper arm, lower arm, hand, palm, finger, upper leg, lower leg, foot, toes or twist",
+        ),
         (
             "presets: {felt: {bump_width: 0.3}}",
             "felt",
@@ -169,6 +180,7 @@ def test_the_reference_s_table_of_presets_is_the_code_s() -> None:
     built_in = yaml.safe_load((ROOT / "wrinklecli/tools/presets.yaml").read_text(encoding="utf-8"))
     made = {name: entry for name, entry in built_in.items() if "material" in entry}
     assert [row[0] for row in rows[2:]] == list(made)
-    for name, title, material, keys in rows[2:]:
+    for name, title, material, parts, keys in rows[2:]:
         written = yaml.safe_load(f"{{{keys.replace('`', '')}}}")
-        assert {"title": title, "material": material, **written} == made[name]
+        of_parts = {"parts": parts.split(", ")} if parts else {}
+        assert {"title": title, "material": material, **of_parts, **written} == made[name]

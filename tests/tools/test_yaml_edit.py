@@ -55,6 +55,14 @@ def test_one_value_changes_and_all_else_stays() -> None:
     )
 
 
+def test_a_key_of_the_file_stands_before_the_tools() -> None:
+    named = FILE.with_key("presets", "studio.yaml")
+    assert named.text == FILE.text.replace("\ntools:", "\npresets: studio.yaml\ntools:")
+    again = named.with_key("presets", ["studio.yaml", "a b.yaml"])
+    assert again.text == named.text.replace("studio.yaml", "[studio.yaml, a b.yaml]")
+    assert ToolsText("{version: 1, tools: []}").with_key("presets", "a").text == "{version: 1, tools: [], presets: a}"
+
+
 def test_what_others_repeat_stays_theirs() -> None:
     changed = FILE.with_value(0, ("width",), 0.3)
     assert [each["width"] for each in changed.tools] == [0.3, 0.24, 0.24]

@@ -131,7 +131,7 @@ def read_job(
     Raises:
         WrinkleError: Asset or tools are at fault, or they do not go together.
     """
-    settings = _overridden(load_merged(tools_paths(tools)), options)
+    settings = _overridden(load_merged(tools_paths(tools), external=options.allow_external), options)
     document = asset if isinstance(asset, Document) else _read(asset, options)
     if options.replace:
         document = original(document)
@@ -172,7 +172,7 @@ def job_of(asset: Document, settings: ToolsFile, options: BakeOptions, motions: 
         settings=settings,
         asset=asset,
         document=document,
-        inputs=(document.files[0], settings.path, *settings.merged_paths, *document.files[1:], *settings.images),
+        inputs=(document.files[0], settings.path, *settings.merged_paths, *document.files[1:], *settings.files_beside),
         beside=(*files_of(asset), *joined.beside),
         every_clip=every_clip,
         clips=chosen_clips(every_clip, sampled or asked, where=document.path),

@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 
 import wrinklecli
 from wrinklecli.batch import stores
-from wrinklecli.batch.jobs import BatchJob, References, image_uris
+from wrinklecli.batch.jobs import BatchJob, References, uris_beside
 from wrinklecli.batch.manifest_schema import OPTION_KEYS
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.files import path_beside, references
@@ -33,7 +33,7 @@ def program() -> str:
     folder = os.path.dirname(wrinklecli.__file__)
     digest = hashlib.sha256()
     for path in sorted(os.path.join(top, name) for top, _, names in os.walk(folder) for name in names):
-        if path.endswith(".py"):
+        if path.endswith((".py", ".yaml")):
             with open(path, "rb") as file:
                 digest.update(file.read())
     return f"{version('wrinklecli')}+{digest.hexdigest()[:16]}"
@@ -54,7 +54,7 @@ def parts_of(job: BatchJob, given: BatchJob) -> Parts:
     parts: Parts = {
         "program": program(),
         "asset": _digests(job.asset, references, external=external),
-        "tools": [_digests(path, image_uris, external=external) for path in job.tools],
+        "tools": [_digests(path, uris_beside, external=external) for path in job.tools],
         "anim": [_digests(path, references, external=external) for path in job.options.get("anim", ())],
         "anims": [[os.path.basename(path), _digests(path, references, external=external)] for path in job.anims],
         "options": {**options, "frames": "frames_dir" in job.options},

@@ -15,7 +15,7 @@ from typing import TypeAlias
 
 from wrinklecli.batch import stores
 from wrinklecli.batch.cache import ENTRIES, TAG
-from wrinklecli.batch.jobs import BatchJob, image_uris
+from wrinklecli.batch.jobs import BatchJob, uris_beside
 from wrinklecli.files.claims import Claims, Clash, Identities, Identity
 from wrinklecli.gltf.files import path_beside, references
 from wrinklecli.tools.yaml_tree import printable
@@ -252,7 +252,7 @@ class _Batch:
             try:
                 with stores.opened(asset) as file:
                     is_model = asset not in self._tools
-                    self._references[asset] = references(file) if is_model else image_uris(file)
+                    self._references[asset] = references(file) if is_model else uris_beside(file)
             except (OSError, ValueError):
                 self._references[asset] = []
         return self._references[asset]

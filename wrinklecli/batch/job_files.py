@@ -13,7 +13,7 @@ from wrinklecli.batch.cache_keys import Parts
 from wrinklecli.batch.jobs import BatchJob
 from wrinklecli.files.outputs import Outputs
 from wrinklecli.gltf.files import files_named, leaves_folder, path_of
-from wrinklecli.tools.read import with_images
+from wrinklecli.tools.files_beside import with_files_beside
 
 ROOTS = ("report", "timings", "frames_dir", "tracked", "out")
 """The outputs of a job, each in a folder of its own or a shared one; the main output last."""
@@ -66,7 +66,7 @@ class JobFiles:
 def protect(job: BatchJob, outputs: Outputs) -> None:
     """Let no output of a job, nor of a step of it, overwrite an input of the job or a file of another one."""
     outputs.protect(files_named(job.inputs))
-    outputs.protect(with_images(job.tools))
+    outputs.protect(with_files_beside(job.tools))
     outputs.protect(job.others, used="a file of another job")
 
 

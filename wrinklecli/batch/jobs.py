@@ -7,7 +7,7 @@ from typing import Any, BinaryIO, Literal, TypeAlias
 
 from wrinklecli.gltf.files import uri_of
 from wrinklecli.numeric.memory import MAX_MEMORY, parse_bytes
-from wrinklecli.tools.read import images_named
+from wrinklecli.tools.files_beside import files_beside
 
 Result: TypeAlias = Literal["hit", "built", "refused", "failed", "bug"]
 
@@ -16,9 +16,9 @@ References: TypeAlias = Callable[[BinaryIO], list[str]]
 """Lists the files that an open file refers to, as URIs."""
 
 
-def image_uris(file: BinaryIO) -> list[str]:
-    """List the images that an open tools file names, as URIs."""
-    return list(map(uri_of, images_named(file)))
+def uris_beside(file: BinaryIO) -> list[str]:
+    """List the images and presets that an open tools file names, as URIs."""
+    return list(map(uri_of, files_beside(file)))
 
 
 @dataclass(frozen=True, slots=True)

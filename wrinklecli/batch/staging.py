@@ -10,7 +10,7 @@ from functools import partial
 
 from wrinklecli.batch import stores
 from wrinklecli.batch.job_files import ROOTS
-from wrinklecli.batch.jobs import BatchJob, References, image_uris
+from wrinklecli.batch.jobs import BatchJob, References, uris_beside
 from wrinklecli.errors import AssetError, BakeError, WrinkleError
 from wrinklecli.gltf.files import leaves_folder, path_of, references
 
@@ -64,7 +64,7 @@ class _Stager:
         external = bool(job.options.get("allow_external", False))
         local = job.with_paths(
             asset=partial(self._with_references, references_in=references, external=external),
-            tools=partial(self._with_references, references_in=image_uris, external=external),
+            tools=partial(self._with_references, references_in=uris_beside, external=external),
             file=self._output,
             folder=partial(self._output, is_folder=True),
         )

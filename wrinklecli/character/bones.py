@@ -22,13 +22,10 @@ from typing import Literal
 import numpy as np
 
 from wrinklecli.character.rig import read_parents
+from wrinklecli.choices import Part
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, Ints
 
-Part = Literal[
-    "hips", "spine", "chest", "neck", "head", "jaw", "eye", "shoulder", "upper arm", "lower arm", "hand", "palm",
-    "finger", "upper leg", "lower leg", "foot", "toes", "twist",
-]  # fmt: skip
 _Said = Part | Literal["arm", "leg"]
 # Parts and patterns of words in lower case with spaces between them, or in Japanese; the first match counts. An `arm`
 # or a `leg` is the upper or the lower one, depending on the parts above it.

@@ -9,10 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from wrinklecli.character.bent import bent_areas
-from wrinklecli.character.bones import Bones, Part, read_bones
+from wrinklecli.character.bones import Bones, read_bones
 from wrinklecli.character.clip import Channel, Clip
 from wrinklecli.character.motion import motion_clip, quaternion_product, raising, turned_axis, turning
 from wrinklecli.character.rig import Rig, read_hierarchy, read_rig
+from wrinklecli.choices import Part
 from wrinklecli.errors import counted
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats, unit, unit_quaternions

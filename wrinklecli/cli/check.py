@@ -80,12 +80,12 @@ def check(
         from wrinklecli.gltf.files import files_named
         from wrinklecli.review.check import check as run
         from wrinklecli.review.plot import draw_check, refuse_without_matplotlib
-        from wrinklecli.tools.read import with_images
+        from wrinklecli.tools.files_beside import with_files_beside
 
         if plot is not None:
             refuse_without_matplotlib()
             outputs.claim(plot)
-        outputs.protect([*with_images([tools]), *files_named([asset, *options["anims"]])])
+        outputs.protect([*with_files_beside([tools]), *files_named([asset, *options["anims"]])])
         with Progress() as progress:
             made = run(asset, tools, progress=progress.show, **options)
         if as_json:

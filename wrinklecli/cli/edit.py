@@ -37,6 +37,7 @@ def _names(_context: click.Context, parameter: click.Parameter, values: tuple[st
 @click.argument("tools", type=opt.FILE, required=False)
 @opt.anim()
 @opt.range_of_motion("Without clips that is done anyway.")
+@opt.presets("TOOLS gets their name, as a step that can be undone.")
 @opt.flag("--heat", text="Begin with the surface coloured by its compression.")
 @opt.whole("--port", bounds=(0, 65_535), text="The port of the page; 0 takes any port that is free.", default=_PORT)
 @opt.valued(

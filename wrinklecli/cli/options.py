@@ -130,6 +130,12 @@ def anim(text: str = "") -> Option:
     return click.option("--anim", "anims", type=FILE, metavar="FILE", multiple=True, help=f"{about} {text}".rstrip())
 
 
+def presets(text: str) -> Option:
+    """`--presets`, files of presets: `presets`."""
+    about = "Take the presets of this file (YAML) too; may be repeated."
+    return click.option("--presets", type=FILE, metavar="FILE", multiple=True, help=f"{about} {text}")
+
+
 def range_of_motion(text: str) -> Option:
     """`--range-of-motion`."""
     about = "Bend each joint about its axes and raise each morph target, one at a time, though ASSET has clips."
@@ -146,7 +152,7 @@ def json(text: str) -> Option:
     return flag("--json", "as_json", text=text)
 
 
-def allow_external(text: str = "Read buffers and images outside the asset's folder too.") -> Option:
+def allow_external(text: str = "Also read buffers, images and presets outside the folders that name them.") -> Option:
     """`--allow-external`."""
     return flag("--allow-external", text=text)
 

@@ -1,6 +1,7 @@
 """`wrinkle suggest`."""
 
 import math
+import os
 import re
 from typing import TYPE_CHECKING, Any
 
@@ -53,6 +54,7 @@ def _materials(_context: click.Context, parameter: click.Parameter, values: tupl
     callback=_materials,
     help=f"What the node, mesh or material NAME is made of: {', '.join(SUBSTANCES)}. May be repeated.",
 )
+@opt.presets("Tools get those whose `parts` name their parts of a body; OUT names the file.")
 @opt.flag("--face", text="Suggest the wrinkles of a face by its morph targets, and nothing else.")
 @opt.flag("--all", "everything", text="Leave out neither hard or hidden parts nor what is not worth it.")
 @opt.fps("Poses per second, but 200 of a clip at most.", default=30.0)
@@ -99,6 +101,8 @@ def suggest(asset: str, output: str | None, as_json: bool, verbose: bool, quiet:
     """
     if as_json and output == "-":
         raise click.UsageError("'--json' and '-o -' both want standard output.")
+    if options["face"] and options["presets"]:
+        raise click.UsageError("'--face' takes no '--presets': those of faces are built in.")
 
     from wrinklecli.errors import AssetError
 
@@ -109,7 +113,8 @@ def suggest(asset: str, output: str | None, as_json: bool, verbose: bool, quiet:
         to_file = output is not None and output != "-"
         if output is not None and to_file:
             outputs.claim(output)
-        outputs.protect(files_named([asset, *options["anims"]]))
+        outputs.protect([*files_named([asset, *options["anims"]]), *options["presets"]])
+        options["folder"] = os.path.dirname(output) if output is not None and to_file else ""
         with Progress(quiet=quiet) as progress:
             found = run(asset, progress=progress.show, **options)
         if not quiet:

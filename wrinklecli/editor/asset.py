@@ -50,12 +50,14 @@ class ReadOptions:
     Attributes:
         anims: Files with more clips.
         range_of_motion: Also move an asset with clips through its range of motion.
-        allow_external: Read buffers and images outside the asset's folder.
+        presets: Files of presets that the tools file shall name.
+        allow_external: Read buffers and images outside the asset's folder, and presets outside that of the tools.
         max_memory: Bytes that reading may take.
     """
 
     anims: Sequence[str | os.PathLike[str]] = ()
     range_of_motion: bool = False
+    presets: Sequence[str | os.PathLike[str]] = ()
     allow_external: bool = False
     max_memory: int = MAX_MEMORY
 

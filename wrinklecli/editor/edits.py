@@ -4,6 +4,7 @@ A step is an immutable record of the file's text, so undoing restores the same b
 threads.
 """
 
+import os
 import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from wrinklecli.editor.store import Store, names_of, read_file
+from wrinklecli.editor.store import Store, names_of
 from wrinklecli.errors import ConfigError, WrinkleError, nearest
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.tools.materials import Preset, presets
@@ -112,6 +113,32 @@ class Edits:
         return {**presets(), **self.settings().presets}
 
     # Edits.
+
+    def add_presets(self, path: str) -> None:
+        """Let the file name a file of presets, unless it does so already."""
+        with self._guarded():
+            written = os.path.relpath(path, os.path.dirname(self.path) or os.curdir).replace(os.sep, "/")
+            named = self._base.file.header.get("presets", [])
+            if isinstance(named, dict):
+                message = f"the file has presets of its own; write them into {path} first"
+                raise ConfigError(message, where=self.settings().place("presets"))
+            files = [named] if isinstance(named, str) else list(named)
+            if written not in map(os.path.normpath, files):
+                value = [*files, written] if files else written
+                self._become(self._base.file.with_key("presets", value), f"take the presets of {path}")
+
+    def read_presets(self) -> None:
+        """Read the files of presets again, which others have changed.
+
+        Raises:
+            ConfigError: One is not valid; the presets stay as they were.
+        """
+        with self._guarded():
+            step = self._base
+            self._read = step.file.text, self._store.read(step.file)
+            self._steps[self._at] = replace(step)  # a new one, so that what follows from it is found anew
+            self._draft = None
+            self.notes.append(f"{', '.join(self.settings().preset_files)}: has changed on disk, and was read again")
 
     def set_value(self, tool: str, steps: Steps, value: Any, *, draft: bool = False, slides: bool = False) -> None:
         """Set a key of a tool, or a part of it, to a value as the file has it; lengths are numbers, or text like `80%`.
@@ -304,7 +331,7 @@ class Edits:
     def _settings_of(self, file: ToolsText) -> ToolsFile:
         """Read the enabled tools of a file as a bake does, or raise ConfigError."""
         if self._read is None or self._read[0] != file.text:
-            self._read = file.text, read_file(file)
+            self._read = file.text, self._store.read(file)
         return self._read[1]
 
     def _given_by(self, material: str) -> set[str]:
@@ -317,7 +344,7 @@ class Edits:
         name = str(file.tools[number].get("name"))
         header = {key: each for key, each in file.header.items() if key in ("version", "up", "presets", "defaults")}
         try:
-            read = read_values({**header, "tools": [values]}, name=self.path).tools
+            read = read_values({**header, "tools": [values]}, name=self.path, known=self.presets).tools
         except ConfigError as error:  # alone, the tool is the first of line 1
             alone, place = f"{self.path}:1: tools[0]", f"{self.path}: {name}"
             error.lines = tuple(line.replace(alone, place, 1) for line in error.lines)

@@ -85,8 +85,9 @@ class Session(Edits):
         read_options: ReadOptions | None = None,
     ) -> None:
         self.asset = os.fspath(asset)
-        super().__init__(Store(os.path.splitext(self.asset)[0] + ".yaml" if tools is None else os.fspath(tools)))
         self.read_options = read_options or ReadOptions()
+        path = os.path.splitext(self.asset)[0] + ".yaml" if tools is None else os.fspath(tools)
+        super().__init__(Store(path, external=self.read_options.allow_external))
         self.pose = FreePose()
         self._pose_clip: Clip | None = None
         self._watched_asset = Watched([self.asset, *self.read_options.anims])
@@ -96,8 +97,11 @@ class Session(Edits):
         self._refined: tuple[object, AttachedTools] | None = None
         self._measured = RecentResults(_KEPT_MEASURED)
         self._proposals: tuple[FreePose, list[Proposal]] | None = None
-        self._watched_tools = Watched([self.path])
         self.recover()
+        for presets in self.read_options.presets:
+            self.add_presets(os.fspath(presets))
+        self._preset_files = self.settings().preset_files
+        self._watched_tools = Watched([self.path, *self._preset_files])
 
     # The asset and its tools.
 
@@ -198,6 +202,7 @@ class Session(Edits):
                 self.asset,
                 anims=options.anims,
                 range_of_motion=options.range_of_motion,
+                presets=self.settings().preset_files,
                 pose=pose.joint_turns,
                 morphs=pose.weights,
                 allow_external=options.allow_external,
@@ -209,7 +214,8 @@ class Session(Edits):
 
     def try_out(self, proposal: Proposal) -> RaisedTool | None:
         """Try a proposed tool alone; None if it does not fit, or nothing raises it. Others may go on meanwhile."""
-        return self._tried({"tools": [dict(proposal.values)]})
+        header = {key: value for key, value in self._base.file.header.items() if key == "presets"}
+        return self._tried({**header, "tools": [dict(proposal.values)]})
 
     def try_material(self, tool: str, material: str) -> RaisedTool | None:
         """Try a tool alone with another material, as `set_material` gives it."""
@@ -247,6 +253,9 @@ class Session(Edits):
 
         Tools are attached to the new asset. If a file cannot be read or merged, `notes` say so, and nothing changes.
         """
+        if self._preset_files != self.settings().preset_files:
+            self._preset_files = self.settings().preset_files
+            self._watched_tools = self._watched_tools.instead([self.path, *self._preset_files])
         asset, tools = self._watched_asset.changed(), self._watched_tools.changed()
         try:
             if asset:
@@ -255,8 +264,10 @@ class Session(Edits):
                     self._loaded, self._shown, self._refined, self._proposals = loaded, None, None, None
                     self.pose, self._pose_clip = FreePose(), None
                 self.notes.append(f"{self.asset}: was exported again")
+            if tools and not self.merge():
+                self.read_presets()
             if tools:
-                self.merge()
+                self._protect(self._loaded)
         except WrinkleError as error:
             self.notes += error.lines
         return asset or tools
@@ -341,7 +352,7 @@ class Session(Edits):
         with self._lock:
             loaded, settings = self._loaded, self._settings_of(self._base.file)
             posed = () if self._pose_clip is None else (self._pose_clip,)
-        read = read_values({"version": 1, **values}, name=self.path)
+        read = read_values({"version": 1, **values}, name=self.path, known=self.presets)
         with guarded(self.asset):
             attached = loaded.attach(replace(settings, up=read.up, tools=read.tools[:1]))
             return raised_tool(attached, read.tools[0].name, loaded.cache, (*loaded.clips, *posed))
@@ -359,8 +370,14 @@ class Session(Edits):
         self.notes += [each for each in loaded.notes if each not in self.notes]
         inputs = [self.asset, *loaded.document.files, *self.read_options.anims]
         self._watched_asset = self._watched_asset.instead(inputs)
-        self._store.protect(inputs)
+        self._protect(loaded)
         return loaded
+
+    def _protect(self, loaded: LoadedAsset) -> None:
+        """Never write the tools file over a file that is read."""
+        options, settings = self.read_options, self.settings()
+        presets = (*settings.preset_files, *options.presets)
+        self._store.protect([self.asset, *loaded.document.files, *options.anims, *presets])
 
     def _shown_settings(self, step: Step, draft: Draft | None = None) -> ToolsFile:
         """The shown tools of a step, or of a draft that follows it."""

@@ -12,7 +12,8 @@ from wrinklecli.errors import BakeError, ConfigError, WrinkleError
 from wrinklecli.files.claims import Claims
 from wrinklecli.files.inputs import open_input
 from wrinklecli.files.outputs import Outputs
-from wrinklecli.tools.read import load_text, parse_tools
+from wrinklecli.tools.files_beside import load_text
+from wrinklecli.tools.read import parse_tools
 from wrinklecli.tools.records import ToolsFile
 from wrinklecli.tools.yaml_edit import ToolsText, written_lines
 
@@ -25,12 +26,15 @@ _BOM = b"\xef\xbb\xbf"
 class Store:
     """A tools file on disk, which need not exist. `base` is the text that was last read or saved.
 
+    With `external`, files of presets may lie outside its folder.
+
     Raises:
         ConfigError: The file cannot be read.
     """
 
-    def __init__(self, path: str) -> None:
+    def __init__(self, path: str, *, external: bool = False) -> None:
         self.path = path
+        self.external = external
         self.side = SideFile(path)
         self.base = self.on_disk()
         self._inputs: tuple[str, ...] = ()
@@ -83,7 +87,16 @@ class Store:
         """
         before = self.base if since is None else since
         files = (ToolsText(text, self.path) for text in (before, mine, theirs))
-        return ToolsText(mine, self.path) if theirs == before else _merged(*files)
+        return ToolsText(mine, self.path) if theirs == before else self._merged(*files)
+
+    def read(self, file: ToolsText) -> ToolsFile:
+        """Check and read a text of the file, which may have no tools.
+
+        Raises:
+            ConfigError: The text or a file of presets has problems, a line each.
+        """
+        text = (file.with_tool(_PLACEHOLDER) if file.is_empty else file).text
+        return parse_tools(text, name=file.name, external=self.external)
 
     def write(self, text: str) -> None:
         """Replace the file.
@@ -107,14 +120,28 @@ class Store:
         except OSError as error:
             raise BakeError(f"cannot be written: {error.strerror}", where=self.path) from None
 
-
-def read_file(file: ToolsText) -> ToolsFile:
-    """Check and read a tools file, which may have no tools.
-
-    Raises:
-        ConfigError: The file has problems, a line each.
-    """
-    return parse_tools((file.with_tool(_PLACEHOLDER) if file.is_empty else file).text, name=file.name)
+    def _merged(self, base: ToolsText, mine: ToolsText, theirs: ToolsText) -> ToolsText:
+        """Apply the changes from `base` to `mine` to `theirs`."""
+        merged, problems = theirs, list[WrinkleError]()
+        for name in dict.fromkeys([*names_of(base), *names_of(mine)]):
+            before, here, there = (_lines(each, name) for each in (base, mine, theirs))
+            if here in (before, there):
+                continue
+            if there != before:
+                message = "was changed here, and otherwise in the file on disk"
+                problems.append(ConfigError(message, where=f"{mine.name}: {name}"))
+            else:
+                merged = _with_tool_of(mine, merged, name)
+        if mine.header not in (base.header, theirs.header):
+            problems.append(ConfigError("more than its tools was changed here and on disk", where=mine.name))
+        if not problems:
+            try:
+                self.read(merged)
+            except ConfigError as error:
+                problems.append(error)
+        if problems:
+            raise ConfigError.of_all(problems)
+        return merged
 
 
 def names_of(file: ToolsText) -> list[str]:
@@ -126,30 +153,6 @@ def _lines(file: ToolsText, name: str) -> list[str] | None:
     """The lines of a tool; None if the file does not have it."""
     names = names_of(file)
     return file.lines_of(names.index(name)) if name in names else None
-
-
-def _merged(base: ToolsText, mine: ToolsText, theirs: ToolsText) -> ToolsText:
-    """Apply the changes from `base` to `mine` to `theirs`."""
-    merged, problems = theirs, list[WrinkleError]()
-    for name in dict.fromkeys([*names_of(base), *names_of(mine)]):
-        before, here, there = (_lines(each, name) for each in (base, mine, theirs))
-        if here in (before, there):
-            continue
-        if there != before:
-            message = "was changed here, and otherwise in the file on disk"
-            problems.append(ConfigError(message, where=f"{mine.name}: {name}"))
-        else:
-            merged = _with_tool_of(mine, merged, name)
-    if mine.header not in (base.header, theirs.header):
-        problems.append(ConfigError("more than its tools was changed here and on disk", where=mine.name))
-    if not problems:
-        try:
-            read_file(merged)
-        except ConfigError as error:
-            problems.append(error)
-    if problems:
-        raise ConfigError.of_all(problems)
-    return merged
 
 
 def _with_tool_of(mine: ToolsText, file: ToolsText, name: str) -> ToolsText:

@@ -10,7 +10,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from wrinklecli.choices import MaterialName
+from wrinklecli.choices import MaterialName, Part
 from wrinklecli.tools.json_schema import Reader
 from wrinklecli.tools.yaml_tree import plain_values
 
@@ -18,7 +18,7 @@ from wrinklecli.tools.yaml_tree import plain_values
 PLAIN_BUMPS = 4
 PLAIN_HEIGHT = 0.25  # of a bump's width at rest; higher bumps become blades
 # Keys of an entry that are not those of a tool.
-_OWN = ("title", "material", "bump_width", "bump_height")
+_OWN = ("title", "material", "parts", "bump_width", "bump_height")
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +32,8 @@ class Preset:
         bump_width: Width of a bump at rest relative to the segment; it gives the number of bumps.
         bump_height: Highest point of a bump relative to its width at rest, for `max_height: auto`.
         keys: The other keys with their values, as a file writes them; those of `material` are among them.
+        substance: The entry without a material from which it is made in the end.
+        parts: Parts of a body for which `suggest` takes it, on its substance.
     """
 
     name: str
@@ -40,6 +42,8 @@ class Preset:
     bump_width: float
     bump_height: float
     keys: Mapping[str, Any]
+    substance: str
+    parts: tuple[Part, ...] = ()
 
     def bumps(self, gap: int = 0) -> int:
         """Number of bumps along a segment with `gap` flat intervals, half a bump each, between neighbours."""
@@ -64,6 +68,8 @@ def presets_of(entries: Mapping[str, Mapping[str, Any]], known: Mapping[str, Pre
             material=None if base is None else base.name,
             bump_width=width or (base.bump_width if base else 1.0 / PLAIN_BUMPS),
             bump_height=height or (base.bump_height if base else PLAIN_HEIGHT),
+            substance=name if base is None else base.substance,
+            parts=tuple(entry.get("parts", ())),
             keys={**(base.keys if base else {}), **{key: each for key, each in entry.items() if key not in _OWN}},
         )
     return found
@@ -79,6 +85,12 @@ def presets() -> Mapping[str, Preset]:
 def preset(name: str) -> Preset:
     """A built-in material or preset."""
     return presets()[name]
+
+
+def preset_for(substance: MaterialName, part: Part | None, known: Mapping[str, Preset]) -> Preset:
+    """The preset of a substance for a part of a body, the last of several; the substance itself if there is none."""
+    fitting = [each for each in known.values() if each.substance == substance and part in each.parts]
+    return fitting[-1] if fitting else known[substance]
 
 
 def usual_bumps(material: MaterialName | None, gap: int = 0) -> int:

@@ -6,19 +6,17 @@ valid keys become records: tools inherit defaults, mirrored tools are made, and 
 """
 
 import os
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, BinaryIO, TypeAlias
+from typing import Any, TypeAlias
 
 from wrinklecli.errors import ConfigError
-from wrinklecli.files.claims import is_path
-from wrinklecli.files.formats import is_gltf
-from wrinklecli.files.inputs import open_input
 from wrinklecli.tools.body import odd_activation
 from wrinklecli.tools.checked import Format, Place, at, check, refusal
+from wrinklecli.tools.files_beside import load_text, path_beside
 from wrinklecli.tools.json_schema import readers_of
-from wrinklecli.tools.materials import Preset, presets
+from wrinklecli.tools.materials import Preset, presets, presets_of
 from wrinklecli.tools.mirror import mirrored
 from wrinklecli.tools.records import (
     MaskImage,
@@ -29,12 +27,13 @@ from wrinklecli.tools.records import (
     moved_point,
     with_points,
 )
-from wrinklecli.tools.schema import KINDS, TOOLS_SCHEMA, Kind
-from wrinklecli.tools.yaml_tree import MAX_BYTES, Node, Problem, path_to, printable, read_tree, tree_of
+from wrinklecli.tools.schema import KINDS, PRESETS_SCHEMA, TOOLS_SCHEMA, Kind
+from wrinklecli.tools.yaml_tree import Node, Problem, path_to, printable, read_tree, tree_of
 
 Keys: TypeAlias = tuple[str, ...]
 
 _FORMAT = Format(TOOLS_SCHEMA, [kind.items for kind in KINDS.values()])
+_PRESETS = Format(PRESETS_SCHEMA, [])
 
 # Keys that merged files must share. `up` is not among them: positions are Y-up once they are read.
 _SHARED = ("rest", "sampling", "refinement")
@@ -52,14 +51,19 @@ def _odd(key: str, value: Any) -> Iterator[tuple[Place, str]]:
                     break
     if key == "activation":
         yield from odd_activation(value)
-    if key == "presets":
-        known = [*presets()]
-        for name, entry in value.items():
-            for inner, each in entry.items():
-                yield from (((name, inner, *below), expected) for below, expected in _odd(inner, each))
-            if "material" in entry and entry["material"] not in known:
-                yield (name, "material"), f"expected {', '.join(known[:-1])} or {known[-1]}, or a preset above it"
-            known += [name] * (name not in known)
+    if key == "presets" and isinstance(value, dict):
+        yield from _odd_presets(value, presets())
+
+
+def _odd_presets(entries: Mapping[str, Any], known: Collection[str]) -> Iterator[tuple[Place, str]]:
+    """As `_odd`, of presets that may be made from `known` ones, or from those above them."""
+    names = [*known]
+    for name, entry in entries.items():
+        for inner, each in entry.items():
+            yield from (((name, inner, *below), expected) for below, expected in _odd(inner, each))
+        if "material" in entry and entry["material"] not in names:
+            yield (name, "material"), f"expected {', '.join(names[:-1])} or {names[-1]}, or a preset above it"
+        names += [name] * (name not in names)
 
 
 def _read(root: Node, place: Place, record: type, wrong: Collection[Place]) -> tuple[dict[str, Any], list[Problem]]:
@@ -222,46 +226,124 @@ def _from_z_up(position: Position) -> Position:
 _Y_UP: Mapping[str, Callable[[Position], Position]] = {"y": lambda position: position, "z": _from_z_up}
 
 
-def parse_tools(text: str, *, name: str = "<tools>") -> ToolsFile:
+def load_presets(path: str, known: Mapping[str, Preset]) -> dict[str, Preset]:
+    """Read a file of presets, which may be made from `known` ones: a mapping such as that of `presets:`.
+
+    Raises:
+        ConfigError: The file cannot be read, or all of its problems, a line each, in the order of its lines.
+    """
+    root, problems = read_tree(load_text(path), "a mapping of names to keys of tools")
+    if root is not None:
+        refused, wrong = check(root, _PRESETS)
+        odd = [] if () in wrong else [*_odd_presets(root.value, known), *_images_in(root.value)]
+        parts = ((at(root, place), expected) for place, expected in odd)
+        problems += [*refused, *(Problem(part.line, where, refusal(part, text)) for (part, where), text in parts)]
+    _raise_all(problems, path)
+    assert root is not None
+    return presets_of(root.value, known)
+
+
+def _images_in(entries: Mapping[str, Any]) -> Iterator[tuple[Place, str]]:
+    """Masks in images, which would lie beside each tools file that names these presets."""
+    for name, entry in entries.items():
+        if isinstance(entry.get("mask"), dict) and "image" in entry["mask"]:
+            yield (name, "mask"), "expected {attribute: …} or none, as an image belongs to one tools file"
+
+
+def _presets_of_files(
+    node: Node, name: str, *, external: bool
+) -> tuple[dict[str, Preset], tuple[str, ...], list[Problem], list[ConfigError]]:
+    """The presets of the files that stand after `presets`, the files, and the problems of the place and of the files.
+
+    A preset replaces one of the same name in an earlier file.
+    """
+    found: dict[str, Preset] = {}
+    paths: list[str] = []
+    problems: list[Problem] = []
+    errors: list[ConfigError] = []
+    listed = node.children.items() if isinstance(node.value, list) else [(None, node)]
+    for number, child in listed:
+        path = path_beside(name, child.value, external=external)
+        if path is None:
+            place = path_to("presets", number) if number is not None else "presets"
+            expected = "expected a file below the folder of this one; others are read with --allow-external"
+            problems.append(Problem(child.line, place, refusal(child, expected)))
+            continue
+        paths.append(path)
+        try:
+            found |= load_presets(path, {**presets(), **found})
+        except ConfigError as error:
+            errors.append(error)
+    return found, tuple(paths), problems, errors
+
+
+def parse_tools(text: str, *, name: str = "<tools>", external: bool = False) -> ToolsFile:
     """Read tools from YAML text, which error messages call `name`.
+
+    Files of presets that it names are read from the folder of `name`, and with `external` from others.
 
     Raises:
         ConfigError: All problems of the text, a line each, in the order of its lines.
     """
-    return _parsed(*read_tree(text), name)
+    return _parsed(*read_tree(text), name, external=external)
 
 
-def read_values(values: Mapping[str, Any], *, name: str = "<tools>") -> ToolsFile:
-    """Read tools from plain Python values, as `parse_tools` does from YAML, but faster."""
-    return _parsed(tree_of(values), [], name)
+def read_values(
+    values: Mapping[str, Any], *, name: str = "<tools>", known: Mapping[str, Preset] | None = None
+) -> ToolsFile:
+    """Read tools from plain Python values, as `parse_tools` does from YAML, but faster.
+
+    `known` has the presets that the values name the files of; if None, these are read.
+    """
+    return _parsed(tree_of(values), [], name, known=known)
 
 
-def _parsed(root: Node | None, problems: list[Problem], name: str) -> ToolsFile:
+def _raise_all(problems: Sequence[Problem], name: str, others: Sequence[ConfigError] = ()) -> None:
+    """Raise all problems of a file in the order of its lines, and those of other files behind them."""
+    shown_name = printable(name, len(name))
+    if problems or others:
+        own = (
+            ConfigError(problem.message, where=f"{shown_name}:{problem.line}: {problem.path}".rstrip(": "))
+            for problem in sorted(problems, key=lambda problem: problem.line)
+        )
+        raise ConfigError.of_all([*own, *others])
+
+
+def _parsed(
+    root: Node | None,
+    problems: list[Problem],
+    name: str,
+    *,
+    external: bool = False,
+    known: Mapping[str, Preset] | None = None,
+) -> ToolsFile:
     shown_name = printable(name, len(name))
     header: dict[str, Any] = {}
     effects: dict[str, list[_Effect]] = {}
-    known: Mapping[str, Preset] | None = None
     owners: dict[str, str] = {}
+    others: list[ConfigError] = []
     if root is not None:
         refused, wrong = check(root, _FORMAT)
         header, odd = _read(root, (), ToolsFile, wrong)
+        if "presets" in header and known is None and not isinstance(root.value["presets"], dict):
+            found, paths, unread, others = _presets_of_files(root.children["presets"], name, external=external)
+            header |= {"presets": found, "preset_files": paths}
+            odd += unread
+            if unread or others:
+                del header["presets"]
         problems = [*problems, *refused, *odd]
-        sound = "presets" in header or "presets" not in root.children
-        known = {**presets(), **header.get("presets", {})} if sound else None
+        if known is None and ("presets" in header or "presets" not in root.children):
+            known = {**presets(), **header.get("presets", {})}
         for key, kind in KINDS.items():
             inherits = "defaults" in root.children and kind.items.inherited
             defaults, odd = _read(root, ("defaults",), kind.record, wrong) if inherits else ({}, [])
             effects[key], odd_effects = _effects(root, key, defaults, known, wrong, owners)
             problems += [*odd, *odd_effects]
-    if problems:
-        raise ConfigError.of_all(
-            ConfigError(problem.message, where=f"{shown_name}:{problem.line}: {problem.path}".rstrip(": "))
-            for problem in sorted(problems, key=lambda problem: problem.line)
-        )
+    _raise_all(problems, name, others)
     assert root is not None
     assert known is not None
-    others = {key: child for key, child in root.children.items() if key not in KINDS}
-    places = _places(replace(root, children=others), "", shown_name)
+    head = {key: child for key, child in root.children.items() if key not in KINDS}
+    places = _places(replace(root, children=head), "", shown_name)
     inherited = {keys[1:]: place for keys, place in places.items() if keys[0] == "defaults" and keys[1:]}
     up = header.get("up", "y")
     lists: dict[str, Any] = {
@@ -273,74 +355,21 @@ def _parsed(root: Node | None, problems: list[Problem], name: str) -> ToolsFile:
     return ToolsFile(path=name, **header, **lists, places=places)
 
 
-def load_tools(path: str | os.PathLike[str]) -> ToolsFile:
-    """Read a file of tools.
+def load_tools(path: str | os.PathLike[str], *, external: bool = False) -> ToolsFile:
+    """Read a file of tools, and those of presets that it names: below its folder, or anywhere with `external`.
 
     Raises:
-        ConfigError: The file cannot be read, or all of its problems, a line each, in the order of its lines.
+        ConfigError: A file cannot be read, or all of its problems, a line each, in the order of its lines.
     """
-    return parse_tools(load_text(path), name=os.fspath(path))
+    return parse_tools(load_text(path), name=os.fspath(path), external=external)
 
 
-def load_text(path: str | os.PathLike[str]) -> str:
-    """Read the text of a file of tools.
-
-    Raises:
-        ConfigError: The file cannot be read, or is no text.
-    """
-    name = os.fspath(path)
-    shown_name = printable(name, len(name))
-    try:
-        with open_input(path) as file:
-            data = file.read(MAX_BYTES + 1)
-    except (OSError, ValueError) as error:  # ValueError: a null character in the path
-        reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
-        raise ConfigError(f"cannot be read: {reason}", where=shown_name) from None
-    if is_gltf(data):
-        message = "is a glTF asset, where the tools file (YAML) belongs: the asset comes first, then the tools"
-        raise ConfigError(message, where=shown_name)
-    if len(data) > MAX_BYTES:
-        raise ConfigError(f"larger than {MAX_BYTES // 1_000_000} MB, expected YAML", where=shown_name)
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        message = f"found byte 0x{data[error.start]:02x}, expected UTF-8"
-        raise ConfigError(message, where=f"{shown_name}:{line}") from None
-
-
-def images_named(file: BinaryIO) -> list[str]:
-    """List the images that an open tools file names, as it writes them; none if it is at fault, as a bake will say."""
-    data = file.read(MAX_BYTES)
-    # Parsing takes far longer. An escape may spell the key in another way.
-    if b"mask" not in data and b"\\" not in data:
-        return []
-    try:
-        tools = parse_tools(data.decode("utf-8-sig")).tools
-    except (ConfigError, UnicodeDecodeError):
-        return []
-    images = (tool.mask.image for tool in tools if isinstance(tool.mask, MaskImage))
-    return [image for image in dict.fromkeys(images) if is_path(image)]
-
-
-def with_images(paths: Iterable[str | os.PathLike[str]]) -> Iterator[str]:
-    """Give tools files and the images that they name; a file that cannot be read names none."""
-    for each in paths:
-        path = os.fspath(each)
-        yield path
-        try:
-            with open_input(path) as file:
-                images = images_named(file)
-        except (OSError, ValueError):
-            continue
-        yield from (os.path.join(os.path.dirname(path), image) for image in images)
-
-
-def load_merged(paths: Sequence[str | os.PathLike[str]]) -> ToolsFile:
+def load_merged(paths: Sequence[str | os.PathLike[str]], *, external: bool = False) -> ToolsFile:
     """Read several files of tools for one asset.
 
     Args:
         paths: The files. The first gives the result its name and its `up`, in which results are shown.
+        external: Read files of presets that lie outside the folders of these too.
 
     Raises:
         ConfigError: All problems of the files; or two files share a tool's name, or differ in their other keys.
@@ -348,7 +377,7 @@ def load_merged(paths: Sequence[str | os.PathLike[str]]) -> ToolsFile:
     files, problems = [], []
     for path in paths:
         try:
-            files.append(load_tools(path))
+            files.append(load_tools(path, external=external))
         except ConfigError as error:
             problems.append(error)
     if problems:
@@ -364,6 +393,7 @@ def load_merged(paths: Sequence[str | os.PathLike[str]]) -> ToolsFile:
             **lists,
             places={**merged.places, **{keys: place for keys, place in each.places.items() if keys[0] in said}},
             merged_paths=(*merged.merged_paths, each.path),
+            preset_files=(*merged.preset_files, *each.preset_files),
         )
     if problems:
         raise ConfigError.of_all(problems)

@@ -12,6 +12,7 @@ from typing import Any, ClassVar, Literal, Protocol, TypeAlias, get_args
 
 from wrinklecli.choices import (
     CHANNELS,
+    PARTS,
     PROFILES,
     Attachment,
     Attenuation,
@@ -671,10 +672,15 @@ def with_points(record: type, values: Mapping[str, Any], moved: Callable[[Point]
 
 # Keys that say where a tool is or in which clips it works, not what wrinkles.
 _NOT_OF_PRESETS = ("name", "node", "origin", "target", "path", "mirror", "material", "clips", "enabled", "optional")
+_MAX_PRESET_FILES = 16  # each may take the time of a tools file
 _PERCENT = expects("a percentage from 1% to 100%", type="string", maxLength=40, pattern=r"^([1-9][0-9]?|100) ?%$")
-_PRESET_KEYS = {
+PRESET_KEYS = {
     "title": key_of(TEXT, "Its name in menus. Default: its name."),
     "material": key_of(TEXT, "The material or preset that gives the keys that this one leaves out. Default none."),
+    "parts": key_of(
+        list_of(one_of(*PARTS), 1, len(PARTS), "a list of parts of a body"),
+        "Parts of a body for which suggest takes it, on its substance. Default none.",
+    ),
     "bump_width": key_of(_PERCENT, "Width of a bump at rest, of the segment; it gives the number of bumps."),
     "bump_height": key_of(_PERCENT, "Highest point of a bump with max_height auto, of its width at rest."),
     **{name: each for name, each in keys_of(WrinkleTool).items() if name not in _NOT_OF_PRESETS},
@@ -691,6 +697,7 @@ class ToolsFile:
         tools: The enabled tools in the file's order, a mirrored one behind its source; other lists are alike.
         places: Places of the other keys of the file, such as those of `rest.clip`, for later errors.
         merged_paths: Further files that are merged into this one.
+        preset_files: Files of presets that these name.
     """
 
     path: str
@@ -720,16 +727,26 @@ class ToolsFile:
         read=lambda value: read_record(RefinementSettings, value),
     )
     presets: Mapping[str, Preset] = key(
-        any_keys(mapping_of(_PRESET_KEYS), "a mapping of names to keys of tools"),
-        "Presets of this file, for `material`; one that has the name of a built-in preset replaces it.",
+        # Keywords for lists, texts and mappings hold for each alone, so all stand side by side.
+        expects(
+            f"a mapping of names to keys of tools, or a file of such, or a list of up to {_MAX_PRESET_FILES} files",
+            type=["object", "string", "array"],
+            additionalProperties=mapping_of(PRESET_KEYS),
+            minLength=1,
+            items=TEXT,
+            minItems=1,
+            maxItems=_MAX_PRESET_FILES,
+        ),
+        "Presets for `material`, or files of them; one that has the name of a built-in preset replaces it.",
         {},
-        read=lambda value: presets_of(value, presets()),
+        read=lambda value: presets_of(value, presets()) if isinstance(value, dict) else {},
         hashed=False,
     )
     tools: tuple[WrinkleTool, ...] = ()
     muscles: tuple[EffectTool, ...] = ()
     places: Mapping[tuple[str, ...], str] = field(default_factory=dict, hash=False, compare=False)
     merged_paths: tuple[str, ...] = ()
+    preset_files: tuple[str, ...] = ()
 
     LISTS: ClassVar[tuple[str, ...]] = ("tools", "muscles")
     """The fields that are lists of effects, one for each kind."""
@@ -740,10 +757,11 @@ class ToolsFile:
         return tuple(each for name in self.LISTS for each in getattr(self, name))
 
     @property
-    def images(self) -> tuple[str, ...]:
-        """The paths of the images that the enabled effects name."""
+    def files_beside(self) -> tuple[str, ...]:
+        """The paths of the images that the enabled effects name, and of the files of presets."""
         masks = (tool.mask for tool in self.tools)
-        return tuple(dict.fromkeys(mask.path for mask in masks if isinstance(mask, MaskImage)))
+        images = (mask.path for mask in masks if isinstance(mask, MaskImage))
+        return tuple(dict.fromkeys([*images, *self.preset_files]))
 
     def only(self, names: Collection[str]) -> "ToolsFile":
         """The file with the effects of some names alone."""

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from wrinklecli.tools.body import Muscle
-from wrinklecli.tools.json_schema import Items, Schema, expects, key_of, keys_of, list_of, mapping_of
+from wrinklecli.tools.json_schema import Items, Schema, any_keys, expects, key_of, keys_of, list_of, mapping_of
 from wrinklecli.tools.materials import presets
-from wrinklecli.tools.records import ToolsFile, WrinkleTool
+from wrinklecli.tools.records import PRESET_KEYS, ToolsFile, WrinkleTool
 
 MAX_TOOLS = 1_000
 OWN_KEYS = ("name", "origin", "target", "path")  # of each tool; no defaults
@@ -80,6 +80,9 @@ _WIDTHLESS = {"enum": [*(name for name, each in presets().items() if "width" not
 # Without presets of its own, a file knows the built-in names alone.
 _MATERIAL = TOOL_KEYS["material"]
 _KNOWN = {"properties": {"material": {"enum": _MATERIAL["examples"], "errorMessage": _MATERIAL["errorMessage"]}}}
+
+PRESETS_SCHEMA: Schema = any_keys(mapping_of(PRESET_KEYS), "a mapping of names to keys of tools")
+"""The schema of a file of presets, and of what stands after `presets` in a tools file."""
 
 TOOLS_SCHEMA: Schema = {
     "$schema": "https://json-schema.org/draft/2020-12/schema",

@@ -276,6 +276,17 @@ class ToolsText:
             lambda edited: edited.tools == self._with_tools(number), lambda: self._with(*self._tool_removal(number))
         )
 
+    def with_key(self, key: str, value: Any) -> "ToolsText":
+        """Set a key of the file to a value in one line; a new one stands right before the tools."""
+        root = self._root
+        at, tools = root.number_of(key), root.number_of("tools")
+        if at is not None:
+            return self._with(self._value_at(root, at, value))
+        if root.flow or tools is None:
+            return self._with(self._addition(root, key, value))
+        start = root.keys[tools].start
+        return self._with((start, start, f"{written(key)}: {written(value)}{self._newline}"))
+
     # Edits that change one tool alone.
 
     def _first_right(self, is_right: Callable[["ToolsText"], bool], *edits: Callable[[], "ToolsText"]) -> "ToolsText":

@@ -225,8 +225,11 @@ def tree_of(value: Any) -> Node:
     return Node(value, 1, shown, {})
 
 
-def read_tree(text: str) -> tuple[Node | None, list[Problem]]:
-    """The tree and the problems of the YAML itself; no tree for an empty file or YAML that cannot be read."""
+def read_tree(text: str, expected: str = "a mapping with version and tools") -> tuple[Node | None, list[Problem]]:
+    """The tree and the problems of the YAML itself; no tree for an empty file or YAML that cannot be read.
+
+    `expected` says what an empty file should have.
+    """
     if len(text) > MAX_BYTES:
         return None, [Problem(1, "", f"found {len(text):,} characters, expected at most {MAX_BYTES:,}")]
     builder = _TreeBuilder()
@@ -238,7 +241,7 @@ def read_tree(text: str) -> tuple[Node | None, list[Problem]]:
         except (ValueError, OverflowError) as error:  # escapes and versions that PyYAML does not check
             return None, [Problem(composer.line + 1, "", f"YAML: {printable(str(error), 80)}")]
         if root is None:
-            return None, [Problem(1, "", "the file is empty, expected a mapping with version and tools")]
+            return None, [Problem(1, "", f"the file is empty, expected {expected}")]
         return builder.build(root, root.start_mark.line + 1, ""), builder.problems
     except yaml.MarkedYAMLError as error:
         marks = (error.problem_mark or error.context_mark, error.context_mark or error.problem_mark)

@@ -10,7 +10,9 @@ from wrinklecli.editor.page.viewport import Viewport
 from wrinklecli.editor.page.widgets import ASKS, PageHost, add_button, add_shortcut
 from wrinklecli.gltf.pixels import Bytes
 
-_LETTERS = "BCFGHIJKLMNOPRTUVXYZ"  # of the commands; viser moves the camera by the others, with any other key too
+_KEYS = (
+    "BCFGHIJKLMNOPRTUVXYZ1234567890"  # of the commands; viser moves the camera by the others, with any other key too
+)
 _GRID = "display:grid;grid-template-columns:repeat(3,1fr);gap:6px;padding:2px 12px 8px;font-size:.8em;line-height:1.2"
 
 
@@ -19,8 +21,10 @@ class MaterialPanel:
 
     def __init__(self, page: PageHost, viewport: Viewport) -> None:
         self._page, self._session, self._viewport = page, page.session, viewport
-        self._titles = {name: each.title for name, each in page.session.presets.items()}
-        self._keys = dict(zip(self._titles, _LETTERS, strict=False))
+        known = page.session.presets
+        own = page.session.settings().presets  # first, as there are keys for 30 alone
+        self._titles = {name: known[name].title for name in dict.fromkeys([*own, *known])}
+        self._keys = dict(zip(self._titles, _KEYS, strict=False))
         self._tool: str | None = None
         self._time: float | None = None  # at which all are drawn, seconds
         self._pictures: dict[str, Bytes] = {}

@@ -71,7 +71,9 @@ if (!window.wrinkleKeys) {
   });
   document.addEventListener("pointerdown", event => {
     const key = event.target.closest("[data-wrinkle-press]")?.dataset.wrinklePress;
-    if (key) press({key: key.toLowerCase(), code: "Key" + key, altKey: true, shiftKey: true});
+    if (key) press({
+      key: key.toLowerCase(), code: (/[0-9]/.test(key) ? "Digit" : "Key") + key, altKey: true, shiftKey: true,
+    });
   });
 }
 """

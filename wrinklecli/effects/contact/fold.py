@@ -10,11 +10,11 @@ from functools import cached_property
 
 import numpy as np
 
-from wrinklecli.character.bones import Part
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import blend, joint_matrices, morph_weights, node_matrices, transform
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.scene_meshes import SceneMesh
+from wrinklecli.choices import Part
 from wrinklecli.effects.contact.hinge import Hinge, hinge_of
 from wrinklecli.effects.contact.rise import Rise, rise_of
 from wrinklecli.effects.wrinkle.bending import bent_node

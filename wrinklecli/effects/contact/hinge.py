@@ -10,11 +10,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from wrinklecli.character.bones import Part
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.motion import motion_clip, turned_axis, turning
 from wrinklecli.character.pose import node_matrices
 from wrinklecli.character.rig import Rig
+from wrinklecli.choices import Part
 from wrinklecli.drive.angle import Angles, JointAngle
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.numeric.arrays import Floats, cross, unit, unit_quaternions

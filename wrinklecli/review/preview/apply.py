@@ -57,7 +57,7 @@ def plan_tools(asset: Document, tools: str | os.PathLike[str], options: BakeOpti
         WrinkleError: The asset or the tools file is at fault.
     """
     misfits: list[RefusedTool] = []
-    settings = load_tools(tools)
+    settings = load_tools(tools, external=options.allow_external)
     wanted = [tool for tool in settings.tools if not options.only or tool.name in options.only]
     settings = settings.only(options.only) if options.only else settings
     asked = options

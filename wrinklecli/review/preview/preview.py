@@ -21,7 +21,7 @@ from wrinklecli.numeric.memory import Memory
 from wrinklecli.review.preview.apply import PlannedTools, plan_tools
 from wrinklecli.review.preview.preview_options import PreviewOptions
 from wrinklecli.review.preview.rays import leave_room
-from wrinklecli.tools.read import with_images
+from wrinklecli.tools.files_beside import with_files_beside
 
 # The kinds of pictures, which are the endings of file names.
 _KINDS = ("png", "webp", "gif")
@@ -141,7 +141,7 @@ def _read_assets(
 ) -> list[Moved]:
     """Read assets and their motions, and protect all files that are read."""
     outputs.claim(out)
-    outputs.protect([*assets, *options.anims, *with_images([] if options.tools is None else [options.tools])])
+    outputs.protect([*assets, *options.anims, *with_files_beside([] if options.tools is None else [options.tools])])
     memory = Memory(options.max_memory)
     documents = [read_document(each, allow_external=options.allow_external, memory=memory) for each in assets]
     range_of_motion = False if options.rest else options.range_of_motion or None

@@ -12,10 +12,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wrinklecli.character.bones import Bones, Part
+from wrinklecli.character.bones import Bones
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import node_matrices
 from wrinklecli.character.rig import Rig
+from wrinklecli.choices import Part
 from wrinklecli.numeric.arrays import Floats, unit
 from wrinklecli.tools.mirror import split_side
 

@@ -14,8 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wrinklecli.character.bones import Part
-from wrinklecli.choices import MaterialName
+from wrinklecli.choices import MaterialName, Part
 from wrinklecli.numeric.arrays import Floats, unit
 from wrinklecli.numeric.nearest import distances_along, near_points
 from wrinklecli.review.suggest.candidates import Candidate

@@ -6,17 +6,16 @@ direction.
 
 import math
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
 
-from wrinklecli.character.bones import Part
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import morph_weights, node_matrices
 from wrinklecli.character.rig import Rig
-from wrinklecli.choices import MaterialName
+from wrinklecli.choices import MaterialName, Part
 from wrinklecli.numeric.arrays import Bools, Floats, Ints
 from wrinklecli.numeric.nearest import closest_point, nearest_of
 from wrinklecli.review.suggest.measure import MeasuredMesh
@@ -32,6 +31,7 @@ from wrinklecli.surface.compression import (
 from wrinklecli.surface.sites import Peaks, at_sites
 from wrinklecli.surface.strain import unscaled_pose
 from wrinklecli.surface.trace import find_segment
+from wrinklecli.tools.materials import Preset, presets
 from wrinklecli.tools.mirror import split_side
 
 # Most regions of a mesh.
@@ -80,6 +80,7 @@ class Candidate:
         by_morph: True if the driver is a morph target.
         part: The part of the body of a driving joint, if known.
         substance: What the place is made of; None if it was not looked at.
+        presets: Materials and presets by name, from which its tool gets one.
     """
 
     mesh: MeasuredMesh
@@ -100,6 +101,7 @@ class Candidate:
     by_morph: bool = False
     part: Part | None = None
     substance: Substance | None = None
+    presets: Mapping[str, Preset] = field(default_factory=presets)
 
 
 def find_candidates(

@@ -10,9 +10,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wrinklecli.character.bones import Part, read_bones, words_of
+from wrinklecli.character.bones import read_bones, words_of
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.scene import read_scene
+from wrinklecli.choices import Part
 from wrinklecli.errors import AssetError, counted, listed, nearest
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats
@@ -119,7 +120,7 @@ def _judged(
     document: Document, candidates: Sequence[Candidate], options: SuggestOptions, pictures: Pictures
 ) -> Iterator[_Judged]:
     """Judge candidates by all but the layers that may hide them; with `everything` none has a fault."""
-    bones, numbers = read_bones(document), dict[str, int]()
+    bones, numbers, known = read_bones(document), dict[str, int](), options.known_presets
     hints: dict[int, tuple[PrimitiveHints, ...]] = {}
     makeups: dict[int, Makeup] = {}
     known_rims: dict[int, Floats] = {}
@@ -158,7 +159,7 @@ def _judged(
         elif is_inside(mesh, each.region):
             fault = "inside, as of a mouth or a pocket"
         facet = facet_length(makeup, weights)
-        found = replace(each, material=substance.material, facet=facet, part=part, substance=substance)
+        found = replace(each, material=substance.material, facet=facet, part=part, substance=substance, presets=known)
         yield _Judged(found, substance, fault)
 
 

@@ -8,11 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from wrinklecli.character.bones import Part
-from wrinklecli.choices import MaterialName
+from wrinklecli.choices import Part
 from wrinklecli.review.suggest.candidates import Candidate
 from wrinklecli.tools.json_schema import readers_of
-from wrinklecli.tools.materials import preset, usual_bumps
+from wrinklecli.tools.materials import Preset, preset_for, usual_bumps
 from wrinklecli.tools.mirror import split_side
 from wrinklecli.tools.records import Length, RestLengthMorph, WrinkleTool
 
@@ -37,33 +36,18 @@ _SIDE_BY_SIDE = 0.5
 SLACK = 5
 
 
-# Presets by substance and by the part of the joint that drives a tool.
-_PRESETS: dict[tuple[MaterialName, Part], str] = {
-    ("cloth", "lower leg"): "trouser_knee",
-    ("cloth", "lower arm"): "cotton_sleeve",
-    ("cloth", "spine"): "shirt",
-    ("cloth", "chest"): "shirt",
-    ("leather", "lower arm"): "leather_sleeve",
-    ("leather", "lower leg"): "leather_boot",
-    ("leather", "foot"): "leather_boot",
-    ("leather", "toes"): "leather_boot",
-    ("skin", "hand"): "wrist",
-    ("skin", "finger"): "finger",
-    ("skin", "lower arm"): "elbow",
-    ("skin", "neck"): "neck",
-}
 # Words of morph targets that raise a forehead.
 _BROWS = re.compile(r"brow|forehead", re.IGNORECASE)
 
 
-def preset_of(candidate: Candidate) -> str | None:
+def preset_of(candidate: Candidate) -> Preset | None:
     """The preset for what a candidate is made of and for its part of the body; else its substance."""
-    material = candidate.material
+    material, known = candidate.material, candidate.presets
     if material is None:
         return None
     if candidate.by_morph:
-        return "forehead_young" if material == "skin" and _BROWS.search(candidate.driver) else material
-    return material if candidate.part is None else _PRESETS.get((material, candidate.part), material)
+        return known["forehead_young" if material == "skin" and _BROWS.search(candidate.driver) else material]
+    return preset_for(material, candidate.part, known)
 
 
 def stem_and_side(driver: str, otherwise: str) -> tuple[str, str]:
@@ -139,14 +123,14 @@ def tool_of(candidate: Candidate, name: str, width: float, bump_length: float | 
     span = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
     (a, b, c), *between, (d, e, f) = ([round(float(x), decimals(span)) + 0.0 for x in point] for point in points)
     chosen = preset_of(candidate)
-    given = preset(chosen).fields(readers_of(WrinkleTool)) if chosen else {}
+    given = chosen.fields(readers_of(WrinkleTool)) if chosen else {}
     usual = usual_bumps(candidate.material)
     longest = _BUMP_OF_WIDTH[candidate.material] * width
     if bump_length is not None and _SIMILAR[0] * longest < bump_length < _SIMILAR[1] * longest:
         longest = bump_length
     bumps = min(max(usual, round(span / longest)), usual + _MORE_BUMPS)
-    if chosen and "bumps" in preset(chosen).keys:
-        bumps = preset(chosen).bumps()
+    if chosen and "bumps" in chosen.keys:
+        bumps = chosen.bumps()
     if candidate.bumps is not None:
         bumps = candidate.bumps
     if candidate.facet:
@@ -158,10 +142,10 @@ def tool_of(candidate: Candidate, name: str, width: float, bump_length: float | 
         origin=(a, b, c),
         between=tuple((x, y, z) for x, y, z in between),
         target=(d, e, f),
-        width=Length(round(width, 1 - math.floor(math.log10(width)))),
-        material=chosen,
+        material=None if chosen is None else chosen.name,
         **{
             **given,
+            "width": Length(round(width, 1 - math.floor(math.log10(width)))),
             "bumps": bumps,
             "rest_length": "auto" if candidate.by_morph else Length(100.0 - SLACK, percent=True),
             # Bumps that rise one after another stand alone on either side of a joint until it is half bent.

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from wrinklecli.character.bones import Part
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import node_matrices
+from wrinklecli.choices import Part
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.numeric.arrays import Floats, unit, weighted_quantiles
 from wrinklecli.review.suggest.buckling import crossing_pair
@@ -31,6 +31,7 @@ from wrinklecli.surface.path import Curve
 from wrinklecli.surface.sites import at_sites
 from wrinklecli.surface.strain import principal, unscaled_pose
 from wrinklecli.surface.trace import CLEAR_LOSS, find_segment, trace
+from wrinklecli.tools.materials import Preset, presets
 from wrinklecli.tools.mirror import split_side
 from wrinklecli.tools.records import Length, RestLengthMorph, WrinkleTool
 
@@ -98,6 +99,7 @@ class Suggestion:
         one_sided: True if no clip raises the wrinkles of its mirror image.
         substance: What the place is made of; None if it was not looked at.
         part: The part of the body of a driving joint, if known.
+        presets: Materials and presets by name, one of which its tool has.
         crossings: Edges that pass through triangles at the place when it is folded, if `contact` may keep them apart.
     """
 
@@ -118,6 +120,7 @@ class Suggestion:
     one_sided: bool = False
     substance: Substance | None = None
     part: Part | None = None
+    presets: Mapping[str, Preset] = field(default_factory=presets)
     crossings: int = 0
 
     @property
@@ -285,6 +288,7 @@ class _Search:
             tool=tools[0],
             mirrored=len(tools) == 2,
             part=candidate.part,
+            presets=candidate.presets,
             mesh=mesh.rig.names[mesh.rig.node],
             driver=_of_side(mesh, driver, tools[0].name) if len(tools) == 2 else driver,
             by_morph=candidate.by_morph,

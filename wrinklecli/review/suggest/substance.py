@@ -11,9 +11,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from wrinklecli.character.bones import Part
 from wrinklecli.character.rig import Rig
-from wrinklecli.choices import MaterialName
+from wrinklecli.choices import MaterialName, Part
 from wrinklecli.choices import Substance as SubstanceKind
 from wrinklecli.errors import shortened
 from wrinklecli.gltf.document import Document

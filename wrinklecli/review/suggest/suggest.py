@@ -5,12 +5,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from wrinklecli.character.bones import Part, read_bones
+from wrinklecli.character.bones import read_bones
 from wrinklecli.character.clip import Clip, chosen_clips, read_clips
 from wrinklecli.character.joined import with_clips
 from wrinklecli.character.moved import Motions, moved
 from wrinklecli.character.rig import read_rig
-from wrinklecli.choices import Scheme
+from wrinklecli.choices import Part, Scheme
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.images import files_of
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
@@ -107,7 +107,7 @@ def suggest(
                 everything=options.everything,
             )
             found = unwarned(raised, found, clips)
-            return _written(raised, joined.beside, found, [*notes, *of_face.notes], of_face.reason)
+            return _written(raised, joined.beside, found, [*notes, *of_face.notes], of_face.reason, [])
         clips = checked = chosen_clips(joined.clips, joined.chosen(options.clips), where=document.path)
         generated: list[Clip] = []
         if joined.range and not options.clips:
@@ -145,7 +145,8 @@ def suggest(
         )
         if not options.everything:
             found = unwarned(document, found, checked)
-        return _written(document, joined.beside, found, [*notes, *reasons], reason)
+        beside = [*joined.beside, *(os.fspath(path) for path in options.presets)]
+        return _written(document, beside, found, [*notes, *reasons], reason, options.written_presets)
 
 
 def _joined(clauses: Sequence[str]) -> str:
@@ -156,15 +157,20 @@ def _joined(clauses: Sequence[str]) -> str:
 
 
 def _written(
-    document: Document, beside: Sequence[str], found: Worthwhile, notes: Sequence[str], reason: str
+    document: Document,
+    beside: Sequence[str],
+    found: Worthwhile,
+    notes: Sequence[str],
+    reason: str,
+    presets: Sequence[str],
 ) -> Suggestions:
     """Write tools; `reason` says why there are none, unless they were tried and left out.
 
-    `beside` are files that were read besides the asset's.
+    `beside` are files that were read besides the asset's, `presets` those of presets as the text names them.
     """
     text = ""
     if found.tools:
-        text = tools_text(found.tools, os.path.basename(document.path), found.refinement)
+        text = tools_text(found.tools, os.path.basename(document.path), found.refinement, presets)
         refuse_unwritable(text, document, found.tools)
         reason = ""
     elif found.dropped:

@@ -8,15 +8,23 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.review.suggest.draft import SLACK, decimals, place_of, written_length
 from wrinklecli.review.suggest.fitted_tools import Suggestion
 from wrinklecli.tools.mirror import exchange_sides
-from wrinklecli.tools.read import parse_tools
-from wrinklecli.tools.records import Length, RefinementSettings, RestLengthMorph
-from wrinklecli.tools.yaml_tree import printable
+from wrinklecli.tools.read import read_values
+from wrinklecli.tools.records import Contact, Length, RefinementSettings, RestLengthMorph, ToolsFile, WrinkleTool
+from wrinklecli.tools.yaml_tree import printable, read_tree
 
 _USUAL = RefinementSettings()
 
 
-def tools_text(suggestions: Sequence[Suggestion], asset: str, refinement: RefinementSettings = _USUAL) -> str:
-    """Write a tools file, with the asset's name in its comments, and the refinement if it is not the usual one."""
+def tools_text(
+    suggestions: Sequence[Suggestion],
+    asset: str,
+    refinement: RefinementSettings = _USUAL,
+    presets: Sequence[str] = (),
+) -> str:
+    """Write a tools file, with the asset's name in its comments, and the refinement if it is not the usual one.
+
+    `presets` are the files of presets that it names.
+    """
     lines = [
         f"# Tools for {printable(asset, 90)}, as `wrinkle suggest` found them, best first.",
         "#",
@@ -25,6 +33,7 @@ def tools_text(suggestions: Sequence[Suggestion], asset: str, refinement: Refine
         "# is made to be edited: move the ends, try other widths and numbers of bumps, delete what you do not want.",
         "version: 1",
         "",
+        *([f"presets: [{', '.join(map(_quoted, presets))}]", ""] if presets else []),
         *_written_refinement(refinement),
         "defaults:",
         f"  rest_length: {100 - SLACK}%     # slack: the first {SLACK} % of shortening make no wrinkles",
@@ -54,10 +63,10 @@ def tools_text(suggestions: Sequence[Suggestion], asset: str, refinement: Refine
             "material": tool.material,
             "strategy": tool.strategy,
             "bumps": tool.bumps,
-            "max_height": f"{tool.max_height.value:.12g}%" if isinstance(tool.max_height, Length) else None,
+            "max_height": _written_height(tool),
             "compressible": f"{100 * tool.compressible:.0f}%" if tool.compressible or tool.material else None,
             "seed": tool.seed,
-            "contact": "resolve" if tool.contact else None,
+            "contact": "resolve" if tool.contact == Contact() else None,
         }
         lines.append(f"  # {what} {printable(each.driver, 90)}: {shortens}")
         if each.substance is not None:
@@ -77,6 +86,24 @@ def tools_text(suggestions: Sequence[Suggestion], asset: str, refinement: Refine
         lines.append(f"  - name: {tool.name}")
         lines += [*(f"    {key}: {value}" for key, value in keys.items() if value is not None), ""]
     return "\n".join(lines[:-1]) + "\n"
+
+
+def _written_height(tool: WrinkleTool) -> str | None:
+    """The greatest height, if it is not that of the file's defaults."""
+    if isinstance(tool.max_height, Length):
+        return f"{tool.max_height.value:.12g}{'%' if tool.max_height.percent else ''}"
+    return "none" if tool.max_height is None else None
+
+
+def read_suggested(text: str, suggestions: Sequence[Suggestion]) -> ToolsFile:
+    """Read the text of suggestions with the presets that they know, from whatever files.
+
+    Raises:
+        ConfigError: The text is not valid.
+    """
+    root, problems = read_tree(text)
+    assert root is not None, problems
+    return read_values(root.value, known=suggestions[0].presets)
 
 
 def _written_refinement(refinement: RefinementSettings) -> list[str]:
@@ -101,7 +128,7 @@ def refuse_unwritable(text: str, document: Document, suggestions: Sequence[Sugge
         AssetError: The asset's lengths are beyond the range of a tools file.
     """
     try:
-        read = parse_tools(text).tools
+        read = read_suggested(text, suggestions).tools
     except WrinkleError as error:
         raise AssetError(f"cannot be described by a tools file: {error.lines[0]}", where=document.path) from error
     by_name = {tool.name: tool for tool in read}

@@ -20,9 +20,8 @@ from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Ints, distinct_values, significant
 from wrinklecli.review.suggest.fitted_tools import Suggestion
-from wrinklecli.review.suggest.text import tools_text
+from wrinklecli.review.suggest.text import read_suggested, tools_text
 from wrinklecli.tools.mirror import exchange_sides
-from wrinklecli.tools.read import parse_tools
 from wrinklecli.tools.records import Length, RefinementSettings
 
 # Most times that a tool is made narrower.
@@ -86,7 +85,7 @@ class Trial:
         if not suggestions:
             return {}
         try:
-            settings = parse_tools(tools_text(suggestions, "", self.refinement))
+            settings = read_suggested(tools_text(suggestions, "", self.refinement, ["presets.yaml"]), suggestions)
             by_node, _ = tools_by_node(self.document, settings)
             usual_error = BakeOptions().max_error
             plans = [

@@ -10,8 +10,8 @@ from itertools import islice
 
 import numpy as np
 
-from wrinklecli.character.bones import Part
 from wrinklecli.character.clip import Clip
+from wrinklecli.choices import Part
 from wrinklecli.effects.contact.layer import has_contact
 from wrinklecli.errors import counted
 from wrinklecli.gltf.document import Document
