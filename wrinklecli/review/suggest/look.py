@@ -8,7 +8,19 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import uniform_filter
 
-from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints, face_normals, runs, unit, vertex_normals
+from wrinklecli.numeric.arrays import (
+    Array,
+    Bools,
+    Floats,
+    Ints,
+    any_of,
+    dot,
+    face_normals,
+    runs,
+    unit,
+    vertex_normals,
+)
+from wrinklecli.numeric.boxes import Cells
 from wrinklecli.review.preview.sides import UNSEEN, Place, Side, best_light, best_side
 from wrinklecli.review.suggest.stage import StagedTool
 from wrinklecli.surface.strain import tangents
@@ -37,8 +49,10 @@ _KEY, _FILL, _SKY = 0.75, 0.25, 0.14
 _DENSE = 0.6
 # Inverse of the golden ratio, whose multiples spread points evenly.
 _GOLDEN = 0.6180339887498949
-# Greatest number of pixels that are tested at once; bounds the memory.
-_AT_ONCE = 2**21
+# Least area of a triangle that is drawn, pixels: others are seen from the side, and lie between two pixels.
+_LEAST_AREA = 1e-9
+# Rows of pixels, of all triangles, that are drawn at once: a cache holds their numbers.
+_ROWS = 2**14
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,12 +123,15 @@ class Sight:
     Attributes:
         place: Some of its triangles.
         reach: Distance from its middle that a picture shows, scene units.
-        cloud: (points, 3) float32, on all that is near, with wrinkles, as dense as the pixels of a coarse picture.
+        cloud: (points, 3) float32, on all that is near, with wrinkles, as dense as the pixels of a coarse picture, in
+            units of the reach from the middle of the place.
+        cells: The cells of a grid in which the points lie.
     """
 
     place: Place
     reach: float
     cloud: Array
+    cells: Cells
 
     @classmethod
     def of(cls, staged: StagedTool) -> "Sight":
@@ -124,7 +141,9 @@ class Sight:
         corners = staged.wrinkled[faces].reshape(-1, 3)
         reach = _MARGIN * float(np.sqrt(np.max(np.sum((corners - place.centre) ** 2, axis=1))))
         cloud = _spread(staged.wrinkled, staged.triangles, _DENSE * 2.0 * reach / _COARSE)
-        return cls(place, reach, cloud.astype(np.float32))
+        cloud = ((cloud - place.centre) / reach).astype(np.float32)
+        cells = Cells.of(cloud)
+        return cls(place, reach, cloud[cells.numbers], cells)
 
     @property
     def best_side(self) -> Side:
@@ -138,22 +157,31 @@ class Sight:
 
     def seen(self, points: Floats, normals: Floats, direction: Floats) -> Bools:
         """(points,) True for (points, 3) of a surface that nothing of the cloud hides from (3,) a direction."""
-        axes = _axes(direction)
-        depths = np.full(_COARSE**2, -np.inf, np.float32)
-        pixels, deep = self._pixels(self.cloud, axes)
-        np.maximum.at(depths, pixels, deep)
-        pixels, deep = self._pixels(points, axes)
+        axes = _axes(direction).astype(np.float32)
+        places = ((points - self.place.centre) / self.reach).astype(np.float32) @ axes.T
         cosines = normals @ direction
+        behind = float(places[:, 2].min(initial=np.inf))
+        depths = np.full((_COARSE + 2) ** 2, -np.inf, np.float32)
+        cloud = self._in_front(axes, behind) @ axes.T
+        np.maximum.at(depths, _pixels(cloud), cloud[:, 2])
         falls = np.sqrt(np.maximum(1.0 - cosines**2, 0.0)) / np.maximum(cosines, _STEEPEST)
-        seen: Bools = (deep > depths[pixels] - (1.0 + falls) * (2.0 / _COARSE)) & (cosines > 0)
+        seen: Bools = (places[:, 2] > depths[_pixels(places)] - (1.0 + falls) * (2.0 / _COARSE)) & (cosines > 0)
         return seen
 
-    def _pixels(self, points: Array, axes: Floats) -> tuple[Ints, Array]:
-        """The pixels of (points, 3) in a coarse picture, and their depths; those beside it are at its border."""
-        local = points @ (axes.T / self.reach).astype(points.dtype)
-        local -= (axes @ self.place.centre / self.reach).astype(points.dtype)
-        columns, rows = np.clip((local[:, :2].T + 1) * (_COARSE // 2), 0, _COARSE - 1).astype(np.intp)
-        return rows * _COARSE + columns, local[:, 2]
+    def _in_front(self, axes: Array, depth: float) -> Array:
+        """(points, 3) of the cloud that may lie in the picture of (3, 3) axes, nearer to the eye than a depth."""
+        low, high = self.cells.low, self.cells.high
+        middles, halves = (low + high) / 2.0 @ axes.T, (high - low) / 2.0 @ np.abs(axes).T
+        least = np.array([-1.0, -1.0, depth]) - halves
+        shown = (middles >= least) & (middles[:, :2] <= 1.0 + halves[:, :2]).all(axis=1, keepdims=True)
+        chosen = np.flatnonzero(shown.all(axis=1))
+        return self.cloud[runs(self.cells.starts[chosen], self.cells.counts[chosen])]
+
+
+def _pixels(local: Array) -> Ints:
+    """(points,) pixels, of a coarse picture with a border for what is beside it, of (points, 3) along its axes."""
+    columns, rows = np.clip((local[:, :2].T + 1.0) * (_COARSE // 2) + 1.0, 0.0, _COARSE + 1).astype(np.intp)
+    return rows * (_COARSE + 2) + columns
 
 
 def _axes(back: Floats) -> Floats:
@@ -177,10 +205,11 @@ def _spread(positions: Floats, triangles: Ints, apart: float) -> Floats:
     return points
 
 
-def _local(corners: Floats, centre: Floats, axes: Floats, reach: float) -> Floats:
-    """(…, 3) points in camera space, where the picture reaches from -1 to 1."""
-    local: Floats = (corners - centre) @ (axes.T / reach)
-    return local
+def _places(positions: Floats, centre: Floats, axes: Floats, reach: float) -> Floats:
+    """(3, vertices) column, row and depth in a picture of (vertices, 3); the middle of a pixel is a whole number."""
+    places = (axes / reach) @ (positions - centre).T
+    places[:2] = (places[:2] + 1.0) * (SIDE / 2.0) - 0.5
+    return places
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,12 +217,10 @@ class _Drawn:
     """A picture.
 
     Attributes:
-        depths: (side, side) towards the eye; -inf where nothing is.
         numbers: (side, side) of triangles; -1 where nothing is.
         shares: (side, side, 3) of the triangle's corners.
     """
 
-    depths: Floats
     numbers: Ints
     shares: Floats
 
@@ -203,48 +230,95 @@ class _Drawn:
         return found
 
 
-def _draw(local: Floats, triangles: Ints, side: int) -> _Drawn:
-    """Draw (triangles, 3) of (vertices, 3) in camera space into a depth buffer."""
-    depths, numbers = np.full(side * side, -np.inf), np.full(side * side, -1)
-    shares = np.zeros((side * side, 3))
-    places = (local[:, :2] + 1.0) * (side / 2.0)
-    x, y = (places[:, k][triangles].T for k in (0, 1))
-    # The pixels whose middles are in the box round each triangle.
-    left, right = (np.clip(np.ceil(each - 0.5), 0, side).astype(np.intp) for each in (x.min(axis=0), x.max(axis=0)))
-    low, high = (np.clip(np.ceil(each - 0.5), 0, side).astype(np.intp) for each in (y.min(axis=0), y.max(axis=0)))
-    doubled = (x[1] - x[0]) * (y[2] - y[0]) - (y[1] - y[0]) * (x[2] - x[0])
-    drawn = np.flatnonzero((right > left) & (high > low) & (doubled != 0))
-    counts = ((right - left) * (high - low))[drawn]
-    parts = np.searchsorted(np.cumsum(counts), np.arange(_AT_ONCE, int(counts.sum()), _AT_ONCE))
-    for some, many in zip(np.split(drawn, parts), np.split(counts, parts), strict=True):
-        own = np.repeat(some, many)
-        rows, columns = np.divmod(runs(np.zeros(len(some), np.intp), many), np.repeat((right - left)[some], many))
-        rows, columns = rows + low[own], columns + left[own]
-        (ax, bx, cx), (ay, by, cy) = x[:, own] - (columns + 0.5), y[:, own] - (rows + 0.5)
-        first, second = (bx * cy - by * cx) / doubled[own], (cx * ay - cy * ax) / doubled[own]
-        third = 1.0 - first - second
-        inside = np.flatnonzero((first >= 0) & (second >= 0) & (third >= 0))
-        of_corners = np.stack([first[inside], second[inside], third[inside]], axis=1)
-        own, pixels = own[inside], (rows * side + columns)[inside]
-        deep = np.sum(of_corners * local[:, 2][triangles[own]], axis=1)
-        order = np.argsort(deep, kind="stable")
-        order = order[deep[order] > depths[pixels[order]]]
-        # Of several at one pixel the last one stays, which is the nearest to the eye.
-        depths[pixels[order]], numbers[pixels[order]], shares[pixels[order]] = (
-            deep[order],
-            own[order],
-            of_corners[order],
-        )
-    return _Drawn(depths.reshape(side, side), numbers.reshape(side, side), shares.reshape(side, side, 3))
+@dataclass(frozen=True, slots=True)
+class _DepthBuffer:
+    """The triangles that are seen at the pixels of a picture.
+
+    Attributes:
+        depths: (pixels,) towards the eye; -inf where nothing is.
+        numbers: (pixels,) of triangles; -1 where nothing is.
+    """
+
+    depths: Floats
+    numbers: Ints
+
+    @classmethod
+    def empty(cls) -> "_DepthBuffer":
+        """A buffer without triangles."""
+        return cls(np.full(SIDE * SIDE, -np.inf), np.full(SIDE * SIDE, -1))
+
+    def drawn(self, places: Floats, triangles: Ints, chosen: Bools) -> "_DepthBuffer":
+        """Draw (triangles,) chosen ones of (triangles, 3), whose vertices have (3, vertices) places, into a copy."""
+        found = _DepthBuffer(self.depths.copy(), self.numbers.copy())
+        chosen = np.flatnonzero(chosen)
+        (ax, bx, cx), (ay, by, cy) = (axis[triangles[chosen]].T for axis in places[:2])
+        # The rows and columns of pixels whose middles are in the box round each triangle.
+        left, right = (np.ceil(each(each(ax, bx), cx)) for each in (np.minimum, np.maximum))
+        low, high = (np.ceil(each(each(ay, by), cy)) for each in (np.minimum, np.maximum))
+        low, high = (np.clip(each, 0, SIDE).astype(np.intp) for each in (low, high))
+        wide = np.abs((bx - ax) * (cy - ay) - (by - ay) * (cx - ax)) > _LEAST_AREA
+        met = np.flatnonzero(wide & (high > low) & (right > left) & (right > 0) & (left < SIDE))
+        chosen, low, counts = chosen[met], low[met], (high - low)[met]
+        parts = np.searchsorted(np.cumsum(counts), np.arange(_ROWS, int(counts.sum()), _ROWS))
+        for some in zip(*(np.split(each, parts) for each in (chosen, low, counts)), strict=True):
+            found._add(places, triangles, *some)
+        return found
+
+    def _add(self, places: Floats, triangles: Ints, chosen: Ints, low: Ints, counts: Ints) -> None:
+        """Draw chosen triangles into this buffer, each in so many rows of pixels from the lowest one."""
+        own, rows = np.repeat(chosen, counts), runs(low, counts)
+        starts, steps = _shares(places, triangles[own], np.zeros(len(own)), rows)
+        # A pixel is within the triangle where no share is negative.
+        with np.errstate(all="ignore"):
+            borders = -starts / steps
+        first = np.where(steps > 0, borders, np.where((steps == 0) & (starts < 0), np.inf, -np.inf)).max(axis=0)
+        last = np.where(steps < 0, borders, np.inf).min(axis=0)
+        first, last = np.ceil(np.clip(first, 0, SIDE)), np.floor(np.clip(last, -1, SIDE - 1))
+        widths = np.maximum(last - first + 1, 0).astype(np.intp)
+        columns, pixel_rows = runs(first.astype(np.intp), widths), np.repeat(rows, widths)
+        corners = places[2][triangles[own]].T
+        depths = np.repeat(dot(starts, corners), widths) + np.repeat(dot(steps, corners), widths) * columns
+        pixels = pixel_rows * SIDE + columns
+        np.maximum.at(self.depths, pixels, depths)
+        seen = np.flatnonzero(depths == self.depths[pixels])
+        self.numbers[pixels[seen]] = np.repeat(own, widths)[seen]
+
+    def picture(self, places: Floats, triangles: Ints) -> _Drawn:
+        """The picture of (triangles, 3) that were drawn, whose vertices have (3, vertices) places."""
+        shares = np.zeros((SIDE * SIDE, 3))
+        hit = np.flatnonzero(self.numbers >= 0)
+        rows, columns = np.divmod(hit, SIDE)
+        shares[hit] = _shares(places, triangles[self.numbers[hit]], columns, rows)[0].T
+        return _Drawn(self.numbers.reshape(SIDE, SIDE), shares.reshape(SIDE, SIDE, 3))
+
+
+def _shares(places: Floats, corners: Ints, columns: Array, rows: Ints) -> tuple[Floats, Floats]:
+    """Shares of a triangle's corners at a pixel, and what they grow by from one column to the next, both (3, pixels).
+
+    Args:
+        places: (3, vertices) in the picture.
+        corners: (pixels, 3) vertices of a triangle.
+        columns: (pixels,)
+        rows: (pixels,)
+    """
+    (ax, bx, cx), (ay, by, cy) = (axis[corners].T for axis in places[:2])
+    ax, bx, cx = ax - columns, bx - columns, cx - columns
+    ay, by, cy = ay - rows, by - rows, cy - rows
+    scale = 1.0 / ((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
+    first, second = (bx * cy - by * cx) * scale, (cx * ay - cy * ax) * scale
+    step, other = (by - cy) * scale, (cy - ay) * scale
+    return np.stack([first, second, 1.0 - first - second]), np.stack([step, other, -step - other])
 
 
 def look_at(staged: StagedTool, sight: Sight, side: Side) -> Seen:
     """Look at a tool from a side, in the light in which a review shows it."""
     axes, place = side.axes, sight.place
     key = best_light(place, axes, sight.free) @ axes
-    drawn = [
-        _draw(_local(positions, place.centre, axes, sight.reach), staged.triangles, SIDE) for positions in staged.poses
-    ]
+    triangles = staged.triangles
+    places = [_places(positions, place.centre, axes, sight.reach) for positions in staged.poses]
+    moved = any_of((staged.plain != staged.wrinkled).any(axis=1), triangles)
+    still = _DepthBuffer.empty().drawn(places[0], triangles, ~moved)
+    drawn = [still.drawn(each, triangles, moved).picture(each, triangles) for each in places]
     normals = [_normals(staged, positions, each, axes[2]) for positions, each in zip(staged.poses, drawn, strict=True)]
     # Shadows of the body are the same without and with wrinkles.
     lit = _softened(sight, staged.wrinkled[staged.triangles], drawn[1], normals[1], key)
@@ -260,7 +334,7 @@ def look_at(staged: StagedTool, sight: Sight, side: Side) -> Seen:
     both = taken[0] & taken[1]
     if both.any():
         before, after = pictures[:, both]
-        us, vs = wrinkled.interpolate(staged.places, staged.triangles)[both].T
+        us, vs = wrinkled.interpolate(staged.places, triangles)[both].T
         known = np.isfinite(us)
         changes = (after - before) / np.maximum(before, before.mean())
         crests = Crests.of(changes[known], us[known], vs[known], staged.bumps)
