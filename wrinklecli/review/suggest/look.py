@@ -181,7 +181,8 @@ class Sight:
 def _pixels(local: Array) -> Ints:
     """(points,) pixels, of a coarse picture with a border for what is beside it, of (points, 3) along its axes."""
     columns, rows = np.clip((local[:, :2].T + 1.0) * (_COARSE // 2) + 1.0, 0.0, _COARSE + 1).astype(np.intp)
-    return rows * (_COARSE + 2) + columns
+    pixels: Ints = rows * (_COARSE + 2) + columns
+    return pixels
 
 
 def _axes(back: Floats) -> Floats:
@@ -250,17 +251,17 @@ class _DepthBuffer:
     def drawn(self, places: Floats, triangles: Ints, chosen: Bools) -> "_DepthBuffer":
         """Draw (triangles,) chosen ones of (triangles, 3), whose vertices have (3, vertices) places, into a copy."""
         found = _DepthBuffer(self.depths.copy(), self.numbers.copy())
-        chosen = np.flatnonzero(chosen)
-        (ax, bx, cx), (ay, by, cy) = (axis[triangles[chosen]].T for axis in places[:2])
+        kept = np.flatnonzero(chosen)
+        (ax, bx, cx), (ay, by, cy) = (axis[triangles[kept]].T for axis in places[:2])
         # The rows and columns of pixels whose middles are in the box round each triangle.
         left, right = (np.ceil(each(each(ax, bx), cx)) for each in (np.minimum, np.maximum))
         low, high = (np.ceil(each(each(ay, by), cy)) for each in (np.minimum, np.maximum))
         low, high = (np.clip(each, 0, SIDE).astype(np.intp) for each in (low, high))
         wide = np.abs((bx - ax) * (cy - ay) - (by - ay) * (cx - ax)) > _LEAST_AREA
         met = np.flatnonzero(wide & (high > low) & (right > left) & (right > 0) & (left < SIDE))
-        chosen, low, counts = chosen[met], low[met], (high - low)[met]
+        kept, low, counts = kept[met], low[met], (high - low)[met]
         parts = np.searchsorted(np.cumsum(counts), np.arange(_ROWS, int(counts.sum()), _ROWS))
-        for some in zip(*(np.split(each, parts) for each in (chosen, low, counts)), strict=True):
+        for some in zip(*(np.split(each, parts) for each in (kept, low, counts)), strict=True):
             found._add(places, triangles, *some)
         return found
 
