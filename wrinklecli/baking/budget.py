@@ -260,7 +260,7 @@ def _judge_influences(document: Document, plan: MeshPlan, clips: Sequence[Clip],
     Raises:
         RefusedError: They move further than the error bound; the asset's own weights do not change.
     """
-    rig = plan.rig
+    rig = plan.rig.own
     if not rig.skinned:
         return {"vertices_over_influences": 0, "influence_error": 0.0}
     stored = read_vertices(document, rig)

@@ -18,11 +18,9 @@ from wrinklecli.gltf.images import files_of
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.memory import MAX_MEMORY, MAX_VERTICES, Memory
 from wrinklecli.tools.read import load_merged
-from wrinklecli.tools.records import EffectTool, Length, ToolsFile
+from wrinklecli.tools.records import ONE_PERCENT, EffectTool, Length, ToolsFile
 
 ToolsPaths: TypeAlias = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
-
-_ONE_PERCENT = Length(1.0, percent=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +60,7 @@ class BakeOptions:
     clips: Sequence[str] = ()
     only: Sequence[str] = ()
     fps: float | None = None
-    max_error: Length = _ONE_PERCENT
+    max_error: Length = ONE_PERCENT
     max_levels: int | None = None
     edges_per_interval: int | None = None
     max_vertices: int = MAX_VERTICES

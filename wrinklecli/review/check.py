@@ -154,15 +154,16 @@ def check(
             clips = _clips_to_check(plan, job)
             refuse_many_samples(job, plan, clips)
             sampling = SamplingOptions(job.settings.sampling.fps, "morph", job.document.memory, progress)
-            motions = sample_activities(carried_patches_of(plan), plan, moving_clips(plan, clips), sampling)
-            baked = [motion.clip for motion in motions if motion.clip.name not in (*job.range, job.pose)]
+            moving = moving_clips(plan, clips)
+            carried_patches = carried_patches_of(plan)
+            motions = sample_activities(carried_patches, plan, moving, sampling) if carried_patches else []
+            baked = [clip for clip in moving if clip.name not in (*job.range, job.pose)]
             warnings += mesh_warnings(plan, job.settings, baked)
             # No tool is at fault, and an option of the bake decides.
             notes += track_warnings(plan, baked)
             for section, found in _check_driven(plan, clips, sampling, job):
                 sections.setdefault(section, []).append(found)
                 warnings += found["warnings"]
-            carried_patches = carried_patches_of(plan)
             names = [carried.patch.tool.name for carried in carried_patches]
             for number, overlaps in enumerate(_overlaps([each.vertices for each in carried_patches], names)):
                 tool = _check_tool(plan, number, motions, overlaps, job)
@@ -343,6 +344,8 @@ def _overlaps(moved: Sequence[Ints], names: Sequence[str]) -> list[Json]:
         For each tool under `overlaps` the first others, and the number of vertices that they share. If there are very
         many, `more_overlaps` is True: all pairs of n tools at one place would be n².
     """
+    if not moved:
+        return []
     tools = np.repeat(np.arange(len(moved)), [len(each) for each in moved])
     vertices = np.concatenate(moved)
     order = np.argsort(vertices, kind="stable")

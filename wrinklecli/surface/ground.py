@@ -16,7 +16,7 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.looks import looks_of
 from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints, distinct_values
 from wrinklecli.surface.rest import Rest, rest_pose
-from wrinklecli.tools.records import EffectTool, ToolsFile
+from wrinklecli.tools.records import ONE_PERCENT, EffectTool, Length, ToolsFile
 
 # Poses of a clip at which pruned skin weights are judged before the proof.
 _POSES = 33
@@ -35,6 +35,7 @@ class Ground:
         rest: Its rest pose.
         clips: Of the asset, whichever are baked.
         neighbours: The meshes of the asset.
+        max_error: Greatest error of a bake: a length, or per cent of the largest move that the effects can make.
     """
 
     document: Document
@@ -43,6 +44,7 @@ class Ground:
     rest: Rest
     clips: tuple[Clip, ...]
     neighbours: Neighbours
+    max_error: Length = ONE_PERCENT
 
     @cached_property
     def contacts(self) -> Bools:

@@ -182,6 +182,12 @@ class Muscle(BodyEffect):
         read=_read_activation,
     )
 
+    travel: bool = key(
+        FLAG,
+        "true: the belly moves along as the muscle shortens, which takes more morph targets. Default false.",
+        False,
+    )
+
     @property
     def points(self) -> tuple[Point, ...]:
         """Both ends."""

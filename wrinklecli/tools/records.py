@@ -80,6 +80,9 @@ class Length:
         return self.value / 100.0 * rest_distance if self.percent else self.value
 
 
+ONE_PERCENT = Length(1.0, percent=True)
+
+
 def parse_length(value: float | str) -> Length:
     """A length as people write it: 0.02, `0.02` or `80%`.
 

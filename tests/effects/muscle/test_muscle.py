@@ -1,5 +1,6 @@
 """Muscles thicken as they shorten, in bakes, in players and under wrinkles."""
 
+import json
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -23,8 +24,11 @@ FLEXED = {"keys": {"fold": [[0.0, 0.0], [1.0, 1.0], [2.0, 0.0]]}}
 CREASE = tool(origin=[-0.3, 0.25, 0.0], target=[0.3, 0.25, 0.0], bumps=2)
 
 
-def flexed(*tools: Json, **keys: Any) -> Gltf:
-    return bake_once(ARM(), *tools, top={"muscles": [muscle(**keys)]}, details=True)
+ENDS = {"origin": "joint_0", "insertion": "joint_1"}
+
+
+def flexed(*tools: Json, engine: str | None = None, **keys: Any) -> Gltf:
+    return bake_once(ARM(), *tools, top={"muscles": [muscle(**keys)]}, details=True, engine=engine)
 
 
 def drive_of(file: Gltf) -> Json:
@@ -34,7 +38,7 @@ def drive_of(file: Gltf) -> Json:
 
 @pytest.mark.parametrize("tendons", [0.0, 0.2, 0.7])
 def test_the_volume_of_a_muscle_is_constant(tendons: float) -> None:
-    response = ConstantVolume(1.0, tendons, np.array([FULLEST]))
+    response = ConstantVolume(1.0, tendons, np.array([FULLEST]), np.ones((1, 1)))
     shares = np.linspace(SHORTEST, LONGEST, 101)
     thicknesses = response.thicknesses(tendons + shares * (1.0 - tendons))
     assert np.abs(shares * thicknesses**2 - 1.0).max() < 1e-9
@@ -65,8 +69,7 @@ def test_a_relaxed_muscle_is_thinner_than_a_flexed_one() -> None:
 
 def test_the_other_side_gets_thinner() -> None:
     """The muscle behind a joint that bends is stretched."""
-    ends = {"origin": {"joint": "joint_0", "offset": [0.15, -0.1, 0.0]}}
-    ends["insertion"] = {"joint": "joint_1", "offset": [0.15, -0.1, 0.0]}
+    ends = {key: {"joint": joint, "offset": [0.15, -0.1, 0.0]} for key, joint in ENDS.items()}
     low, high = report_of(flexed(**ends)).data["clips"][0]["muscles"][0]["bulge"]
     assert low < 0.0
     assert high == pytest.approx(0.0, abs=0.01)
@@ -86,6 +89,40 @@ def test_the_bulge_ends_smoothly() -> None:
     assert heights[places[:, 1] < 0.0].max() == 0.0
     assert heights[(places[:, 0] < -0.75) | (places[:, 0] > 0.05)].max() == 0.0
     assert (deltas[heights > 0.01, 1] > 0.0).all()
+
+
+def test_a_belly_that_travels_bulges_nearer_to_its_origin() -> None:
+    """It has a few targets, and players drive them."""
+    still, moving = flexed(activation=FLEXED), flexed(activation=FLEXED, travel=True)
+    assert 1 < len(drive_of(moving)["targets"]) < 12
+    x = still.attribute("limb", "POSITION")[:, 0]
+    middles = []
+    for file in (still, moving):
+        weights = file.weights("limb", "fold", [1.0])[0]
+        heights = np.linalg.norm(np.tensordot(weights, file.deltas("limb"), axes=1), axis=1)
+        middles.append(float(heights @ x / heights.sum()))
+    assert middles[1] < middles[0] - 0.1
+    times = np.linspace(0.0, 2.0, 9)
+    played, driven = (drive(moving.path, node="limb", clip="fold", times=times, driver=each) for each in (False, True))
+    names = moving.mesh("limb")["extras"]["targetNames"]
+    weights = [np.hstack([each[name] for name in names]) for each in (played, driven)]
+    moves = [np.tensordot(each, moving.deltas("limb"), axes=1) for each in weights]
+    assert np.abs(moves[1] - moves[0]).max() < 0.02 * np.abs(moves[0]).max()
+
+
+@pytest.mark.parametrize("travel", [False, True])
+def test_engines_that_take_no_negative_weights_get_more_targets(travel: bool) -> None:
+    """A muscle that is stretched has negative weights, which other engines play."""
+    behind = {key: {"joint": joint, "offset": [0.15, -0.1, 0.0]} for key, joint in ENDS.items()}
+    plain, unity = (flexed(travel=travel, **behind, engine=engine) for engine in (None, "unity"))
+    times = np.linspace(0.0, 2.0, 21)
+    weights = [file.weights("limb", "fold", times) for file in (plain, unity)]
+    assert weights[0].min() < -0.04 or travel
+    assert weights[1].min() >= 0.0
+    moves = [
+        np.tensordot(each, file.deltas("limb"), axes=1) for each, file in zip(weights, (plain, unity), strict=True)
+    ]
+    assert np.abs(moves[1] - moves[0]).max() < 1e-4
 
 
 def test_players_drive_muscles_as_the_bake_does() -> None:
@@ -170,6 +207,8 @@ def test_check_tells_of_muscles(wrinkle: Wrinkle, tmp_path: Path) -> None:
 
 
 def test_a_muscle_that_no_joint_shortens_is_warned_of(wrinkle: Wrinkle, tmp_path: Path) -> None:
-    tools = write_tools(tmp_path / "tools.yaml", tool(), muscles=[muscle(insertion=[-0.2, 0.1, 0.0])])
+    text = {"version": 1, "muscles": [muscle(insertion=[-0.2, 0.1, 0.0])]}
+    tools = tmp_path / "tools.yaml"
+    tools.write_text(json.dumps(text))
     ran = wrinkle("check", ARM(), tools)
     assert "both ends are on 'joint_0', so no joint shortens it" in ran.out

@@ -14,7 +14,7 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.drive.drive import Drive
 from wrinklecli.drive.segment import RestLength, Segment, Tension
 from wrinklecli.effects.effect import Moves
-from wrinklecli.effects.muscle.shapes import Belly, displaced
+from wrinklecli.effects.muscle.shapes import Belly, displaced, modes_of
 from wrinklecli.effects.muscle.volume import ACTIVATION, FULLEST, ConstantVolume
 from wrinklecli.errors import BakeError, WrinkleError, listed, nearest
 from wrinklecli.numeric.arrays import Floats, determinants, unit
@@ -34,6 +34,8 @@ _WIDTH = 2.4
 _LEAST_SIDE = 0.01
 # Distance of a muscle's middle from its bone, over that of the skin, above which it is no part of the limb.
 _FARTHEST = 1.5
+# Part of the error bound for the modes of a belly that travels; the others are of samples and dropped keys.
+_TRAVEL_SHARE = 0.5
 # Distance of a muscle's ends over the mesh's size below which they are one point.
 _LEAST_SPAN = 1e-9
 
@@ -201,8 +203,8 @@ def _attach(muscle: Muscle, ground: Ground, bones: Bones) -> AttachedMuscle:
         axis=axis,
         side=side,
     )
-    response = ConstantVolume(span, tendons, np.array([FULLEST]))
-    deltas, heights = displaced(belly, response.knots, ground)
+    response = ConstantVolume(span, tendons, *_modes(muscle, belly, ground))
+    deltas, heights = displaced(belly, response.knots, response.mix, ground, travel=muscle.travel)
     if not heights.any():
         raise BakeError("no vertex lies above it", where=muscle.where)
     segment = Segment(
@@ -213,6 +215,14 @@ def _attach(muscle: Muscle, ground: Ground, bones: Bones) -> AttachedMuscle:
     names = tuple(f"wrinkle_{muscle.identifier}_{number + 1}" for number in range(len(deltas)))
     drive = Drive(muscle.name, segment, names, response)
     return AttachedMuscle(muscle, belly, ends, bones.nodes[bone], depth, drive, deltas, heights)
+
+
+def _modes(muscle: Muscle, belly: Belly, ground: Ground) -> tuple[Floats, Floats]:
+    """(knots,) thicknesses over that at rest, and (knots, targets) weights there."""
+    if not muscle.travel:
+        return np.array([FULLEST]), np.ones((1, 1))
+    greatest = belly.thickness * (FULLEST - 1.0)
+    return modes_of(belly, _TRAVEL_SHARE * ground.max_error.resolve(greatest))
 
 
 def _resolved(wanted: object, usual: float, span: float) -> float:

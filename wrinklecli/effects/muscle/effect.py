@@ -1,7 +1,7 @@
 """The effect of one muscle: its morph targets, their weights by its length and activation, and its drive."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -10,11 +10,11 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.sparse_targets import SparseDeltas
 from wrinklecli.drive.drive import Drive
-from wrinklecli.drive.segment import Lengths
-from wrinklecli.effects.effect import Effect, MeshPlan, Motion, targets_of
+from wrinklecli.drive.segment import Lengths, Segment
+from wrinklecli.effects.effect import Effect, MeshPlan, Motion, named_targets, targets_of
 from wrinklecli.effects.muscle.attach import AttachedMuscle
-from wrinklecli.effects.muscle.volume import SHORTEST
-from wrinklecli.effects.shapes import Shape
+from wrinklecli.effects.muscle.volume import SHORTEST, THINNEST, ConstantVolume, weights_of
+from wrinklecli.effects.shapes import Shape, summed
 from wrinklecli.errors import counted
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, nonzero_rows, significant
@@ -32,11 +32,13 @@ class MuscleEffect(Effect):
         attached: The muscle at rest.
         deltas: (targets, fine vertices, 3) displacements at weight 1, bind space.
         gained: Volume that the skin gains at the greatest thickness, cubic scene units.
+        split: The response with a further target, so that no weight is below 0; None if weights may be.
     """
 
     attached: AttachedMuscle
     deltas: Floats
     gained: float
+    split: ConstantVolume | None = None
 
     section: ClassVar[str] = "muscles"
 
@@ -48,7 +50,9 @@ class MuscleEffect(Effect):
     @property
     def drive(self) -> Drive:
         """The segment of the muscle, and the weights that keep its volume."""
-        return self.attached.drive
+        if self.split is None:
+            return self.attached.drive
+        return replace(self.attached.drive, targets=self.target_names, response=self.split)
 
     @classmethod
     def count_targets(cls, effects: Sequence[Effect]) -> str:
@@ -56,16 +60,29 @@ class MuscleEffect(Effect):
         return f"{counted(len(effects), 'muscle')} in {counted(len(targets_of(effects)), 'morph target')}"
 
     def shape_weights(self, sampled: Floats) -> Floats:
-        """The weights as sampled."""
-        return sampled
+        """The weights as sampled, or split so that none is below 0."""
+        return sampled if self.split is None else self.split.split(sampled)
 
     def stored_weights(self, rig: Rig) -> Floats:
         """(targets,) weights in the stored pose: zeros, unless the tools file has another rest pose."""
-        return np.asarray(self.drive.weights_in(rig.own, None)(np.zeros(1))[0])
+        return np.asarray(self.written(self.drive.weights_in(rig.own, None)(np.zeros(1)))[0])
 
     def weights_at(self, rig: Rig, motion: Motion, _sampled: Floats, times: Floats) -> Floats:
         """(times, targets) the weights of the drive."""
-        return self.drive.weights_in(rig.own, motion.clip)(times)
+        return self.attached.drive.weights_in(rig.own, motion.clip)(times)
+
+    def with_unit_weights(self, _sampled: Sequence[Floats]) -> "MuscleEffect":
+        """The same motion with weights in [0, 1]: weights below 0 get targets of their own."""
+        response = self.attached.response
+        lows = np.maximum(-weights_of(np.array([THINNEST, *response.knots]), response.knots, response.mix), 0.0).max(
+            axis=0
+        )
+        shapes = [None if target is None else target.shape for target in self.targets]
+        pairs = zip(shapes, lows.tolist(), strict=True)
+        minus = [summed([shape], np.array([-low])) for shape, low in pairs if shape is not None and low > 0]
+        return replace(
+            self, targets=named_targets(self.identifier, [*shapes, *minus]), split=replace(response, lows=lows)
+        )
 
     def acting(self, rig: Rig, clip: Clip, time: float) -> list[tuple[Shape, float]]:
         """Nothing: the rig has the muscle's targets among its own."""
@@ -100,8 +117,14 @@ class MuscleEffect(Effect):
 
     def weight_error(self, played: Floats, exact: Floats, _state: Lengths, _clip: Clip) -> float:
         """Largest error of the move that a weight stands for, scene units."""
-        sizes = np.array([target.shape.tallest for target in self.targets if target is not None])
-        return float((np.abs(played - self.written(exact)) * sizes).max(initial=0.0))
+        sizes = np.array([0.0 if target is None else target.shape.tallest for target in self.targets])
+        every = np.zeros((len(played), len(self.targets)))
+        every[:, self.columns] = played
+        count = exact.shape[1]
+        if self.split is not None and self.split.lows is not None:
+            negative = np.flatnonzero(self.split.lows)
+            every[:, negative] -= every[:, count:] * self.split.lows[negative]
+        return float((np.abs(every[:, :count] - exact) * sizes[:count]).max(initial=0.0))
 
     def describe(self, plan: MeshPlan) -> Json:
         """The muscle's entry in the report; lengths are scene units, volumes cubic ones."""
@@ -166,6 +189,11 @@ class MuscleEffect(Effect):
         for motion, state, _ in motions:
             lengths = np.where(state.active, state.distances, response.rest_length)
             moved |= bool((np.abs(lengths / response.rest_length - 1.0) > _LEAST_CHANGE).any())
+            # Ends that come too near are a fault of the muscle's place; what an activation adds is not.
+            signal = attached.drive.signal
+            tension = signal.tension if isinstance(signal, Segment) else None
+            if tension is not None:
+                lengths = lengths + tension.at(plan.rig.own, motion.clip, motion.times)
             if lengths.min() < least:
                 least, at, clip = float(lengths.min()), float(motion.times[int(np.argmin(lengths))]), motion.clip.name
         if motions and not moved:

@@ -19,6 +19,9 @@ from wrinklecli.surface.ground import Ground
 from wrinklecli.tools.body import Muscle
 from wrinklecli.tools.records import EffectTool, ToolsFile
 
+# Thicknesses of a belly that travels at which its normals are right.
+_FIT_KNOTS = 12
+
 
 @dataclass(frozen=True, slots=True)
 class MuscleLayer:
@@ -73,9 +76,10 @@ class MuscleLayer:
         muscle, deltas = self.muscles[number], self.deltas[number]
         vertices = np.flatnonzero(np.any(deltas, axis=(0, 2)))
         moves = np.einsum("vij,kvj->kvi", plan.fine.blended[vertices, :, :3], deltas[:, vertices])
-        # Each knot's shape acts alone there, so its normals are right there; in between they are nearly so.
         pose = Pose(plan.rest.matrices, plan.rest.morph_weights)
-        samples = [Sample(row, pose) for row in np.eye(len(deltas))] if plan.has_normals else []
+        knots = muscle.response.mix
+        chosen = np.linspace(len(knots) - 1, 0, min(_FIT_KNOTS, len(knots))).astype(int)
+        samples = [Sample(row, pose) for row in knots[chosen]] if plan.has_normals else []
         shapes = make_shapes(
             plan.fine,
             vertices,
@@ -84,7 +88,7 @@ class MuscleLayer:
             samples=samples,
         )
         identifier = muscle.tool.identifier
-        gained = _gained(plan, vertices, moves[-1])
+        gained = _gained(plan, vertices, np.tensordot(knots[-1], moves, axes=1))
         return MuscleEffect(identifier, named_targets(identifier, shapes), muscle, deltas, gained)
 
     def warnings(self, _plan: MeshPlan, _clips: Sequence[Clip]) -> list[str]:

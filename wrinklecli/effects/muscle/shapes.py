@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from wrinklecli.effects.muscle.volume import FULLEST, THINNEST
 from wrinklecli.numeric.arrays import Floats, Ints, inverses, singular, smoothstep, unit
 from wrinklecli.numeric.nearest import pairs_within
 from wrinklecli.surface.ground import Ground
@@ -26,6 +27,8 @@ _NEAR = (1.5, 2.2)
 _MOST_ANGLE = np.radians(150.0)
 # Part of the way to opposite skin that a vertex may move: both sides may have a muscle.
 _OF_GAP = 0.45
+# Thicknesses and places at which the shapes of a belly that travels are compared.
+_MOMENTS = 129
 # A vertex whose height is below this ratio of the greatest stays still: nobody would see it.
 _LEAST = 1e-4
 
@@ -88,13 +91,48 @@ def spindle(along: Floats, start: float, length: float) -> Floats:
     return np.asarray(np.sin(np.pi * shares) ** 2)
 
 
-def displaced(belly: Belly, knots: Floats, ground: Ground) -> tuple[Floats, Floats]:
+def modes_of(belly: Belly, tolerance: float) -> tuple[Floats, Floats]:
+    """The few modes of which all shapes of a belly that travels are sums, to a tolerance in scene units.
+
+    Returns:
+        (knots,) thicknesses over that at rest, and (knots, modes) weights there of modes whose weights reach 1.
+    """
+    knots = np.append(THINNEST, np.linspace(1.0, FULLEST, _MOMENTS + 1)[1:])
+    wanted = heights_along(belly, knots, np.linspace(0.0, belly.span, _MOMENTS), travel=True)
+    left, sizes, right = np.linalg.svd(wanted, full_matrices=False)
+    count = next(n for n in range(1, len(sizes) + 1) if np.abs(wanted - _sum(left, sizes, right, n)).max() <= tolerance)
+    # A mode's sign is that of its largest weight, whatever the library chooses.
+    mix = left[:, :count]
+    return knots, mix / mix[np.argmax(np.abs(mix), axis=0), np.arange(count)]
+
+
+def _sum(left: Floats, sizes: Floats, right: Floats, count: int) -> Floats:
+    return np.asarray((left[:, :count] * sizes[:count]) @ right[:count])
+
+
+def heights_along(belly: Belly, thicknesses: Floats, along: Floats, *, travel: bool) -> Floats:
+    """(thicknesses, places) heights of the skin above the middle of a belly, at (places,) distances from its origin.
+
+    What a belly gains lies above it. A belly that travels is as near to its origin as at rest, and gets shorter there.
+    """
+    start, length = belly.tendons / 2.0, belly.span - belly.tendons
+    gained = thicknesses - 1.0
+    if not travel:
+        return belly.thickness * np.multiply.outer(gained, spindle(along, start, length))
+    lengths = length / np.maximum(thicknesses, 1.0) ** 2
+    profiles = [spindle(along, start, each) for each in lengths.tolist()]
+    return belly.thickness * gained[:, None] * np.reshape(profiles, (-1, len(along)))
+
+
+def displaced(belly: Belly, knots: Floats, mix: Floats, ground: Ground, *, travel: bool) -> tuple[Floats, Floats]:
     """Displace the coarse skin above a belly.
 
     Args:
         belly: The muscle at rest.
-        knots: (targets,) thicknesses over that at rest.
+        knots: (knots,) thicknesses over that at rest.
+        mix: (knots, targets) weights of the targets there.
         ground: The mesh.
+        travel: True if the belly moves towards its origin.
 
     Returns:
         (targets, vertices, 3) displacements in bind space, and (vertices,) the greatest heights, scene units.
@@ -103,15 +141,17 @@ def displaced(belly: Belly, knots: Floats, ground: Ground) -> tuple[Floats, Floa
     along = belly.along(rest.positions)
     vertices = np.flatnonzero((along > belly.tendons / 2.0) & (along < belly.span - belly.tendons / 2.0))
     normals = rest.normals_at(vertices)
-    profile = spindle(along[vertices], belly.tendons / 2.0, belly.span - belly.tendons)
-    factors = profile * belly.round(rest.positions[vertices], normals)
-    seen = (factors > _LEAST * factors.max(initial=0.0)) & ~singular(rest.blended[vertices])
-    vertices, normals, factors = vertices[seen], normals[seen], factors[seen]
-    heights = belly.thickness * (knots[:, None] - 1.0) * factors
+    heights = heights_along(belly, knots, along[vertices], travel=travel)
+    heights *= belly.round(rest.positions[vertices], normals)
+    greatest = np.abs(heights).max(axis=0, initial=0.0)
+    seen = (greatest > _LEAST * greatest.max(initial=0.0)) & ~singular(rest.blended[vertices])
+    vertices, normals, heights = vertices[seen], normals[seen], heights[:, seen]
     heights *= _allowed(ground, vertices, normals, heights)
-    deltas, greatest = np.zeros((len(knots), len(rest.positions), 3)), np.zeros(len(rest.positions))
+    deltas, greatest = np.zeros((mix.shape[1], len(rest.positions), 3)), np.zeros(len(rest.positions))
     inward = inverses(rest.blended[vertices])
-    deltas[:, vertices] = np.einsum("vij,vj,kv->kvi", inward, normals, heights)
+    # The modes are orthogonal, so those of the heights are their products.
+    parts = (mix / np.sum(mix**2, axis=0)).T @ heights
+    deltas[:, vertices] = np.einsum("vij,vj,kv->kvi", inward, normals, parts)
     greatest[vertices] = np.abs(heights).max(axis=0)
     return deltas, greatest
 

@@ -24,8 +24,8 @@ SHORTEST, LONGEST = 0.5, 1.6
 """Belly lengths over that at rest between which a muscle keeps its volume: the filaments of its fibres slide no
 further. Beyond, its thickness stays."""
 
-# Rows of the table for players: straight lines between them are right to 1/800 of the greatest weight.
-_ROWS = 33
+# Rows of the table for players: straight lines between them are right to 1/3000 of the greatest weight.
+_ROWS = 65
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,13 +35,17 @@ class ConstantVolume:
     Attributes:
         rest_length: Distance of the ends at rest, scene units.
         tendons: Length of both tendons, scene units.
-        knots: (targets,) sorted thicknesses over that at rest, above 1, at which one target alone has weight 1; weights
-            are straight between them, and go on straight below 1, where a stretched muscle is thinner.
+        knots: (knots,) sorted thicknesses over that at rest, without 1, at which weights are given.
+        mix: (knots, targets) weights there. They are 0 at rest and straight in between; see `weights_of`.
+        lows: (targets,) the size of the most negative weights; if any is above 0, further targets stand for these, so
+            that no weight is below 0.
     """
 
     rest_length: float
     tendons: float
     knots: Floats
+    mix: Floats
+    lows: Floats | None = None
 
     @property
     def belly(self) -> float:
@@ -59,25 +63,37 @@ class ConstantVolume:
     def weights(self, reading: Lengths) -> Floats:
         """(frames, targets) weights at the measurements of the segment; 0 while the character is hidden."""
         distances = np.where(reading.active, reading.distances, self.rest_length)
-        return weights_of(self.thicknesses(distances), self.knots)
+        return self.split(weights_of(self.thicknesses(distances), self.knots, self.mix))
+
+    def split(self, weights: Floats) -> Floats:
+        """(frames, targets) weights with those below 0 on targets of their own, if there are such targets."""
+        if self.lows is None:
+            return weights
+        negative = np.flatnonzero(self.lows)
+        below = np.maximum(-weights[:, negative], 0.0) / self.lows[negative]
+        return np.concatenate([np.where(self.lows > 0, np.maximum(weights, 0.0), weights), below], axis=1)
 
     def to_json(self) -> Json:
         """A table of weights by shortenings, as extras store it."""
         lengths = np.linspace(LONGEST, SHORTEST, _ROWS)
         distances = self.tendons + lengths * self.belly
-        table = weights_of(lengths**-0.5, self.knots)
+        table = self.split(weights_of(lengths**-0.5, self.knots, self.mix))
         return {"shortenings": stored(1.0 - distances / self.rest_length), "weights": stored(table, 6)}
 
 
-def weights_of(thicknesses: Floats, knots: Floats) -> Floats:
-    """(frames, targets) weights of targets that are shapes at (targets,) knots, for (frames,) thicknesses over rest."""
-    places = np.append(1.0, knots)
-    columns = np.vstack([np.zeros(len(knots)), np.eye(len(knots))])
-    weights = np.stack([np.interp(thicknesses, places, column) for column in columns.T], axis=1)
-    thin = thicknesses < 1.0
-    weights[thin, 0] = (thicknesses[thin] - 1.0) / (knots[0] - 1.0)
+def weights_of(thicknesses: Floats, knots: Floats, mix: Floats) -> Floats:
+    """(frames, targets) weights for (frames,) thicknesses over rest, from (knots, targets) weights at (knots,) ones.
+
+    They are straight between the knots and rest. Without a knot below 1, those of the first go on straight there.
+    """
+    places, columns = np.append(knots, 1.0), np.vstack([mix, np.zeros((1, mix.shape[1]))])
+    order = np.argsort(places)
+    weights = np.stack([np.interp(thicknesses, places[order], column[order]) for column in columns.T], axis=1)
+    if knots[0] > 1.0:
+        thin = thicknesses < 1.0
+        weights[thin] = np.multiply.outer((thicknesses[thin] - 1.0) / (knots[0] - 1.0), mix[0])
     return weights
 
 
-FULLEST = SHORTEST**-0.5
-"""The greatest thickness over that at rest."""
+FULLEST, THINNEST = SHORTEST**-0.5, LONGEST**-0.5
+"""The greatest and the least thickness over that at rest."""
