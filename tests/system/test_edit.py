@@ -167,6 +167,18 @@ def test_a_proposal_is_pictured_pointed_at_taken_and_compared(tmp_path: Path) ->
             assert raised is not None
             assert page.player.clip == raised.clip.name
             take_picture(tab, "taken")
+            (whole,) = session.meshes(raised.clip.name, page.player.time)
+            (plain,) = session.meshes(raised.clip.name, page.player.time, wrinkled=False)
+            tab.press("v", code=86)
+            until(lambda: page._viewport._plane is not None, "a split view")
+            take_picture(tab, "split")
+            until(lambda: page._viewport.shown[0].source is plain.source, "the refined surface")
+            (half,), moved = page._viewport.shown, (whole.positions != plain.positions).any(axis=1)
+            seen = [on_screen(page, place)[0] for place in plain.positions[moved]]
+            is_plain = (half.positions == plain.positions).all(axis=1)[moved]
+            assert (is_plain == (np.array(seen) < page.server.get_clients().popitem()[1].camera.image_width / 2)).all()
+            tab.press("v", code=86)
+            until(lambda: page._viewport._plane is None, "no split any more")
             (client,) = page.server.get_clients().values()
             eye = client.camera.position.copy()
             tab.press_text("Materials")

@@ -64,6 +64,7 @@ class DrawnScene:
         self._lines: dict[str, viser.LineSegmentsHandle] = {}
         self._dots: dict[tuple[str, int], viser.IcosphereHandle] = {}
         self._highlight: tuple[SurfacePoints, viser.IcosphereHandle] | None = None
+        self._cut: viser.LineSegmentsHandle | None = None
         self._outlines: tuple[ToolOutline, ...] = ()
         self._chosen: str | None = None
         self._size = 1.0
@@ -150,6 +151,18 @@ class DrawnScene:
                 line.colors = np.array(colour, np.uint8)
             if outline.name == chosen:
                 self._show_dots(outline, places)
+
+    def show_cut(self, segments: Floats | None) -> None:
+        """Show where a split cuts the surface, (segments, 2, 3); None for no split."""
+        if segments is None or not len(segments):
+            if self._cut is not None:
+                self._cut.visible = False
+            return
+        if self._cut is None:
+            self._cut = self._scene.add_line_segments(
+                f"/{self._name}/cut", segments, _WIRE, thickness=_LINE, thickness_units="screen"
+            )
+        self._cut.points, self._cut.visible = segments.astype(np.float32), True
 
     def highlight(self, spot: SurfacePoints | None, points: Sequence[Floats]) -> None:
         """Show a dot on a single point, which moves with its body; None removes the dot."""

@@ -15,8 +15,9 @@ from wrinklecli.editor.baked_file import BakedFile
 from wrinklecli.editor.page.drawing import Body, SurfacePoints, ToolOutline, body_of, outline_of
 from wrinklecli.editor.page.drawn_scene import HINTED, LOOKS, Drag, DrawnScene, Look
 from wrinklecli.editor.page.player import Player
+from wrinklecli.editor.page.split import SplitPlane
 from wrinklecli.editor.page.viewpoints import FOV, SIDES, frame_asset, frame_tool
-from wrinklecli.editor.page.widgets import PageHost, add_group, add_shortcut, on_set
+from wrinklecli.editor.page.widgets import PageHost, add_group, add_shortcut, on_set, value_within
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats
@@ -28,6 +29,7 @@ from wrinklecli.review.preview.shown import INKS
 
 _HINT: Colour = (1.0, 0.55, 0.0)  # of a tool that is hinted at, sRGB
 _READ_SECONDS = 0.08  # seconds in which a browser reads a coloured mesh
+_RESTS_SECONDS = 0.15  # after which a camera that was turned rests, and the split follows it
 _BESIDE_DISTANCE = 1.15  # widths of the asset between it and what is shown beside it
 _UNWRINKLED, _AT_REST = "without wrinkles", "at rest"
 _BESIDE = ("nothing", _UNWRINKLED, _AT_REST)  # what may be shown beside it
@@ -84,6 +86,9 @@ class Viewport:
         self.shown: list[ShownMesh] = []
         self._document: Document | None = None
         self._baked: BakedFile | None = None
+        self._camera: viser.CameraHandle | None = None  # of the tab that was turned last
+        self._plane: SplitPlane | None = None
+        server.on_client_connect(self._follow)
         self.refresh()
 
     def add_widgets(self, *, heat: bool) -> None:
@@ -97,17 +102,45 @@ class Viewport:
         self._as_baked: Any = gui.add_checkbox("baked file", initial_value=False, hint=tip, visible=False)
         tip = "Show it a second time: at the same moment without wrinkles, or at rest."
         self._beside: Any = gui.add_dropdown("beside", _BESIDE, hint=tip)
+        tip = "Part of the view, from the left, that is shown without wrinkles. V shows a half so, or nothing."
+        self._split: Any = gui.add_slider("split (%)", 0, 100, 1, 0, hint=tip)
         add_group(self._page, "look from", {side: partial(self.look_at_all, side) for side in SIDES})
         for each in (self._look, self._wire, self._beside):
             on_set(self._page, each, "bodies", self._show_bodies)
-        for each in (self._wrinkled, self._as_baked):
+        own: tuple[Any, ...] = (self._wrinkled, self._as_baked, self._split)
+        for each in own:
             on_set(self._page, each, "wrinkles", self._page.show)
+        add_shortcut(self._page, "Split the view: without wrinkles on the left", self._halve, hotkey="V")
         add_shortcut(self._page, "Before or after: hide wrinkles, or show them", self._exchange, hotkey="B")
 
     def _exchange(self) -> None:
         """Hide the wrinkles, or show them again."""
         self._wrinkled.value = not self._wrinkled.value
         self._page.show()
+
+    def _halve(self) -> None:
+        """Show the left half without wrinkles, or nothing."""
+        self._split.value = 0 if self._split.value else 50
+        self._page.show()
+
+    async def _follow(self, client: viser.ClientHandle) -> None:
+        """Take the camera of a new tab, and move the split when the tab is turned."""
+
+        async def turned(camera: viser.CameraHandle) -> None:
+            self._camera = camera
+            if self._split.value:
+                self._work.put_later("split", _RESTS_SECONDS, self._page.show)
+
+        self._camera = client.camera
+        client.camera.on_update(turned)
+
+    def _seen_plane(self) -> SplitPlane | None:
+        """The plane of the split; None if there is none, or nobody to see it."""
+        share = value_within(self._split) / 100.0
+        if not share or self._camera is None or not self._wrinkled.value:
+            return None
+        with np.errstate(all="ignore"):  # a tab may say anything of its camera
+            return SplitPlane.seen_by(self._camera, share)
 
     def refresh(self) -> None:
         """Read the colours of a new asset, and withdraw the baked file if the tools have changed since."""
@@ -130,6 +163,14 @@ class Viewport:
         before = self.shown
         self._moment = player.clip, player.time
         self.shown = self._meshes(*self._moment, wrinkled=self._wrinkled.value)
+        self._plane = self._seen_plane()
+        if self._plane is not None:
+            self.shown = [
+                replace(mesh, positions=self._plane.between(plain.positions, mesh.positions))
+                if plain.source is mesh.source
+                else mesh
+                for mesh, plain in zip(self.shown, self._meshes(*self._moment, wrinkled=False), strict=False)
+            ]
         pairs = list(zip(self.shown, before, strict=False))
         same_sources = len(before) == len(self.shown) and all(new.source is old.source for new, old in pairs)
         # A drag moves other vertices, but of the same triangles.
@@ -191,6 +232,8 @@ class Viewport:
         return self._meshes(None, 0.0) if self._beside.value == _AT_REST else []
 
     def _move_bodies(self) -> None:
+        cuts = [] if self._plane is None else [self._plane.cut(mesh.positions, mesh.faces) for mesh in self.shown]
+        self._scene.show_cut(np.concatenate(cuts) if cuts else None)
         if self._scene.move_bodies(self._points, self._heats(self.shown)):
             self._work.put_later("swap", _READ_SECONDS, self._scene.swap)
         beside = self._meshes_beside()

@@ -1,0 +1,59 @@
+"""A view that is split: surfaces have no wrinkles left of a plane through the eye, and have them right of it.
+
+Both states have the same triangles, so the plane chooses between them vertex by vertex, and nothing has to be clipped.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from viser import CameraHandle, transforms
+
+from wrinklecli.numeric.arrays import Floats, Ints
+
+# Part of the distance to the eye by which the line of the cut lies before the surface, so that this does not hide it.
+_LIFT = 0.003
+
+
+@dataclass(frozen=True, slots=True)
+class SplitPlane:
+    """A plane that the eye sees as an upright line.
+
+    Attributes:
+        eye: (3,) a point of it.
+        right: (3,) unit normal, to the right.
+    """
+
+    eye: Floats
+    right: Floats
+
+    @classmethod
+    def seen_by(cls, camera: CameraHandle, share: float) -> "SplitPlane | None":
+        """The plane at a share of a view's width; None for a camera that sees nothing."""
+        axes = transforms.SO3(np.asarray(camera.wxyz)).as_matrix()  # columns: right, down, forwards
+        aspect = camera.image_width / max(camera.image_height, 1)
+        across = (2.0 * share - 1.0) * np.tan(camera.fov / 2.0) * aspect
+        normal = axes[:, 0] - across * axes[:, 2]
+        length, eye = float(np.linalg.norm(normal)), np.array(camera.position, float)
+        sound = np.isfinite([*eye, *normal]).all() and length > 0
+        return cls(eye, normal / length) if sound else None
+
+    def distances(self, points: Floats) -> Floats:
+        """(points,) distances of (points, 3) from the plane; those to the right are positive."""
+        found: Floats = (points - self.eye) @ self.right
+        return found
+
+    def between(self, left: Floats, right: Floats) -> Floats:
+        """(points, 3) of the state to the left or to the right, by the side on which the left one is."""
+        return np.where((self.distances(left) > 0)[:, None], right, left)
+
+    def cut(self, points: Floats, triangles: Ints) -> Floats:
+        """(segments, 2, 3) where the plane cuts (triangles, 3) of (points, 3), a little nearer to the eye."""
+        away = self.distances(points)
+        sides = away[triangles] > 0
+        chosen = triangles[sides.any(axis=1) & ~sides.all(axis=1)]
+        starts, ends = chosen, np.roll(chosen, -1, axis=1)
+        crossed = (away[starts] > 0) != (away[ends] > 0)  # two edges of each
+        a, b = starts[crossed], ends[crossed]
+        shares = (away[a] / (away[a] - away[b]))[:, None]
+        found = (1.0 - shares) * points[a] + shares * points[b]
+        return np.asarray((found + _LIFT * (self.eye - found)).reshape(-1, 2, 3))
