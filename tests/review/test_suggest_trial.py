@@ -10,7 +10,7 @@ from kit.suggested import squeezed
 from wrinklecli.character.clip import read_clips
 from wrinklecli.gltf.document import read_document
 from wrinklecli.review.suggest.fitted_tools import Suggestion
-from wrinklecli.review.suggest.trial import try_on_refined_meshes
+from wrinklecli.review.suggest.trial import TriedAsset, try_on_refined_meshes
 from wrinklecli.tools.records import Length, RefinementSettings, WrinkleTool
 
 FACETED = RefinementSettings(scheme="midpoint")
@@ -35,7 +35,7 @@ def test_a_tool_that_check_warns_of_for_its_place_is_narrower_where_that_helps(
 ) -> None:
     document = read_document(sheet(tmp_path / "a.glb", np.concatenate(profile)))
     made = suggestion(half, width, 0.1 if profile is FOLDED else 0.0)
-    found = try_on_refined_meshes(document, [made], read_clips(document), FACETED)
+    found = try_on_refined_meshes(TriedAsset(document, read_clips(document)), [made], FACETED)
     assert [each.tool.width.value for each in found.tools] == [kept]
     assert not found.notes
 
@@ -43,7 +43,8 @@ def test_a_tool_that_check_warns_of_for_its_place_is_narrower_where_that_helps(
 def test_a_fold_much_shorter_than_its_triangles_is_left_out(tmp_path: Path) -> None:
     document = read_document(sheet(tmp_path / "a.glb", [(-0.5, 0.0), (0.0, 0.0), (0.5, 0.0)]))
     short = suggestion(0.02, 0.05, 0.0, "short")
-    found = try_on_refined_meshes(document, [suggestion(0.4, 0.3, 0.0), short], read_clips(document), FACETED)
+    tried = TriedAsset(document, read_clips(document))
+    found = try_on_refined_meshes(tried, [suggestion(0.4, 0.3, 0.0), short], FACETED)
     assert [each.tool.name for each in found.tools] == ["fold"]
     (note,) = found.notes
     assert "left out a fold that squeeze makes" in note

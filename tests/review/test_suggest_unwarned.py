@@ -11,6 +11,7 @@ from kit.asset import Asset
 from wrinklecli import check, suggest
 from wrinklecli.character.clip import read_clips
 from wrinklecli.gltf.document import read_document
+from wrinklecli.review.suggest.trial import TriedAsset
 from wrinklecli.review.suggest.unwarned import unwarned
 from wrinklecli.review.suggest.worth import Dropped, Worthwhile
 from wrinklecli.tools.records import Length, RefinementSettings
@@ -40,12 +41,12 @@ def test_a_tool_is_made_to_fit_or_left_out(tmp_path: Path) -> None:
     best = suggest(asset, count=1).tools[0]
     # What it lacks is given to it ...
     stiff = replace(best, tool=replace(best.tool, compressible=0.0, max_height="auto"), lower=None)
-    found = unwarned(document, Worthwhile([stiff], RefinementSettings(), [], []), clips)
+    found = unwarned(TriedAsset(document, clips), Worthwhile([stiff], RefinementSettings(), [], []), clips)
     assert found.dropped == []
     assert found.tools[0].tool.compressible > 0.3
     # ... and what no key mends is left out, with the line of `check`.
     wide = replace(best, tool=replace(best.tool, width=Length(11.0 * best.span)), lower=None)
-    found = unwarned(document, Worthwhile([wide], RefinementSettings(), [], []), clips)
+    found = unwarned(TriedAsset(document, clips), Worthwhile([wide], RefinementSettings(), [], []), clips)
     assert found.tools == []
     (dropped,) = found.dropped
     assert (dropped.name, dropped.reason) == (best.tool.name, "warned")

@@ -19,6 +19,7 @@ from wrinklecli.review.suggest.fitted_tools import Suggestion
 from wrinklecli.review.suggest.stage import StagedTool
 from wrinklecli.review.suggest.suggest import suggest
 from wrinklecli.review.suggest.text import tools_text
+from wrinklecli.review.suggest.trial import TriedAsset
 from wrinklecli.review.suggest.worth import Worthwhile, worthwhile
 from wrinklecli.tools.records import Length, RefinementSettings, WrinkleTool
 
@@ -44,7 +45,7 @@ def suggestion(name: str = "fold", *, start: float = -0.4, stop: float = 0.4, he
 def judged(path: Path, *tools: Suggestion, count: int = 8, everything: bool = False) -> Worthwhile:
     document = read_document(path)
     refinement = RefinementSettings(scheme="midpoint")
-    return worthwhile(document, tools, read_clips(document), refinement, count=count, everything=everything)
+    return worthwhile(TriedAsset(document, read_clips(document)), tools, refinement, count=count, everything=everything)
 
 
 def reasons(found: Worthwhile) -> list[tuple[str, str]]:

@@ -29,7 +29,7 @@ _JUDGED = 400
 # Displacement, as a part of the greatest one, from which a triangle is on the place of wrinkles.
 _LEAST_WRINKLE = 0.05
 # Sides or lights that are looked at together, the most promising first: the best is often among the first few.
-_AT_ONCE = 8
+_AT_ONCE = 2
 # Angles between the key light and the view, degrees: light that comes from the side shows relief, and light from
 # farther behind leaves most of a limb in the shade.
 _SLANTS = (50.0, 70.0)
@@ -139,7 +139,8 @@ def best_side(place: Place, free: Free) -> Side:
     scores = np.zeros(len(ANGLES))
     some = _COARSE
     for _ in range(2):  # the coarse sides, then those beside the best
-        scores[some] = _seen(shares[some], LEVELS[some], backs[some], free)
+        floor = float(np.max(LEVELS * scores))
+        scores[some] = _seen(shares[some], LEVELS[some], backs[some], free, floor=floor)
         best = int(np.argmax(LEVELS * scores))
         some = np.flatnonzero((backs @ backs[best] > _BESIDE) & (scores == 0.0))
     whole = FACES * float(weights.sum())
@@ -164,21 +165,21 @@ def best_light(place: Place, axes: Floats, free: Free) -> Floats:
     directions = lights @ axes
     before, after = (directions @ each.T for each in (place.plain_normals, place.normals))
     shares = seen * (np.abs(np.maximum(after, 0.0) - before) + _LIT * before) * (before > 0)
-    scores = _seen(shares, factors, directions, free)
+    scores = _seen(shares, factors, directions, free, floor=0.0)
     return np.asarray(lights[np.argmax(factors * scores)])
 
 
-def _seen(shares: Floats, factors: Floats, directions: Floats, free: Free) -> Floats:
+def _seen(shares: Floats, factors: Floats, directions: Floats, free: Free, *, floor: float) -> Floats:
     """(directions,) sums of (directions, points) shares that nothing hides; 0 where the sum is not the greatest.
 
-    The sums are compared times (directions,) factors.
+    The sums are compared times (directions,) factors. Those that are at most the floor are not needed.
     """
     seen = np.zeros(len(directions))
     bounds = factors * shares.sum(axis=1)
     order = np.argsort(-bounds, kind="stable")
     for first in range(0, len(order), _AT_ONCE):
         some = order[first : first + _AT_ONCE]
-        if bounds[some[0]] <= np.max(factors * seen):
+        if bounds[some[0]] <= max(floor, float(np.max(factors * seen))):
             break
         seen[some] = np.sum(shares[some] * free(directions[some]), axis=1)
     return seen

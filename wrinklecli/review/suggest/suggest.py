@@ -24,6 +24,7 @@ from wrinklecli.review.suggest.measure import MeasuredMesh, find_mesh_nodes, mea
 from wrinklecli.review.suggest.substance import is_rigid
 from wrinklecli.review.suggest.suggest_options import SuggestOptions
 from wrinklecli.review.suggest.text import refuse_unwritable, tools_text
+from wrinklecli.review.suggest.trial import TriedAsset
 from wrinklecli.review.suggest.unwarned import unwarned
 from wrinklecli.review.suggest.worth import Dropped, Worthwhile, worthwhile
 from wrinklecli.surface.sites import Peaks
@@ -98,15 +99,15 @@ def suggest(
             of_face = suggest_face(document, nodes, joined.clips)
             raised = with_clips(document, of_face.motions)
             clips = tuple(read_clips(raised))
+            tried = TriedAsset(raised, clips)
             found = worthwhile(
-                raised,
+                tried,
                 of_face.tools,
-                clips,
                 RefinementSettings(),
                 count=len(of_face.tools),
                 everything=options.everything,
             )
-            found = unwarned(raised, found, clips)
+            found = unwarned(tried, found, clips)
             return _written(raised, joined.beside, found, [*notes, *of_face.notes], of_face.reason, [])
         clips = checked = chosen_clips(joined.clips, joined.chosen(options.clips), where=document.path)
         generated: list[Clip] = []
@@ -134,17 +135,17 @@ def suggest(
             least = f"no clip compresses the surface by more than {100 * LEAST_LOSS:g} % anywhere that a tool fits"
             reason = _joined([*hard, least])
         scheme: Scheme = "midpoint" if flat else "butterfly"
+        tried = TriedAsset(document, joined.clips)
         found = worthwhile(
-            document,
+            tried,
             fitted,
-            joined.clips,
             RefinementSettings(scheme=scheme),
             count=options.count,
             everything=options.everything,
             joined=clips,
         )
         if not options.everything:
-            found = unwarned(document, found, checked)
+            found = unwarned(tried, found, checked)
         beside = [*joined.beside, *(os.fspath(path) for path in options.presets)]
         return _written(document, beside, found, [*notes, *reasons], reason, options.written_presets)
 

@@ -4,15 +4,16 @@ Regions are measured on the mesh as it is. Only the refined mesh shows what a to
 triangles become short enough for them.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from wrinklecli.baking.job import BakeOptions, tools_by_node
 from wrinklecli.character.clip import Clip
+from wrinklecli.character.contacts import Neighbours
 from wrinklecli.effects.effect import MeshPlan
-from wrinklecli.effects.plan import plan_mesh
+from wrinklecli.effects.plan import attach_effects, plan_on
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.layer import carried_patches_of
 from wrinklecli.effects.wrinkle.warnings import DEPARTURE, placement_warnings
@@ -21,8 +22,9 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Ints, distinct_values, significant
 from wrinklecli.review.suggest.fitted_tools import Suggestion
 from wrinklecli.review.suggest.text import read_suggested, tools_text
+from wrinklecli.surface.ground import Ground, read_ground
 from wrinklecli.tools.mirror import exchange_sides
-from wrinklecli.tools.records import Length, RefinementSettings
+from wrinklecli.tools.records import Length, RefinementSettings, ToolsFile
 
 # Most times that a tool is made narrower.
 _TRIES = 3
@@ -72,12 +74,31 @@ class Placement:
     departs: bool
 
 
+class TriedAsset:
+    """An asset on which suggestions are tried; each of its meshes is read, and posed in all clips, once."""
+
+    def __init__(self, document: Document, clips: Sequence[Clip]) -> None:
+        """`clips` are all of the asset."""
+        self.document = document
+        self.clips = tuple(clips)
+        self._neighbours = Neighbours(document)
+        self._grounds: dict[int, Ground] = {}
+
+    def ground(self, node: int) -> Ground:
+        """The mesh of a node at rest; suggested tools are laid out in the stored pose."""
+        if node not in self._grounds:
+            settings = ToolsFile(path=self.document.path, tools=())
+            self._grounds[node] = read_ground(
+                self.document, node, [], settings, self.clips, neighbours=self._neighbours
+            )
+        return self._grounds[node]
+
+
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """The asset on which suggestions are tried, all its clips, and the settings with which it is refined."""
+    """The asset on which suggestions are tried, and the settings with which it is refined."""
 
-    document: Document
-    clips: Sequence[Clip]
+    asset: TriedAsset
     refinement: RefinementSettings
 
     def placements(self, suggestions: Sequence[Suggestion]) -> dict[str, Placement]:
@@ -86,10 +107,10 @@ class Trial:
             return {}
         try:
             settings = read_suggested(tools_text(suggestions, "", self.refinement, ["presets.yaml"]), suggestions)
-            by_node, _ = tools_by_node(self.document, settings)
+            by_node, _ = tools_by_node(self.asset.document, settings)
             usual_error = BakeOptions().max_error
             plans = [
-                plan_mesh(self.document, node, tools, settings, tuple(self.clips), usual_error)
+                plan_on(*attach_effects(self.asset.ground(node), tools, settings), settings, usual_error)
                 for node, tools in by_node.items()
             ]
         except WrinkleError:
@@ -110,6 +131,13 @@ class Trial:
             )
         }
 
+    def placed_again(
+        self, suggestions: Sequence[Suggestion], changed: Sequence[Suggestion], placed: Mapping[str, Placement]
+    ) -> dict[str, Placement]:
+        """Place the changed ones of some placed suggestions anew, with those that they touch; give all placements."""
+        moved = [placed[name] for each in changed for name in names_of(each, placed)]
+        return {**placed, **self.placements([each for each in suggestions if _touches(each, placed, moved)])}
+
     def is_coarse(self, suggestions: Sequence[Suggestion]) -> bool:
         """True if edges stay too long for some of the suggestions."""
         return any(each.coarse for each in self.placements(suggestions).values())
@@ -124,17 +152,17 @@ class Trial:
 
 
 def try_on_refined_meshes(
-    document: Document, suggestions: Sequence[Suggestion], clips: Sequence[Clip], refinement: RefinementSettings
+    asset: TriedAsset, suggestions: Sequence[Suggestion], refinement: RefinementSettings
 ) -> TrialResult:
     """Make suggestions as narrow as they need to be; those that cross a fold at any width stay as they were.
 
     A path that crosses a fold gives way to the straight tool. Suggestions are left out where triangles are so long that
     even a finer refinement than usual shows no wrinkles.
 
-    The clips are all of the asset. The refinement is what the file has for other tools; that of the result is finer,
-    or without rounding, where these tools need it.
+    The refinement is what the file has for other tools; that of the result is finer, or without rounding, where these
+    tools need it.
     """
-    trial = Trial(document, clips, refinement)
+    trial = Trial(asset, refinement)
     placed = trial.placements(suggestions)
     if any(each.departs for each in placed.values()) and refinement.scheme != "midpoint":
         trial = replace(trial, refinement=replace(trial.refinement, scheme="midpoint"))
@@ -159,9 +187,8 @@ def try_on_refined_meshes(
         crossing = [each for each in narrowed if _crosses(each, placed)]
         if not crossing:
             break
-        moved = [placed[name] for each in crossing for name in names_of(each, placed)]
         narrowed = [_narrower(each) if _crosses(each, placed) else each for each in narrowed]
-        placed |= trial.placements([each for each in narrowed if _touches(each, placed, moved)])
+        placed = trial.placed_again(narrowed, crossing, placed)
     tools = []
     for wide, narrow in zip(remaining, narrowed, strict=True):
         helped = not _crosses(narrow, placed)
@@ -171,7 +198,7 @@ def try_on_refined_meshes(
     return TrialResult(tools, trial.refinement, placed, notes)
 
 
-def _touches(suggestion: Suggestion, placed: dict[str, Placement], moved: Sequence[Placement]) -> bool:
+def _touches(suggestion: Suggestion, placed: Mapping[str, Placement], moved: Sequence[Placement]) -> bool:
     """True if the refinement under moved tools may change the refinement under the suggestion's."""
     own = [placed[name] for name in names_of(suggestion, placed)]
     pairs = ((first, second) for first in own for second in moved if first.plan.rig.node == second.plan.rig.node)
@@ -183,7 +210,7 @@ def _crosses(suggestion: Suggestion, placed: dict[str, Placement]) -> bool:
     return any(placed[name].crosses for name in names_of(suggestion, placed))
 
 
-def names_of(suggestion: Suggestion, placed: dict[str, Placement]) -> Iterator[str]:
+def names_of(suggestion: Suggestion, placed: Mapping[str, Placement]) -> Iterator[str]:
     """The names of the suggestion's tool and of its twin that could be placed."""
     names = [suggestion.tool.name, *([exchange_sides(suggestion.tool.name)] if suggestion.mirrored else [])]
     return (name for name in names if name in placed)

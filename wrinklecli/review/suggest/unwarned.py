@@ -16,11 +16,10 @@ from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.effects.wrinkle.turned import turned_warnings
 from wrinklecli.effects.wrinkle.warnings import departure_warnings, tool_warnings
 from wrinklecli.effects.wrinkle.weights import fitting_compressible
-from wrinklecli.gltf.document import Document
 from wrinklecli.review.suggest.anatomy import JOINED
 from wrinklecli.review.suggest.fitted_tools import Suggestion
 from wrinklecli.review.suggest.shortening import MOST_COMPRESSIBLE
-from wrinklecli.review.suggest.trial import Placement, Trial, names_of
+from wrinklecli.review.suggest.trial import Placement, Trial, TriedAsset, names_of
 from wrinklecli.review.suggest.worth import Dropped, Worthwhile
 from wrinklecli.tools.records import Sampling
 
@@ -32,19 +31,22 @@ _MOST_CLIPS = 6
 _MOST_FRAMES = 20_000
 
 
-def unwarned(document: Document, found: Worthwhile, clips: Sequence[Clip]) -> Worthwhile:
+def unwarned(asset: TriedAsset, found: Worthwhile, clips: Sequence[Clip]) -> Worthwhile:
     """Remove what `check` would warn of from tools, or the tools.
 
     Args:
-        document: The asset with all clips.
+        asset: With all clips.
         found: Tools that are worth keeping.
         clips: Those that `check` looks at.
     """
     placed = found.placed
     for _ in range(_ROUNDS):
         # A placement holds for the tool as it was placed: refining anew takes as long as measuring the mesh.
-        if any(not _is_placed(each, placed) for each in found.tools):
-            placed = Trial(document, clips, found.refinement).placements(found.tools)
+        changed = [each for each in found.tools if not _is_placed(each, placed)]
+        if changed:
+            trial = Trial(asset, found.refinement)
+            known = all(each.tool.name in placed for each in changed)
+            placed = trial.placed_again(found.tools, changed, placed) if known else trial.placements(found.tools)
         kept: list[Suggestion] = []
         for each in found.tools:
             mended = _mended(each, [placed[name] for name in names_of(each, placed)], _shortest_clips(each, clips))

@@ -14,12 +14,11 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.choices import Part
 from wrinklecli.effects.contact.layer import has_contact
 from wrinklecli.errors import counted
-from wrinklecli.gltf.document import Document
 from wrinklecli.review.preview.sides import UNSEEN, Side, best_moment
 from wrinklecli.review.suggest.fitted_tools import Suggestion
 from wrinklecli.review.suggest.look import Seen, Sight, look_at
 from wrinklecli.review.suggest.stage import Stage, StagedTool
-from wrinklecli.review.suggest.trial import Placement, TrialResult, names_of, try_on_refined_meshes
+from wrinklecli.review.suggest.trial import Placement, TrialResult, TriedAsset, names_of, try_on_refined_meshes
 from wrinklecli.tools.records import Contact, RefinementSettings, WrinkleTool
 
 # Part of a tool's wrinkles below which other parts hide it: of wrinkles round a limb, half and more are visible, and of
@@ -139,9 +138,8 @@ class Worthwhile:
 
 
 def worthwhile(
-    document: Document,
+    asset: TriedAsset,
     suggestions: Iterable[Suggestion],
-    clips: Sequence[Clip],
     refinement: RefinementSettings,
     *,
     count: int,
@@ -151,9 +149,8 @@ def worthwhile(
     """Try and look at suggestions, best first, until some are worth keeping.
 
     Args:
-        document: The asset with all clips.
+        asset: With all clips.
         suggestions: Best first; so many are taken as are needed.
-        clips: All of the asset.
         refinement: What the tools file has at least.
         count: Most tools to keep.
         everything: Keep all that can be baked, without a look.
@@ -163,15 +160,15 @@ def worthwhile(
     found = Worthwhile([], refinement, [], [])
     remaining = islice(suggestions, count if everything else _LOOKS * count)
     while batch := list(islice(remaining, count - len(found.tools))):
-        trial = try_on_refined_meshes(document, batch, clips, found.refinement)
+        trial = try_on_refined_meshes(asset, batch, found.refinement)
         found = replace(found, refinement=trial.refinement)
         found.notes.extend(trial.notes)
         if everything:
             found.tools.extend(trial.tools)
             continue
-        stage = stage or Stage(document, (*joined, *clips))
+        stage = stage or Stage(asset.document, (*joined, *asset.clips))
         found.placed.update(trial.placed)
-        for each in _judged(stage, trial, document, clips):
+        for each in _judged(stage, trial, asset):
             if isinstance(each, Dropped):
                 found.dropped.append(each)
             else:
@@ -179,15 +176,13 @@ def worthwhile(
     return found
 
 
-def _judged(
-    stage: Stage, trial: TrialResult, document: Document, clips: Sequence[Clip]
-) -> Iterator[Suggestion | Dropped]:
+def _judged(stage: Stage, trial: TrialResult, asset: TriedAsset) -> Iterator[Suggestion | Dropped]:
     """Each suggestion of a trial, lower if it must be, or the reason why it is dropped."""
     for each in trial.tools:
         judged = _judge(stage, each, trial.placed)
         if isinstance(judged, Dropped):
             for other in _others(each, judged):
-                again = try_on_refined_meshes(document, [other], clips, trial.refinement)
+                again = try_on_refined_meshes(asset, [other], trial.refinement)
                 found = next((_judge(stage, one, again.placed) for one in again.tools), judged)
                 if isinstance(found, Suggestion):
                     judged = found
