@@ -163,7 +163,7 @@ def low_poly(*, angle: float = 130.0, radius: float = 0.06, sides: int = 5) -> F
 
 
 def armpit(*, angle: float = 80.0, rows: int = 5) -> Fold:
-    """A trunk with an arm that is lowered against it, from a T."""
+    """A trunk with an arm that is lowered against it, from a T; the shoulder's joint is 0.087 m from the fold."""
     body = person(columns=16, rows=rows)
     regions = ("belly", "chest", "sleeve")
     body = body.kept(
@@ -173,7 +173,7 @@ def armpit(*, angle: float = 80.0, rows: int = 5) -> Fold:
         ]
     )
     tools = (_tool("armpit", (0.16, 1.28, 0.0), (0.28, 1.34, 0.0), 0.08),)
-    return Fold(_written(body, None, {"upper_arm.L": ("z", _there(-angle))}), tools, 0.055)
+    return Fold(_written(body, None, {"upper_arm.L": ("z", _there(-angle))}), tools, 0.087)
 
 
 def groin(*, angle: float = 105.0, bow: float = 20.0, rows: int = 5) -> Fold:

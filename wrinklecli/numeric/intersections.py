@@ -87,6 +87,17 @@ class Crossings:
         corners = np.concatenate([self.edges[edges], self.triangles[triangles]], axis=1)
         return flags_of(corners[counting[corners].any(axis=1)], len(positions))
 
+    def pairs_at(self, positions: Floats, counting: Bools | None = None) -> set[tuple[int, int]]:
+        """The edges and the triangles that they pass through at (vertices, 3) positions.
+
+        If (vertices,) `counting` are given, only crossings of which at least one vertex is among these.
+        """
+        edges, triangles = self.at(positions)
+        if counting is not None:
+            chosen = counting[self.edges[edges]].any(axis=1) | counting[self.triangles[triangles]].any(axis=1)
+            edges, triangles = edges[chosen], triangles[chosen]
+        return set(zip(edges.tolist(), triangles.tolist(), strict=True))
+
     def _crossing(self, positions: Floats, edges: Ints, triangles: Ints) -> Ints:
         """(crossings, 2) the pairs of (pairs,) edges and (pairs,) triangles that cross."""
         ends, corners = self.edges.T.take(edges, axis=1), self.triangles.T.take(triangles, axis=1)

@@ -22,6 +22,7 @@ from wrinklecli.effects.contact.system import (
     System,
     crossing_in_clips,
     grouped,
+    holding_contacts,
     near_each_other,
     touching_in_clips,
     union,
@@ -87,6 +88,28 @@ def test_knees_that_meet_in_a_clip_are_found(tmp_path: Path) -> None:
     assert np.isin(vertices, folds[0].vertices).any()
     assert np.isin(vertices, folds[1].vertices).any()
     assert touching_in_clips(folds[:1], clips) == touching_in_clips(folds, []) == []
+
+
+@pytest.mark.quick(1)
+def test_a_fold_holds_what_it_meets_in_a_clip_however_far_from_the_joint(tmp_path: Path) -> None:
+    """Shins that pass through each other 4.5 radii from the knees, where either fold ends."""
+    (fold, _), clips = folds_of("knees", tmp_path)
+    whole, further = fold, np.zeros(0, np.intp)
+    for _ in range(4):
+        apart = distances_from_crossings(whole, further)
+        assert apart is not None
+        whole, fresh = holding_contacts(whole, apart, clips)
+        if not len(fresh):
+            break
+        further = np.union1d(further, fresh)
+    assert not len(fresh)
+    assert np.isin(fold.vertices, whole.vertices).all()
+    assert not np.isin(further, fold.vertices).all()
+    assert np.isin(further, whole.vertices).all()
+    # The other leg is in the way, and no part of this fold.
+    own = whole.fine.rest_positions[whole.vertices[whole.own], 2] > 0
+    assert own.all() or not own.any()
+    assert holding_contacts(fold, distances_from_crossings(fold), [])[0] is fold
 
 
 def test_a_fold_that_only_a_clip_closes_has_shapes_of_the_clip_alone(tmp_path: Path) -> None:

@@ -18,7 +18,15 @@ from wrinklecli.character.motion import approach
 from wrinklecli.drive.table import LeaningTable, Table
 from wrinklecli.effects.contact.fitting import MOST_LOST, combined, fit_pose, fit_poses
 from wrinklecli.effects.contact.fold import RINGS, Fold
-from wrinklecli.effects.contact.given_up import DEGENERATE, TOO_MANY_STEPS, TORN, UNSETTLED, GivenUp, UnresolvedError
+from wrinklecli.effects.contact.given_up import (
+    CRUMPLED,
+    DEGENERATE,
+    TOO_MANY_STEPS,
+    TORN,
+    UNSETTLED,
+    GivenUp,
+    UnresolvedError,
+)
 from wrinklecli.effects.contact.hinge import Hinge
 from wrinklecli.effects.contact.rise import Rise
 from wrinklecli.effects.contact.solution import (
@@ -210,18 +218,22 @@ class Crease:
             self.fold, self.tissue, (*self.sweeps, *poses), share=share, least=max(len(self.shapes), 1), most=most
         )
 
-    def torn_frames(self, clip: Clip | None, times: Floats, weights: Floats, others: Sequence[Moves]) -> list[int]:
-        """The frames, of (frames,) seconds of a clip, in which (frames, shapes) weights tear the surface.
+    def faulty_frames(
+        self, clip: Clip | None, times: Floats, weights: Floats, others: Sequence[Moves]
+    ) -> dict[str, list[int]]:
+        """The frames, of (frames,) seconds of a clip, in which (frames, shapes) weights tear or crumple the surface.
 
-        `others` are moves of other folds, whose shapes add to these.
+        `others` are moves of other folds, whose shapes add to these. There is a list for each reason.
         """
         frames = np.flatnonzero(weights.any(axis=1)).tolist()
-        scale, torn = UNITS / self.fold.radius, []
+        scale, found = UNITS / self.fold.radius, dict[str, list[int]]()
         for frame, (positions, matrices) in zip(frames, self.fold.poses(clip, times[frames]), strict=True):
             shown = positions + np.einsum("vij,vj->vi", matrices, self.moves_with(weights, others, frame))
             if self.tissue.tears(scale * positions, scale * shown):
-                torn.append(frame)
-        return torn
+                found.setdefault(TORN, []).append(frame)
+            elif self.tissue.crumples(scale * positions, scale * shown):
+                found.setdefault(CRUMPLED, []).append(frame)
+        return found
 
     def moves_with(self, weights: Floats, others: Sequence[Moves], frame: int) -> Floats:
         """(vertices, 3) moves by contact in a frame, bind space, from (frames, shapes) weights and the other folds."""

@@ -1,7 +1,7 @@
 """The effect of a fold whose contact is resolved: its targets, their weights in clips, and its drive."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -10,7 +10,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.sparse_targets import SparseDeltas
 from wrinklecli.drive.drive import Drive
-from wrinklecli.effects.contact.given_up import DEGENERATE, GivenUp
+from wrinklecli.effects.contact.given_up import DEGENERATE, WORSE, GivenUp
 from wrinklecli.effects.contact.hinge import Hinge
 from wrinklecli.effects.contact.remaining import Remaining
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, targets_of
@@ -22,6 +22,7 @@ from wrinklecli.numeric.arrays import Floats, Ints, interpolated, matches, signi
 
 if TYPE_CHECKING:
     from wrinklecli.effects.contact.crease import Crease, Followed
+    from wrinklecli.effects.contact.fold import Fold
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,12 +211,17 @@ class FoldWithoutContact(Effect):
         joint: Name of the joint that bends it, if one does.
         given_up: The reason, and where it showed.
         beside: Names of the tools of other folds that move the same vertices, or that touch it in a clip.
+        fold: The surface round the joint.
+        heights: The part of their height that is left of those of its tools that are lowered, so that they cross no
+            more than the skin does, by their names.
     """
 
     tools: tuple[str, ...]
     joint: str | None
     given_up: GivenUp
     beside: tuple[str, ...]
+    fold: "Fold"
+    heights: Mapping[str, float] = field(default_factory=dict)
 
     section: ClassVar[str] = ContactEffect.section
 
@@ -269,6 +275,7 @@ class FoldWithoutContact(Effect):
             "clip": None,
             "joint": self.joint,
             "given_up": asdict(self.given_up),
+            "heights": {name: significant(height) for name, height in self.heights.items()},
             "targets": [],
         }
 
@@ -286,12 +293,16 @@ class FoldWithoutContact(Effect):
         elif found.degrees is not None:
             where = f" where {self.joint} turns by {found.degrees:.0f}°"
         poses = f" ({counted(found.poses, 'pose')} in all)" if found.poses > 1 else ""
-        hint = "lower or fewer bumps leave more room; `contact: off` is the same without this line"
+        hint = "lower or fewer bumps leave more room"
         if found.reason == DEGENERATE:
-            hint = "mend the mesh there; `contact: off` is the same without this line"
+            hint = "mend the mesh there"
+        elif found.reason == WORSE and not self.fold.per_clip:
+            hint = "without `per_clip: false` the targets follow it better"
         elif self.beside:
-            hint = (
-                f"nor is it resolved together with that of {listed(self.beside)}, which it touches;"
-                " `contact: off` is the same without this line"
-            )
+            hint = f"nor is it resolved together with that of {listed(self.beside)}, which it touches"
+        if self.heights:
+            mean = 100 * sum(self.heights.values()) / len(self.heights)
+            hint += f"; its wrinkles are lowered to {mean:.0f} % in the mean, to cross no more than the skin does"
+        else:
+            hint += "; `contact: off` is the same without this line"
         return f"{', '.join(self.tools)}: contact is left out of this fold: it {found.reason}{where}{poses}; {hint}"

@@ -22,12 +22,16 @@ from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, distinct_values
 from wrinklecli.numeric.intersections import Crossings
+from wrinklecli.numeric.nearest import nearest_of
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.rest import Rest
 from wrinklecli.tools.records import Contact
 
 RINGS = 3
 """Least number of edges from a crossing to vertices that stand still: on a coarse limb the next neighbours did."""
+FAINT = 1 / 64
+"""Part of a height that nobody sees. It stands for the skin alone: where that is exactly as it was, sides that are
+symmetric touch by chance, and do not count as crossing."""
 # Distance from the joint in which the surface may touch or give way, in radii of the limb: thighs and calves swell.
 _REACH_RADII = 3.6
 # Least radius of the limb, in lengths of the segment: a joint may lie in the skin.
@@ -122,6 +126,14 @@ class Fold:
         others = [each.posed(clip, times) for each in self.others]
         positions = np.concatenate([transform(blended, bind), *(each[0] for each in others)], axis=1)
         return positions, np.concatenate([blended[..., :3], *(each[1] for each in others)], axis=1)
+
+    def at_height(self, factor: float, chosen: Collection[int] | None = None) -> "Fold":
+        """The fold with all wrinkles, or those of some tools by their numbers, at a part of their height."""
+        carried = [
+            each.times(np.full(len(each.vertices), factor)) if chosen is None or number in chosen else each
+            for number, each in enumerate(self.carried)
+        ]
+        return replace(self, carried=tuple(carried))
 
     def poses(self, clip: Clip | None, times: Floats) -> Iterator[tuple[Floats, Floats]]:
         """`posed` frame by frame."""
@@ -266,6 +278,25 @@ def _fold_at(site: _Site, patches: Sequence[Patch], fine: Refinement, rest: Rest
     )
 
 
+def grown(fold: Fold, further: Ints, distance: float) -> Fold:
+    """The same fold with all of its mesh that is within a distance of some fine vertices at rest, scene units."""
+    fine = fold.fine
+    near = nearest_of(fine.rest_positions[further], fine.rest_positions)[0] <= distance
+    near[fold.vertices] = True
+    count = len(fold.vertices)
+    ignored = {name for patch in fold.patches for name in (patch.tool.contact or Contact()).ignore}
+    alone = fold.rig.names[fold.rig.node] in ignored
+    vertices, triangles, own = _part(near, fine, fold.vertices[fold.own[:count]], alone=alone)
+    others = fold.triangles[fold.triangles[:, 0] >= count] + (len(vertices) - count)
+    return replace(
+        fold,
+        vertices=vertices,
+        triangles=np.concatenate([triangles, others]),
+        own=np.concatenate([own, fold.own[count:]]),
+        weights=fine.dense_weights(vertices, len(fold.rig.joints)),
+    )
+
+
 def _limb_radius(patch: Patch, pivot: Floats) -> float:
     """Distance of a joint from a tool's segment, scene units."""
     apart = pivot - patch.origin.position
@@ -274,16 +305,21 @@ def _limb_radius(patch: Patch, pivot: Floats) -> float:
 
 
 def _round(pivot: Floats, reach: float, fine: Refinement, seeds: Ints, *, alone: bool) -> tuple[Ints, Ints, Bools]:
-    """The fine vertices within reach of a joint, and a few edges further.
+    """The fine vertices within reach of a joint, and a few edges further, as `_part` gives them."""
+    near = np.sum((fine.rest_positions - pivot) ** 2, axis=1) <= reach**2
+    near[seeds] = True
+    for _ in range(RINGS):
+        near[fine.triangles[near[fine.triangles].any(axis=1)]] = True
+    return _part(near, fine, seeds, alone=alone)
+
+
+def _part(near: Bools, fine: Refinement, seeds: Ints, *, alone: bool) -> tuple[Ints, Ints, Bools]:
+    """The part of the mesh between the (fine vertices,) that are near.
 
     Returns:
         (vertices,) sorted, (triangles, 3) of these, and (vertices,) True if connected with some of (seeds,). Others are
         left out if `alone`.
     """
-    near = np.sum((fine.rest_positions - pivot) ** 2, axis=1) <= reach**2
-    near[seeds] = True
-    for _ in range(RINGS):
-        near[fine.triangles[near[fine.triangles].any(axis=1)]] = True
     triangles = fine.triangles[near[fine.triangles].all(axis=1)]
     vertices, local = np.unique(triangles, return_inverse=True)
     local = local.reshape(-1, 3)

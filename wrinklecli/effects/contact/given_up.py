@@ -2,7 +2,8 @@
 
 A surface that the solver leaves early, or that it pulls apart, is worse than one that passes through itself. So a fold
 with a single such pose gets no contact at all. Where folds that are solved together have such a pose, each is solved
-alone, and those that still have one get none.
+alone, and those that still have one get none. A fold that passes through itself more often with contact than the skin
+does without wrinkles gets none either. The wrinkles of a fold without contact are lowered: see module `lowering`.
 """
 
 from collections.abc import Iterator
@@ -15,10 +16,15 @@ UNSETTLED = "did not settle"
 """The solver ended before its steps were short enough."""
 TORN = "would tear the surface"
 """It lengthens an edge to more than twice its length, or turns a triangle over: see module `tearing`."""
+CRUMPLED = "would crumple the surface like foil"
+"""It bends the surface much more than skinning and wrinkles do: see module `crumpling`."""
 TOO_MANY_STEPS = "took more steps than any fold that settles"
 """The solver does not get ahead; it would take minutes."""
 DEGENERATE = "cannot be computed, as the surface is degenerate, or touches itself everywhere at rest"
 """The solver's numbers have no answer, or nothing is left that may collide."""
+
+WORSE = "would leave more crossings than the skin alone"
+"""What contact and wrinkles leave together is worse than the asset without either."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,7 @@
 """Intersections that remain in a fold with contact, by clip, and those before the bake.
 
 They are counted as edges that pass through triangles, as in `check --crossings`, at vertices that contact may move.
+Pairs that cross at rest do not count: they never collide.
 """
 
 from collections.abc import Iterator, Sequence
@@ -10,11 +11,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.numeric.arrays import Bools, Floats
+from wrinklecli.effects.contact.fold import FAINT
+from wrinklecli.effects.contact.given_up import WORSE, GivenUp, UnresolvedError
+from wrinklecli.numeric.arrays import Bools, Floats, distinct_values
 
 if TYPE_CHECKING:
     from wrinklecli.effects.contact.crease import Crease, Followed, Moves
     from wrinklecli.effects.contact.fold import Fold
+
+# Frames of a clip, evenly spread, in which intersections are counted besides those in which the shapes cross.
+_LOOKS = 13
+# Least number of edges in a frame that count: where two surfaces cross, the line in which they do passes through one at
+# either end. A single one is owed to rounding, where flat triangles touch.
+_LEAST = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,19 +54,26 @@ def remaining_in(
 ) -> Remaining | None:
     """Count the intersections at the (frames,) seconds at which a clip was marched; None if there are none.
 
-    `others` are moves of other folds, which add to those of this one.
+    Frames are looked at in which the shapes cross, and some that are evenly spread. `others` are moves of other folds,
+    which add to those of this one.
+
+    Raises:
+        UnresolvedError: There are more than on the same surface without wrinkles and contact.
     """
-    if not followed.crossing:
-        return None
     fold, free = crease.fold, crease.tissue.free & crease.tissue.own
-    moves = (crease.moves_with(followed.weights, others, frame) for frame in range(len(times)))
-    resolved = np.array(list(_counts(fold, free, clip, times, moves)))
+    looks = distinct_values(np.array([*np.linspace(0, len(times) - 1, _LOOKS).astype(int), *followed.crossing]))
+    moves = (crease.moves_with(followed.weights, others, frame) for frame in looks.tolist())
+    resolved = np.array(list(_counts(fold, free, clip, times[looks], moves)))
     if not resolved.any():
         return None
-    most = int(np.argmax(resolved))
-    (wrinkled,), (before,) = (list(_counts(each, free, clip, times[[most]])) for each in (fold, _bare(fold)))
-    frames = int(np.count_nonzero(resolved))
-    return Remaining(clip.name, float(times[most]), frames, before, wrinkled, int(resolved[most]), followed.given_up)
+    frames, most = int(np.count_nonzero(resolved)), int(np.argmax(resolved))
+    time, worst = float(times[looks[most]]), int(resolved[most])
+    # On the refined surface, as an edge that is split counts there as often as with contact.
+    skin = sum(_counts(fold.at_height(FAINT), free, clip, times[looks]))
+    if resolved.sum() > skin:
+        raise UnresolvedError(GivenUp(WORSE, frames, clip.name, time))
+    (wrinkled,), (before,) = (list(_counts(each, free, clip, times[looks[[most]]])) for each in (fold, _bare(fold)))
+    return Remaining(clip.name, time, frames, before, wrinkled, worst, followed.given_up)
 
 
 def _counts(
@@ -68,13 +84,12 @@ def _counts(
     Those of the (vertices,) `free` ones count. `moves` are for each frame the (vertices, 3) displacements by contact,
     bind space.
     """
-    crossings = fold.crossings
+    still = fold.crossings.pairs_at(fold.rest_positions)
     for positions, matrices in fold.poses(clip, times):
         if moves is not None:
             positions += np.einsum("vij,vj->vi", matrices, next(moves))
-        edges, triangles = crossings.at(positions)
-        counts = free[crossings.edges[edges]].any(axis=1) | free[crossings.triangles[triangles]].any(axis=1)
-        yield int(np.count_nonzero(counts))
+        found = len(fold.crossings.pairs_at(positions, free) - still)
+        yield found if found >= _LEAST else 0
 
 
 def _bare(fold: "Fold") -> "Fold":

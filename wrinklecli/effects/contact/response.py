@@ -45,11 +45,16 @@ def stiffness_of(rest: Floats, triangles: Ints, *, soft: float, heavier: Floats)
 class Pieces:
     """The connected pieces of a surface that are free to move, each with the triangles that its vertices deform.
 
+    Where an open border moves, as a hem does, lids close the surface: a fan of triangles to the mean of the border.
+    Without them, the volume of all between the border and the origin would count.
+
     Attributes:
-        triangles: (triangles, 3) vertices for each piece.
+        triangles: (triangles, 3) for each piece; numbers from the count of vertices on are the means of borders.
+        means: (borders, vertices) sparse matrix that gives the mean of each border.
     """
 
     triangles: tuple[Ints, ...]
+    means: Any
 
     @classmethod
     def of(cls, triangles: Ints, free: Bools) -> "Pieces":
@@ -57,9 +62,13 @@ class Pieces:
         moving = triangles[free[triangles].any(axis=1)]
         ends = moving[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
         labels = components(ends[free[ends].all(axis=1)], len(free))
+        lids, means = _lids(moving, free)
+        every = np.concatenate([moving, lids])
+        corners = every[:, :2]  # the third of a lid is a mean
+        corners = np.concatenate([corners, np.where(every[:, 2:] < len(free), every[:, 2:], corners[:, :1])], axis=1)
         # All free vertices of a triangle belong to one piece.
-        piece = np.where(free[moving], labels[moving], -1).max(axis=1)
-        return cls(tuple(moving[piece == each] for each in np.unique(piece)))
+        piece = np.where(free[corners], labels[corners], -1).max(axis=1)
+        return cls(tuple(every[piece == each] for each in np.unique(piece)), means)
 
     def volume_change(self, positions: Floats, wanted: Floats) -> float:
         """The volume under all pieces at (vertices, 3) positions minus that at other positions."""
@@ -67,17 +76,41 @@ class Pieces:
 
     def volumes(self, positions: Floats) -> Floats:
         """(pieces,) volumes between each piece and the origin; only differences of these mean anything."""
-        return np.array([np.sum(dot(*_sides(positions, each))) / 6.0 for each in self.triangles])
+        places = np.concatenate([positions, self.means @ positions])
+        return np.array([np.sum(dot(*_sides(places, each))) / 6.0 for each in self.triangles])
 
     def gradients(self, positions: Floats) -> Floats:
         """(pieces, vertices, 3) gradients of the volumes."""
-        gradients = np.zeros((len(self.triangles), *positions.shape))
+        count, places = len(positions), np.concatenate([positions, self.means @ positions])
+        gradients = np.zeros((len(self.triangles), *places.shape))
         for gradient, triangles in zip(gradients, self.triangles, strict=True):
             for k in range(3):
-                _, across = _sides(positions, np.roll(triangles, -k, axis=1))
+                _, across = _sides(places, np.roll(triangles, -k, axis=1))
                 for axis, values in enumerate(across):
-                    gradient[:, axis] += np.bincount(triangles[:, k], values / 6.0, len(positions))
-        return gradients
+                    gradient[:, axis] += np.bincount(triangles[:, k], values / 6.0, len(places))
+            gradient[:count] += self.means.T @ gradient[count:]
+        return gradients[:, :count]
+
+
+def _lids(moving: Ints, free: Bools) -> tuple[Ints, Any]:
+    """Close the open borders of (moving, 3) triangles where some of the (vertices,) free ones are on them.
+
+    Returns:
+        (lids, 3) vertices, of which the last is the number of vertices plus that of a border; and (borders, vertices)
+        a sparse matrix that gives the mean of each border.
+    """
+    import scipy.sparse as sparse
+
+    count = len(free)
+    ends = moving[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    _, which, owners = np.unique(np.sort(ends, axis=1), axis=0, return_inverse=True, return_counts=True)
+    open_ends = ends[(owners[which.reshape(-1)] == 1) & free[ends].any(axis=1)]
+    labels = components(open_ends, count)[open_ends[:, 0]]
+    borders, numbers = np.unique(labels, return_inverse=True)
+    lids = np.concatenate([open_ends[:, ::-1], count + numbers.reshape(-1, 1)], axis=1)
+    within = np.unique(np.stack([np.repeat(numbers.reshape(-1), 2), open_ends.reshape(-1)], axis=1), axis=0)
+    shares = 1.0 / np.bincount(within[:, 0], minlength=len(borders))[within[:, 0]]
+    return lids, sparse.csr_array((shares, (within[:, 0], within[:, 1])), shape=(len(borders), count))
 
 
 def _sides(positions: Floats, triangles: Ints) -> tuple[Floats, list[Floats]]:

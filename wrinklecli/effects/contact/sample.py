@@ -11,8 +11,9 @@ import numpy as np
 from wrinklecli.character.clip import KEY_GAP, Clip, clip_grid
 from wrinklecli.character.pose import pose_at
 from wrinklecli.effects.contact.effect import ContactEffect, FoldWithoutContact, NonNegativeBasis
-from wrinklecli.effects.contact.given_up import TORN, GivenUp, UnresolvedError, degenerate_given_up
+from wrinklecli.effects.contact.given_up import GivenUp, UnresolvedError, degenerate_given_up
 from wrinklecli.effects.contact.hinge import Hinge
+from wrinklecli.effects.contact.lowering import with_lowered_wrinkles
 from wrinklecli.effects.contact.remaining import Remaining, remaining_in
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, SamplingOptions, named_targets
 from wrinklecli.effects.sampling import duplicates_of, joined
@@ -38,6 +39,8 @@ _KEPT_BYTES = 1e9
 # Most folds that are solved together: two limbs that meet, or share a trunk. In a fist each finger meets all others; a
 # union of three of them takes minutes, and tears.
 _MOST_TOGETHER = 2
+# Times that a fold grows by what its free vertices cross in clips, at most: each lets others move, which may cross too.
+_GROWTHS = 3
 # Greatest error of a vertex over the greatest move. Errors are hidden in the fold; shapes are right at contacts.
 _SHAPE_ERROR = 0.35
 
@@ -73,6 +76,7 @@ def sample_contact(
             if touching:
                 more, motions = _followed_or_given_up(plan, touching, members, made, motions, how)
                 made += more
+        made = with_lowered_wrinkles(plan, made, motions)
     return made, list(motions)
 
 
@@ -89,27 +93,19 @@ def _resolved(member: "tuple[Fold, Floats | None]", *, jobs: int) -> "Crease | G
 
 def _systems(folds: "Sequence[Fold]", motions: Sequence[Motion]) -> "list[list[tuple[Fold, Floats | None]]]":
     """The folds that are solved together, each with its distances from what crosses; None if nothing does."""
-    from wrinklecli.effects.contact.crease import distances_from_crossings
-    from wrinklecli.effects.contact.system import crossing_in_clips, grouped, near_each_other, touching_in_clips
+    from wrinklecli.effects.contact.system import grouped, near_each_other, touching_in_clips
 
-    hinged = [number for number, fold in enumerate(folds) if isinstance(fold.hinge, Hinge)]
     clips = [motion.clip for motion in motions] if all(fold.per_clip for fold in folds) else []
+    whole = [_Whole.of(fold, clips) for fold in folds]
+    hinged = [number for number, fold in enumerate(folds) if isinstance(fold.hinge, Hinge)]
     touching = [
         (hinged[one], hinged[two], vertices)
-        for one, two, vertices in touching_in_clips([folds[number] for number in hinged], clips)
+        for one, two, vertices in touching_in_clips([whole[number].fold for number in hinged], clips)
     ]
-
-    def distances(number: int, touching: Ints | None = None) -> Floats | None:
-        apart = distances_from_crossings(folds[number], touching)
-        if apart is None and clips:
-            return distances_from_crossings(folds[number], crossing_in_clips(folds[number], clips))
-        return apart
-
-    found = [distances(number) for number in range(len(folds))]
     near = [
         (one, two, None)
         for one, two in combinations(hinged, 2)
-        if near_each_other((folds[one], found[one]), (folds[two], found[two]))
+        if near_each_other(whole[one].member, whole[two].member)
     ]
     pairs: list[tuple[int, int]] = []
     for one, two, crossing in (*near, *touching):
@@ -118,9 +114,53 @@ def _systems(folds: "Sequence[Fold]", motions: Sequence[Motion]) -> "list[list[t
             continue
         pairs = more
         if crossing is not None:
-            found[one], found[two] = distances(one, crossing), distances(two, crossing)
-    pairs = [(one, two) for one, two in pairs if found[one] is not None and found[two] is not None]
-    return [_as_thick([(folds[number], found[number]) for number in each]) for each in grouped(len(folds), pairs)]
+            whole[one], whole[two] = whole[one].crossing(crossing), whole[two].crossing(crossing)
+    pairs = [(one, two) for one, two in pairs if whole[one].apart is not None and whole[two].apart is not None]
+    return [_as_thick([whole[number].member for number in each]) for each in grouped(len(folds), pairs)]
+
+
+@dataclass(frozen=True, slots=True)
+class _Whole:
+    """A fold with all that its free vertices cross in clips.
+
+    Attributes:
+        further: Fine vertices that cross in clips and not in the fold's own motion.
+        apart: Distances from what crosses, as `distances_from_crossings` gives them.
+    """
+
+    fold: "Fold"
+    further: Ints
+    apart: Floats | None
+
+    @classmethod
+    def of(cls, fold: "Fold", clips: Sequence[Clip]) -> "_Whole":
+        """Find what crosses in the fold's own motion, or else in clips, and then what else crosses that in clips."""
+        from wrinklecli.effects.contact.crease import distances_from_crossings
+        from wrinklecli.effects.contact.system import crossing_in_clips, holding_contacts
+
+        found = cls(fold, np.zeros(0, np.intp), distances_from_crossings(fold))
+        if found.apart is None and clips:
+            found = found.crossing(crossing_in_clips(fold, clips))
+        for _ in range(_GROWTHS):
+            if found.apart is None:
+                break
+            held, fresh = holding_contacts(found.fold, found.apart, clips)
+            if not len(fresh):
+                break
+            found = replace(found, fold=held).crossing(fresh)
+        return found
+
+    @property
+    def member(self) -> "tuple[Fold, Floats | None]":
+        """The fold and the distances."""
+        return self.fold, self.apart
+
+    def crossing(self, further: Ints) -> "_Whole":
+        """The same fold with more vertices that cross."""
+        from wrinklecli.effects.contact.crease import distances_from_crossings
+
+        every = np.union1d(self.further, further)
+        return replace(self, further=every, apart=distances_from_crossings(self.fold, every))
 
 
 def _as_thick(members: "list[tuple[Fold, Floats | None]]") -> "list[tuple[Fold, Floats | None]]":
@@ -176,7 +216,7 @@ def _given_up(
     joint = plan.rig.names[fold.hinge.signal.node] if isinstance(fold.hinge, Hinge) else None
     tools = tuple(patch.tool.name for patch in fold.patches)
     beside = tuple(patch.tool.name for each, _ in members for patch in each.patches if patch.tool.name not in tools)
-    return FoldWithoutContact(_identifier(plan, fold, effects), (), tools, joint, given_up, beside)
+    return FoldWithoutContact(_identifier(plan, fold, effects), (), tools, joint, given_up, beside, fold)
 
 
 @dataclass(frozen=True, slots=True)
@@ -278,9 +318,9 @@ def _followed(
             for other, (beside, there) in enumerate(spanned):
                 if other != number:
                     others += _moves(crease.fold, beside, there[first].followed.weights)
-            torn = crease.torn_frames(each.clip, each.times, each.followed.weights, others)
-            if torn:
-                raise UnresolvedError(GivenUp(TORN, len(torn), each.clip.name, float(each.times[torn[0]])))
+            faulty = crease.faulty_frames(each.clip, each.times, each.followed.weights, others)
+            for reason, frames in faulty.items():
+                raise UnresolvedError(GivenUp(reason, len(frames), each.clip.name, float(each.times[frames[0]])))
             left = remaining_in(crease, each.clip, each.times, each.followed, others)
             if left is not None and left.resolved > left.wrinkled:
                 marches[first] = each = replace(each, followed=each.followed.without_contact)

@@ -16,15 +16,17 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.effects.contact.crease import Crease, MarchedClip, march_clip, tissue_of
 from wrinklecli.effects.contact.fitting import combined
-from wrinklecli.effects.contact.fold import Fold
+from wrinklecli.effects.contact.fold import Fold, grown
 from wrinklecli.effects.contact.solution import Solution, free_rows
-from wrinklecli.effects.contact.tissue import FREE, SOFT, Tissue
+from wrinklecli.effects.contact.tissue import FREE, SOFT, UNITS, Tissue
 from wrinklecli.numeric.arrays import Floats, Ints, components, distinct_values
 
 # Moments of a clip at which folds are checked for touching each other, at most.
 _MOMENTS = 8
 # Moments of a clip among which the turn of a joint is looked for that is furthest.
 _LOOKS = 65
+# Distance from a fold in which its vertices may cross something, radii of the limb: as far again as a fold reaches.
+_LOOK_RADII = 3.6
 
 
 @dataclass(frozen=True)
@@ -187,6 +189,36 @@ def crossing_in_clips(fold: Fold, clips: Iterable[Clip]) -> Ints:
             marked |= fold.crossing(positions)
     marked &= ~fold.crossing(fold.rest_positions)
     return fold.vertices[marked[: len(fold.vertices)]]
+
+
+def holding_contacts(fold: Fold, apart: Floats, clips: Sequence[Clip]) -> tuple[Fold, Ints]:
+    """A fold that holds all of its mesh that its free vertices cross in clips, as skinned and wrinkled.
+
+    A shin may meet the other one far below the knee, where the fold of either knee ends: what it may move would cross
+    what it does not see.
+
+    Args:
+        fold: The fold.
+        apart: As `distances_from_crossings` gives it.
+        clips: The clips.
+
+    Returns:
+        The fold, which may have grown, and the fine vertices that cross and that it did not have, or held still.
+    """
+    free = fold.vertices[apart[: len(fold.vertices)] < FREE * SOFT]
+    reach = FREE * SOFT * fold.radius / UNITS
+    wide, fresh = _mesh_alone(grown(fold, fold.vertices, _LOOK_RADII * fold.radius)), np.zeros(0, np.intp)
+    still = wide.crossings.pairs_at(wide.rest_positions)
+    for clip in clips:
+        for positions in wide.posed(clip, _moments([fold], clip))[0]:
+            pairs = np.array(sorted(wide.crossings.pairs_at(positions) - still), np.intp).reshape(-1, 2)
+            corners = [wide.crossings.edges[pairs[:, 0]], wide.crossings.triangles[pairs[:, 1]]]
+            crossing = wide.vertices[np.concatenate(corners, axis=1)]
+            ours = np.isin(crossing, free)
+            fresh = np.union1d(fresh, crossing[ours.any(axis=1) & ~ours.all(axis=1)])
+    if not len(fresh):
+        return fold, fresh
+    return grown(fold, fresh, reach), fresh
 
 
 def _moments(folds: Sequence[Fold], clip: Clip) -> Floats:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from wrinklecli.effects.contact.crumpling import Crumpling
 from wrinklecli.effects.contact.response import Pieces, Response, stiffness_of
 from wrinklecli.effects.contact.tearing import Tearing
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values
@@ -202,6 +203,11 @@ class Tissue:
         return Tearing.of(self.rest, own, self.free, self.apart == 0.0)
 
     @cached_property
+    def _crumpling(self) -> Crumpling:
+        """The part of the surface that may crumple."""
+        return Crumpling.of(self.triangles[self.own[self.triangles].all(axis=1)], self.free, UNITS)
+
+    @cached_property
     def edges(self) -> Ints:
         """(edges, 2)."""
         return edges_of(self.triangles)
@@ -292,6 +298,10 @@ class Tissue:
     def tears(self, given: Floats, shown: Floats) -> bool:
         """True if (vertices, 3) positions are torn relative to the given ones."""
         return self._tearing.tears(given, shown, self.crossing)
+
+    def crumples(self, given: Floats, shown: Floats) -> bool:
+        """True if (vertices, 3) positions are crumpled relative to the given ones."""
+        return self._crumpling.crumples(given, shown)
 
     def _near(self, positions: Floats, barrier_gap: float, kept_gap: float) -> Any:
         import ipctk

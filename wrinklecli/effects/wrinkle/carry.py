@@ -62,6 +62,15 @@ class CarriedPatch:
         sizes = np.abs(self.magnitudes)
         return float(sizes.sum() / (sizes / np.maximum(left, LEAST_SHARE)).sum())
 
+    def times(self, factors: Floats) -> "CarriedPatch":
+        """The tool with (vertices,) factors on its height."""
+        return replace(
+            self,
+            places=self.places.times(factors),
+            directions=self.directions * factors[:, None],
+            ring=self.ring and replace(self.ring, kept=self.ring.kept * factors),
+        )
+
     def shapes(self, chosen: Ints | None = None) -> Floats:
         """(groups, modes, vertices) heights of the curve per unit of amplitude, at all vertices or (chosen,)."""
         return (self.places if chosen is None else self.places.of(chosen)).shapes(self.patch.curve)

@@ -9,7 +9,7 @@ no normals, so they make no crease.
 Not in the paper, which moves the vertices of posed surfaces along their normals everywhere.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -81,13 +81,15 @@ def creased(carried: CarriedPatch, fine: Refinement, rest: Rest, rig: Rig) -> Ca
     losses = 1.0 - np.maximum((1.0 + (nearer / _MOST_NEARER) ** 4) ** -0.25, _LEAST_FACTOR)
     if losses.max() < _LEAST_LOSS:
         return carried
-    factors = 1.0 - _spread(losses, np.stack([u, v], axis=1), patch)
-    return replace(
-        carried,
-        places=carried.places.times(factors),
-        directions=carried.directions * factors[:, None],
-        ring=carried.ring and replace(carried.ring, kept=carried.ring.kept * factors),
-    )
+    return faded(carried, losses, np.stack([u, v], axis=1))
+
+
+def faded(carried: CarriedPatch, losses: Floats, places: Floats) -> CarriedPatch:
+    """Lower the wrinkles of a tool by (vertices,) losses from 0 to 1, smoothly over half a bump to either side.
+
+    `places` are (vertices, 2) u and v at rest.
+    """
+    return carried.times(1.0 - _spread(losses, places, carried.patch))
 
 
 def _nearer(carried: CarriedPatch, fine: Refinement, rest: Rest, rig: Rig, shares: Floats) -> Floats:

@@ -15,10 +15,12 @@ from wrinklecli.effects.effect import Effect, MeshPlan, Motion, named_targets
 from wrinklecli.effects.shapes import Shape
 from wrinklecli.effects.wrinkle import report
 from wrinklecli.effects.wrinkle.activity import Activity, ClipActivity, activity, further_activities
+from wrinklecli.effects.wrinkle.bending import tallest_poses
 from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
 from wrinklecli.effects.wrinkle.lookup import tabulate_curve, tabulate_weights
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.effects.wrinkle.remix import Remix, Remixed, fewest, in_turn, turns, unit_weights
+from wrinklecli.effects.wrinkle.shapes import shapes_of
 from wrinklecli.effects.wrinkle.warnings import tool_warnings
 from wrinklecli.effects.wrinkle.weights import weight_path, weights_of
 from wrinklecli.gltf.shape import Json
@@ -139,6 +141,12 @@ class WrinkleEffect(Effect):
             return self
         shapes, mixed = remixed
         return replace(self, targets=named_targets(self.identifier, shapes), remix=mixed)
+
+    def lowered(self, plan: MeshPlan, carried: CarriedPatch) -> "WrinkleEffect":
+        """The same tool, and the same weights, with the shapes of another height on the refined surface."""
+        pose = tallest_poses([carried.patch], plan.rig, plan.rest)[0] if plan.has_normals else None
+        shapes = shapes_of(carried, plan.fine, plan.rest, pose)
+        return replace(self, targets=named_targets(self.identifier, shapes), carried=carried)
 
     def with_unit_weights(self, sampled: Sequence[Floats]) -> "WrinkleEffect":
         """The same motion with weights in [0, 1]: shapes are scaled, and split if their weights may be negative."""

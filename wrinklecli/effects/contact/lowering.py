@@ -1,0 +1,110 @@
+"""Lowers the wrinkles of a fold without contact until they cross no more than the skin alone.
+
+A fold that is given up plays as skinned. Its skin may pass through itself, but wrinkles are to add nothing to it. Where
+they do, they are halved, again and again, and rise to their full height over half a bump to either side, as in the
+creases of a bend (module `creases`). Not in the paper.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from wrinklecli.character.clip import Clip
+from wrinklecli.effects.contact.effect import FoldWithoutContact
+from wrinklecli.effects.contact.fold import FAINT, Fold
+from wrinklecli.effects.effect import Effect, MeshPlan, Motion
+from wrinklecli.effects.sampling import duplicates_of
+from wrinklecli.effects.wrinkle.carry import CarriedPatch
+from wrinklecli.effects.wrinkle.creases import faded
+from wrinklecli.effects.wrinkle.effect import WrinkleEffect
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values
+
+# Moments of a clip at which crossings are counted, evenly spread, at most.
+_MOMENTS = 25
+# Factor on the height where wrinkles cross, and times that it is applied before the tool is left out: below 2 %.
+_LOWER = 0.5
+_TIMES = 6
+
+
+def with_lowered_wrinkles(plan: MeshPlan, effects: Sequence[Effect], motions: Sequence[Motion]) -> list[Effect]:
+    """Effects in which the tools of folds without contact are lowered, by their motions in all clips."""
+    made = list(effects)
+    firsts = sorted(set(duplicates_of(plan, [motion.clip for motion in motions])))
+    clips = [motions[first].clip for first in firsts]
+    for number, effect in enumerate(made):
+        if not isinstance(effect, FoldWithoutContact):
+            continue
+        heights = {}
+        for tool, carried in lowered(effect.fold, clips).items():
+            before = made[tool]
+            assert isinstance(before, WrinkleEffect)
+            heights[before.name] = float(np.abs(carried.magnitudes).sum() / np.abs(before.carried.magnitudes).sum())
+            same = replace(before.carried, places=carried.places, directions=carried.directions)
+            made[tool] = before.lowered(plan, same)
+        made[number] = replace(effect, heights=heights)
+    return made
+
+
+def lowered(fold: Fold, clips: Sequence[Clip]) -> Mapping[int, CarriedPatch]:
+    """Lower the tools of a fold until they cross no more than its skin alone does, in all looked-at moments together.
+
+    Returns:
+        The tools that had to be lowered, by their numbers among those of the mesh.
+    """
+    own = [patch.tool.name for patch in fold.patches]
+    chosen = [number for number, each in enumerate(fold.carried) if each.patch.tool.name in own and each.ring is None]
+    counting = np.isin(np.arange(len(fold.own)), _moved(fold, chosen))
+    looks = [(clip, np.array([time])) for clip in clips for time in _moments(clip)]
+    faint = fold.at_height(FAINT, chosen)
+    skin = [_pairs(faint, counting, *look) for look in looks]
+    found: dict[int, CarriedPatch] = {}
+    for count in range(_TIMES + 1):
+        wrinkled = [_pairs(fold, counting, *look) for look in looks]
+        if sum(map(len, wrinkled)) <= sum(map(len, skin)):
+            return found
+        if count == _TIMES:
+            break
+        crossing = _corners(fold, [pair for each, plain in zip(wrinkled, skin, strict=True) for pair in each - plain])
+        fold = replace(fold, carried=_halved(fold, chosen, crossing))
+        found = {number: fold.carried[number] for number in chosen}
+        # Elsewhere the wrinkles that stay as they are crossed no more than the skin.
+        worse = [k for k, (each, plain) in enumerate(zip(wrinkled, skin, strict=True)) if len(each) > len(plain)]
+        looks, skin = [looks[k] for k in worse], [skin[k] for k in worse]
+    flat = fold.at_height(0.0, chosen).carried
+    return {number: flat[number] for number in chosen}
+
+
+def _moments(clip: Clip) -> list[float]:
+    """Seconds of a clip, evenly spread."""
+    return [float(time) for time in distinct_values(np.linspace(clip.start, clip.end, _MOMENTS))]
+
+
+def _moved(fold: Fold, chosen: Sequence[int]) -> Ints:
+    """Indices of the fold's vertices that some tools move."""
+    moved = [fold.carried[number].vertices for number in chosen]
+    return np.flatnonzero(np.isin(fold.vertices, np.concatenate([np.zeros(0, np.intp), *moved])))
+
+
+def _pairs(fold: Fold, counting: Bools, clip: Clip, times: Floats) -> set[tuple[int, int]]:
+    """Edges and triangles that cross at a moment, of which a corner is among the (vertices,) that count."""
+    return fold.crossings.pairs_at(fold.posed(clip, times)[0][0], counting)
+
+
+def _corners(fold: Fold, pairs: Sequence[tuple[int, int]]) -> Ints:
+    """The fine vertices of some edges and triangles."""
+    edges, triangles = np.array(pairs, np.intp).reshape(-1, 2).T
+    corners = np.concatenate([fold.crossings.edges[edges].ravel(), fold.crossings.triangles[triangles].ravel()])
+    own: Ints = fold.vertices[np.unique(corners[corners < len(fold.vertices)])]
+    return own
+
+
+def _halved(fold: Fold, chosen: Sequence[int], crossing: Ints) -> tuple[CarriedPatch, ...]:
+    """All tools of the mesh, of which some are lower round the (crossing,) fine vertices."""
+    every = list(fold.carried)
+    for number in chosen:
+        carried = every[number]
+        losses = np.where(np.isin(carried.vertices, crossing), 1.0 - _LOWER, 0.0)
+        places = carried.patch.coordinates(fold.fine.rest_positions[carried.vertices])
+        every[number] = faded(carried, losses, np.stack(places, axis=1))
+    return tuple(every)
