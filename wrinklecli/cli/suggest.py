@@ -15,6 +15,7 @@ from wrinklecli.errors import shortened
 
 if TYPE_CHECKING:
     from wrinklecli.review.suggest.fitted_tools import Suggestion
+    from wrinklecli.review.suggest.muscles import SuggestedMuscle
     from wrinklecli.review.suggest.suggest import Suggestions
 
 
@@ -57,6 +58,7 @@ def _materials(_context: click.Context, parameter: click.Parameter, values: tupl
 @opt.presets("Tools get those whose `parts` name their parts of a body; OUT names the file.")
 @opt.flag("--face", text="Suggest the wrinkles of a face by its morph targets, and nothing else.")
 @opt.flag("--all", "everything", text="Leave out neither hard or hidden parts nor what is not worth it.")
+@opt.flag("--muscles", text="Guess muscles by the names of bones, low ones, and nothing else.")
 @opt.fps("Poses per second, but 200 of a clip at most.", default=30.0)
 @opt.range_of_motion("Look at that too.")
 @opt.allow_external("Read buffers outside the asset's folder too.")
@@ -85,6 +87,9 @@ def suggest(asset: str, output: str | None, as_json: bool, verbose: bool, quiet:
     VRoid or a VRM's expressions, rise together, and each region gets a tool where they compress the skin. Regions whose
     targets are missing are named in notes. Clips are not looked at; if there are some, give --range-of-motion to check.
 
+    With --muscles, the file has muscles alone: biceps, triceps, the forearm's flexors, quadriceps, hamstrings and
+    calves of a human, where the rig names the bones of arms and legs. They are guesses, and the file says so.
+
     The file bakes as it is, and is made to be edited. A table of the suggestions goes to standard error. If there is
     nothing to suggest, as for a rigid asset, nothing is written and the exit code is 1, so that a pipeline stops.
 
@@ -101,6 +106,8 @@ def suggest(asset: str, output: str | None, as_json: bool, verbose: bool, quiet:
     """
     if as_json and output == "-":
         raise click.UsageError("'--json' and '-o -' both want standard output.")
+    if options["face"] and options["muscles"]:
+        raise click.UsageError("'--face' and '--muscles' are one or the other.")
     if options["face"] and options["presets"]:
         raise click.UsageError("'--face' takes no '--presets': those of faces are built in.")
 
@@ -121,11 +128,11 @@ def suggest(asset: str, output: str | None, as_json: bool, verbose: bool, quiet:
             say_findings([*found.notes, *(each.line for each in found.dropped if verbose)], ())
         if as_json:
             emit_json(_json(asset, found))
-        if not found.tools:
+        if not found.text:
             raise AssetError(f"nothing to suggest: {found.reason}", where=asset)
         if to_file or not as_json:
             write_text(output, found.text, outputs)
-    if not quiet:
+    if not quiet and found.tools:
         _say_table(found.tools)
 
 
@@ -137,6 +144,7 @@ def _json(asset: str, found: "Suggestions") -> dict[str, Any]:
         "notes": list(found.notes),
         "dropped": [{"name": each.name, "reason": each.reason, "value": _short(each.value)} for each in found.dropped],
         "tools": [_json_tool(each) for each in found.tools],
+        **({"muscles": [_json_muscle(each) for each in found.muscles]} if found.muscles else {}),
     }
 
 
@@ -172,6 +180,21 @@ def _json_tool(each: "Suggestion") -> dict[str, Any]:
         "substance": None if each.substance is None else each.substance.kind,
         "why": None if each.substance is None else each.substance.why,
         "confidence": None if each.substance is None else round(each.substance.confidence, 2),
+    }
+
+
+def _json_muscle(each: "SuggestedMuscle") -> dict[str, Any]:
+    muscle = each.muscle
+    thickness = muscle.thickness
+    return {
+        "name": muscle.name,
+        "node": muscle.node,
+        "origin": {"joint": each.joints[0], "offset": each.offsets[0]},
+        "insertion": {"joint": each.joints[1], "offset": each.offsets[1]},
+        "thickness": None if thickness == "auto" else thickness.value,
+        "mirror": "x" if each.mirrored else "none",
+        "bone": each.bone,
+        "depth": _short(each.depth),
     }
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from wrinklecli.character.bones import Bones
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import node_matrices
-from wrinklecli.character.rig import Rig
+from wrinklecli.character.rig import Hierarchy, Rig
 from wrinklecli.choices import Part
 from wrinklecli.numeric.arrays import Floats, unit
 from wrinklecli.tools.mirror import split_side
@@ -77,7 +77,7 @@ def limit_to_body(clips: Sequence[Clip], rig: Rig, bones: Bones) -> list[Clip]:
 
     Each clip turns one joint, or raises one morph target, evenly.
     """
-    forwards = _forwards(rig, bones)
+    forwards = forwards_of(rig, bones)
     found = []
     for clip in clips:
         (channel, *others) = clip.channels
@@ -127,7 +127,7 @@ def _turned(clip: Clip, node: int, rig: Rig) -> tuple[list[Floats], Floats, Floa
     return list(linear / np.where(scale > 0, scale, 1.0)[:, None, None]), above, bone if bone.any() else above
 
 
-def _forwards(rig: Rig, bones: Bones) -> Floats:
+def forwards_of(rig: Hierarchy, bones: Bones) -> Floats:
     """(3,) unit, the direction in which a character looks: along its feet, or as its file format says."""
     toes = [k for k, part in enumerate(bones.parts) if part == "toes" and rig.parents[k] >= 0]
     if toes:

@@ -21,6 +21,7 @@ from wrinklecli.review.suggest.choice import choose_candidates
 from wrinklecli.review.suggest.faces import suggest_face
 from wrinklecli.review.suggest.fitted_tools import Suggestion, fit_tools
 from wrinklecli.review.suggest.measure import MeasuredMesh, find_mesh_nodes, measure_meshes
+from wrinklecli.review.suggest.muscles import SuggestedMuscle, muscles_text, suggest_muscles
 from wrinklecli.review.suggest.substance import is_rigid
 from wrinklecli.review.suggest.suggest_options import SuggestOptions
 from wrinklecli.review.suggest.text import refuse_unwritable, tools_text
@@ -45,6 +46,7 @@ class Suggestions:
         notes: A line for each material that meshes are made of, and for each reason to leave out folds.
         inputs: All files that were read, and the asset's images.
         dropped: Tools that are not worth it, each with the reason.
+        muscles: With the option `muscles`, the muscles in place of tools.
     """
 
     tools: tuple[Suggestion, ...]
@@ -53,6 +55,7 @@ class Suggestions:
     notes: tuple[str, ...]
     inputs: tuple[str, ...]
     dropped: tuple[Dropped, ...] = ()
+    muscles: tuple[SuggestedMuscle, ...] = ()
 
 
 def suggest(
@@ -65,7 +68,7 @@ def suggest(
     """Find where clips compress an asset's surfaces, and suggest tools there.
 
     Without clips, the asset's range of motion is looked at: joints and morph targets, one at a time. With `face`, the
-    morph targets of a face are, whatever clips there are.
+    morph targets of a face are, whatever clips there are. With `muscles`, muscles are guessed by the names of bones.
 
     Args:
         asset: The .gltf or .glb to read.
@@ -91,6 +94,10 @@ def suggest(
         memory = Memory(options.max_memory)
         document = read_document(asset, allow_external=options.allow_external, memory=memory)
         nodes, notes = find_mesh_nodes(document, options)
+        if options.muscles:
+            muscles, left_out, reason = suggest_muscles(document, nodes)
+            text = muscles_text(muscles, document) if muscles else ""
+            return Suggestions((), text, reason, (*notes, *left_out), tuple(files_of(document)), muscles=tuple(muscles))
         in_range = options.range_of_motion or None
         motions = Motions(options.anims, in_range, options.pose, options.morphs)
         joined = moved(document, list(nodes), motions)

@@ -21,6 +21,7 @@ class SuggestOptions:
         count: Greatest number of suggestions; a pair counts as one.
         node: Name of the node whose mesh to look at; None for all nodes whose meshes deform.
         face: Suggest the wrinkles of a face by its morph targets, and nothing else.
+        muscles: Suggest muscles by the names of bones, and nothing else.
         everything: Leave out neither hard parts, nor what another layer hides, nor what is not worth it.
         materials: What places are made of, by the name of a material, node or mesh, whatever the pictures show.
         presets: Files of presets, from which tools get theirs where an entry names their parts of a body.
@@ -38,6 +39,7 @@ class SuggestOptions:
     count: int = 8
     node: str | None = None
     face: bool = False
+    muscles: bool = False
     everything: bool = False
     materials: Mapping[str, Substance] = field(default_factory=dict)
     presets: Sequence[str | os.PathLike[str]] = ()

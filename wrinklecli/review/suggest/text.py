@@ -33,7 +33,7 @@ def tools_text(
         "# is made to be edited: move the ends, try other widths and numbers of bumps, delete what you do not want.",
         "version: 1",
         "",
-        *([f"presets: [{', '.join(map(_quoted, presets))}]", ""] if presets else []),
+        *([f"presets: [{', '.join(map(quoted, presets))}]", ""] if presets else []),
         *_written_refinement(refinement),
         "defaults:",
         f"  rest_length: {100 - SLACK}%     # slack: the first {SLACK} % of shortening make no wrinkles",
@@ -53,7 +53,7 @@ def tools_text(
             shortens = "its weight makes the wrinkles, as the skin in the middle hardly shortens"
         places = [f"[{', '.join(f'{x:.{digits}f}' for x in place_of(point))}]" for point in tool.points]
         keys = {
-            "node": None if tool.node is None else _quoted(tool.node),
+            "node": None if tool.node is None else quoted(tool.node),
             "path": f"[{', '.join(places)}]" if tool.between else None,
             "origin": None if tool.between else places[0],
             "target": None if tool.between else places[-1],
@@ -115,7 +115,7 @@ def _written_refinement(refinement: RefinementSettings) -> list[str]:
     return [f"refinement: {{{', '.join(keys)}}}   # {', '.join(why)}", ""]
 
 
-def _quoted(name: str) -> str:
+def quoted(name: str) -> str:
     """A name with any characters as YAML text in double quotes."""
     escaped = name.replace("\\", "\\\\").replace('"', '\\"')
     return '"' + "".join(c if c.isprintable() else f"\\U{ord(c):08x}" for c in escaped) + '"'

@@ -1,0 +1,71 @@
+"""Muscles that are guessed by the names of bones."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+import wrinklecli
+from kit.characters import dressed, tubes
+from kit.command import Wrinkle
+from kit.limb import limb
+from wrinklecli.review.check import check
+from wrinklecli.tools.records import JointPoint
+
+NAMES = ["biceps", "triceps", "forearm_flexors", "quadriceps", "hamstrings", "calf"]
+
+
+@pytest.mark.quick(2)
+def test_a_body_gets_muscles_on_both_sides_that_bake(tmp_path: Path) -> None:
+    asset = tubes().write(tmp_path / "tubes.glb")
+    found = wrinklecli.suggest(asset, muscles=True)
+    assert [each.muscle.name for each in found.muscles] == [f"{name}.L" for name in NAMES]
+    assert all(each.mirrored for each in found.muscles)
+    assert "guess" in found.text
+    (tmp_path / "muscles.yaml").write_text(found.text)
+    report = wrinklecli.bake(asset, tmp_path / "muscles.yaml", tmp_path / "out.glb")
+    assert len(report.data["muscles"]) == 2 * len(NAMES)
+
+
+def test_muscles_lie_on_the_sides_of_their_bones(tmp_path: Path) -> None:
+    """A biceps and the thigh's quadriceps in front, triceps, hamstrings and calf behind, flexors below."""
+    found = wrinklecli.suggest(tubes().write(tmp_path / "tubes.glb"), muscles=True)
+    sides = {}
+    for each in found.muscles:
+        assert isinstance(each.muscle.origin, JointPoint)
+        _, y, z = each.muscle.origin.offset
+        sides[each.muscle.name] = z if abs(z) > 1e-9 else y
+    signs = [np.sign(sides[f"{name}.L"]) for name in NAMES]
+    assert signs == [1.0, -1.0, -1.0, 1.0, -1.0, -1.0]
+
+
+@pytest.mark.slow
+def test_guessed_muscles_are_low(tmp_path: Path) -> None:
+    """A squat moves the skin over the hamstrings by less than a fifth of the way to the bone."""
+    asset = dressed().write(tmp_path / "dressed.glb")
+    found = wrinklecli.suggest(asset, muscles=True)
+    (tmp_path / "muscles.yaml").write_text(found.text)
+    for muscle in check(asset, tmp_path / "muscles.yaml").data["muscles"]:
+        for clip in muscle["clips"]:
+            assert clip["bulge"][1] < 0.2 * muscle["depth"]
+
+
+def test_a_limb_without_names_gets_none(wrinkle: Wrinkle, tmp_path: Path) -> None:
+    asset = limb(tmp_path / "limb.gltf", rings=9, sides=8)
+    ran = wrinkle("suggest", asset, "--muscles", "-o", tmp_path / "muscles.yaml")
+    assert ran.code == 1
+    assert "nothing to suggest: no joints are named as upper arm" in ran.lines[-1]
+    assert not (tmp_path / "muscles.yaml").exists()
+
+
+def test_the_command_prints_a_file_and_json(wrinkle: Wrinkle, tmp_path: Path) -> None:
+    asset = tubes().write(tmp_path / "tubes.glb")
+    ran = wrinkle("suggest", asset, "--muscles")
+    assert (ran.code, ran.lines) == (0, [])
+    listed = yaml.safe_load(ran.out)["muscles"]
+    data = json.loads(wrinkle("suggest", asset, "--muscles", "--json").out)
+    assert [each["name"] for each in data["muscles"]] == [each["name"] for each in listed]
+    assert data["muscles"][0]["origin"] == listed[0]["origin"]
+    assert wrinkle("suggest", asset, "--muscles", "--face").code == 2

@@ -1,0 +1,321 @@
+"""Muscles suggested by the names of bones: where they are on a human, in proportion to each limb.
+
+They are guesses. A rig says where bones are and no more, so each muscle is low, and the file says that it was guessed.
+
+Source of the places: H. Gray, *Anatomy of the Human Body*, on origins and insertions, simplified to straight segments
+along one bone; ends are ratios of the bones' lengths.
+"""
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from wrinklecli.character.bones import Bones, read_bones
+from wrinklecli.character.clip import read_clips
+from wrinklecli.character.pose import stored_positions
+from wrinklecli.character.rig import Hierarchy, read_hierarchy
+from wrinklecli.choices import Part
+from wrinklecli.effects.muscle.attach import AttachedMuscle, attach_muscles
+from wrinklecli.errors import WrinkleError
+from wrinklecli.gltf.document import Document
+from wrinklecli.numeric.arrays import Floats, unit
+from wrinklecli.review.suggest.anatomy import forwards_of
+from wrinklecli.review.suggest.text import quoted
+from wrinklecli.surface.ground import Ground, read_ground
+from wrinklecli.tools.body import Muscle
+from wrinklecli.tools.mirror import exchange_sides, split_side
+from wrinklecli.tools.records import JointPoint, Length, Position, ToolsFile
+from wrinklecli.tools.yaml_tree import printable
+
+# Thickness of a guessed belly over the distance from bone to skin: three fifths of what a muscle gets by itself.
+_LOW = 0.5
+# Distance of a muscle's line from its bone, over that of the skin: the middle of the flesh.
+_DEEP = 0.45
+# The same over the bone's length, while the skin's distance is not known.
+_FIRST = 0.05
+# Angle of a joint in the stored pose that shows which way it bends, radians: 5°.
+_BENT = np.radians(5.0)
+# Difference of mirrored joints over the body's size below which a body is symmetric about x = 0.
+_SYMMETRIC = 0.01
+
+_Side = Literal["inside", "outside"]
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """Where a muscle is on a limb.
+
+    Attributes:
+        limb: The limb, a key of `_LIMBS`.
+        bone: The number of the limb's bone along which the muscle lies, 0 or 1.
+        side: The inside of the joint below that bone, to which it bends, or the outside.
+        begin: Distance of the origin from the bone's own joint, over the bone's length.
+        end: Distance of the insertion beyond the joint below, over the next bone's length, negative on this side of it.
+    """
+
+    limb: Literal["arm", "leg"]
+    bone: int
+    side: _Side
+    begin: float
+    end: float
+
+
+# The parts of each limb from its root on, and the way that its two lower joints bend on a human.
+_LIMBS: Mapping[str, tuple[Part, Part, Part]] = {
+    "arm": ("upper arm", "lower arm", "hand"),
+    "leg": ("upper leg", "lower leg", "foot"),
+}
+_MUSCLES: Mapping[str, _Place] = {
+    "biceps": _Place("arm", 0, "inside", 0.06, 0.14),
+    "triceps": _Place("arm", 0, "outside", 0.10, 0.02),
+    "forearm_flexors": _Place("arm", 1, "inside", 0.05, 0.15),
+    "quadriceps": _Place("leg", 0, "outside", 0.12, 0.08),
+    "hamstrings": _Place("leg", 0, "inside", 0.12, 0.10),
+    "calf": _Place("leg", 1, "outside", 0.04, 0.10),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class SuggestedMuscle:
+    """A muscle that is guessed, and its entry in a tools file.
+
+    Attributes:
+        muscle: The muscle; its side is the left one if `mirrored`.
+        mirrored: True if the other side has the same.
+        bone: The name of the bone that it lies along.
+        depth: Distance from that bone to the skin above, scene units.
+    """
+
+    muscle: Muscle
+    mirrored: bool
+    bone: str
+    depth: float
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The names of the joints that carry its origin and its insertion."""
+        return tuple(each.joint for each in self.muscle.points if isinstance(each, JointPoint))
+
+    @property
+    def offsets(self) -> tuple[Position, ...]:
+        """The offsets of its origin and its insertion from these joints."""
+        return tuple(each.offset for each in self.muscle.points if isinstance(each, JointPoint))
+
+
+@dataclass(frozen=True, slots=True)
+class _Limb:
+    """A limb: its joints, with places in the stored pose, and the direction in which each of two joints bends.
+
+    Attributes:
+        joints: Nodes of the two bones and of what is below them.
+        places: (3, 3) their places.
+        bends: (2, 3) unit directions across each bone towards which the joint below it bends.
+        letter: L or R.
+    """
+
+    kind: str
+    joints: tuple[int, int, int]
+    places: Floats
+    bends: Floats
+    letter: str
+
+
+def suggest_muscles(
+    document: Document, nodes: Mapping[int, str | None]
+) -> tuple[list[SuggestedMuscle], list[str], str]:
+    """Suggest muscles where the rig names the bones of arms and legs.
+
+    Args:
+        document: The asset.
+        nodes: Nodes whose meshes deform, each with the name that a file must give; None if it need not.
+
+    Returns:
+        The muscles, a line for each that fits no mesh, and why there are none.
+    """
+    hierarchy, bones = read_hierarchy(document), read_bones(document)
+    limbs = _limbs(hierarchy, bones)
+    if not limbs:
+        wanted = "upper arm and lower arm, or upper leg and lower leg, with a hand or a foot below"
+        return [], [], f"no joints are named as {wanted}"
+    settings, clips = ToolsFile(path=document.path), read_clips(document)
+    grounds = [read_ground(document, node, [], settings, clips) for node in nodes]
+    found, notes = [], []
+    lefts = {limb.kind: limb for limb in limbs if limb.letter == "L"}
+    twins = {limb.kind for limb in limbs if limb.letter == "R" and limb.kind in lefts}
+    twins = {kind for kind in twins if _mirrored(lefts[kind], limbs, hierarchy)}
+    for name, place in _MUSCLES.items():
+        for limb in limbs:
+            if limb.kind != place.limb or (limb.letter == "R" and limb.kind in twins):
+                continue
+            fitted = _fitted(f"{name}.{limb.letter}", place, limb, grounds, nodes, hierarchy.names)
+            if isinstance(fitted, str):
+                notes.append(fitted)
+            else:
+                found.append(replace(fitted, mirrored=limb.kind in twins))
+    return found, notes, "" if found else "no mesh has skin around the bones of arms and legs"
+
+
+def _limbs(hierarchy: Hierarchy, bones: Bones) -> list[_Limb]:
+    """The arms and legs of a rig, left ones first."""
+    found = []
+    forwards = forwards_of(hierarchy, bones)
+    aside = np.cross([0.0, 1.0, 0.0], forwards)  # to the character's left
+    for kind, (upper, lower, end) in _LIMBS.items():
+        for node, part in enumerate(bones.parts):
+            above = _above(hierarchy, bones, node, upper)
+            if part != lower or above is None or _above(hierarchy, bones, node, lower) is not None:
+                continue
+            below = next(
+                (k for k, each in enumerate(bones.parts) if each == end and _above(hierarchy, bones, k, lower) == node),
+                None,
+            )
+            if below is None:
+                continue
+            joints = above, node, below
+            places = stored_positions(hierarchy, joints)
+            left = float((places[1] - places[0]) @ aside)
+            if kind == "leg":  # legs hang down, and their sides are those of their joints
+                left = float((places[0] - _middle(hierarchy, bones, upper)) @ aside)
+            bends = _bends(kind, places, forwards, left >= 0)
+            letter = split_side(hierarchy.names[node])[1] or ("L" if left >= 0 else "R")
+            found.append(_Limb(kind, joints, places, bends, letter))
+    return sorted(found, key=lambda limb: limb.letter)
+
+
+def _above(hierarchy: Hierarchy, bones: Bones, node: int, part: Part) -> int | None:
+    """The nearest node above a node that is a part of the body."""
+    node = int(hierarchy.parents[node])
+    while node >= 0 and bones.parts[node] != part:
+        node = int(hierarchy.parents[node])
+    return node if node >= 0 else None
+
+
+def _middle(hierarchy: Hierarchy, bones: Bones, part: Part) -> Floats:
+    """(3,) the mean place of the joints of a part."""
+    joints = [k for k, each in enumerate(bones.parts) if each == part]
+    return np.asarray(stored_positions(hierarchy, joints).mean(axis=0))
+
+
+def _bends(kind: str, places: Floats, forwards: Floats, left: bool) -> Floats:
+    """(2, 3) directions across both bones of a limb towards which the joint below each bends.
+
+    An elbow bends forwards and a knee backwards, unless the stored pose shows another way. A wrist bends to the palm,
+    which looks down where arms are spread, and an ankle bends upwards.
+    """
+    upper, lower = unit(places[1] - places[0]), unit(places[2] - places[1])
+    hinge = lower - upper * float(upper @ lower)
+    if np.linalg.norm(hinge) < np.sin(_BENT):
+        hinge = forwards if kind == "arm" else -forwards
+    palm = np.cross(lower, forwards) if left else np.cross(forwards, lower)
+    end = palm if kind == "arm" else forwards
+    across = [each - bone * float(bone @ each) for each, bone in ((hinge, upper), (end, lower))]
+    return np.array([unit(each) for each in across])
+
+
+def _mirrored(left: _Limb, limbs: Sequence[_Limb], hierarchy: Hierarchy) -> bool:
+    """True if a limb has a mirror image about x = 0, with joints of mirrored names."""
+    right = next(limb for limb in limbs if limb.kind == left.kind and limb.letter == "R")
+    names = [[hierarchy.names[joint] for joint in limb.joints] for limb in (left, right)]
+    size = float(np.linalg.norm(left.places[2] - left.places[0]))
+    apart = np.abs(left.places * [-1.0, 1.0, 1.0] - right.places).max()
+    return [exchange_sides(name) for name in names[0]] == names[1] and bool(apart < _SYMMETRIC * size)
+
+
+def _fitted(
+    name: str,
+    place: _Place,
+    limb: _Limb,
+    grounds: Sequence[Ground],
+    nodes: Mapping[int, str | None],
+    names: Sequence[str],
+) -> SuggestedMuscle | str:
+    """A muscle on the mesh that has most skin on its bone, or the line that says why it fits none."""
+    bone = limb.joints[place.bone]
+    shares = [_share(ground, bone) for ground in grounds]
+    if not shares or max(shares) <= 0.0:
+        return f"{name}: left out, as no mesh has skin on {names[bone]!r}"
+    ground = grounds[int(np.argmax(shares))]
+    span = float(np.linalg.norm(limb.places[place.bone + 1] - limb.places[place.bone]))
+    try:
+        first = _attached(name, place, limb, _FIRST * span, ground, nodes, names)
+        found = _attached(name, place, limb, _DEEP * first.depth, ground, nodes, names)
+    except WrinkleError as error:
+        return f"{name}: left out: {error.lines[0].removeprefix(f'{ground.document.path}: ')}"
+    low = replace(found.tool, thickness=Length(_LOW * found.depth))
+    return SuggestedMuscle(low, False, names[found.bone], found.depth)
+
+
+def _share(ground: Ground, joint: int) -> float:
+    """The sum of the skin weights of a joint on a mesh."""
+    columns = np.flatnonzero(ground.rig.joints == joint)
+    if not len(columns):
+        return 0.0
+    return float(ground.surface.weights[np.isin(ground.surface.joints, columns)].sum())
+
+
+def _attached(
+    name: str,
+    place: _Place,
+    limb: _Limb,
+    deep: float,
+    ground: Ground,
+    nodes: Mapping[int, str | None],
+    names: Sequence[str],
+) -> AttachedMuscle:
+    """A muscle whose line is some scene units beside its bone.
+
+    Raises:
+        WrinkleError: It does not fit.
+    """
+    k, places = place.bone, limb.places
+    bone = places[k + 1] - places[k]
+    beyond = places[k + 2] - places[k + 1] if k + 2 < len(places) else 0.5 * bone
+    aside = deep * limb.bends[k] * (1.0 if place.side == "inside" else -1.0)
+    points = (
+        JointPoint(names[limb.joints[k]], _rounded(place.begin * bone + aside)),
+        JointPoint(names[limb.joints[k + 1]], _rounded(place.end * beyond + aside)),
+    )
+    muscle = Muscle(
+        name=name, node=nodes[ground.rig.node], origin=points[0], insertion=points[1], where=ground.document.path
+    )
+    (found,) = attach_muscles([muscle], ground)
+    return found
+
+
+def _rounded(offset: Floats) -> tuple[float, float, float]:
+    """An offset to four digits of its length, as a file writes it."""
+    digits = 4 - int(np.floor(np.log10(max(float(np.linalg.norm(offset)), 1e-9))))
+    x, y, z = (round(float(each), digits) + 0.0 for each in offset)
+    return (x, y, z)
+
+
+def muscles_text(muscles: Sequence[SuggestedMuscle], document: Document) -> str:
+    """A tools file of suggested muscles, which says that they are guesses."""
+    lines = [
+        f"# Muscles for {printable(os.path.basename(document.path), 90)}, as `wrinkle suggest --muscles` guesses them",
+        "# by the names of bones and the thickness of limbs. Nothing has been measured in motion: look at each in a",
+        "# preview, move its ends, make it thicker, or delete it. `activation` flexes it by hand.",
+        "version: 1",
+        "",
+        "muscles:",
+    ]
+    for each in muscles:
+        muscle = each.muscle
+        assert isinstance(muscle.thickness, Length)
+        keys = {
+            "node": None if muscle.node is None else quoted(muscle.node),
+            "origin": _written(each.joints[0], each.offsets[0]),
+            "insertion": _written(each.joints[1], each.offsets[1]),
+            "mirror": "x" if each.mirrored else None,
+            "thickness": f"{muscle.thickness.value:.3g}   # a guess, and low: skin and bone are {each.depth:.3g} apart",
+        }
+        lines.append(f"  - name: {muscle.name}")
+        lines += [f"    {key}: {value}" for key, value in keys.items() if value is not None]
+    return "\n".join(lines) + "\n"
+
+
+def _written(joint: str, offset: Position) -> str:
+    return f"{{joint: {quoted(joint)}, offset: [{', '.join(f'{x:.12g}' for x in offset)}]}}"
