@@ -1,13 +1,14 @@
 // Wrinkles in clips that were never baked: what `wrinkle bake` leaves in a node's extras is enough.
 // `wrinkleWeights` needs neither a browser nor three.js; `WrinkleDriver` is how three.js uses it.
 
+import { fleshWeights } from './flesh.js';
 import { foldWeights } from './fold.js';
 import { jointFinder, morphMeshes, named, nameOf, quoted } from './joints.js';
 import { activation } from './muscle.js';
 import { between } from './polyline.js';
 import { lagged } from './spring.js';
 
-export { foldWeights };
+export { fleshWeights, foldWeights };
 
 /** A point times a 4×4 matrix, stored by columns. */
 const moved = (m, [x, y, z]) => [0, 1, 2].map((i) => m[i] * x + m[i + 4] * y + m[i + 8] * z + m[i + 12]);
@@ -102,7 +103,7 @@ export class WrinkleDriver {
     if (!this.bodies.length) console.warn('wrinkle: nothing to drive: no object has extras.wrinkle and morph targets');
   }
 
-  add(object, { muscles = [], tools = [], folds = [], parts = [] }) {
+  add(object, { muscles = [], tools = [], folds = [], flesh = [], parts = [] }) {
     const warn = (line) => console.warn(`wrinkle: ${nameOf(object)}: ${line}`);
     // The other parts of a mesh that was split stand beside it.
     const places = parts.map((name) => named(this.root, name));
@@ -122,14 +123,16 @@ export class WrinkleDriver {
     // Muscles move the skin on which the anchors of tools are. A fold that no joint bends is driven as a tool.
     const [bent, risen] = [folds.filter(({ joint }) => joint), folds.filter(({ joint }) => !joint)];
     const jointMatrixOf = (name) => jointOf(name).matrixWorld.elements;
-    const drives = { tools: [...muscles, ...tools, ...risen].filter(isThere), folds: bent.filter(isThere) };
-    if (meshes.length) this.bodies.push({ ...drives, meshes, jointMatrixOf, states: [] });
+    const every = { tools: [...muscles, ...tools, ...risen], folds: bent, flesh };
+    const drives = Object.fromEntries(Object.entries(every).map(([kind, all]) => [kind, all.filter(isThere)]));
+    const [states, swings] = [drives.tools, drives.flesh].map((all) => all.map(() => ({})));
+    if (meshes.length) this.bodies.push({ ...drives, meshes, jointMatrixOf, states, swings });
   }
 
   update(clip, time, elapsed = Math.max(time - this.time, 0)) {
     this.time = time;
     this.root.updateMatrixWorld();
-    for (const { tools, folds, meshes, states, jointMatrixOf } of this.bodies) {
+    for (const { tools, folds, flesh, meshes, states, swings, jointMatrixOf } of this.bodies) {
       const { morphTargetDictionary: numbers, morphTargetInfluences: influences } = meshes[0];
       const morphWeightOf = (name) => influences[numbers[name]] ?? 0;
       const show = ({ targets }, found) => {
@@ -139,10 +142,10 @@ export class WrinkleDriver {
       // The asset's own morph targets move other parts as the first.
       for (const { morphTargetDictionary: places, morphTargetInfluences: all } of meshes.slice(1))
         for (const [name, place] of Object.entries(places)) if (name in numbers) all[place] = influences[numbers[name]];
-      for (const [number, tool] of tools.entries()) {
-        const state = (states[number] ??= {});
-        show(tool, wrinkleWeights(tool, jointMatrixOf, { morphWeightOf, clip, time, state, elapsed }));
-      }
+      // First, as wrinkles appear where flesh swings.
+      flesh.forEach((each, k) => show(each, fleshWeights(each, jointMatrixOf, { state: swings[k], elapsed })));
+      for (const [k, tool] of tools.entries())
+        show(tool, wrinkleWeights(tool, jointMatrixOf, { morphWeightOf, clip, time, state: states[k], elapsed }));
       for (const fold of folds) show(fold, foldWeights(fold, jointMatrixOf, morphWeightOf, clip));
     }
   }

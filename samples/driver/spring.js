@@ -1,7 +1,7 @@
 // Tissue that lags: x'' = ω² (d - x) - 2 ζ ω x', exact where d runs straight from frame to frame, however long one is.
 
 /** What is left of a unit of place, and of a unit of speed, after so many radians: C and S of `Spring.decay`. */
-function decay(damping, turns) {
+export function decay(damping, turns) {
   if (damping < 1) {
     const swing = Math.sqrt(1 - damping ** 2);
     const fading = Math.exp(-damping * turns);

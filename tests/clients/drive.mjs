@@ -14,10 +14,11 @@ import { load } from './load.mjs';
  * node   name of the node with the mesh
  * drive  whether the page's driver sets the weights each frame
  * elapsed seconds since the time before, for each; left out, the times' own
+ * places  for each time where the player has put the body, [x, y, z]; left out, at the origin
  *
  * Gives {weights: for each time and part of the mesh those of the targets, targets: names}.
  */
-export async function drive({ file, anim, clip, times, node, drive: driven, elapsed = [] }) {
+export async function drive({ file, anim, clip, times, node, drive: driven, elapsed = [], places = [] }) {
   const body = await load(file);
   const clips = (anim ? await load(anim) : body).gltf.animations;
   const found = clips.find(({ name }) => name === clip);
@@ -39,6 +40,7 @@ export async function drive({ file, anim, clip, times, node, drive: driven, elap
   const weights = times.map((time, frame) => {
     if (action) action.time = time;
     mixer.update(0);
+    if (places[frame]) root.position.set(...places[frame]);
     driver?.update(clip, time, elapsed[frame]);
     return parts.map((part) => [...part.morphTargetInfluences]);
   });

@@ -263,6 +263,7 @@ def drive(
     anim: Path | None = None,
     driver: bool = False,
     elapsed: Sequence[float] = (),
+    places: Sequence[Sequence[float]] = (),
 ) -> dict[str, Floats]:
     """Morph weights of a node's mesh while three.js plays a clip.
 
@@ -274,12 +275,14 @@ def drive(
         anim: The file with the clip, where it is not the body's.
         driver: Let the page in `samples/driver` set the weights each frame.
         elapsed: Seconds since the time before, for each, for tools that lag; left out, the times' own.
+        places: Where the player has put the body, for each time; left out, at the origin.
 
     Returns:
         By target, (times, parts of the mesh) weights.
     """
     request = {"file": str(file), "node": node, "clip": clip, "times": [float(time) for time in times], "drive": driver}
     request |= {"elapsed": list(elapsed)} if elapsed else {}
+    request |= {"places": [list(each) for each in places]} if places else {}
     request |= {} if anim is None else {"anim": str(anim)}
     answer = ask("drive", "drive", request)
     weights = np.array(answer["weights"], np.float64)

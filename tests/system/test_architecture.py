@@ -93,7 +93,9 @@ def test_an_effect_knows_only_those_that_act_before_it() -> None:
 def test_a_bake_knows_effects_only_as_effects() -> None:
     for path in (PACKAGE / "baking").glob("*.py"):
         known = {
-            name for name in imports_of(path) if re.match(r"wrinklecli\.effects\.(muscle|wrinkle|contact)\b", name)
+            name
+            for name in imports_of(path)
+            if re.match(r"wrinklecli\.effects\.(muscle|flesh|wrinkle|contact)\b", name)
         }
         assert not known, f"{place_of(path)} imports {known}"
 

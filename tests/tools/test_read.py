@@ -23,6 +23,7 @@ from kit.tools_text import (
     EVERYTHING,
     FILE,
     FILE_KEYS,
+    FLESH,
     HEAD,
     LENGTH,
     LENGTHS,
@@ -741,6 +742,7 @@ def readme_tables() -> dict[str, dict[str, str]]:
         ),
         ("Tissue that lags", TOOL["lag"]["then"]["properties"]),
         ("Muscles", MUSCLE),
+        ("Flesh", FLESH),
         ("joint", MUSCLE["origin"]["then"]["properties"]),
         ("Folds that touch", TOOL["contact"]["then"]["properties"]),
     ],
@@ -760,7 +762,8 @@ def defaults_of(keys: dict[str, Any]) -> dict[str, Any]:
     """The defaults of the schema."""
     defaults = {key: entry.get("default", "required") for key, entry in keys.items()}
     defaults |= {key: {} for key in ("sampling", "refinement") if key in keys}  # none of their keys given
-    return defaults | {key: None for key in ("path", "tools", "muscles") if key in keys}  # in place of each other
+    # Each in place of others.
+    return defaults | {key: None for key in ("path", "tools", "muscles", "flesh", "at", "radius") if key in keys}
 
 
 def written_defaults(table: dict[str, str]) -> dict[str, Any]:

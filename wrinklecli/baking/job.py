@@ -17,10 +17,14 @@ from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.images import files_of
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.memory import MAX_MEMORY, MAX_VERTICES, Memory
+from wrinklecli.tools.body import Flesh
 from wrinklecli.tools.read import load_merged
 from wrinklecli.tools.records import ONE_PERCENT, EffectTool, Length, ToolsFile
 
 ToolsPaths: TypeAlias = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
+
+# Shapes of a region of flesh in a draft: the fewest.
+_DRAFTED_SHAPES = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,8 +53,8 @@ class BakeOptions:
         strict: Refuse to write if there are warnings.
         replace: If the asset is the output of an earlier bake, bake the asset of that bake; see `baking.original`.
         details: Measure residuals of normals and curve lengths for the report, which takes longer.
-        draft: For a quick look: refine one level less, leave contact out, and do not prove the file, which says that it
-            is a draft.
+        draft: For a quick look: refine one level less, leave contact out, let flesh swing in three shapes, and do not
+            prove the file, which says that it is a draft.
         jobs: Processes that resolve contact. The file does not depend on their number.
         split: Let faces that the same morph targets move be meshes and nodes of their own, without the other targets.
     """
@@ -133,7 +137,11 @@ def read_job(
     document = asset if isinstance(asset, Document) else _read(asset, options)
     if options.replace:
         document = original(document)
-    drafted = replace(settings, tools=tuple(replace(tool, contact=None) for tool in settings.tools))
+    drafted = replace(
+        settings,
+        tools=tuple(replace(tool, contact=None) for tool in settings.tools),
+        flesh=tuple(replace(each, shapes=_DRAFTED_SHAPES) for each in settings.flesh if isinstance(each, Flesh)),
+    )
     motions = motions or Motions(anims=options.anims, range_of_motion=False)
     job = job_of(document, drafted if options.draft else settings, options, motions)
     asked = [tool.name for tool in settings.tools if tool.contact is not None]

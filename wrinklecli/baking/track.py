@@ -23,6 +23,7 @@ from wrinklecli.character.rig import TRANSFORM_DEFAULTS, Rig, moving_nodes, read
 from wrinklecli.character.weight_track import Track, pad, widen
 from wrinklecli.drive.drive import Drive, StoredDrive
 from wrinklecli.drive.segment import Segment
+from wrinklecli.drive.swing import SwingDrive
 from wrinklecli.drive.table import TABLE_ERROR
 from wrinklecli.errors import AssetError, BakeError, RefusedError, counted, listed, nearest
 from wrinklecli.files.outputs import Outputs, part_of
@@ -190,7 +191,7 @@ def _track_file(
         present.append((body, drives))
         warnings += [f"{document.path}: {line}" for line in missed]
     if not any(drives for _, drives in present):
-        segments = (each for body in bodies for each in body.drives if each.measures_segment)
+        segments = (each for body in bodies for each in body.drives if each.acts_alone)
         wanted = dict.fromkeys(joint for each in segments for joint in each.joints)
         unnamed = len(document.items("nodes")) - len(names)
         raise AssetError(
@@ -216,7 +217,7 @@ def _track_file(
         f"{each.name} on {body.node}: targets {', '.join(each.targets)}"
         for body, drives in present
         for each in drives
-        if each.measures_segment
+        if each.acts_alone
     )
     return Tracked(output, tuple(tracked), tuple(lines), tuple(warnings), tuple(notes), tuple(flat))
 
@@ -233,14 +234,14 @@ def present_drives(body: BakedBody, gltf: Json) -> tuple[list[StoredDrive], list
         several = [joint for joint in drive.joints if joint in names.shared]
         if not missing:
             present.append(drive)
-        if not drive.measures_segment:
+        if not drive.acts_alone:
             continue  # its tool's warning says it
         if missing:
             hint = nearest(missing[0], names.joints) if len(missing) == 1 else ""
             warnings.append(f"{drive.name}: left out, as there is no joint {listed(missing)}{hint}")
         elif several:
             warnings.append(f"{drive.name}: several nodes are named {listed(several)}; the first is taken")
-    wanted, found = (any(each.measures_segment for each in drives) for drives in (body.drives, present))
+    wanted, found = (any(each.acts_alone for each in drives) for drives in (body.drives, present))
     return present if found or not wanted else [], warnings
 
 
@@ -373,7 +374,7 @@ class _Driven:
         columns: For each drive, the numbers of its targets among the driven ones.
     """
 
-    drives: tuple[Drive, ...]
+    drives: tuple[Drive | SwingDrive, ...]
     keyed: frozenset[str]
     rig: Rig
     stored: Floats
@@ -400,7 +401,9 @@ class _Driven:
     def flat(self, clip: Clip, times: Floats, weights: Floats) -> Iterator[str]:
         """A line for each tool whose (frames, driven targets) weights are 0 at (frames,) seconds of a clip."""
         for drive, columns in zip(self.drives, self.columns, strict=True):
-            if not isinstance(drive.signal, Segment) or weights[:, columns].any() or self._has_own(drive, clip):
+            if isinstance(drive, SwingDrive) or weights[:, columns].any() or self._has_own(drive, clip):
+                continue
+            if not isinstance(drive.signal, Segment):
                 continue
             lengths = drive.signal.lengths(self.rig, clip, times)
             least = float(np.min(lengths.distances / lengths.rest_lengths))
@@ -411,7 +414,7 @@ class _Driven:
             else:
                 yield f"{drive.name} stays flat, as its ends come no closer than {100 * least:.4g} % of its rest length"
 
-    def _has_own(self, drive: Drive, clip: Clip) -> bool:
+    def _has_own(self, drive: Drive | SwingDrive, clip: Clip) -> bool:
         """True if a clip moves targets that belong to it alone, as in the file of its bake."""
         channel = clip.channel(self.rig.node, "weights")
         columns = [number for number, name in enumerate(self.rig.morph_names) if name in drive.own]

@@ -55,11 +55,11 @@ def check(
     refinement has split, and that no wrinkle moves, count as before. A baked file that `wrinkle track` or other
     software has rewritten is only counted as it is.
 
-    --json prints {"check": 1, "asset", "tools_file", "meshes", "tools", "notes", "warnings"}, and "muscles" where
-    there are any; within version 1, keys are only added. Lengths are scene units, positions have the tools file's axes,
-    shortenings are shares of the rest length. With --crossings it prints {"crossings": 1, "asset", "tools_file",
-    "states", "stored_pose", "clips", "warnings"}: counts are a number for each state, or a list of them for the
-    times of a clip.
+    --json prints {"check": 1, "asset", "tools_file", "meshes", "tools", "notes", "warnings"}, and "muscles" and
+    "flesh" where there are any; within version 1, keys are only added. Lengths are scene units, positions have the
+    tools file's axes, shortenings are shares of the rest length. With --crossings it prints {"crossings": 1, "asset",
+    "tools_file", "states", "stored_pose", "clips", "warnings"}: counts are a number for each state, or a list of them
+    for the times of a clip.
 
     Exit codes: 0 done; 1 the input is at fault; 2 wrong usage; 3 refused (--strict with warnings), no picture
     written; 70 a bug.
@@ -102,11 +102,15 @@ def _emit_tables(data: dict[str, Any]) -> None:
     for note in data["notes"]:
         emit(f"note: {note}")
         emit("")
-    for muscle in data.get("muscles", ()):
-        emit(f"{muscle['name']} on {muscle['node']}", style={"bold": True})
-        for line in _muscle_rows(muscle):
+    below = [
+        *((each, _muscle_rows) for each in data.get("muscles", ())),
+        *((each, _flesh_rows) for each in data.get("flesh", ())),
+    ]
+    for effect, rows in below:
+        emit(f"{effect['name']} on {effect['node']}", style={"bold": True})
+        for line in rows(effect):
             emit(f"  {line}")
-        for warning in muscle["warnings"]:
+        for warning in effect["warnings"]:
             _emit_warning(warning)
         emit("")
     for tool in data["tools"]:
@@ -122,12 +126,27 @@ def _emit_tables(data: dict[str, Any]) -> None:
             f" + {mesh['new_triangles']}, {counted(mesh['levels'], 'level')} of refinement"
         )
     for warning in data["warnings"]:
-        if not any(warning in each["warnings"] for each in (*data.get("muscles", ()), *data["tools"])):
+        if not any(warning in each["warnings"] for each in (*(effect for effect, _ in below), *data["tools"])):
             _emit_warning(warning)
 
 
 def _emit_warning(warning: str) -> None:
     emit(f"warning: {warning}", style={"fg": "yellow"})
+
+
+def _flesh_rows(region: dict[str, Any]) -> list[str]:
+    """The lines of a region of flesh, and a table of its clips."""
+    width = max((len(each["name"]) for each in region["clips"]), default=0)
+    return [
+        f"joint    {region['joint']}",
+        f"springs  {', '.join(f'{each:.3g}' for each in region['frequencies'])} Hz, of {region['elements']:,} elements",
+        f"mesh     {region['moved_vertices']} vertices move, by about {region['limit']:.3g} at most",
+        *(
+            f"{each['name']:{width}}  moves by up to {each['largest_move']:.3g}"
+            + (f", {each['seconds_at_limit']:.2g} s at the limit" if each["seconds_at_limit"] else "")
+            for each in region["clips"]
+        ),
+    ]
 
 
 def _muscle_rows(muscle: dict[str, Any]) -> list[str]:

@@ -178,6 +178,10 @@ def _clip(clip: dict[str, Any]) -> str:
 
 def _wrinkles(each: dict[str, Any]) -> list[str]:
     lines = ["a draft: neither proven nor fully refined"] if each["draft"] else []
+    for region in each.get("flesh", ()):
+        springs = ", ".join(f"{frequency:.3g}" for frequency in region["frequencies"])
+        lines.append(f"{region['name']}: swings after {region['joint']} by springs of {springs} Hz")
+        lines.append(f"  {counted(len(region['targets']), 'target')}: {', '.join(region['targets'])}")
     for tool in (*each.get("muscles", ()), *each["tools"]):
         anchors = [tool["origin_joints"], *tool.get("between_joints", []), tool["target_joints"]]
         joints = " to ".join(" + ".join(each) for each in anchors)

@@ -23,6 +23,7 @@ Sections of the extras are played in their order, `SECTIONS`: anchors may move w
   Where the rest length changes, `curve` takes their place: see `CurveTable`. Angles may have further rows of weights,
   `leaning`, for turns about other axes: the share of each is its `towards` · s / (`axis` · s), at least 0, in the sum
   2 at most; the rest of 1 is the share of `weights`. Weights below 0 are raised by a multiple of `null`.
+- Flesh has `modes`, springs that follow a joint: see `drive.swing`.
 - `strengths` are factors on the weights in some clips; `strength` is the factor in all others. Weights are 0 where any
   of the targets `own` is not: these belong to one clip alone, which drives them itself.
 """
@@ -40,12 +41,13 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.drive.angle import Angles, JointAngle
 from wrinklecli.drive.lag import TAUT
 from wrinklecli.drive.segment import Lengths, RestLength, Segment, Tension
+from wrinklecli.drive.swing import SwingDrive, read_swing
 from wrinklecli.drive.table import Json, Response, read_table, stored
 from wrinklecli.numeric.arrays import Floats, unit_quaternions
 from wrinklecli.numeric.piecewise import Signal
 from wrinklecli.tools.records import Lag
 
-SECTIONS = ("muscles", "tools", "folds")
+SECTIONS = ("muscles", "flesh", "tools", "folds")
 """The lists of drives in extras, in the order in which they act."""
 
 # Frequency, in hertz, and damping ratio of a spring that extras may ask for: more than a tools file may.
@@ -145,6 +147,11 @@ class StoredDrive:
         return "joint" not in self.data
 
     @property
+    def acts_alone(self) -> bool:
+        """True if it acts without others, False for a fold, which has nothing to move where no tool acts."""
+        return self.measures_segment or "modes" in self.data
+
+    @property
     def carrying_targets(self) -> frozenset[str]:
         """Names of the morph targets that carry its anchors."""
         if not self.measures_segment:
@@ -168,9 +175,11 @@ class StoredDrive:
         drive.on({name: number for number, name in enumerate(names)}, sorted(drive.carrying_targets))
         return drive
 
-    def on(self, nodes: Mapping[str, int], morph_names: Sequence[str]) -> Drive:
+    def on(self, nodes: Mapping[str, int], morph_names: Sequence[str]) -> Drive | SwingDrive:
         """The drive on a rig, from nodes by name, and the names of the rig's morph targets."""
         data = self.data
+        if "modes" in data:
+            return read_swing(data, nodes)
         joint = "joint" in data
         response = read_table(data, len(self.targets))
         return Drive(

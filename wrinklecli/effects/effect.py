@@ -18,6 +18,7 @@ from wrinklecli.character.rig import DrivenTargets, Rig
 from wrinklecli.character.sparse_targets import SparseDeltas
 from wrinklecli.choices import Mode
 from wrinklecli.drive.drive import Drive
+from wrinklecli.drive.swing import SwingDrive
 from wrinklecli.effects.shapes import Shape
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools, Floats, Ints
@@ -132,7 +133,7 @@ class Effect(ABC):
 
     @property
     @abstractmethod
-    def drive(self) -> Drive | None:
+    def drive(self) -> Drive | SwingDrive | None:
         """The drive that sets the weights of the targets in clips that were never baked; None if there is none."""
 
     @property

@@ -2,7 +2,8 @@
 
 from wrinklecli.effects.contact.layer import ContactKind
 from wrinklecli.effects.effect import EffectKind
+from wrinklecli.effects.flesh.layer import FleshKind
 from wrinklecli.effects.muscle.layer import MuscleKind
 from wrinklecli.effects.wrinkle.layer import WrinkleKind
 
-KINDS: tuple[EffectKind, ...] = (MuscleKind(), WrinkleKind(), ContactKind())
+KINDS: tuple[EffectKind, ...] = (MuscleKind(), FleshKind(), WrinkleKind(), ContactKind())

@@ -249,7 +249,7 @@ def _bounds(accessors: Iterable[Json], key: str) -> list[float]:
 
 
 def _wrinkles(document: Document) -> Iterator[Json]:
-    """The tools and muscles that a bake has recorded on each node."""
+    """The tools, muscles and flesh that a bake has recorded on each node."""
     for index in wrinkled(document.gltf):
         entry = wrinkle_entry(document.items("nodes")[index])
         try:
@@ -258,12 +258,23 @@ def _wrinkles(document: Document) -> Iterator[Json]:
                 "method": entry.get("method"),
                 "draft": entry.get("draft") is True,
                 **({"muscles": list(map(_segment, entry["muscles"]))} if "muscles" in entry else {}),
+                **({"flesh": list(map(_swing, entry["flesh"]))} if "flesh" in entry else {}),
                 "tools": list(map(_segment, entry["tools"])),
                 "undriven": [str(name) for name in entry.get("undriven", [])],
             }
         except (LookupError, TypeError, ValueError, AttributeError) as error:
             where = document.where("nodes", index, "extras", "wrinkle")
             raise AssetError("is not what `wrinkle bake` writes", where=where) from error
+
+
+def _swing(drive: Json) -> Json:
+    """A region of flesh, as a bake has recorded it."""
+    return {
+        "name": str(drive["name"]),
+        "joint": str(drive["joint"]),
+        "frequencies": [_number(mode["frequency"]) for mode in drive["modes"]],
+        "targets": [str(name) for name in drive["targets"]],
+    }
 
 
 def _segment(drive: Json) -> Json:

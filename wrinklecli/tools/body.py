@@ -1,4 +1,4 @@
-"""The records of effects below the skin, as `tools.records` has them of wrinkles: muscles.
+"""The records of effects below the skin, as `tools.records` has them of wrinkles: muscles and flesh.
 
 `configs/README.md` is the reference of the keys.
 """
@@ -25,7 +25,22 @@ from wrinklecli.tools.json_schema import (
     schema_of,
 )
 from wrinklecli.tools.materials import Preset
-from wrinklecli.tools.records import END, SECONDS, Length, Point, identifier, parse_length, read_end
+from wrinklecli.tools.records import (
+    ANCHOR,
+    END,
+    MASK,
+    SECONDS,
+    Length,
+    Marker,
+    Mask,
+    Point,
+    Position,
+    identifier,
+    parse_length,
+    read_anchor,
+    read_end,
+    read_mask_of,
+)
 
 AUTO_LENGTH = expects(f"auto, {LENGTHS}", anyOf=[{"enum": ["auto"]}, LENGTH])
 
@@ -213,3 +228,82 @@ def odd_activation(value: Any) -> Sequence[tuple[tuple[str, ...], str]]:
             message = f"expected times that rise from key to key, not {falling[0]:g} and then {falling[1]:g}"
             found.append((("keys", clip), message))
     return found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Flesh(BodyEffect):
+    """One region of flesh; mirrored ones are regions of their own.
+
+    Attributes:
+        at: Its middle: world space at rest, Y-up, scene units; or a marker. None for a region that a mask or a joint
+            outlines.
+        gravity: The share of gravity, 0 to 1.
+    """
+
+    at: Position | Marker | None = key(
+        ANCHOR, "Middle of the region, on the skin: world space at rest in scene units, or {marker: NODE}.",
+        read=read_anchor, absent=None,
+    )  # fmt: skip
+    radius: float | None = key(
+        number(1e-9, 1e9, "a length"),
+        "Length in scene units from the middle over which flesh swings; it fades to the border.",
+        read=float,
+        absent=None,
+    )
+    joint: str | None = key(
+        {**TEXT, "type": ["string", "null"]},
+        "Joint that carries the region; without `at`, the region is the skin that follows it. Default: the joint of "
+        "most weight at the middle.",
+        None,
+    )
+    mask: Mask | None = key(
+        MASK,
+        "Softness of the skin at each place, 0 to 1: {attribute: _FLESH} of vertices, or {image: FILE, channel: r}. "
+        "Without `at`, it outlines the region. Default none.",
+        None,
+        read=read_mask_of,
+    )
+    frequency: float = key(
+        number(0.5, 20), "Swings per second, were they not damped: 2 soft, 4 firm. Default 3.", 3.0, read=float
+    )
+    damping: float = key(
+        number(0.05, 2), "From 1 on flesh does not swing back. Default 0.25.", 0.25, read=float
+    )  # fmt: skip
+    shapes: int = key(
+        expects("3, 6 or 9", enum=[3, 6, 9]),
+        "Shapes in which it swings, with one morph target more: 3 is stylised, 6 is right to some per cent. Default 6.",
+        6,
+    )
+    limit: Length = key(
+        LENGTH,
+        "About how far skin moves at most, which it approaches smoothly: a length, or a percentage of the radius. "
+        "Default 15%.",
+        "15%",
+        read=parse_length,
+    )
+    gravity: float = key(
+        expects(
+            "a percentage from 0% to 100%",
+            type="string",
+            maxLength=40,
+            pattern=r"^\+?0*([0-9]|[1-9][0-9])(\.[0-9]*)? ?%$|^\+?0*100(\.0*)? ?%$",
+        ),
+        "Share of gravity that pulls where the body turns; the rest pose has its own already. Default 30%.",
+        "30%",
+        read=lambda value: float(value.rstrip("% ")) / 100.0,
+    )
+
+    @property
+    def points(self) -> tuple[Point, ...]:
+        """The middle, if it has one."""
+        return () if self.at is None else (self.at,)
+
+    def place_of(self, number: int, *keys: str) -> str:
+        """The place of the middle in the file."""
+        assert number == 0
+        return self.place("at", *keys)
+
+    @property
+    def named_clips(self) -> Sequence[tuple[str, tuple[str, ...]]]:
+        """Nothing: it acts in all clips."""
+        return ()

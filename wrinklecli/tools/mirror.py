@@ -38,7 +38,7 @@ def mirrored(record: type, values: Mapping[str, Any], axis: str) -> dict[str, An
         return (x, y, z)
 
     other = with_points(record, values, lambda point: moved_point(point, other_side, exchange_sides))
-    for key in ("name", "node"):
+    for key in ("name", "node", "joint"):
         if isinstance(values.get(key), str):
             other[key] = exchange_sides(values[key])
     for key in ("rest_length", "activation"):

@@ -130,7 +130,7 @@ Point: TypeAlias = Position | Marker | JointPoint
 
 # Keywords for items hold for lists alone, keywords for properties for mappings alone, so both stand side by side.
 _MARKED = {name: each for name, each in schema_of(Marker).items() if name != "type"}
-_ANCHOR = _coordinates("[x, y, z] or {marker: NODE}", "object", **_MARKED)
+ANCHOR = _coordinates("[x, y, z] or {marker: NODE}", "object", **_MARKED)
 END = if_mapping(
     schema_of(JointPoint),
     _coordinates("[x, y, z], {marker: NODE} or {joint: NODE, offset: [x, y, z]}", "object", **_MARKED),
@@ -335,7 +335,18 @@ class MaskImage:
 Mask: TypeAlias = MaskAttribute | MaskImage
 
 
-def _read_mask(value: Any) -> Mask | None:
+MASK = if_mapping(
+    schema_of(MaskImage),
+    if_mapping(
+        schema_of(MaskAttribute),
+        expects("{attribute: NAME}, {image: FILE, channel: r, texcoord: 0} or none", enum=["none", None]),
+    ),
+    anyOf=[{"required": [each]} for each in keys_of(MaskImage)],
+)
+
+
+def read_mask_of(value: Any) -> Mask | None:
+    """A painted mask; None without one."""
     if not isinstance(value, dict):
         return None
     return read_record(MaskImage, value) if "image" in value else read_record(MaskAttribute, value)
@@ -429,13 +440,13 @@ class WrinkleTool:
         {**TEXT, "type": ["string", "null"]}, "Node of the mesh; may be left out where one mesh deforms.", None
     )
     origin: Position | Marker = key(
-        _ANCHOR, "Where the wrinkles begin: world space at rest in scene units, or {marker: NODE}.", read=read_anchor
+        ANCHOR, "Where the wrinkles begin: world space at rest in scene units, or {marker: NODE}.", read=read_anchor
     )
     target: Position | Marker = key(
-        _ANCHOR, "Where they end; they run across the line from origin to target.", read=read_anchor
+        ANCHOR, "Where they end; they run across the line from origin to target.", read=read_anchor
     )
     between: tuple[Position | Marker, ...] = key(
-        list_of(_ANCHOR, 2, MAX_POINTS, f"a list of 2 to {MAX_POINTS} points, each [x, y, z] or {{marker: NODE}}"),
+        list_of(ANCHOR, 2, MAX_POINTS, f"a list of 2 to {MAX_POINTS} points, each [x, y, z] or {{marker: NODE}}"),
         "Points of a curve on the surface that wrinkles run across, in place of origin and target.",
         read=read_anchors,
         name="path",
@@ -584,18 +595,11 @@ class WrinkleTool:
         read=_read_contact,
     )
     mask: Mask | None = key(
-        if_mapping(
-            schema_of(MaskImage),
-            if_mapping(
-                schema_of(MaskAttribute),
-                expects("{attribute: NAME}, {image: FILE, channel: r, texcoord: 0} or none", enum=["none", None]),
-            ),
-            anyOf=[{"required": [each]} for each in keys_of(MaskImage)],
-        ),
+        MASK,
         "Factor of the height at each place, 0 to 1: {attribute: _WRINKLE} of the vertices, or {image: FILE, channel: "
         "r}. Default none.",
         None,
-        read=_read_mask,
+        read=read_mask_of,
     )
     stops: Stops = key(
         one_of(*get_args(Stops)),
@@ -747,11 +751,12 @@ class ToolsFile:
     )
     tools: tuple[WrinkleTool, ...] = ()
     muscles: tuple[EffectTool, ...] = ()
+    flesh: tuple[EffectTool, ...] = ()
     places: Mapping[tuple[str, ...], str] = field(default_factory=dict, hash=False, compare=False)
     merged_paths: tuple[str, ...] = ()
     preset_files: tuple[str, ...] = ()
 
-    LISTS: ClassVar[tuple[str, ...]] = ("tools", "muscles")
+    LISTS: ClassVar[tuple[str, ...]] = ("tools", "muscles", "flesh")
     """The fields that are lists of effects, one for each kind."""
 
     @property

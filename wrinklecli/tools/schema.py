@@ -6,7 +6,7 @@ Source: JSON Schema, draft 2020-12. `read` checks order, sums and unique names, 
 from dataclasses import dataclass
 from typing import Any
 
-from wrinklecli.tools.body import Muscle
+from wrinklecli.tools.body import Flesh, Muscle
 from wrinklecli.tools.json_schema import Items, Schema, any_keys, expects, key_of, keys_of, list_of, mapping_of
 from wrinklecli.tools.materials import presets
 from wrinklecli.tools.records import PRESET_KEYS, ToolsFile, WrinkleTool
@@ -62,6 +62,23 @@ KINDS = {
         "Muscles below the skin, which thicken as they shorten. They inherit nothing from `defaults`.",
         MAX_TOOLS,
         ("origin", "insertion"),
+    ),
+    "flesh": Kind(
+        Items("region", keys_of(Flesh), tuple(keys_of(Flesh))),
+        Flesh,
+        {
+            **mapping_of(keys_of(Flesh), required=("name",)),
+            # A region is a ball, or what a mask or a joint outlines.
+            "if": {"anyOf": [{"required": ["at"]}, {"required": ["radius"]}]},
+            "then": {"required": ["at", "radius"]},
+            "else": {
+                "if": {"not": {"anyOf": [{"required": ["mask"]}, {"required": ["joint"]}]}},
+                "then": {"required": ["at", "radius"]},
+            },
+        },
+        "Regions of flesh, which swing after the joint that carries them. They inherit nothing from `defaults`.",
+        MAX_TOOLS,
+        ("at",),
     ),
 }
 """The kinds of effects by the keys of their lists. A new kind is an entry, a record, and a field of `ToolsFile`."""

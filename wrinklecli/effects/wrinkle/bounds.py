@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from wrinklecli.effects.wrinkle.mask import read_mask, spread
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.effects.wrinkle.reach import Reach
 from wrinklecli.errors import BakeError, WrinkleError
@@ -16,6 +15,7 @@ from wrinklecli.numeric.arrays import Bools, Floats, distinct_values, face_norma
 from wrinklecli.numeric.edges import Edges
 from wrinklecli.surface.features import Nearest, cut_at_features, surface_distances
 from wrinklecli.surface.ground import Ground
+from wrinklecli.surface.mask import read_mask, spread
 
 # Part of a bump's width over which heights fade at a feature: as wide as the bump's own flank.
 _FADE = 0.5

@@ -12,13 +12,13 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.drive.segment import Segment
 from wrinklecli.effects.wrinkle.curve import ControlCurve
-from wrinklecli.effects.wrinkle.mask import Mask
 from wrinklecli.effects.wrinkle.places import Places, bowed
 from wrinklecli.effects.wrinkle.reach import Reach
 from wrinklecli.effects.wrinkle.variation import Variation, attenuation
 from wrinklecli.numeric.arrays import Floats, Ints, smoothstep
 from wrinklecli.numeric.subdivide import Subdivision
 from wrinklecli.surface.anchor import Anchor
+from wrinklecli.surface.mask import Mask
 from wrinklecli.surface.path import Path
 from wrinklecli.surface.rest import Rest
 from wrinklecli.tools.records import WrinkleTool

@@ -12,7 +12,7 @@ from wrinklecli.character.anims import NamedNodes
 from wrinklecli.character.clip import Clip, clip_grid
 from wrinklecli.character.pose import joint_matrices, morph_weights
 from wrinklecli.character.rig import Rig
-from wrinklecli.drive.drive import StoredDrive, wrinkle_entry
+from wrinklecli.drive.drive import Drive, StoredDrive, wrinkle_entry
 from wrinklecli.drive.segment import Segment
 from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.effects.sampling import moving_clips
@@ -203,9 +203,10 @@ def _reaches(shown: ShownPrimitive, targets: Sequence[str]) -> tuple[Ints, Float
 def _shortening(drive: StoredDrive, asset: ShownAsset, rig: Rig, clip: Clip, times: Floats) -> Json:
     """The time, of (frames,) times of a clip, at which a tool is shortest, and its shortening over the rest length."""
     nodes = NamedNodes.of_body(asset.document.gltf, rig.node, skinned=rig.skinned)
-    signal = drive.on(nodes.joints, rig.morph_names).signal
-    assert isinstance(signal, Segment), "only such drives are looked for"
-    distances, rest_lengths = signal.lengths(rig, clip, times)
+    found = drive.on(nodes.joints, rig.morph_names)
+    assert isinstance(found, Drive), "only drives by segments are looked for"
+    assert isinstance(found.signal, Segment), "only drives by segments are looked for"
+    distances, rest_lengths = found.signal.lengths(rig, clip, times)
     shares = 1.0 - distances / rest_lengths
     most = int(np.argmax(shares))
     if not np.isfinite(shares[most]):

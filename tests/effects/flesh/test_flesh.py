@@ -1,0 +1,188 @@
+"""Flesh from the tools file to the player: proof, limits, what is refused, and the driver."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import wrinklecli
+from kit.asset import Json
+from kit.bakes import bake_once, place, report_of
+from kit.clients import assert_valid, compare_with_three, drive
+from kit.flesh import SECONDS, body, jump, region
+from kit.player import Gltf
+from truth.flesh import compare, trunk
+from wrinklecli.baking.track import track
+from wrinklecli.effects.flesh import tissue as tissue_module
+from wrinklecli.effects.flesh.tissue import swings_of
+from wrinklecli.errors import WrinkleError
+
+
+@pytest.fixture(scope="module")
+def bodies() -> dict[int, Path]:
+    """The trunk with so many keys a second."""
+    return {keys: place(body(keys=keys)) for keys in (60, 30, 8)} | {0: place(body(None))}
+
+
+def baked(asset: Path, *regions: Json, **options: Any) -> Gltf:
+    return bake_once(asset, top={"flesh": list(regions)}, **options)
+
+
+def test_six_springs_move_as_all_elements_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few nodes resolve the shapes badly; the record of all of them, with a sway, is in `truth`: 3 and 2 %."""
+    monkeypatch.setattr(tissue_module, "NODES", 300)
+    tissue = swings_of(*trunk(20, 24), 3).tissue
+    found = compare(tissue, "jump", (6,))[6]
+    assert found.greatest < 0.1
+    assert found.rms < 0.07
+
+
+def test_a_jump_makes_a_belly_swing(bodies: dict[int, Path]) -> None:
+    """The file is proven by the bake; here: weights in [0, 1], still at the beginning, moved by the landing."""
+    file = baked(bodies[60], region(limit=0.025))
+    _, values = file.keys("jump", "trunk")
+    names = file.mesh("trunk")["extras"]["targetNames"]
+    assert names == [f"wrinkle_belly_{number}" for number in range(1, 8)]
+    assert values.min() >= 0.0
+    assert values.max() <= 1.0
+    moved = np.linalg.norm(np.einsum("ft,tvx->fvx", values, file.deltas("trunk")), axis=2)
+    assert 0.012 < moved.max() < 0.027
+    # A loop: what is left of the landing is still there.
+    assert moved[0].max() == pytest.approx(moved[-1].max(), rel=0.02)
+    # Skin beyond the region keeps its place, to the bit.
+    positions = file.attribute("trunk", "POSITION")
+    far = np.linalg.norm(positions - [0.0, -0.05, 0.18], axis=1) > 0.14
+    assert not file.deltas("trunk")[:, far].any()
+    assert_valid(file.path)
+
+
+def test_flesh_plays_in_three(bodies: dict[int, Path]) -> None:
+    file, times = baked(bodies[60], region()), np.linspace(0.0, SECONDS, 7)
+    compare_with_three(file.path, "trunk", "jump", times.tolist(), file.pose("trunk", "jump", times))
+
+
+@pytest.mark.parametrize("fps", [30, 60, 144])
+def test_the_driver_plays_flesh_at_any_frame_rate(bodies: dict[int, Path], fps: int) -> None:
+    """The clip's motion, and the same one as a player's own that moves a body whose clip stays in place."""
+    file, still = (baked(bodies[keys], region(limit=0.026)) for keys in (60, 0))
+    times = np.arange(int(SECONDS * fps)) / fps
+    elapsed = np.diff(times, prepend=-1 / fps)
+    wanted = swung(bodies[60], times)
+    played = drive(file.path, node="trunk", clip="jump", times=times.tolist(), elapsed=elapsed.tolist(), driver=True)
+    own = drive(
+        still.path,
+        node="trunk",
+        clip=None,
+        times=times.tolist(),
+        elapsed=elapsed.tolist(),
+        driver=True,
+        places=jump(times).tolist(),
+    )
+    for number, column in enumerate(wanted.T, start=1):
+        for found in (played, own):
+            error = np.abs(found[f"wrinkle_belly_{number}"][:, 0] - column)
+            assert error.max() < 0.02 * wanted.max(), number
+
+
+def swung(asset: Path, times: np.ndarray) -> np.ndarray:
+    """(times, targets) weights of a jump after which the body goes on as it was: no loop."""
+    from wrinklecli.baking.baked_body import read_bodies
+    from wrinklecli.character.clip import Channel, Clip
+    from wrinklecli.character.rig import read_rig
+    from wrinklecli.gltf.document import read_document
+
+    document = read_document(baked(asset, region(limit=0.026)).path)
+    rig = read_rig(document, 0)
+    (stored,) = read_bodies(document)[0].drives
+    at = np.linspace(0.0, SECONDS, 121)
+    turns = np.tile([0.0, 0.0, 0.0, 1.0], (len(at), 1))
+    turns[-1] = [0.0, 0.003, 0.0, 1.0]
+    channels = Channel(0, 1, "translation", at, jump(at), "LINEAR"), Channel(1, 1, "rotation", at, turns, "LINEAR")
+    clip = Clip(0, "jump", channels, 0.0, SECONDS)
+    return np.asarray(stored.on({"hips": 1}, []).weights_in(rig, clip)(times))
+
+
+def test_a_clip_of_another_file_is_tracked(bodies: dict[int, Path], tmp_path: Path) -> None:
+    whole, still = baked(bodies[60], region()), baked(bodies[0], region())
+    (made,) = track(still.path, [bodies[60]], tmp_path)
+    times, values = Gltf(Path(made.path)).keys("jump", "trunk")
+    assert np.abs(values - whole.weights("trunk", "jump", times)).max() < 0.02
+
+
+def test_regions_that_touch_add_up(bodies: dict[int, Path]) -> None:
+    """Each alone moves the skin as both together do; where they meet, moves are as smooth as in the middle."""
+    left, right = (region(name=name, at=[x, -0.05, 0.17], radius=0.1) for name, x in (("l", 0.06), ("r", -0.06)))
+    both = baked(bodies[60], left, right)
+    alone = [baked(bodies[60], each) for each in (left, right)]
+    deltas = np.concatenate([each.deltas("trunk") for each in alone])
+    assert np.allclose(both.deltas("trunk"), deltas, atol=1e-7)
+
+
+def test_mirrored_regions_are_mirror_images(bodies: dict[int, Path]) -> None:
+    file = baked(bodies[60], region(name="side.L", at=[0.08, -0.05, 0.15], radius=0.1, mirror="x"))
+    first, second = np.linalg.norm(file.deltas("trunk"), axis=2).max(axis=1).reshape(2, 7)
+    # The last is minus the sum of the others, whose signs are free.
+    assert first[:-1] == pytest.approx(second[:-1], rel=0.01)
+
+
+def test_a_joint_outlines_a_region(bodies: dict[int, Path]) -> None:
+    """All skin of the joint swings, up to the bones; a named joint must be there."""
+    file = baked(bodies[60], {"name": "all", "joint": "hips"})
+    moved = np.linalg.norm(file.deltas("trunk"), axis=2).max(axis=0)
+    assert (moved > 0).mean() > 0.9
+
+
+def test_flesh_carries_wrinkles(bodies: dict[int, Path]) -> None:
+    """A tool on the belly is stretched and pressed as the belly swings up and down."""
+    tool = {"name": "fold", "origin": [0.0, 0.0, 0.17], "target": [0.0, -0.09, 0.17], "width": 0.1, "bumps": 2}
+    file = bake_once(bodies[60], tool, top={"flesh": [region(limit=0.03)]})
+    names = file.mesh("trunk")["extras"]["targetNames"]
+    values = file.weights("trunk", "jump", np.linspace(0.0, SECONDS, 60))
+    assert values[:, names.index("wrinkle_fold_1")].max() > 0.05
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"radius": 2.0}, "larger than the body allows"),
+        ({"at": [0.0, 0.0, 0.6]}, "from the mesh, more than half of its radius"),
+        ({"at": [0.02, -0.03, 0.17], "radius": 0.008}, "holds no flesh"),
+        ({"frequency": 10_000}, "found 10000, expected a number from 0.5 to 20"),
+        ({"shapes": 5}, "found 5, expected 3, 6 or 9"),
+        ({"joint": "hip"}, "no joint of this mesh is named 'hip'; did you mean 'hips'?"),
+        ({"gravity": "300%"}, "expected a percentage from 0% to 100%"),
+        ({"mask": {"attribute": "_FLESH"}}, "has no _FLESH"),
+    ],
+    ids=str,
+)
+def test_what_does_not_fit_is_one_line(bodies: dict[int, Path], tmp_path: Path, changes: Json, message: str) -> None:
+    import yaml
+
+    path = tmp_path / "tools.yaml"
+    path.write_text(yaml.safe_dump({"version": 1, "flesh": [region(**changes)]}))
+    with pytest.raises(WrinkleError) as refused:
+        wrinklecli.bake(bodies[60], path, tmp_path / "out.glb")
+    (line,) = str(refused.value).splitlines()
+    assert message in line
+    assert not (tmp_path / "out.glb").exists()
+
+
+def test_warnings_say_what_a_clip_does_not_hold(bodies: dict[int, Path]) -> None:
+    def said(asset: Path) -> str:
+        return "\n".join(report_of(baked(asset, region())).data["warnings"])
+
+    assert "has 8 keys a second" in said(bodies[8])
+    assert "there is no clip" in said(bodies[0])
+    still = place(body(lambda times: np.zeros((len(times), 3))))
+    assert "holds no motion of the root" in said(still)
+    assert said(bodies[60]) == ""
+
+
+def test_a_bake_without_flesh_imports_none_of_it() -> None:
+    """Its solver would take longer to import than a small bake takes."""
+    import subprocess
+    import sys
+
+    code = "import sys, wrinklecli.effects.order; print('scipy' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.strip() == "False"

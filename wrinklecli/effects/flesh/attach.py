@@ -1,0 +1,232 @@
+"""A region of flesh on a mesh at rest: its joint, its shapes on the skin, and the springs that move these."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from wrinklecli.drive.swing import GRAVITY, Mode, SwingDrive
+from wrinklecli.effects.effect import Moves
+from wrinklecli.effects.flesh.mask import softness_of
+from wrinklecli.effects.flesh.tissue import Body, NoFleshError, Place, Swings, swings_of
+from wrinklecli.errors import BakeError, WrinkleError, listed, nearest
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, determinants, inverses, smoothstep
+from wrinklecli.numeric.nearest import nearest_of
+from wrinklecli.numeric.spring import Spring
+from wrinklecli.surface.ground import Ground
+from wrinklecli.surface.region import Region
+from wrinklecli.surface.rest import asked_positions
+from wrinklecli.tools.body import Flesh
+from wrinklecli.tools.records import EffectTool, ToolsFile, in_axes
+
+# Distance of a region's middle from the skin, over its radius, beyond which the point is meant for something else.
+_FAR = 0.5
+# Part of a body's size beyond which a region's radius is a mistake: a belly's is a tenth.
+_LARGEST = 0.5
+# Mean weight of a joint below which it does not carry a region.
+_CARRIES = 0.01
+# Part of the weight of skin that must be on the joints of a region, if the mesh does not join both.
+_SAME_JOINTS = 0.5
+# Part of the radius over which moves fade towards skin of another mesh, from which the region would tear off.
+_SEAM = 0.25
+# Least share of the largest move that a shape must make on the skin.
+_LEAST_MOVE = 1e-6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AttachedFlesh:
+    """A region on the mesh at rest.
+
+    Attributes:
+        tool: The region as the tools file has it.
+        drive: The springs, with the names of the targets.
+        deltas: (targets, vertices, 3) of the coarse surface, bind space, at weight 1; the last is minus the sum of the
+            others.
+        limit: The length to which moves are capped, scene units.
+        swings: The shapes on the grid.
+    """
+
+    tool: Flesh
+    drive: SwingDrive
+    deltas: Floats
+    limit: float
+    swings: Swings
+    moves: Moves = field(init=False)
+
+    regions: ClassVar[tuple[Region, ...]] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "moves", Moves(self.drive, self.deltas))
+
+    @property
+    def greatest_height(self) -> float:
+        """The length to which moves are capped."""
+        return self.limit
+
+
+def attach_flesh(tools: Sequence[EffectTool], ground: Ground, settings: ToolsFile) -> list[AttachedFlesh]:
+    """Attach the regions of flesh among the tools of a mesh.
+
+    Raises:
+        WrinkleError: Regions do not fit, a line for each.
+    """
+    found: list[AttachedFlesh] = []
+    problems: list[WrinkleError] = []
+    for tool in tools:
+        if isinstance(tool, Flesh):
+            try:
+                found.append(_attach(tool, ground, settings))
+            except WrinkleError as error:
+                problems.append(error)
+    if problems:
+        raise BakeError.of_all(problems)
+    return found
+
+
+def _attach(tool: Flesh, ground: Ground, settings: ToolsFile) -> AttachedFlesh:
+    rest, rig = ground.rest, ground.rig
+    named = _named_joint(tool, ground)
+    place = _place(tool, ground, settings, softness_of(tool, ground, named if tool.at is None else None))
+    joint = _joint_at(ground, place) if named is None else named
+    body = Body(rest.positions, rest.triangles, _bones(ground))
+    try:
+        swings = swings_of(body, place, tool.shapes)
+    except NoFleshError:
+        raise BakeError(
+            f"holds no flesh: within {place.radius:.3g} of its middle, all of the body is at a bone or at the region's"
+            " border; a larger radius, or a middle farther from bones, would help",
+            where=tool.where,
+        ) from None
+    chosen = np.flatnonzero(_moving(ground, place))
+    moved = swings.moves(rest.positions[chosen])
+    moved *= _fading(ground, chosen, _SEAM * place.radius)[:, None]
+    sizes = np.sqrt((moved**2).sum(axis=2)).max(axis=1, initial=0.0)
+    if not sizes.max() > 0 or not (sizes > _LEAST_MOVE * sizes.max()).all():
+        raise BakeError("holds no flesh under the skin of this mesh", where=tool.where)
+    limit = tool.limit.resolve(place.radius)
+    world = rest.matrices[joint] @ np.linalg.inv(rig.inverse_binds[joint])
+    lengths = np.sqrt((world[:3, :3] ** 2).sum(axis=0))
+    turn = world[:3, :3] / lengths
+    gravity = np.array([0.0, -GRAVITY, 0.0]) * tool.gravity
+    speed = 2.0 * np.pi * tool.frequency
+    modes = tuple(
+        Mode(Spring(speed * faster, tool.damping * faster), turn.T @ load, float(size / limit))
+        for faster, load, size in zip(swings.speeds.tolist(), swings.loads, sizes, strict=True)
+    )
+    drive = SwingDrive(
+        name=tool.name,
+        node=int(rig.joints[joint]),
+        at=np.linalg.solve(world[:3, :3], place.at - world[:3, 3]),
+        scale=float(np.cbrt(abs(determinants(world[None, :3, :3])[0]))),
+        gravity=turn.T @ gravity,
+        modes=modes,
+        targets=tuple(f"wrinkle_{tool.identifier}_{number}" for number in range(1, len(modes) + 2)),
+    )
+    shapes = 2.0 * moved * (limit / sizes)[:, None, None]
+    shapes = np.concatenate([shapes, -0.5 * shapes.sum(axis=0, keepdims=True)])
+    deltas = np.zeros((len(shapes), *rest.positions.shape))
+    deltas[:, chosen] = np.einsum("vab,mvb->mva", inverses(rest.blended[chosen]), shapes)
+    return AttachedFlesh(tool, drive, deltas, limit, swings)
+
+
+def _place(tool: Flesh, ground: Ground, settings: ToolsFile, softness: Floats | None) -> Place:
+    """The region of a tool: its ball, or one round all skin that its mask or its joint chooses."""
+    rest = ground.rest
+    size = float(np.ptp(rest.positions, axis=0).max())
+    if tool.at is None:
+        assert softness is not None, "the schema asks for a middle without it"
+        weights = softness / max(float(softness.sum()), 1e-300)
+        middle = rest.foot(weights @ rest.positions)[0]
+        away = np.sqrt(((rest.positions - middle) ** 2).sum(axis=1))
+        # The whole of it, as the ball's border would hold it.
+        return Place(middle, 2.0 * float(away[softness > 0].max(initial=0.0)), softness)
+    (asked,) = asked_positions(ground.rig, rest.clip, rest.time, tool)
+    radius = tool.radius
+    assert radius is not None, "the schema asks for it"
+    if radius > _LARGEST * size:
+        raise BakeError(
+            f"is {radius:.4g}, larger than the body allows: it measures {size:.4g} from end to end, and a radius may be"
+            f" half of that",
+            where=tool.place("radius"),
+        )
+    foot, _ = rest.foot(asked)
+    distance = float(np.linalg.norm(foot - asked))
+    if distance > _FAR * radius:
+        at = ", ".join(f"{x:.4g}" for x in in_axes(foot.tolist(), settings.up))
+        raise BakeError(
+            f"is {distance:.4g} from the mesh, more than half of its radius of {radius:.4g};"
+            f" the nearest point is [{at}]",
+            where=tool.place_of(0),
+        )
+    return Place(foot, radius, softness)
+
+
+def _named_joint(tool: Flesh, ground: Ground) -> int | None:
+    """The index of the joint that a region names; None if it names none."""
+    if tool.joint is None:
+        return None
+    names = [ground.rig.names[node] for node in ground.rig.joints.tolist()]
+    found = [number for number, name in enumerate(names) if name == tool.joint]
+    if len(found) != 1:
+        several = f"{len(found)} joints are" if found else "no joint of this mesh is"
+        raise BakeError(
+            f"{several} named {tool.joint!r}{nearest(tool.joint, names)}; there are {listed(names)}",
+            where=tool.place("joint"),
+        )
+    return found[0]
+
+
+def _joint_at(ground: Ground, place: Place) -> int:
+    """The index of the joint of most weight at the middle of a region."""
+    triangle, shares, _ = ground.rest.blocks.closest_point(place.at)
+    weights = shares @ ground.surface.dense_weights(ground.surface.triangles[triangle], len(ground.rig.joints))
+    return int(weights.argmax())
+
+
+def _bones(ground: Ground) -> Floats:
+    """(bones, 2, 3) ends of the bones: from each joint that skin follows to the next ones below it; world space."""
+    rig, rest, surface = ground.rig, ground.rest, ground.surface
+    if not rig.skinned:
+        return np.zeros((0, 2, 3))
+    followed = np.unique(surface.joints[surface.weights > 0])
+    places = {
+        int(rig.joints[number]): (rest.matrices[number] @ np.linalg.inv(rig.inverse_binds[number]))[:3, 3]
+        for number in followed.tolist()
+    }
+    bones = [(place, place) for place in places.values()]
+    for node, place in places.items():
+        above = int(rig.parents[node])
+        while above >= 0 and above not in places:
+            above = int(rig.parents[above])
+        if above >= 0:
+            bones.append((places[above], place))
+    return np.array(bones).reshape(-1, 2, 3)
+
+
+def _moving(ground: Ground, place: Place) -> Bools:
+    """(vertices,) True for the skin of a region, but not for a hand beside it.
+
+    Skin belongs to the region if the mesh joins it to the middle within the region, or if it follows the same joints.
+    """
+    rest, surface = ground.rest, ground.surface
+    near = ((rest.positions - place.at) ** 2).sum(axis=1) < place.radius**2
+    edges = np.concatenate([rest.triangles[:, [one, two]] for one, two in ((0, 1), (1, 2), (2, 0))])
+    labels = components(edges[near[edges].all(axis=1)], len(near))
+    triangle, shares, _ = rest.blocks.closest_point(place.at)
+    seed = int(rest.triangles[triangle][np.argmax(shares)])
+    own = near & (labels == labels[seed])
+    weights = surface.dense_weights(np.flatnonzero(near), len(ground.rig.joints))
+    joints = weights[own[near]].mean(axis=0) > _CARRIES if own.any() else np.zeros(len(weights.T), np.bool_)
+    alike = np.bincount(labels[near], weights[:, joints].sum(axis=1), int(labels.max()) + 1)
+    counts = np.bincount(labels[near], minlength=len(alike))
+    return np.asarray(near & (own | (alike[labels] > _SAME_JOINTS * counts[labels])))
+
+
+def _fading(ground: Ground, chosen: Ints, width: float) -> Floats:
+    """(chosen,) factors that fade towards the vertices at which another mesh touches this one."""
+    held = np.flatnonzero(ground.contacts & ~ground.surface.twins)
+    if not len(held) or not len(chosen):
+        return np.ones(len(chosen))
+    distances, _ = nearest_of(ground.rest.positions[held], ground.rest.positions[chosen])
+    return smoothstep(np.clip(distances / width, 0.0, 1.0))

@@ -1,0 +1,261 @@
+"""The tissue of a region: what of it is within the body, what holds it, and the shapes in which it swings.
+
+The region is the part of the body within a ball, or within a mask, cut into cubes (`numeric.elements`). It is held by
+bones and by what lies beyond the region: there, tissue is stiffer the nearer it is, and at last does not move. So
+shapes fade smoothly into the still skin, and regions that touch add up without a crease.
+
+The result depends on the region's geometry alone. Frequency, damping and limit come after it.
+
+Source: C. Larboulette, M.-P. Cani, B. Arnaldi, *Dynamic Skinning: Adding Real-time Dynamic Effects to an Existing
+Character Animation*, SCCG 2005. Differs: that paper attaches springs to an offset of the skeleton, with weights that
+fall off by distance; here, the weights are those of an elastic solid.
+"""
+
+from collections import OrderedDict
+from dataclasses import dataclass
+from hashlib import blake2b
+from itertools import product
+
+import numpy as np
+
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, smoothstep
+from wrinklecli.numeric.elements import CORNERS, Modes, Tissue, ritz_modes
+from wrinklecli.numeric.inside import inside_grid
+from wrinklecli.numeric.nearest import nearest_of
+
+NODES = 2_400
+"""Nodes of a region, about: more of them move the shapes by less than the error of six springs, and take longer."""
+
+# Part of the way from a bone to the skin up to which nothing moves, and from which on bones do not hold.
+_HELD, _LOOSE = 0.15, 0.65
+# Part of the radius from which on the rest of the body holds.
+_INNER = 0.3
+# Softness below which tissue does not move: its stiffness would be 50 times that of loose flesh.
+_LEAST_SOFTNESS = 0.02
+# Cubes along the longest side of the box in which the region's volume is measured first.
+_PROBED = 14
+# Parts of a cube along an axis, by which it is measured how much of it is filled.
+_PARTS = 3
+# Layers of cubes beyond the tissue into which its moves are continued, for skin that the cubes miss.
+_LAYERS = 3
+# Regions whose shapes are kept.
+_KEPT = 16
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Body:
+    """What a region is cut from, world space at rest.
+
+    Attributes:
+        positions: (vertices, 3) of the skin.
+        triangles: (triangles, 3).
+        bones: (bones, 2, 3) ends of the bones.
+    """
+
+    positions: Floats
+    triangles: Ints
+    bones: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Place:
+    """Where a region is.
+
+    Attributes:
+        at: (3,) its middle, on the skin.
+        radius: Scene units.
+        softness: (vertices,) factors from 0 to 1 at the skin's vertices, continued inwards; None if all are 1.
+    """
+
+    at: Floats
+    radius: float
+    softness: Floats | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Swings:
+    """The shapes in which a region swings, on its grid.
+
+    Attributes:
+        low: (3,) place of the grid's first node.
+        size: Length of a cube's edge, scene units.
+        values: (modes, x, y, z, 3) displacements under a vector r_k along the mode's load, at the nodes of the grid.
+        loads: (modes, 3) unit vectors.
+        speeds: (modes,) ω of each mode over that of the first.
+        tissue: The elements, for those who want to check the reduction.
+    """
+
+    low: Floats
+    size: float
+    values: Floats
+    loads: Floats
+    speeds: Floats
+    tissue: Tissue
+
+    def moves(self, points: Floats) -> Floats:
+        """(modes, points, 3) displacements at (points, 3), smooth to the second derivative; 0 beyond the grid.
+
+        The values at nodes are coefficients of a cubic B-spline, which blurs them by less than a cube.
+        """
+        places = (points - self.low) / self.size
+        base = np.floor(places).astype(np.intp)
+        t = places - base
+        weights = np.stack(
+            [(1.0 - t) ** 3, 3.0 * t**3 - 6.0 * t**2 + 4.0, -3.0 * t**3 + 3.0 * t**2 + 3.0 * t + 1.0, t**3]
+        )
+        weights = weights / 6.0
+        counts = np.array(self.values.shape[1:4])
+        found = np.zeros((len(self.values), len(points), 3))
+        within = ((base >= 1) & (base + 2 < counts)).all(axis=1)
+        near = base[within]
+        for i, j, k in product(range(4), repeat=3):
+            factor = weights[i, within, 0] * weights[j, within, 1] * weights[k, within, 2]
+            x, y, z = near[:, 0] + i - 1, near[:, 1] + j - 1, near[:, 2] + k - 1
+            found[:, within] += factor[:, None] * self.values[:, x, y, z]
+        return found
+
+
+class NoFleshError(Exception):
+    """A region has no tissue that could move."""
+
+
+_kept: "OrderedDict[bytes, Swings]" = OrderedDict()
+
+
+def swings_of(body: Body, place: Place, count: int) -> Swings:
+    """The `count` shapes in which a region swings; those of the last regions are kept.
+
+    Raises:
+        NoFleshError: Nothing of the region can move.
+    """
+    digest = blake2b(digest_size=16)
+    softness = np.zeros(0) if place.softness is None else place.softness
+    for each in (body.positions, body.triangles, body.bones, place.at, np.array([place.radius, count]), softness):
+        digest.update(np.ascontiguousarray(each).tobytes())
+    key = digest.digest()
+    if key not in _kept:
+        _kept[key] = _solve(body, place, count)
+        if len(_kept) > _KEPT:
+            _kept.popitem(last=False)
+    _kept.move_to_end(key)
+    return _kept[key]
+
+
+def _solve(body: Body, place: Place, count: int) -> Swings:
+    low, size, counts = _grid(body, place)
+    tissue, known = _tissue(body, place, low, size, counts)
+    modes = ritz_modes(tissue, count)
+    return Swings(low, size, _continued(modes, known, counts), modes.loads, modes.speeds / modes.speeds[0], tissue)
+
+
+def _box(body: Body, place: Place) -> tuple[Floats, Floats]:
+    """The box that holds the region."""
+    low = np.maximum(place.at - place.radius, body.positions.min(axis=0))
+    high = np.minimum(place.at + place.radius, body.positions.max(axis=0))
+    if not (high > low).all():
+        raise NoFleshError
+    return low, high
+
+
+def _grid(body: Body, place: Place) -> tuple[Floats, float, Ints]:
+    """The first node of a grid over the region, the length of a cube's edge, and (3,) counts of nodes."""
+    low, high = _box(body, place)
+    step = float((high - low).max()) / _PROBED
+    counts = np.maximum((high - low) / step, 1.0).astype(np.intp)
+    within = inside_grid(low + step / 2.0, step, counts, body.positions, body.triangles)
+    points = low + step * (np.argwhere(within) + 0.5)
+    volume = step**3 * int((_softness(body, place, points) > _LEAST_SOFTNESS).sum()) if len(points) else 0.0
+    if not volume:
+        raise NoFleshError
+    # A cube that the skin cuts has nodes outside: about half as many again as there are cubes within.
+    size = float(np.cbrt(1.5 * volume / NODES))
+    cubes = np.ceil((high - low) / size).astype(np.intp) + 2
+    middle = (low + high) / 2.0
+    return middle - size * (cubes / 2.0), size, cubes + 1
+
+
+def _softness(body: Body, place: Place, points: Floats) -> Floats:
+    """(points,) softness of tissue: 1 where nothing holds it, 0 at bones and beyond the region."""
+    away = np.sqrt(((points - place.at) ** 2).sum(axis=1)) / place.radius
+    soft = 1.0 - smoothstep(np.clip((away - _INNER) / (1.0 - _INNER), 0.0, 1.0))
+    chosen = np.flatnonzero(soft > 0)
+    at = points[chosen]
+    skin, nearest = nearest_of(body.positions, at)
+    if len(body.bones):
+        bone = _bone_distances(at, body.bones)
+        part = bone / np.maximum(bone + skin, 1e-12)
+        soft[chosen] *= smoothstep(np.clip((part - _HELD) / (_LOOSE - _HELD), 0.0, 1.0))
+    if place.softness is not None:
+        soft[chosen] *= place.softness[nearest]
+    return soft
+
+
+def _bone_distances(points: Floats, bones: Floats) -> Floats:
+    """(points,) distances to the nearest of (bones, 2, 3) segments."""
+    nearest = np.full(len(points), np.inf)
+    for start, end in bones:
+        along = end - start
+        length = float(along @ along)
+        t = np.clip((points - start) @ along / length, 0.0, 1.0) if length > 0 else np.zeros(len(points))
+        nearest = np.minimum(nearest, np.sqrt(((points - start - t[:, None] * along) ** 2).sum(axis=1)))
+    return nearest
+
+
+def _tissue(body: Body, place: Place, low: Floats, size: float, counts: Ints) -> tuple[Tissue, Bools]:
+    """The elements of a region, and (nodes,) True for the nodes of the grid where the displacement is known."""
+    numbers = np.arange(int(counts.prod())).reshape(counts)
+    nodes = low + size * np.stack(np.unravel_index(numbers.reshape(-1), tuple(counts.tolist())), axis=1)
+    within = inside_grid(low, size, counts, body.positions, body.triangles).reshape(-1)
+    corners = np.stack(np.meshgrid(*(np.arange(each - 1) for each in counts), indexing="ij"), axis=-1).reshape(-1, 1, 3)
+    cubes = numbers[tuple(np.moveaxis(corners + CORNERS, 2, 0))]
+    # The parts of a cube whose middles are within count as filled.
+    parts = _PARTS * (counts - 1)
+    filled = inside_grid(low + size / (2 * _PARTS), size / _PARTS, parts, body.positions, body.triangles)
+    x, y, z = counts - 1
+    fills = filled.reshape(x, _PARTS, y, _PARTS, z, _PARTS).mean(axis=(1, 3, 5)).reshape(-1)
+    soft = _softness(body, place, nodes)
+    mean = soft[cubes].mean(axis=1)
+    active = np.flatnonzero((fills > 0) & (mean > _LEAST_SOFTNESS))
+    active = active[_connected(cubes[active], nodes[cubes[active]].mean(axis=1), place.at, len(nodes))]
+    used = np.zeros(len(nodes), np.bool_)
+    used[cubes[active]] = True
+    fixed = ~used | (soft < _LEAST_SOFTNESS)
+    # Flesh that nothing holds would float away.
+    if fixed.all() or not (fixed & used).any():
+        raise NoFleshError
+    stiffnesses = 1.0 / np.maximum(mean[active], _LEAST_SOFTNESS)
+    beyond = ((nodes - place.at) ** 2).sum(axis=1) > place.radius**2
+    return Tissue(cubes[active], fills[active], stiffnesses, fixed, size), used | within | beyond
+
+
+def _connected(cubes: Ints, middles: Floats, at: Floats, count: int) -> Ints:
+    """The cubes that hang together with the one nearest to a place: a hand beside a thigh is not its flesh."""
+    if not len(cubes):
+        raise NoFleshError
+    links = np.stack([np.repeat(cubes[:, :1], 7, axis=1), cubes[:, 1:]], axis=2).reshape(-1, 2)
+    labels = components(links, count)
+    seed = int(((middles - at) ** 2).sum(axis=1).argmin())
+    return np.flatnonzero(labels[cubes[:, 0]] == labels[cubes[seed, 0]])
+
+
+def _continued(modes: Modes, known: Bools, counts: Ints) -> Floats:
+    """(modes, x, y, z, 3) displacements on the whole grid, continued from where they are known into a few layers."""
+    shape = tuple(counts.tolist())
+    values = np.moveaxis(modes.shapes, 0, 1).reshape(*shape, -1)
+    done = known.reshape(shape)
+    for _ in range(_LAYERS):
+        total, near = np.zeros(values.shape), np.zeros(shape)
+        for step in product((-1, 0, 1), repeat=3):
+            here, there = zip(*(_shifted(each) for each in step), strict=True)
+            total[here] += values[there] * done[there][..., None]
+            near[here] += done[there]
+        fresh = ~done & (near > 0)
+        values[fresh] = total[fresh] / near[fresh][:, None]
+        done = done | fresh
+    return np.moveaxis(values.reshape(*shape, len(modes.shapes), 3), 3, 0)
+
+
+def _shifted(step: int) -> tuple[slice, slice]:
+    """The part of an axis that has a neighbour by a step, and that of these neighbours."""
+    here, there = slice(max(-step, 0), min(-step, 0) or None), slice(max(step, 0), min(step, 0) or None)
+    return here, there
