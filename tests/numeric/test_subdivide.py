@@ -357,6 +357,8 @@ def test_linear_functions_are_reproduced_inside_a_regular_grid():
     fine = subdivide(triangles, len(points), wants=wants, max_levels=2)
     assert fine.levels == 2
     assert fine.limited > 0
+    distances = np.linalg.norm(points[triangles].mean(axis=1) - [6, 6, 0], axis=1)
+    assert set(np.flatnonzero(distances < 1.4)) <= set(fine.unmet) <= set(np.flatnonzero(distances < 3.0))
     np.testing.assert_allclose(fine.positions(points), fine.interpolate(points), atol=1e-14)
 
 
@@ -623,8 +625,9 @@ def test_limits_are_counted():
     assert (fine.limited, fine.levels, len(fine.triangles)) == (30, 0, 20)
     fine = subdivide(triangles, len(points), wants=everything, max_levels=2)
     assert (fine.limited, fine.levels, len(fine.triangles)) == (480, 2, 320)
+    assert fine.unmet.tolist() == list(range(20))
     fine = subdivide(triangles, len(points), wants=up_to(2), max_levels=2)
-    assert fine.limited == 0
+    assert (fine.limited, len(fine.unmet)) == (0, 0)
 
 
 def test_a_line_of_non_manifold_edges_takes_midpoints():

@@ -14,7 +14,7 @@ from typing import Literal
 
 import numpy as np
 
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, among, any_of, flags_of
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, among, any_of, distinct_values, flags_of
 from wrinklecli.numeric.butterfly import butterfly
 from wrinklecli.numeric.red_green import Criterion, Rules, Stage, close, coarse_stage
 from wrinklecli.numeric.sparse import Matrix, apply
@@ -39,6 +39,7 @@ class Subdivision:
         matrix: (V', V) weights by the scheme's stencils. None is the identity: nothing was split.
         linear: (V', V) weights by edge midpoints, on the coarse mesh. None is the identity.
         limited: Number of edges that still want a split at the highest level allowed.
+        unmet: (n,) sorted coarse triangles on which these edges are.
         blocked: Number of edges that should have been split, for themselves or for others, but are forbidden.
         levels: Deepest level reached; 0 if nothing was split.
     """
@@ -50,6 +51,7 @@ class Subdivision:
     matrix: Matrix | None
     linear: Matrix | None
     limited: int
+    unmet: Ints
     blocked: int
     levels: int
 
@@ -120,7 +122,7 @@ def subdivide(
 
     deepest = stages[-1]
     shown = [np.ones(stage.split.size, dtype=np.bool_) if shows is None else shows(stage.level) for stage in stages]
-    limited = shown[-1] & deepest.wanted & ~deepest.forbidden if len(stages) > max_levels else shown[-1][:0]
+    limited = shown[-1] & deepest.wanted & ~deepest.forbidden & (len(stages) > max_levels)
     needed = _needed(stages, shown)
     fine, parents, barycentrics = _leaves(triangles, stages, needed)
     # Coarse vertices, and those of splits that are needed.
@@ -140,6 +142,7 @@ def subdivide(
         matrix=matrix,
         linear=linear,
         limited=int(limited.sum()),
+        unmet=distinct_values(deepest.level.parents[any_of(limited, deepest.level.triangle_edges)]),
         blocked=sum(int(stage.denied.sum()) for stage in stages),
         levels=max((level + 1 for level, splits in enumerate(needed) if splits.any()), default=0),
     )

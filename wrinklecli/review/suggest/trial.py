@@ -19,7 +19,7 @@ from wrinklecli.effects.wrinkle.layer import carried_patches_of
 from wrinklecli.effects.wrinkle.warnings import DEPARTURE, placement_warnings
 from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import Document
-from wrinklecli.numeric.arrays import Ints, distinct_values, significant
+from wrinklecli.numeric.arrays import Ints, among, distinct_values, significant
 from wrinklecli.review.suggest.fitted_tools import Suggestion
 from wrinklecli.review.suggest.text import read_suggested, tools_text
 from wrinklecli.surface.ground import Ground, read_ground
@@ -61,7 +61,7 @@ class Placement:
         number: The number of the tool among those of the mesh.
         vertices: (vertices,) of the mesh under the tool's patch, sorted.
         crosses: True if `check` would warn about the tool's place.
-        coarse: True if edges of its mesh stay too long for wrinkles.
+        coarse: True if edges under the patch stay too long, for its wrinkles or for those of a tool beside it.
         departs: True if refinement moves the surface under the tool so much that it is visible at rest.
     """
 
@@ -122,7 +122,7 @@ class Trial:
                 number=number,
                 vertices=distinct_values(plan.fine.surface.triangles[carried.patch.members]),
                 crosses=bool(placement_warnings(plan, carried)),
-                coarse=plan.fine.subdivision.limited > 0,
+                coarse=bool(among(carried.patch.members, plan.fine.subdivision.unmet).any()),
                 departs=departure > DEPARTURE,
             )
             for plan in plans
@@ -138,17 +138,19 @@ class Trial:
         moved = [placed[name] for each in changed for name in names_of(each, placed)]
         return {**placed, **self.placements([each for each in suggestions if _touches(each, placed, moved)])}
 
-    def is_coarse(self, suggestions: Sequence[Suggestion]) -> bool:
-        """True if edges stay too long for some of the suggestions."""
-        return any(each.coarse for each in self.placements(suggestions).values())
+    def is_coarse(self, suggestion: Suggestion) -> bool:
+        """True if edges stay too long for a suggestion even where they are halved most often."""
+        trial = replace(self, refinement=replace(self.refinement, max_levels=_MOST_LEVELS))
+        return any(each.coarse for each in trial.placements([suggestion]).values())
 
-    def finer(self, suggestions: Sequence[Suggestion]) -> "Trial":
-        """The trial with the least levels that make edges short enough for the suggestions; else with the most."""
-        for levels in range(self.refinement.max_levels, _MOST_LEVELS):
-            trial = replace(self, refinement=replace(self.refinement, max_levels=levels))
-            if not trial.is_coarse(suggestions):
-                return trial
-        return replace(self, refinement=replace(self.refinement, max_levels=_MOST_LEVELS))
+    def finer(self, suggestions: Sequence[Suggestion]) -> "tuple[Trial, dict[str, Placement]]":
+        """Find the least levels that make edges short enough for suggestions, or else the most; and place them so."""
+        most = replace(self, refinement=replace(self.refinement, max_levels=_MOST_LEVELS))
+        # No edge is halved more often than it has to be, so the mesh is that of the least levels.
+        placed = most.placements(suggestions)
+        levels = max((each.plan.fine.subdivision.levels for each in placed.values()), default=0)
+        levels = max(levels, self.refinement.max_levels)
+        return replace(self, refinement=replace(self.refinement, max_levels=levels)), placed
 
 
 def try_on_refined_meshes(
@@ -168,20 +170,21 @@ def try_on_refined_meshes(
         trial = replace(trial, refinement=replace(trial.refinement, scheme="midpoint"))
         placed = trial.placements(suggestions)
     straight = [each.straight if each.straight and _crosses(each, placed) else each for each in suggestions]
-    usual, coarse = trial, list[Suggestion]()
+    coarse = list[Suggestion]()
     if any(each.coarse for each in placed.values()):
-        trial = usual.finer(straight)
-        if trial.refinement.max_levels == _MOST_LEVELS:
-            # A mesh says only that some tool on it needs shorter edges, so each tool is tried alone.
-            coarse = [each for each in straight if trial.is_coarse([each])]
-            trial = usual.finer([each for each in straight if each not in coarse])
+        usual = trial
+        trial, placed = usual.finer(straight)
+        beside = [each for each in straight if any(placed[name].coarse for name in names_of(each, placed))]
+        coarse = [each for each in beside if usual.is_coarse(each)]
+        if coarse:
+            trial, placed = usual.finer([each for each in straight if each not in coarse])
+    elif straight != list(suggestions):
+        placed = trial.placements(straight)
     notes = [
         f"{each.mesh}: left out a fold that {each.driver} makes: its triangles are too long to show wrinkles there"
         for each in coarse
     ]
     remaining = [each for each in straight if each not in coarse]
-    if trial is not usual or remaining != list(suggestions):
-        placed = trial.placements(remaining)
     narrowed, wide_placed = list(remaining), dict(placed)
     for _ in range(_TRIES):
         crossing = [each for each in narrowed if _crosses(each, placed)]
