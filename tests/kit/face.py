@@ -75,6 +75,7 @@ class Face:
         turn: Degrees by which the stored pose turns the head about the upright axis.
         place: The foot of the neck.
         material: Name of the skin's material.
+        whole: Have all 52 targets of ARKit, with those that say nothing of a face's lines.
     """
 
     big_eyes: float = 1.0
@@ -83,6 +84,7 @@ class Face:
     turn: float = 0.0
     place: tuple[float, float, float] = (0.0, 0.0, 0.0)
     material: str = "skin"
+    whole: bool = False
 
     # The surface.
 
@@ -293,7 +295,25 @@ class Face:
                 "mouthDimple": vector(corner, sign * 3, 0, -4),
                 "mouthPress": vector(field(sign * 0.014, MOUTH, 0.012, 0.008), 0, 0, -1.5),
             }
+            if self.whole:
+                # The eyeballs turn by bones here, and lids follow a look.
+                of_side |= {"eyeLookDown": 0.4 * lid, "eyeLookUp": -0.2 * lid}
+                of_side |= {"eyeLookIn": vector(lid[:, 1] / 0.01, -sign, 0, 0)}
+                of_side |= {"eyeLookOut": vector(lid[:, 1] / 0.01, sign, 0, 0)}
             found |= {f"{name}{word}": each for name, each in of_side.items()}
+        if self.whole:
+            lips = field(0, MOUTH, 0.024, 0.012)
+            found |= {
+                "jawForward": vector(jaw, 0, 0, 6),
+                "jawLeft": vector(jaw, 6, 0, 0),
+                "jawRight": vector(jaw, -6, 0, 0),
+                "mouthClose": vector(jaw * lower_lip, 0, 12, 3),
+                "mouthLeft": vector(lips, 6, 0, 0),
+                "mouthRight": vector(lips, -6, 0, 0),
+                "mouthRollLower": vector(lips * lower_lip, 0, 2, -4),
+                "mouthRollUpper": vector(lips * upper_lip, 0, -2, -4),
+                "tongueOut": np.zeros((len(x), 3)),
+            }
         return found
 
     def _lids(self, sides: dict[str, list[int]], side: str) -> Array:

@@ -28,6 +28,7 @@ EVERY = ["forehead", "forehead_side.L", "glabella", "crows_foot.L", "bunny.L", "
 EXPRESSIVE = [name for name in EVERY if name not in ("bunny.L", "chin")]
 VARIANTS: dict[str, tuple[Face, Callable[[Face], Asset], list[str]]] = {
     "arkit": (Face(), Face.asset, EVERY),
+    "all of arkit": (Face(whole=True), Face.asset, EVERY),
     "facs": (Face(), Face.facs, EVERY),
     "muscles": (Face(), Face.muscles, EVERY),
     "vroid": (Face(), Face.vroid, EXPRESSIVE),
@@ -146,6 +147,17 @@ def upright(face: Face, place: np.ndarray) -> np.ndarray:
     return np.asarray(
         ((place - face.place) / face.scale - pivot) @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]) + pivot
     )
+
+
+def test_the_face_has_all_targets_of_arkit() -> None:
+    """Source: Apple, ARKit, ARFaceAnchor.BlendShapeLocation."""
+    both = """browDown browOuterUp cheekSquint eyeBlink eyeLookDown eyeLookIn eyeLookOut eyeLookUp eyeSquint eyeWide
+        mouthDimple mouthFrown mouthLowerDown mouthPress mouthSmile mouthStretch mouthUpperUp noseSneer"""
+    middle = """browInnerUp cheekPuff jawForward jawLeft jawOpen jawRight mouthClose mouthFunnel mouthLeft mouthPucker
+        mouthRight mouthRollLower mouthRollUpper mouthShrugLower mouthShrugUpper tongueOut"""
+    names = {*middle.split(), *(f"{name}{side}" for name in both.split() for side in ("Left", "Right"))}
+    assert len(names) == 52
+    assert {*Face(whole=True).deltas()} == names
 
 
 @pytest.mark.quick(6)

@@ -313,3 +313,30 @@ def test_a_knight_and_a_robot_get_nothing(tmp_path: Path, name: str, words: list
     assert result.exit_code == 1
     assert all(each in str(result.exception) for each in ["nothing to suggest: ", *words])
     assert not (tmp_path / "tools.yaml").exists()
+
+
+@pytest.mark.parametrize(
+    ("node", "joint", "material", "reason"),
+    [
+        ("fox1", "b_Tail01", "Material.001", "fox1 is fur"),
+        ("Body", "b_Tail01", "husky_fur", "Body is fur"),
+        ("Body", "LeftLeg", "fur_collar", "Body is fur"),
+    ],
+)
+def test_fur_is_said_to_be_fur(tmp_path: Path, node: str, joint: str, material: str, reason: str) -> None:
+    """Fur hides the folds of the skin below it."""
+    asset = painted(characters.skin(64, (0.8, 0.5, 0.3)), name=material, node=node)
+    asset.gltf["nodes"][asset.gltf["skins"][0]["joints"][1]]["name"] = joint
+    found = suggest(asset.write(tmp_path / "asset.glb"))
+    assert not found.tools
+    assert reason in found.reason
+    assert any("fur, as" in note for note in found.notes)
+    asked = judged(tmp_path, asset, materials={node: "skin"})
+    assert asked.tools[0].tool.material is not None
+
+
+@pytest.mark.parametrize(("node", "joint"), [("Wolf3D_Body", "LeftLeg"), ("lizard", "b_Tail01")])
+def test_names_of_animals_say_nothing_of_people_and_of_bare_animals(tmp_path: Path, node: str, joint: str) -> None:
+    asset = painted(characters.skin(64, (0.94, 0.79, 0.71)), node=node)
+    asset.gltf["nodes"][asset.gltf["skins"][0]["joints"][1]]["name"] = joint
+    assert kind_of(tmp_path, asset) == "skin"

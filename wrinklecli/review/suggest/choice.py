@@ -137,7 +137,7 @@ def _judged(
         numbers = numbers or {name: number for number, name in reversed([*enumerate(mesh.rig.names)])}
         part = None if each.by_morph else bones.parts[numbers[each.driver]]
         if mesh.rig.node not in hints:
-            hints[mesh.rig.node] = read_hints(document, mesh.rig, options.materials)
+            hints[mesh.rig.node] = read_hints(document, mesh.rig, options.materials, animal=surface in animals)
         weights = triangle_weights(mesh.sites, each.region)
         animal = surface in animals
         # Instances share a surface, but the names of their nodes may say what each is made of.
@@ -147,7 +147,7 @@ def _judged(
         if options.everything:
             pass
         elif substance.kind == "hard":
-            fault = f"hard, {substance.why}"
+            fault = substance.fault
         elif _SLIDING.search(words_of(each.driver)):
             fault = f"where {split_side(each.driver)[0] or each.driver} moves, which slides or swells"
         elif substance.kind == "skin" and part in _BONY:

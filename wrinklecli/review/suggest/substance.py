@@ -31,7 +31,7 @@ _WORDS: dict[SubstanceKind, str] = {
         plastic glass glasses eyewear goggle stone wood wooden plate screw bolt gear helmet headwear visor lens gun
         weapon sword shield buckle button zipper rubber wheel jewelry earring necklace hair eyebrow brow beard lash
         eyelash eye iris irises cornea pupil sclera tearline eyemoisture tooth teeth tongue gum nail fingernail toenail
-        horn claw hoof fur feather""",
+        horn claw hoof fur furry pelt feather plumage""",
     "cloth": """cloth clothes clothing shirt tshirt trouser pant jeans denim jacket coat cape cloak robe dress skirt
         sleeve fabric cotton wool silk linen sock stocking legging tights scarf hood hoodie sweater suit bodysuit short
         tunic uniform top bottom onepiece kimono apron vest underwear bra panties blouse garment outfit textile hat cap
@@ -39,6 +39,10 @@ _WORDS: dict[SubstanceKind, str] = {
     "skin": "skin flesh dermis",
 }
 _KIND_OF: dict[str, SubstanceKind] = {word: kind for kind, words in reversed(_WORDS.items()) for word in words.split()}
+# Words for fur, which hides the folds of the skin below it; and animals that have it, if their rigs are animals'.
+_FUR = "fur furry pelt feather plumage"
+_FURRED = """fox wolf dog puppy hound cat kitten bear tiger lion leopard panther cheetah lynx rabbit hare squirrel
+    raccoon badger otter beaver mouse rat hamster sheep lamb goat alpaca monkey ape gorilla panda koala kangaroo"""
 # Japanese words, which have no spaces between them, of MikuMikuDance and VRM models.
 _JAPANESE: dict[SubstanceKind, str] = {
     "leather": "革|靴(?!下)|ブーツ|ベルト|手袋",
@@ -109,7 +113,7 @@ class Substance:
         kind: The substance; "none" if the user asks for a plain tool.
         why: What says so, to follow "it is KIND, ".
         confidence: The probability that it is so, 0 to 1, if the evidence is weighed rightly.
-        stiff: For hard parts a word for why: metal, rigid or hard.
+        stiff: For hard parts a word for why: metal, rigid, fur or hard.
     """
 
     kind: SubstanceKind
@@ -127,6 +131,11 @@ class Substance:
         """The substance, the reason and the confidence, as a user reads them."""
         sure = "sure" if self.confidence >= _SURE else "likely" if self.confidence >= _LIKELY else "a guess"
         return f"{self.kind}, {self.why}" + ("" if self.why == BY_USER else f" ({sure})")
+
+    @property
+    def fault(self) -> str:
+        """The reason why hard parts get no tool, as a user reads it."""
+        return f"{'fur' if self.stiff == 'fur' else 'hard'}, {self.why}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,12 +235,15 @@ def _boxed(positions: Floats, normals: Floats, triangles: Ints, corners: Ints) -
 
 
 def read_hints(
-    document: Document, rig: Rig, asked: Mapping[str, SubstanceKind] | None = None
+    document: Document, rig: Rig, asked: Mapping[str, SubstanceKind] | None = None, *, animal: bool = False
 ) -> tuple[PrimitiveHints, ...]:
-    """The hints that names give about each primitive of a rig's mesh, and what the user asks for by name."""
+    """The hints that names give about each primitive of a rig's mesh, and what the user asks for by name.
+
+    The names of animals count if it is an `animal`.
+    """
     mesh = document.items("meshes")[rig.mesh]
     names = [name for name in (mesh.get("name"), rig.names[rig.node]) if isinstance(name, str)]
-    node, materials, wanted = named(names, "the mesh"), document.items("materials"), asked or {}
+    node, materials, wanted = named(names, "the mesh", animal=animal), document.items("materials"), asked or {}
     found = []
     for primitive in mesh["primitives"]:
         number = primitive.get("material", len(materials))
@@ -240,7 +252,7 @@ def read_hints(
         # The material is the closest to the place, and the node closer than a mesh that several nodes share.
         kind = next((wanted[each] for each in [*own, *names[::-1]] if each in wanted), None)
         asked_for = None if kind is None else Substance(kind, BY_USER)
-        found.append(PrimitiveHints(named(own, "its material"), node, asked_for))
+        found.append(PrimitiveHints(named(own, "its material", animal=animal), node, asked_for))
     return tuple(found)
 
 
@@ -316,7 +328,8 @@ def _soft(hints: PrimitiveHints, swatch: Swatch, part: Part | None, bare: Floats
     of_name = hints.material if why == "by the name of its material" else hints.node if why == "by its name" else None
     if of_name is not None:
         why = f"as {of_name.why}"
-    return Substance(kind, why, float(odds[best] / odds.sum()))
+    stiff = "fur" if any(each is not None and each.stiff == "fur" for each in (hints.material, hints.node)) else "hard"
+    return Substance(kind, why, float(odds[best] / odds.sum()), stiff if kind == "hard" else "hard")
 
 
 def _by_name(named_as: Substance | None, strength: float) -> dict[SubstanceKind, float]:
@@ -432,11 +445,17 @@ def _is_faceted(makeup: Makeup, weights: Floats) -> bool:
     return float(weights @ makeup.split.mean(axis=1)) > _FACETED_PART * float(weights.sum())
 
 
-def named(names: Iterable[str], of: str) -> Substance | None:
-    """The substance that the words of names say, the first name first; None if they say nothing."""
+def named(names: Iterable[str], of: str, *, animal: bool = False) -> Substance | None:
+    """The substance that the words of names say, the first name first; None if they say nothing.
+
+    Names of furred animals say something of an `animal` alone.
+    """
     for name in names:
         words = {word.lower() for word in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+", name)}
         kinds = {_KIND_OF.get(word) or _KIND_OF.get(word.removesuffix("s")) for word in words}
+        singular = {word.removesuffix("s") for word in words}
+        if singular & {*_FUR.split(), *(_FURRED.split() if animal else ())}:
+            return Substance("hard", f"{of} is named {shortened(name, 40)}", stiff="fur")
         for kind in _WORDS:
             if kind in kinds or re.search(_JAPANESE[kind], name):
                 return Substance(kind, f"{of} is named {shortened(name, 40)}")
