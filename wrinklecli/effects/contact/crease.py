@@ -6,8 +6,8 @@ do it for clips that were never baked, or fitted to the solutions where that is 
 crossings in a clip, the sweeps and the poses of the clips are compressed together into other, few more shapes.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -117,6 +117,7 @@ class Crease:
         squeezed: Greatest volume that the shapes take away in the sweeps, relative to a limb as long as it is thick.
         crossing: Number of poses of the sweeps in which the shapes leave crossings.
         spans_clips: True if the shapes are also those of clips.
+        clip_weights: The weights of the shapes in the poses of clips that they are made of, by clip and time.
     """
 
     fold: Fold
@@ -130,6 +131,7 @@ class Crease:
     squeezed: float
     crossing: int
     spans_clips: bool = False
+    clip_weights: Mapping[tuple[int, float], Floats] = field(default_factory=dict)
 
     @property
     def vertices(self) -> Ints:
@@ -174,10 +176,12 @@ class Crease:
             urgent = None if crosses else urgent
             moved = combined(weights[frame], self.shapes)
             if crosses:
-                # The weights of the fold's own motion may leave no crossing.
-                own = combined(looked[frame], self.shapes)
-                if found.crossing(own) is None:
-                    weights[frame], moved, crosses = looked[frame], own, False
+                # The weights of the fold's own motion, or those with which the shapes were made, may leave no crossing.
+                made = self.clip_weights.get((marched.clip.index, float(marched.times[frame])), looked[frame])
+                for other in (looked[frame], made):
+                    if found.crossing(combined(other, self.shapes)) is None:
+                        weights[frame], moved, crosses = other, combined(other, self.shapes), False
+                        break
             error = max(error, found.greatest_error(moved))
             if crosses or _loses_volume(found, moved):
                 unspanned.append(frame)
@@ -411,6 +415,9 @@ def _compressed(
         squeezed=max((found.volume_loss(moved) for found, moved in made), default=0.0),
         crossing=crossing,
         spans_clips=spans_clips,
+        clip_weights={
+            (each.clip.index, each.time): row for each, row in zip(poses, weights, strict=False) if each.folded is None
+        },
     )
 
 
