@@ -62,13 +62,24 @@ def pose_carriers(
 
     `known` is as in `node_rows`.
     """
+    points = list(points)
     pairs = sorted({pair for each in points for pair in zip(each.nodes.tolist(), each.shares.tolist(), strict=True)})
     rows = node_rows(rig, clip, times, [node for node, _ in pairs], known)
     scales = [
         np.cbrt(share * np.abs(determinants(each[:, :3].transpose(2, 0, 1))))
         for each, (_, share) in zip(rows, pairs, strict=True)
     ]
-    return Carriers({pair: number for number, pair in enumerate(pairs)}, rows, scales, morph_weights(rig, clip, times))
+    return Carriers(
+        {pair: number for number, pair in enumerate(pairs)}, rows, scales, _weights(points, rig, clip, times)
+    )
+
+
+def _weights(points: Sequence[CarriedPoint], rig: Rig, clip: Clip | None, times: Floats) -> Floats:
+    """(frames, morph targets) weights; 0 for those of drives that carry none of the points."""
+    if not rig.drives:
+        return morph_weights(rig, clip, times)
+    carrying = np.any([point.points[1:].any(axis=(1, 2)) for point in points], axis=0)
+    return morph_weights(rig, clip, times, carrying)
 
 
 def carried_places(point: CarriedPoint, carriers: Carriers, count: int) -> tuple[Floats, Floats]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from wrinklecli.character.clip import Channel, Clip, sample
 from wrinklecli.character.rig import TRANSFORM_DEFAULTS, Hierarchy, Rig
-from wrinklecli.numeric.arrays import Floats, Ints, affine_rows, unit_quaternions
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, affine_rows, unit_quaternions
 
 # Least scale of a node or an anchor relative to rest. Below it a character is hidden, and distances are meaningless.
 LEAST_SCALE = 1e-6
@@ -112,10 +112,11 @@ def _local_rows(hierarchy: Hierarchy, channels: dict[tuple[int, str], Channel], 
     )
 
 
-def morph_weights(rig: Rig, clip: Clip | None, times: Floats) -> Floats:
+def morph_weights(rig: Rig, clip: Clip | None, times: Floats, wanted: Bools | None = None) -> Floats:
     """(frames, morph targets) weights of the clip's channel, or else the stored ones, with those of the rig's drives.
 
-    A channel that has the weights of the drives too, as made motions have, counts as it is.
+    A channel that has the weights of the drives too, as made motions have, counts as it is. Drives of which no target
+    is (morph targets,) `wanted` give 0.
     """
     channel = clip.channel(rig.node, "weights") if clip else None
     if channel is not None and (not rig.drives or channel.values.shape[-1] == len(rig.morph_names)):
@@ -124,7 +125,13 @@ def morph_weights(rig: Rig, clip: Clip | None, times: Floats) -> Floats:
     weights = np.tile(own.morph_weights, (len(times), 1)) if channel is None else sample(channel, times)
     if not rig.drives:
         return weights
-    return np.concatenate([weights, *(each.weights_in(own, clip)(times) for each in rig.drives)], axis=1)
+    columns, first = [weights], weights.shape[1]
+    for drive in rig.drives:
+        last = first + len(drive.targets)
+        idle = wanted is not None and not wanted[first:last].any()
+        columns.append(np.zeros((len(times), last - first)) if idle else drive.weights_in(own, clip)(times))
+        first = last
+    return np.concatenate(columns, axis=1)
 
 
 def blend(weights: Floats, matrices: Floats) -> Floats:

@@ -13,7 +13,6 @@ import numpy as np
 
 from wrinklecli.effects.muscle.volume import FULLEST, THINNEST
 from wrinklecli.numeric.arrays import Floats, Ints, inverses, singular, smoothstep, unit
-from wrinklecli.numeric.nearest import pairs_within
 from wrinklecli.surface.ground import Ground
 
 # Cosines between a vertex's normal and its direction from the bone, below which nothing and above which all moves, as
@@ -27,6 +26,10 @@ _NEAR = (1.5, 2.2)
 _MOST_ANGLE = np.radians(150.0)
 # Part of the way to opposite skin that a vertex may move: both sides may have a muscle.
 _OF_GAP = 0.45
+# Least cosine of a vertex's normal and the way to skin that it may run into, 45°, and greatest of both normals, 120°.
+_AHEAD, _OPPOSITE = 0.7, -0.5
+# Pairs of vertices that are compared at once, which bounds the memory.
+_MOST_PAIRS = 2**22
 # Thicknesses and places at which the shapes of a belly that travels are compared.
 _MOMENTS = 129
 # A vertex whose height is below this ratio of the greatest stays still: nobody would see it.
@@ -163,23 +166,19 @@ def _allowed(ground: Ground, vertices: Ints, normals: Floats, heights: Floats) -
     if not reach:
         return np.ones(len(vertices))
     rest = ground.rest
-    low, high = rest.positions[vertices].min(axis=0) - reach, rest.positions[vertices].max(axis=0) + reach
+    places = rest.positions[vertices]
+    low, high = places.min(axis=0) - reach, places.max(axis=0) + reach
     near = np.flatnonzero(((rest.positions > low) & (rest.positions < high)).all(axis=1))
-    pairs = pairs_within(rest.positions[near], reach)
-    pairs = near[np.concatenate([pairs, pairs[:, ::-1]])]
-    own = np.zeros(len(rest.positions), np.intp)
-    own[vertices] = 1 + np.arange(len(vertices))
-    pairs = pairs[own[pairs[:, 0]] > 0]
-    here = own[pairs[:, 0]] - 1
-    there = rest.positions[pairs[:, 1]] - rest.positions[pairs[:, 0]]
-    others = np.zeros(rest.positions.shape)
-    others[near] = rest.normals_at(near)
-    ahead = np.sum(there * normals[here], axis=1)
-    # Skin opposite: in front of the vertex, and facing it.
-    opposite = (ahead > 0.7 * np.linalg.norm(there, axis=1)) & (
-        np.sum(others[pairs[:, 1]] * normals[here], axis=1) < -0.5
-    )
+    others, facing = rest.positions[near], rest.normals_at(near)
     gaps = np.full(len(vertices), np.inf)
-    np.minimum.at(gaps, here[opposite], ahead[opposite])
+    chunk = max(_MOST_PAIRS // max(len(near), 1), 1)
+    for part in (slice(k, k + chunk) for k in range(0, len(vertices), chunk)):
+        own, here = normals[part], places[part]
+        ahead = own @ others.T - np.sum(own * here, axis=1)[:, None]
+        squares = np.sum(here**2, axis=1)[:, None] - 2.0 * here @ others.T + np.sum(others**2, axis=1)
+        # Skin opposite: within reach, in front of the vertex, and facing it.
+        opposite = (squares < reach**2) & (ahead > _AHEAD * np.sqrt(np.maximum(squares, 0.0)))
+        opposite &= own @ facing.T < _OPPOSITE
+        gaps[part] = np.where(opposite & (ahead > 0), ahead, np.inf).min(axis=1, initial=np.inf)
     excess = greatest / (_OF_GAP * gaps)
     return np.asarray((1.0 + excess**4) ** -0.25)
