@@ -8,6 +8,9 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
+# Each core has a worker. Threads of BLAS would wait for each other, for a tenth of the time of all tests.
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
 import numpy as np
 import pytest
 from hypothesis import settings
@@ -19,6 +22,8 @@ from kit.golden import Golden
 # Workers, and the hundreds of commands that they start, would else compile all modules anew.
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+# No test pulls the plug. Where a disk takes milliseconds to write a file, thousands of files take seconds.
+os.fsync = lambda _: None
 np.seterr(all="raise", under="ignore")
 settings.register_profile("wrinkle", derandomize=True, deadline=None, max_examples=10)
 settings.load_profile("wrinkle")
