@@ -1,11 +1,6 @@
-"""Bakes that several tests look at: each is made once in a run of the tests, by the first worker that needs it.
+"""Bakes that several tests look at: each is made once in a run of the tests."""
 
-They are kept by what they were made from, the code apart: nothing is kept from one run to the next.
-"""
-
-import hashlib
 import json
-import shutil
 import tempfile
 from functools import cache
 from pathlib import Path
@@ -16,8 +11,9 @@ import yaml
 
 import wrinklecli
 from kit.asset import Asset, Json
+from kit.kept import identity, kept
 from kit.limb import limb_asset, tool
-from kit.places import FOLDER, ROOT, SHARED
+from kit.places import FOLDER, ROOT
 from kit.player import Gltf
 from kit.samples import sample
 from wrinklecli.baking.report import Report
@@ -35,18 +31,13 @@ def baked(asset: Path, text: str, options: str) -> Path:
         text: Of the tools file.
         options: Of `wrinklecli.bake`, as JSON.
     """
-    inputs = (asset.name, hashlib.sha256(asset.read_bytes()).hexdigest(), text, options)
-    folder = SHARED / f"bake-{hashlib.sha256(repr(inputs).encode()).hexdigest()}"
-    if not folder.exists():
-        fresh = Path(tempfile.mkdtemp(dir=FOLDER))
-        (fresh / "tools.yaml").write_text(text)
-        report = wrinklecli.bake(asset, fresh / "tools.yaml", fresh / "out.glb", **json.loads(options))
-        (fresh / "report.json").write_text(json.dumps([report.data, report.further_targets]))
-        try:
-            fresh.rename(folder)
-        except OSError:  # another worker has made the same meanwhile
-            shutil.rmtree(fresh)
-    return folder / "out.glb"
+
+    def make(folder: Path) -> None:
+        (folder / "tools.yaml").write_text(text)
+        report = wrinklecli.bake(asset, folder / "tools.yaml", folder / "out.glb", **json.loads(options))
+        (folder / "report.json").write_text(json.dumps([report.data, report.further_targets]))
+
+    return kept(("bake", *identity(asset), text, options), make) / "out.glb"
 
 
 @cache

@@ -11,7 +11,7 @@ SAMPLES = ROOT / "samples"
 IN_CI = os.environ.get("CI", "").lower() in ("1", "true")
 
 _VARIABLE = "WRINKLE_TESTS_FOLDER"
-# The first process of a run makes the folder, and its workers find it.
+# The first process of a run makes the folder, and its workers find it. Runs that are given one share what is in it.
 if _VARIABLE not in os.environ:
     os.environ[_VARIABLE] = tempfile.mkdtemp(prefix="wrinkle-tests-")
     atexit.register(shutil.rmtree, os.environ[_VARIABLE], ignore_errors=True)

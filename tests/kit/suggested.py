@@ -1,17 +1,43 @@
-"""Suggested tools: where they lie, and the command run in this process."""
+"""Suggested tools: made once in a run of the tests, where they lie, and the command run in this process."""
 
+import json
+import pickle
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from click.testing import CliRunner, Result
 from numpy.typing import NDArray
 
+from kit.kept import identity, kept
 from wrinklecli.cli import cli
 from wrinklecli.numeric.arrays import unit
 from wrinklecli.review.suggest.fitted_tools import Suggestion
+from wrinklecli.review.suggest.suggest import Suggestions, suggest
 from wrinklecli.tools.records import WrinkleTool
 
 Floats = NDArray[np.float64]
+
+
+def suggest_once(asset: Path, **options: Any) -> Suggestions:
+    """The suggestions for an asset in one file; the same are looked for only once. `inputs` may name another folder.
+
+    Args:
+        asset: The asset.
+        options: Of `suggest`.
+    """
+    return _suggested(asset, json.dumps(options, sort_keys=True))
+
+
+@cache
+def _suggested(asset: Path, options: str) -> Suggestions:
+    def make(folder: Path) -> None:
+        (folder / "found").write_bytes(pickle.dumps(suggest(asset, **json.loads(options))))
+
+    found = pickle.loads((kept(("suggest", *identity(asset), options), make) / "found").read_bytes())
+    assert isinstance(found, Suggestions)
+    return found
 
 
 def middle(tool: WrinkleTool) -> Floats:

@@ -10,6 +10,8 @@ import pytest
 from kit.asset import Asset, stored
 from kit.limb import RADIUS, limb_asset
 from kit.suggested import along, ends, middle
+from wrinklecli import bake
+from wrinklecli.gltf.document import read_document
 from wrinklecli.review.check import check
 from wrinklecli.review.suggest.fitted_tools import Suggestion
 from wrinklecli.review.suggest.suggest import Suggestions, suggest
@@ -108,6 +110,14 @@ def test_contact_is_proposed_where_a_knee_passes_through_itself(
     assert parse_tools(found.text).tools[0].contact == Contact()
     assert found.text.count("contact: resolve\n") == 1
     assert "contact keeps its sides apart" in found.text
+
+
+@pytest.mark.slow
+def test_contact_that_is_proposed_bakes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "tools.yaml").write_text(folded(tmp_path, monkeypatch, installed=True).text)
+    bake(tmp_path / "limb.glb", tmp_path / "tools.yaml", tmp_path / "out.glb", max_levels=1)
+    nodes = read_document(tmp_path / "out.glb").items("nodes")
+    assert [len(node["extras"]["wrinkle"]["folds"]) for node in nodes if "mesh" in node] == [1]
 
 
 def test_without_the_extra_a_comment_names_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

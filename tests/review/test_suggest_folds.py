@@ -8,7 +8,7 @@ import pytest
 
 from kit.limb import LENGTH, RADIUS, limb
 from kit.samples import sample
-from kit.suggested import along, ends, middle
+from kit.suggested import along, ends, middle, suggest_once
 from wrinklecli import bake
 from wrinklecli.character.clip import read_clips
 from wrinklecli.character.rig import read_rig
@@ -144,7 +144,7 @@ def off(suggestion: Suggestion, place: tuple[float, float, float]) -> float:
 
 @pytest.mark.slow
 def test_the_sample_trousers_fold_behind_the_knees() -> None:
-    found = suggest(sample("trousers"))
+    found = suggest_once(sample("trousers"))
     knees = [each for each in found.tools if off(each, (0.104, 0.50, -0.0875)) < 0.05]
     # Two cross behind each knee, and lean to either side of the leg.
     assert len(knees) == 2
@@ -159,7 +159,7 @@ def test_the_sample_trousers_fold_behind_the_knees() -> None:
 
 
 def test_the_sample_wrist_folds_on_both_sides() -> None:
-    found = suggest(sample("wrist"))
+    found = suggest_once(sample("wrist"))
     for place, clip in (((-0.002, -0.021, 0.0), "flex"), ((0.0, 0.0208, 0.0), "extend")):
         side = nearest_to(found, place)
         assert side in found.tools[:2]
@@ -251,8 +251,9 @@ def test_nothing_is_worth_it_on_a_real_fox_of_facets() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["wrist", "trousers", "head"])
 def test_suggestions_bake_as_they_are(tmp_path: Path, name: str) -> None:
-    found = suggest(sample(name), count=2)
-    (tmp_path / "tools.yaml").write_text(found.text)
+    found = suggest_once(sample(name))
+    # To resolve the contact of the knee takes 40 s; `test_suggest_buckling` resolves that of a smaller knee.
+    (tmp_path / "tools.yaml").write_text(found.text.replace("contact: resolve\n", "contact: off\n"))
     report = bake(sample(name), tmp_path / "tools.yaml", tmp_path / "out.glb")
     assert [tool["name"] for tool in report.data["tools"]] == [
         tool.name for tool in load_tools(tmp_path / "tools.yaml").tools
@@ -265,7 +266,7 @@ def test_suggestions_bake_as_they_are(tmp_path: Path, name: str) -> None:
 
 @pytest.mark.slow
 def test_suggestions_do_not_lie_on_one_another() -> None:
-    found = suggest(sample("trousers"), count=20)
+    found = suggest_once(sample("trousers"))
     document = read_document(sample("trousers"))
     settings = parse_tools(found.text)
     node = next(index for index, each in enumerate(document.items("nodes")) if "mesh" in each)

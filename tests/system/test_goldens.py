@@ -12,6 +12,7 @@ from kit.limb import RADIUS, limb_asset, tool
 from kit.places import ROOT
 from kit.player import Gltf
 from kit.samples import sample
+from kit.suggested import suggest_once
 
 Json = dict[str, Any]
 TOP, SIDE = 0.8 * RADIUS, 0.6 * RADIUS
@@ -62,7 +63,7 @@ def test_contact_moves_a_fold_as_far_as_before(golden: Golden) -> None:
 @pytest.mark.parametrize("name", ["wrist", "head", "trousers", "limb"])
 def test_tools_are_suggested_as_before(name: str, golden: Golden) -> None:
     asset = place(limb_asset(rings=14, sides=10, joints=3)) if name == "limb" else sample(name)
-    found = wrinklecli.suggest(asset)
+    found = suggest_once(asset)
     golden([*map(words_and_numbers, found.text.splitlines()), *found.notes], f"suggest_{name}.json")
 
 
