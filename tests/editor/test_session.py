@@ -483,3 +483,57 @@ def test_an_asset_that_is_exported_again_gets_the_same_tools(session: Session, t
     session.refresh()
     assert session.refresh()
     assert all("from the mesh" in str(tool.problem) for tool in session.tools())
+
+
+MUSCLES = (
+    TOOLS
+    + """\
+muscles:
+  - name: biceps
+    origin: {joint: joint_0, offset: [0.15, 0.1, 0]}
+    insertion: {joint: joint_1, offset: [0.15, 0.1, 0]}
+"""
+)
+
+
+def test_muscles_are_shown_as_they_are_baked(tmp_path: Path) -> None:
+    """With the wrinkles on the skin that they move."""
+    (tmp_path / "tools.yaml").write_text(MUSCLES)
+    session = Session(limb(tmp_path / "limb.glb", rings=20, sides=12), tmp_path / "tools.yaml")
+    report = wrinklecli.bake(tmp_path / "limb.glb", tmp_path / "tools.yaml", tmp_path / "out.glb")
+    document = read_document(tmp_path / "out.glb")
+    (primitive,), (clip,) = read_scene(document), read_clips(document)
+    for time in (0.0, 1.0):
+        (shown,) = session.meshes("fold", time)
+        baked = pose_primitive(primitive, clip, np.array([time])).positions[0]
+        for some, others in ((shown.positions, baked), (baked, shown.positions)):
+            assert cKDTree(others).query(some)[0].max() < report.data["meshes"][0]["max_error"]
+
+
+def test_two_places_make_a_muscle(session: Session, tmp_path: Path) -> None:
+    before = session.meshes("fold", 1.0)[0].positions
+    name = session.add_muscle([-0.8, RADIUS, 0.0], [0.15, RADIUS, 0.0], "limb")
+    assert name == "muscle_1"
+    assert np.abs(session.meshes("fold", 1.0)[0].positions - before).max() > 0.01
+    (entry,) = yaml.safe_load(session.text)["muscles"]
+    assert [entry[key]["joint"] for key in ("origin", "insertion")] == ["joint_0", "joint_1"]
+    assert session.text.startswith(TOOLS)
+    session.save()
+    wrinklecli.bake(tmp_path / "limb.glb", tmp_path / "tools.yaml", tmp_path / "out.glb")
+    assert session.add_muscle([-0.8, -RADIUS, 0.0], [0.15, -RADIUS, 0.0]) == "muscle_2"
+    session.undo()
+    session.undo()
+    assert session.text == TOOLS
+
+
+def test_a_muscle_that_does_not_fit_makes_no_step(session: Session) -> None:
+    with pytest.raises(ConfigError, match="there is no skin near it"):
+        session.add_muscle([-0.5, 9.0, 0.0], [0.5, 9.0, 0.0])
+    assert not session.changed
+
+
+def test_a_muscle_is_the_first_entry_of_a_new_file(tmp_path: Path) -> None:
+    session = Session(limb(tmp_path / "limb.glb", rings=9, sides=8), tmp_path / "new.yaml")
+    session.add_muscle([-0.8, RADIUS, 0.0], [0.15, RADIUS, 0.0])
+    session.save()
+    wrinklecli.bake(tmp_path / "limb.glb", tmp_path / "new.yaml", tmp_path / "out.glb")

@@ -22,7 +22,7 @@ from wrinklecli.character.scene import deforming_nodes, scene_nodes
 from wrinklecli.character.skin import Skin, prepare
 from wrinklecli.editor.attached import AttachedTool, AttachedTools, Cluster, PlayableMesh
 from wrinklecli.editor.clip_cache import ClipCache, RecentResults
-from wrinklecli.effects.plan import plan_on
+from wrinklecli.effects.plan import attach_effects, plan_on
 from wrinklecli.effects.wrinkle.attach import attach_tools
 from wrinklecli.effects.wrinkle.bounds import bounded
 from wrinklecli.effects.wrinkle.carry import carry
@@ -33,7 +33,7 @@ from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.numeric.arrays import Ints, components, distinct_values, flags_of
 from wrinklecli.numeric.memory import MAX_MEMORY, Memory
 from wrinklecli.surface.ground import Ground, read_ground
-from wrinklecli.tools.records import Length, ToolsFile, WrinkleTool
+from wrinklecli.tools.records import EffectTool, Length, ToolsFile, WrinkleTool
 
 _MAX_ERROR = Length(1.0, percent=True)  # the default of a bake
 _RINGS = 4  # rings of triangles around a tool that its refinement may read or split; tools whose rings meet overlap
@@ -79,7 +79,7 @@ class LoadedAsset:
         self.cache = ClipCache()
         self._neighbours = Neighbours(document)
         self._nodes = [node for node in scene_nodes(document) if "mesh" in document.items("nodes")[node]]
-        self._grounds = RecentResults(2 * len(self._nodes))
+        self._grounds = RecentResults(4 * len(self._nodes))
         self._skins = RecentResults(len(self._nodes))
         self._patches = RecentResults(_KEPT_PATCHES)
         self._clusters = RecentResults(_KEPT_PLANS)
@@ -115,9 +115,11 @@ class LoadedAsset:
         self._clusters.count = _KEPT_PLANS + len(settings.tools)
         problems: dict[str, str] = {}
         by_node = self._tools_by_node(settings, problems)
+        below = self._below_skin(settings, problems)
         meshes, tools, provisional = [], {}, False
         for node in self._nodes:
             ground = self._ground(node, settings, by_node.get(node, []))
+            ground = self._moved(ground, below.get(node, []), settings, problems)
             patches: list[Patch] = []
             for tool in by_node.get(node, []):
                 try:
@@ -150,7 +152,7 @@ class LoadedAsset:
                 problems[tool.name] = f"{tool.name}: is left out, as {why}"
                 continue
             try:
-                alone = replace(settings, tools=(tool,))
+                alone = replace(settings.only(()), tools=(tool,))
                 check_clip_names(alone, (), file_clips)
                 (node,), _ = tools_by_node(self.document, alone)
                 # Contact takes too long to be shown while a tool is edited.
@@ -158,6 +160,36 @@ class LoadedAsset:
             except WrinkleError as error:
                 problems[tool.name] = error.lines[0]
         return by_node
+
+    def _below_skin(self, settings: ToolsFile, problems: dict[str, str]) -> dict[int, list[EffectTool]]:
+        """Find the node of each effect below the skin, and add the problems of those that a bake refuses."""
+        by_node: dict[int, list[EffectTool]] = {}
+        file_clips = tuple(clip for clip in self.clips if clip.name not in self.range_clips)
+        for effect in replace(settings, tools=()).effects:
+            try:
+                alone = settings.only([effect.name])
+                check_clip_names(alone, (), file_clips)
+                (node,), _ = tools_by_node(self.document, alone)
+                by_node.setdefault(node, []).append(effect)
+            except WrinkleError as error:
+                problems[effect.name] = error.lines[0]
+        return by_node
+
+    def _moved(
+        self, ground: Ground, effects: Sequence[EffectTool], settings: ToolsFile, problems: dict[str, str]
+    ) -> Ground:
+        """The mesh as the effects below its skin that fit move it."""
+        fitting = []
+        for effect in effects:
+            try:
+                attach_effects(ground, [effect], settings)
+                fitting.append(effect)
+            except WrinkleError as error:
+                problems[effect.name] = error.lines[0]
+        if not fitting:
+            return ground
+        key = (ground, tuple(replace(each, where="", places={}) for each in fitting))  # type: ignore[type-var]
+        return self._grounds.get_or_make(key, lambda: attach_effects(ground, fitting, settings)[0])
 
     def _ground(self, node: int, settings: ToolsFile, tools: list[WrinkleTool]) -> Ground:
         bound_to = _without_places(tools[0]) if settings.rest == "bind" and tools else None
@@ -246,7 +278,8 @@ class LoadedAsset:
             weights = surface.dense_weights(np.arange(len(surface.positions)), len(ground.rig.joints))
             return prepare(weights[:, acting], surface.positions, surface.morph_deltas)
 
-        return self._skins.get_or_make(ground.rig.node, made)
+        # Rest poses share the skin, unless effects below it move it too.
+        return self._skins.get_or_make(ground if ground.rig.drives else ground.rig.node, made)
 
 
 def _key(ground: Ground, patches: Sequence[Patch], settings: ToolsFile) -> tuple[object, ...]:

@@ -408,8 +408,8 @@ class Edits:
         return name
 
     def _taken_names(self) -> set[str]:
-        """The identifiers of all tools, with mirrored and disabled ones."""
-        every = (*names_of(self._base.file), *(tool.name for tool in self.settings().tools))
+        """The identifiers of all tools, with mirrored and disabled ones, and of enabled effects of other kinds."""
+        every = (*names_of(self._base.file), *(each.name for each in self.settings().effects))
         return {identifier(name) for name in every}
 
     def _written_place(self, place: Sequence[float], span: float) -> list[float]:

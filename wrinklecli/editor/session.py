@@ -21,7 +21,8 @@ from wrinklecli.editor.free_pose import POSE, FreePose
 from wrinklecli.editor.proposals import Proposal, proposals_of, proposed_keys, to_axes
 from wrinklecli.editor.raised import RaisedTool, raised_tool
 from wrinklecli.editor.store import Store
-from wrinklecli.errors import WrinkleError
+from wrinklecli.effects.muscle.attach import below_skin
+from wrinklecli.errors import ConfigError, WrinkleError
 from wrinklecli.files.watched import Watched
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, significant
@@ -32,6 +33,7 @@ from wrinklecli.tools.effective import EffectiveValue, effective_values, inherit
 from wrinklecli.tools.mirror import exchange_sides
 from wrinklecli.tools.read import read_values
 from wrinklecli.tools.records import ToolsFile, identifier, in_axes
+from wrinklecli.tools.yaml_edit import ToolsText
 
 _KEPT_MEASURED = 4  # meshes whose measurements for first guesses are kept
 
@@ -188,6 +190,36 @@ class Session(Edits):
             else:
                 values["width"] = significant(span, 2)
             self._become(file.with_tool(values), f"add {name}")
+            return name
+
+    def add_muscle(self, origin: Sequence[float], insertion: Sequence[float], node: str | None = None) -> str:
+        """Add a muscle below two (3,) places on the skin at rest, world space; return its name.
+
+        Each end goes about halfway to the nearest bone, which carries it. `node` is as for `add_tool`.
+
+        Raises:
+            WrinkleError: It does not fit.
+        """
+        with self._guarded():
+            loaded, file = self._loaded, self._base.file
+            deforming = deforming_nodes(loaded.document)
+            meshes = [mesh for mesh in self._attached().meshes if mesh.ground.rig.node in deforming]
+            ground = next(mesh.ground for mesh in meshes if node in (None, mesh.node))
+            name = self._new_name("muscle")
+            values: dict[str, Any] = {"name": name}
+            if node is not None and len(deforming) > 1:
+                values["node"] = node
+            span = float(np.linalg.norm(np.subtract(insertion, origin)))
+            for key, place in (("origin", origin), ("insertion", insertion)):
+                joint, offset = below_skin(ground, np.array(place, float))
+                values[key] = {"joint": joint, "offset": self._written_place(offset.tolist(), span)}
+            muscles = ToolsText(file.without_empty().text, file.name, "muscles").with_tool(values)
+            edited = ToolsText(muscles.text, file.name)
+            # A step that shows nothing would only be undone.
+            problem = loaded.attach(self._settings_of(edited)).problems.get(name)
+            if problem is not None:
+                raise ConfigError(problem)
+            self._become(edited, f"add {name}")
             return name
 
     def proposals(self, *, posed: bool = False) -> list[Proposal]:

@@ -166,10 +166,12 @@ class ToolsText:
     Attributes:
         text: The YAML; lines may end as they do on any system.
         name: What messages call the file.
+        key: The list whose items are edited, and are called tools here.
     """
 
     text: str
     name: str = "<tools>"
+    key: str = "tools"
 
     @cached_property
     def _value(self) -> Any:
@@ -179,19 +181,19 @@ class ToolsText:
     @cached_property
     def tools(self) -> tuple[Mapping[str, Any], ...]:
         """The keys that each tool has itself; none for a tool that is no mapping."""
-        tools = self._value.get("tools") if isinstance(self._value, dict) else None
+        tools = self._value.get(self.key) if isinstance(self._value, dict) else None
         return tuple(each if isinstance(each, dict) else {} for each in tools) if isinstance(tools, list) else ()
 
     @property
     def is_empty(self) -> bool:
         """True for a mapping that names no tool, which the reader refuses, but an editor begins with."""
-        return isinstance(self._value, dict) and self._value.get("tools") in (None, [])
+        return isinstance(self._value, dict) and self._value.get(self.key) in (None, [])
 
     @property
     def header(self) -> Mapping[str, Any]:
         """The keys of the file without its tools."""
         value = self._value if isinstance(self._value, dict) else {}
-        return {key: each for key, each in value.items() if key != "tools"}
+        return {key: each for key, each in value.items() if key != self.key}
 
     @property
     def defaults(self) -> Mapping[str, Any]:
@@ -235,7 +237,7 @@ class ToolsText:
         copy = {**self.tools[number], "name": name}
         anchored = (each.start for each in self._item(number).within() if each.anchor and each.kind != "alias")
         gone = [(*found.span(), "") for at in anchored if (found := _ANCHOR.match(self.text, at))]
-        lines = ToolsText(_changed(self.text, gone), self.name).lines_of(number)
+        lines = ToolsText(_changed(self.text, gone), self.name, self.key).lines_of(number)
         behind = number + 1
         return self._first_right(
             lambda edited: edited.tools == (*self.tools[:behind], copy, *self.tools[behind:]),
@@ -258,7 +260,7 @@ class ToolsText:
         # Anchors move to others only if these lines do not have them again.
         return self._first_right(
             lambda edited: edited.tools == self._with_tools(instead_of, *edited.tools[instead_of : instead_of + 1]),
-            lambda: ToolsText(_changed(self.text, [change]), self.name),
+            lambda: ToolsText(_changed(self.text, [change]), self.name, self.key),
             lambda: self._with(change),
         )
 
@@ -276,10 +278,18 @@ class ToolsText:
             lambda edited: edited.tools == self._with_tools(number), lambda: self._with(*self._tool_removal(number))
         )
 
+    def without_empty(self) -> "ToolsText":
+        """Remove the list if it is empty, as the reader refuses it beside other lists."""
+        at = self._root.number_of(self.key)
+        if at is None or self.tools or self._root.flow:
+            return self
+        ends = self._line_start(self._root.keys[at].start), self._line_end(self._root.items[at].end, behind=True)
+        return ToolsText(_changed(self.text, [(*ends, "")]), self.name, self.key)
+
     def with_key(self, key: str, value: Any) -> "ToolsText":
         """Set a key of the file to a value in one line; a new one stands right before the tools."""
         root = self._root
-        at, tools = root.number_of(key), root.number_of("tools")
+        at, tools = root.number_of(key), root.number_of(self.key)
         if at is not None:
             return self._with(self._value_at(root, at, value))
         if root.flow or tools is None:
@@ -350,14 +360,14 @@ class ToolsText:
         part = self._item(number)
         if part.flow:
             return ToolsText(
-                _changed(self.text, [(part.start, part.start, "{<<: "), (part.end, part.end, "}")]), self.name
+                _changed(self.text, [(part.start, part.start, "{<<: "), (part.end, part.end, "}")]), self.name, self.key
             )
         first, *others = self.lines_of(number)
         lines = [f"<<: {first}", *(f"  {line}" if line else line for line in others)]
         if not first.startswith("&"):
             lines = ["<<:", f"  {first}", *lines[1:]]
         change = (part.start, part.end, self._indented(lines, self._column(part.start)))
-        return ToolsText(_changed(self.text, [change]), self.name)
+        return ToolsText(_changed(self.text, [change]), self.name, self.key)
 
     # The places of values in the text.
 
@@ -375,13 +385,13 @@ class ToolsText:
     @property
     def _tools(self) -> _Part | None:
         """The value of `tools`; None where the key is missing."""
-        at = self._root.number_of("tools")
+        at = self._root.number_of(self.key)
         return None if at is None else self._root.items[at]
 
     @property
     def _behind_colon(self) -> int:
         """The index behind the colon of `tools`."""
-        at = self._root.number_of("tools")
+        at = self._root.number_of(self.key)
         assert at is not None
         return self.text.index(":", self._root.keys[at].end) + 1
 
@@ -447,7 +457,7 @@ class ToolsText:
     def _with(self, *changes: _Change) -> "ToolsText":
         """Apply changes; an anchored value that they remove moves to the first alias that repeats it."""
         moved = [each for start, end, _ in changes for each in self._moved_anchors(start, end)]
-        return ToolsText(_changed(self.text, [*changes, *moved]), self.name)
+        return ToolsText(_changed(self.text, [*changes, *moved]), self.name, self.key)
 
     def _moved_anchors(self, start: int, end: int) -> Iterator[_Change]:
         reached = start
@@ -528,7 +538,7 @@ class ToolsText:
             new = f"{newline}  - {self._indented(lines, 4)}"
             at = self._line_end((tools or self._root).end)
             if tools is None:
-                return [(at, at, f"{newline}tools:{new}")]
+                return [(at, at, f"{newline}{self.key}:{new}")]
             return [(self._behind_colon, tools.end, ""), (at, at, new)]
         part = tools.items[behind]
         if tools.flow:

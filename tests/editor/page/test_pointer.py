@@ -245,3 +245,19 @@ def test_a_tool_of_the_list_is_shown_where_it_is_tallest(page: Page) -> None:
     page.session.set_value("a", ("clips",), {"none": 1.0})
     page.choose("a", look=True)
     assert (page.player.clip, page.player.time) == ("fold", 0.0)
+
+
+def test_two_clicks_make_a_muscle(page: Page) -> None:
+    page._pointer._begin_muscle()
+    assert "Click the skin above where the muscle begins" in said(page)
+    assert "There is no mesh" in click(page, 5.0)
+    click(page, -0.8)
+    assert "muscle_1 is new" in click(page, 0.3)
+    (entry,) = yaml.safe_load(page.session.text)["muscles"]
+    assert [entry[key]["joint"] for key in ("origin", "insertion")] == ["joint_0", "joint_1"]
+    assert page._pointer._ends is None
+    # The next new tool is a tool again.
+    page._pointer._begin_new()
+    click(page, -0.3)
+    click(page, 0.3)
+    assert len(yaml.safe_load(page.session.text)["tools"]) == 3

@@ -36,6 +36,8 @@ _LEAST_SIDE = 0.01
 _FARTHEST = 1.5
 # Part of the error bound for the modes of a belly that travels; the others are of samples and dropped keys.
 _TRAVEL_SHARE = 0.5
+# Distance of an end below a place on the skin from its bone, over that of the skin: in the middle of the flesh.
+_DEPTH = 0.45
 # Distance of a muscle's ends over the mesh's size below which they are one point.
 _LEAST_SPAN = 1e-9
 
@@ -108,9 +110,11 @@ def attach_muscles(muscles: Sequence[Muscle], ground: Ground) -> list[AttachedMu
 class Bones:
     """The bones of a mesh at rest: straight lines from joints that carry skin to the joints below them.
 
+    The bone of a joint with none below ends twice as far as the middle of its skin.
+
     Attributes:
         nodes: The joint that carries each bone.
-        starts, ends: (bones, 3) world space at rest; equal for a joint with none below.
+        starts, ends: (bones, 3) world space at rest.
     """
 
     nodes: tuple[int, ...]
@@ -121,19 +125,27 @@ class Bones:
     def of(cls, ground: Ground) -> "Bones":
         """The bones of a mesh."""
         rig, surface = ground.rig, ground.surface
-        carrying = set(rig.joints[np.unique(surface.joints[surface.weights > 0])].tolist())
         joints = rig.joints.tolist()
-        places = dict(zip(joints, _places(ground, joints), strict=True))
+        places = _places(ground, joints)
+        shares = np.zeros(len(joints))
+        sums = np.zeros((len(joints), 3))
+        np.add.at(shares, surface.joints, surface.weights)
+        np.add.at(sums, surface.joints, surface.weights[..., None] * ground.rest.positions[:, None])
         below: dict[int, list[int]] = {joint: [] for joint in joints}
-        for joint in joints:
+        for number, joint in enumerate(joints):
             parent = int(rig.parents[joint])
             while parent >= 0 and parent not in below:
                 parent = int(rig.parents[parent])
             if parent >= 0:
-                below[parent].append(joint)
-        pairs = [(joint, other) for joint in joints if joint in carrying for other in below[joint] or [joint]]
-        starts, ends = (np.array([places[pair[side]] for pair in pairs]) for side in (0, 1))
-        return cls(tuple(joint for joint, _ in pairs), starts, ends)
+                below[parent].append(number)
+        nodes, starts, ends = [], [], []
+        for number in np.flatnonzero(shares > 0).tolist():
+            tips = [places[other] for other in below[joints[number]]]
+            for tip in tips or [2.0 * sums[number] / shares[number] - places[number]]:
+                nodes.append(joints[number])
+                starts.append(places[number])
+                ends.append(tip)
+        return cls(tuple(nodes), np.array(starts), np.array(ends))
 
     def nearest(self, point: Floats) -> int:
         """The number of the bone that is nearest to a (3,) point."""
@@ -142,6 +154,17 @@ class Bones:
         shares = np.sum((point - self.starts) * along, axis=1) / np.where(squares > 0, squares, 1.0)
         feet = self.starts + np.clip(shares, 0.0, 1.0)[:, None] * along
         return int(np.argmin(np.sum((point - feet) ** 2, axis=1)))
+
+
+def below_skin(ground: Ground, place: Floats) -> tuple[str, Floats]:
+    """The joint that carries a muscle's end below a (3,) place on the skin, and the end's offset from that joint."""
+    bones = Bones.of(ground)
+    number = bones.nearest(place)
+    start, along = bones.starts[number], bones.ends[number] - bones.starts[number]
+    square = float(along @ along)
+    share = float(np.clip((place - start) @ along / square, 0.0, 1.0)) if square else 0.0
+    foot = start + share * along
+    return ground.rig.names[bones.nodes[number]], foot + _DEPTH * (place - foot) - start
 
 
 def _places(ground: Ground, nodes: Sequence[int]) -> Floats:
