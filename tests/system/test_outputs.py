@@ -6,6 +6,7 @@ import os
 import re
 import stat
 from pathlib import Path
+from typing import Any
 
 import click
 import pytest
@@ -48,25 +49,29 @@ def small_tools(folder: Path, **keys: int) -> Path:
 # its output ends in, and the files that it reads besides those that the assets refer to.
 BAKE = "bake limb.gltf tools.yaml --anim run.gltf"
 CLIPS = ("limb.gltf", "run.gltf")
+TOOLS = (*CLIPS, "tools.yaml", "studio.yaml")
 KEPT_APART = {
-    ("bake", "output"): (BAKE + " -o {}.glb", (*CLIPS, "tools.yaml")),
-    ("bake", "output, as .gltf"): (BAKE + " -o {}.gltf", (*CLIPS, "tools.yaml")),
-    ("bake", "report"): (BAKE + " -o out.glb --report {}", (*CLIPS, "tools.yaml")),
-    ("bake", "timings"): (BAKE + " -o out.glb --timings {}", (*CLIPS, "tools.yaml")),
-    ("bake", "depfile"): (BAKE + " -o out.glb --depfile {}", (*CLIPS, "tools.yaml")),
-    ("bake", "frames_dir"): (BAKE + " --clip fold --frames-dir {}", (*CLIPS, "tools.yaml")),
-    ("suggest", "output"): ("suggest limb.gltf --all --anim run.gltf -o {}", CLIPS),
-    ("check", "plot"): ("check limb.gltf tools.yaml --anim run.gltf --plot {}.svg", (*CLIPS, "tools.yaml")),
+    ("bake", "output"): (BAKE + " -o {}.glb", TOOLS),
+    ("bake", "output, as .gltf"): (BAKE + " -o {}.gltf", TOOLS),
+    ("bake", "report"): (BAKE + " -o out.glb --report {}", TOOLS),
+    ("bake", "timings"): (BAKE + " -o out.glb --timings {}", TOOLS),
+    ("bake", "depfile"): (BAKE + " -o out.glb --depfile {}", TOOLS),
+    ("bake", "frames_dir"): (BAKE + " --clip fold --frames-dir {}", TOOLS),
+    ("suggest", "output"): (
+        "suggest limb.gltf --all --anim run.gltf --presets studio.yaml -o {}",
+        (*CLIPS, "studio.yaml"),
+    ),
+    ("check", "plot"): ("check limb.gltf tools.yaml --anim run.gltf --plot {}.svg", TOOLS),
     ("preview", "output"): (
         "preview limb.gltf --tools tools.yaml --anim run.gltf -o {}.png --rest --size 32x32",
-        (*CLIPS, "tools.yaml"),
+        TOOLS,
     ),
     ("preview", "output, of two assets"): ("preview limb.gltf run.gltf -o {}.png --rest --size 32x32", CLIPS),
     ("track", "folder"): ("track baked.gltf limb.gltf run.gltf -o {}", (*CLIPS, "baked.gltf")),
 }
 # The other options that write: `schema` reads nothing, and `tests/batch/test_conflicts.py` has those of `batch`.
 APART = {("schema", "output"), ("batch", "out"), ("batch", "report"), ("batch", "cache")}
-READ_ONLY = {"asset", "assets", "tools", "anims", "baked", "manifest", "a", "b"}
+READ_ONLY = {"asset", "assets", "tools", "anims", "baked", "manifest", "a", "b", "presets"}
 
 
 def test_every_option_that_writes_is_in_the_table() -> None:
@@ -81,8 +86,11 @@ def test_every_option_that_writes_is_in_the_table() -> None:
 
 @pytest.fixture
 def read(folder: Path) -> Path:
-    """Two assets that refer to other files, tools, and a bake."""
+    """Two assets that refer to other files, tools, and a file of presets that these name."""
     limb_asset(rings=7, sides=6).write(folder / "run.gltf")
+    (folder / "studio.yaml").write_text("felt: {material: cloth}\n")
+    header: Any = {"presets": "studio.yaml", "refinement": {"max_levels": 0}, "sampling": {"fps": 4}}
+    write_tools(folder / "tools.yaml", tool(bumps=1), **header)
     return folder
 
 
