@@ -77,9 +77,23 @@ def test_skin_folds_level(tmp_path: Path) -> None:
     assert all(abs(along(each.tool) @ axis) > 0.98 for each in found.tools)
 
 
+def test_bare_skin_creases_close_to_the_joint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("kit.limb.BLEND", 1.2)  # it bends over more than its thickness
+    lengths = {}
+    for joint in ("LeftForeArm", "Joint"):
+        found = suggested(tmp_path, limb_of("skin", joint=joint), everything=True)
+        lengths[joint] = found.tools[0].span
+    assert lengths["LeftForeArm"] < 2.1 * RADIUS < lengths["Joint"]
+
+
 def test_folds_at_a_hip_stay_level(tmp_path: Path) -> None:
     found = suggested(tmp_path, limb_of("Trousers", joint="LeftFoot"))
     assert abs(along(found.tools[0].tool) @ np.array([1.0, 0.0, 0.0])) > 0.98
+
+
+def test_a_hip_of_trousers_has_more_folds_than_a_squat_hides(tmp_path: Path) -> None:
+    found = suggested(tmp_path, limb_of("Trousers", joint="LeftUpLeg"), everything=True)
+    assert (found.tools[0].tool.material, found.tools[0].tool.bumps) == ("trouser_hip", 7)
 
 
 def test_half_a_tube_is_no_limb(tmp_path: Path) -> None:

@@ -86,6 +86,15 @@ def test_the_file_says_what_wrinkles(tmp_path: Path, material: Json, kind: str) 
     assert any(note.startswith(f"limb: {kind}, ") for note in found.notes)
 
 
+def test_the_coat_of_an_animal_is_no_cloth(tmp_path: Path) -> None:
+    blue = {"pbrMetallicRoughness": {"baseColorFactor": [0.1, 0.2, 0.6, 1.0]}}
+    for name, kind in ((None, "skin"), ("Saddle cloth", "cloth")):
+        asset = dressed(limb_asset(rings=11, sides=8, joints=3), **blue, **({"name": name} if name else {}))
+        asset.gltf["nodes"][asset.gltf["skins"][0]["joints"][2]]["name"] = "tail"
+        found = suggested(tmp_path, asset, count=1)
+        assert {each.substance and each.substance.kind for each in found.tools} == {kind}
+
+
 def rigid() -> Asset:
     """A limb whose halves follow one joint each."""
     asset = limb_asset(rings=12, sides=8)

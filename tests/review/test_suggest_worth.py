@@ -14,6 +14,7 @@ from kit.sheet import arc, line, sheet
 from kit.suggested import run, squeezed
 from wrinklecli.character.clip import read_clips
 from wrinklecli.gltf.document import read_document
+from wrinklecli.review.check import check
 from wrinklecli.review.suggest import worth
 from wrinklecli.review.suggest.fitted_tools import Suggestion
 from wrinklecli.review.suggest.stage import StagedTool
@@ -88,6 +89,26 @@ def test_triangles_turned_over_leave_a_tool_out(tmp_path: Path) -> None:
     groove = np.concatenate([line(-0.5, -0.1), arc(170.0) * [0.2, -0.2], line(0.1, 0.5)])
     found = judged(sheet(tmp_path / "a.glb", groove), suggestion(start=-0.2, stop=0.2, height=20.0))
     assert reasons(found) == [("fold", "turns")]
+
+
+def test_wide_furrows_take_the_place_of_narrow_ones_that_turn_over(tmp_path: Path) -> None:
+    groove = np.concatenate([line(-0.5, -0.1), arc(170.0) * [0.2, -0.2], line(0.1, 0.5)])
+    path = sheet(tmp_path / "a.glb", groove)
+    narrow = suggestion(start=-0.2, stop=0.2, height=20.0)
+    wide = suggestion(start=-0.2, stop=0.2, height=5.0)
+    found = judged(path, replace(narrow, smoother=replace(wide, tool=replace(wide.tool, width=Length(0.4)))))
+    # They are as wide as the narrow ones, which a fold may have made narrower.
+    assert [each.tool for each in found.tools] == [wide.tool]
+
+
+def test_furrows_of_skin_may_become_wide_ones(tmp_path: Path) -> None:
+    path = limb(tmp_path / "limb.glb", rings=24, sides=16)
+    (found,) = suggest(path, everything=True, count=1).tools
+    assert found.tool.profile == "skin"
+    assert found.smoother is not None
+    assert found.smoother.tool.profile == "smooth"
+    (tmp_path / "tools.yaml").write_text(tools_text([found.smoother], ""))
+    assert not check(path, tmp_path / "tools.yaml").warnings
 
 
 def test_the_next_best_take_the_place_of_what_is_left_out(tmp_path: Path) -> None:

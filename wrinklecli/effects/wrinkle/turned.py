@@ -29,13 +29,19 @@ def turned_warnings(plan: MeshPlan, carried: CarriedPatch, clips: Sequence[ClipA
     if moment is None:
         return []
     clip, time = moment
-    count = count_turned_over(carried, plan.fine, plan.rig, clip, time)
-    if count <= _SEEN * len(plan.fine.around.faces_of(carried.vertices)):
+    count = count_teeth(plan, carried, clip, time)
+    if not count:
         return []
     return [
         f"{carried.patch.tool.name}: turns {counted(count, 'triangle')} over in {clip.name} at {time:.3g} s, which"
         " shows as teeth or dark tiles: lower or fewer bumps, or a place beside the fold, avoid it"
     ]
+
+
+def count_teeth(plan: MeshPlan, carried: CarriedPatch, clip: Clip, time: float) -> int:
+    """Count the triangles that a tool turns over at a moment of a clip; 0 if they are too few to be seen."""
+    count = count_turned_over(carried, plan.fine, plan.rig, clip, time)
+    return count if count > _SEEN * len(plan.fine.around.faces_of(carried.vertices)) else 0
 
 
 def turned_over(faces: Floats, normals: Floats) -> Bools:

@@ -64,14 +64,14 @@ def crossing_pair(candidate: Candidate) -> list[Candidate]:
     """
     if candidate.material not in _FOLD or candidate.by_morph or candidate.region.on_plane:
         return []
-    radius = _radius(candidate) if candidate.part in _OF_LIMBS else None
+    radius = limb_radius(candidate) if candidate.part in _OF_LIMBS else None
     if radius is None:
         return []
     crossing = [_slanted(candidate, radius, family) for family in (_LEADING, _CROSSING)]
     return [each for each in crossing if each is not None] if None not in crossing else []
 
 
-def _radius(candidate: Candidate) -> float | None:
+def limb_radius(candidate: Candidate) -> float | None:
     """Radius of the limb at the middle of a candidate, scene units; None where there is nothing opposite."""
     rest, region = candidate.mesh.rest, candidate.region
     extent = max(region.length, region.width)

@@ -135,14 +135,15 @@ def _judged(
         mesh, surface = each.mesh, id(each.mesh.gauge.surface)
         # All meshes have the names of all nodes; of equal ones the first node counts.
         numbers = numbers or {name: number for number, name in reversed([*enumerate(mesh.rig.names)])}
-        part = None if each.by_morph else bones.parts[numbers[each.driver]]
-        if mesh.rig.node not in hints:
-            hints[mesh.rig.node] = read_hints(document, mesh.rig, options.materials, animal=surface in animals)
-        weights = triangle_weights(mesh.sites, each.region)
         animal = surface in animals
+        # The neck and the hands of an animal fold otherwise than those of people.
+        part = None if each.by_morph or animal else bones.parts[numbers[each.driver]]
+        if mesh.rig.node not in hints:
+            hints[mesh.rig.node] = read_hints(document, mesh.rig, options.materials, animal=animal)
+        weights = triangle_weights(mesh.sites, each.region)
         # Instances share a surface, but the names of their nodes may say what each is made of.
-        makeup = replace(makeups[surface], hints=hints[mesh.rig.node], bare=None if animal else bare)
-        substance = substance_of(makeup, weights, None if animal else part, by_morph=each.by_morph)
+        makeup = replace(makeups[surface], hints=hints[mesh.rig.node], bare=None if animal else bare, animal=animal)
+        substance = substance_of(makeup, weights, part, by_morph=each.by_morph)
         fault = ""
         if options.everything:
             pass

@@ -11,10 +11,10 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import node_matrices
-from wrinklecli.choices import Part
+from wrinklecli.choices import Part, Profile
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.numeric.arrays import Floats, unit, weighted_quantiles
-from wrinklecli.review.suggest.buckling import crossing_pair
+from wrinklecli.review.suggest.buckling import crossing_pair, limb_radius
 from wrinklecli.review.suggest.candidates import Candidate
 from wrinklecli.review.suggest.draft import pair_of, renamed, stem_and_side, tool_of, width_of
 from wrinklecli.review.suggest.measure import MeasuredMesh
@@ -37,6 +37,8 @@ from wrinklecli.tools.records import Length, RestLengthMorph, WrinkleTool
 
 # Factors on the height of wrinkles that would be too tall for their place, the last one tried first.
 _LOWER = (0.5, 0.7)
+# Profile whose furrows are as wide as its bumps, so that they turn over last.
+_WIDE_FURROWS: Profile = "smooth"
 # Least score of a candidate, as a part of the best one's.
 _LEAST_SCORE = 0.02
 # Least shortening of a tool that a joint drives, as a part of its length, by material: for less, skin bulges and does
@@ -62,6 +64,8 @@ _OF_SLANTED = 0.4
 _LEAST_WIDTH = 0.6
 # Greatest length of a tool at a finger's joint over the shorter bone's: the creases of a finger lie close to its joint.
 _OF_BONE = 0.4
+# Limbs whose bare skin creases at the joint, over a length as great as the limb is thick. Cloth folds farther away.
+_BARE_LIMBS: tuple[Part, ...] = ("lower arm", "lower leg")
 # Least distance of a candidate from x = 0 over its length or width, for a pair whose halves are apart.
 _APART = 0.25
 # Greatest |v| of a place well within a patch.
@@ -95,6 +99,8 @@ class Suggestion:
         straight: A straight tool in place of one with a path.
         lower: The same tool with lower wrinkles, beside which there may be a lower one; None if they would need more
             `compressible` than there may be.
+        smoother: The same tool with wide furrows; None if it has them, or if a morph target drives it.
+        own_profile: True if the tool's profile is another one than its material's.
         twin_moment: The clip and the time in which its mirror image shortens most; None if that is not suggested.
         one_sided: True if no clip raises the wrinkles of its mirror image.
         substance: What the place is made of; None if it was not looked at.
@@ -116,6 +122,8 @@ class Suggestion:
     score: float
     straight: "Suggestion | None" = None
     lower: "Suggestion | None" = None
+    smoother: "Suggestion | None" = None
+    own_profile: bool = False
     twin_moment: tuple[str, float] | None = None
     one_sided: bool = False
     substance: Substance | None = None
@@ -126,7 +134,15 @@ class Suggestion:
     @property
     def lowered(self) -> "Suggestion | None":
         """The tool `lower`, as wide as this one, which a fold may have made narrower; None if there is none."""
-        return self.lower and replace(self.lower, tool=replace(self.lower.tool, width=self.tool.width))
+        return self._as_wide(self.lower)
+
+    @property
+    def smoothed(self) -> "Suggestion | None":
+        """The tool `smoother`, likewise."""
+        return self._as_wide(self.smoother)
+
+    def _as_wide(self, other: "Suggestion | None") -> "Suggestion | None":
+        return other and replace(other, tool=replace(other.tool, width=self.tool.width))
 
 
 def fit_tools(candidates: Sequence[Candidate], further: Sequence[Clip] = ()) -> Iterator[Suggestion]:
@@ -199,7 +215,7 @@ class _Search:
         apart = not region.on_plane and abs(float(region.centre[0])) > _APART * min(region.length, region.width)
         if region.twin and not (apart or region.on_plane or self.one_sided):
             return None
-        near = _within_bones(candidate) if candidate.part == "finger" else candidate
+        near = _near_joint(candidate)
         refined = near and _refined(near)
         if refined is None:
             return None
@@ -305,7 +321,14 @@ class _Search:
         for part in _LOWER:
             found = with_lower_bumps(patches, every, part)
             lower = lower if found is None else replace(suggestion, tool=found[0], lower=lower)
-        return _Fitted([replace(suggestion, lower=lower)], patches)
+        suggestion = replace(suggestion, lower=lower)
+        if suggestion.tool.profile != _WIDE_FURROWS and not candidate.by_morph:
+            wide = attached(mesh, [replace(each, profile=_WIDE_FURROWS) for each in tools])
+            smooth = None if wide is None else with_rising_bumps(mesh, wide, every, height=height)
+            if smooth is not None:
+                other = replace(suggestion, tool=smooth[0], lower=None, own_profile=True)
+                suggestion = replace(suggestion, smoother=other)
+        return _Fitted([suggestion], patches)
 
 
 def _covers(patch: Patch, place: Floats, normal: Floats) -> bool:
@@ -323,18 +346,33 @@ def _overlap(first: Patch, second: Patch) -> bool:
     return _covers(second, middles[0], first.normal) or _covers(first, middles[1], second.normal)
 
 
-def _within_bones(candidate: Candidate) -> Candidate | None:
-    """A candidate at a finger's joint, shortened to end near it, as the creases of fingers do; None if none fits."""
-    rig, region = candidate.mesh.rig, candidate.region
+def _near_joint(candidate: Candidate) -> Candidate | None:
+    """A candidate that is shortened to end near its joint, as the creases of fingers, elbows and bare knees do.
+
+    The candidate itself if there is nothing to shorten; None if no shorter one fits.
+    """
+    longest = np.inf
+    if candidate.part == "finger":
+        longest = _OF_BONE * _shorter_bone(candidate)
+    elif candidate.part in _BARE_LIMBS and candidate.material == "skin":
+        radius = limb_radius(candidate)
+        longest = np.inf if radius is None else 2.0 * radius
+    if not np.isfinite(longest):
+        return candidate
+    pose = unscaled_pose(candidate.mesh.gauge, candidate.clip, candidate.time)
+    region = replace(candidate.region, length=min(candidate.region.length, longest))
+    found = find_segment(candidate.mesh.sites, region, [pose], longest=longest)
+    return found and replace(candidate, region=region, longest=longest, origin=found[0], target=found[1])
+
+
+def _shorter_bone(candidate: Candidate) -> float:
+    """Length of the shortest bone that ends at a candidate's joint, scene units; infinite if there is none."""
+    rig = candidate.mesh.rig
     node = rig.names.index(candidate.driver)
     others = [*np.flatnonzero(rig.parents == node).tolist(), *([int(rig.parents[node])] * bool(rig.parents[node] >= 0))]
     joint, *ends = node_matrices(rig, None, np.zeros(1), [node, *others])[0, :, :3, 3]
     lengths = [length for end in ends if (length := float(np.linalg.norm(end - joint))) > 0]
-    longest = _OF_BONE * min(lengths, default=np.inf)
-    pose = unscaled_pose(candidate.mesh.gauge, candidate.clip, candidate.time)
-    region = replace(region, length=min(region.length, longest))
-    found = find_segment(candidate.mesh.sites, region, [pose], longest=longest)
-    return found and replace(candidate, region=region, longest=longest, origin=found[0], target=found[1])
+    return min(lengths, default=np.inf)
 
 
 def _refined(candidate: Candidate) -> Candidate | None:

@@ -163,6 +163,7 @@ class Makeup:
         mesh: Index of the mesh.
         pictures: Its textures.
         bare: (3,) the colour of the character's bare skin, in Oklab; None if unknown.
+        animal: True if the character is an animal, whose coat may have the colours and the grain of any cloth.
     """
 
     hints: tuple[PrimitiveHints, ...]
@@ -176,6 +177,7 @@ class Makeup:
     mesh: int
     pictures: Pictures = field(compare=False, repr=False)
     bare: Floats | None = None
+    animal: bool = False
 
 
 def read_makeup(
@@ -271,9 +273,10 @@ def substance_of(makeup: Makeup, weights: Floats, part: Part | None = None, *, b
         return hints.asked
     swatch = _swatch(makeup, np.maximum(weights, 0.0))
     named_soft = hints.material is not None and hints.material.kind != "hard"
-    return _hard(makeup, weights, swatch, plates=not (by_morph or named_soft)) or _soft(
-        hints, swatch, part, makeup.bare
-    )
+    hard = _hard(makeup, weights, swatch, plates=not (by_morph or named_soft))
+    if hard is None and makeup.animal and hints.material is None and hints.node is None:
+        return Substance("skin", "as animals wear nothing", 2.0 / 3.0)
+    return hard or _soft(hints, swatch, part, makeup.bare)
 
 
 def _hard(makeup: Makeup, weights: Floats, swatch: Swatch, *, plates: bool) -> Substance | None:

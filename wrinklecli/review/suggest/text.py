@@ -64,6 +64,7 @@ def tools_text(
             "strategy": tool.strategy,
             "bumps": tool.bumps,
             "max_height": _written_height(tool),
+            "profile": tool.profile if each.own_profile else None,
             "compressible": f"{100 * tool.compressible:.0f}%" if tool.compressible or tool.material else None,
             "seed": tool.seed,
             "contact": "resolve" if tool.contact == Contact() else None,

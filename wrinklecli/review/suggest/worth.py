@@ -13,6 +13,7 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.choices import Part
 from wrinklecli.effects.contact.layer import has_contact
+from wrinklecli.effects.wrinkle.turned import count_teeth
 from wrinklecli.errors import counted
 from wrinklecli.review.preview.sides import UNSEEN, Side, best_moment
 from wrinklecli.review.suggest.fitted_tools import Suggestion
@@ -200,6 +201,9 @@ def _others(suggestion: Suggestion, dropped: Dropped) -> Iterator[Suggestion]:
     if dropped.reason in ("crosses", "turns") and lowered is not None:
         # A lower wrinkle that is seen is worth more than none.
         yield lowered
+    smoothed = suggestion.smoothed
+    if dropped.reason == "turns" and smoothed is not None:
+        yield smoothed
 
 
 def _judge(stage: Stage, suggestion: Suggestion, placed: dict[str, Placement]) -> Suggestion | Dropped:
@@ -250,7 +254,7 @@ class _Look:
         staged: The tool where one sees it best.
         seen: The sight of it then.
         tallest: The tool at its peak, where a fold may hide it.
-        turned: Part of what is seen of it at its peak that is turned over.
+        turned: Part of it at its peak that is turned over: of what is seen of it, or of all if `check` would warn.
     """
 
     tool: WrinkleTool
@@ -290,7 +294,9 @@ def _look(stage: Stage, placement: Placement, name: str, peak: float) -> _Look |
     if over.any():
         at_peak = seen if best is tallest else look_at(*tallest, side_then)
         over = over[at_peak.shown]
-    return _Look(placement.carried.patch.tool, best[0], seen, tallest[0], float(over.mean()) if len(over) else 0.0)
+    shown = float(over.mean()) if len(over) else 0.0
+    teeth = count_teeth(placement.plan, placement.carried, clip, peak) / max(int(tallest[0].place.sum()), 1)
+    return _Look(placement.carried.patch.tool, best[0], seen, tallest[0], max(shown, teeth))
 
 
 def _sight(seen: Seen, contrast: float) -> Iterator[tuple[str, float]]:
