@@ -208,7 +208,7 @@ def test_plain_names_do_what_they_can() -> None:
     )
 
 
-@pytest.mark.quick(3)
+@pytest.mark.slow
 def test_targets_that_move_nothing_are_said(tmp_path: Path) -> None:
     face = Face()
     still = {

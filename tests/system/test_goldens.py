@@ -60,6 +60,7 @@ def test_contact_moves_a_fold_as_far_as_before(golden: Golden) -> None:
     golden([sizes, len(found["shapes"])], "bake_fold.json", tolerance=0.05)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("name", ["wrist", "head", "trousers", "limb"])
 def test_tools_are_suggested_as_before(name: str, golden: Golden) -> None:
     asset = place(limb_asset(rings=14, sides=10, joints=3)) if name == "limb" else sample(name)
