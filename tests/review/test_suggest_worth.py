@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from kit import characters
 from kit.limb import limb
 from kit.sheet import arc, line, sheet
 from kit.suggested import run, squeezed
@@ -203,3 +204,11 @@ def test_skin_that_comes_through_clothes_is_measured() -> None:
     )
     assert staged.bared() == pytest.approx(0.45, abs=0.06)
     assert replace(staged, flat_positions=half).bared() == 0.0
+
+
+@pytest.mark.slow
+def test_several_processes_propose_the_same(tmp_path: Path) -> None:
+    asset = characters.tubes().write(tmp_path / "tubes.glb")
+    one, two = (suggest(asset, jobs=jobs) for jobs in (1, 2))
+    assert (one.text, one.dropped, one.notes) == (two.text, two.dropped, two.notes)
+    assert len(one.tools) > 1

@@ -63,6 +63,7 @@ def _materials(_context: click.Context, parameter: click.Parameter, values: tupl
 @opt.range_of_motion("Look at that too.")
 @opt.allow_external("Read buffers outside the asset's folder too.")
 @opt.max_memory
+@opt.whole("-j", "--jobs", bounds=(1, 1024), text="Processes that look at tools; as many as cores by default.")
 @opt.json("Print JSON to standard output; YAML goes to -o alone.")
 @opt.verbose("Say of each tool that is not worth it why.")
 @opt.quiet("Print no table and no notes.")
@@ -115,12 +116,14 @@ def suggest(asset: str, output: str | None, as_json: bool, verbose: bool, quiet:
 
     with command_outputs() as outputs:
         from wrinklecli.gltf.files import files_named
+        from wrinklecli.numeric.processes import core_count
         from wrinklecli.review.suggest.suggest import suggest as run
 
         to_file = output is not None and output != "-"
         if output is not None and to_file:
             outputs.claim(output)
         outputs.protect([*files_named([asset, *options["anims"]]), *options["presets"]])
+        options["jobs"] = options["jobs"] or core_count()
         options["folder"] = os.path.dirname(output) if output is not None and to_file else ""
         with Progress(quiet=quiet) as progress:
             found = run(asset, progress=progress.show, **options)

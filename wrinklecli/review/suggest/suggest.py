@@ -106,7 +106,7 @@ def suggest(
             of_face = suggest_face(document, nodes, joined.clips)
             raised = with_clips(document, of_face.motions)
             clips = tuple(read_clips(raised))
-            tried = TriedAsset(raised, clips)
+            tried = TriedAsset(raised, clips, jobs=options.jobs)
             found = worthwhile(
                 tried,
                 of_face.tools,
@@ -142,7 +142,7 @@ def suggest(
             least = f"no clip compresses the surface by more than {100 * LEAST_LOSS:g} % anywhere that a tool fits"
             reason = _joined([*hard, least])
         scheme: Scheme = "midpoint" if flat else "butterfly"
-        tried = TriedAsset(document, joined.clips)
+        tried = TriedAsset(document, joined.clips, jobs=options.jobs)
         found = worthwhile(
             tried,
             fitted,

@@ -33,6 +33,7 @@ class SuggestOptions:
         morphs: Weights of morph targets in this pose.
         allow_external: Read buffers outside the asset's folder too.
         max_memory: Bytes that the work may take.
+        jobs: Processes that look at tools. The file does not depend on their number.
     """
 
     clips: Sequence[str] = ()
@@ -51,6 +52,7 @@ class SuggestOptions:
     morphs: Sequence[MorphWeight] = ()
     allow_external: bool = False
     max_memory: int = MAX_MEMORY
+    jobs: int = 1
 
     @cached_property
     def known_presets(self) -> Mapping[str, Preset]:

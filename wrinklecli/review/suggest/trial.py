@@ -20,6 +20,7 @@ from wrinklecli.effects.wrinkle.warnings import DEPARTURE, placement_warnings
 from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Ints, among, distinct_values, significant
+from wrinklecli.numeric.processes import in_processes
 from wrinklecli.review.suggest.fitted_tools import Suggestion
 from wrinklecli.review.suggest.text import read_suggested, tools_text
 from wrinklecli.surface.ground import Ground, read_ground
@@ -77,8 +78,9 @@ class Placement:
 class TriedAsset:
     """An asset on which suggestions are tried; each of its meshes is read, and posed in all clips, once."""
 
-    def __init__(self, document: Document, clips: Sequence[Clip]) -> None:
-        """`clips` are all of the asset."""
+    def __init__(self, document: Document, clips: Sequence[Clip], *, jobs: int = 1) -> None:
+        """`clips` are all of the asset; `jobs` is how many processes may try or look at suggestions."""
+        self.jobs = jobs
         self.document = document
         self.clips = tuple(clips)
         self._neighbours = Neighbours(document)
@@ -175,7 +177,8 @@ def try_on_refined_meshes(
         usual = trial
         trial, placed = usual.finer(straight)
         beside = [each for each in straight if any(placed[name].coarse for name in names_of(each, placed))]
-        coarse = [each for each in beside if usual.is_coarse(each)]
+        too_coarse = in_processes(usual.is_coarse, beside, asset.jobs)
+        coarse = [each for each, holds in zip(beside, too_coarse, strict=True) if holds]
         if coarse:
             trial, placed = usual.finer([each for each in straight if each not in coarse])
     elif straight != list(suggestions):

@@ -6,6 +6,7 @@ A file that `suggest` writes then passes `check --strict`.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.effects.wrinkle.turned import turned_warnings
 from wrinklecli.effects.wrinkle.warnings import departure_warnings, tool_warnings
 from wrinklecli.effects.wrinkle.weights import fitting_compressible
+from wrinklecli.numeric.processes import in_processes
 from wrinklecli.review.suggest.anatomy import JOINED
 from wrinklecli.review.suggest.fitted_tools import Suggestion
 from wrinklecli.review.suggest.shortening import MOST_COMPRESSIBLE
@@ -48,8 +50,7 @@ def unwarned(asset: TriedAsset, found: Worthwhile, clips: Sequence[Clip]) -> Wor
             known = all(each.tool.name in placed for each in changed)
             placed = trial.placed_again(found.tools, changed, placed) if known else trial.placements(found.tools)
         kept: list[Suggestion] = []
-        for each in found.tools:
-            mended = _mended(each, [placed[name] for name in names_of(each, placed)], _shortest_clips(each, clips))
+        for mended in in_processes(partial(_mended, placed, clips), found.tools, asset.jobs):
             if isinstance(mended, Dropped):
                 found.dropped.append(mended)
             else:
@@ -67,10 +68,12 @@ def _is_placed(suggestion: Suggestion, placed: Mapping[str, Placement]) -> bool:
     return there is not None and replace(there.carried.patch.tool, where="", contact=None) == alone
 
 
-def _mended(suggestion: Suggestion, sides: Sequence[Placement], clips: Sequence[Clip]) -> Suggestion | Dropped:
+def _mended(placed: Mapping[str, Placement], clips: Sequence[Clip], suggestion: Suggestion) -> Suggestion | Dropped:
     """A suggestion, placed with its mirror image, that needs no warning, or less of one; or why there is none."""
     warnings, needed = list[str](), suggestion.tool.compressible
-    for placement in sides:
+    clips = _shortest_clips(suggestion, clips)
+    for name in names_of(suggestion, placed):
+        placement = placed[name]
         plan, carried = placement.plan, placement.carried
         seen = [_activity_in(clip, plan, carried.patch) for clip in clips]
         lines = tool_warnings(plan, carried, seen, up="y") + departure_warnings(plan, [carried], placement.number)

@@ -6,6 +6,7 @@ A tool is looked at where it is tallest, or a little before, if the fold hides i
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import islice
 
 import numpy as np
@@ -15,6 +16,7 @@ from wrinklecli.choices import Part
 from wrinklecli.effects.contact.layer import has_contact
 from wrinklecli.effects.wrinkle.turned import count_teeth
 from wrinklecli.errors import counted
+from wrinklecli.numeric.processes import in_processes
 from wrinklecli.review.preview.sides import UNSEEN, Side, best_moment
 from wrinklecli.review.suggest.fitted_tools import Suggestion
 from wrinklecli.review.suggest.look import Seen, Sight, look_at
@@ -169,7 +171,8 @@ def worthwhile(
             continue
         stage = stage or Stage(asset.document, (*joined, *asset.clips))
         found.placed.update(trial.placed)
-        for each in _judged(stage, trial, asset):
+        judge = partial(_judged, stage, trial, asset)
+        for each in in_processes(judge, trial.tools, asset.jobs):
             if isinstance(each, Dropped):
                 found.dropped.append(each)
             else:
@@ -177,18 +180,16 @@ def worthwhile(
     return found
 
 
-def _judged(stage: Stage, trial: TrialResult, asset: TriedAsset) -> Iterator[Suggestion | Dropped]:
-    """Each suggestion of a trial, lower if it must be, or the reason why it is dropped."""
-    for each in trial.tools:
-        judged = _judge(stage, each, trial.placed)
-        if isinstance(judged, Dropped):
-            for other in _others(each, judged):
-                again = try_on_refined_meshes(asset, [other], trial.refinement)
-                found = next((_judge(stage, one, again.placed) for one in again.tools), judged)
-                if isinstance(found, Suggestion):
-                    judged = found
-                    break
-        yield judged
+def _judged(stage: Stage, trial: TrialResult, asset: TriedAsset, suggestion: Suggestion) -> Suggestion | Dropped:
+    """A suggestion of a trial, lower if it must be, or the reason why it is dropped."""
+    judged = _judge(stage, suggestion, trial.placed)
+    if isinstance(judged, Dropped):
+        for other in _others(suggestion, judged):
+            again = try_on_refined_meshes(asset, [other], trial.refinement)
+            found = next((_judge(stage, one, again.placed) for one in again.tools), judged)
+            if isinstance(found, Suggestion):
+                return found
+    return judged
 
 
 def _others(suggestion: Suggestion, dropped: Dropped) -> Iterator[Suggestion]:
