@@ -1,4 +1,4 @@
-"""Larger versions of assets: longer clips, more of them, finer meshes."""
+"""Larger versions of assets: longer clips, more of them, more joints, finer meshes."""
 
 import copy
 from pathlib import Path
@@ -50,6 +50,37 @@ def more_clips(asset: Path, out: Path, count: int) -> Path:
             times = document.accessor(sampler["input"]) * (0.5 + 1.5 * k / count)
             sampler["input"] = edited.add(times.astype(np.float32), bounds=True)
     edited.gltf["animations"] = clips
+    write(edited, out)
+    return out
+
+
+def more_joints(asset: Path, out: Path) -> Path:
+    """Write an asset with a child at the place of each joint of its first skin, which takes half of the joint's weight.
+
+    Such joints, for twists and the like, double the motions to look at. Vertices keep their two heaviest joints.
+    """
+    document = read_document(asset)
+    edited = EditedDocument(document)
+    (skin,) = edited.gltf["skins"]
+    joints, nodes = list(skin["joints"]), edited.gltf["nodes"]
+    for joint in joints:
+        nodes[joint] = {**nodes[joint], "children": [*nodes[joint].get("children", ()), len(nodes)]}
+        nodes.append({"name": f"{nodes[joint]['name']}Half"})
+        skin["joints"] = [*skin["joints"], len(nodes) - 1]
+    binds = document.accessor(skin["inverseBindMatrices"])
+    skin["inverseBindMatrices"] = edited.add(np.concatenate([binds, binds]).astype(np.float32))
+    for mesh in edited.gltf["meshes"]:
+        for primitive in mesh["primitives"]:
+            attributes = primitive["attributes"]
+            numbers, weights = (document.accessor(attributes[name]) for name in ("JOINTS_0", "WEIGHTS_0"))
+            heaviest = np.argsort(-weights, axis=1, kind="stable")[:, :2]
+            numbers = np.take_along_axis(numbers, heaviest, axis=1).astype(np.uint16)
+            weights = np.take_along_axis(weights, heaviest, axis=1).astype(np.float32)
+            weights /= 2.0 * weights.sum(axis=1, keepdims=True)
+            # A joint without weight has the number 0.
+            twins = np.where(weights > 0, numbers + len(joints), 0).astype(np.uint16)
+            attributes["JOINTS_0"] = edited.add(np.concatenate([numbers, twins], axis=1), target=VERTEX_DATA)
+            attributes["WEIGHTS_0"] = edited.add(np.concatenate([weights, weights], axis=1), target=VERTEX_DATA)
     write(edited, out)
     return out
 

@@ -27,10 +27,9 @@ ROOT = HERE.parents[1]
 sys.path[:0] = [str(ROOT), str(HERE), str(ROOT / "tests")]
 
 import numpy as np  # noqa: E402
-from assets import finer, more_clips  # noqa: E402
+from assets import finer, more_clips, more_joints  # noqa: E402
 
 from kit.characters import CHARACTERS  # noqa: E402
-from kit.limb import limb_asset  # noqa: E402
 
 RESULTS = HERE / "suggest.csv"
 COLUMNS = ("state", "case", "processor", "clock", "load")
@@ -44,9 +43,9 @@ def cases(assets: Path | None) -> dict[str, Build]:
     """How to write the asset of each case, by its name."""
     found: dict[str, Build] = {
         "avatar, 5 meshes, range of motion of 25 joints": lambda out: CHARACTERS["avatar"]().write(out),
-        "tube, 25,472 triangles, range of motion of 50 joints": lambda out: limb_asset(
-            joints=50, rings=399, sides=32, clip=None
-        ).write(out),
+        "avatar, 5 meshes, range of motion of 50 joints": lambda out: more_joints(
+            CHARACTERS["avatar"]().write(out), out
+        ),
     }
     if assets:
         figure, trousers = (partial(finer, assets / f"{name}.glb", keep=NOWHERE, rounds=1) for name in _REAL)
@@ -57,12 +56,13 @@ def cases(assets: Path | None) -> dict[str, Build]:
 
 
 _REAL = ("cesium_man", "trousers")
+_COMMAND = "import sys; from wrinklecli.cli import main; sys.exit(main())"
 
 
 def measured(asset: Path, program: Path) -> tuple[float, float]:
     """Seconds of the processor and of the clock that `suggest` takes."""
     environment = os.environ | {"PYTHONPATH": str(program)}
-    command = [sys.executable, "-m", "wrinklecli", "suggest", str(asset), "-o", str(asset.with_suffix(".yaml"))]
+    command = [sys.executable, "-c", _COMMAND, "suggest", str(asset), "-o", str(asset.with_suffix(".yaml"))]
     before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     done = subprocess.run(command, env=environment, cwd=asset.parent, capture_output=True, text=True, check=False)
     clock, after = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN)
