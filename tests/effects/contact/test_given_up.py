@@ -14,6 +14,7 @@ import wrinklecli
 from kit.asset import Asset, Json, attribute
 from kit.bakes import folding_limb
 from kit.limb import limb_asset, tool, write_tools
+from kit.muscles import muscle
 from kit.player import Gltf
 from wrinklecli.baking.report import Report
 from wrinklecli.baking.track import track
@@ -110,6 +111,17 @@ def test_a_fold_that_takes_too_many_steps_ends_at_once(monkeypatch: pytest.Monke
     (fold,) = report.data["folds"]
     assert "it took more steps than any fold that settles in 'fold' at " in line
     assert_no_higher(tmp_path, baked(folding_limb(), tmp_path, "off")[0], bytes_of, line, fold)
+
+
+def test_wrinkles_are_lowered_beside_effects_that_act_before_them(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(crease, "_MOST_STEPS", 8)
+    monkeypatch.setattr(crease, "_MOST_STEPS_PER_POSE", 2)
+    tools = write_tools(tmp_path / "tools.yaml", tool(**TOOL, contact="resolve"), muscles=[muscle()])
+    report = wrinklecli.bake(folding_limb(), tools, tmp_path / "out.glb")
+    (fold,) = report.data["folds"]
+    assert 0.0 < fold["heights"]["crease"] < 1.0
 
 
 @pytest.mark.quick(1)

@@ -32,11 +32,13 @@ def with_lowered_wrinkles(plan: MeshPlan, effects: Sequence[Effect], motions: Se
     made = list(effects)
     firsts = sorted(set(duplicates_of(plan, [motion.clip for motion in motions])))
     clips = [motions[first].clip for first in firsts]
+    numbers = {each.name: number for number, each in enumerate(made) if isinstance(each, WrinkleEffect)}
     for number, effect in enumerate(made):
         if not isinstance(effect, FoldWithoutContact):
             continue
         heights = {}
-        for tool, carried in lowered(effect.fold, clips).items():
+        for carried in lowered(effect.fold, clips).values():
+            tool = numbers[carried.patch.tool.name]
             before = made[tool]
             assert isinstance(before, WrinkleEffect)
             heights[before.name] = float(np.abs(carried.magnitudes).sum() / np.abs(before.carried.magnitudes).sum())
