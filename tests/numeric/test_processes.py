@@ -1,6 +1,7 @@
 """Work in processes gives what it gives here, in the same order."""
 
 import os
+import time
 from itertools import islice
 
 import pytest
@@ -19,6 +20,17 @@ def test_results_come_in_the_order_of_the_items(jobs: int) -> None:
 def test_several_items_are_worked_out_elsewhere_and_one_is_here() -> None:
     assert os.getpid() not in in_processes(lambda _: os.getpid(), [0, 1], 2)
     assert list(in_processes(lambda _: os.getpid(), [0], 2)) == [os.getpid()]
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_large_items_are_begun_first() -> None:
+    def begun(_: float) -> float:
+        now = time.monotonic()
+        time.sleep(0.3)
+        return now
+
+    small, large, _ = in_processes(begun, [1.0, 3.0, 2.0], 2, size=float)
+    assert large < small
 
 
 @pytest.mark.parametrize("jobs", [1, 2])

@@ -24,9 +24,16 @@ def core_count() -> int:
 
 
 def in_processes(
-    function: Callable[[_Item], _Result], items: Sequence[_Item], jobs: int, *, shared: Sequence[object] = ()
+    function: Callable[[_Item], _Result],
+    items: Sequence[_Item],
+    jobs: int,
+    *,
+    shared: Sequence[object] = (),
+    size: Callable[[_Item], float] | None = None,
 ) -> Iterator[_Result]:
     """Give the function's result for each item, in the order of the items, worked out by up to so many processes.
+
+    With a `size`, the largest items are begun first, so that no process is left with a long one in the end.
 
     Results come back as copies, but what they hold of the `shared` objects is these themselves. Where the system has
     no `fork`, or there is one process or item, the work is done here.
@@ -47,7 +54,9 @@ def in_processes(
     pool = ProcessPoolExecutor(min(jobs, len(items)), mp_context=get_context("fork"))
     try:
         # All processes are copied at the first of these.
-        found = [pool.submit(_do, number) for number in range(len(items))]
+        order = range(len(items)) if size is None else sorted(range(len(items)), key=lambda each: -size(items[each]))
+        begun = {number: pool.submit(_do, number) for number in order}
+        found = [begun.pop(number) for number in range(len(items))]
         _work = None
         wait(found)
     finally:

@@ -59,25 +59,110 @@ def sample_contact(
     made, done = list(effects), 0
     with one_thread():
         systems = _systems(folds, motions)
-        every = [member for members in systems for member in members]
-        # Processes beyond one for each fold solve its sweeps.
-        work = partial(_resolved, jobs=max(1, how.jobs // max(1, len(every))))
-        resolved = in_processes(work, every, how.jobs, shared=[fold for fold, _ in every])
-        for members in systems:
-            touching = []
-            for (fold, _), found in zip(members, resolved, strict=False):
-                if isinstance(found, GivenUp):
-                    made.append(_given_up(plan, fold, members, made, found))
-                    motions = _unmoved(motions)
-                elif found is not None:
-                    touching.append(found)
-                done += 1
-                how.progress("contact", done, len(folds))
-            if touching:
-                more, motions = _followed_or_given_up(plan, touching, members, made, motions, how)
+        clips = _Clips.of(plan, motions, how, kept=_KEPT_BYTES / max(1, min(how.jobs, len(systems))))
+        # Processes beyond one for each system solve its folds, their sweeps and its clips.
+        work = partial(_solved_system, clips=clips, jobs=max(1, how.jobs // max(1, len(systems))))
+        shared = [*(fold for members in systems for fold, _ in members), *clips.clips.values()]
+        results = in_processes(work, systems, how.jobs, shared=shared, size=_free_count)
+        for members, solved in zip(systems, results, strict=True):
+            for fold, given_up in solved.given_up:
+                made.append(_given_up(plan, fold, members, made, given_up))
+                motions = _unmoved(motions)
+            for group in solved.groups:
+                more, motions = _followed_or_given_up(plan, group, members, clips, made, motions, how)
                 made += more
+            done += len(members)
+            how.progress("contact", done, len(folds))
         made = with_lowered_wrinkles(plan, made, motions)
     return made, list(motions)
+
+
+@dataclass(frozen=True, slots=True)
+class _Clips:
+    """The clips that differ in the motion of a mesh, by their numbers.
+
+    Attributes:
+        firsts: For each clip the number of the first with the same motion.
+        clips: The first clips with each motion.
+        times: (frames,) seconds of each; None if the folds decide.
+        fps: Frames a second of a grid.
+        kept: Bytes of solutions that a system may keep.
+    """
+
+    firsts: list[int]
+    clips: dict[int, Clip]
+    times: dict[int, Floats] | None
+    fps: float
+    kept: float
+
+    @classmethod
+    def of(cls, plan: MeshPlan, motions: Sequence[Motion], how: SamplingOptions, *, kept: float) -> "_Clips":
+        """Find the clips that move the mesh alike."""
+        firsts = duplicates_of(plan, [motion.clip for motion in motions])
+        chosen = sorted(set(firsts))
+        times = None if how.mode == "morph" else {number: motions[number].times for number in chosen}
+        return cls(firsts, {number: motions[number].clip for number in chosen}, times, how.fps, kept)
+
+    def times_for(self, creases: "Sequence[Crease]") -> dict[int, Floats]:
+        """(frames,) seconds at which folds that are solved together are marched in each clip."""
+        if self.times is not None:
+            return self.times
+        return {number: _march_times(creases, clip, self.fps) for number, clip in self.clips.items()}
+
+
+@dataclass(frozen=True, slots=True)
+class _Group:
+    """Folds that were solved together.
+
+    Attributes:
+        creases: The folds with the shapes of their joints' own motion.
+        spanned: The folds with the shapes that count, and their weights in each clip, by its number; or the reason why
+            contact is given up.
+    """
+
+    creases: "tuple[Crease, ...]"
+    spanned: "list[tuple[Crease, dict[int, _Marched]]] | GivenUp"
+
+
+@dataclass(frozen=True, slots=True)
+class _SolvedSystem:
+    """The folds of a system: those whose own motion cannot be resolved, and the others in groups."""
+
+    given_up: "list[tuple[Fold, GivenUp]]"
+    groups: list[_Group]
+
+
+def _solved_system(members: "list[tuple[Fold, Floats | None]]", *, clips: _Clips, jobs: int) -> _SolvedSystem:
+    """Resolve the folds of a system, and solve and follow the clips."""
+    work = partial(_resolved, jobs=max(1, jobs // len(members)))
+    found = list(in_processes(work, members, jobs, shared=[fold for fold, _ in members]))
+    folds = [fold for fold, _ in members]
+    given_up = [(fold, each) for fold, each in zip(folds, found, strict=True) if isinstance(each, GivenUp)]
+    touching = [each for each in found if each is not None and not isinstance(each, GivenUp)]
+    return _SolvedSystem(given_up, _groups(touching, clips, jobs) if touching else [])
+
+
+def _groups(creases: "Sequence[Crease]", clips: _Clips, jobs: int) -> list[_Group]:
+    """Solve clips for folds together, or for each fold alone if they cannot be resolved together."""
+    try:
+        with degenerate_given_up():
+            solver = _Solver(creases, clips, jobs)
+            spanned = []
+            for crease in creases:
+                spanned.append(_spanned(crease, solver))
+                solver.fix(*spanned[-1])
+            return [_Group(tuple(creases), spanned)]
+    except UnresolvedError as error:
+        if len(creases) == 1:
+            return [_Group(tuple(creases), error.given_up)]
+    return [group for crease in creases for group in _groups([crease], clips, jobs)]
+
+
+def _free_count(members: "Sequence[tuple[Fold, Floats | None]]") -> int:
+    """Number of vertices that contact may move in the folds of a system: about what it costs."""
+    from wrinklecli.effects.contact.tissue import FREE, SOFT
+
+    return sum(int(np.count_nonzero(apart < FREE * SOFT)) for _, apart in members if apart is not None)
 
 
 def _resolved(member: "tuple[Fold, Floats | None]", *, jobs: int) -> "Crease | GivenUp | None":
@@ -176,8 +261,9 @@ def _as_thick(members: "list[tuple[Fold, Floats | None]]") -> "list[tuple[Fold, 
 
 def _followed_or_given_up(
     plan: MeshPlan,
-    creases: "Sequence[Crease]",
+    group: _Group,
     members: "Sequence[tuple[Fold, Floats | None]]",
+    clips: _Clips,
     effects: Sequence[Effect],
     motions: Sequence[Motion],
     how: SamplingOptions,
@@ -185,14 +271,16 @@ def _followed_or_given_up(
     """The effects of folds solved together, or one by one if they cannot be, and motions with their weights."""
     try:
         with degenerate_given_up():
-            followed, after = _followed(plan, creases, effects, motions, how)
+            if isinstance(group.spanned, GivenUp):
+                raise UnresolvedError(group.spanned)
+            followed, after = _followed(plan, group.spanned, clips.firsts, effects, motions, how)
             return [*followed], after
     except UnresolvedError as error:
-        if len(creases) == 1:
-            return [_given_up(plan, creases[0].fold, members, effects, error.given_up)], _unmoved(motions)
+        if len(group.creases) == 1:
+            return [_given_up(plan, group.creases[0].fold, members, effects, error.given_up)], _unmoved(motions)
     found: list[Effect] = []
-    for crease in creases:
-        more, motions = _followed_or_given_up(plan, [crease], members, [*effects, *found], motions, how)
+    for alone in (each for crease in group.creases for each in _groups([crease], clips, how.jobs)):
+        more, motions = _followed_or_given_up(plan, alone, members, clips, [*effects, *found], motions, how)
         found += more
     return found, list(motions)
 
@@ -238,20 +326,17 @@ class _Solver:
     """Solves clips for folds that are solved together, and keeps as many solutions as memory allows.
 
     Args:
-        times: For each clip, by its number, (frames,) seconds.
         jobs: Number of clips that are solved at a time.
     """
 
-    def __init__(
-        self, creases: "Sequence[Crease]", clips: Mapping[int, Clip], times: Mapping[int, Floats], jobs: int
-    ) -> None:
+    def __init__(self, creases: "Sequence[Crease]", clips: _Clips, jobs: int) -> None:
         from wrinklecli.effects.contact.system import System
 
-        self._system, self.clips, self.times = System(tuple(creases)), clips, times
+        self._system, self.clips, self.times = System(tuple(creases)), clips.clips, clips.times_for(creases)
         self._jobs = jobs
         self._ahead: dict[int, MarchedClip] = {}
         self._kept: dict[int, MarchedClip] = {}
-        self._room = _KEPT_BYTES
+        self._room = clips.kept
         self._fitted: list[tuple[Crease, dict[int, _Marched]]] = []
 
     def fix(self, crease: "Crease", marches: "dict[int, _Marched]") -> None:
@@ -291,21 +376,17 @@ class _Solver:
 
 def _followed(
     plan: MeshPlan,
-    creases: "Sequence[Crease]",
+    spanned: "Sequence[tuple[Crease, dict[int, _Marched]]]",
+    firsts: Sequence[int],
     effects: Sequence[Effect],
     motions: Sequence[Motion],
     how: SamplingOptions,
 ) -> tuple[list[ContactEffect], list[Motion]]:
-    """The effects of folds that are solved together, and motions with their weights in each clip."""
-    marched = how.mode == "morph"
-    firsts = duplicates_of(plan, [motion.clip for motion in motions])
-    chosen = sorted(set(firsts))
-    times = {k: _march_times(creases, motions[k], how.fps) if marched else motions[k].times for k in chosen}
-    solver = _Solver(creases, {k: motions[k].clip for k in chosen}, times, how.jobs)
-    spanned = []
-    for crease in creases:
-        spanned.append(_spanned(crease, solver))
-        solver.fix(*spanned[-1])
+    """The effects of folds that are solved together, and motions with their weights in each clip.
+
+    Raises:
+        UnresolvedError: The shapes tear the surface in a clip.
+    """
     # Nothing touches where a fold that clips alone cross has no shapes.
     spanned = [(crease, marches) for crease, marches in spanned if len(crease.shapes)]
     if not spanned:
@@ -338,7 +419,8 @@ def _followed(
             after.append(replace(after[first], clip=motion.clip))
             continue
         weights = [marches[first].followed.weights for _, marches in spanned]
-        after.append(joined(plan, effects, motion, times[first], weights, sizes, at_once=not marched))
+        times = spanned[0][1][first].times
+        after.append(joined(plan, effects, motion, times, weights, sizes, at_once=how.mode != "morph"))
     return made, after
 
 
@@ -465,13 +547,13 @@ def _identifier(plan: MeshPlan, fold: "Fold", effects: Sequence[Effect]) -> str:
     return name
 
 
-def _march_times(creases: "Sequence[Crease]", motion: Motion, fps: float) -> Floats:
+def _march_times(creases: "Sequence[Crease]", clip: Clip, fps: float) -> Floats:
     """(frames,) seconds of a clip's grid, with more where it folds fast."""
     rig = creases[0].fold.rig
-    grid = clip_grid(motion.clip, rig, fps=fps)
+    grid = clip_grid(clip, rig, fps=fps)
     if len(grid) < 2:
         return grid
-    strides = np.stack([crease.fold.hinge.strides(rig, motion.clip, grid) for crease in creases])
+    strides = np.stack([crease.fold.hinge.strides(rig, clip, grid) for crease in creases])
     parts = np.ceil(np.abs(np.diff(strides, axis=1)).max(axis=0)).astype(int)
     # No player distinguishes closer times.
     parts = np.clip(parts, 1, np.maximum((np.diff(grid) / (2.0 * KEY_GAP)).astype(int), 1))
