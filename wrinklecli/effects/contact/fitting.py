@@ -62,14 +62,14 @@ def fit_poses(
             made = [combined(row, shapes) for row in weights]
             wrong = _wrong(solved, made, every, bound) if count < most else {}
             hopeless = _HOPELESS * before if count < most else np.inf
-            if len(wrong) > hopeless or _more_cross(solved, made, suspects, hopeless):
+            crossing = None if len(wrong) > hopeless else _crossing(solved, made, suspects, most=hopeless)
+            if crossing is None:
                 break
-            crossing = _crossing(solved, made, suspects)
             # The other poses are checked only if all may be right or, in the end, if no try was better.
             best = min((crossings for crossings, *_ in tries), default=len(every) if count == most else 0)
             checked = len(crossing) <= best and not wrong
             if checked and len(suspects) < len(every):
-                crossing |= _crossing(solved, made, np.setdiff1d(every, suspects))
+                crossing |= _crossing(solved, made, np.setdiff1d(every, suspects)) or {}
             lost = max(solved[number].volume_loss(made[number]) for number in every.tolist())
             if not crossing and not wrong and lost <= allowed:
                 return weights, shapes, 0
@@ -95,26 +95,23 @@ def _wrong(solved: Sequence[Solution], made: Sequence[Floats], numbers: Ints, bo
     return {number: solved[number].with_neighbours(marked) for number, marked in further.items() if marked.any()}
 
 
-def _more_cross(solved: Sequence[Solution], made: Sequence[Floats], numbers: Ints, most: float) -> bool:
-    """True if a fit crosses in more than `most` of some poses; cheaper than to find all crossings."""
-    if most >= len(numbers):
-        return False
-    crossing = 0
-    for number in numbers.tolist():
-        crossing += solved[number].crosses(made[number])
-        if crossing > most:
-            return True
-    return False
+def _crossing(
+    solved: Sequence[Solution], made: Sequence[Floats], numbers: Ints, *, most: float = np.inf
+) -> dict[int, Bools] | None:
+    """The poses, among some, in which a fit crosses, and the (free,) vertices that do.
 
-
-def _crossing(solved: Sequence[Solution], made: Sequence[Floats], numbers: Ints) -> dict[int, Bools]:
-    """The poses, among some, in which a fit crosses, and the (free,) vertices that do."""
-    found = {}
+    None if it crosses in more than `most` of them, which is cheaper to find out than the vertices.
+    """
+    suspects, count = [], 0
     for number in numbers.tolist():
-        marked = solved[number].crossing(made[number])
-        if marked is not None:
-            found[number] = marked
-    return found
+        crosses = solved[number].crosses(made[number])
+        count += crosses
+        if count > most:
+            return None
+        if crosses or solved[number].crosses_itself:
+            suspects.append(number)
+    found = {number: solved[number].crossing_vertices(made[number]) for number in suspects}
+    return {number: marked for number, marked in found.items() if marked.any()}
 
 
 def fit_pose(

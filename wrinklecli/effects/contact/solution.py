@@ -91,18 +91,24 @@ class Solution:
 
     def crosses(self, moved: Floats) -> bool:
         """True if anything crosses under another move and nothing does in the solution."""
-        return self._own_crossings is None and self.tissue.crosses(self.positions_under(moved))
+        return not self.crosses_itself and self.tissue.crosses(self.positions_under(moved))
+
+    @property
+    def crosses_itself(self) -> bool:
+        """True if anything crosses in the solution, for example where another mesh leaves no room."""
+        return self._own_crossings is not None
 
     def crossing(self, moved: Floats) -> Bools | None:
-        """(free,) vertices that cross under another move and not in the solution; None if none do.
-
-        The solution itself crosses, for example, where another mesh leaves no room.
-        """
-        marked = self.tissue.crossing(self.positions_under(moved))
-        if marked is None:
+        """(free,) vertices that cross under another move and not in the solution; None if none do."""
+        if not self.tissue.crosses(self.positions_under(moved)):
             return None
-        fresh = (marked if self._own_crossings is None else marked & ~self._own_crossings)[free_rows(self.tissue)]
+        fresh = self.crossing_vertices(moved)
         return fresh if fresh.any() else None
+
+    def crossing_vertices(self, moved: Floats) -> Bools:
+        """(free,) vertices that cross under another move and not in the solution, if any do; slower than `crosses`."""
+        marked = self.tissue.crossing_vertices(self.positions_under(moved))
+        return (marked if self._own_crossings is None else marked & ~self._own_crossings)[free_rows(self.tissue)]
 
     def volume_loss(self, moved: Floats) -> float:
         """Volume that another move takes away, relative to that of a limb as long as it is thick."""

@@ -290,10 +290,15 @@ class Tissue:
         """(vertices,) True for the corners of edges and triangles that cross at (vertices, 3); None if none do."""
         if not self.crosses(positions):
             return None
+        marked = self.crossing_vertices(positions)
+        return marked if marked.any() else None
+
+    def crossing_vertices(self, positions: Floats) -> Bools:
+        """(vertices,) True for the corners of edges and triangles that cross at (vertices, 3) positions."""
         counting = (self.free & self.own)[self.rows]
         marked = np.zeros(len(positions), bool)
         marked[self.rows] = self._crossings.vertices_at(positions[self.rows], counting)
-        return marked if marked.any() else None
+        return marked
 
     def tears(self, given: Floats, shown: Floats) -> bool:
         """True if (vertices, 3) positions are torn relative to the given ones."""
