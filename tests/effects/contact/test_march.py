@@ -109,6 +109,19 @@ def test_the_slope_of_a_step_is_the_derivative_of_the_energy() -> None:
     assert (ahead - behind) / (2.0 * step) == pytest.approx(slope, rel=1e-4)
 
 
+def test_the_ends_of_a_limb_get_to_their_pose_in_few_steps() -> None:
+    """They move by 20 units and more, with nothing in their way."""
+    rest, triangles = tube(60.0)
+    poses = [bent(rest, turn, 60.0, 0.0) for turn in np.radians(np.arange(0.0, 91.0, 6.0))]
+    free = np.abs(rest[:, 0]) < rest[:, 0].max()
+    apart = (np.abs(rest[:, 0]) - 60.0).clip(0.0)
+    tissue = Tissue(rest, triangles, np.ones(len(triangles), bool), free, np.ones(len(rest), bool), apart)
+    states = list(march(tissue, poses))
+    assert all(state.converged for state in states)
+    touching = [state.steps for state in states if state.near is not None]
+    assert np.median(touching) <= 5  # 7 if no vertex moves by more than 4 units in a step
+
+
 def test_what_cannot_collide_is_not_in_the_way() -> None:
     """Another limb of the same mesh folds through itself: its vertices belong to no triangle that collides."""
     rest, triangles = tube(60.0)

@@ -30,8 +30,13 @@ _SETTLED = 0.4
 _SETTLED_APART = 0.001
 # Vertices that are not free are in their places within this distance, solver's units: rounding.
 _ARRIVED = 1e-9
-# Longest movement of a vertex in a step, solver's units: a longer step is hardly ever free, and costs more to check.
-_FARTHEST = 4.0
+# Longest movement of a touching vertex in a step, solver's units: twice both gaps. With 4, hips kept crossings.
+_FARTHEST_TOUCHING = 2.0
+# Longest movement of any other vertex, which has nothing in its way, solver's units: half of a limb's radius.
+_FARTHEST = 32.0
+# Longest movement to a pose that is tried without a look at what touches, solver's units: a longer one is hardly ever
+# free.
+_STRAIGHT = 4.0
 # Halvings of a step that does not lower the energy, at most.
 _HALVINGS = 12
 # Fraction of the first-order decrease in energy that a step must reach (Armijo).
@@ -57,8 +62,7 @@ def _solve(tissue: Tissue, state: SolverState, posed: SkinnedPose) -> SolverStat
     turns = posed.matrices[rows] @ inverses(state.posed.matrices[rows])
     carried[rows] = np.einsum("vij,vj->vi", turns, correction[rows])
     wanted = posed.positions + carried
-    if carried.any() and np.abs(wanted - state.positions).max() > _FARTHEST:
-        # A surface that touches hardly gets far on a straight step.
+    if carried.any() and np.abs(wanted - state.positions).max() > _STRAIGHT:
         return _newton(tissue, state.positions, posed, tissue.collisions(state.positions))
     step = tissue.step(state.positions, wanted)
     fraction = step.free_fraction()
@@ -83,7 +87,7 @@ def _newton(tissue: Tissue, positions: Floats, posed: SkinnedPose, near: Any) ->
         if not arriving and np.abs(direction).max() < (_SETTLED if len(near) else _SETTLED_APART):
             settled = True
             break
-        part = _FARTHEST / max(float(np.abs(direction).max()), _FARTHEST)
+        part = _part(tissue, positions, near, direction)
         step = tissue.step(positions, positions + part * direction)
         fraction = part * step.free_fraction()
         for _halving in range(_HALVINGS):
@@ -102,6 +106,13 @@ def _newton(tissue: Tissue, positions: Floats, posed: SkinnedPose, near: Any) ->
             return SolverState(posed.positions, posed, steps=steps)
         positions = np.where(held[:, None], posed.positions, positions)
     return SolverState(positions, posed, settled, steps, near)
+
+
+def _part(tissue: Tissue, positions: Floats, near: Any, direction: Floats) -> float:
+    """The part of a step, along (vertices, 3) directions, that moves no vertex too far."""
+    touching = tissue.gradient(near, positions).any(axis=1)
+    lengths = np.abs(direction).max(axis=1) / np.where(touching, _FARTHEST_TOUCHING, _FARTHEST)
+    return 1.0 / max(float(lengths.max()), 1.0)
 
 
 def _energy(tissue: Tissue, positions: Floats, posed: SkinnedPose, volumes: Floats, near: Any) -> float:
