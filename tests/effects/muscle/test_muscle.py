@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+import wrinklecli
 from kit.asset import Json
-from kit.bakes import bake_once, report_of
+from kit.bakes import bake_once, folding_limb, place, report_of
 from kit.clients import assert_valid, drive
 from kit.command import Wrinkle
-from kit.limb import tool, write_tools
+from kit.limb import limb_asset, tool, write_tools
 from kit.muscles import arm, muscle
 from kit.player import Gltf, anchor_distances
 from wrinklecli.baking.track import track
@@ -212,3 +213,48 @@ def test_a_muscle_that_no_joint_shortens_is_warned_of(wrinkle: Wrinkle, tmp_path
     tools.write_text(json.dumps(text))
     ran = wrinkle("check", ARM(), tools)
     assert "both ends are on 'joint_0', so no joint shortens it" in ran.out
+
+
+@pytest.mark.slow
+def test_contact_keeps_apart_what_muscles_press_together() -> None:
+    """The fold is solved on the skin that the muscle has moved, or left out with its wrinkles lowered."""
+    pytest.importorskip("ipctk", reason="needs the extra `contact`")
+    crease = tool(bumps=3, max_height="10%", contact="resolve")
+    for thickness in ("5%", "20%"):
+        file = bake_once(folding_limb(), crease, top={"muscles": [muscle(thickness=thickness)]})
+        data = report_of(file).data
+        assert [fold["tools"] for fold in data["folds"]] == [["crease"]]
+        assert data["clips"][0]["residual"]["position"] < data["meshes"][0]["max_error"]
+
+
+@pytest.mark.slow
+def test_a_fold_over_a_muscle_that_is_given_up_has_lower_wrinkles(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """The muscle stands before the tools among the effects, and stays as it is."""
+    pytest.importorskip("ipctk", reason="needs the extra `contact`")
+    from wrinklecli.effects.contact import crease
+    from wrinklecli.effects.contact.given_up import UNSETTLED, GivenUp, UnresolvedError
+
+    def unresolved(*_: Any, **__: Any) -> None:
+        raise UnresolvedError(GivenUp(UNSETTLED))
+
+    monkeypatch.setattr(crease, "resolve", unresolved)
+    tools = write_tools(tmp_path / "tools.yaml", tool(bumps=3, contact="resolve"), muscles=[muscle()])
+    report = wrinklecli.bake(folding_limb(), tools, tmp_path / "out.glb")
+    (fold,) = report.data["folds"]
+    assert fold["given_up"]["reason"] == UNSETTLED
+    assert [*fold["heights"]] == ["crease"]
+    assert report.data["muscles"][0]["targets"] == ["wrinkle_biceps_1"]
+
+
+def test_a_marker_and_a_position_are_carried_by_their_bones() -> None:
+    """As the same ends by joints are: a marker below a joint, and a place near a bone."""
+    asset = limb_asset(rings=41, sides=24, angle=90.0)
+    asset.gltf["nodes"].append({"name": "tip", "translation": [0.15, 0.1, 0.0]})
+    asset.gltf["nodes"][2]["children"] = [len(asset.gltf["nodes"]) - 1]
+    ends = {"origin": [-0.85, 0.1, 0.0], "insertion": {"marker": "tip"}}
+    bakes = ((place(asset), ends), (ARM(), {}))
+    marked, plain = (bake_once(each, top={"muscles": [muscle(**keys)]}) for each, keys in bakes)
+    assert [drive_of(marked)[key]["joints"] for key in ("origin", "insertion")] == [["joint_0"], ["joint_1"]]
+    assert marked.weights("limb", "fold", [1.0]) == pytest.approx(plain.weights("limb", "fold", [1.0]), abs=1e-5)
