@@ -256,5 +256,5 @@ def test_a_marker_and_a_position_are_carried_by_their_bones() -> None:
     ends = {"origin": [-0.85, 0.1, 0.0], "insertion": {"marker": "tip"}}
     bakes = ((place(asset), ends), (ARM(), {}))
     marked, plain = (bake_once(each, top={"muscles": [muscle(**keys)]}) for each, keys in bakes)
-    assert [drive_of(marked)[key]["joints"] for key in ("origin", "insertion")] == [["joint_0"], ["joint_1"]]
+    assert [drive_of(marked)[key]["joints"] for key in ("origin", "target")] == [["joint_0"], ["joint_1"]]
     assert marked.weights("limb", "fold", [1.0]) == pytest.approx(plain.weights("limb", "fold", [1.0]), abs=1e-5)
