@@ -15,6 +15,7 @@ from wrinklecli.errors import shortened
 
 if TYPE_CHECKING:
     from wrinklecli.review.suggest.fitted_tools import Suggestion
+    from wrinklecli.review.suggest.flesh import SuggestedFlesh
     from wrinklecli.review.suggest.muscles import SuggestedMuscle
     from wrinklecli.review.suggest.suggest import Suggestions
 
@@ -59,6 +60,7 @@ def _materials(_context: click.Context, parameter: click.Parameter, values: tupl
 @opt.flag("--face", text="Suggest the wrinkles of a face by its morph targets, and nothing else.")
 @opt.flag("--all", "everything", text="Leave out neither hard or hidden parts nor what is not worth it.")
 @opt.flag("--muscles", text="Guess muscles by the names of bones, low ones, and nothing else.")
+@opt.flag("--flesh", text="Guess flesh that swings by the names of bones, firm, and nothing else.")
 @opt.fps("Poses per second, but 200 of a clip at most.", default=30.0)
 @opt.range_of_motion("Look at that too.")
 @opt.allow_external("Read buffers outside the asset's folder too.")
@@ -91,6 +93,9 @@ def suggest(asset: str, output: str | None, as_json: bool, verbose: bool, quiet:
     With --muscles, the file has muscles alone: biceps, triceps, the forearm's flexors, quadriceps, hamstrings and
     calves of a human, where the rig names the bones of arms and legs. They are guesses, and the file says so.
 
+    With --flesh, the file has regions of flesh alone: belly, chest, buttocks, thighs and cheeks of a human, where the
+    rig names the bones and the skin is far from them. These are guesses too.
+
     The file bakes as it is, and is made to be edited. A table of the suggestions goes to standard error. If there is
     nothing to suggest, as for a rigid asset, nothing is written and the exit code is 1, so that a pipeline stops.
 
@@ -107,8 +112,9 @@ def suggest(asset: str, output: str | None, as_json: bool, verbose: bool, quiet:
     """
     if as_json and output == "-":
         raise click.UsageError("'--json' and '-o -' both want standard output.")
-    if options["face"] and options["muscles"]:
-        raise click.UsageError("'--face' and '--muscles' are one or the other.")
+    alone = [f"'--{name}'" for name in ("face", "muscles", "flesh") if options[name]]
+    if len(alone) > 1:
+        raise click.UsageError(f"{' and '.join(alone)} are one or the other.")
     if options["face"] and options["presets"]:
         raise click.UsageError("'--face' takes no '--presets': those of faces are built in.")
 
@@ -148,6 +154,7 @@ def _json(asset: str, found: "Suggestions") -> dict[str, Any]:
         "dropped": [{"name": each.name, "reason": each.reason, "value": _short(each.value)} for each in found.dropped],
         "tools": [_json_tool(each) for each in found.tools],
         **({"muscles": [_json_muscle(each) for each in found.muscles]} if found.muscles else {}),
+        **({"flesh": [_json_region(each) for each in found.flesh]} if found.flesh else {}),
     }
 
 
@@ -197,6 +204,19 @@ def _json_muscle(each: "SuggestedMuscle") -> dict[str, Any]:
         "thickness": None if thickness == "auto" else thickness.value,
         "mirror": "x" if each.mirrored else "none",
         "bone": each.bone,
+        "depth": _short(each.depth),
+    }
+
+
+def _json_region(each: "SuggestedFlesh") -> dict[str, Any]:
+    region = each.region
+    return {
+        "name": region.name,
+        "node": region.node,
+        "at": region.at,
+        "radius": region.radius,
+        "mirror": "x" if each.mirrored else "none",
+        "frequency": region.frequency,
         "depth": _short(each.depth),
     }
 

@@ -264,10 +264,10 @@ class Flesh(BodyEffect):
         read=read_mask_of,
     )
     frequency: float = key(
-        number(0.5, 20), "Swings per second, were they not damped: 2 soft, 4 firm. Default 3.", 3.0, read=float
+        number(0.5, 20), "Swings per second, were they not damped: 2 soft, 6 firm. Default 4.", 4.0, read=float
     )
     damping: float = key(
-        number(0.05, 2), "From 1 on flesh does not swing back. Default 0.25.", 0.25, read=float
+        number(0.05, 2), "From 1 on flesh does not swing back. Default 0.3.", 0.3, read=float
     )  # fmt: skip
     shapes: int = key(
         expects("3, 6 or 9", enum=[3, 6, 9]),

@@ -42,11 +42,11 @@ def region_warnings(attached: AttachedFlesh, rig: Rig, clips: Sequence[tuple[Cli
             f" and what it hangs on; below {KEYS_ASKED:g}, flesh swings as the keys do and not as the body would:"
             " export the clip with a key for each frame"
         )
-    still = [clip.name for clip, weights in clips if _moves(weights).max(initial=0.0) < _SEEN]
-    if still:
+    if clips and all(_moves(weights).max(initial=0.0) < _SEEN for _, weights in clips):
         warnings.append(
-            f"{name}: hardly moves in {listed(still)}, where {rig.names[node]!r} keeps its place: a clip in place holds"
-            " no motion of the root, which only a player adds, and a driver in the player follows"
+            f"{name}: hardly moves in {listed([clip.name for clip, _ in clips])}, where {rig.names[node]!r} keeps its"
+            " place: a clip in place holds no motion of the root, which only a player adds, and a driver in the player"
+            " follows"
         )
     return warnings
 

@@ -20,6 +20,7 @@ from wrinklecli.review.suggest.candidates import LEAST_LOSS, Candidate, find_can
 from wrinklecli.review.suggest.choice import choose_candidates
 from wrinklecli.review.suggest.faces import suggest_face
 from wrinklecli.review.suggest.fitted_tools import Suggestion, fit_tools
+from wrinklecli.review.suggest.flesh import SuggestedFlesh, flesh_text, suggest_flesh
 from wrinklecli.review.suggest.measure import MeasuredMesh, find_mesh_nodes, measure_meshes
 from wrinklecli.review.suggest.muscles import SuggestedMuscle, muscles_text, suggest_muscles
 from wrinklecli.review.suggest.substance import is_rigid
@@ -47,6 +48,7 @@ class Suggestions:
         inputs: All files that were read, and the asset's images.
         dropped: Tools that are not worth it, each with the reason.
         muscles: With the option `muscles`, the muscles in place of tools.
+        flesh: With the option `flesh`, the regions in place of tools.
     """
 
     tools: tuple[Suggestion, ...]
@@ -56,6 +58,7 @@ class Suggestions:
     inputs: tuple[str, ...]
     dropped: tuple[Dropped, ...] = ()
     muscles: tuple[SuggestedMuscle, ...] = ()
+    flesh: tuple[SuggestedFlesh, ...] = ()
 
 
 def suggest(
@@ -68,7 +71,8 @@ def suggest(
     """Find where clips compress an asset's surfaces, and suggest tools there.
 
     Without clips, the asset's range of motion is looked at: joints and morph targets, one at a time. With `face`, the
-    morph targets of a face are, whatever clips there are. With `muscles`, muscles are guessed by the names of bones.
+    morph targets of a face are, whatever clips there are. With `muscles` or `flesh`, these are guessed by the names of
+    bones.
 
     Args:
         asset: The .gltf or .glb to read.
@@ -98,6 +102,10 @@ def suggest(
             muscles, left_out, reason = suggest_muscles(document, nodes)
             text = muscles_text(muscles, document) if muscles else ""
             return Suggestions((), text, reason, (*notes, *left_out), tuple(files_of(document)), muscles=tuple(muscles))
+        if options.flesh:
+            regions, left_out, reason = suggest_flesh(document, nodes)
+            text = flesh_text(regions, document) if regions else ""
+            return Suggestions((), text, reason, (*notes, *left_out), tuple(files_of(document)), flesh=tuple(regions))
         in_range = options.range_of_motion or None
         motions = Motions(options.anims, in_range, options.pose, options.morphs)
         joined = moved(document, list(nodes), motions)

@@ -22,6 +22,7 @@ class SuggestOptions:
         node: Name of the node whose mesh to look at; None for all nodes whose meshes deform.
         face: Suggest the wrinkles of a face by its morph targets, and nothing else.
         muscles: Suggest muscles by the names of bones, and nothing else.
+        flesh: Suggest regions of flesh by the names of bones and the thickness of the body, and nothing else.
         everything: Leave out neither hard parts, nor what another layer hides, nor what is not worth it.
         materials: What places are made of, by the name of a material, node or mesh, whatever the pictures show.
         presets: Files of presets, from which tools get theirs where an entry names their parts of a body.
@@ -41,6 +42,7 @@ class SuggestOptions:
     node: str | None = None
     face: bool = False
     muscles: bool = False
+    flesh: bool = False
     everything: bool = False
     materials: Mapping[str, Substance] = field(default_factory=dict)
     presets: Sequence[str | os.PathLike[str]] = ()

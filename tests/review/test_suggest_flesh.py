@@ -1,0 +1,50 @@
+"""Flesh that is guessed by the names of bones and the thickness of the body."""
+
+import json
+from pathlib import Path
+
+import pytest
+import yaml
+
+import wrinklecli
+from kit.characters import dressed
+from kit.command import Wrinkle
+from kit.limb import limb
+
+
+@pytest.fixture(scope="module")
+def person(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return dressed().write(tmp_path_factory.mktemp("person") / "dressed.glb")
+
+
+@pytest.mark.quick(8)
+def test_a_body_gets_regions_where_its_skin_is_thick(person: Path, tmp_path: Path) -> None:
+    """Its chest is lean. The others lie where they should, those of two sides are mirrored, and the file bakes."""
+    found = wrinklecli.suggest(person, flesh=True)
+    places = {each.region.name: each.region.at for each in found.flesh}
+    assert set(places) == {"belly", "buttock.L", "thigh.L", "cheek.L"}
+    assert {each.region.name for each in found.flesh if each.mirrored} == set(places) - {"belly"}
+    assert any(note.startswith("chest: left out, as skin and bone are") for note in found.notes)
+    assert places["belly"][2] > 0.08
+    assert places["buttock.L"][2] < -0.07
+    assert places["cheek.L"][0] > 0.04
+    assert "guess" in found.text
+    (tmp_path / "flesh.yaml").write_text(found.text)
+    report = wrinklecli.bake(person, tmp_path / "flesh.yaml", tmp_path / "out.glb", draft=True)
+    assert len(report.data["flesh"]) == 7
+
+
+@pytest.mark.quick(4)
+def test_the_command_prints_a_file_and_json(wrinkle: Wrinkle, person: Path) -> None:
+    ran = wrinkle("suggest", person, "--flesh", "-q")
+    listed = yaml.safe_load(ran.out)["flesh"]
+    data = json.loads(wrinkle("suggest", person, "--flesh", "--json", "-q").out)
+    assert [each["name"] for each in data["flesh"]] == [each["name"] for each in listed]
+    assert wrinkle("suggest", person, "--flesh", "--muscles").code == 2
+
+
+def test_a_limb_without_names_gets_none(wrinkle: Wrinkle, tmp_path: Path) -> None:
+    asset = limb(tmp_path / "limb.gltf", rings=9, sides=8)
+    ran = wrinkle("suggest", asset, "--flesh", "-o", tmp_path / "flesh.yaml")
+    assert ran.code == 1
+    assert "nothing to suggest: no joints are named as a spine" in ran.lines[-1]
