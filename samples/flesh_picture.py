@@ -24,13 +24,13 @@ REGIONS = [
 ]
 # For each panel its clip, the side from which it is seen, the place and the radius of what is seen, metres.
 PANELS = (
-    ("jump", "70:5", (0.0, 1.0, -0.02), 0.27),
+    ("jump", "70:5", (0.0, 1.0, 0.05), 0.3),
     ("jump", "150:5", (0.0, 0.94, -0.02), 0.24),
     ("shake", "30:0", (0.28, 1.27, -0.02), 0.17),
     ("shake", "0:5", (0.0, 1.6, 0.08), 0.15),
 )
 SIZE = (220, 220)  # pixels of each picture
-FPS = 20
+FPS = 15
 COLUMNS = 2
 
 
@@ -69,7 +69,9 @@ def main(out: Path, folder: Path) -> None:
             picture.paste(frames[number], (place % COLUMNS * wide, place // COLUMNS * high))
         pictures.append(picture)
     out.parent.mkdir(parents=True, exist_ok=True)
-    pictures[0].save(out, save_all=True, append_images=pictures[1:], duration=1000 // FPS, loop=0, quality=60, method=4)
+    pictures[0].save(
+        out, save_all=True, append_images=pictures[1:], duration=round(1000 / FPS), loop=0, quality=75, method=4
+    )
 
 
 if __name__ == "__main__":

@@ -67,13 +67,22 @@ class Neighbours:
         Raises:
             AssetError: A mesh or a skin is malformed.
         """
+        for _, positions in self.numbered_near(node, low, high):
+            yield positions
+
+    def numbered_near(self, node: int, low: Floats, high: Floats) -> Iterator[tuple[int, Floats]]:
+        """Other nodes, and (vertices, 3) world positions of each one's mesh that may reach into a box of (3,) bounds.
+
+        Raises:
+            AssetError: A mesh or a skin is malformed.
+        """
         if len(self._nodes) < 2:
             return
         boxes = self._boxes
         slack = _ROUNDING * np.abs(boxes).max(axis=(1, 2))[:, None]
         meets = ((boxes[:, 0] - slack <= high) & (boxes[:, 1] + slack >= low)).all(axis=1) & (self._nodes != node)
         for number in np.flatnonzero(meets).tolist():
-            yield self._shown[number].posed()
+            yield int(self._nodes[number]), self._shown[number].posed()
 
     @cached_property
     def _shown(self) -> list[_Shown]:

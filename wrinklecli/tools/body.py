@@ -277,8 +277,8 @@ class Flesh(BodyEffect):
     limit: Length = key(
         LENGTH,
         "About how far skin moves at most, which it approaches smoothly: a length, or a percentage of the radius. "
-        "Default 15%.",
-        "15%",
+        "Default 12%.",
+        "12%",
         read=parse_length,
     )
     gravity: float = key(

@@ -186,3 +186,17 @@ def test_a_bake_without_flesh_imports_none_of_it() -> None:
 
     code = "import sys, wrinklecli.effects.order; print('scipy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.strip() == "False"
+
+
+def test_a_warning_names_clothes_over_a_region() -> None:
+    """A shirt that lies over the belly stays in place; an eye within the body, or a hat above it, is no matter."""
+    asset = body(None, normals=False)
+    skin = trunk(20, 24)[0].positions
+    for name, places in (("shirt", 1.05 * skin), ("eye", 0.5 * skin), ("hat", skin + np.array([0.0, 1.0, 0.0]))):
+        attributes = {"POSITION": asset.accessor(places, bounds=True)}
+        mesh = asset.append("meshes", {"primitives": [{"attributes": attributes, "mode": 0}]})
+        asset.gltf["scenes"][0]["nodes"].append(asset.append("nodes", {"name": name, "mesh": mesh}))
+    said = report_of(baked(place(asset), region(node="trunk"))).data["warnings"]
+    assert [each for each in said if " over it " in each] == [
+        "belly: 'shirt' over it stays in place: the skin may come through; a lower limit helps"
+    ]

@@ -30,6 +30,9 @@ _CARRIES = 0.01
 _SAME_JOINTS = 0.5
 # Part of the radius over which moves fade towards skin of another mesh, from which the region would tear off.
 _SEAM = 0.25
+# Part of the radius in which another mesh is looked for, how near over the skin it is part of what one wears, over the
+# radius, and the vertices of it at least.
+_COVERED, _CLOSE, _FEW = 0.7, 0.3, 4
 # Least share of the largest move that a shape must make on the skin.
 _LEAST_MOVE = 1e-6
 
@@ -45,6 +48,7 @@ class AttachedFlesh:
             others.
         limit: The length to which moves are capped, scene units.
         swings: The shapes on the grid.
+        covers: Names of other meshes that lie over the region, and do not swing.
     """
 
     tool: Flesh
@@ -52,6 +56,7 @@ class AttachedFlesh:
     deltas: Floats
     limit: float
     swings: Swings
+    covers: tuple[str, ...]
     moves: Moves = field(init=False)
 
     regions: ClassVar[tuple[Region, ...]] = ()
@@ -127,7 +132,7 @@ def _attach(tool: Flesh, ground: Ground, settings: ToolsFile) -> AttachedFlesh:
     shapes = np.concatenate([shapes, -0.5 * shapes.sum(axis=0, keepdims=True)])
     deltas = np.zeros((len(shapes), *rest.positions.shape))
     deltas[:, chosen] = np.einsum("vab,mvb->mva", inverses(rest.blended[chosen]), shapes)
-    return AttachedFlesh(tool, drive, deltas, limit, swings)
+    return AttachedFlesh(tool, drive, deltas, limit, swings, _covers(ground, place, chosen))
 
 
 def _place(tool: Flesh, ground: Ground, settings: ToolsFile, softness: Floats | None) -> Place:
@@ -221,6 +226,20 @@ def _moving(ground: Ground, place: Place) -> Bools:
     alike = np.bincount(labels[near], weights[:, joints].sum(axis=1), int(labels.max()) + 1)
     counts = np.bincount(labels[near], minlength=len(alike))
     return np.asarray(near & (own | (alike[labels] > _SAME_JOINTS * counts[labels])))
+
+
+def _covers(ground: Ground, place: Place, chosen: Ints) -> tuple[str, ...]:
+    """The names of other meshes that lie close over the (chosen,) skin of a region, as clothes do."""
+    rest, found = ground.rest, []
+    skin, normals = rest.positions[chosen], rest.normals_at(chosen)
+    for node, positions in ground.neighbours.numbered_near(ground.rig.node, skin.min(axis=0), skin.max(axis=0)):
+        near = positions[((positions - place.at) ** 2).sum(axis=1) < (_COVERED * place.radius) ** 2]
+        if len(near):
+            distances, nearest = nearest_of(skin, near)
+            outside = np.einsum("vx,vx->v", near - skin[nearest], normals[nearest]) > 0
+            if (outside & (distances < _CLOSE * place.radius)).sum() >= _FEW:
+                found.append(ground.rig.names[node])
+    return tuple(found)
 
 
 def _fading(ground: Ground, chosen: Ints, width: float) -> Floats:

@@ -42,6 +42,11 @@ def region_warnings(attached: AttachedFlesh, rig: Rig, clips: Sequence[tuple[Cli
             f" and what it hangs on; below {KEYS_ASKED:g}, flesh swings as the keys do and not as the body would:"
             " export the clip with a key for each frame"
         )
+    if attached.covers:
+        stay = "stays" if len(attached.covers) == 1 else "stay"
+        warnings.append(
+            f"{name}: {listed(attached.covers)} over it {stay} in place: the skin may come through; a lower limit helps"
+        )
     if clips and all(_moves(weights).max(initial=0.0) < _SEEN for _, weights in clips):
         warnings.append(
             f"{name}: hardly moves in {listed([clip.name for clip, _ in clips])}, where {rig.names[node]!r} keeps its"

@@ -28,7 +28,7 @@ from wrinklecli.tools.records import Length, ToolsFile
 from wrinklecli.tools.yaml_tree import printable
 
 # Limit of a guessed region over its radius: two thirds of what a region gets by itself.
-_LIMIT = 10.0
+_LIMIT = 8.0
 # Difference of both sides over the body's size below which a body is symmetric about x = 0.
 _SYMMETRIC = 0.01
 # Least way of a ray over the body's size: a bone that lies on the skin has no flesh.
