@@ -16,8 +16,8 @@ from typing import Any
 
 from kit import web
 from kit.asset import Json
-from kit.cases import DEVICES, WEB, Case
-from kit.damage import Edit, copied, damaged, edit_bytes, edit_tree, is_baked
+from kit.cases import DEVICES, PRESETS, WEB, Case
+from kit.damage import Edit, copied, damaged, damaged_presets, edit_bytes, edit_tree, is_baked
 from kit.guard import only_within
 from kit.hostile import MEGABYTES, SECONDS, bounded, corpus, packed
 from kit.killed import signal_at_line
@@ -82,6 +82,8 @@ def prepare(case: Case, folder: Path) -> None:
         if name in case.arguments:
             Path(folder, name).write_bytes(data)
     Path(folder, "tools.yaml").write_bytes(tools)
+    if PRESETS in case.arguments:
+        Path(folder, PRESETS).write_bytes(damaged_presets(case.edits))
     for name in NAMES if case.arguments[0] == "batch" else ():
         Path(folder, name).write_bytes(_manifest(name, case.edits))
     Path(folder, "sub").mkdir()

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from kit.damage import Edit, damage, geometry_edit, is_baked
+from kit.damage import Edit, body_edits, damage, geometry_edit, is_baked, presets_edits
 from kit.hostile import Source, corpus
 from kit.manifests import NAMES, forgeries, manifest_edits
 from kit.visits import visits
@@ -30,7 +30,9 @@ _MORE_PLACES = {
 _KILLED = {"bake": 0.02, "track": 0.02, "suggest": 0.02, "schema": 0.02, "preview": 0.02, "batch": 0.03, "edit": 0.15}
 _SOLVE = ("bake", "check", "batch", "preview")
 _CONTACT = 0.06  # of all cases of these commands get contact in a tool
+_BODY = 0.08  # of all cases of these commands get a muscle or flesh
 _CONTACTS = ("resolve", "resolve", "resolve", {}, {"per_clip": False}, {"ignore": ["limb"]}, "off")
+PRESETS = "own.yaml"  # a file of presets
 MOTIONS = ("still.glb", "stranger.glb")  # a clip of 0 s, and clips of another skeleton
 _LARGE = range(17, 22)  # sources of the corpus that take longer
 _CACHED = (0, 3, 6, 8)  # sources whose sound batches are kept in caches
@@ -125,6 +127,10 @@ def _edits(chance: random.Random, arguments: Sequence[str], source: Source) -> I
         yield ["set", "tools", ["tools", 0, "contact"], chance.choice(_CONTACTS)]
         if chance.random() < 0.5:
             yield from geometry_edit(chance)
+    if command in _SOLVE and "kept" not in arguments and chance.random() < _BODY:
+        yield from body_edits(chance)
+    if PRESETS in arguments and chance.random() < 0.7:
+        yield from presets_edits(chance)
     if "--watch" in arguments:
         names = [arguments[1], arguments[1], "tools.yaml", "sound.glb", "p.png"]
         for _ in range(chance.choice([1, 2, 4])):
@@ -224,8 +230,8 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
             yield from (asset, *some("--json", share=0.3), *some("-o", "found.yaml", share=0.5), "--fps", "4")
             yield from (*some("--node", "limb"), *some("--count", "2"), *some("--clip", "fold"), *some("--all"))
             yield from some("--material", chance.choice(["limb=cloth", "limb=hard", "nowhere=skin"]))
+            yield from some(*chance.choice([["--face"], ["--muscles"], ["--flesh"], ["--presets", PRESETS]]), share=0.4)
             yield from (
-                *some("--face", share=0.1),
                 *motions,
                 *some(loudness),
                 *some("--allow-external"),
@@ -268,6 +274,7 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
         case "edit":
             yield from (asset, *some("tools.yaml", share=0.9), "--no-browser", "--port", "0", *some("--heat"))
             yield from (*motions, *some("--quiet"), *some("--allow-external"), *some(*memory, share=0.1))
+            yield from some("--presets", PRESETS)
             yield from some(
                 "--host", chance.choice(["localhost", "0.0.0.0", "::1", "none.invalid", "127.0.0.2"]), share=0.1
             )

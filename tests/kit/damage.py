@@ -46,6 +46,24 @@ _KEYS = [
 # fmt: on
 
 
+OWN_PRESETS: Json = {
+    "knitted": {"title": "Knitted", "material": "cloth", "bump_width": "20%", "bump_height": "30%", "parts": ["knee"]},
+    "sock": {"bumps": 2, "width": "40%", "profile": "smooth", "details": [0.2], "lag": {"frequency": 3}},
+}
+_SPRING = {"frequency": 3, "damping": 0.3, "limit": "10%", "gravity": "30%", "shapes": 3}
+_BODIES = {
+    "muscles": {
+        "name": "biceps",
+        "origin": {"joint": "joint_0", "offset": [0.15, 0.1, 0.0]},
+        "insertion": {"joint": "joint_1", "offset": [0.15, 0.1, 0.0]},
+        "thickness": "auto",
+        "activation": {"keys": {"fold": [[0, 0], [0.5, 1]]}},
+        "travel": True,
+    },
+    "flesh": {"name": "belly", "at": [0.3, 0.1, 0.0], "radius": 0.4, **_SPRING},
+}
+
+
 def copied(value: Any) -> Any:
     """A deep copy of JSON."""
     return json.loads(json.dumps(value))
@@ -303,6 +321,35 @@ def geometry_edit(chance: random.Random) -> Iterator[Edit]:
         ["weights", "geometry", seed, chance.choice([0.1, 1.0])],
     )
     yield chance.choice(edits)
+
+
+def body_edits(chance: random.Random) -> Iterator[Edit]:
+    """A muscle or flesh in the tools file, with a fault in three of four cases."""
+    kind = chance.choice(sorted(_BODIES))
+    yield ["set", "tools", [kind], [_BODIES[kind]]]
+    if chance.random() < 0.75:
+        yield from _tree_edit(chance, "tools", {kind: [_BODIES[kind]]})
+
+
+def presets_edits(chance: random.Random) -> Iterator[Edit]:
+    """A fault in a file of presets."""
+    if chance.random() < 0.7:
+        yield from _tree_edit(chance, "presets", {"presets": OWN_PRESETS})
+    else:
+        yield from _byte_edits(chance, "presets bytes", 200)
+
+
+def damaged_presets(edits: Sequence[Edit]) -> bytes:
+    """The file of presets, with these faults."""
+    tree = {"presets": copied(OWN_PRESETS)}
+    for edit in edits:
+        if edit[1] == "presets":
+            edit_tree(tree, edit)
+    data = bytearray(json.dumps(tree.get("presets")).encode("utf-8", "replace"))
+    for edit in edits:
+        if edit[1] == "presets bytes":
+            edit_bytes(data, edit)
+    return bytes(data)
 
 
 def _byte_edits(chance: random.Random, part: str, size: int) -> Iterator[Edit]:

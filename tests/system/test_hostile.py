@@ -71,6 +71,7 @@ def test_every_option_is_attacked() -> None:
 def test_every_way_in_is_attacked() -> None:
     cases = [make_case(number) for number in range(5000)]
     parts = {"asset", "tools", "record", "data", "asset bytes", "tools bytes", "geometry", "later", "kill"}
+    parts |= {"presets", "presets bytes"}
     parts |= {"manifest", "manifest bytes", "side", "side bytes", "visit"}
     parts |= {f"kept {part}" for part in ("record", "note", "record bytes", "note bytes", "content bytes", "tag bytes")}
     assert {edit[1] for case in cases for edit in case.edits} == parts

@@ -63,5 +63,6 @@ class JointAngle:
         turned = own @ rest.T
         sines = np.stack([turned[:, (k + 2) % 3, (k + 1) % 3] - turned[:, (k + 1) % 3, (k + 2) % 3] for k in range(3)])
         along = self.axis @ sines
-        slants = np.where(np.abs(along) > _LEAST_SINE, sines / np.where(along, along, 1.0), 0.0).T
+        known = np.abs(along) > _LEAST_SINE
+        slants = np.where(known, sines / np.where(known, along, 1.0), 0.0).T
         return Angles(np.asarray(2.0 * np.arctan2(along, 1.0 + np.trace(turned, axis1=1, axis2=2))), slants)
