@@ -212,7 +212,17 @@ def tools_by_node(document: Document, settings: ToolsFile) -> tuple[dict[int, li
             warnings.append(f"{tool.name}: left out, as {why}")
         else:
             try:
-                found.setdefault(_node_of(tool, document, mesh_nodes, deforming), []).append(tool)
+                node = _node_of(tool, document, mesh_nodes, deforming)
+                found.setdefault(node, []).append(tool)
+                for over in _moved_along(tool, node):
+                    if (why := why_left_out(over, document)) is not None:
+                        warnings.append(f"{tool.name}: a mesh is left out, as {why}")
+                        continue
+                    other = _node_of(over, document, mesh_nodes, deforming, "meshes")
+                    if other == node:
+                        message = f"{over.node!r} is the mesh of the region itself; name meshes over it"
+                        raise BakeError(message, where=tool.place("meshes"))
+                    found.setdefault(other, []).append(over)
             except BakeError as error:
                 places.setdefault(str(error.args[0]), []).append(error.places[0])
     for fault, (place, *others) in places.items():
@@ -235,6 +245,12 @@ def tools_by_node(document: Document, settings: ToolsFile) -> tuple[dict[int, li
     return dict(sorted(found.items())), warnings
 
 
+def _moved_along(tool: EffectTool, node: int) -> list[Flesh]:
+    """A region of a node, once for each mesh that moves with it."""
+    names = tool.meshes if isinstance(tool, Flesh) else ()
+    return [replace(tool, node=name, carrier=node) for name in names if isinstance(tool, Flesh)]
+
+
 def _parts_of(node: Json) -> list[str]:
     """Names of the nodes that an earlier bake has split from a node."""
     said = wrinkle_entry(node)
@@ -252,8 +268,12 @@ def why_left_out(tool: EffectTool, document: Document) -> str | None:
     return None
 
 
-def _node_of(tool: EffectTool, document: Document, mesh_nodes: Sequence[int], deforming: Sequence[int]) -> int:
+def _node_of(
+    tool: EffectTool, document: Document, mesh_nodes: Sequence[int], deforming: Sequence[int], key: str = "node"
+) -> int:
     """The node whose mesh a tool wrinkles, of the nodes that have a mesh and of those whose mesh deforms.
+
+    `key` is the one that names it.
 
     Raises:
         BakeError: There is none, or more than one.
@@ -286,7 +306,7 @@ def _node_of(tool: EffectTool, document: Document, mesh_nodes: Sequence[int], de
         known = [str(name) for name in names.values()]
         hint = f"; the mesh of that name is on {listed(users)}" if users else nearest(tool.node, known)
         fault = f"node {tool.node!r} is no node with a mesh{hint}; there are {listed(known)}"
-    raise BakeError(fault, where=tool.place("node"))
+    raise BakeError(fault, where=tool.place(key))
 
 
 def _overridden(settings: ToolsFile, options: BakeOptions) -> ToolsFile:

@@ -169,8 +169,9 @@ class LoadedAsset:
             try:
                 alone = settings.only([effect.name])
                 check_clip_names(alone, (), file_clips)
-                (node,), _ = tools_by_node(self.document, alone)
-                by_node.setdefault(node, []).append(effect)
+                # A region of flesh may move several meshes.
+                for node, effects in tools_by_node(self.document, alone)[0].items():
+                    by_node.setdefault(node, []).extend(effects)
             except WrinkleError as error:
                 problems[effect.name] = error.lines[0]
         return by_node

@@ -238,6 +238,7 @@ class Flesh(BodyEffect):
         at: Its middle: world space at rest, Y-up, scene units; or a marker. None for a region that a mask or a joint
             outlines.
         gravity: The share of gravity, 0 to 1.
+        carrier: If it is one of `meshes` that moves with the region, the number of the region's own node.
     """
 
     at: Position | Marker | None = key(
@@ -292,6 +293,13 @@ class Flesh(BodyEffect):
         "30%",
         read=lambda value: float(value.rstrip("% ")) / 100.0,
     )
+    meshes: tuple[str, ...] = key(
+        list_of(TEXT, 0, None, "a list of node names"),
+        "Nodes whose meshes lie over the region and move with it, as clothes do. Default [].",
+        [],
+        read=lambda value: tuple(dict.fromkeys(value)),
+    )
+    carrier: int | None = None
 
     @property
     def points(self) -> tuple[Point, ...]:

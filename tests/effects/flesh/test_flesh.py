@@ -198,5 +198,58 @@ def test_a_warning_names_clothes_over_a_region() -> None:
         asset.gltf["scenes"][0]["nodes"].append(asset.append("nodes", {"name": name, "mesh": mesh}))
     said = report_of(baked(place(asset), region(node="trunk"))).data["warnings"]
     assert [each for each in said if " over it " in each] == [
-        "belly: 'shirt' over it stays in place: the skin may come through; a lower limit helps"
+        "belly: 'shirt' over it stays in place: the skin may come through; `meshes` lets clothes move along"
     ]
+
+
+def dressed() -> Path:
+    """The trunk that jumps, with a shirt whose vertices are apart from those of the skin."""
+    asset, clothes = body(normals=False), trunk(17, 21)[0]
+    count = len(clothes.positions)
+    attributes = {
+        "POSITION": asset.accessor(1.06 * clothes.positions, bounds=True),
+        "JOINTS_0": asset.accessor(np.zeros((count, 4)), "u1"),
+        "WEIGHTS_0": asset.accessor(np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))),
+    }
+    primitive = {"attributes": attributes, "indices": asset.accessor(clothes.triangles.reshape(-1), "u2")}
+    mesh = asset.append("meshes", {"primitives": [primitive]})
+    shirt = asset.append("nodes", {"name": "shirt", "mesh": mesh, "skin": 0})
+    asset.gltf["scenes"][0]["nodes"].append(shirt)
+    return place(asset)
+
+
+def test_clothes_move_with_the_skin_below() -> None:
+    """Each vertex of a shirt moves as the skin nearest to it does, by the same weights; the bake proves both meshes."""
+    path = dressed()
+    file = baked(path, region(node="trunk", meshes=["shirt"]))
+    times = np.linspace(0.0, SECONDS, 31)
+    weights = [file.weights(node, "jump", times) for node in ("trunk", "shirt")]
+    assert np.abs(weights[0] - weights[1]).max() < 0.02
+    moved = [np.einsum("ft,tvx->fvx", weights[0], file.deltas(node)) for node in ("trunk", "shirt")]
+    skin, cloth = (file.attribute(node, "POSITION") for node in ("trunk", "shirt"))
+    nearest = np.linalg.norm(cloth[:, None] - skin[None], axis=2).argmin(axis=1)
+    limit = 0.12 * 0.13
+    assert np.abs(moved[1]).max() > 0.3 * limit
+    assert np.linalg.norm(moved[1] - moved[0][:, nearest], axis=2).max() < 0.35 * np.linalg.norm(moved[0], axis=2).max()
+    assert not [each for each in report_of(file).data["warnings"] if "over it" in each]
+    compare_with_three(file.path, "shirt", "jump", times[::5].tolist(), file.pose("shirt", "jump", times[::5]))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"meshes": ["shrit"]}, "node 'shrit' is no node with a mesh; did you mean 'shirt'?"),
+        ({"meshes": ["trunk"]}, "'trunk' is the mesh of the region itself; name meshes over it"),
+        ({"meshes": "shirt"}, "expected a list of node names"),
+    ],
+    ids=str,
+)
+def test_clothes_that_do_not_fit_are_one_line(tmp_path: Path, changes: Json, message: str) -> None:
+    import yaml
+
+    path = tmp_path / "tools.yaml"
+    path.write_text(yaml.safe_dump({"version": 1, "flesh": [region(node="trunk", **changes)]}))
+    with pytest.raises(WrinkleError) as refused:
+        wrinklecli.bake(dressed(), path, tmp_path / "out.glb")
+    (line,) = str(refused.value).splitlines()
+    assert message in line

@@ -1,7 +1,7 @@
 """A region of flesh on a mesh at rest: its joint, its shapes on the skin, and the springs that move these."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
@@ -14,9 +14,9 @@ from wrinklecli.errors import BakeError, WrinkleError, listed, nearest
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, determinants, inverses, smoothstep
 from wrinklecli.numeric.nearest import nearest_of
 from wrinklecli.numeric.spring import Spring
-from wrinklecli.surface.ground import Ground
+from wrinklecli.surface.ground import Ground, read_ground
 from wrinklecli.surface.region import Region
-from wrinklecli.surface.rest import asked_positions
+from wrinklecli.surface.rest import Rest, asked_positions
 from wrinklecli.tools.body import Flesh
 from wrinklecli.tools.records import EffectTool, ToolsFile, in_axes
 
@@ -48,7 +48,10 @@ class AttachedFlesh:
             others.
         limit: The length to which moves are capped, scene units.
         swings: The shapes on the grid.
-        covers: Names of other meshes that lie over the region, and do not swing.
+        place: Where the region is.
+        factors: (modes,) from the shapes of the grid to the moves of the targets.
+        follows: (vertices,) factors from 0 to 1: how far the skin of the region's own mesh follows the shapes.
+        covers: Names of other meshes that lie over the region and do not swing; none for a mesh that moves with it.
     """
 
     tool: Flesh
@@ -56,6 +59,9 @@ class AttachedFlesh:
     deltas: Floats
     limit: float
     swings: Swings
+    place: Place
+    factors: Floats
+    follows: Floats
     covers: tuple[str, ...]
     moves: Moves = field(init=False)
 
@@ -78,10 +84,18 @@ def attach_flesh(tools: Sequence[EffectTool], ground: Ground, settings: ToolsFil
     """
     found: list[AttachedFlesh] = []
     problems: list[WrinkleError] = []
+    carriers: dict[int, Ground] = {}
     for tool in tools:
         if isinstance(tool, Flesh):
             try:
-                found.append(_attach(tool, ground, settings))
+                if tool.carrier is None:
+                    found.append(_attach(tool, ground, settings))
+                    continue
+                if tool.carrier not in carriers:
+                    carriers[tool.carrier] = read_ground(
+                        ground.document, tool.carrier, [tool], settings, ground.clips, neighbours=ground.neighbours
+                    )
+                found.append(_attach_over(tool, carriers[tool.carrier], ground, settings))
             except WrinkleError as error:
                 problems.append(error)
     if problems:
@@ -105,7 +119,9 @@ def _attach(tool: Flesh, ground: Ground, settings: ToolsFile) -> AttachedFlesh:
         ) from None
     chosen = np.flatnonzero(_moving(ground, place))
     moved = swings.moves(rest.positions[chosen])
-    moved *= _fading(ground, chosen, _SEAM * place.radius)[:, None]
+    follows = np.zeros(len(rest.positions))
+    follows[chosen] = _fading(ground, chosen, _SEAM * place.radius)
+    moved *= follows[chosen, None]
     sizes = np.sqrt((moved**2).sum(axis=2)).max(axis=1, initial=0.0)
     if not sizes.max() > 0 or not (sizes > _LEAST_MOVE * sizes.max()).all():
         raise BakeError("holds no flesh under the skin of this mesh", where=tool.where)
@@ -128,11 +144,44 @@ def _attach(tool: Flesh, ground: Ground, settings: ToolsFile) -> AttachedFlesh:
         modes=modes,
         targets=tuple(f"wrinkle_{tool.identifier}_{number}" for number in range(1, len(modes) + 2)),
     )
-    shapes = 2.0 * moved * (limit / sizes)[:, None, None]
-    shapes = np.concatenate([shapes, -0.5 * shapes.sum(axis=0, keepdims=True)])
-    deltas = np.zeros((len(shapes), *rest.positions.shape))
-    deltas[:, chosen] = np.einsum("vab,mvb->mva", inverses(rest.blended[chosen]), shapes)
-    return AttachedFlesh(tool, drive, deltas, limit, swings, _covers(ground, place, chosen))
+    factors = 2.0 * limit / sizes
+    deltas = _deltas(rest, chosen, moved * factors[:, None, None])
+    covers = _covers(ground, tool, place, chosen)
+    return AttachedFlesh(tool, drive, deltas, limit, swings, place, factors, follows, covers)
+
+
+def _attach_over(tool: Flesh, skin: Ground, ground: Ground, settings: ToolsFile) -> AttachedFlesh:
+    """A mesh over a region: each vertex moves as the skin nearest to it does, with the same weights.
+
+    What hangs farther from the skin than clothes lie follows less, and at last not at all.
+    """
+    region = _attach(tool, skin, settings)
+    rest, place = ground.rest, region.place
+    reach = _CLOSE * place.radius
+    around = np.flatnonzero(((rest.positions - place.at) ** 2).sum(axis=1) < (place.radius + 2.0 * reach) ** 2)
+    feet = [skin.rest.blocks.closest_point(each) for each in rest.positions[around]]
+    places = np.array([foot for _, _, foot in feet]).reshape(-1, 3)
+    shares = np.array([part for _, part, _ in feet]).reshape(-1, 3)
+    corners = skin.rest.triangles[[triangle for triangle, _, _ in feet]]
+    away = np.sqrt(((rest.positions[around] - places) ** 2).sum(axis=1))
+    follows = (shares * region.follows[corners]).sum(axis=1)
+    follows *= 1.0 - smoothstep(np.clip(away / reach - 1.0, 0.0, 1.0))
+    moved = region.swings.moves(places) * (region.factors[:, None] * follows)[:, :, None]
+    deltas = _deltas(rest, around, moved)
+    if not np.any(deltas, axis=(1, 2)).all():
+        message = (
+            f"{tool.node!r} does not lie over the region: none of it is within {2.0 * reach:.3g} of the skin there"
+        )
+        raise BakeError(message, where=tool.place("meshes"))
+    return replace(region, deltas=deltas, covers=())
+
+
+def _deltas(rest: Rest, chosen: Ints, moved: Floats) -> Floats:
+    """(modes + 1, vertices, 3) bind space, from (modes, chosen, 3) moves in the world: the last undoes the others."""
+    moved = np.concatenate([moved, -0.5 * moved.sum(axis=0, keepdims=True)])
+    deltas = np.zeros((len(moved), *rest.positions.shape))
+    deltas[:, chosen] = np.einsum("vab,mvb->mva", inverses(rest.blended[chosen]), moved)
+    return deltas
 
 
 def _place(tool: Flesh, ground: Ground, settings: ToolsFile, softness: Floats | None) -> Place:
@@ -228,11 +277,13 @@ def _moving(ground: Ground, place: Place) -> Bools:
     return np.asarray(near & (own | (alike[labels] > _SAME_JOINTS * counts[labels])))
 
 
-def _covers(ground: Ground, place: Place, chosen: Ints) -> tuple[str, ...]:
-    """The names of other meshes that lie close over the (chosen,) skin of a region, as clothes do."""
+def _covers(ground: Ground, tool: Flesh, place: Place, chosen: Ints) -> tuple[str, ...]:
+    """The names of other meshes that lie close over the (chosen,) skin of a region, as clothes do, and stay there."""
     rest, found = ground.rest, []
     skin, normals = rest.positions[chosen], rest.normals_at(chosen)
     for node, positions in ground.neighbours.numbered_near(ground.rig.node, skin.min(axis=0), skin.max(axis=0)):
+        if ground.rig.names[node] in tool.meshes:
+            continue
         near = positions[((positions - place.at) ** 2).sum(axis=1) < (_COVERED * place.radius) ** 2]
         if len(near):
             distances, nearest = nearest_of(skin, near)

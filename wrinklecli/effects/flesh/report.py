@@ -34,6 +34,8 @@ def describe_swing(attached: AttachedFlesh, motion: Motion, weights: Floats) -> 
 def region_warnings(attached: AttachedFlesh, rig: Rig, clips: Sequence[tuple[Clip, Floats]]) -> list[str]:
     """Warnings about clips that say too little of how a region moves."""
     name, node, warnings = attached.tool.name, attached.drive.node, []
+    if attached.tool.carrier is not None:
+        return []  # those of the region's own mesh say it
     sparse = [(keys_per_second(rig, clip, node), clip.name) for clip, _ in clips]
     few = [(keys, clip) for keys, clip in sparse if keys < KEYS_ASKED]
     if few:
@@ -45,7 +47,8 @@ def region_warnings(attached: AttachedFlesh, rig: Rig, clips: Sequence[tuple[Cli
     if attached.covers:
         stay = "stays" if len(attached.covers) == 1 else "stay"
         warnings.append(
-            f"{name}: {listed(attached.covers)} over it {stay} in place: the skin may come through; a lower limit helps"
+            f"{name}: {listed(attached.covers)} over it {stay} in place: the skin may come through; `meshes` lets"
+            " clothes move along"
         )
     if clips and all(_moves(weights).max(initial=0.0) < _SEEN for _, weights in clips):
         warnings.append(
