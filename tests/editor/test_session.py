@@ -11,6 +11,7 @@ import yaml
 from scipy.spatial import cKDTree
 
 import wrinklecli
+from kit.flesh import body
 from kit.limb import RADIUS, limb, limb_asset
 from wrinklecli.character.clip import read_clips
 from wrinklecli.character.posing import with_pose
@@ -537,3 +538,22 @@ def test_a_muscle_is_the_first_entry_of_a_new_file(tmp_path: Path) -> None:
     session.add_muscle([-0.8, RADIUS, 0.0], [0.15, RADIUS, 0.0])
     session.save()
     wrinklecli.bake(tmp_path / "limb.glb", tmp_path / "new.yaml", tmp_path / "out.glb")
+
+
+def test_two_places_make_flesh(tmp_path: Path) -> None:
+    """The second is how far it reaches. It plays as it is baked."""
+    (tmp_path / "body.glb").write_bytes(body(keys=20, normals=False).glb())
+    session = Session(tmp_path / "body.glb", tmp_path / "tools.yaml")
+    before = session.meshes("jump", 1.08)[0].positions
+    assert session.add_flesh([0.0, -0.05, 0.18], [0.0, 0.08, 0.18]) == "flesh_1"
+    assert yaml.safe_load(session.text)["flesh"] == [{"name": "flesh_1", "at": [0.0, -0.05, 0.18], "radius": 0.13}]
+    shown = session.meshes("jump", 1.08)[0].positions
+    assert np.abs(shown - before).max() > 0.005
+    session.save()
+    wrinklecli.bake(tmp_path / "body.glb", tmp_path / "tools.yaml", tmp_path / "out.glb")
+    document = read_document(tmp_path / "out.glb")
+    (primitive,), (clip,) = read_scene(document), read_clips(document)
+    baked = pose_primitive(primitive, clip, np.array([1.08])).positions[0]
+    assert cKDTree(baked).query(shown)[0].max() < 5e-4
+    with pytest.raises(ConfigError, match="larger than the body allows"):
+        session.add_flesh([0.0, -0.05, 0.18], [0.0, 9.0, 0.18])

@@ -201,26 +201,43 @@ class Session(Edits):
             WrinkleError: It does not fit.
         """
         with self._guarded():
-            loaded, file = self._loaded, self._base.file
-            deforming = deforming_nodes(loaded.document)
+            deforming = deforming_nodes(self._loaded.document)
             meshes = [mesh for mesh in self._attached().meshes if mesh.ground.rig.node in deforming]
             ground = next(mesh.ground for mesh in meshes if node in (None, mesh.node))
-            name = self._new_name("muscle")
-            values: dict[str, Any] = {"name": name}
-            if node is not None and len(deforming) > 1:
-                values["node"] = node
             span = float(np.linalg.norm(np.subtract(insertion, origin)))
+            values: dict[str, Any] = {}
             for key, place in (("origin", origin), ("insertion", insertion)):
                 joint, offset = below_skin(ground, np.array(place, float))
                 values[key] = {"joint": joint, "offset": self._written_place(offset.tolist(), span)}
-            muscles = ToolsText(file.without_empty().text, file.name, "muscles").with_tool(values)
-            edited = ToolsText(muscles.text, file.name)
-            # A step that shows nothing would only be undone.
-            problem = loaded.attach(self._settings_of(edited)).problems.get(name)
-            if problem is not None:
-                raise ConfigError(problem)
-            self._become(edited, f"add {name}")
-            return name
+            return self._add_below_skin("muscles", "muscle", values, node)
+
+    def add_flesh(self, at: Sequence[float], border: Sequence[float], node: str | None = None) -> str:
+        """Add a region of flesh round a (3,) place on the skin at rest, world space, that reaches to another one.
+
+        `node` is as for `add_tool`. Returns the region's name.
+
+        Raises:
+            WrinkleError: It does not fit.
+        """
+        with self._guarded():
+            radius = float(np.linalg.norm(np.subtract(border, at)))
+            values = {"at": self._written_place(at, radius), "radius": significant(radius, 3)}
+            return self._add_below_skin("flesh", "flesh", values, node)
+
+    def _add_below_skin(self, key: str, word: str, values: dict[str, Any], node: str | None) -> str:
+        """Add an effect to the list at a key of the file, if it fits; return its name, which begins with a word."""
+        loaded, file = self._loaded, self._base.file
+        name = self._new_name(word)
+        several = node is not None and len(deforming_nodes(loaded.document)) > 1
+        values = {"name": name, **({"node": node} if several else {}), **values}
+        added = ToolsText(file.without_empty().text, file.name, key).with_tool(values)
+        edited = ToolsText(added.text, file.name)
+        # A step that shows nothing would only be undone.
+        problem = loaded.attach(self._settings_of(edited)).problems.get(name)
+        if problem is not None:
+            raise ConfigError(problem)
+        self._become(edited, f"add {name}")
+        return name
 
     def proposals(self, *, posed: bool = False) -> list[Proposal]:
         """The tools that `suggest` finds for the asset, in its motions, or with `posed` in the pose that is set.

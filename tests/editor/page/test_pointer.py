@@ -248,7 +248,7 @@ def test_a_tool_of_the_list_is_shown_where_it_is_tallest(page: Page) -> None:
 
 
 def test_two_clicks_make_a_muscle(page: Page) -> None:
-    page._pointer._begin_muscle()
+    page._pointer._begin("muscle")
     assert "Click the skin above where the muscle begins" in said(page)
     assert "There is no mesh" in click(page, 5.0)
     click(page, -0.8)
@@ -261,3 +261,13 @@ def test_two_clicks_make_a_muscle(page: Page) -> None:
     click(page, -0.3)
     click(page, 0.3)
     assert len(yaml.safe_load(page.session.text)["tools"]) == 3
+
+
+@pytest.mark.slow
+def test_two_clicks_make_flesh(page: Page) -> None:
+    page._pointer._begin("flesh")
+    assert "Click the middle of the flesh" in said(page)
+    click(page, -0.5)
+    assert "flesh_1 is new: play a clip that moves the body" in click(page, -0.2)
+    (entry,) = yaml.safe_load(page.session.text)["flesh"]
+    assert entry["radius"] == pytest.approx(0.3, rel=0.05)

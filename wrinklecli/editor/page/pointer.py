@@ -17,8 +17,11 @@ _WIDTH = next(control for control in key_controls() if control.key == "width")
 _MIN_WIDTH = 1.0  # per cent of a tool's length, the least width that a drag gives it
 # Distance of two points over that from the eye, below which a hand means one: 5 pixels of a page of 800.
 _SAME_SPOT = 0.004
-_BEGIN = "Click where the tool begins. It runs across the wrinkles."
-_BEGIN_MUSCLE = "Click the skin above where the muscle begins."
+_BEGIN = {
+    "tool": "Click where the tool begins. It runs across the wrinkles.",
+    "muscle": "Click the skin above where the muscle begins.",
+    "flesh": "Click the middle of the flesh.",
+}
 _END = "Now click where it ends."
 _AGAIN = "Click another place where it ends, or Cancel."
 
@@ -29,7 +32,7 @@ class Pointer:
     def __init__(self, page: PageHost) -> None:
         self._page, self._work, self._session = page, page.work, page.session
         self._ends: list[Floats] | None = None  # clicked ends of a new tool; None if no new tool is begun
-        self._muscle = False  # True if these are ends of a muscle
+        self._kind = "tool"  # what these ends are of, a key of `_BEGIN`
 
     def listen(self, viewport: Viewport) -> None:
         """Take the clicks in a viewport."""
@@ -42,24 +45,26 @@ class Pointer:
         tip = "Click where it begins and where it ends."
         self._new = add_button(self._page, "New tool", self._begin_new, icon=viser.Icon.PLUS, hint=tip)
         tip = "Click the skin where the muscle begins, and where it ends beyond the joint that it bends."
-        self._new_muscle = add_button(self._page, "New muscle", self._begin_muscle, icon=viser.Icon.PLUS, hint=tip)
+        add_button(self._page, "New muscle", lambda: self._begin("muscle"), icon=viser.Icon.PLUS, hint=tip)
+        tip = "Click the middle of flesh that swings, and how far it reaches."
+        add_button(self._page, "New flesh", lambda: self._begin("flesh"), icon=viser.Icon.PLUS, hint=tip)
 
     def _begin_new(self) -> None:
         if self._ends is None:
             self._ends = []
             self._new.label, self._new.color = "Cancel", "orange"
-            self._page.say(_BEGIN_MUSCLE if self._muscle else _BEGIN, ASKS)
+            self._page.say(_BEGIN[self._kind], ASKS)
         else:
             self._end_new()
             self._page.say("")
 
-    def _begin_muscle(self) -> None:
+    def _begin(self, kind: str) -> None:
         if self._ends is None:
-            self._muscle = True
+            self._kind = kind
             self._begin_new()
 
     def _end_new(self) -> None:
-        self._ends, self._muscle = None, False
+        self._ends, self._kind = None, "tool"
         self._viewport.highlight(None)
         self._new.label, self._new.color = "New tool", None
 
@@ -76,17 +81,16 @@ class Pointer:
 
     def _click_end(self, hit: Hit | None, ends: list[Floats]) -> None:
         """Take a click for an end of the new tool; the first end stays until the second makes a tool."""
-        begin = _BEGIN_MUSCLE if self._muscle else _BEGIN
         if hit is None:
-            self._page.say(f"There is no mesh. {_END if ends else begin}", ASKS)
+            self._page.say(f"There is no mesh. {_END if ends else _BEGIN[self._kind]}", ASKS)
         elif not ends:
             ends.append(hit.place)
             self._viewport.highlight(hit)
             self._page.say(_END, ASKS)
         elif _is_same_spot(hit, ends[0]):
             self._page.say(f"It began there. {_AGAIN}", ASKS)
-        elif self._muscle:
-            self._add_muscle(ends[0], hit)
+        elif self._kind != "tool":
+            self._add_below(ends[0], hit)
         else:
             self._page.commit()
             try:
@@ -102,17 +106,19 @@ class Pointer:
             else:
                 self._page.say(f"{problem}\nDrag its ends, or Undo.", BAD)
 
-    def _add_muscle(self, origin: Floats, hit: Hit) -> None:
-        """Make a muscle, with its insertion below a hit."""
+    def _add_below(self, first: Floats, hit: Hit) -> None:
+        """Make a muscle, with its insertion below a hit, or flesh that reaches to the hit."""
+        add = self._session.add_muscle if self._kind == "muscle" else self._session.add_flesh
+        moved = "bends its joint" if self._kind == "muscle" else "moves the body"
         self._page.commit()
         try:
-            name = self._session.add_muscle(origin.tolist(), hit.place.tolist(), hit.mesh.source.node)
+            name = add(first.tolist(), hit.place.tolist(), hit.mesh.source.node)
         except WrinkleError as error:
             self._page.say("\n".join((error.lines[0], _AGAIN)), BAD)
             return
         self._end_new()
         self._page.refresh()
-        self._page.say(f"{name} is new: play a clip that bends its joint. Its other keys stand in the file.")
+        self._page.say(f"{name} is new: play a clip that {moved}. Its other keys stand in the file.")
 
     def drag(self, kind: str, number: int, origin: Floats, direction: Floats, phase: str) -> None:
         """Move a dot of the chosen tool; see `drawn_scene.Drag`."""
