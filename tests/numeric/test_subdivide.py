@@ -396,6 +396,20 @@ assert not any(name.startswith("scipy") for name in sys.modules)
     subprocess.run([sys.executable, "-c", script], check=True)
 
 
+def test_criteria_judge_each_face_once_however_a_level_grows():
+    points, triangles = torus()
+    choose, judged = chance(1, 0.2, len(points)), Counter()
+
+    def wants(level):
+        rows = apply(level.linear, np.eye(len(points)))
+        judged.update((level.number, rows[face].tobytes()) for face in level.triangles)
+        return choose(level)
+
+    fine = subdivide(triangles, len(points), wants=wants, max_levels=3)
+    assert fine.levels == 3
+    assert set(judged.values()) == {1}
+
+
 def test_originals_keep_number_and_bits():
     points, triangles = torus()
     morphs = np.random.default_rng(0).normal(size=(2, 3, *points.shape))

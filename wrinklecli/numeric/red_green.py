@@ -32,6 +32,8 @@ _RED = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])
 class Level:
     """One level of subdivision as far as it exists, as the criteria of `subdivide` see it.
 
+    When the level grows, `wants` and `forbids` see only the faces that it gains, among all edges.
+
     Attributes:
         number: 0 for the coarse mesh.
         linear: (vertices, coarse vertices) weights that put each new vertex at the midpoint of its edge. None is the
@@ -147,6 +149,7 @@ def coarse_stage(triangles: Ints, held: Bools, vertex_count: int, rules: Rules) 
         codes=faces,
         barycentrics=np.broadcast_to(np.eye(3), (faces.size, 3, 3)),
         complete=np.ones(vertex_count, dtype=np.bool_),
+        known=[],
         rules=rules,
     )
 
@@ -228,7 +231,8 @@ def _child(stage: Stage, stages: list[Stage], earlier: list[Stage], rules: Rules
     """Build the next level: the quarters of the red faces, and a vertex for each split edge.
 
     The level is built anew each time, as changes below may have renumbered the vertices. Decisions are taken over from
-    `stages` and, if denied, from `earlier` ones: otherwise the work would double with each level.
+    `stages` and, if denied, from `earlier` ones: otherwise the work would double with each level. Only faces that
+    `stages` lack are judged by the criteria, as a level never loses faces there.
     """
     level, red = stage.level, stage.red
     ends = level.edges[stage.split]
@@ -253,27 +257,36 @@ def _child(stage: Stage, stages: list[Stage], earlier: list[Stage], rules: Rules
         codes=(4 * stage.codes[red][:, None] + np.arange(4)).reshape(-1),
         barycentrics=barycentrics[:, _RED].reshape(-1, 3, 3),
         complete=np.append(stage.complete, np.ones(len(ends), dtype=np.bool_)) & ~stage.vertices_on(~red),
+        known=stages,
         rules=rules,
     )
     return replace(
         child,
-        wanted=child.wanted | _carried(stages, child, "wanted"),
         denied=_carried(stages, child, "denied") | _carried(earlier, child, "denied"),
         split=_carried(stages, child, "split"),
     )
 
 
-def _stage(level: Level, *, codes: Ints, barycentrics: Floats, complete: Bools, rules: Rules) -> Stage:
+def _stage(
+    level: Level, *, codes: Ints, barycentrics: Floats, complete: Bools, known: list[Stage], rules: Rules
+) -> Stage:
+    """A level that takes over what `known` stages, which had some of its faces, want and forbid."""
     none = np.zeros(len(level.edges), dtype=np.bool_)
-    return Stage(
-        level=level,
-        codes=codes,
-        barycentrics=barycentrics,
-        complete=complete,
-        wanted=none | rules.wants(level),
-        forbidden=none if rules.forbids is None else none | rules.forbids(level),
-        denied=none,
-        split=none,
+    stage = Stage(level, codes, barycentrics, complete, wanted=none, forbidden=none, denied=none, split=none)
+    added = level
+    if level.number < len(known):
+        faces = ~among(codes, known[level.number].codes)
+        added = replace(
+            level,
+            triangles=level.triangles[faces],
+            parents=level.parents[faces],
+            triangle_edges=level.triangle_edges[faces],
+        )
+    forbidden = _carried(known, stage, "forbidden")
+    return replace(
+        stage,
+        wanted=_carried(known, stage, "wanted") | rules.wants(added),
+        forbidden=forbidden if rules.forbids is None else forbidden | rules.forbids(added),
     )
 
 
@@ -297,7 +310,7 @@ def _level(
     )
 
 
-def _carried(stages: list[Stage], stage: Stage, name: Literal["wanted", "denied", "split"]) -> Bools:
+def _carried(stages: list[Stage], stage: Stage, name: Literal["wanted", "forbidden", "denied", "split"]) -> Bools:
     """(E,) the flags that the edges of this level have in `stages`, where faces are found by their codes."""
     flags = np.zeros(stage.split.size, dtype=np.bool_)
     if stage.level.number < len(stages):

@@ -92,9 +92,10 @@ def subdivide(
     Args:
         triangles: (F, 3) welded vertices.
         vertex_count: V, of the coarse mesh.
-        wants: Gives (E,) True for the edges of a level that should split. Called again when a level has grown (wanted
-            edges stay wanted), and with level `max_levels`, only to count its edges.
-        forbids: Gives (E,) True for the edges of a level that must never split, nor any edge whose split needs theirs.
+        wants: Gives (E,) True for the edges of a level that should split. Called again for the faces that a level gains
+            (wanted edges stay wanted), and with level `max_levels`, only to count its edges.
+        forbids: Gives (E,) True for the edges of a level that must never split, nor any edge whose split needs theirs;
+            called as often as `wants`.
         shows: Gives (E,) True for the edges of a level whose split is visible. Others are undone unless finer ones need
             them. By default all are visible.
         max_levels: How often an edge may be halved.

@@ -36,6 +36,8 @@ _NEAR = 3.0
 # clothes lie closer to what they cover.
 _RAYS = 300
 _ABOVE = 0.1
+# Bits of a triangle that a box meets, as `np.packbits` fills them from the left.
+_ALL_SIDES = 0b11111100
 # Most meshes, ready to be posed, and poses of them, in memory: tools of one mesh are tallest at a few moments.
 _KNOWN = 8
 
@@ -94,7 +96,7 @@ class StagedTool:
         there = flags_of(distinct_values(self.triangles[self.place]), len(self.plain))
         boxes = [_box(each[there]) for each in (self.flat_positions, self.wrinkled)]
         low, high = np.minimum(boxes[0][0], boxes[1][0]), np.maximum(boxes[0][1], boxes[1][1])
-        meets = [_meets(each[self.triangles], low, high) for each in (self.flat_positions, self.wrinkled)]
+        meets = [_meets(each, self.triangles, low, high) for each in (self.flat_positions, self.wrinkled)]
         crossings = Crossings.of(self.plain, self.triangles[meets[0] | meets[1]])
 
         def count(positions: Floats) -> int:
@@ -166,8 +168,10 @@ class Stage:
         low, high = _box(np.concatenate([plain[faces[place]], wrinkled[faces[place]]]))
         reach = _NEAR * float((high - low).max())
         low, high = low - reach, high + reach
-        near = place | _meets(plain[faces], low, high)
+        near = place | _meets(plain, faces, low, high)
         used = distinct_values(faces[near])
+        numbers = np.zeros(len(plain), np.intp)
+        numbers[used] = np.arange(len(used))
         others = self._others(plan, clip, time, low, high)
         corners = others.reshape(-1, 3)
         beside = len(used) + np.arange(len(corners)).reshape(-1, 3)
@@ -180,7 +184,7 @@ class Stage:
             flat_positions=np.concatenate([flat[used], corners]),
             plain=np.concatenate([plain[used], corners]),
             wrinkled=np.concatenate([wrinkled[used], corners]),
-            triangles=np.concatenate([np.searchsorted(used, faces[near]), beside]),
+            triangles=np.concatenate([numbers[faces[near]], beside]),
             place=np.append(place[near], np.zeros(len(others), np.bool_)),
             others=np.arange(near.sum() + len(others)) >= near.sum(),
             fresh=np.append((used >= old) & on[used], np.zeros(len(corners), np.bool_)),
@@ -196,7 +200,8 @@ class Stage:
         """(triangles, 3, 3) corners of other meshes that meet a box."""
         found = [np.zeros((0, 3, 3))]
         for corners in self._layers.near(clip, time, low, high, node=plan.rig.node):
-            found.append(corners[_meets(corners, low, high)])
+            triangles = np.arange(3 * len(corners)).reshape(-1, 3)
+            found.append(corners[_meets(corners.reshape(-1, 3), triangles, low, high)])
         return np.concatenate(found)
 
 
@@ -243,7 +248,10 @@ def _box(corners: Floats) -> tuple[Floats, Floats]:
     return points.min(axis=0), points.max(axis=0)
 
 
-def _meets(corners: Floats, low: Floats, high: Floats) -> Bools:
-    """(triangles,) True if the box round (triangles, 3, 3) corners meets that from `low` to `high`."""
-    meets: Bools = ((corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)).all(axis=1)
+def _meets(positions: Floats, triangles: Ints, low: Floats, high: Floats) -> Bools:
+    """(triangles,) True if the box round a triangle of (vertices, 3) positions meets that from `low` to `high`."""
+    # Some corner is not above the box, and some corner is not below it, along each axis: a bit for each of the six.
+    sides = np.packbits(np.concatenate([positions <= high, positions >= low], axis=1), axis=1)[:, 0]
+    corners = sides[triangles]
+    meets: Bools = (corners[:, 0] | corners[:, 1] | corners[:, 2]) == _ALL_SIDES
     return meets
