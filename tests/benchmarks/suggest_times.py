@@ -40,7 +40,7 @@ Build = Callable[[Path], Path]
 
 
 def cases(assets: Path | None) -> dict[str, Build]:
-    """How to write the asset of each case, by its name."""
+    """Give the function that writes the asset of each case, by its name."""
     found: dict[str, Build] = {
         "avatar, 5 meshes, range of motion of 25 joints": lambda out: CHARACTERS["avatar"]().write(out),
         "avatar, 5 meshes, range of motion of 50 joints": lambda out: more_joints(

@@ -498,7 +498,7 @@ muscles:
 
 
 def test_muscles_are_shown_as_they_are_baked(tmp_path: Path) -> None:
-    """With the wrinkles on the skin that they move."""
+    """Wrinkles lie on the skin that muscles move."""
     (tmp_path / "tools.yaml").write_text(MUSCLES)
     session = Session(limb(tmp_path / "limb.glb", rings=20, sides=12), tmp_path / "tools.yaml")
     report = wrinklecli.bake(tmp_path / "limb.glb", tmp_path / "tools.yaml", tmp_path / "out.glb")

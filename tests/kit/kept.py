@@ -1,7 +1,7 @@
-"""What several tests look at: it is made once in a run of the tests, by the first worker that needs it.
+"""Results that several tests look at, made once in a run of the tests, by the first worker that needs them.
 
-It is kept by what it was made from, the code apart: nothing is kept from one run to the next, unless `kit.places` is
-given a folder that remains.
+They are kept by what they were made from, the code apart: nothing is kept from one run to the next, unless
+`kit.places` is given a folder that remains.
 """
 
 import hashlib

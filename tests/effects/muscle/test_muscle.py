@@ -46,7 +46,7 @@ def test_the_volume_of_a_muscle_is_constant(tendons: float) -> None:
 
 
 def test_weights_are_exact_at_keys() -> None:
-    """By the places of the ends alone, as the extras have them, and the formula of constant volume."""
+    """The places of the ends, as the extras have them, and the formula of constant volume give the weights."""
     file = flexed(activation=FLEXED)
     (name,) = drive_of(file)["targets"]
     times, _ = file.keys("fold", "limb")
@@ -249,7 +249,7 @@ def test_a_fold_over_a_muscle_that_is_given_up_has_lower_wrinkles(
 
 
 def test_a_marker_and_a_position_are_carried_by_their_bones() -> None:
-    """As the same ends by joints are: a marker below a joint, and a place near a bone."""
+    """A marker below a joint and a place near a bone move as the same ends given by joints do."""
     asset = limb_asset(rings=41, sides=24, angle=90.0)
     asset.gltf["nodes"].append({"name": "tip", "translation": [0.15, 0.1, 0.0]})
     asset.gltf["nodes"][2]["children"] = [len(asset.gltf["nodes"]) - 1]

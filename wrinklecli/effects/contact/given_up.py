@@ -24,7 +24,7 @@ DEGENERATE = "cannot be computed, as the surface is degenerate, or touches itsel
 """The solver's numbers have no answer, or nothing is left that may collide."""
 
 WORSE = "would leave more crossings than the skin alone"
-"""What contact and wrinkles leave together is worse than the asset without either."""
+"""The fold crosses more with contact and wrinkles than the asset does without either."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -44,7 +44,7 @@ _KEPT = 16
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Body:
-    """What a region is cut from, world space at rest.
+    """The body from which a region is cut, world space at rest.
 
     Attributes:
         positions: (vertices, 3) of the skin.
@@ -59,7 +59,7 @@ class Body:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Place:
-    """Where a region is.
+    """The place of a region.
 
     Attributes:
         at: (3,) its middle, on the skin.
