@@ -4,9 +4,26 @@ import { between } from './polyline.js';
 
 /** The rotation in a 4×4 matrix, stored by columns: three columns of unit length. */
 const turn = (m) => [0, 4, 8].map((k) => m.slice(k, k + 3)).map((c) => c.map((x) => x / (Math.hypot(...c) || 1)));
+/** The sine of half of 10°, and the squared distance below which two turns are the same. */
+const [NEAR, SAME] = [0.0872, 1e-10];
 /** Below this a turn has no axis; and the sum of the shares of `leaning` beyond which weights are held. */
 const [LEAST_SINE, FARTHEST] = [1e-5, 2];
 const dot = (a, b) => a.reduce((sum, x, i) => sum + x * b[i], 0);
+
+/** Adds the weights along the turns of a baked clip, straight between rows, the nearer the more; returns the shares. */
+function addPath({ turns, weights }, turn, sums) {
+  let whole = 0;
+  for (let row = 0; row + 1 < turns.length; row++) {
+    const way = turns[row + 1].map((x, i) => x - turns[row][i]);
+    const apart = turn.map((x, i) => x - turns[row][i]);
+    const along = Math.min(Math.max(dot(apart, way) / (dot(way, way) || 1), 0), 1);
+    const rest = apart.map((x, i) => x - along * way[i]);
+    const share = Math.max(NEAR ** 2 / Math.max(dot(rest, rest), SAME) - 1, 0);
+    sums.forEach((_, k) => (sums[k] += share * ((1 - along) * weights[row][k] + along * weights[row + 1][k])));
+    whole += share;
+  }
+  return whole;
+}
 
 /**
  * The weights of a fold's morph targets, in the order of `foldExtras.targets`, where touching skin is kept apart.
@@ -16,7 +33,7 @@ const dot = (a, b) => a.reduce((sum, x, i) => sum + x * b[i], 0);
  */
 export function foldWeights(foldExtras, jointMatrixOf, morphWeightOf = () => 0, clip = undefined) {
   const { joint, parent, rest: [x, y, z, w], axis, targets, own: alone = [] } = foldExtras;
-  const { angles, weights, leaning = [], null: nothing } = foldExtras;
+  const { angles, weights, leaning = [], null: nothing, paths = [] } = foldExtras;
   // A clip that was baked may have targets of its own, which stand for all.
   if (alone.some(morphWeightOf)) return targets.map(() => 0);
   const own = turn([...jointMatrixOf(joint)]);
@@ -31,7 +48,8 @@ export function foldWeights(foldExtras, jointMatrixOf, morphWeightOf = () => 0, 
   const d = local.map((row) => stored.map((each) => dot(row, each)));
   const sines = [d[2][1] - d[1][2], d[0][2] - d[2][0], d[1][0] - d[0][1]];
   const along = dot(axis, sines);
-  const angle = 2 * Math.atan2(along, 1 + d[0][0] + d[1][1] + d[2][2]);
+  const cosine = 1 + d[0][0] + d[1][1] + d[2][2];
+  const angle = 2 * Math.atan2(along, cosine);
   // Turns about axes that lean from this one: the further towards one of these, the more its weights count.
   const slanted = Math.abs(along) > LEAST_SINE ? sines.map((each) => each / along) : [0, 0, 0];
   const asked = leaning.map(({ towards }) => Math.min(Math.max(dot(towards, slanted), 0), FARTHEST));
@@ -45,5 +63,8 @@ export function foldWeights(foldExtras, jointMatrixOf, morphWeightOf = () => 0, 
   // No engine needs weights below 0: multiples of `nothing` move nothing.
   const least = nothing ? Math.min(0, ...found.map((weight, k) => weight / nothing[k])) : 0;
   const strength = foldExtras.strengths?.[clip] ?? foldExtras.strength ?? 1;
-  return found.map((weight, k) => strength * (weight - least * (nothing?.[k] ?? 0)));
+  const sums = found.map((weight, k) => weight - least * (nothing?.[k] ?? 0));
+  const turned = sines.map((each) => each / (2 * Math.sqrt(Math.max(cosine, LEAST_SINE ** 2))));
+  const whole = paths.reduce((sum, path) => sum + addPath(path, turned, sums), 1);
+  return sums.map((sum) => (strength * sum) / whole);
 }

@@ -16,7 +16,7 @@ from kit.prepared import Prepared, prepare
 from wrinklecli.drive.angle import Angles, JointAngle
 from wrinklecli.drive.drive import Drive, StoredDrive
 from wrinklecli.drive.segment import Segment
-from wrinklecli.drive.table import LeaningTable, Table
+from wrinklecli.drive.table import LeaningTable, Path, Table
 from wrinklecli.effects.wrinkle.lookup import tabulate_curve
 from wrinklecli.numeric.arrays import Floats
 
@@ -145,10 +145,11 @@ def test_turns_about_leaning_axes_are_looked_up_between_the_axis_and_the_sides(
     along = np.array([1.0, 0.0, 0.0])
 
     def at(*slants: Any, table: LeaningTable = table) -> Floats:
-        return table.weights(Angles(np.full(len(slants), angle), np.array(slants)))
+        return table.weights(Angles(np.full(len(slants), angle), np.array(slants), np.zeros((len(slants), 3))))
 
-    wanted = [Table("angles", rows, each).weights(Angles(np.array([angle]), np.zeros((1, 3)))) for each in sides]
-    on_axis = table.central.weights(Angles(np.array([angle]), np.zeros((1, 3))))
+    on_the_axis = Angles(np.array([angle]), np.zeros((1, 3)), np.zeros((1, 3)))
+    wanted = [Table("angles", rows, each).weights(on_the_axis) for each in sides]
+    on_axis = table.central.weights(on_the_axis)
     assert at(along) == pytest.approx(on_axis)
     assert at(*(along + side / 25.0 for side in SIDES)) == pytest.approx(np.concatenate(wanted))
     # They go on as far again, and are held there.
@@ -163,16 +164,37 @@ def test_turns_about_leaning_axes_are_looked_up_between_the_axis_and_the_sides(
     assert above == pytest.approx(found) or above.min() == pytest.approx(0.0, abs=1e-12)
 
 
+def test_weights_are_those_of_a_clip_at_its_turns_and_those_of_the_table_10_degrees_away() -> None:
+    rows = np.array([-1.5, 1.5])
+    turns = np.array([[0.0, 0.0, 0.0], [0.2, 0.1, 0.0], [0.5, 0.0, 0.1]])
+    path = Path(turns, np.array([[0.0, 0.0], [0.4, 0.1], [0.2, 0.9]]))
+    table = LeaningTable(Table("angles", rows, np.full((2, 2), 0.7)), SIDES, np.full((4, 2, 2), 0.7), paths=(path,))
+
+    def at(turned: Floats) -> Floats:
+        return table.weights(Angles(np.zeros(len(turned)), np.zeros((len(turned), 3)), turned))
+
+    assert at(turns) == pytest.approx(path.weights, abs=1e-6)
+    assert at((turns[:-1] + turns[1:]) / 2) == pytest.approx((path.weights[:-1] + path.weights[1:]) / 2, abs=1e-6)
+    assert at(turns + np.array([0.0, 0.0, 0.3])) == pytest.approx(np.full((3, 2), 0.7))
+    # There is no jump on the way out.
+    away = turns[1] + np.linspace(0.0, 0.2, 20_001)[:, None] * [0.0, 0.0, 1.0]
+    assert np.abs(np.diff(at(away), axis=0)).max() < 1e-3
+
+
 def test_a_table_of_turns_about_leaning_axes_is_read_as_it_was_written() -> None:
     prepared = limb(0)
     rows = np.array([[0.0, 0.5], [0.2, 0.1], [1.0, 0.0]])
     central, sides = Table("angles", np.array([-1.5, 0.0, 1.5]), rows), np.stack([rows, 0.5 * rows] * 2)
-    table = LeaningTable(central, SIDES, sides, np.array([0.5, 1.0]))
+    path = Path(np.array([[0.0, 0.0, 0.0], [0.3, 0.2, 0.0], [0.3, 0.2, 0.0]]), rows)
+    table = LeaningTable(central, SIDES, sides, np.array([0.5, 1.0]), (path,))
     joint = prepared.rig.names.index("joint_1")
     signal = JointAngle(joint, int(prepared.rig.parents[joint]), np.array([0.0, 0.6, 0.8]), np.array([0.0, 0, 0, 1.0]))
     drive = Drive("", signal, ("a", "b"), table)
     assert assert_same_weights(drive, prepared).any()
     data = drive.to_json(prepared.rig.names, prepared.rig.morph_names)
+    for absent in ([{"turns": [[0.0, 0.0, 0.0]], "weights": [[0.0, 0.0]]}], [{"turns": [[0.0, 0.0, 0.0]] * 2}]):
+        with pytest.raises((KeyError, ValueError)):
+            StoredDrive.read({**data, "paths": absent})
     # A reader that knows no slants has the weights of turns about the axis.
     del data["leaning"]
     old = StoredDrive.read(data).on({"joint_0": 1, "joint_1": 2}, ()).response

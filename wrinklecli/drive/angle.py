@@ -21,10 +21,12 @@ class Angles(NamedTuple):
         rows: (frames,) radians about the axis, by which a table is looked up.
         slants: (frames, 3) the axis about which the joint is turned, of a length such that its part along the axis of
             the measurement is 1; 0 while it has no part along it, as at rest.
+        turns: (frames, 3) that axis, as long as the sine of half of the angle about it: 0 at rest, 1 at 180°.
     """
 
     rows: Floats
     slants: Floats
+    turns: Floats
 
     @property
     def active(self) -> Bools:
@@ -65,4 +67,6 @@ class JointAngle:
         along = self.axis @ sines
         known = np.abs(along) > _LEAST_SINE
         slants = np.where(known, sines / np.where(known, along, 1.0), 0.0).T
-        return Angles(np.asarray(2.0 * np.arctan2(along, 1.0 + np.trace(turned, axis1=1, axis2=2))), slants)
+        cosines = 1.0 + np.trace(turned, axis1=1, axis2=2)
+        halves = (sines / (2.0 * np.sqrt(np.maximum(cosines, _LEAST_SINE**2)))).T
+        return Angles(np.asarray(2.0 * np.arctan2(along, cosines)), slants, halves)

@@ -25,6 +25,10 @@ DIGITS = 8
 _TABLE_DIGITS = 5
 # Sum of the shares of sides beyond which weights are held: joints of common rigs lean by up to 20°, and sweeps by 10°.
 _FARTHEST = 2.0
+# Sine of half of 10°: turns that are further from those of a clip than sweeps are from each other are not like them.
+_NEAR = 0.0872
+# Squared distance of turns below which they are the same: rounding of float32 rotations.
+_SAME = 1e-10
 # Most control intervals: 64 bumps with gaps of 64, the most of a tools file, have 4,160.
 _MOST_INTERVALS = 10_000
 
@@ -84,6 +88,33 @@ class Table:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Path:
+    """Weights along the turns of a joint in a clip, straight between rows.
+
+    Attributes:
+        turns: (rows, 3) turns as `Angles` has them, at least two.
+        weights: (rows, targets).
+    """
+
+    turns: Floats
+    weights: Floats
+
+    def near(self, turns: Floats) -> tuple[Floats, Floats]:
+        """(frames, rows - 1) shares of the straight parts at (frames, 3) turns, and (frames, targets) sums by these.
+
+        A share is greatest on the part itself, and 0 where it is 10° away.
+        """
+        starts, ways = self.turns[:-1], np.diff(self.turns, axis=0)
+        squares = np.sum(ways**2, axis=1)
+        apart = turns[:, None] - starts
+        along = np.clip(np.sum(apart * ways, axis=2) / np.where(squares > 0, squares, 1.0), 0.0, 1.0)
+        distances = np.sum((apart - along[:, :, None] * ways) ** 2, axis=2)
+        shares = np.maximum(_NEAR**2 / np.maximum(distances, _SAME) - 1.0, 0.0)
+        there = (shares * (1.0 - along)) @ self.weights[:-1] + (shares * along) @ self.weights[1:]
+        return shares, there
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class LeaningTable:
     """Weights against the angle of a joint, and against the slant of its turn towards some sides.
 
@@ -93,12 +124,14 @@ class LeaningTable:
             the turns that `tables` hold.
         tables: (sides, rows, targets) weights, at the rows of `central`.
         null: (targets,) weights above 0 under which the targets add up to nothing; None for signed weights.
+        paths: Weights in clips, which count more than the tables the nearer a turn is to one in a clip.
     """
 
     central: Table
     towards: Floats
     tables: Floats
     null: Floats | None = None
+    paths: tuple[Path, ...] = ()
 
     def weights(self, reading: Angles) -> Floats:
         """(frames, targets) weights at the measurements of a joint.
@@ -113,19 +146,25 @@ class LeaningTable:
             found += share[:, None] * interpolated(reading.rows, self.central.rows, table)
         if self.null is not None:
             found -= np.minimum((found / self.null).min(axis=1, initial=0.0), 0.0)[:, None] * self.null
-        return found
+        whole = np.ones(len(found))
+        for path in self.paths:
+            shares, there = path.near(reading.turns)
+            found, whole = found + there, whole + shares.sum(axis=1)
+        return found / whole[:, None]
 
     def mapped(self, change: Callable[[Floats], Floats], null: Floats | None = None) -> "LeaningTable":
         """The table with other weights: `change` maps (rows, …) weights to those of other targets."""
         tables = np.stack([change(each) for each in self.tables])
-        return replace(self, central=self.central.mapped(change), tables=tables, null=null)
+        paths = tuple(replace(each, weights=change(each.weights)) for each in self.paths)
+        return replace(self, central=self.central.mapped(change), tables=tables, null=null, paths=paths)
 
     def to_json(self) -> Json:
         """The rows as extras store them; players that know no slants read those of turns about the axis alone."""
         sides = zip(self.towards, self.tables, strict=True)
         leaning = [{"towards": stored(each), "weights": stored(table, _TABLE_DIGITS)} for each, table in sides]
         null = {} if self.null is None else {"null": stored(self.null)}
-        return {**self.central.to_json(), "leaning": leaning, **null}
+        paths = [{"turns": stored(p.turns), "weights": stored(p.weights, _TABLE_DIGITS)} for p in self.paths]
+        return {**self.central.to_json(), "leaning": leaning, **null, **({"paths": paths} if paths else {})}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -220,7 +259,15 @@ def read_table(data: Json, targets: int) -> Table | LeaningTable | CurveTable:
     null = np.array(data["null"], np.float64).reshape(targets) if "null" in data else None
     if by != "angles" or not np.isfinite(towards).all() or (null is not None and not (null > 0).all()):
         raise ValueError
-    return LeaningTable(found, towards, np.array(tables).reshape(-1, len(rows), targets), null)
+    paths = tuple(_read_path(each, targets) for each in data.get("paths", ()))
+    return LeaningTable(found, towards, np.array(tables).reshape(-1, len(rows), targets), null, paths)
+
+
+def _read_path(data: Json, targets: int) -> Path:
+    turns = np.array(data["turns"], np.float64).reshape(-1, 3)
+    if len(turns) < 2 or not np.isfinite(turns).all():
+        raise ValueError
+    return Path(turns, _read_weights(data, len(turns), targets))
 
 
 def _read_weights(data: Json, rows: int, targets: int) -> Floats:

@@ -10,6 +10,7 @@ pytest.importorskip("ipctk", reason="needs the extra `contact`")
 
 import wrinklecli
 from kit.bakes import bake_fold, bake_once, folding_limb, place, report_of
+from kit.folds import FOLDS
 from kit.limb import limb_asset, tool, waving_limb, write_tools
 from kit.looked_up import lookup_gaps
 from kit.player import Gltf
@@ -46,6 +47,17 @@ def test_a_finer_elbow_looks_alike_in_player_and_bake() -> None:
     elbow = place(limb_asset(rings=30, sides=20, angle=85.0))
     body = bake_once(elbow, tool(bumps=3, max_height="8%", contact="resolve"))
     (gap,) = lookup_gaps(body, "fold").values()
+    assert gap.share < CLOSE
+
+
+@pytest.mark.quick(4)
+@pytest.mark.parametrize("name", ["elbow", "one_sided"])
+def test_a_fold_with_shapes_of_clips_looks_alike_in_player_and_bake(name: str) -> None:
+    """Several joints bend an elbow; a fold whose sides are of one joint turns beyond where its sweep ends."""
+    fold = FOLDS[name]()
+    tools = [{"node": "limb", **each, "contact": "resolve"} for each in fold.tools]
+    body = bake_once(place(fold.asset), *tools, max_levels=1)
+    (gap,) = lookup_gaps(body, "bend").values()
     assert gap.share < CLOSE
 
 

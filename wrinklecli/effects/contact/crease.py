@@ -15,7 +15,7 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.motion import approach
-from wrinklecli.drive.table import LeaningTable, Table
+from wrinklecli.drive.table import LeaningTable, Path, Table
 from wrinklecli.effects.contact.fitting import MOST_LOST, combined, fit_pose, fit_poses
 from wrinklecli.effects.contact.fold import RINGS, Fold
 from wrinklecli.effects.contact.given_up import (
@@ -63,6 +63,14 @@ _JUMP = 4.0
 _AS_NEAR = 1.0
 # and take this much more volume away than the solution, relative to that of a limb as long as it is thick.
 _AS_WHOLE = MOST_LOST / 10.0
+# Error of what players show of a clip up to which they need no rows of it, relative to contact's greatest move there.
+_SHOWN_ERROR = 0.05
+# Most rows of a clip, which take about 2 kB: clips that bend a limb need 7 to 16.
+_MOST_ROWS = 32
+# Most clips of which there are rows: a player looks at each row in each frame.
+_MOST_PATHS = 16
+# Sine of half of the turn below which a joint is in its stored pose: rounding.
+_AT_REST = 1e-4
 # Sampled poses, evenly spread, in which normals are to be right, beside those with the greatest weights.
 _NORMAL_POSES = 8
 
@@ -246,6 +254,37 @@ class Crease:
         for each in others:
             moves[each.rows] += combined(each.weights[frame], each.shapes)
         return moves
+
+    def with_path(self, clip: Clip, times: Floats, weights: Floats) -> "Crease":
+        """The same fold with rows of a clip in its table if these bring what players show nearer to the bake.
+
+        There are (frames, shapes) weights at (frames,) seconds. Rows are added where players are furthest off.
+        """
+        response, hinge = self.response, self.fold.hinge
+        largest = float(np.max(self._lengths(weights), initial=0.0))
+        if not isinstance(response, LeaningTable) or not isinstance(hinge, Hinge) or not largest:
+            return self
+        if len(response.paths) >= _MOST_PATHS:
+            return self
+        reading = hinge.reading(self.fold.rig, clip, times)
+        # Nothing touches in the stored pose, whatever other joints do.
+        resting = np.sqrt(np.sum(reading.turns**2, axis=1)) < _AT_REST
+        kept = np.where(resting[:, None], 0.0, weights)
+        best, found = float(self._lengths(response.weights(reading) - weights).max()), response
+        rows = sorted({0, len(times) - 1})
+        while best > _SHOWN_ERROR * largest and 1 < len(rows) <= min(_MOST_ROWS, len(times)):
+            tried = replace(response, paths=(*response.paths, Path(reading.turns[rows], kept[rows])))
+            errors = self._lengths(tried.weights(reading) - weights)
+            if errors.max() < best:
+                best, found = float(errors.max()), tried
+            errors[rows] = -1.0
+            rows = sorted({*rows, int(errors.argmax())}) if errors.max() >= 0 else []
+        return replace(self, response=found)
+
+    def _lengths(self, weights: Floats) -> Floats:
+        """(frames,) greatest moves of a vertex, bind units, under (frames, shapes) weights."""
+        moves = (np.sum(combined(row, self.shapes) ** 2, axis=1).max(initial=0.0) for row in weights)
+        return np.sqrt(np.fromiter(moves, np.float64, len(weights)))
 
     def _looked_up(self, clip: Clip, times: Floats) -> Floats:
         """(frames, shapes) weights at (frames,) seconds of a clip, from the table alone, as a player finds them."""
