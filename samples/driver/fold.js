@@ -1,29 +1,12 @@
 // Folds whose skin touches and never crosses: shapes of contact, looked up by the turn of the joint that folds.
 
+import { addPath, dot } from './path.js';
 import { between } from './polyline.js';
 
 /** The rotation in a 4×4 matrix, stored by columns: three columns of unit length. */
 const turn = (m) => [0, 4, 8].map((k) => m.slice(k, k + 3)).map((c) => c.map((x) => x / (Math.hypot(...c) || 1)));
-/** The sine of half of 10°, and the squared distance below which two turns are the same. */
-const [NEAR, SAME] = [0.0872, 1e-10];
 /** Below this a turn has no axis; and the sum of the shares of `leaning` beyond which weights are held. */
 const [LEAST_SINE, FARTHEST] = [1e-5, 2];
-const dot = (a, b) => a.reduce((sum, x, i) => sum + x * b[i], 0);
-
-/** Adds the weights along the turns of a baked clip, straight between rows, the nearer the more; returns the shares. */
-function addPath({ turns, weights }, turn, sums) {
-  let whole = 0;
-  for (let row = 0; row + 1 < turns.length; row++) {
-    const way = turns[row + 1].map((x, i) => x - turns[row][i]);
-    const apart = turn.map((x, i) => x - turns[row][i]);
-    const along = Math.min(Math.max(dot(apart, way) / (dot(way, way) || 1), 0), 1);
-    const rest = apart.map((x, i) => x - along * way[i]);
-    const share = Math.max(NEAR ** 2 / Math.max(dot(rest, rest), SAME) - 1, 0);
-    sums.forEach((_, k) => (sums[k] += share * ((1 - along) * weights[row][k] + along * weights[row + 1][k])));
-    whole += share;
-  }
-  return whole;
-}
 
 /**
  * The weights of a fold's morph targets, in the order of `foldExtras.targets`, where touching skin is kept apart.

@@ -26,7 +26,9 @@ def test_the_sample_is_small() -> None:
     """What every player needs, and each file of what lag and contact need besides."""
     lines = {path.name: len(path.read_text().splitlines()) for path in (ROOT / "samples" / "driver").iterdir()}
     assert lines["driver.js"] + lines["index.html"] < 200
-    assert max(lines[name] for name in ("fold.js", "joints.js", "muscle.js", "polyline.js", "spring.js")) < 60
+    assert (
+        max(lines[name] for name in ("fold.js", "joints.js", "muscle.js", "path.js", "polyline.js", "spring.js")) < 60
+    )
 
 
 @pytest.mark.quick(2)
