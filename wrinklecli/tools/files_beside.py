@@ -74,7 +74,7 @@ def with_files_beside(paths: Iterable[str | os.PathLike[str]]) -> Iterator[str]:
 
 
 def _named(value: Any) -> Iterator[Any]:
-    """What stands where a tools file names files, which may be anything."""
+    """Names of files that a tools file gives, which may be anything."""
     if not isinstance(value, dict):
         return
     presets, tools = value.get("presets"), value.get("tools")

@@ -56,7 +56,7 @@ def _odd(key: str, value: Any) -> Iterator[tuple[Place, str]]:
 
 
 def _odd_presets(entries: Mapping[str, Any], known: Collection[str]) -> Iterator[tuple[Place, str]]:
-    """As `_odd`, of presets that may be made from `known` ones, or from those above them."""
+    """Find what the schema cannot say of presets, which may be made from `known` ones or from those above them."""
     names = [*known]
     for name, entry in entries.items():
         for inner, each in entry.items():

@@ -46,7 +46,7 @@ _Side = Literal["inside", "outside"]
 
 @dataclass(frozen=True, slots=True)
 class _Place:
-    """Where a muscle is on a limb.
+    """The place of a muscle on a limb.
 
     Attributes:
         limb: The limb, a key of `_LIMBS`.
