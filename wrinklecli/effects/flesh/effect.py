@@ -1,6 +1,6 @@
 """The effect of one region of flesh: its morph targets, their weights by its springs, and its drive."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
@@ -8,36 +8,22 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig
-from wrinklecli.character.sparse_targets import SparseDeltas
 from wrinklecli.drive.swing import SwingDrive
+from wrinklecli.effects.body import BodyEffect
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, targets_of
 from wrinklecli.effects.flesh.attach import AttachedFlesh
 from wrinklecli.effects.flesh.report import describe_swing, region_warnings
-from wrinklecli.effects.shapes import Shape
 from wrinklecli.errors import counted
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, nonzero_rows, significant
+from wrinklecli.numeric.arrays import Bools, Floats, significant
 
 
 @dataclass(frozen=True, slots=True)
-class FleshEffect(Effect):
-    """One region's morph targets. Its states and its weights as sampled are the weights of the targets.
-
-    Attributes:
-        attached: The region at rest.
-        deltas: (targets, fine vertices, 3) displacements at weight 1, bind space.
-    """
-
-    attached: AttachedFlesh
-    deltas: Floats
+class FleshEffect(BodyEffect[AttachedFlesh]):
+    """One region's morph targets. Its states are the weights of the targets."""
 
     section: ClassVar[str] = "flesh"
     remedy: ClassVar[str] = "`shapes: 3`"
-
-    @property
-    def name(self) -> str:
-        """The region's name."""
-        return self.attached.tool.name
 
     @property
     def drive(self) -> SwingDrive:
@@ -50,35 +36,10 @@ class FleshEffect(Effect):
         regions = counted(len(effects), "region of flesh", "regions of flesh")
         return f"{regions} in {counted(len(targets_of(effects)), 'morph target')}"
 
-    def shape_weights(self, sampled: Floats) -> Floats:
-        """The weights as sampled."""
-        return sampled
-
-    def stored_weights(self, rig: Rig) -> Floats:
-        """(targets,) weights in the stored pose: zeros, unless the tools file has another rest pose."""
-        return np.asarray(self.drive.weights_in(rig.own, None)(np.zeros(1))[0])
-
-    def weights_at(self, rig: Rig, motion: Motion, _sampled: Floats, times: Floats) -> Floats:
-        """(times, targets) the weights of the drive."""
-        return self.drive.weights_in(rig.own, motion.clip)(times)
-
-    def acting(self, rig: Rig, clip: Clip, time: float) -> list[tuple[Shape, float]]:
-        """Nothing: the rig has the region's targets among its own."""
-        assert rig is not None
-        assert clip is not None
-        assert time is not None
-        return []
-
     @classmethod
     def observe(cls, effects: Sequence[Self], rig: Rig, motion: Motion, times: Floats, _known: Sequence[Any]) -> Any:
         """The weights of each region at all times."""
         return [each.drive.weights_in(rig.own, motion.clip)(times) for each in effects]
-
-    def exact_shapes(self, vertices: Ints) -> Iterator[SparseDeltas]:
-        """The displacements of each target at weight 1."""
-        for deltas in self.deltas:
-            rows = nonzero_rows(deltas[vertices])
-            yield SparseDeltas(rows, deltas[vertices[rows]])
 
     def exact_weights(self, _motion: Motion, _sampled: Floats, _times: Floats, state: Floats) -> Floats:
         """(times, targets) the weights of the drive."""

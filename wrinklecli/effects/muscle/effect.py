@@ -1,6 +1,6 @@
 """The effect of one muscle: its morph targets, their weights by its length and activation, and its drive."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
@@ -8,16 +8,16 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig
-from wrinklecli.character.sparse_targets import SparseDeltas
 from wrinklecli.drive.drive import Drive
 from wrinklecli.drive.segment import Lengths, Segment
+from wrinklecli.effects.body import BodyEffect
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, named_targets, targets_of
 from wrinklecli.effects.muscle.attach import AttachedMuscle
 from wrinklecli.effects.muscle.volume import SHORTEST, THINNEST, ConstantVolume, weights_of
-from wrinklecli.effects.shapes import Shape, summed
+from wrinklecli.effects.shapes import summed
 from wrinklecli.errors import counted
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, nonzero_rows, significant
+from wrinklecli.numeric.arrays import Bools, Floats, significant
 from wrinklecli.tools.records import in_axes
 
 # Change of a muscle's length over that at rest below which it does nothing that one would see.
@@ -25,27 +25,18 @@ _LEAST_CHANGE = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
-class MuscleEffect(Effect):
-    """One muscle's morph targets. Its states are `Lengths`, and its weights as sampled are those of the targets.
+class MuscleEffect(BodyEffect[AttachedMuscle]):
+    """One muscle's morph targets. Its states are `Lengths`.
 
     Attributes:
-        attached: The muscle at rest.
-        deltas: (targets, fine vertices, 3) displacements at weight 1, bind space.
         gained: Volume that the skin gains at the greatest thickness, cubic scene units.
         split: The response with a further target, so that no weight is below 0; None if weights may be.
     """
 
-    attached: AttachedMuscle
-    deltas: Floats
     gained: float
     split: ConstantVolume | None = None
 
     section: ClassVar[str] = "muscles"
-
-    @property
-    def name(self) -> str:
-        """The muscle's name."""
-        return self.attached.tool.name
 
     @property
     def drive(self) -> Drive:
@@ -63,14 +54,6 @@ class MuscleEffect(Effect):
         """The weights as sampled, or split so that none is below 0."""
         return sampled if self.split is None else self.split.split(sampled)
 
-    def stored_weights(self, rig: Rig) -> Floats:
-        """(targets,) weights in the stored pose: zeros, unless the tools file has another rest pose."""
-        return np.asarray(self.written(self.drive.weights_in(rig.own, None)(np.zeros(1)))[0])
-
-    def weights_at(self, rig: Rig, motion: Motion, _sampled: Floats, times: Floats) -> Floats:
-        """(times, targets) the weights of the drive."""
-        return self.attached.drive.weights_in(rig.own, motion.clip)(times)
-
     def with_unit_weights(self, _sampled: Sequence[Floats]) -> "MuscleEffect":
         """The same motion with weights in [0, 1]: weights below 0 get targets of their own."""
         response = self.attached.response
@@ -84,23 +67,10 @@ class MuscleEffect(Effect):
             self, targets=named_targets(self.identifier, [*shapes, *minus]), split=replace(response, lows=lows)
         )
 
-    def acting(self, rig: Rig, clip: Clip, time: float) -> list[tuple[Shape, float]]:
-        """Nothing: the rig has the muscle's targets among its own."""
-        assert rig is not None
-        assert clip is not None
-        assert time is not None
-        return []
-
     @classmethod
     def observe(cls, effects: Sequence[Self], rig: Rig, motion: Motion, times: Floats, _known: Sequence[Any]) -> Any:
         """The length of each muscle at all times."""
         return [each.drive.reader(rig.own, motion.clip)(times) for each in effects]
-
-    def exact_shapes(self, vertices: Ints) -> Iterator[SparseDeltas]:
-        """The displacements of each target at weight 1."""
-        for deltas in self.deltas:
-            rows = nonzero_rows(deltas[vertices])
-            yield SparseDeltas(rows, deltas[vertices[rows]])
 
     def exact_weights(self, _motion: Motion, _sampled: Floats, _times: Floats, state: Lengths) -> Floats:
         """(times, targets) the weights that keep the volume."""

@@ -21,7 +21,7 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, unit
 from wrinklecli.numeric.nearest import distances_along
 from wrinklecli.review.suggest.anatomy import forwards_of
-from wrinklecli.review.suggest.text import quoted
+from wrinklecli.review.suggest.text import entry, quoted
 from wrinklecli.surface.ground import Ground, read_ground
 from wrinklecli.tools.body import Flesh
 from wrinklecli.tools.records import Length, ToolsFile
@@ -240,6 +240,5 @@ def flesh_text(regions: Sequence[SuggestedFlesh], document: Document) -> str:
             "frequency": f"{region.frequency:.12g}",
             "limit": f"{_LIMIT:.12g}%",
         }
-        lines.append(f"  - name: {region.name}")
-        lines += [f"    {key}: {value}" for key, value in keys.items() if value is not None]
+        lines += entry(region.name, keys)
     return "\n".join(lines) + "\n"

@@ -23,7 +23,7 @@ from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, unit
 from wrinklecli.review.suggest.anatomy import forwards_of
-from wrinklecli.review.suggest.text import quoted
+from wrinklecli.review.suggest.text import entry, quoted
 from wrinklecli.surface.ground import Ground, read_ground
 from wrinklecli.tools.body import Muscle
 from wrinklecli.tools.mirror import exchange_sides, split_side
@@ -312,8 +312,7 @@ def muscles_text(muscles: Sequence[SuggestedMuscle], document: Document) -> str:
             "mirror": "x" if each.mirrored else None,
             "thickness": f"{muscle.thickness.value:.3g}   # a guess, and low: skin and bone are {each.depth:.3g} apart",
         }
-        lines.append(f"  - name: {muscle.name}")
-        lines += [f"    {key}: {value}" for key, value in keys.items() if value is not None]
+        lines += entry(muscle.name, keys)
     return "\n".join(lines) + "\n"
 
 

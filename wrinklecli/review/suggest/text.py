@@ -1,6 +1,6 @@
 """The text of a suggested tools file, with comments, and a check that reading it gives the suggested tools."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from wrinklecli.errors import AssetError, WrinkleError
@@ -84,8 +84,7 @@ def tools_text(
             lines.append(
                 f"  # {exchange_sides(tool.name)}, which mirror makes, is there for other clips: none here raises it"
             )
-        lines.append(f"  - name: {tool.name}")
-        lines += [*(f"    {key}: {value}" for key, value in keys.items() if value is not None), ""]
+        lines += [*entry(tool.name, keys), ""]
     return "\n".join(lines[:-1]) + "\n"
 
 
@@ -114,6 +113,11 @@ def _written_refinement(refinement: RefinementSettings) -> list[str]:
     keys = [f"max_levels: {refinement.max_levels}"] * finer + [f"scheme: {refinement.scheme}"] * flat
     why = ["fine enough for triangles as long as these"] * finer + ["keeps the flat faces of a coarse mesh"] * flat
     return [f"refinement: {{{', '.join(keys)}}}   # {', '.join(why)}", ""]
+
+
+def entry(name: str, keys: Mapping[str, object]) -> list[str]:
+    """The lines of one entry of a list in a tools file, without the keys that are None."""
+    return [f"  - name: {name}", *(f"    {key}: {value}" for key, value in keys.items() if value is not None)]
 
 
 def quoted(name: str) -> str:

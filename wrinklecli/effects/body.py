@@ -1,0 +1,154 @@
+"""The ground that muscles and flesh share: effects that move the whole body below the skin by their drives alone.
+
+The rig has their targets among its own, so that the anchors of later effects follow the skin that they move.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Generic, Protocol, Self, TypeVar
+
+import numpy as np
+
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.pose import Pose
+from wrinklecli.character.rig import Rig
+from wrinklecli.character.sparse_targets import SparseDeltas
+from wrinklecli.drive.drive import Drive
+from wrinklecli.drive.swing import SwingDrive
+from wrinklecli.effects.effect import Effect, MeshPlan, Motion, SamplingOptions, Target, named_targets
+from wrinklecli.effects.sampling import sample_driven
+from wrinklecli.effects.shapes import Sample, make_shapes
+from wrinklecli.numeric.arrays import Floats, Ints, nonzero_rows
+from wrinklecli.numeric.memory import Memory
+from wrinklecli.tools.body import Flesh, Muscle
+
+
+class AttachedBody(Protocol):
+    """A muscle or a region of flesh at rest."""
+
+    @property
+    def tool(self) -> Muscle | Flesh:
+        """Its entry in the tools file."""
+        ...
+
+    @property
+    def drive(self) -> Drive | SwingDrive:
+        """The names of its targets, and their weights."""
+        ...
+
+
+AttachedType = TypeVar("AttachedType", bound=AttachedBody)
+
+
+@dataclass(frozen=True, slots=True)
+class BodyEffect(Effect, Generic[AttachedType]):
+    """The targets of one muscle or region. Its weights as sampled are those of its drive.
+
+    Attributes:
+        attached: The muscle or region at rest.
+        deltas: (targets, fine vertices, 3) displacements at weight 1, bind space.
+    """
+
+    attached: AttachedType
+    deltas: Floats
+
+    @property
+    def name(self) -> str:
+        """The name of the muscle or region."""
+        return self.attached.tool.name
+
+    def shape_weights(self, sampled: Floats) -> Floats:
+        """The weights as sampled."""
+        return sampled
+
+    def stored_weights(self, rig: Rig) -> Floats:
+        """(targets,) weights in the stored pose: zeros, unless the tools file has another rest pose."""
+        assert self.drive is not None
+        return np.asarray(self.written(self.drive.weights_in(rig.own, None)(np.zeros(1)))[0])
+
+    def weights_at(self, rig: Rig, motion: Motion, _sampled: Floats, times: Floats) -> Floats:
+        """(times, targets) the weights of the drive."""
+        return self.attached.drive.weights_in(rig.own, motion.clip)(times)
+
+    def exact_shapes(self, vertices: Ints) -> Iterator[SparseDeltas]:
+        """The displacements of each target at weight 1."""
+        for deltas in self.deltas:
+            rows = nonzero_rows(deltas[vertices])
+            yield SparseDeltas(rows, deltas[vertices[rows]])
+
+
+@dataclass(frozen=True, slots=True)
+class BodyLayer(ABC, Generic[AttachedType]):
+    """The muscles, or the regions of flesh, of a mesh.
+
+    Attributes:
+        attached: All of them at rest.
+        deltas: For each (targets, fine vertices, 3) displacements at weight 1, bind space.
+    """
+
+    attached: tuple[AttachedType, ...]
+    deltas: tuple[Floats, ...]
+
+    section: ClassVar[str]
+    drives_alone: ClassVar[bool] = True
+    named_clips: ClassVar[frozenset[str]] = frozenset()
+    projected: ClassVar[int] = 0
+
+    @classmethod
+    def of(cls, plan: MeshPlan, attached: Iterable[AttachedType]) -> Self | None:
+        """Let the refined surface carry them; None if there are none."""
+        every, names = tuple(attached), plan.rig.morph_names
+        columns = [[names.index(name) for name in each.drive.targets] for each in every]
+        return cls(every, tuple(plan.fine.morph_deltas[each] for each in columns)) if every else None
+
+    @property
+    def moved(self) -> Sequence[Ints]:
+        """The vertices of each."""
+        return [np.flatnonzero(np.any(each, axis=(0, 2))) for each in self.deltas]
+
+    @property
+    def keyed_clips(self) -> frozenset[str]:
+        """None: a joint moves all of them."""
+        return frozenset()
+
+    def target_sizes(self, _plan: MeshPlan, _clips: Sequence[Clip], _frames: int, _memory: Memory) -> list[int]:
+        """The vertices that each target moves."""
+        return [len(nonzero_rows(target)) for each in self.deltas for target in each]
+
+    def sample(
+        self,
+        plan: MeshPlan,
+        clips: Sequence[Clip],
+        effects: Sequence[Effect],
+        _motions: Sequence[Motion],
+        how: SamplingOptions,
+    ) -> tuple[list[Effect], list[Motion]]:
+        """Run the drives over clips."""
+        own = [self._effect(plan, *pair) for pair in zip(self.attached, self.deltas, strict=True)]
+        every = [*effects, *own]
+        return every, sample_driven(plan, clips, every, how)
+
+    @abstractmethod
+    def _effect(self, plan: MeshPlan, attached: AttachedType, deltas: Floats) -> Effect:
+        """The effect of one of them."""
+
+
+def moves_at_rest(plan: MeshPlan, deltas: Floats) -> tuple[Ints, Floats]:
+    """The fine vertices that (targets, fine vertices, 3) deltas move, and their (targets, vertices, 3) world moves."""
+    vertices = np.flatnonzero(np.any(deltas, axis=(0, 2)))
+    return vertices, np.einsum("vij,kvj->kvi", plan.fine.blended[vertices, :, :3], deltas[:, vertices])
+
+
+def body_targets(plan: MeshPlan, identifier: str, deltas: Floats, rows: Floats) -> tuple[Target | None, ...]:
+    """The morph targets of (targets, fine vertices, 3) deltas, with normals fitted at (rows, targets) weights."""
+    vertices, moves = moves_at_rest(plan, deltas)
+    pose = Pose(plan.rest.matrices, plan.rest.morph_weights)
+    shapes = make_shapes(
+        plan.fine,
+        vertices,
+        deltas[:, vertices],
+        tallest=np.sqrt(np.sum(moves**2, axis=2)).max(axis=1, initial=0.0),
+        samples=[Sample(row, pose) for row in rows] if plan.has_normals else [],
+    )
+    return named_targets(identifier, shapes)
