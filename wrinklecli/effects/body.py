@@ -6,7 +6,7 @@ The rig has their targets among its own, so that the anchors of later effects fo
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Generic, Protocol, Self, TypeVar
+from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from wrinklecli.drive.swing import SwingDrive
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, SamplingOptions, Target, named_targets
 from wrinklecli.effects.sampling import sample_driven
 from wrinklecli.effects.shapes import Sample, make_shapes
-from wrinklecli.numeric.arrays import Floats, Ints, nonzero_rows
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, nonzero_rows
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.tools.body import Flesh, Muscle
 
@@ -43,7 +43,7 @@ AttachedType = TypeVar("AttachedType", bound=AttachedBody)
 
 @dataclass(frozen=True, slots=True)
 class BodyEffect(Effect, Generic[AttachedType]):
-    """The targets of one muscle or region. Its weights as sampled are those of its drive.
+    """The targets of one muscle or region. Its weights as sampled are those of its drive, and so are its states.
 
     Attributes:
         attached: The muscle or region at rest.
@@ -70,6 +70,29 @@ class BodyEffect(Effect, Generic[AttachedType]):
     def weights_at(self, rig: Rig, motion: Motion, _sampled: Floats, times: Floats) -> Floats:
         """(times, targets) the weights of the drive."""
         return self.attached.drive.weights_in(rig.own, motion.clip)(times)
+
+    @classmethod
+    def observe(cls, effects: Sequence[Self], rig: Rig, motion: Motion, times: Floats, _known: Sequence[Any]) -> Any:
+        """The weights of each at all times."""
+        return [each.attached.drive.weights_in(rig.own, motion.clip)(times) for each in effects]
+
+    def exact_weights(self, _motion: Motion, _sampled: Floats, _times: Floats, state: Any) -> Floats:
+        """(times, targets) the weights of the drive."""
+        weights: Floats = state
+        return weights
+
+    def raised(self, _times: Floats, state: Any) -> Bools:
+        """(times,) True where a weight is not 0."""
+        return np.asarray(state.any(axis=1))
+
+    def telling(self, exact: Floats, _state: Any) -> set[int]:
+        """The times when each target acts most."""
+        return set(np.argmax(exact, axis=0).tolist())
+
+    def weight_error(self, played: Floats, exact: Floats, _state: Any, _clip: Clip) -> float:
+        """Largest error of the move that a weight stands for, scene units."""
+        sizes = np.array([target.shape.tallest for target in self.targets if target is not None])
+        return float((np.abs(played - self.written(exact)) * sizes).max(initial=0.0))
 
     def exact_shapes(self, vertices: Ints) -> Iterator[SparseDeltas]:
         """The displacements of each target at weight 1."""

@@ -14,10 +14,10 @@ from scipy.integrate import quad
 
 from wrinklecli.choices import Profile
 from wrinklecli.drive.lag import TAUT
+from wrinklecli.effects.profile import SmoothProfile
 from wrinklecli.effects.wrinkle.bumps import group_bumps
 from wrinklecli.effects.wrinkle.curve import ControlCurve, plan_curve
 from wrinklecli.effects.wrinkle.polyline import PolylineProfile, polyline_heights
-from wrinklecli.effects.wrinkle.profile import SmoothProfile
 from wrinklecli.effects.wrinkle.weights import fitting_compressible
 from wrinklecli.numeric.arrays import Floats
 

@@ -25,9 +25,9 @@ import numpy as np
 
 from wrinklecli.choices import Profile, Strategy
 from wrinklecli.drive.lag import TAUT
+from wrinklecli.effects.profile import SmoothProfile, plan_smooth
 from wrinklecli.effects.wrinkle.bumps import Bumps, count_intervals, group_bumps
 from wrinklecli.effects.wrinkle.polyline import PolylineProfile, plan_polyline, reachable_heights
-from wrinklecli.effects.wrinkle.profile import SmoothProfile, plan_smooth
 from wrinklecli.numeric.arrays import Bools, Floats, Ints
 
 BumpProfile: TypeAlias = SmoothProfile | PolylineProfile

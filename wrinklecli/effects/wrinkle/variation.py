@@ -15,7 +15,6 @@ Source of the attenuation `bell`: G. Wyvill, C. McPheeters, B. Wyvill, *Data Str
 Computer 2(4), 1986: 1 - 22/9 v² + 17/9 v⁴ - 4/9 v⁶.
 """
 
-import hashlib
 import math
 from dataclasses import dataclass
 from itertools import pairwise
@@ -26,6 +25,7 @@ from wrinklecli.choices import Attenuation, Strategy
 from wrinklecli.effects.wrinkle.bumps import Bumps, group_bumps
 from wrinklecli.effects.wrinkle.places import Places
 from wrinklecli.numeric.arrays import Floats, Ints, smoothstep
+from wrinklecli.numeric.drawn import drawn
 
 # All amounts are those of a variation of 1. Bumps' widths differ by this fraction before they are scaled to fill the
 # segment.
@@ -314,14 +314,6 @@ def plan_variation(
         mergers=mergers,
         turned=-1.0 if mirrored else 1.0,
     )
-
-
-def drawn(seed: str, what: str, *shape: int) -> Floats:
-    """Numbers of a shape from −1 to below 1, evenly distributed, the same for a seed and a name on every machine."""
-    digest = hashlib.shake_128(f"{what} {seed}".encode()).digest(8 * math.prod(shape))
-    bits = np.frombuffer(digest, "<u8") >> np.uint64(11)  # 53 bits, which a float holds exactly
-    numbers: Floats = bits.reshape(shape).astype(np.float64) * 2.0**-52 - 1.0
-    return numbers
 
 
 def _well_spread(numbers: Floats) -> Floats:
