@@ -55,6 +55,7 @@ TEXT = "text, in quotes where YAML would read a number, true, false or null"
 FILE = TOOLS_SCHEMA["properties"]
 MUSCLE = FILE["muscles"]["items"]["properties"]
 FLESH = FILE["flesh"]["items"]["properties"]
+TOUCH = FILE["touches"]["items"]["properties"]
 TOOL = FILE["tools"]["items"]["properties"]
 TOOL_KEYS = ", ".join(TOOL)
 FILE_KEYS = ", ".join(FILE)

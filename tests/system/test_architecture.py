@@ -95,7 +95,7 @@ def test_a_bake_knows_effects_only_as_effects() -> None:
         known = {
             name
             for name in imports_of(path)
-            if re.match(r"wrinklecli\.effects\.(muscle|flesh|wrinkle|contact)\b", name)
+            if re.match(r"wrinklecli\.effects\.(muscle|flesh|touch|wrinkle|contact)\b", name)
         }
         assert not known, f"{place_of(path)} imports {known}"
 

@@ -34,6 +34,7 @@ from kit.tools_text import (
     TEXT,
     TOOL,
     TOOL_KEYS,
+    TOUCH,
     first_tool,
     lines_of,
     tool_lines,
@@ -743,6 +744,9 @@ def readme_tables() -> dict[str, dict[str, str]]:
         ("Tissue that lags", TOOL["lag"]["then"]["properties"]),
         ("Muscles", MUSCLE),
         ("Flesh", FLESH),
+        ("Touch", TOUCH),
+        ("wrinkles", TOUCH["wrinkles"]["then"]["properties"]),
+        ("release", TOUCH["release"]["properties"]),
         ("joint", MUSCLE["origin"]["then"]["properties"]),
         ("Folds that touch", TOOL["contact"]["then"]["properties"]),
     ],
@@ -762,8 +766,18 @@ def defaults_of(keys: dict[str, Any]) -> dict[str, Any]:
     """The defaults of the schema."""
     defaults = {key: entry.get("default", "required") for key, entry in keys.items()}
     defaults |= {key: {} for key in ("sampling", "refinement") if key in keys}  # none of their keys given
-    # Each in place of others.
-    return defaults | {key: None for key in ("path", "tools", "muscles", "flesh", "at", "radius") if key in keys}
+    # Each in place of others, or with them.
+    absent = [
+        "path",
+        "tools",
+        "muscles",
+        "flesh",
+        "touches",
+        "radius",
+        "towards",
+        *(["at"] if "radius" in keys else []),
+    ]
+    return defaults | {key: None for key in absent if key in keys}
 
 
 def written_defaults(table: dict[str, str]) -> dict[str, Any]:

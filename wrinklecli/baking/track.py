@@ -25,6 +25,7 @@ from wrinklecli.drive.drive import Drive, StoredDrive
 from wrinklecli.drive.segment import Segment
 from wrinklecli.drive.swing import SwingDrive
 from wrinklecli.drive.table import TABLE_ERROR
+from wrinklecli.drive.touch import TouchDrive
 from wrinklecli.errors import AssetError, BakeError, RefusedError, counted, listed, nearest
 from wrinklecli.files.outputs import Outputs, part_of
 from wrinklecli.gltf.document import Document, read_document
@@ -374,7 +375,7 @@ class _Driven:
         columns: For each drive, the numbers of its targets among the driven ones.
     """
 
-    drives: tuple[Drive | SwingDrive, ...]
+    drives: tuple[Drive | SwingDrive | TouchDrive, ...]
     keyed: frozenset[str]
     rig: Rig
     stored: Floats
@@ -401,7 +402,7 @@ class _Driven:
     def flat(self, clip: Clip, times: Floats, weights: Floats) -> Iterator[str]:
         """A line for each tool whose (frames, driven targets) weights are 0 at (frames,) seconds of a clip."""
         for drive, columns in zip(self.drives, self.columns, strict=True):
-            if isinstance(drive, SwingDrive) or weights[:, columns].any() or self._has_own(drive, clip):
+            if isinstance(drive, SwingDrive | TouchDrive) or weights[:, columns].any() or self._has_own(drive, clip):
                 continue
             if not isinstance(drive.signal, Segment):
                 continue
@@ -414,7 +415,7 @@ class _Driven:
             else:
                 yield f"{drive.name} stays flat, as its ends come no closer than {100 * least:.4g} % of its rest length"
 
-    def _has_own(self, drive: Drive | SwingDrive, clip: Clip) -> bool:
+    def _has_own(self, drive: Drive | SwingDrive | TouchDrive, clip: Clip) -> bool:
         """True if a clip moves targets that belong to it alone, as in the file of its bake."""
         channel = clip.channel(self.rig.node, "weights")
         columns = [number for number, name in enumerate(self.rig.morph_names) if name in drive.own]

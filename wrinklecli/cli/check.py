@@ -55,11 +55,11 @@ def check(
     refinement has split, and that no wrinkle moves, count as before. A baked file that `wrinkle track` or other
     software has rewritten is only counted as it is.
 
-    --json prints {"check": 1, "asset", "tools_file", "meshes", "tools", "notes", "warnings"}, and "muscles" and
-    "flesh" where there are any; within version 1, keys are only added. Lengths are scene units, positions have the
-    tools file's axes, shortenings are shares of the rest length. With --crossings it prints {"crossings": 1, "asset",
-    "tools_file", "states", "stored_pose", "clips", "warnings"}: counts are a number for each state, or a list of them
-    for the times of a clip.
+    --json prints {"check": 1, "asset", "tools_file", "meshes", "tools", "notes", "warnings"}, and "muscles", "flesh"
+    and "touches" where there are any; within version 1, keys are only added. Lengths are scene units, positions have
+    the tools file's axes, shortenings are shares of the rest length. With --crossings it prints {"crossings": 1,
+    "asset", "tools_file", "states", "stored_pose", "clips", "warnings"}: counts are a number for each state, or a list
+    of them for the times of a clip.
 
     Exit codes: 0 done; 1 the input is at fault; 2 wrong usage; 3 refused (--strict with warnings), no picture
     written; 70 a bug.
@@ -105,6 +105,7 @@ def _emit_tables(data: dict[str, Any]) -> None:
     below = [
         *((each, _muscle_rows) for each in data.get("muscles", ())),
         *((each, _flesh_rows) for each in data.get("flesh", ())),
+        *((each, _touch_rows) for each in data.get("touches", ())),
     ]
     for effect, rows in below:
         emit(f"{effect['name']} on {effect['node']}", style={"bold": True})
@@ -145,6 +146,24 @@ def _flesh_rows(region: dict[str, Any]) -> list[str]:
             f"{each['name']:{width}}  moves by up to {each['largest_move']:.3g}"
             + (f", {each['seconds_at_limit']:.2g} s at the limit" if each["seconds_at_limit"] else "")
             for each in region["clips"]
+        ),
+    ]
+
+
+def _touch_rows(touch: dict[str, Any]) -> list[str]:
+    """The lines of a touch, and a table of its clips."""
+    width = max((len(each["name"]) for each in touch["clips"]), default=0)
+    rings = [f"{each:.3g}" for each in touch.get("ring_heights", ())]
+    return [
+        f"joints   {', '.join(touch['joints'])}",
+        f"slide    up to {touch['grip']:.3g}, with a strain of {touch['strain']:.2f}",
+        *([f"rings    {', '.join(rings)} high, {counted(touch['directions'], 'direction')}"] if rings else []),
+        f"mesh     {touch['moved_vertices']} vertices move",
+        *(
+            f"{each['name']:{width}}  from {each['times'][0]:.4g} to {each['times'][1]:.4g} s: slides by up to"
+            f" {each['largest_slide']:.3g}, strain {each['strain']:.2f}, rings {each['height']:.3g} high"
+            + (f"; slips, as {each['asked_slide']:.3g} is asked" if each["asked_slide"] > each["largest_slide"] else "")
+            for each in touch["clips"]
         ),
     ]
 

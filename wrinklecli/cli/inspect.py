@@ -182,6 +182,12 @@ def _wrinkles(each: dict[str, Any]) -> list[str]:
         springs = ", ".join(f"{frequency:.3g}" for frequency in region["frequencies"])
         lines.append(f"{region['name']}: swings after {region['joint']} by springs of {springs} Hz")
         lines.append(f"  {counted(len(region['targets']), 'target')}: {', '.join(region['targets'])}")
+    for touch in each.get("touches", ()):
+        where = f"{counted(touch['directions'], 'direction')} of rings" if touch["directions"] else "no rings"
+        lines.append(
+            f"{touch['name']}: skin on {' + '.join(touch['joints'])} slides by up to {touch['grip']:.3g}, {where}"
+        )
+        lines.append(f"  {counted(len(touch['targets']), 'target')}: {', '.join(touch['targets'])}")
     for tool in (*each.get("muscles", ()), *each["tools"]):
         anchors = [tool["origin_joints"], *tool.get("between_joints", []), tool["target_joints"]]
         joints = " to ".join(" + ".join(each) for each in anchors)

@@ -24,6 +24,7 @@ Sections of the extras are played in their order, `SECTIONS`: anchors may move w
   `leaning`, for turns about other axes: the share of each is its `towards` · s / (`axis` · s), at least 0, in the sum
   2 at most; the rest of 1 is the share of `weights`. Weights below 0 are raised by a multiple of `null`.
 - Flesh has `modes`, springs that follow a joint: see `drive.swing`.
+- A touch has `windows`, directions of the rings of wrinkles round it: see `drive.touch`.
 - `strengths` are factors on the weights in some clips; `strength` is the factor in all others. Weights are 0 where any
   of the targets `own` is not: these belong to one clip alone, which drives them itself.
 """
@@ -35,19 +36,20 @@ from typing import Any
 
 import numpy as np
 
-from wrinklecli.character.carried import CarriedPoint
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.angle import Angles, JointAngle
 from wrinklecli.drive.lag import TAUT
+from wrinklecli.drive.point import point_json, read_point
 from wrinklecli.drive.segment import Lengths, RestLength, Segment, Tension
 from wrinklecli.drive.swing import SwingDrive, read_swing
 from wrinklecli.drive.table import Json, Response, read_table, stored
+from wrinklecli.drive.touch import TouchDrive, read_touch
 from wrinklecli.numeric.arrays import Floats, unit_quaternions
 from wrinklecli.numeric.piecewise import Signal
 from wrinklecli.tools.records import Lag
 
-SECTIONS = ("muscles", "flesh", "tools", "folds")
+SECTIONS = ("muscles", "flesh", "touches", "tools", "folds")
 """The lists of drives in extras, in the order in which they act."""
 
 # Frequency, in hertz, and damping ratio of a spring that extras may ask for: more than a tools file may.
@@ -143,13 +145,13 @@ class StoredDrive:
 
     @property
     def measures_segment(self) -> bool:
-        """True if its signal is a segment, False if it is a joint's angle."""
-        return "joint" not in self.data
+        """True if its signal is a segment, False if it is a joint or a tip."""
+        return "joint" not in self.data and "windows" not in self.data
 
     @property
     def acts_alone(self) -> bool:
         """True if it acts without others, False for a fold, which has nothing to move where no tool acts."""
-        return self.measures_segment or "modes" in self.data
+        return self.measures_segment or "modes" in self.data or "windows" in self.data
 
     @property
     def carrying_targets(self) -> frozenset[str]:
@@ -175,11 +177,13 @@ class StoredDrive:
         drive.on({name: number for number, name in enumerate(names)}, sorted(drive.carrying_targets))
         return drive
 
-    def on(self, nodes: Mapping[str, int], morph_names: Sequence[str]) -> Drive | SwingDrive:
+    def on(self, nodes: Mapping[str, int], morph_names: Sequence[str]) -> Drive | SwingDrive | TouchDrive:
         """The drive on a rig, from nodes by name, and the names of the rig's morph targets."""
         data = self.data
         if "modes" in data:
             return read_swing(data, nodes)
+        if "windows" in data:
+            return read_touch(data, nodes, morph_names)
         joint = "joint" in data
         response = read_table(data, len(self.targets))
         return Drive(
@@ -195,8 +199,9 @@ class StoredDrive:
 
 
 def _keyed(data: Json) -> frozenset[str]:
-    """Names of the clips that key a rest length or a tension."""
-    return frozenset(data.get("rest_length_keys", {})) | frozenset(data.get("tension", {}).get("keys", {}))
+    """Names of the clips that key a rest length, a tension or a touch."""
+    keyed = (data.get("rest_length_keys", {}), data.get("tension", {}).get("keys", {}), data.get("keys", {}))
+    return frozenset(clip for each in keyed for clip in each)
 
 
 def wrinkle_entry(node: Json) -> Any:
@@ -216,7 +221,7 @@ def anchors_of(data: Json) -> list[Json]:
 
 
 def _segment_json(segment: Segment, names: Sequence[str], morph_names: Sequence[str]) -> Json:
-    points = [_point_json(point, names, morph_names) for point in segment.points]
+    points = [point_json(point, names, morph_names) for point in segment.points]
     # A player of two anchors does not look for those of a path.
     anchors = dict(zip(("origin", "target"), points, strict=True)) if len(points) == 2 else {"anchors": points}
     rest, tension = segment.rest_length, segment.tension
@@ -231,22 +236,6 @@ def _segment_json(segment: Segment, names: Sequence[str], morph_names: Sequence[
     return {**head, "rest_length_keys": {clip: stored(keys) for clip, keys in rest.keys.items()}} if rest.keys else head
 
 
-def _point_json(point: CarriedPoint, names: Sequence[str], morph_names: Sequence[str]) -> Json:
-    """A point in the spaces of its joints; `scales` are those of the joints at rest."""
-    places = point.points[..., :3] / point.weights[:, None]
-    scales = 1.0 / np.cbrt(np.where(point.shares > 0, point.shares, 1.0))
-    entry: Json = {
-        "joints": [names[node] for node in point.nodes.tolist()],
-        "weights": stored(point.weights),
-        "positions": stored(places[0]),
-        "scales": stored(scales),
-    }
-    if places[1:].any():
-        moves = zip(morph_names, places[1:], strict=True)
-        entry["morphs"] = {name: stored(deltas) for name, deltas in moves if deltas.any()}
-    return entry
-
-
 def _angle_json(signal: JointAngle, names: Sequence[str]) -> Json:
     return {
         "joint": names[signal.node],
@@ -257,7 +246,7 @@ def _angle_json(signal: JointAngle, names: Sequence[str]) -> Json:
 
 
 def _read_segment(data: Json, nodes: Mapping[str, int], morph_names: Sequence[str]) -> Segment:
-    points = tuple(_read_point(anchor, nodes, morph_names) for anchor in anchors_of(data))
+    points = tuple(read_point(anchor, nodes, morph_names) for anchor in anchors_of(data))
     morph, constant = data.get("rest_length_morph"), float(data["rest_length"])
     keys = {clip: np.array(each, np.float64).reshape(-1, 2) for clip, each in data.get("rest_length_keys", {}).items()}
     lengths = [constant, *([float(morph["full"])] if morph else []), *(x for each in keys.values() for x in each[:, 1])]
@@ -280,20 +269,6 @@ def _read_tension(data: Json, morph_names: Sequence[str]) -> Tension | None:
     name = said.get("morph")
     there = name is not None and str(name) in morph_names
     return Tension(float(said["length"]), keys, list(morph_names).index(str(name)) if there else None)
-
-
-def _read_point(data: Json, nodes: Mapping[str, int], morph_names: Sequence[str]) -> CarriedPoint:
-    count = len(data["joints"])
-    weights, scales = (np.array(data[key], np.float64).reshape(count) for key in ("weights", "scales"))
-    if not (scales > 0).all():
-        raise ValueError
-    moves = {name: np.array(each, np.float64).reshape(count, 3) for name, each in data.get("morphs", {}).items()}
-    points = np.zeros((1 + len(morph_names), count, 4))
-    points[0] = np.column_stack([np.array(data["positions"], np.float64).reshape(count, 3), np.ones(count)])
-    for row, name in zip(points[1:], morph_names, strict=True):
-        row[:, :3] = moves.get(name, 0.0)
-    numbers = np.array([nodes[str(joint)] for joint in data["joints"]], np.intp)
-    return CarriedPoint(numbers, weights, points * weights[:, None], 1.0 / scales**3)
 
 
 def _read_angle(data: Json, nodes: Mapping[str, int]) -> JointAngle:

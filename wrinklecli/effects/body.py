@@ -1,4 +1,4 @@
-"""The ground that muscles and flesh share: effects that move the whole body below the skin by their drives alone.
+"""The ground that muscles, flesh and touches share: effects that move the whole body by their drives alone.
 
 The rig has their targets among its own, so that the anchors of later effects follow the skin that they move.
 """
@@ -16,24 +16,25 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.character.sparse_targets import SparseDeltas
 from wrinklecli.drive.drive import Drive
 from wrinklecli.drive.swing import SwingDrive
+from wrinklecli.drive.touch import TouchDrive
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, SamplingOptions, Target, named_targets
 from wrinklecli.effects.sampling import sample_driven
 from wrinklecli.effects.shapes import Sample, make_shapes
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, nonzero_rows
 from wrinklecli.numeric.memory import Memory
-from wrinklecli.tools.body import Flesh, Muscle
+from wrinklecli.tools.body import Flesh, Muscle, Touch
 
 
 class AttachedBody(Protocol):
-    """A muscle or a region of flesh at rest."""
+    """A muscle, a region of flesh or a touch at rest."""
 
     @property
-    def tool(self) -> Muscle | Flesh:
+    def tool(self) -> Muscle | Flesh | Touch:
         """Its entry in the tools file."""
         ...
 
     @property
-    def drive(self) -> Drive | SwingDrive:
+    def drive(self) -> Drive | SwingDrive | TouchDrive:
         """The names of its targets, and their weights."""
         ...
 

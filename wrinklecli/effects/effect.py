@@ -19,6 +19,7 @@ from wrinklecli.character.sparse_targets import SparseDeltas
 from wrinklecli.choices import Mode
 from wrinklecli.drive.drive import Drive
 from wrinklecli.drive.swing import SwingDrive
+from wrinklecli.drive.touch import TouchDrive
 from wrinklecli.effects.shapes import Shape
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools, Floats, Ints
@@ -133,7 +134,7 @@ class Effect(ABC):
 
     @property
     @abstractmethod
-    def drive(self) -> Drive | SwingDrive | None:
+    def drive(self) -> Drive | SwingDrive | TouchDrive | None:
         """The drive that sets the weights of the targets in clips that were never baked; None if there is none."""
 
     @property
@@ -254,10 +255,12 @@ class Moves(NamedTuple):
     Attributes:
         drive: The names of the targets, and their weights.
         deltas: (targets, vertices, 3) of the coarse surface, bind space.
+        refined: A function that gives them for all vertices of the refined surface; None if they are interpolated.
     """
 
     drive: DrivenTargets
     deltas: Floats
+    refined: Callable[[Refinement], Floats] | None = None
 
 
 class Attached(Protocol):

@@ -4,6 +4,7 @@ from wrinklecli.effects.contact.layer import ContactKind
 from wrinklecli.effects.effect import EffectKind
 from wrinklecli.effects.flesh.layer import FleshKind
 from wrinklecli.effects.muscle.layer import MuscleKind
+from wrinklecli.effects.touch.layer import TouchKind
 from wrinklecli.effects.wrinkle.layer import WrinkleKind
 
-KINDS: tuple[EffectKind, ...] = (MuscleKind(), FleshKind(), WrinkleKind(), ContactKind())
+KINDS: tuple[EffectKind, ...] = (MuscleKind(), FleshKind(), TouchKind(), WrinkleKind(), ContactKind())

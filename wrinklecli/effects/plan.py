@@ -16,7 +16,7 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import determinants, median
 from wrinklecli.numeric.memory import MAX_VERTICES
 from wrinklecli.surface.ground import Ground, read_ground
-from wrinklecli.surface.refine import refine
+from wrinklecli.surface.refine import Refinement, refine
 from wrinklecli.surface.rest import Rest
 from wrinklecli.tools.records import EffectTool, Length, ToolsFile
 
@@ -115,6 +115,7 @@ def plan_on(
         tolerance=_PRUNING_SHARE * bound,
         max_vertices=max_vertices,
     )
+    fine = _with_moves(fine, attached)
     plan = MeshPlan(
         rig=rig,
         rest=rest,
@@ -134,6 +135,19 @@ def plan_on(
         if layer is not None:
             plan = replace(plan, layers=(*plan.layers, layer))
     return plan
+
+
+def _with_moves(fine: Refinement, attached: Sequence[Attached]) -> Refinement:
+    """The refined surface with the deltas of effects that find them there, in place of interpolated ones."""
+    moves = [each.moves for each in attached if each.moves is not None]
+    deltas = fine.morph_deltas
+    first = len(deltas) - sum(len(each.deltas) for each in moves)
+    for each in moves:
+        if each.refined is not None:
+            deltas = deltas.copy() if deltas is fine.morph_deltas else deltas
+            deltas[first : first + len(each.deltas)] = each.refined(fine)
+        first += len(each.deltas)
+    return replace(fine, morph_deltas=deltas)
 
 
 def mesh_warnings(plan: MeshPlan, settings: ToolsFile, clips: Sequence[Clip]) -> list[str]:

@@ -249,7 +249,7 @@ def _bounds(accessors: Iterable[Json], key: str) -> list[float]:
 
 
 def _wrinkles(document: Document) -> Iterator[Json]:
-    """The tools, muscles and flesh that a bake has recorded on each node."""
+    """The tools, muscles, flesh and touches that a bake has recorded on each node."""
     for index in wrinkled(document.gltf):
         entry = wrinkle_entry(document.items("nodes")[index])
         try:
@@ -259,6 +259,7 @@ def _wrinkles(document: Document) -> Iterator[Json]:
                 "draft": entry.get("draft") is True,
                 **({"muscles": list(map(_segment, entry["muscles"]))} if "muscles" in entry else {}),
                 **({"flesh": list(map(_swing, entry["flesh"]))} if "flesh" in entry else {}),
+                **({"touches": list(map(_touch, entry["touches"]))} if "touches" in entry else {}),
                 "tools": list(map(_segment, entry["tools"])),
                 "undriven": [str(name) for name in entry.get("undriven", [])],
             }
@@ -273,6 +274,18 @@ def _swing(drive: Json) -> Json:
         "name": str(drive["name"]),
         "joint": str(drive["joint"]),
         "frequencies": [_number(mode["frequency"]) for mode in drive["modes"]],
+        "targets": [str(name) for name in drive["targets"]],
+    }
+
+
+def _touch(drive: Json) -> Json:
+    """A touch, as a bake has recorded it."""
+    return {
+        "name": str(drive["name"]),
+        "joints": _joints(anchors_of(drive)[0]),
+        "pad": _number(drive["pad"]),
+        "grip": _number(drive["grip"]),
+        "directions": len(drive["windows"]),
         "targets": [str(name) for name in drive["targets"]],
     }
 

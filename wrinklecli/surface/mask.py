@@ -19,7 +19,7 @@ from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Array, Floats, Ints, children, distinct_values
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.refine import Refinement
-from wrinklecli.tools.body import Flesh
+from wrinklecli.tools.body import Flesh, Touch
 from wrinklecli.tools.records import MaskAttribute, MaskImage, WrinkleTool
 
 # Parts of a coarse triangle's edge between the points at which a mask is looked at before refinement: as fine as four
@@ -98,7 +98,7 @@ def spread(corners: Floats) -> Floats:
     return found
 
 
-def read_mask(tool: WrinkleTool | Flesh, ground: Ground, members: Ints) -> Mask | None:
+def read_mask(tool: WrinkleTool | Flesh | Touch, ground: Ground, members: Ints) -> Mask | None:
     """Read the mask of a tool, on the primitives of its coarse `members`; None if it has none.
 
     Raises:
@@ -143,7 +143,7 @@ def _attribute(ground: Ground, primitives: Ints, name: str, where: str) -> Float
     return painted
 
 
-def _component(tool: WrinkleTool | Flesh, mask: MaskAttribute, painted: Floats, corners: Ints) -> Floats:
+def _component(tool: WrinkleTool | Flesh | Touch, mask: MaskAttribute, painted: Floats, corners: Ints) -> Floats:
     """(glTF vertices, 1) one component, checked at the `corners` of the tool."""
     where = tool.place("mask", "attribute")
     if mask.component >= painted.shape[1]:

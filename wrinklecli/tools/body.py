@@ -1,4 +1,4 @@
-"""The records of effects below the skin, as `tools.records` has them of wrinkles: muscles and flesh.
+"""The records of effects that move the body, as `tools.records` has them of wrinkles: muscles, flesh and touches.
 
 `configs/README.md` is the reference of the keys.
 """
@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, Literal, TypeAlias, get_args
 
-from wrinklecli.choices import Axis
+from wrinklecli.choices import Axis, MaterialName, Profile
 from wrinklecli.tools.json_schema import (
     FLAG,
     LENGTH,
@@ -23,8 +23,9 @@ from wrinklecli.tools.json_schema import (
     one_of,
     read_record,
     schema_of,
+    whole,
 )
-from wrinklecli.tools.materials import Preset
+from wrinklecli.tools.materials import PLAIN_HEIGHT, Preset, preset
 from wrinklecli.tools.records import (
     ANCHOR,
     END,
@@ -221,12 +222,18 @@ class Muscle(BodyEffect):
 
 def odd_activation(value: Any) -> Sequence[tuple[tuple[str, ...], str]]:
     """Faults of an activation that the schema accepts: the place below the key, and the expected value."""
+    keyed = odd_keys(value.get("keys", {})) if isinstance(value, dict) else ()
+    return [(("keys", *place), message) for place, message in keyed]
+
+
+def odd_keys(value: Mapping[str, Any]) -> Sequence[tuple[tuple[str, ...], str]]:
+    """Faults of lists of keys by clip, which begin with times, that the schema accepts: the place, and the line."""
     found = []
-    for clip, keys in value.get("keys", {}).items() if isinstance(value, dict) else ():
-        falling = next(((a, b) for (a, _), (b, _) in pairwise(keys) if b <= a), None)
+    for clip, keys in value.items():
+        falling = next(((a[0], b[0]) for a, b in pairwise(keys) if b[0] <= a[0]), None)
         if falling:
             message = f"expected times that rise from key to key, not {falling[0]:g} and then {falling[1]:g}"
-            found.append((("keys", clip), message))
+            found.append(((clip,), message))
     return found
 
 
@@ -315,3 +322,187 @@ class Flesh(BodyEffect):
     def named_clips(self) -> Sequence[tuple[str, tuple[str, ...]]]:
         """Nothing: it acts in all clips."""
         return ()
+
+
+@dataclass(frozen=True, slots=True)
+class Release:
+    """A damped spring by which the skin comes back once a tip lets go; damping is the ratio ζ, 1 is critical."""
+
+    frequency: float = key(
+        number(0.5, 60), "Swings per second of the skin, were it not damped. Default 4.", 4.0, read=float
+    )
+    damping: float = key(
+        number(0.05, 10), "Below 1 the skin swings past its place, from 1 on it does not. Default 0.7.", 0.7, read=float
+    )
+
+
+LIFTED = 1.5
+"""Height of rings over that of a tool's wrinkles of the same stuff: a tip lifts skin off what is below it."""
+
+_SUBSTANCES = get_args(MaterialName)
+_PROFILES: tuple[Profile, ...] = ("smooth", "skin", "cloth")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TouchWrinkles:
+    """The rings of wrinkles round a touch.
+
+    Attributes:
+        bump_height: Highest point of a ring relative to its width, from the material's.
+    """
+
+    bumps: int = key(whole(1, 16), "Rings from the pad's edge outwards. Default 5.", 5, read=int)
+    length: Length = key(
+        LENGTH,
+        "From the pad's edge to the last ring's: a length or a percentage of the reach. Default 150%.",
+        "150%",
+        read=parse_length,
+    )
+    directions: int = key(
+        expects("1, 6, 8, 12 or 16", enum=[1, 6, 8, 12, 16]),
+        "1: rings for the main direction of the keys alone, in one morph target; more: for slides in any direction, in "
+        "as many. Default 8.",
+        8,
+    )
+    material: MaterialName | None = key(
+        one_of(*_SUBSTANCES, "none", none=True),
+        "Substance, which gives the profile, the variation, the height, and what the tissue takes up. Default skin.",
+        "skin",
+        read=lambda value: None if value == "none" else value,
+    )
+    profile: Profile | None = key(
+        {**one_of(*_PROFILES, none=True)}, "Shape of a ring: smooth, skin or cloth. Default: the material's.", None
+    )
+    variation: float | None = key(
+        {**number(0, 1), "type": ["number", "null"]},
+        "0 even circles, 1 most irregular. Default: the material's.",
+        None,
+    )
+    seed: int | None = key(
+        {**whole(0, 2**31 - 1), "type": ["integer", "null"]}, "Seed of the irregularity. Default: from the name.", None
+    )
+
+    @property
+    def shape(self) -> Profile:
+        """The profile, its own or the material's."""
+        given: Profile = preset(self.material).keys["profile"] if self.material else "smooth"
+        return self.profile or given
+
+    @property
+    def amount(self) -> float:
+        """The variation, its own or the material's."""
+        given = preset(self.material).keys["variation"] if self.material else 0.0
+        return float(given if self.variation is None else self.variation)
+
+    @property
+    def bump_height(self) -> float:
+        """Highest point of a ring relative to its width."""
+        return LIFTED * (preset(self.material).bump_height if self.material else PLAIN_HEIGHT)
+
+
+def _read_wrinkles(value: Any) -> TouchWrinkles | None:
+    return read_record(TouchWrinkles, value) if isinstance(value, dict) else None
+
+
+def _read_slides(value: Any) -> dict[str, tuple[tuple[float, ...], ...]]:
+    return {clip: tuple(tuple(map(float, (*each, 0.0)[:4])) for each in keys) for clip, keys in value.items()}
+
+
+_OFFSET = number(-1e9, 1e9, "a length")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Touch(BodyEffect):
+    """One place where a tip slides the skin; mirrored ones are places of their own.
+
+    Attributes:
+        at: Its middle: world space at rest, Y-up, scene units; or a marker. `towards` is alike.
+        towards: A point in whose direction slides count as forward; None for the direction of the limb.
+        wrinkles: None for a slide without rings.
+        keys: Each clip's keys: seconds, ascending, the slide forward and sideways, and the tip's depth.
+    """
+
+    at: Position | Marker = key(
+        ANCHOR, "Middle of the place, on the skin: world space at rest in scene units, or {marker: NODE}.",
+        read=read_anchor,
+    )  # fmt: skip
+    pad: float = key(number(1e-9, 1e9, "a length"), "Radius of the tip, scene units.", read=float)
+    reach: Length = key(
+        LENGTH,
+        "Length over which the slide fades beyond the pad: a length or a percentage of the pad. Default 110%.",
+        "110%",
+        read=parse_length,
+    )
+    grip: Length = key(
+        LENGTH,
+        "Greatest slide, beyond which the tip slips: a length or a percentage of the pad. Default 60%.",
+        "60%",
+        read=parse_length,
+    )
+    press: Length = key(
+        LENGTH,
+        "Depth of the dent under the tip at most: a length or a percentage of the pad. Default 20%.",
+        "20%",
+        read=parse_length,
+    )
+    release: Release = key(
+        schema_of(Release),
+        "The spring by which the skin comes back when the tip lets go.",
+        {"frequency": 4, "damping": 0.7},
+        read=lambda value: read_record(Release, value),
+    )
+    wrinkles: TouchWrinkles | None = key(
+        if_mapping(schema_of(TouchWrinkles), expects("a mapping or none", enum=["none", None])),
+        "The rings of wrinkles in front of the tip; none for a slide alone.",
+        {},
+        read=_read_wrinkles,
+    )
+    towards: Position | Marker | None = key(
+        ANCHOR,
+        "Slides towards this point count as forward. Default: along the limb, away from the body.",
+        read=read_anchor,
+        absent=None,
+    )
+    keys: Mapping[str, tuple[tuple[float, ...], ...]] = key(
+        any_keys(
+            list_of(
+                expects(
+                    "[seconds, forward, sideways] or [seconds, forward, sideways, depth]",
+                    type="array",
+                    prefixItems=[SECONDS, _OFFSET, _OFFSET, number(0, 1e9, "a depth")],
+                    minItems=3,
+                    maxItems=4,
+                ),
+                1,
+                None,
+                "a list of one or more [seconds, forward, sideways, depth]",
+            ),
+            "a mapping of clip names to lists of [seconds, forward, sideways, depth]",
+        ),
+        "For each clip a list of [seconds, forward, sideways, depth]: slide of the skin and depth of the tip, scene "
+        "units, times rising. After the last key the tip lets go.",
+        {},
+        read=_read_slides,
+        hashed=False,
+    )
+    mask: Mask | None = key(
+        MASK,
+        "Softness of the skin at each place, 0 to 1, which does not slide where it is 0: {attribute: _SKIN} of "
+        "vertices, or {image: FILE, channel: r}. Default none.",
+        None,
+        read=read_mask_of,
+    )
+
+    @property
+    def points(self) -> tuple[Point, ...]:
+        """The middle, and the point that is forward if there is one."""
+        return (self.at,) if self.towards is None else (self.at, self.towards)
+
+    def place_of(self, number: int, *keys: str) -> str:
+        """The place of a point in the file."""
+        return self.place(("at", "towards")[number], *keys)
+
+    @property
+    def named_clips(self) -> Sequence[tuple[str, tuple[str, ...]]]:
+        """The clips that key the touch, with the paths of their keys."""
+        return [(name, ("keys", name)) for name in self.keys]

@@ -12,7 +12,7 @@ from itertools import pairwise
 from typing import Any, TypeAlias
 
 from wrinklecli.errors import ConfigError
-from wrinklecli.tools.body import odd_activation
+from wrinklecli.tools.body import odd_activation, odd_keys
 from wrinklecli.tools.checked import Format, Place, at, check, refusal
 from wrinklecli.tools.files_beside import load_text, path_beside
 from wrinklecli.tools.json_schema import readers_of
@@ -51,6 +51,8 @@ def _odd(key: str, value: Any) -> Iterator[tuple[Place, str]]:
                     break
     if key == "activation":
         yield from odd_activation(value)
+    if key == "keys":
+        yield from odd_keys(value)
     if key == "presets" and isinstance(value, dict):
         yield from _odd_presets(value, presets())
 

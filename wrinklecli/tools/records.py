@@ -752,11 +752,12 @@ class ToolsFile:
     tools: tuple[WrinkleTool, ...] = ()
     muscles: tuple[EffectTool, ...] = ()
     flesh: tuple[EffectTool, ...] = ()
+    touches: tuple[EffectTool, ...] = ()
     places: Mapping[tuple[str, ...], str] = field(default_factory=dict, hash=False, compare=False)
     merged_paths: tuple[str, ...] = ()
     preset_files: tuple[str, ...] = ()
 
-    LISTS: ClassVar[tuple[str, ...]] = ("tools", "muscles", "flesh")
+    LISTS: ClassVar[tuple[str, ...]] = ("tools", "muscles", "flesh", "touches")
     """The fields that are lists of effects, one for each kind."""
 
     @property

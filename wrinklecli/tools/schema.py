@@ -6,7 +6,7 @@ Source: JSON Schema, draft 2020-12. `read` checks order, sums and unique names, 
 from dataclasses import dataclass
 from typing import Any
 
-from wrinklecli.tools.body import Flesh, Muscle
+from wrinklecli.tools.body import Flesh, Muscle, Touch
 from wrinklecli.tools.json_schema import Items, Schema, any_keys, expects, key_of, keys_of, list_of, mapping_of
 from wrinklecli.tools.materials import presets
 from wrinklecli.tools.records import PRESET_KEYS, ToolsFile, WrinkleTool
@@ -79,6 +79,14 @@ KINDS = {
         "Regions of flesh, which swing after the joint that carries them. They inherit nothing from `defaults`.",
         MAX_TOOLS,
         ("at",),
+    ),
+    "touches": Kind(
+        Items("touch", keys_of(Touch), tuple(keys_of(Touch))),
+        Touch,
+        mapping_of(keys_of(Touch), required=("name", "at", "pad")),
+        "Places where a tip slides the skin, which wrinkles in front. They inherit nothing from `defaults`.",
+        MAX_TOOLS,
+        ("at", "towards"),
     ),
 }
 """The kinds of effects by the keys of their lists. A new kind is an entry, a record, and a field of `ToolsFile`."""

@@ -182,7 +182,7 @@ def _softness(body: Body, place: Place, points: Floats) -> Floats:
     at = points[chosen]
     skin, nearest = nearest_of(body.positions, at)
     if len(body.bones):
-        bone = _bone_distances(at, body.bones)
+        bone = bone_distances(at, body.bones)
         part = bone / np.maximum(bone + skin, 1e-12)
         soft[chosen] *= smoothstep(np.clip((part - _HELD) / (_LOOSE - _HELD), 0.0, 1.0))
     if place.softness is not None:
@@ -190,7 +190,7 @@ def _softness(body: Body, place: Place, points: Floats) -> Floats:
     return soft
 
 
-def _bone_distances(points: Floats, bones: Floats) -> Floats:
+def bone_distances(points: Floats, bones: Floats) -> Floats:
     """(points,) distances to the nearest of (bones, 2, 3) segments."""
     nearest = np.full(len(points), np.inf)
     for start, end in bones:

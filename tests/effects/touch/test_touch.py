@@ -1,0 +1,145 @@
+"""Touch from the tools file to the player: slide, rings, proof, and what is refused."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+import wrinklecli
+from kit.asset import Json
+from kit.bakes import bake_once, place, report_of
+from kit.clients import assert_valid, compare_with_three
+from kit.player import Gltf
+from kit.touch import GRIP, PAD, SECONDS, plate, touch
+from wrinklecli.baking.track import track
+from wrinklecli.errors import WrinkleError
+
+
+@pytest.fixture(scope="module")
+def skin() -> Path:
+    return place(plate())
+
+
+def baked(asset: Path, *touches: Json, **options: Any) -> Gltf:
+    return bake_once(asset, top={"touches": list(touches), "refinement": {"max_levels": 3}}, **options)
+
+
+def moves(file: Gltf, contact: tuple[float, float, float]) -> tuple[np.ndarray, np.ndarray]:
+    """(vertices, 3) places at rest, and moves under a slide forward and sideways and a depth."""
+    from wrinklecli.baking.baked_body import read_bodies
+    from wrinklecli.gltf.document import read_document
+
+    (stored,) = read_bodies(read_document(file.path))[0].drives
+    weights = stored.on({"bone": 1}, []).weights(np.array([contact]))
+    return file.attribute("skin", "POSITION"), np.einsum("t,tvx->vx", weights[0], file.deltas("skin"))
+
+
+def test_the_skin_slides_with_the_pad_and_fades(skin: Path) -> None:
+    """The mean slide under the pad is the asked one; it falls to the sides, and nothing moves far away or at rest."""
+    file = baked(skin, touch(wrinkles={"bumps": 3}))
+    names = file.mesh("skin")["extras"]["targetNames"]
+    assert names == [f"wrinkle_spot_{number}" for number in range(1, 13)]
+    positions, moved = moves(file, (GRIP, 0.0, 0.0))
+    away = np.linalg.norm(positions, axis=1)
+    assert moved[away < 0.5 * PAD, 0].min() > GRIP
+    assert moved[away < PAD, 0].mean() == pytest.approx(GRIP, rel=0.03)
+    assert np.abs(moved[away > PAD + 0.018 * 5]).max() < 0.02 * GRIP
+    values = file.weights("skin", "drag", np.linspace(0.0, SECONDS, 100))
+    assert values.min() >= 0.0
+    assert values.max() <= 1.0
+    assert not values[0].any()
+    assert_valid(file.path)
+
+
+def test_rings_stand_in_front_and_thin_out_to_the_sides(skin: Path) -> None:
+    """Heights along y: in front rings, a cosine of them to the sides, and none behind."""
+    file = baked(skin, touch(wrinkles={"bumps": 3, "directions": 16}))
+    for angle in (0.0, 2.0):
+        positions, moved = moves(file, (GRIP * np.cos(angle), GRIP * np.sin(angle), 0.0))
+        # Sideways is forward turned by 90° about the normal, to -z.
+        apart = np.arctan2(-positions[:, 2], positions[:, 0]) - angle
+        near = np.hypot(positions[:, 0], positions[:, 2]) > PAD
+        tallest = moved[:, 1].max()
+        assert tallest > 0.0005
+        front = near & (np.cos(apart) > 0.97)
+        assert moved[front, 1].max() == pytest.approx(tallest, rel=0.05)
+        assert moved[near & (np.abs(np.cos(apart) - 0.5) < 0.05), 1].max() == pytest.approx(tallest / 2, rel=0.15)
+        assert np.abs(moved[near & (np.cos(apart) < -0.2), 1]).max() < 0.02 * tallest
+
+
+def test_a_touch_plays_in_three(skin: Path) -> None:
+    file, times = baked(skin, touch()), np.linspace(0.0, SECONDS, 7)
+    compare_with_three(file.path, "skin", "drag", times.tolist(), file.pose("skin", "drag", times))
+
+
+def test_the_skin_springs_back_when_the_tip_lets_go(skin: Path) -> None:
+    """After the last key the slide swings past its place, and comes to rest."""
+    file = baked(skin, touch(release={"frequency": 2, "damping": 0.3}))
+    times = np.linspace(1.0, SECONDS, 61)
+    weights = file.weights("skin", "drag", times)
+    sideways = 2.0 * weights[:, 1] - weights[:, 2]
+    assert sideways[0] == pytest.approx(1.0, abs=0.01)
+    assert -0.5 < sideways.min() < -0.2
+    assert abs(sideways[-1]) < 0.1
+
+
+def test_a_clip_of_another_file_is_tracked(skin: Path, tmp_path: Path) -> None:
+    whole = baked(skin, touch())
+    bare = place(plate())
+    (made,) = track(whole.path, [bare], tmp_path)
+    times, values = Gltf(Path(made.path)).keys("drag", "skin")
+    assert np.abs(values - whole.weights("skin", "drag", times)).max() < 0.02
+
+
+def test_one_direction_takes_one_target(skin: Path) -> None:
+    file = baked(skin, touch(wrinkles={"directions": 1}))
+    assert len(file.mesh("skin")["extras"]["targetNames"]) == 5
+
+
+def test_a_tool_behind_the_tip_sees_the_stretched_skin(skin: Path) -> None:
+    """A tool whose ends lie before and in front of the pad is shortened by the slide."""
+    tool = {"name": "fold", "origin": [0.02, 0, 0], "target": [0.06, 0, 0], "width": 0.03, "bumps": 2}
+    file = bake_once(skin, tool, top={"touches": [touch(wrinkles={"bumps": 3})]})
+    names = file.mesh("skin")["extras"]["targetNames"]
+    values = file.weights("skin", "drag", np.array([0.0, 0.6]))[:, names.index("wrinkle_fold_1")]
+    assert values[0] == 0.0
+    assert values[1] > 0.05
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"pad": 0.02, "reach": 0.01}, "the reach must be at least the pad"),
+        ({"pad": 0.2, "reach": 0.3}, "larger than the body allows"),
+        ({"at": [0.0, 0.05, 0.0]}, "from the mesh, more than half of its pad"),
+        ({"grip": 0}, "found 0, expected a length"),
+        ({"grip": 0.05}, "would fold the skin over"),
+        ({"pad": float("nan")}, "expected a length"),
+        ({"keys": {"walk": [[0, 0, 0]]}}, "has no clip 'walk'"),
+        ({"keys": {"drag": [[1, 0, 0], [0, 0, 0]]}}, "expected times that rise"),
+        ({"keys": {"drag": [[0, 0]]}}, "expected [seconds, forward, sideways]"),
+        ({"towards": [0.0, 0.05, 0.0]}, "gives no direction"),
+        ({"wrinkles": {"directions": 3}}, "found 3, expected 1, 6, 8, 12 or 16"),
+        ({"mask": {"attribute": "_SKIN"}}, "has no _SKIN"),
+    ],
+    ids=str,
+)
+def test_what_does_not_fit_is_one_line(skin: Path, tmp_path: Path, changes: Json, message: str) -> None:
+    path = tmp_path / "tools.yaml"
+    path.write_text(yaml.safe_dump({"version": 1, "touches": [touch(**changes)]}))
+    with pytest.raises(WrinkleError) as refused:
+        wrinklecli.bake(skin, path, tmp_path / "out.glb")
+    (line,) = str(refused.value).splitlines()
+    assert message in line
+    assert not (tmp_path / "out.glb").exists()
+
+
+def test_warnings_say_what_looks_folded_and_what_never_acts(skin: Path) -> None:
+    def said(**keys: Any) -> str:
+        return "\n".join(report_of(baked(skin, touch(**keys))).data["warnings"])
+
+    assert said() == ""
+    assert "below -0.7 it looks folded" in said(grip=0.0195)
+    assert "no clip keys it" in said(keys={})

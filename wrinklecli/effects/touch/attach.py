@@ -1,0 +1,313 @@
+"""Touches attached to a body at rest: the place, the slide of its skin, the dent, and the rings of wrinkles."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
+
+from wrinklecli.character.carried import CarriedPoint
+from wrinklecli.character.surface import influence_count
+from wrinklecli.drive.touch import TouchDrive
+from wrinklecli.effects.effect import Moves
+from wrinklecli.effects.muscle.attach import Bones
+from wrinklecli.effects.touch.disc import Disc, disc_on
+from wrinklecli.effects.touch.rings import Rings, plan_rings
+from wrinklecli.effects.touch.skin import Hold, Place, hold_of, slides_of
+from wrinklecli.errors import BakeError, WrinkleError
+from wrinklecli.numeric.arrays import Floats, inverses, singular, smoothstep, unit
+from wrinklecli.numeric.membrane import stretches
+from wrinklecli.numeric.spring import Spring
+from wrinklecli.surface.ground import Ground
+from wrinklecli.surface.mask import read_mask
+from wrinklecli.surface.refine import Refinement, refine
+from wrinklecli.surface.rest import asked_positions
+from wrinklecli.tools.body import Touch
+from wrinklecli.tools.records import EffectTool, ToolsFile, in_axes
+
+FOLDED, TURNED = -0.7, -0.95
+"""Strains at the greatest slide below which a warning says so, and below which a bake is refused: at -1 triangles turn
+over."""
+
+# Distance of a place from the mesh, over the pad's radius, beyond which the point is meant for something else.
+_FAR = 0.5
+# Part of a body's size beyond which a pad is a mistake.
+_LARGEST = 0.25
+# Radius of the dent over the pad's: skin bends over more than the tip's own width.
+_DENT = 1.5
+# Intervals across the pad that the slide needs; rings are finer.
+_ACROSS = 6.0
+# Directions in which the strain is looked at.
+_DIRECTIONS = 8
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AttachedTouch:
+    """A touch on the mesh at rest.
+
+    Attributes:
+        tool: The touch of the tools file.
+        place: Where it is.
+        hold: How the coarse skin is held.
+        drive: The names of the targets, and their weights.
+        rings: The rings; None for a slide alone.
+        disc: The region that is refined.
+        strain: The greatest compression at the greatest slide, from 0 to -1 and below.
+        deltas: (targets, vertices, 3) of the coarse surface, bind space, at weight 1.
+        soft: The part of each coarse vertex that a mask leaves; None without one.
+    """
+
+    tool: Touch
+    place: Place
+    hold: Hold
+    drive: TouchDrive
+    rings: Rings | None
+    disc: Disc
+    strain: float
+    deltas: Floats
+    moves: Moves = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "moves", Moves(self.drive, self.deltas, partial(_deltas, self)))
+
+    @property
+    def regions(self) -> tuple[Disc, ...]:
+        """The disc, once for each axis."""
+        return self.disc.both
+
+    @property
+    def greatest_height(self) -> float:
+        """The height of the tallest ring, in which errors show most; without rings the slide."""
+        tallest = 0.0 if self.rings is None else self.rings.tallest
+        return tallest or self.drive.grip
+
+
+def attach_touches(touches: Sequence[Touch], ground: Ground, settings: ToolsFile) -> list[AttachedTouch]:
+    """Attach every touch of a mesh.
+
+    Raises:
+        WrinkleError: Touches do not fit, a line for each.
+    """
+    found, problems = [], []
+    for tool in touches:
+        try:
+            found.append(_attach(tool, ground, settings))
+        except WrinkleError as error:
+            problems.append(error)
+    if problems:
+        raise BakeError.of_all(problems)
+    return found
+
+
+def _attach(tool: Touch, ground: Ground, settings: ToolsFile) -> AttachedTouch:
+    place = _place(tool, ground, settings)
+    hold = hold_of(ground, place, _softness(tool, ground))
+    grip, deepest = tool.grip.resolve(tool.pad), tool.press.resolve(tool.pad)
+    radius, intervals, height = _size(tool, place)
+    disc = disc_on(ground.rest, place, radius, intervals, height, hold.still)
+    triangle, _, _ = ground.rest.blocks.closest_point(place.at)
+    if not len(disc.members) or (hold.still[ground.rest.triangles[triangle]] == 1).all():
+        raise BakeError(
+            "does not move the skin there: another mesh touches it, or the mask is 0", where=tool.place_of(0)
+        )
+    fine = refine(
+        ground.surface,
+        ground.rest,
+        disc.both,
+        ground.rig,
+        settings=settings.refinement,
+        contacts=ground.contacts,
+        influences=influence_count(ground.document, ground.rig),
+        poses=ground.poses[:1],
+        tolerance=np.inf,
+    )
+    slides = slides_on(fine, place, hold)
+    if not slides.any(axis=(1, 2)).all():
+        raise BakeError("does not move the skin there: nothing of it is free to slide", where=tool.place_of(0))
+    rings, main = None, _main_direction(tool)
+    if tool.wrinkles is not None:
+        rings = plan_rings(tool, tool.wrinkles, place, grip, main, slides, fine.rest_positions, fine.rest_normals)
+    windows = np.zeros(0) if rings is None else rings.angles
+    drive = TouchDrive(
+        name=tool.name,
+        anchors=_anchors(ground, place),
+        pad=tool.pad,
+        grip=grip,
+        deepest=deepest,
+        release=Spring(2.0 * np.pi * tool.release.frequency, tool.release.damping),
+        windows=windows,
+        rises=np.zeros((0, 2)) if rings is None else rings.rises,
+        targets=tuple(f"wrinkle_{tool.identifier}_{n}" for n in range(1, TouchDrive.slides + len(windows) + 1)),
+        keys={clip: np.array(keys) for clip, keys in tool.keys.items()},
+    )
+    strain = _strain(fine, slides * grip)
+    if strain < TURNED:
+        raise BakeError(
+            f"is {grip:.4g}, which would fold the skin over: its strain would be {strain:.2f}, where -1 turns triangles"
+            f" over; up to {grip * -FOLDED / -strain:.3g} it looks well",
+            where=tool.place("grip"),
+        )
+    bare = AttachedTouch(tool, place, hold, drive, rings, disc, strain, np.zeros((0, *ground.rest.positions.shape)))
+    deltas = _deltas(bare, fine, slides)[:, : len(ground.rest.positions)]
+    return AttachedTouch(tool, place, hold, drive, rings, disc, strain, deltas)
+
+
+def _size(tool: Touch, place: Place) -> tuple[float, float, float]:
+    """Radius of the disc, the intervals across it, and the greatest displacement along the normals, scene units."""
+    wanted = tool.wrinkles
+    if wanted is None:
+        radius = place.pad + place.reach
+        return radius, _ACROSS * radius / place.pad, tool.press.resolve(place.pad)
+    length = wanted.length.resolve(place.reach)
+    radius = place.pad + length
+    return radius, 2.0 * radius * 2.0 * wanted.bumps / length, wanted.bump_height * length / wanted.bumps
+
+
+def _softness(tool: Touch, ground: Ground) -> Floats | None:
+    """(vertices,) factors of a mask; None without one."""
+    mask = read_mask(tool, ground, np.arange(len(ground.surface.triangles)))
+    if mask is None:
+        return None
+    counts = np.bincount(ground.surface.weld, minlength=len(ground.surface.positions))
+    painted = np.bincount(ground.surface.weld, mask.at(mask.painted), len(ground.surface.positions))
+    return np.asarray(painted / np.maximum(counts, 1))
+
+
+def _place(tool: Touch, ground: Ground, settings: ToolsFile) -> Place:
+    """The place of a touch on the skin."""
+    rest = ground.rest
+    size = float(np.ptp(rest.positions, axis=0).max())
+    reach = tool.reach.resolve(tool.pad)
+    if tool.pad > _LARGEST * size:
+        raise BakeError(
+            f"is {tool.pad:.4g}, larger than the body allows: it measures {size:.4g} from end to end, and a pad may be"
+            " a quarter of that",
+            where=tool.place("pad"),
+        )
+    if tool.pad > reach:
+        raise BakeError(
+            f"is {tool.pad:.4g}, and the reach is {reach:.4g}: the skin beside a tip slides farther than the tip is"
+            " wide; the reach must be at least the pad",
+            where=tool.place("pad"),
+        )
+    asked = asked_positions(ground.rig, rest.clip, rest.time, tool)
+    at, normal = rest.foot(asked[0])
+    distance = float(np.linalg.norm(at - asked[0]))
+    if distance > _FAR * tool.pad:
+        found = ", ".join(f"{x:.4g}" for x in in_axes(at.tolist(), settings.up))
+        raise BakeError(
+            f"is {distance:.4g} from the mesh, more than half of its pad of {tool.pad:.4g}; the nearest point is"
+            f" [{found}]",
+            where=tool.place_of(0),
+        )
+    triangle, _, _ = rest.blocks.closest_point(at)
+    if singular(rest.blended[rest.triangles[triangle]]).any() or not normal.any():
+        raise BakeError("the joints here are singular at rest", where=tool.place_of(0))
+    way = asked[1] - at if tool.towards is not None else _limb(ground, at)
+    forward = way - (way @ normal) * normal
+    length = float(np.linalg.norm(forward))
+    if length < 1e-3 * float(np.linalg.norm(way)) or not length:
+        if tool.towards is not None:
+            raise BakeError("lies straight above or below the place, so it gives no direction", where=tool.place_of(1))
+        forward = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
+    forward = unit(forward)
+    # Mirrored keys slide to the other side.
+    sideways = np.cross(normal, forward) * (-1.0 if tool.mirrored else 1.0)
+    return Place(at, np.stack([forward, sideways, normal]), tool.pad, reach)
+
+
+def _limb(ground: Ground, at: Floats) -> Floats:
+    """(3,) the direction of the bone nearest to a place, away from its joint; 0 if there is none."""
+    if not ground.rig.skinned:
+        return np.zeros(3)
+    bones = Bones.of(ground)
+    number = bones.nearest(at)
+    return np.asarray(bones.ends[number] - bones.starts[number])
+
+
+def _main_direction(tool: Touch) -> float:
+    """The direction in which the skin slides farthest in any clip, radians from forward."""
+    slides = np.array([key[1:3] for keys in tool.keys.values() for key in keys]).reshape(-1, 2)
+    if not slides.any():
+        return 0.0
+    farthest = slides[np.argmax((slides**2).sum(axis=1))]
+    return float(np.arctan2(farthest[1], farthest[0]))
+
+
+def _anchors(ground: Ground, place: Place) -> tuple[CarriedPoint, ...]:
+    """The middle of a place, and points before and beside it, carried by the joints of the middle."""
+    from wrinklecli.numeric.arrays import determinants
+
+    rest, rig, surface = ground.rest, ground.rig, ground.surface
+    triangle, shares, _ = rest.blocks.closest_point(place.at)
+    vertices = surface.triangles[triangle]
+    weights = shares @ surface.dense_weights(vertices, len(rig.joints))
+    joints = np.flatnonzero(weights > 0)
+    blended = np.einsum("j,jab->ab", weights[joints], rest.matrices[joints])
+    own = len(rig.own.morph_names)
+    deltas = np.einsum("k,mkx->mx", shares, surface.morph_deltas[:own, vertices])
+    bound = np.abs(determinants(rig.inverse_binds[joints, :3, :3]))
+    before = np.abs(determinants(rest.matrices[joints, :3, :3]))
+    found = []
+    for offset in (np.zeros(3), place.pad * place.axes[0], place.pad * place.axes[1]):
+        bind = np.linalg.solve(blended[:3, :3], place.at + offset - blended[:3, 3])
+        bind = bind - np.tensordot(rest.morph_weights[:own], deltas, axes=1)
+        points = np.zeros((1 + own, len(joints), 4))
+        points[0] = weights[joints, None] * np.append(bind, 1.0)
+        points[1:, :, :3] = weights[joints, None] * deltas[:, None]
+        found.append(
+            CarriedPoint(
+                nodes=rig.joints[joints],
+                weights=weights[joints],
+                points=np.einsum("kab,mkb->mka", rig.inverse_binds[joints], points),
+                shares=bound / np.where(before > 0, before, 1.0),
+            )
+        )
+    return tuple(found)
+
+
+def slides_on(fine: Refinement, place: Place, hold: Hold) -> Floats:
+    """(2, fine vertices, 3) slides forward and sideways on the refined skin, as `slides_of`."""
+    spread = fine.subdivision.interpolate(np.column_stack([hold.tethers, hold.still, hold.normals]))
+    spread_hold = Hold(spread[:, 0], spread[:, 1], unit(spread[:, 2:]))
+    return slides_of(place, fine.rest_positions, fine.triangles, spread_hold)
+
+
+def _strain(fine: Refinement, slides: Floats) -> float:
+    """The greatest compression of the refined skin at (2, fine vertices, 3) greatest slides in any direction."""
+    chosen = np.flatnonzero(np.any(slides, axis=(0, 2))[fine.triangles].any(axis=1))
+    corners = fine.triangles[chosen]
+    before = fine.rest_positions[corners]
+    least = 1.0
+    for angle in np.arange(_DIRECTIONS) * (2.0 * np.pi / _DIRECTIONS):
+        moved = np.cos(angle) * slides[0] + np.sin(angle) * slides[1]
+        least = min(least, float(stretches(before, before + moved[corners]).min(initial=1.0)))
+    return least - 1.0
+
+
+def _deltas(attached: AttachedTouch, fine: Refinement, slides: Floats | None = None) -> Floats:
+    """(targets, fine vertices, 3) displacements at weight 1 on the refined skin, bind space."""
+    place, drive, rings = attached.place, attached.drive, attached.rings
+    found = slides_on(fine, place, attached.hold) if slides is None else slides
+    positions, normals = fine.rest_positions, fine.rest_normals
+    moving = np.any(found, axis=(0, 2))
+    doubled = 2.0 * drive.grip * found
+    distances, _ = place.polar(positions)
+    dent = smoothstep(np.clip(1.0 - distances / (_DENT * place.pad), 0.0, 1.0)) * np.clip(normals @ place.axes[2], 0, 1)
+    parts = [
+        doubled,
+        -0.5 * doubled.sum(axis=0, keepdims=True),
+        (-drive.deepest * dent * moving)[None, :, None] * place.axes[2],
+    ]
+    if rings is not None:
+        parts.append(rings.displacements(place, found, positions, normals) * moving[:, None])
+    whole = np.concatenate(parts)
+    chosen = np.flatnonzero(np.any(whole, axis=(0, 2)) & ~singular(fine.blended))
+    deltas = np.zeros(whole.shape)
+    deltas[:, chosen] = np.einsum("vab,mvb->mva", inverses(fine.blended[chosen]), whole[:, chosen])
+    return deltas
+
+
+def touches_of(tools: Sequence[EffectTool]) -> list[Touch]:
+    """The touches among the tools of a mesh."""
+    return [tool for tool in tools if isinstance(tool, Touch)]

@@ -1,0 +1,123 @@
+"""The disc of skin round a touch in which edges must be split, so that it can show the slide and the rings.
+
+Rings curve, so edges must be short along two axes: the disc is a region twice, once for each.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from wrinklecli.effects.touch.skin import Place
+from wrinklecli.numeric.arrays import Floats, Ints, smoothstep, unit
+from wrinklecli.numeric.subdivide import Subdivision
+from wrinklecli.surface.anchor import Anchor
+from wrinklecli.surface.rest import Rest
+
+# Part of the radius from which on the displacement fades to the disc's border.
+_RIM = 0.85
+# Cosines between the skin's normal and the place's between which it fades in, as for a tool's patch.
+_FACING = (0.2, 0.6)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Disc:
+    """A disc of skin, with u along an axis of its tangent plane.
+
+    Attributes:
+        place: Its middle and axes.
+        radius: Scene units.
+        intervals: Equal intervals along u that triangles must be able to show.
+        height: Greatest displacement along the normals, scene units.
+        members: (members,) sorted coarse triangles.
+        pose: The surface at rest.
+        turned: True if u runs sideways.
+    """
+
+    place: Place
+    radius: float
+    intervals: float
+    height: float
+    members: Ints
+    pose: Rest
+    turned: bool = False
+
+    anchors: ClassVar[Sequence[Anchor]] = ()
+    projected: ClassVar[bool] = False
+
+    @property
+    def both(self) -> "tuple[Disc, Disc]":
+        """The disc, once for each axis."""
+        return self, replace(self, turned=True)
+
+    @property
+    def half_width(self) -> float:
+        """The radius."""
+        return self.radius
+
+    @property
+    def nominal_height(self) -> float:
+        """Greatest displacement, scene units."""
+        return self.height
+
+    @property
+    def greatest_height(self) -> float:
+        """Greatest displacement, scene units."""
+        return self.height
+
+    def coordinates(self, positions: Floats) -> tuple[Floats, Floats]:
+        """(…,) u from 0 to 1 along the axis and v across, of (…, 3) world positions at rest."""
+        relative = (positions - self.place.at) / self.radius
+        along, across = relative @ self.place.axes[0], relative @ self.place.axes[1]
+        along, across = (across, along) if self.turned else (along, across)
+        return (along + 1.0) / 2.0, across
+
+    def cosines(self, _u: Floats, normals: Floats) -> Floats:
+        """(…,) cosines between (…, 3) unit normals and the place's."""
+        found: Floats = normals @ self.place.axes[2]
+        return found
+
+    def bowed(self, u: Floats, _v: Floats) -> Floats:
+        """(…,) u itself."""
+        return u
+
+    def stretched(self, u: Floats, _v: Floats) -> Floats:
+        """(…,) u itself."""
+        return u
+
+    @property
+    def furrows(self) -> Floats:
+        """None: edges are short everywhere."""
+        return np.zeros(0)
+
+    def share(self, u: Floats, v: Floats, cosines: Floats) -> Floats:
+        """(…,) fractions of the displacement: 1 in the disc, fading at its border and where the skin turns away."""
+        apart = np.hypot(2.0 * u - 1.0, v)
+        low, high = _FACING
+        facing = smoothstep(np.clip((cosines - low) / (high - low), 0.0, 1.0))
+        return np.asarray(smoothstep(np.clip((1.0 - apart) / (1.0 - _RIM), 0.0, 1.0)) * facing)
+
+    def presence(self, u: Floats, v: Floats, cosines: Floats) -> Floats:
+        """(…,) as `share`, which fades in all directions."""
+        return self.share(u, v, cosines)
+
+    def left(self, _subdivision: Subdivision, _vertices: Ints, _places: Floats) -> Floats | None:
+        """None: no features are looked for."""
+        return None
+
+
+def disc_on(rest: Rest, place: Place, radius: float, intervals: float, height: float, still: Floats) -> Disc:
+    """The disc round a place, of the coarse triangles that face as it does and move."""
+    corners = rest.positions[rest.triangles]
+    distances, _ = place.polar(corners)
+    longest = np.sqrt(np.sum((corners - np.roll(corners, 1, axis=1)) ** 2, axis=2)).max(axis=1)
+    normals = unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+    facing = np.abs(normals @ place.axes[2]) if not _outward(rest) else normals @ place.axes[2]
+    near = (distances.min(axis=1) < radius + longest) & (facing > 0) & (still[rest.triangles] < 1).any(axis=1)
+    return Disc(place, radius, intervals, height, np.flatnonzero(near), rest)
+
+
+def _outward(rest: Rest) -> bool:
+    """True unless the rest pose mirrors the mesh, which turns the winding inside out."""
+    return bool(np.median(np.linalg.det(rest.blended[:, :, :3])) > 0)

@@ -1,0 +1,184 @@
+"""The skin round a touch: how firmly each place is held, where it is from the pad, and how far it slides.
+
+The slide is that of a membrane that is tethered to what is below (`numeric.membrane`). The load is a smooth pad: one
+with a hard edge would turn triangles over. Skin over a bone near the surface is held more, and so is skin that curves,
+as a straight slide would leave it there: else a slide on the back of a hand would reach its palm.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from wrinklecli.effects.flesh.tissue import bone_distances
+from wrinklecli.effects.muscle.attach import Bones
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, unit
+from wrinklecli.numeric.membrane import Membrane
+from wrinklecli.surface.ground import Ground
+
+FADED = 6.0
+"""Lengths of decay beyond the pad at which the skin is held: of the slide there, 1/400 is left."""
+
+# Width of the load over the pad's radius: that of a Gaussian whose flank is as steep as a fingertip's.
+_PAD = 0.8
+# Width of the blur of normals over the pad's radius.
+_SMOOTH = 0.5
+# Vertices whose normals are blurred at once, to bound memory.
+_AT_ONCE = 512
+# Bounds of the factor by which bones tether: skin far from bones has the reach that is asked for, and a bone at the
+# surface does not hold the skin for good.
+_BONES = (1.0, 16.0)
+# Least factor of a mask below which skin does not move.
+_LEAST_SOFT = 0.02
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Place:
+    """The place of a touch on a body at rest, world space.
+
+    Attributes:
+        at: (3,) its middle, on the skin.
+        axes: (3, 3) unit vectors: forward, sideways, and the skin's normal.
+        pad: Radius of the tip, scene units.
+        reach: Length over which the slide decays, scene units.
+    """
+
+    at: Floats
+    axes: Floats
+    pad: float
+    reach: float
+
+    def polar(self, positions: Floats) -> tuple[Floats, Floats]:
+        """(…,) distances from the middle, and (…,) angles from forward towards sideways, of (…, 3) positions."""
+        relative = positions - self.at
+        forward, sideways = relative @ self.axes[0], relative @ self.axes[1]
+        return np.sqrt(np.sum(relative**2, axis=-1)), np.arctan2(sideways, forward)
+
+    def load(self, positions: Floats) -> Floats:
+        """(…,) force of the pad per area at (…, 3) positions, 1 in its middle."""
+        distances, _ = self.polar(positions)
+        return np.exp(-0.5 * (distances / (_PAD * self.pad)) ** 2)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hold:
+    """How the coarse skin of a body is held.
+
+    Attributes:
+        tethers: (vertices,) as a `Membrane` has them.
+        still: (vertices,) 1 for those that do not move, else 0.
+        normals: (vertices, 3) unit normals of the planes in which they slide, world space at rest.
+    """
+
+    tethers: Floats
+    still: Floats
+    normals: Floats
+
+
+def hold_of(ground: Ground, place: Place, soft: Floats | None) -> Hold:
+    """Find how the coarse skin is held.
+
+    Args:
+        ground: The mesh at rest.
+        place: The place of the touch.
+        soft: (vertices,) factors from 0 to 1 of a mask; None without one.
+    """
+    rest, surface = ground.rest, ground.surface
+    positions, triangles = rest.positions, rest.triangles
+    starts, ends = (
+        np.concatenate([triangles, triangles[:, ::-1]]).reshape(-1),
+        np.roll(np.concatenate([triangles, triangles[:, ::-1]]), -1, axis=1).reshape(-1),
+    )
+    ways, turns = positions[ends] - positions[starts], rest.normals[ends] - rest.normals[starts]
+    lengths = np.sum(ways**2, axis=1)
+    bends = (np.sum(ways * turns, axis=1) / np.where(lengths > 0, lengths, 1.0)) ** 2
+    counts = np.bincount(starts, minlength=len(positions))
+    curved = np.bincount(starts, bends, len(positions)) / np.maximum(counts, 1)
+    tethers = (1.0 + place.reach**2 * curved) / place.reach**2
+    bones = Bones.of(ground) if ground.rig.skinned else None
+    if bones is not None and len(bones.nodes):
+        segments = np.stack([bones.starts, bones.ends], axis=1)
+        depths = bone_distances(positions, segments)
+        (own,) = bone_distances(place.at[None], segments)
+        tethers *= np.clip((own / np.maximum(depths, 1e-12)) ** 2, *_BONES)
+    still = ground.contacts.copy()
+    looks = ground.looks[surface.primitives]
+    triangle, _, _ = rest.blocks.closest_point(place.at)
+    other = looks != looks[triangle]
+    still[triangles[other]] = True
+    still |= ~_joined(positions, triangles[~other], int(triangles[triangle][0]), place)
+    if soft is not None:
+        still |= soft < _LEAST_SOFT
+        tethers /= np.maximum(soft, _LEAST_SOFT) ** 2
+    return Hold(tethers, still.astype(np.float64), _smooth_normals(positions, triangles, rest.normals, ~still, place))
+
+
+def _smooth_normals(positions: Floats, triangles: Ints, normals: Floats, moving: Bools, place: Place) -> Floats:
+    """(vertices, 3) unit normals, those of (moving) vertices blurred over a part of the pad."""
+    chosen = np.flatnonzero(moving)
+    masses = _areas(positions, triangles)[chosen]
+    own, places = normals[chosen], positions[chosen]
+    found = normals.copy()
+    for part in (slice(k, k + _AT_ONCE) for k in range(0, len(chosen), _AT_ONCE)):
+        squares = np.sum((places[part, None] - places) ** 2, axis=2)
+        # Skin that faces away, as that of the next finger, does not count.
+        weights = np.exp(-0.5 * squares / (_SMOOTH * place.pad) ** 2) * np.maximum(own[part] @ own.T, 0.0)
+        found[chosen[part]] = unit((weights * masses) @ own)
+    return found
+
+
+def _joined(positions: Floats, triangles: Ints, seed: int, place: Place) -> Bools:
+    """(vertices,) True for those that the mesh joins with the place, within the slide's reach."""
+    distances, _ = place.polar(positions)
+    near = distances < place.pad + FADED * place.reach
+    near[seed] = True
+    edges = np.concatenate([triangles[:, [one, two]] for one, two in ((0, 1), (1, 2), (2, 0))])
+    labels = components(edges[near[edges].all(axis=1)], len(near))
+    return np.asarray(near & (labels == labels[seed]))
+
+
+def slides_of(place: Place, positions: Floats, triangles: Ints, hold: Hold) -> Floats:
+    """(2, vertices, 3) slides forward and sideways whose mean under the pad is 1, world space at rest.
+
+    Args:
+        place: The place of the touch.
+        positions: (vertices, 3) of the skin.
+        triangles: (triangles, 3).
+        hold: How each of these vertices is held.
+    """
+    moving = hold.still < 1.0
+    faces = np.flatnonzero(moving[triangles].any(axis=1))
+    used, corners = np.unique(triangles[faces], return_inverse=True)
+    corners = corners.reshape(-1, 3)
+    found = np.zeros((2, *positions.shape))
+    if not len(used):
+        return found
+    outward = hold.normals[used]
+    forward = place.axes[0] - (outward @ place.axes[0])[:, None] * outward
+    flat = np.sqrt(np.sum(forward**2, axis=1)) < 1e-6
+    forward[flat] = np.cross(outward[flat], place.axes[1])
+    forward = unit(forward)
+    sideways = np.cross(outward, forward)
+    axes = np.stack([forward, sideways])
+    load = place.load(positions[used]) * np.clip(outward @ place.axes[2], 0.0, 1.0)
+    membrane = Membrane(positions[used], corners, axes, hold.tethers[used], ~moving[used])
+    slides = membrane.slides(load[:, None] * _tangential(place.axes[:2], outward))
+    masses = _areas(positions[used], corners)
+    weights = masses * np.where(place.polar(positions[used])[0] < place.pad, 1.0, 0.0)
+    if not weights.any():
+        weights = masses * load
+    for slide, axis, into in zip(slides, place.axes, found, strict=False):
+        mean = float(weights @ (slide @ axis)) / float(weights.sum())
+        into[used] = slide / mean if mean > 0 else 0.0
+    return found
+
+
+def _tangential(axes: Floats, normals: Floats) -> Floats:
+    """(axes, vertices, 3) the parts of (axes, 3) vectors in the planes of (vertices, 3) unit normals."""
+    return np.asarray(axes[:, None] - (axes @ normals.T)[..., None] * normals)
+
+
+def _areas(positions: Floats, triangles: Ints) -> Floats:
+    """(vertices,) a third of the areas of the triangles at each."""
+    corners = positions[triangles]
+    areas = np.sqrt(np.sum(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) ** 2, axis=1)) / 6.0
+    return np.asarray(np.bincount(triangles.reshape(-1), np.repeat(areas, 3), len(positions)), np.float64)
