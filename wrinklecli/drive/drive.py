@@ -170,7 +170,8 @@ class StoredDrive:
         if "joint" in data:
             joints = [data["joint"], *([] if data.get("parent") is None else [data["parent"]])]
         else:
-            joints = [joint for anchor in anchors_of(data) for joint in anchor["joints"]]
+            points = [*anchors_of(data), *([data["by"]] if "by" in data else [])]
+            joints = [joint for point in points for joint in point["joints"]]
         names = tuple(dict.fromkeys(str(joint) for joint in joints))
         targets = tuple(str(name) for name in data["targets"])
         drive = cls(str(data.get("name", names[0])), names, targets, _keyed(data), data)

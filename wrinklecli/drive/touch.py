@@ -6,12 +6,19 @@ third target, equal to minus the sum of the others, gets it. The dent's weight i
 over `deepest`. A ring rises with f(|d| / grip) · cos(angle of d - angle of its window), where f is a table that starts
 like a square root, as all wrinkles do.
 
-In clips, slides and depths are keyed, straight between keys, and held before the first one. After the last one the tip
-lets go, and the skin springs back: x'' = -ω² x - 2 ζ ω x'.
+Slides and depths are keyed in some clips, straight between keys, and held before the first one. After the last one the
+tip lets go, and the skin springs back: x'' = -ω² x - 2 ζ ω x'.
 
-In extras, a drive has the `anchors` of its place (the middle, and a point before and beside it), `pad`, `grip` and
-`deepest` in scene units, `release` with `frequency` and `damping`, `windows` in radians, `rises` (rows of slide over
-grip and weight), and by clip `keys`: rows of seconds, slide forward and sideways, and depth, scene units.
+In other clips a node may touch. Its coordinates are those in the axes from the place's middle to the points before,
+beside and above it, times `pad`; its height is the third less that of the skin, which `bend` gives: a f² + b f s + c s²
+at f forward and s sideways. It touches once it is nearer than `deepest` and less than `pad` from the middle, sticks
+to the skin and takes it along until the slide is `grip`, then slips, and lets go once it is farther than `deepest` or
+than `pad` + `grip` from the middle.
+
+In extras, a drive has the `anchors` of its place (the middle, and the points before, beside and above it), `pad`,
+`grip` and `deepest` in scene units, `bend`, the tip `by` if there is one, `release` with `frequency` and `damping`,
+`windows` in radians, `rises` (rows of slide over grip and weight), and by clip `keys`: rows of seconds, slide forward
+and sideways, and depth, scene units.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -20,18 +27,23 @@ from typing import ClassVar
 
 import numpy as np
 
-from wrinklecli.character.carried import CarriedPoint
+from wrinklecli.character.carried import CarriedPoint, carried_places, pose_carriers
 from wrinklecli.character.clip import Clip
+from wrinklecli.character.pose import LEAST_SCALE
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.point import point_json, read_point
 from wrinklecli.drive.swing import nonnegative
 from wrinklecli.drive.table import Json, stored
-from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.arrays import Floats, determinants
 from wrinklecli.numeric.piecewise import Signal
 from wrinklecli.numeric.spring import Spring
 
 # Greatest frequency in hertz and damping ratio of a spring that extras may ask for: more than a bake writes.
 _MOST = 1e4
+# Samples per second of the tip's way, at least; most of a clip; and times between two of them at which contacts begin.
+_SAMPLES, _MOST_SAMPLES, _CROSSING = 120.0, 100_000, 33
+# Clips whose contacts a drive keeps: the same motion is asked for at many times.
+_MOST_KEPT = 64
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,15 +52,17 @@ class TouchDrive:
 
     Attributes:
         name: The touch's name.
-        anchors: The middle of the place, and points of the skin before and beside it.
+        anchors: The middle of the place, and points before, beside and above it, a pad away.
         pad: Radius of the tip, scene units.
         grip: Greatest slide, scene units.
-        deepest: Greatest depth, scene units.
+        deepest: Greatest depth, and height below which a tip touches, scene units.
         release: The spring by which the skin comes back.
         windows: (windows,) directions of the rings' windows, radians.
         rises: (rows, 2) slides over the greatest, and weights of the rings; sorted.
         targets: Names of the morph targets: slide forward, sideways and back, dent, and the windows.
         keys: By clip, (keys, 4) seconds, slides forward and sideways, and depths, scene units.
+        bend: (3,) the skin's height round the middle, one over scene units.
+        tip: The node that touches; None if there is none.
     """
 
     name: str
@@ -61,6 +75,9 @@ class TouchDrive:
     rises: Floats
     targets: tuple[str, ...]
     keys: Mapping[str, Floats] = field(default_factory=dict)
+    bend: Floats = field(default_factory=lambda: np.zeros(3))
+    tip: CarriedPoint | None = None
+    _strokes: dict[bytes, tuple[Floats, ...]] = field(default_factory=dict, init=False, repr=False)
 
     own: ClassVar[tuple[str, ...]] = ()
     slides: ClassVar[int] = 4
@@ -68,21 +85,90 @@ class TouchDrive:
 
     @property
     def nodes(self) -> frozenset[int]:
-        """The nodes that carry the place."""
-        return frozenset(node for point in self.anchors for node in point.nodes.tolist())
+        """The nodes that carry the place and the tip."""
+        points = [*self.anchors, *([] if self.tip is None else [self.tip])]
+        return frozenset(node for point in points for node in point.nodes.tolist())
 
-    def contacts_in(self, clip: Clip | None) -> Callable[[Floats], Floats]:
+    def tip_in(self, rig: Rig, clip: Clip | None, times: Floats) -> Floats:
+        """(frames, 3) the tip's place forward, sideways and above the skin, at (frames,) seconds, scene units."""
+        assert self.tip is not None
+        points = [*self.anchors, self.tip]
+        carriers = pose_carriers(points, rig, clip, times)
+        middle, *ends, tip = (carried_places(each, carriers, len(times))[0].T for each in points)
+        axes = np.stack([end - middle for end in ends], axis=2)
+        shown = np.abs(determinants(axes)) > LEAST_SCALE * self.pad**3
+        axes = np.where(shown[:, None, None], axes, np.eye(3))
+        found = self.pad * np.linalg.solve(axes, (tip - middle)[:, :, None])[:, :, 0]
+        forward, sideways = found[:, 0], found[:, 1]
+        found[:, 2] -= self.bend @ np.stack([forward**2, forward * sideways, sideways**2])
+        return np.where(shown[:, None], found, np.inf)
+
+    def strokes_in(self, rig: Rig, clip: Clip | None) -> tuple[Floats, ...]:
+        """The contacts of a clip, in order: (keys, 4) seconds, slides forward and sideways, and depths."""
+        if clip is None:
+            return ()
+        if clip.name in self.keys:
+            return (self.keys[clip.name],)
+        if self.tip is None:
+            return ()
+        if clip.motion not in self._strokes:
+            if len(self._strokes) >= _MOST_KEPT:
+                self._strokes.clear()
+            self._strokes[clip.motion] = self._touched(rig, clip)
+        return self._strokes[clip.motion]
+
+    def _touched(self, rig: Rig, clip: Clip) -> tuple[Floats, ...]:
+        """The strokes of the tip in a clip."""
+        count = int(np.clip(np.ceil((clip.end - clip.start) * _SAMPLES), 1, _MOST_SAMPLES))
+        times = np.linspace(clip.start, clip.end, count + 1)
+        breaks = [each.times for each in clip.channels if each.path != "weights"]
+        times = np.unique(np.concatenate([times, *(b[(b > clip.start) & (b < clip.end)] for b in breaks)]))
+        tips = self.tip_in(rig, clip, times)
+        strokes: list[Floats] = []
+        rows: list[Floats] = []
+        for number, tip in enumerate(tips):
+            near = bool(tip[2] < self.deepest)
+            away = float(np.hypot(tip[0], tip[1]))
+            held = near and away < (self.pad + self.grip if rows else self.pad)
+            if held and not rows:
+                # Beginnings and ends are found between samples; where the tip is, hardly changes meanwhile.
+                start = times[number] if not number else self._crossing(rig, clip, times[number - 1], times[number])
+                slide = self._released(strokes, np.array([start]))[0, :2]
+                rows = [np.array([start, *slide, 0.0])]
+            elif not held and rows:
+                end = self._crossing(rig, clip, times[number - 1], times[number])
+                strokes.append(_ended(rows, end))
+                rows = []
+            if held:
+                step = tip[:2] - tips[number - 1, :2] if number and np.isfinite(tips[number - 1]).all() else np.zeros(2)
+                slide = rows[-1][1:3] + (step if len(rows) > 1 else 0.0)
+                slide = slide * min(1.0, self.grip / max(float(np.hypot(*slide)), 1e-30))
+                row = np.array([times[number], *slide, float(np.clip(-tip[2], 0.0, self.deepest))])
+                rows = [*rows, row] if row[0] > rows[-1][0] else [row]
+        return (*strokes, *([np.stack(rows)] if rows else []))
+
+    def _crossing(self, rig: Rig, clip: Clip, low: float, high: float) -> float:
+        """The second between two at which the tip comes near or goes."""
+        inside = np.linspace(low, high, _CROSSING)
+        heights = self.tip_in(rig, clip, inside)[:, 2] < self.deepest
+        changed = np.flatnonzero(heights[1:] != heights[:-1])
+        return float(inside[changed[0] + 1] if len(changed) else high)
+
+    def contacts_in(self, rig: Rig, clip: Clip | None) -> Callable[[Floats], Floats]:
         """A function from (frames,) seconds of a clip to (frames, 3) slides forward and sideways and depths."""
-        keys = None if clip is None else self.keys.get(clip.name)
-        if keys is None:
-            return lambda times: np.zeros((len(times), 3))
-        return lambda times: self._followed(keys, times)
+        strokes = self.strokes_in(rig, clip)
+        return lambda times: self._released(strokes, times)
 
-    def _followed(self, keys: Floats, times: Floats) -> Floats:
-        """(frames, 3) slides and depths by (keys, 4) keys."""
-        found = np.stack([np.interp(times, keys[:, 0], column) for column in keys[:, 1:].T], axis=1)
-        cosine, sine = self.release.decay(self.release.speed * np.maximum(times - keys[-1, 0], 0.0))
-        found *= (cosine + self.release.damping * sine)[:, None]
+    def _released(self, strokes: Sequence[Floats], times: Floats) -> Floats:
+        """(frames, 3) slides and depths by strokes, after each of which the skin springs back until the next."""
+        found = np.zeros((len(times), 3))
+        for number, rows in enumerate(strokes):
+            since = times >= (rows[0, 0] if number else -np.inf)
+            at = times[since]
+            own = np.stack([np.interp(at, rows[:, 0], column) for column in rows[:, 1:].T], axis=1)
+            cosine, sine = self.release.decay(self.release.speed * np.maximum(at - rows[-1, 0], 0.0))
+            own *= (cosine + self.release.damping * sine)[:, None]
+            found[since] = own
         found[:, 2] = np.maximum(found[:, 2], 0.0)
         return found
 
@@ -98,9 +184,9 @@ class TouchDrive:
         rings = np.interp(lengths, *self.rises.T)[:, None] * np.maximum(ahead, 0.0)
         return np.concatenate([nonnegative(slides), np.clip(depths, 0.0, 1.0)[:, None], rings], axis=1)
 
-    def weights_in(self, _rig: Rig, clip: Clip | None) -> Signal:
+    def weights_in(self, rig: Rig, clip: Clip | None) -> Signal:
         """A function from (frames,) seconds of a clip to (frames, targets) weights; None is the stored pose."""
-        contacts = self.contacts_in(clip)
+        contacts = self.contacts_in(rig, clip)
         return lambda times: self.weights(contacts(times))
 
     def to_json(self, names: Sequence[str], morph_names: Sequence[str]) -> Json:
@@ -111,6 +197,8 @@ class TouchDrive:
             "pad": stored(self.pad),
             "grip": stored(self.grip),
             "deepest": stored(self.deepest),
+            "bend": stored(self.bend),
+            **({} if self.tip is None else {"by": point_json(self.tip, names, morph_names)}),
             "release": {
                 "frequency": stored(self.release.speed / (2.0 * np.pi)),
                 "damping": stored(self.release.damping),
@@ -130,17 +218,28 @@ def read_touch(data: Json, nodes: Mapping[str, int], morph_names: Sequence[str])
     """
     pad, grip, deepest = (float(data[key]) for key in ("pad", "grip", "deepest"))
     frequency, damping = (float(data["release"][key]) for key in ("frequency", "damping"))
+    bend = np.array(data["bend"], np.float64).reshape(3)
     windows = np.array(data["windows"], np.float64).reshape(-1)
     rises = np.array(data["rises"], np.float64).reshape(-1, 2)
     keys = {clip: np.array(each, np.float64).reshape(-1, 4) for clip, each in data.get("keys", {}).items()}
     targets = tuple(str(name) for name in data["targets"])
     positive = min(pad, grip, deepest) > 0 and 0 < frequency < _MOST and 0 < damping < _MOST
     rising = all(len(each) and (np.diff(each[:, 0]) > 0).all() for each in keys.values())
-    finite = all(np.isfinite(each).all() for each in (windows, rises, *keys.values()))
+    finite = all(np.isfinite(each).all() for each in (windows, rises, bend, *keys.values()))
     if not (positive and rising and finite) or len(targets) != TouchDrive.slides + len(windows):
         raise ValueError
     if len(windows) and (not len(rises) or not (np.diff(rises[:, 0]) > 0).all()):
         raise ValueError
     anchors = tuple(read_point(each, nodes, morph_names) for each in data["anchors"])
+    tip = read_point(data["by"], nodes, morph_names) if "by" in data else None
+    if len(anchors) != 4:
+        raise ValueError
     spring = Spring(2.0 * np.pi * frequency, damping)
-    return TouchDrive(str(data["name"]), anchors, pad, grip, deepest, spring, windows, rises, targets, keys)
+    return TouchDrive(str(data["name"]), anchors, pad, grip, deepest, spring, windows, rises, targets, keys, bend, tip)
+
+
+def _ended(rows: Sequence[Floats], end: float) -> Floats:
+    """(keys, 4) the rows of a stroke whose tip leaves at some second."""
+    last = rows[-1].copy()
+    last[0], last[3] = max(end, last[0] + 1e-6), 0.0
+    return np.stack([*rows, last])

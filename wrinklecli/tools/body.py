@@ -31,6 +31,7 @@ from wrinklecli.tools.records import (
     END,
     MASK,
     SECONDS,
+    JointPoint,
     Length,
     Marker,
     Mask,
@@ -41,6 +42,7 @@ from wrinklecli.tools.records import (
     read_anchor,
     read_end,
     read_mask_of,
+    read_tip,
 )
 
 AUTO_LENGTH = expects(f"auto, {LENGTHS}", anyOf=[{"enum": ["auto"]}, LENGTH])
@@ -418,6 +420,7 @@ class Touch(BodyEffect):
     Attributes:
         at: Its middle: world space at rest, Y-up, scene units; or a marker. `towards` is alike.
         towards: A point in whose direction slides count as forward; None for the direction of the limb.
+        by: The tip; None if it is keyed alone.
         wrinkles: None for a slide without rings.
         keys: Each clip's keys: seconds, ascending, the slide forward and sideways, and the tip's depth.
     """
@@ -441,7 +444,8 @@ class Touch(BodyEffect):
     )
     press: Length = key(
         LENGTH,
-        "Depth of the dent under the tip at most: a length or a percentage of the pad. Default 20%.",
+        "Distance from the skin below which a node touches it, and depth of the dent at most: a length or a percentage "
+        "of the pad. Default 20%.",
         "20%",
         read=parse_length,
     )
@@ -461,6 +465,16 @@ class Touch(BodyEffect):
         ANCHOR,
         "Slides towards this point count as forward. Default: along the limb, away from the body.",
         read=read_anchor,
+        absent=None,
+    )
+    by: JointPoint | None = key(
+        if_mapping(
+            schema_of(JointPoint),
+            expects("the name of a node, or {joint: NODE, offset: [x, y, z]}", type="string", minLength=1),
+        ),
+        "Node whose motion in the clips slides the skin while it is near: a fingertip, a prop, or {joint: NODE, "
+        "offset: [x, y, z]}.",
+        read=read_tip,
         absent=None,
     )
     keys: Mapping[str, tuple[tuple[float, ...], ...]] = key(
@@ -495,12 +509,13 @@ class Touch(BodyEffect):
 
     @property
     def points(self) -> tuple[Point, ...]:
-        """The middle, and the point that is forward if there is one."""
-        return (self.at,) if self.towards is None else (self.at, self.towards)
+        """The middle, and the point that is forward and the tip if there are such."""
+        return tuple(each for each in (self.at, self.towards, self.by) if each is not None)
 
     def place_of(self, number: int, *keys: str) -> str:
         """The place of a point in the file."""
-        return self.place(("at", "towards")[number], *keys)
+        there = [name for name in ("at", "towards", "by") if getattr(self, name) is not None]
+        return self.places.get((there[number], *keys), self.place(there[number]))
 
     @property
     def named_clips(self) -> Sequence[tuple[str, tuple[str, ...]]]:

@@ -151,6 +151,11 @@ def read_end(value: Any) -> Point:
     return read_anchor(value)
 
 
+def read_tip(value: Any) -> JointPoint:
+    """A point that a node carries, in the file's axes: by the node's name, or with an offset."""
+    return JointPoint(value) if isinstance(value, str) else read_record(JointPoint, value)
+
+
 def read_anchors(value: Any) -> tuple[Position | Marker, ...]:
     """Anchors of a tools file, in the file's axes."""
     return tuple(map(read_anchor, value))
@@ -670,7 +675,7 @@ def with_points(record: type, values: Mapping[str, Any], moved: Callable[[Point]
     readers = readers_of(record)
     found = dict(values)
     for name in values:
-        if readers.get(name) in (read_anchor, read_end):
+        if readers.get(name) in (read_anchor, read_end, read_tip):
             found[name] = moved(values[name])
         elif readers.get(name) is read_anchors:
             found[name] = tuple(map(moved, values[name]))

@@ -13,8 +13,12 @@ from kit.bakes import bake_once, place, report_of
 from kit.clients import assert_valid, compare_with_three
 from kit.player import Gltf
 from kit.touch import GRIP, PAD, SECONDS, plate, touch
+from wrinklecli.baking.baked_body import read_bodies
 from wrinklecli.baking.track import track
+from wrinklecli.character.clip import read_clips
+from wrinklecli.character.rig import read_rig
 from wrinklecli.errors import WrinkleError
+from wrinklecli.gltf.document import read_document
 
 
 @pytest.fixture(scope="module")
@@ -28,9 +32,6 @@ def baked(asset: Path, *touches: Json, **options: Any) -> Gltf:
 
 def moves(file: Gltf, contact: tuple[float, float, float]) -> tuple[np.ndarray, np.ndarray]:
     """(vertices, 3) places at rest, and moves under a slide forward and sideways and a depth."""
-    from wrinklecli.baking.baked_body import read_bodies
-    from wrinklecli.gltf.document import read_document
-
     (stored,) = read_bodies(read_document(file.path))[0].drives
     weights = stored.on({"bone": 1}, []).weights(np.array([contact]))
     return file.attribute("skin", "POSITION"), np.einsum("t,tvx->vx", weights[0], file.deltas("skin"))
@@ -93,6 +94,43 @@ def test_a_clip_of_another_file_is_tracked(skin: Path, tmp_path: Path) -> None:
     assert np.abs(values - whole.weights("skin", "drag", times)).max() < 0.02
 
 
+def drawn(*ways: tuple[float, float, float]) -> Path:
+    """The plate with a tip that goes along these places, evenly over the clip."""
+    return place(plate(tip=np.array(ways, np.float64)))
+
+
+def test_a_node_that_comes_near_drags_the_skin_and_slips() -> None:
+    """It comes down at 0.4 s, sticks, slips at the grip, and goes at 1.2 s: then the skin springs back."""
+    far, near = 0.03, 0.0
+    asset = drawn(
+        (-0.005, far, 0), (-0.005, near, 0), (0.001, near, 0), (0.013, near, 0), (0.013, far, 0), (0.013, far, 0)
+    )
+    file = baked(asset, touch(by="tip", keys={}, press=0.003))
+    # The tip passes 3 mm above the skin 9/10 of the way down, and moves by 0.5 mm a tenth of a second.
+    times = np.array([0.0, 0.35, 0.5, 0.8, 1.1, 1.2, 1.9])
+    weights = file.weights("skin", "drag", times)
+    forward = GRIP * (2.0 * weights[:, 0] - weights[:, 2])
+    assert forward[:2] == pytest.approx([0.0, 0.0], abs=1e-5)
+    assert forward[2:4] == pytest.approx([0.0015, 0.006], abs=2e-4)
+    assert forward[4:6] == pytest.approx([GRIP, GRIP], rel=0.01)
+    assert abs(forward[6]) < 0.1 * GRIP
+    assert report_of(file).data["warnings"] == []
+
+
+def test_the_distance_is_that_of_the_posed_skin() -> None:
+    """On a bent plate that turns, the tip's height is right to a part of a millimetre within the pad."""
+    angles = np.array([-0.25, 0.0, 0.2])
+    above = 0.042 * np.stack([np.sin(angles), np.cos(angles), 0 * angles], axis=1) - [0.0, 0.04, 0.0]
+    file = baked(place(plate(bend=25.0, cells=60, size=0.2, tip=above)), touch(by="tip", keys={}))
+    document = read_document(file.path)
+    (stored,) = read_bodies(document)[0].drives
+    tips = stored.on({"bone": 1, "tip": 2}, []).tip_in(
+        read_rig(document, 0), read_clips(document)[0], np.linspace(0.0, SECONDS, len(angles))
+    )
+    assert tips[:, 2] == pytest.approx(0.002, abs=3e-4)
+    assert tips[:, 0] == pytest.approx(above[:, 0], abs=1e-4)
+
+
 def test_one_direction_takes_one_target(skin: Path) -> None:
     file = baked(skin, touch(wrinkles={"directions": 1}))
     assert len(file.mesh("skin")["extras"]["targetNames"]) == 5
@@ -123,6 +161,8 @@ def test_a_tool_behind_the_tip_sees_the_stretched_skin(skin: Path) -> None:
         ({"towards": [0.0, 0.05, 0.0]}, "gives no direction"),
         ({"wrinkles": {"directions": 3}}, "found 3, expected 1, 6, 8, 12 or 16"),
         ({"mask": {"attribute": "_SKIN"}}, "has no _SKIN"),
+        ({"by": "finger"}, "no node is named 'finger'"),
+        ({"by": {"joint": "bone", "offset": [0, 0]}}, "expected [x, y, z]"),
     ],
     ids=str,
 )
@@ -143,3 +183,5 @@ def test_warnings_say_what_looks_folded_and_what_never_acts(skin: Path) -> None:
     assert said() == ""
     assert "below -0.7 it looks folded" in said(grip=0.0195)
     assert "no clip keys it" in said(keys={})
+    away = report_of(baked(drawn((0, 0.05, 0), (0.2, 0.02, 0)), touch(by="tip", keys={}))).data["warnings"]
+    assert "'tip' comes no nearer to the place than" in away[0]

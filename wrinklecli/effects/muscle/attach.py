@@ -231,7 +231,7 @@ def _attach(muscle: Muscle, ground: Ground, bones: Bones) -> AttachedMuscle:
     if not heights.any():
         raise BakeError("no vertex lies above it", where=muscle.where)
     segment = Segment(
-        tuple(_carried(ground, node, place) for node, place in zip(ends, places, strict=True)),
+        tuple(carried_by(ground, node, place) for node, place in zip(ends, places, strict=True)),
         RestLength(span),
         _tension(muscle, ACTIVATION * response.belly, rig),
     )
@@ -265,7 +265,7 @@ def _carrying_node(muscle: Muscle, number: int, place: Floats, rig: Rig, bones: 
     return node if node >= 0 else bones.nodes[bones.nearest(place)]
 
 
-def _carried(ground: Ground, node: int, place: Floats) -> CarriedPoint:
+def carried_by(ground: Ground, node: int, place: Floats) -> CarriedPoint:
     """A (3,) place at rest that a node carries rigidly."""
     matrix = node_matrices(ground.rig, ground.rest.clip, ground.rest.time, [node])[0, 0]
     points = np.zeros((1 + len(ground.rig.morph_names), 1, 4))

@@ -1,7 +1,7 @@
 """Touches attached to a body at rest: the place, the slide of its skin, the dent, and the rings of wrinkles."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -10,7 +10,7 @@ from wrinklecli.character.carried import CarriedPoint
 from wrinklecli.character.surface import influence_count
 from wrinklecli.drive.touch import TouchDrive
 from wrinklecli.effects.effect import Moves
-from wrinklecli.effects.muscle.attach import Bones
+from wrinklecli.effects.muscle.attach import Bones, carried_by
 from wrinklecli.effects.touch.disc import Disc, disc_on
 from wrinklecli.effects.touch.rings import Rings, plan_rings
 from wrinklecli.effects.touch.skin import Hold, Place, hold_of, slides_of
@@ -21,7 +21,7 @@ from wrinklecli.numeric.spring import Spring
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.mask import read_mask
 from wrinklecli.surface.refine import Refinement, refine
-from wrinklecli.surface.rest import asked_positions
+from wrinklecli.surface.rest import asked_positions, named_node
 from wrinklecli.tools.body import Touch
 from wrinklecli.tools.records import EffectTool, ToolsFile, in_axes
 
@@ -35,6 +35,8 @@ _FAR = 0.5
 _LARGEST = 0.25
 # Radius of the dent over the pad's: skin bends over more than the tip's own width.
 _DENT = 1.5
+# Radius round the middle in which the skin's bend is fitted, over the pad's.
+_BENT = 1.5
 # Intervals across the pad that the slide needs; rings are finer.
 _ACROSS = 6.0
 # Directions in which the strain is looked at.
@@ -52,9 +54,9 @@ class AttachedTouch:
         drive: The names of the targets, and their weights.
         rings: The rings; None for a slide alone.
         disc: The region that is refined.
+        touched: Names of the clips in which its node touches.
         strain: The greatest compression at the greatest slide, from 0 to -1 and below.
         deltas: (targets, vertices, 3) of the coarse surface, bind space, at weight 1.
-        soft: The part of each coarse vertex that a mask leaves; None without one.
     """
 
     tool: Touch
@@ -63,6 +65,7 @@ class AttachedTouch:
     drive: TouchDrive
     rings: Rings | None
     disc: Disc
+    touched: tuple[str, ...]
     strain: float
     deltas: Floats
     moves: Moves = field(init=False)
@@ -124,10 +127,6 @@ def _attach(tool: Touch, ground: Ground, settings: ToolsFile) -> AttachedTouch:
     slides = slides_on(fine, place, hold)
     if not slides.any(axis=(1, 2)).all():
         raise BakeError("does not move the skin there: nothing of it is free to slide", where=tool.place_of(0))
-    rings, main = None, _main_direction(tool)
-    if tool.wrinkles is not None:
-        rings = plan_rings(tool, tool.wrinkles, place, grip, main, slides, fine.rest_positions, fine.rest_normals)
-    windows = np.zeros(0) if rings is None else rings.angles
     drive = TouchDrive(
         name=tool.name,
         anchors=_anchors(ground, place),
@@ -135,11 +134,18 @@ def _attach(tool: Touch, ground: Ground, settings: ToolsFile) -> AttachedTouch:
         grip=grip,
         deepest=deepest,
         release=Spring(2.0 * np.pi * tool.release.frequency, tool.release.damping),
-        windows=windows,
-        rises=np.zeros((0, 2)) if rings is None else rings.rises,
-        targets=tuple(f"wrinkle_{tool.identifier}_{n}" for n in range(1, TouchDrive.slides + len(windows) + 1)),
+        windows=np.zeros(0),
+        rises=np.zeros((0, 2)),
+        targets=_names(tool, 0),
         keys={clip: np.array(keys) for clip, keys in tool.keys.items()},
+        bend=_bend(fine, place),
+        tip=_tip(tool, ground),
     )
+    rings = None
+    if tool.wrinkles is not None:
+        main = _main_direction(drive, ground)
+        rings = plan_rings(tool, tool.wrinkles, place, grip, main, slides, fine.rest_positions, fine.rest_normals)
+        drive = replace(drive, windows=rings.angles, rises=rings.rises, targets=_names(tool, len(rings.angles)))
     strain = _strain(fine, slides * grip)
     if strain < TURNED:
         raise BakeError(
@@ -147,9 +153,10 @@ def _attach(tool: Touch, ground: Ground, settings: ToolsFile) -> AttachedTouch:
             f" over; up to {grip * -FOLDED / -strain:.3g} it looks well",
             where=tool.place("grip"),
         )
-    bare = AttachedTouch(tool, place, hold, drive, rings, disc, strain, np.zeros((0, *ground.rest.positions.shape)))
-    deltas = _deltas(bare, fine, slides)[:, : len(ground.rest.positions)]
-    return AttachedTouch(tool, place, hold, drive, rings, disc, strain, deltas)
+    touched = tuple(clip.name for clip in ground.clips if drive.strokes_in(ground.rig.own, clip))
+    still = np.zeros((0, *ground.rest.positions.shape))
+    bare = AttachedTouch(tool, place, hold, drive, rings, disc, touched, strain, still)
+    return replace(bare, deltas=_deltas(bare, fine, slides)[:, : len(ground.rest.positions)])
 
 
 def _size(tool: Touch, place: Place) -> tuple[float, float, float]:
@@ -225,17 +232,40 @@ def _limb(ground: Ground, at: Floats) -> Floats:
     return np.asarray(bones.ends[number] - bones.starts[number])
 
 
-def _main_direction(tool: Touch) -> float:
+def _names(tool: Touch, windows: int) -> tuple[str, ...]:
+    """The names of the targets."""
+    return tuple(f"wrinkle_{tool.identifier}_{number}" for number in range(1, TouchDrive.slides + windows + 1))
+
+
+def _tip(tool: Touch, ground: Ground) -> CarriedPoint | None:
+    """The tip, as its node carries it; None if there is none."""
+    if tool.by is None:
+        return None
+    number = len(tool.points) - 1
+    node = named_node(ground.rig, tool, number)
+    return carried_by(ground, node, asked_positions(ground.rig, ground.rest.clip, ground.rest.time, tool)[number])
+
+
+def _bend(fine: Refinement, place: Place) -> Floats:
+    """(3,) the quadric that fits the skin round a place: its height above the tangent plane."""
+    relative = fine.rest_positions - place.at
+    near = np.sum(relative**2, axis=1) < (_BENT * place.pad) ** 2
+    near &= fine.rest_normals @ place.axes[2] > 0
+    forward, sideways, height = place.axes @ relative[near].T
+    columns = np.stack([forward**2, forward * sideways, sideways**2], axis=1)
+    return np.asarray(np.linalg.lstsq(columns, height, rcond=None)[0], np.float64)
+
+
+def _main_direction(drive: TouchDrive, ground: Ground) -> float:
     """The direction in which the skin slides farthest in any clip, radians from forward."""
-    slides = np.array([key[1:3] for keys in tool.keys.values() for key in keys]).reshape(-1, 2)
-    if not slides.any():
-        return 0.0
+    strokes = [rows for clip in ground.clips for rows in drive.strokes_in(ground.rig.own, clip)]
+    slides = np.concatenate([np.zeros((1, 2)), *(rows[:, 1:3] for rows in strokes)])
     farthest = slides[np.argmax((slides**2).sum(axis=1))]
     return float(np.arctan2(farthest[1], farthest[0]))
 
 
 def _anchors(ground: Ground, place: Place) -> tuple[CarriedPoint, ...]:
-    """The middle of a place, and points before and beside it, carried by the joints of the middle."""
+    """The middle of a place, and points before, beside and above it, carried by the joints of the middle."""
     from wrinklecli.numeric.arrays import determinants
 
     rest, rig, surface = ground.rest, ground.rig, ground.surface
@@ -249,7 +279,7 @@ def _anchors(ground: Ground, place: Place) -> tuple[CarriedPoint, ...]:
     bound = np.abs(determinants(rig.inverse_binds[joints, :3, :3]))
     before = np.abs(determinants(rest.matrices[joints, :3, :3]))
     found = []
-    for offset in (np.zeros(3), place.pad * place.axes[0], place.pad * place.axes[1]):
+    for offset in (np.zeros(3), *(place.pad * place.axes)):
         bind = np.linalg.solve(blended[:3, :3], place.at + offset - blended[:3, 3])
         bind = bind - np.tensordot(rest.morph_weights[:own], deltas, axes=1)
         points = np.zeros((1 + own, len(joints), 4))

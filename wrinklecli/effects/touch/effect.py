@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from wrinklecli.drive.swing import signed
 from wrinklecli.drive.touch import TouchDrive
 from wrinklecli.effects.body import BodyEffect
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, targets_of
@@ -13,6 +14,9 @@ from wrinklecli.effects.touch.attach import FOLDED, AttachedTouch
 from wrinklecli.errors import counted
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, significant
+
+# Part of the greatest slide below which nobody sees the skin move.
+_LEAST = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,15 +64,16 @@ class TouchEffect(BodyEffect[AttachedTouch]):
             "targets": list(self.target_names),
         }
 
-    def describe_clip(self, motion: Motion, _state: Floats) -> Json | None:
+    def describe_clip(self, motion: Motion, state: Floats) -> Json | None:
         """The touch's entry in a clip: when it acts, its largest slide, and its strain; None if it does not."""
         drive, rings = self.attached.drive, self.attached.rings
-        contacts = drive.contacts_in(motion.clip)(motion.times)
-        slides = np.sqrt((contacts[:, :2] ** 2).sum(axis=1))
-        acting = np.flatnonzero((slides > 0) | (contacts[:, 2] > 0))
+        slides = drive.grip * np.sqrt((signed(state[:, :3]) ** 2).sum(axis=1))
+        depths = drive.deepest * state[:, 3]
+        keys = drive.keys.get(motion.clip.name, np.zeros((0, 4)))
+        acting = np.flatnonzero((slides > _LEAST * drive.grip) | (depths > 0))
         if not len(acting):
             return None
-        largest = float(np.minimum(slides, drive.grip).max())
+        largest = float(slides.max())
         tallest = 0.0
         if rings is not None:
             tallest = rings.tallest * float(np.interp(largest / drive.grip, *rings.rises.T))
@@ -76,13 +81,13 @@ class TouchEffect(BodyEffect[AttachedTouch]):
             "name": self.name,
             "times": [significant(float(motion.times[end]), 4) for end in (acting[0], acting[-1])],
             "largest_slide": significant(largest, 4),
-            "asked_slide": significant(float(slides.max()), 4),
+            "asked_slide": significant(max(largest, float(np.hypot(*keys[:, 1:3].T).max(initial=0.0))), 4),
             "strain": significant(self.attached.strain * largest / drive.grip, 4),
             "height": significant(tallest, 4),
-            "depth": significant(float(min(contacts[:, 2].max(), drive.deepest)), 4),
+            "depth": significant(float(depths.max()), 4),
         }
 
-    def warnings(self, _plan: MeshPlan, motions: Sequence[tuple[Motion, Any, Floats]], *, up: str) -> list[str]:
+    def warnings(self, plan: MeshPlan, motions: Sequence[tuple[Motion, Any, Floats]], *, up: str) -> list[str]:
         """Warnings about skin that folds, and about a touch that never acts."""
         assert up in ("y", "z")
         warnings = []
@@ -93,5 +98,17 @@ class TouchEffect(BodyEffect[AttachedTouch]):
                 f" below {FOLDED} it looks folded: up to {grip * FOLDED / self.attached.strain:.3g} it looks well"
             )
         if motions and not any(weights.any() for _, _, weights in motions):
-            warnings.append(f"{self.name}: no clip keys it: only a driver in the player moves the skin there")
+            why = "no clip keys it: only a driver in the player moves the skin there"
+            by = self.attached.tool.by
+            if by is not None:
+                tips = [self.drive.tip_in(plan.rig.own, each.clip, each.times) for each, _, _ in motions]
+                away = np.concatenate([np.hypot(np.hypot(*t[:, :2].T) - self.drive.pad, t[:, 2]) for t in tips])
+                inside = np.concatenate([np.hypot(*t[:, :2].T) < self.drive.pad for t in tips])
+                heights = np.abs(np.concatenate([t[:, 2] for t in tips]))
+                nearest = float(np.where(inside, heights, away).min())
+                why = (
+                    f"{by.joint!r} comes no nearer to the place than {nearest:.3g}, and touches it below"
+                    f" {self.drive.deepest:.3g} (`press`); `offset` puts a tip where its joint is not"
+                )
+            warnings.append(f"{self.name}: {why}")
         return warnings
