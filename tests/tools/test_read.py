@@ -775,6 +775,7 @@ def defaults_of(keys: dict[str, Any]) -> dict[str, Any]:
         "touches",
         "radius",
         "towards",
+        "by",
         *(["at"] if "radius" in keys else []),
     ]
     return defaults | {key: None for key in absent if key in keys}

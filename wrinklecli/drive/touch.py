@@ -1,10 +1,9 @@
 """The drive of a touch: how far a tip has slid the skin, and the weights of slide, dent and rings that follow from it.
 
 The slide d has a part forward and a part sideways. Its shapes are those of an elastic skin, which is linear, so their
-weights are d / `grip`, made positive as those of flesh: the least number, if it is below 0, is taken from both, and the
-third target, equal to minus the sum of the others, gets it. The dent's weight is the depth of the tip below the skin
-over `deepest`. A ring rises with f(|d| / grip) · cos(angle of d - angle of its window), where f is a table that starts
-like a square root, as all wrinkles do.
+weights are d / `grip`; each of the four ways has a target of its own, so that no weight is below 0. The dent's weight
+is the depth of the tip below the skin over `deepest`. A ring rises with f(|d| / grip) · cos(angle of d - angle of its
+window), where f is a table that starts like a square root, as all wrinkles do.
 
 Slides and depths are keyed in some clips, straight between keys, and held before the first one. After the last one the
 tip lets go, and the skin springs back: x'' = -ω² x - 2 ζ ω x'.
@@ -32,7 +31,6 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import LEAST_SCALE
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.point import point_json, read_point
-from wrinklecli.drive.swing import nonnegative
 from wrinklecli.drive.table import Json, stored
 from wrinklecli.numeric.arrays import Floats, determinants
 from wrinklecli.numeric.piecewise import Signal
@@ -59,7 +57,8 @@ class TouchDrive:
         release: The spring by which the skin comes back.
         windows: (windows,) directions of the rings' windows, radians.
         rises: (rows, 2) slides over the greatest, and weights of the rings; sorted.
-        targets: Names of the morph targets: slide forward, sideways and back, dent, and the windows.
+        targets: Names of the morph targets: slides forward, sideways, back and to the other side, the dent, and the
+            windows.
         keys: By clip, (keys, 4) seconds, slides forward and sideways, and depths, scene units.
         bend: (3,) the skin's height round the middle, one over scene units.
         tip: The node that touches; None if there is none.
@@ -80,7 +79,7 @@ class TouchDrive:
     _strokes: dict[bytes, tuple[Floats, ...]] = field(default_factory=dict, init=False, repr=False)
 
     own: ClassVar[tuple[str, ...]] = ()
-    slides: ClassVar[int] = 4
+    slides: ClassVar[int] = 5
     """Targets before those of the rings."""
 
     @property
@@ -182,7 +181,9 @@ class TouchDrive:
         ways = slides / np.maximum(lengths, 1e-12)[:, None]
         ahead = ways @ np.stack([np.cos(self.windows), np.sin(self.windows)])
         rings = np.interp(lengths, *self.rises.T)[:, None] * np.maximum(ahead, 0.0)
-        return np.concatenate([nonnegative(slides), np.clip(depths, 0.0, 1.0)[:, None], rings], axis=1)
+        return np.concatenate(
+            [np.maximum(slides, 0.0), np.maximum(-slides, 0.0), np.clip(depths, 0.0, 1.0)[:, None], rings], axis=1
+        )
 
     def weights_in(self, rig: Rig, clip: Clip | None) -> Signal:
         """A function from (frames,) seconds of a clip to (frames, targets) weights; None is the stored pose."""

@@ -6,7 +6,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from wrinklecli.drive.swing import signed
 from wrinklecli.drive.touch import TouchDrive
 from wrinklecli.effects.body import BodyEffect
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, targets_of
@@ -67,8 +66,8 @@ class TouchEffect(BodyEffect[AttachedTouch]):
     def describe_clip(self, motion: Motion, state: Floats) -> Json | None:
         """The touch's entry in a clip: when it acts, its largest slide, and its strain; None if it does not."""
         drive, rings = self.attached.drive, self.attached.rings
-        slides = drive.grip * np.sqrt((signed(state[:, :3]) ** 2).sum(axis=1))
-        depths = drive.deepest * state[:, 3]
+        slides = drive.grip * np.sqrt((state[:, :4] ** 2).sum(axis=1))
+        depths = drive.deepest * state[:, 4]
         keys = drive.keys.get(motion.clip.name, np.zeros((0, 4)))
         acting = np.flatnonzero((slides > _LEAST * drive.grip) | (depths > 0))
         if not len(acting):

@@ -15,8 +15,8 @@ from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, unit
 from wrinklecli.numeric.membrane import Membrane
 from wrinklecli.surface.ground import Ground
 
-FADED = 6.0
-"""Lengths of decay beyond the pad at which the skin is held: of the slide there, 1/400 is left."""
+FADED = 4.0
+"""Lengths of decay beyond the pad at which the skin is held: of the slide, less than 1/50 would be left there."""
 
 # Width of the load over the pad's radius: that of a Gaussian whose flank is as steep as a fingertip's.
 _PAD = 0.8
@@ -27,6 +27,13 @@ _AT_ONCE = 512
 # Bounds of the factor by which bones tether: skin far from bones has the reach that is asked for, and a bone at the
 # surface does not hold the skin for good.
 _BONES = (1.0, 16.0)
+# Tether of skin that bends by 1 radian over the reach, over that of flat skin: a slide along a tangent leaves a surface
+# by half its square over the radius. With 4, the slide fades over less than half of the radius there.
+_CURVED = 4.0
+# Least part by which skin that faces away is held: behind a limb, tethers are 400 times as strong.
+_LEAST_FACING = 0.05
+# Vertices near the end of a slide by which the surface is found there.
+_NEIGHBOURS = 8
 # Least factor of a mask below which skin does not move.
 _LEAST_SOFT = 0.02
 
@@ -93,7 +100,8 @@ def hold_of(ground: Ground, place: Place, soft: Floats | None) -> Hold:
     bends = (np.sum(ways * turns, axis=1) / np.where(lengths > 0, lengths, 1.0)) ** 2
     counts = np.bincount(starts, minlength=len(positions))
     curved = np.bincount(starts, bends, len(positions)) / np.maximum(counts, 1)
-    tethers = (1.0 + place.reach**2 * curved) / place.reach**2
+    tethers = (1.0 + _CURVED * place.reach**2 * curved) / place.reach**2
+    tethers /= np.maximum((1.0 + rest.normals @ place.axes[2]) / 2.0, _LEAST_FACING) ** 2
     bones = Bones.of(ground) if ground.rig.skinned else None
     if bones is not None and len(bones.nodes):
         segments = np.stack([bones.starts, bones.ends], axis=1)
@@ -169,6 +177,30 @@ def slides_of(place: Place, positions: Floats, triangles: Ints, hold: Hold) -> F
     for slide, axis, into in zip(slides, place.axes, found, strict=False):
         mean = float(weights @ (slide @ axis)) / float(weights.sum())
         into[used] = slide / mean if mean > 0 else 0.0
+    return found
+
+
+def on_surface(positions: Floats, normals: Floats, moves: Floats) -> Floats:
+    """(vertices, 3) moves that end on the surface, whose tangent planes near each end say where it is there.
+
+    (vertices, 3) `positions` and unit `normals` are the surface, and (vertices, 3) `moves` lead nearly along it. Skin
+    that slides stays on what is below it, which a straight move along a tangent leaves.
+    """
+    from scipy.spatial import cKDTree
+
+    moving = np.flatnonzero(moves.any(axis=1))
+    ends = positions[moving] + moves[moving]
+    found_near = cKDTree(positions).query(ends, k=min(_NEIGHBOURS, len(positions)))
+    distances, near = (np.asarray(each) for each in found_near)
+    width = np.maximum(np.median(distances, axis=1, keepdims=True), 1e-12)
+    weights = np.exp(-((distances / width) ** 2))
+    # Skin on the other side, or of the next finger, does not count.
+    weights *= np.maximum(np.sum(normals[near] * normals[moving, None], axis=2), 0.0) + 1e-9
+    weights /= weights.sum(axis=1, keepdims=True)
+    outward = unit(np.sum(weights[:, :, None] * normals[near], axis=1))
+    above = np.sum(weights[:, :, None] * (ends[:, None] - positions[near]) * normals[near], axis=(1, 2))
+    found = moves.copy()
+    found[moving] -= above[:, None] * outward
     return found
 
 
