@@ -11,6 +11,7 @@ import yaml
 from scipy.spatial import cKDTree
 
 import wrinklecli
+from kit.asset import Array
 from kit.flesh import body
 from kit.limb import RADIUS, limb, limb_asset
 from wrinklecli.character.clip import read_clips
@@ -557,3 +558,80 @@ def test_two_places_make_flesh(tmp_path: Path) -> None:
     assert cKDTree(baked).query(shown)[0].max() < 5e-4
     with pytest.raises(ConfigError, match="larger than the body allows"):
         session.add_flesh([0.0, -0.05, 0.18], [0.0, 9.0, 0.18])
+
+
+def test_muscles_are_edited_as_tools_are(session: Session) -> None:
+    """One list, one mechanism: values with their sources, drafts, names, copies, undo."""
+    name = session.add_muscle([-0.8, RADIUS, 0.0], [0.15, RADIUS, 0.0], "limb")
+    muscle = next(each for each in session.tools() if each.name == name)
+    assert (muscle.list_key, muscle.keys["tendon"].value, muscle.keys["tendon"].source) == (
+        "muscles",
+        "22%",
+        "built-in",
+    )
+    assert muscle.length == pytest.approx(0.95, rel=0.1)
+    session.delete("crease")
+    session.delete("across")
+    session.delete("far")
+    before = shape_at(session)
+    session.set_value(name, ("thickness",), 0.2, draft=True)
+    drafted = shape_at(session)
+    assert np.abs(drafted - before).max() > 1e-3
+    session.set_value(name, ("thickness",), 0.2)
+    assert yaml.safe_load(session.text)["muscles"][0]["thickness"] == 0.2
+    np.testing.assert_array_equal(shape_at(session), drafted)
+    assert session.inherited(next(each for each in session.tools() if each.name == name))["thickness"].value == "auto"
+    session.rename(name, "biceps")
+    assert session.copy("biceps") == "biceps_1"
+    assert session.mirror("biceps_1", "x") == "biceps_1.R"
+    session.undo()
+    session.delete("biceps_1")
+    assert session.greatest_move("biceps") is not None
+    session.delete("biceps")
+    assert "muscles" not in yaml.safe_load(session.text)
+    for _ in range(3):
+        assert session.undo()
+    assert [each["name"] for each in yaml.safe_load(session.text)["muscles"]] == ["biceps"]
+
+
+def shape_at(session: Session) -> Array:
+    """(vertices, 3) of the first mesh in the middle of its first clip."""
+    clip = session.clips[0].name
+    times = session.frame_times(clip)
+    return session.meshes(clip, float(times[len(times) // 2]), wait=False)[0].positions
+
+
+def test_muscles_of_several_hands_are_merged(session: Session) -> None:
+    session.add_muscle([-0.8, RADIUS, 0.0], [0.15, RADIUS, 0.0], "limb")
+    session.save()
+    path = Path(session.path)
+    path.write_text(path.read_text().replace("name: muscle_1", "name: muscle_1\n    tendon: 30%"))
+    session.set_value(session.tools()[0].name, ("enabled",), False)
+    session.save()
+    assert yaml.safe_load(path.read_text())["muscles"][0]["tendon"] == "30%"
+    path.write_text(path.read_text().replace("30%", "31%"))
+    session.set_value("muscle_1", ("tendon",), "32%")
+    with pytest.raises(ConfigError, match="muscle_1: was changed here, and otherwise in the file on disk"):
+        session.save()
+
+
+def test_frequency_and_damping_are_felt_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A change of the springs solves nothing again, leaves what lies on the skin, and shows what a bake plays."""
+    (tmp_path / "body.glb").write_bytes(body(keys=20, normals=False).glb())
+    session = Session(tmp_path / "body.glb", tmp_path / "tools.yaml")
+    name = session.add_flesh([0.0, -0.05, 0.18], [0.0, 0.08, 0.18])
+    before, (mesh,) = shape_at(session), session.meshes("jump", 0.0)
+    monkeypatch.setattr("wrinklecli.effects.flesh.attach.swings_of", lambda *_: pytest.fail("was solved again"))
+    for frequency in (2.0, 2.5, 3.0):
+        session.set_value(name, ("frequency",), frequency, draft=True)
+    drafted = shape_at(session)
+    assert np.abs(drafted - before).max() > 1e-3
+    session.set_value(name, ("frequency",), 3.0)
+    session.set_value(name, ("damping",), 0.6)
+    (again,) = session.meshes("jump", 0.0)
+    assert again.source.ground is mesh.source.ground
+    shown = shape_at(session)
+    monkeypatch.undo()
+    (tmp_path / "other.yaml").write_text(session.text)
+    fresh = Session(tmp_path / "body.glb", tmp_path / "other.yaml")
+    np.testing.assert_allclose(shape_at(fresh), shown, atol=1e-12)

@@ -9,6 +9,7 @@ import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import TypeAlias
 
 import numpy as np
 
@@ -18,11 +19,15 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.contacts import Neighbours
 from wrinklecli.character.joined import with_free_nodes
 from wrinklecli.character.moved import Motions, moved
+from wrinklecli.character.rig import DrivenTargets
 from wrinklecli.character.scene import deforming_nodes, scene_nodes
 from wrinklecli.character.skin import Skin, prepare
-from wrinklecli.editor.attached import AttachedTool, AttachedTools, Cluster, PlayableMesh
+from wrinklecli.editor.attached import AttachedBelow, AttachedTool, AttachedTools, Cluster, PlayableMesh
 from wrinklecli.editor.clip_cache import ClipCache, RecentResults
+from wrinklecli.effects.flesh.attach import AttachedFlesh
+from wrinklecli.effects.muscle.attach import AttachedMuscle
 from wrinklecli.effects.plan import attach_effects, plan_on
+from wrinklecli.effects.touch.attach import AttachedTouch
 from wrinklecli.effects.wrinkle.attach import attach_tools
 from wrinklecli.effects.wrinkle.bounds import bounded
 from wrinklecli.effects.wrinkle.carry import carry
@@ -33,7 +38,11 @@ from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.numeric.arrays import Ints, components, distinct_values, flags_of
 from wrinklecli.numeric.memory import MAX_MEMORY, Memory
 from wrinklecli.surface.ground import Ground, read_ground
+from wrinklecli.tools.body import Flesh
 from wrinklecli.tools.records import EffectTool, Length, ToolsFile, WrinkleTool
+
+Below: TypeAlias = AttachedMuscle | AttachedFlesh | AttachedTouch
+"""An effect below the skin that fits a mesh."""
 
 _MAX_ERROR = Length(1.0, percent=True)  # the default of a bake
 _RINGS = 4  # rings of triangles around a tool that its refinement may read or split; tools whose rings meet overlap
@@ -81,6 +90,7 @@ class LoadedAsset:
         self._nodes = [node for node in scene_nodes(document) if "mesh" in document.items("nodes")[node]]
         self._grounds = RecentResults(4 * len(self._nodes))
         self._skins = RecentResults(len(self._nodes))
+        self._attached = RecentResults(_KEPT_PATCHES)
         self._patches = RecentResults(_KEPT_PATCHES)
         self._clusters = RecentResults(_KEPT_PLANS)
         self._meshes = RecentResults(len(self._nodes) + _KEPT_MESHES)
@@ -117,9 +127,11 @@ class LoadedAsset:
         by_node = self._tools_by_node(settings, problems)
         below = self._below_skin(settings, problems)
         meshes, tools, provisional = [], {}, False
+        attached_below: dict[str, AttachedBelow] = {}
         for node in self._nodes:
             ground = self._ground(node, settings, by_node.get(node, []))
-            ground = self._moved(ground, below.get(node, []), settings, problems)
+            ground, driven, here = self._moved(ground, below.get(node, []), settings, problems)
+            attached_below = here | attached_below  # of a region on several meshes, that of the first
             patches: list[Patch] = []
             for tool in by_node.get(node, []):
                 try:
@@ -138,9 +150,9 @@ class LoadedAsset:
                 clusters += self._planned(ground, group, settings, problems)
             for cluster in clusters:
                 for carried in carried_patches_of(cluster.plan):
-                    tools[carried.patch.tool.name] = AttachedTool(ground, cluster.plan, carried)
-            meshes.append(self._mesh(ground, tuple(clusters)))
-        return AttachedTools(tuple(meshes), tools, problems, provisional)
+                    tools[carried.patch.tool.name] = AttachedTool(driven, cluster.plan, carried)
+            meshes.append(self._mesh(ground, driven, tuple(clusters)))
+        return AttachedTools(tuple(meshes), tools, attached_below, problems, provisional)
 
     def _tools_by_node(self, settings: ToolsFile, problems: dict[str, str]) -> dict[int, list[WrinkleTool]]:
         """Find the node of each tool, and add the problems of tools that a bake refuses or leaves out."""
@@ -178,19 +190,51 @@ class LoadedAsset:
 
     def _moved(
         self, ground: Ground, effects: Sequence[EffectTool], settings: ToolsFile, problems: dict[str, str]
-    ) -> Ground:
-        """The mesh as the effects below its skin that fit move it."""
-        fitting = []
+    ) -> tuple[Ground, Ground, dict[str, AttachedBelow]]:
+        """Let the effects below its skin that fit move a mesh.
+
+        Returns:
+            The mesh with their morph targets, the same with their drives as they are edited, and the effects by name.
+            The first is the same object until shapes change, so that all that is on the mesh may stay.
+        """
+        fitting: dict[str, Below] = {}
+        drives: list[DrivenTargets] = []
         for effect in effects:
             try:
-                attach_effects(ground, [effect], settings)
-                fitting.append(effect)
+                attached = self._below(effect, ground, settings)
             except WrinkleError as error:
                 problems[effect.name] = error.lines[0]
+                continue
+            fitting[effect.name] = attached
+            if isinstance(attached, AttachedFlesh) and isinstance(effect, Flesh):
+                drives.append(attached.driven_as(effect))
+            else:
+                drives.append(attached.drive)
         if not fitting:
-            return ground
-        key = (ground, tuple(replace(each, where="", places={}) for each in fitting))  # type: ignore[type-var]
-        return self._grounds.get_or_make(key, lambda: attach_effects(ground, fitting, settings)[0])
+            return ground, ground, {}
+        every = tuple(fitting.values())
+        moved: Ground = self._grounds.get_or_make(
+            (ground, every),
+            lambda: ground.moved_by([each.drive for each in every], np.concatenate([each.deltas for each in every])),
+        )
+        tuned = tuple(tuple(getattr(each, key) for key in getattr(each, "DRIVING", ())) for each in effects)
+        own = ground.rig.driven_by(drives)
+        driven: Ground = self._grounds.get_or_make((moved, tuned), lambda: replace(moved, rig=own))
+        found, first = {}, len(ground.rig.morph_names)
+        for name, each in fitting.items():
+            columns = np.arange(first, first + len(each.drive.targets))
+            found[name] = AttachedBelow(driven, columns, _span_of(each), each)
+            first = int(columns[-1]) + 1
+        return moved, driven, found
+
+    def _below(self, effect: EffectTool, ground: Ground, settings: ToolsFile) -> Below:
+        """Attach an effect below the skin; one that differs by its drive alone is the same."""
+        plain = replace(effect, where="", places={})  # type: ignore[type-var]
+        if isinstance(plain, Flesh):
+            plain = replace(plain, frequency=0.0, damping=0.0, gravity=0.0)  # see `Flesh.DRIVING`
+        attached = self._attached.get_or_make((ground, plain), lambda: attach_effects(ground, [effect], settings)[1][0])
+        assert isinstance(attached, Below)
+        return attached
 
     def _ground(self, node: int, settings: ToolsFile, tools: list[WrinkleTool]) -> Ground:
         bound_to = _without_places(tools[0]) if settings.rest == "bind" and tools else None
@@ -261,15 +305,15 @@ class LoadedAsset:
         for patch in waiting.values():
             yield from self._planned(ground, [patch], coarse, problems)
 
-    def _mesh(self, ground: Ground, clusters: tuple[Cluster, ...]) -> PlayableMesh:
+    def _mesh(self, ground: Ground, driven: Ground, clusters: tuple[Cluster, ...]) -> PlayableMesh:
         def made() -> PlayableMesh:
             taken, apart = np.zeros(len(ground.surface.triangles), bool), []
             for cluster in clusters:
                 apart.append(cluster.without(taken))
                 taken[cluster.parents] = True
-            return PlayableMesh(ground, self._skin(ground), tuple(apart), self.cache)
+            return PlayableMesh(ground, driven, self._skin(ground), tuple(apart), self.cache)
 
-        return self._meshes.get_or_make((ground, clusters), made)
+        return self._meshes.get_or_make((driven, clusters), made)
 
     def _skin(self, ground: Ground) -> Skin:
         """Prepare the coarse vertices to be posed."""
@@ -281,6 +325,13 @@ class LoadedAsset:
 
         # Rest poses share the skin, unless effects below it move it too.
         return self._skins.get_or_make(ground if ground.rig.drives else ground.rig.node, made)
+
+
+def _span_of(attached: Below) -> float:
+    """The length of which per cent of an effect are, scene units: of a muscle, of a region's or a tip's radius."""
+    if isinstance(attached, AttachedMuscle):
+        return attached.belly.span
+    return attached.place.radius if isinstance(attached, AttachedFlesh) else attached.tool.pad
 
 
 def _key(ground: Ground, patches: Sequence[Patch], settings: ToolsFile) -> tuple[object, ...]:

@@ -13,6 +13,7 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.skin import Skin, pose, prepare
 from wrinklecli.editor.clip_cache import ClipCache
+from wrinklecli.effects.body import largest_moves, moves_at_rest
 from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.effects.plan import mesh_warnings
 from wrinklecli.effects.sampling import moving_clips
@@ -26,6 +27,7 @@ from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.rest import Rest
 from wrinklecli.tools.records import ToolsFile
 
+_OUTLINED = 0.3  # part of the largest move of a muscle or flesh that skin inside its outline moves by
 _CURVE_POINTS = 200  # points of a drawn control curve
 
 
@@ -82,10 +84,12 @@ class PlayableMesh:
 
     Attributes:
         ground: Coarse mesh at rest.
+        driven: The same mesh with the drives of its morph targets as they are edited.
         skin: Coarse vertices, ready to be posed.
     """
 
     ground: Ground
+    driven: Ground
     skin: Skin
     clusters: tuple[Cluster, ...]
     cache: ClipCache
@@ -143,15 +147,15 @@ class PlayableMesh:
 
     def posed(self, clip: Clip | None, time: float, *, wrinkled: bool = True) -> Floats:
         """(vertices, 3) in world space at a time of a clip, seconds, or in the stored pose if there is no clip."""
-        rig, old = self.ground.rig, len(self.ground.surface.positions)
-        matrices, weights = self.cache.pose(self.ground, clip, time)
+        rig, old = self.driven.rig, len(self.ground.surface.positions)
+        matrices, weights = self.cache.pose(self.ground, self.driven, clip, time)
         skins = (self.skin, *(each.skin for each in self.clusters))
         ends = np.cumsum([0, *(each.weights.shape[1] for each in skins)])
         offsets = np.zeros((1, 3, int(ends[-1])))
         for cluster, shift in zip(self.clusters, self.shifts, strict=True):
             plan = cluster.plan
             for carried in carried_patches_of(plan) if wrinkled else ():
-                amplitudes, _ = self.cache.amplitudes(self.ground, carried.patch, clip, time)
+                amplitudes, _ = self.cache.amplitudes(self.driven, carried.patch, clip, time)
                 moved = displacements(carried, plan.fine, rig, clip, np.array([time]), amplitudes)[0]
                 offsets[0][:, np.where(carried.vertices < old, carried.vertices, carried.vertices + shift)] += moved.T
         parts = [
@@ -221,15 +225,60 @@ class AttachedTool:
         ]
 
 
+@dataclass(frozen=True, eq=False)
+class AttachedBelow:
+    """A muscle or a region of flesh on its mesh.
+
+    Attributes:
+        ground: The mesh with all drives.
+        columns: Numbers of its morph targets among those of the mesh.
+        span: Length of the muscle, or the region's radius, scene units.
+        shape: An object that is another one when the displacements are others.
+    """
+
+    ground: Ground
+    columns: Ints
+    span: float
+    shape: object
+
+    @cached_property
+    def outlined(self) -> Bools:
+        """(triangles,) True for those of the coarse mesh that move by a good part of the largest move."""
+        moved = np.sqrt((self.deltas**2).sum(axis=2)).max(axis=0)
+        return np.asarray((moved[self.ground.surface.triangles] > _OUTLINED * moved.max()).all(axis=1))
+
+    @property
+    def deltas(self) -> Floats:
+        """(targets, vertices, 3) displacements at weight 1, bind space."""
+        return self.ground.surface.morph_deltas[self.columns]
+
+    def heights(self, cache: ClipCache, clip: Clip) -> tuple[Floats, Floats]:
+        """(frames,) seconds of a clip, and (frames,) the largest move of the skin, scene units."""
+        weights = cache.weights(self.ground, clip)[:, self.columns]
+        chosen, moves = moves_at_rest(self.ground.rest.blended, self.deltas)
+        return cache.times(clip), largest_moves(weights, moves) if len(chosen) else np.zeros(len(weights))
+
+    def greatest(self, cache: ClipCache, clips: Sequence[Clip]) -> tuple[Clip, float] | None:
+        """The clip in which the skin moves most, and the time, seconds; None if no clip moves it."""
+        peaks = []
+        for number, clip in enumerate(clips):
+            times, heights = self.heights(cache, clip)
+            at = int(np.argmax(heights))
+            peaks.append((float(heights[at]), -number, float(times[at])))
+        height, number, time = max(peaks, default=(0.0, 0, 0.0))
+        return (clips[-number], time) if height > 0 else None
+
+
 @dataclass(frozen=True, slots=True)
 class AttachedTools:
     """All tools of a file on the meshes of an asset: those that fit, and a line for each that does not, by name.
 
-    They are provisional if some are on triangles that were not refined for them.
+    They are provisional if some are on triangles that were not refined for them. `below` are muscles and flesh.
     """
 
     meshes: tuple[PlayableMesh, ...]
     tools: dict[str, AttachedTool]
+    below: dict[str, AttachedBelow]
     problems: dict[str, str]
     provisional: bool
 

@@ -68,14 +68,21 @@ class ClipCache:
     def __init__(self) -> None:
         self._times = RecentResults(_KEPT_TIMES)
         self._poses = RecentResults(_KEPT_POSES)
+        self._weights = RecentResults(_KEPT_POSES)
         self._activities = RecentResults(_KEPT_ACTIVITIES)
 
     def times(self, clip: Clip) -> Floats:
         """(frames,) seconds, as `frame_times`."""
         return self._times.get_or_make(clip.name, lambda: frame_times(clip))
 
-    def pose(self, ground: Ground, clip: Clip | None, time: float) -> tuple[Floats, Floats]:
+    def pose(self, ground: Ground, driven: Ground, clip: Clip | None, time: float) -> tuple[Floats, Floats]:
         """Pose a mesh.
+
+        Args:
+            ground: The mesh; its joints are sampled once.
+            driven: The same mesh with other drives of its morph targets.
+            clip: None for the stored pose.
+            time: Seconds.
 
         Returns:
             (1, acting joints, 4, 4) matrices from bind to world space, and (1, morph targets) weights. The acting
@@ -83,14 +90,19 @@ class ClipCache:
         """
         acting = distinct_values(ground.surface.joints)
 
-        def posed(times: Floats) -> tuple[Floats, Floats]:
-            return joint_matrices(ground.rig, clip, times, acting), morph_weights(ground.rig, clip, times)
-
         frame = None if clip is None else self._frame(clip, time)
         if clip is None or frame is None or _MATRIX_BYTES * len(acting) * len(self.times(clip)) > _MAX_POSE_BYTES:
-            return posed(np.array([time]))
-        matrices, weights = self._poses.get_or_make((ground, clip.name), lambda: posed(self.times(clip)))
+            now = np.array([time])
+            return joint_matrices(ground.rig, clip, now, acting), morph_weights(driven.rig, clip, now)
+        matrices = self._poses.get_or_make(
+            (ground, clip.name), lambda: joint_matrices(ground.rig, clip, self.times(clip), acting)
+        )
+        weights = self.weights(driven, clip)
         return matrices[frame : frame + 1], weights[frame : frame + 1]
+
+    def weights(self, ground: Ground, clip: Clip) -> Floats:
+        """(frames, morph targets) weights of a mesh over a clip, with those that drives set."""
+        return self._weights.get_or_make((ground, clip.name), lambda: morph_weights(ground.rig, clip, self.times(clip)))
 
     def activity(self, ground: Ground, patch: Patch, clip: Clip) -> Activity:
         """Sample a tool over a clip, at its frame times."""

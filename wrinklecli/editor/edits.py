@@ -14,14 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from wrinklecli.editor.store import Store, names_of
+from wrinklecli.editor.store import Store, names_of, without_empty_list
 from wrinklecli.errors import ConfigError, WrinkleError, nearest
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.tools.materials import Preset, presets
-from wrinklecli.tools.mirror import exchange_sides
+from wrinklecli.tools.mirror import exchange_sides, split_side
 from wrinklecli.tools.read import read_values
 from wrinklecli.tools.records import ToolsFile, identifier, in_axes
-from wrinklecli.tools.schema import TOOL_KEYS
+from wrinklecli.tools.schema import POINT_KEYS, TOOL_KEYS
 from wrinklecli.tools.yaml_edit import Steps, ToolsText, with_part
 
 _MAX_STEPS = 300  # steps that can be undone
@@ -44,15 +44,16 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class Draft:
-    """A tool of the file while a value is being dragged: its own keys, and the tools file with them."""
+    """A tool of a list of the file while a value is being dragged: its own keys, and the tools file with them."""
 
+    list_key: str
     number: int
     values: Mapping[str, Any]
     settings: ToolsFile
 
 
 class Edits:
-    """A tools file and its steps.
+    """A tools file and its steps. Its tools are the effects of all of its lists, which have names apart.
 
     An edit raises ConfigError, and changes nothing, if the file would not be valid. With `draft=True` an edit replaces
     the last draft and is no step; the next edit without it is a step, and ends the draft even if it is refused. `notes`
@@ -149,14 +150,14 @@ class Edits:
         with self._guarded():
             if not draft:
                 self._draft = None
-            file, number = self._base.file, self._number(tool)
+            file, number = self._entry(tool)
             own, inherited = file.tools[number], file.defaults
             key = str(steps[0])
             if len(steps) > 1 and key not in own and key in inherited:
                 # A tool's own mapping replaces the inherited one, so it starts as a copy.
                 steps, value = (key,), with_part(inherited[key], steps[1:], value)
             if draft:
-                self._draft = self._drafted(number, with_part(own, steps, value))
+                self._draft = self._drafted(file, number, with_part(own, steps, value))
             else:
                 drag = (tool, *steps) if slides else None
                 self._become(file.with_value(number, steps, value), f"set {key} of {tool}", drag)
@@ -168,8 +169,8 @@ class Edits:
             The keys that were removed.
         """
         with self._guarded():
-            number = self._number(tool)
-            file = self._base.file.with_value(number, ("material",), material)
+            file, number = self._entry(tool)
+            file = file.with_value(number, ("material",), material)
             removed = [key for key in file.tools[number] if key in self._given_by(material)]
             for key in removed:
                 file = file.without(number, (key,))
@@ -179,31 +180,36 @@ class Edits:
     def unset(self, tool: str, steps: Steps) -> None:
         """Remove a key from a tool, so that its default holds again."""
         with self._guarded():
-            self._become(self._base.file.without(self._number(tool), steps), f"reset {steps[0]} of {tool}")
+            file, number = self._entry(tool)
+            self._become(file.without(number, steps), f"reset {steps[0]} of {tool}")
 
     def move_point(self, tool: str, number: int, place: Sequence[float], *, draft: bool = False) -> None:
         """Move a point of a tool to a (3,) place at rest, world space: 0 is the origin, the last is the target."""
         with self._guarded():
-            own = self._base.file.tools[self._number(tool)]
+            file, index = self._entry(tool)
+            own = file.tools[index]
             steps = ("path", number) if "path" in own else (("origin", "target")[number],)
             self.set_value(tool, steps, self._written_place(place, length_of(own)), draft=draft)
 
     def copy(self, tool: str) -> str:
         """Copy a tool, and return the name of the copy."""
         with self._guarded():
+            file, number = self._entry(tool)
             name = self._new_name(tool)
-            self._become(self._base.file.with_copy(self._number(tool), name), f"copy {tool}")
+            self._become(file.with_copy(number, name), f"copy {tool}")
             return name
 
     def rename(self, tool: str, name: str) -> None:
         """Rename a tool."""
         with self._guarded():
-            self._become(self._base.file.with_value(self._number(tool), ("name",), name), f"rename {tool} to {name}")
+            file, number = self._entry(tool)
+            self._become(file.with_value(number, ("name",), name), f"rename {tool} to {name}")
 
     def delete(self, tool: str) -> None:
         """Delete a tool."""
         with self._guarded():
-            self._become(self._base.file.without_tool(self._number(tool)), f"delete {tool}")
+            file, number = self._entry(tool)
+            self._become(without_empty_list(file.without_tool(number)), f"delete {tool}")
 
     def enable(self, tool: str, *, enabled: bool) -> None:
         """Enable or disable a tool in the file."""
@@ -216,15 +222,14 @@ class Edits:
             The name of the tool, which gets a side at its end if it has a partner and names no side.
         """
         with self._guarded():
-            file, number = self._base.file, self._number(tool)
+            file, number = self._entry(tool)
             inherited = file.defaults.get("mirror")
             if axis is None and inherited in (None, "none"):
                 self.unset(tool, ("mirror",))
                 return tool
             name = tool
             if axis is not None and exchange_sides(tool) == tool:
-                side = float(_places(file.tools[number])[:, "xyz".index(axis)].sum())
-                name = f"{tool}.{'L' if side > 0 else 'R'}"
+                name = f"{tool}.{_side_of(file.tools[number], axis)}"
                 file = file.with_value(number, ("name",), name)
             self._become(file.with_value(number, ("mirror",), axis or "none"), f"mirror {name}")
             return name
@@ -338,26 +343,27 @@ class Edits:
         """The keys that a material gives a tool in place of its own; the width is fitted to the place, and stays."""
         return ({*self.presets[material].keys, "bumps", "max_height"} - {"width"}) & {*TOOL_KEYS}
 
-    def _drafted(self, number: int, values: Mapping[str, Any]) -> Draft:
+    def _drafted(self, file: ToolsText, number: int, values: Mapping[str, Any]) -> Draft:
         """Give a tool other values. Its partner stays; a file of many tools takes too long to read for each frame."""
-        file = self._base.file
         name = str(file.tools[number].get("name"))
         header = {key: each for key, each in file.header.items() if key in ("version", "up", "presets", "defaults")}
         try:
-            read = read_values({**header, "tools": [values]}, name=self.path, known=self.presets).tools
+            read = read_values({**header, file.key: [values]}, name=self.path, known=self.presets).effects
         except ConfigError as error:  # alone, the tool is the first of line 1
-            alone, place = f"{self.path}:1: tools[0]", f"{self.path}: {name}"
+            alone, place = f"{self.path}:1: {file.key}[0]", f"{self.path}: {name}"
             error.lines = tuple(line.replace(alone, place, 1) for line in error.lines)
             raise
         drafted = {tool.name: tool for tool in read}
         tools = [
             replace(drafted.get(name, tool), where=tool.where) if tool.name == name else tool
-            for tool in self._settings_of(file).tools
+            for tool in getattr(self._settings_of(file), file.key)
         ]
-        return Draft(number, values, replace(self._settings_of(file), tools=tuple(tools)))
+        lists: dict[str, Any] = {file.key: tuple(tools)}
+        return Draft(file.key, number, values, replace(self._settings_of(file), **lists))
 
     def _become(self, file: ToolsText, done: str, drag: Steps | None = None) -> None:
         """Add a step with another text, if it is valid; or let the current step become it, if that is the same drag."""
+        file = file.of_list("tools")
         self._settings_of(file)
         now = time.monotonic()
         if drag is not None and self._drag is not None:
@@ -392,11 +398,16 @@ class Edits:
             if error.lines[0] not in self.notes:
                 self.notes.append(error.lines[0])
 
-    def _number(self, tool: str) -> int:
-        names = names_of(self._base.file)
-        if tool not in names:
-            raise ConfigError(f"no tool is named {tool!r}{nearest(tool, names)}", where=self.path)
-        return names.index(tool)
+    def _entry(self, tool: str) -> tuple[ToolsText, int]:
+        """The file with the list that has a tool, and the tool's number there."""
+        names: list[str] = []
+        for key in ToolsFile.LISTS:
+            file = self._base.file.of_list(key)
+            here = names_of(file)
+            if tool in here:
+                return file, here.index(tool)
+            names += here
+        raise ConfigError(f"no tool is named {tool!r}{nearest(tool, names)}", where=self.path)
 
     def _new_name(self, stem: str) -> str:
         """Number a stem so that no tool has the name; a side of the stem stays at its end."""
@@ -408,8 +419,10 @@ class Edits:
         return name
 
     def _taken_names(self) -> set[str]:
-        """The identifiers of all tools, with mirrored and disabled ones, and of enabled effects of other kinds."""
-        every = (*names_of(self._base.file), *(each.name for each in self.settings().effects))
+        """The identifiers of all tools, with mirrored and disabled ones."""
+        file = self._base.file
+        own = [name for key in ToolsFile.LISTS for name in names_of(file.of_list(key))]
+        every = (*own, *(each.name for each in self.settings().effects))
         return {identifier(name) for name in every}
 
     def _written_place(self, place: Sequence[float], span: float) -> list[float]:
@@ -425,6 +438,20 @@ def length_of(tool: Mapping[str, Any]) -> float:
 
 
 def _places(tool: Mapping[str, Any]) -> Floats:
-    """(points, 3) of a tool in the axes of its file, without points that are markers."""
-    points = tool["path"] if "path" in tool else [tool["origin"], tool["target"]]
-    return np.array([each for each in points if isinstance(each, list)], float).reshape(-1, 3)
+    """(points, 3) of a tool in the axes of its file, without points that are markers or hang on joints."""
+    return np.array([each for each in _points(tool) if isinstance(each, list)], float).reshape(-1, 3)
+
+
+def _points(tool: Mapping[str, Any]) -> list[Any]:
+    """The points of a tool as the file has them."""
+    return tool["path"] if "path" in tool else [tool[key] for key in POINT_KEYS if key in tool]
+
+
+def _side_of(tool: Mapping[str, Any], axis: str) -> str:
+    """L or R, by the places of a tool on x, y or z, or else by the names of the nodes that it hangs on."""
+    places = _places(tool)
+    if len(places):
+        return "L" if float(places[:, "xyz".index(axis)].sum()) > 0 else "R"
+    nodes = [str(name) for each in _points(tool) if isinstance(each, dict) for name in each.values()]
+    sides = [split_side(name)[1] for name in (*nodes, str(tool.get("joint", "")))]
+    return next((side for side in sides if side), "R")

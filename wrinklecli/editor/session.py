@@ -14,7 +14,7 @@ import numpy as np
 from wrinklecli.character.clip import Clip, clip_named
 from wrinklecli.character.scene import deforming_nodes
 from wrinklecli.editor.asset import LoadedAsset, ReadOptions
-from wrinklecli.editor.attached import AttachedTool, AttachedTools, PlayableMesh, ShownMesh
+from wrinklecli.editor.attached import AttachedBelow, AttachedTool, AttachedTools, PlayableMesh, ShownMesh
 from wrinklecli.editor.clip_cache import RecentResults, frame_times
 from wrinklecli.editor.edits import Draft, Edits, Step, length_of
 from wrinklecli.editor.free_pose import POSE, FreePose
@@ -32,8 +32,8 @@ from wrinklecli.review.suggest.suggest import suggest
 from wrinklecli.tools.effective import EffectiveValue, effective_values, inherited_values
 from wrinklecli.tools.mirror import exchange_sides
 from wrinklecli.tools.read import read_values
-from wrinklecli.tools.records import ToolsFile, identifier, in_axes
-from wrinklecli.tools.yaml_edit import ToolsText
+from wrinklecli.tools.records import EffectTool, ToolsFile, identifier, in_axes
+from wrinklecli.tools.schema import KINDS
 
 _KEPT_MEASURED = 4  # meshes whose measurements for first guesses are kept
 
@@ -43,14 +43,17 @@ class EditedTool:
     """A tool of the file.
 
     Attributes:
+        list_key: The list of the file that has it, such as `tools` or `muscles`.
         keys: The values that count, by key, each with its source.
         solo: The tool is among those that are shown alone.
         partner: Name of the tool that its `mirror` makes.
         problem: Reason why the tool does not fit the asset.
-        length: Distance from point to point as the file has them, scene units; 0 if they are markers.
+        length: Distance from point to point as the file has them, a muscle's length, or a region's radius, scene units;
+            0 if it is not known.
     """
 
     name: str
+    list_key: str
     keys: Mapping[str, EffectiveValue]
     enabled: bool
     solo: bool
@@ -136,33 +139,41 @@ class Session(Edits):
         return frame_times(clip_named(self.clips, clip, where=self.asset))
 
     def tools(self) -> tuple[EditedTool, ...]:
-        """The tools of the file in its order, with disabled ones. A mirrored tool is its source's partner."""
+        """The effects of all lists of the file, with disabled ones. A mirrored one is its source's partner."""
         with self._guarded():
-            file, solo, problems = self._base.file, self._base.solo, self._attached().problems
-            tools, known = [], self.presets
-            for number, own in enumerate(file.tools):
-                if self._draft is not None and self._draft.number == number:
-                    own = self._draft.values
-                keys = effective_values(own, file.defaults, known)
-                name, mirrored = str(own.get("name", "")), keys["mirror"].value not in (None, "none")
-                partner = exchange_sides(name) if mirrored else None
-                tools.append(
-                    EditedTool(
-                        name=name,
-                        keys=keys,
-                        enabled=bool(keys["enabled"].value),
-                        solo=name in solo,
-                        partner=partner,
-                        problem=problems.get(name) or (problems.get(partner) if partner else None),
-                        length=length_of(own),
-                    )
-                )
+            attached, known, tools = self._attached(), self.presets, []
+            for list_key, kind in KINDS.items():
+                file = self._base.file.of_list(list_key)
+                for number, own in enumerate(file.tools):
+                    if self._draft is not None and (self._draft.list_key, self._draft.number) == (list_key, number):
+                        own = self._draft.values
+                    keys = effective_values(own, file.defaults, known, kind.record)
+                    tools.append(self._edited(list_key, own, keys, attached))
             return tuple(tools)
+
+    def _edited(
+        self, list_key: str, own: Mapping[str, Any], keys: Mapping[str, EffectiveValue], attached: AttachedTools
+    ) -> EditedTool:
+        """A tool of a list by its own keys, and the values that count."""
+        name, mirrored = str(own.get("name", "")), keys["mirror"].value not in (None, "none")
+        partner = exchange_sides(name) if mirrored else None
+        problems, below = attached.problems, attached.below.get(name)
+        return EditedTool(
+            name=name,
+            list_key=list_key,
+            keys=keys,
+            enabled=bool(keys["enabled"].value),
+            solo=name in self._base.solo,
+            partner=partner,
+            problem=problems.get(name) or (problems.get(partner) if partner else None),
+            length=length_of(own) if below is None else below.span,
+        )
 
     def inherited(self, tool: EditedTool) -> dict[str, EffectiveValue]:
         """The values that a tool's own keys would have if they were unset; required keys without defaults have none."""
         own = {key: tool.keys[key].value for key in tool.own}
-        return inherited_values(own, self._base.file.defaults, self.presets)
+        defaults = self._base.file.of_list(tool.list_key).defaults
+        return inherited_values(own, defaults, self.presets, KINDS[tool.list_key].record)
 
     # Edits.
 
@@ -230,8 +241,7 @@ class Session(Edits):
         name = self._new_name(word)
         several = node is not None and len(deforming_nodes(loaded.document)) > 1
         values = {"name": name, **({"node": node} if several else {}), **values}
-        added = ToolsText(file.without_empty().text, file.name, key).with_tool(values)
-        edited = ToolsText(added.text, file.name)
+        edited = file.without_empty().of_list(key).with_tool(values).of_list("tools")
         # A step that shows nothing would only be undone.
         problem = loaded.attach(self._settings_of(edited)).problems.get(name)
         if problem is not None:
@@ -269,7 +279,7 @@ class Session(Edits):
     def try_material(self, tool: str, material: str) -> RaisedTool | None:
         """Try a tool alone with another material, as `set_material` gives it."""
         with self._guarded():
-            file, number = self._base.file, self._number(tool)
+            file, number = self._entry(tool)
             values = {key: value for key, value in file.tools[number].items() if key not in self._given_by(material)}
             header = {key: value for key, value in file.header.items() if key in ("up", "presets", "defaults")}
         return self._tried({**header, "tools": [{**values, "material": material, "mirror": "none"}]})
@@ -344,6 +354,11 @@ class Session(Edits):
         with self._guarded():
             return self._attached().tools
 
+    def attached_below(self) -> Mapping[str, AttachedBelow]:
+        """The muscles and the flesh that fit, with mirrored ones, by name."""
+        with self._guarded():
+            return self._attached().below
+
     def meshes(self, clip: str | None, time: float, *, wait: bool = True, wrinkled: bool = True) -> list[ShownMesh]:
         """All meshes at a time of a clip, or in the stored pose if `clip` is None.
 
@@ -372,7 +387,8 @@ class Session(Edits):
         None if the tool does not fit, and for a clip of one moment.
         """
         with self._guarded():
-            found, at = self._attached().tools.get(tool), self._clip(clip)
+            attached, at = self._attached(), self._clip(clip)
+            found = attached.tools.get(tool) or attached.below.get(tool)
             if found is None or at is None or at.end <= at.start:
                 return None
             return found.heights(self._loaded.cache, at)
@@ -381,6 +397,13 @@ class Session(Edits):
         """A tool of the file where it is tallest; None if it does not fit, or no clip raises it."""
         with self._guarded():
             return raised_tool(self._attached(), tool, self._loaded.cache, self.clips)
+
+    def greatest_move(self, name: str) -> tuple[str, float] | None:
+        """The clip, and the time in seconds, at which a muscle or flesh moves the skin most; None if none does."""
+        with self._guarded():
+            found = self._attached().below.get(name)
+            greatest = None if found is None else found.greatest(self._loaded.cache, self.clips)
+            return None if greatest is None else (greatest[0].name, greatest[1])
 
     def warnings(self) -> dict[str, list[str]]:
         """The warnings of `check` by tool, those about whole meshes under an empty name; may take seconds."""
@@ -433,9 +456,7 @@ class Session(Edits):
         settings = self._settings_of(step.file) if draft is None else draft.settings
         if not step.solo:
             return settings
-        names = [exchange_sides(each.name) if each.mirrored else each.name for each in settings.tools]
-        chosen = (tool for tool, name in zip(settings.tools, names, strict=True) if name in step.solo)
-        return replace(settings, tools=tuple(chosen))
+        return settings.only({each.name for each in settings.effects if _source_of(each) in step.solo})
 
     def _attached(self) -> AttachedTools:
         """Attach the current tools, quickly: refined if that was done already, else provisionally."""
@@ -456,3 +477,8 @@ class Session(Edits):
         if name == POSE:
             return self._pose_clip
         return None if name is None else clip_named(self.clips, name, where=self.asset)
+
+
+def _source_of(effect: EffectTool) -> str:
+    """The name of an effect in the file: of one that `mirror` made, that of the other side."""
+    return exchange_sides(effect.name) if getattr(effect, "mirrored", False) else effect.name

@@ -6,6 +6,7 @@ Unsaved text stands in the side file, so that neither a crash nor a closed brows
 import os
 from collections.abc import Iterable
 from contextlib import suppress
+from typing import Any
 
 from wrinklecli.editor.side_file import SideFile
 from wrinklecli.errors import BakeError, ConfigError, WrinkleError
@@ -123,16 +124,19 @@ class Store:
     def _merged(self, base: ToolsText, mine: ToolsText, theirs: ToolsText) -> ToolsText:
         """Apply the changes from `base` to `mine` to `theirs`."""
         merged, problems = theirs, list[WrinkleError]()
-        for name in dict.fromkeys([*names_of(base), *names_of(mine)]):
-            before, here, there = (_lines(each, name) for each in (base, mine, theirs))
-            if here in (before, there):
-                continue
-            if there != before:
-                message = "was changed here, and otherwise in the file on disk"
-                problems.append(ConfigError(message, where=f"{mine.name}: {name}"))
-            else:
-                merged = _with_tool_of(mine, merged, name)
-        if mine.header not in (base.header, theirs.header):
+        for key in ToolsFile.LISTS:
+            base, mine, theirs, merged = (each.of_list(key) for each in (base, mine, theirs, merged))
+            for name in dict.fromkeys([*names_of(base), *names_of(mine)]):
+                before, here, there = (_lines(each, name) for each in (base, mine, theirs))
+                if here in (before, there):
+                    continue
+                if there != before:
+                    message = "was changed here, and otherwise in the file on disk"
+                    problems.append(ConfigError(message, where=f"{mine.name}: {name}"))
+                else:
+                    merged = without_empty_list(_with_tool_of(mine, merged, name))
+        merged = without_empty_list(merged.of_list("tools"))
+        if _header(mine) not in (_header(base), _header(theirs)):
             problems.append(ConfigError("more than its tools was changed here and on disk", where=mine.name))
         if not problems:
             try:
@@ -147,6 +151,17 @@ class Store:
 def names_of(file: ToolsText) -> list[str]:
     """List the names of the tools of a file."""
     return [str(each.get("name")) for each in file.tools]
+
+
+def without_empty_list(file: ToolsText) -> ToolsText:
+    """The file without its list if that is empty; a file without any effect keeps an empty list of tools."""
+    others = any(file.of_list(key).tools for key in ToolsFile.LISTS if key != file.key)
+    return file.without_empty() if others or file.key != "tools" else file
+
+
+def _header(file: ToolsText) -> dict[str, Any]:
+    """The keys of a file without its lists of effects."""
+    return {key: value for key, value in file.header.items() if key not in ToolsFile.LISTS}
 
 
 def _lines(file: ToolsText, name: str) -> list[str] | None:

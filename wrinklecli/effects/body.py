@@ -24,6 +24,9 @@ from wrinklecli.numeric.arrays import Bools, Floats, Ints, nonzero_rows
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.tools.body import Flesh, Muscle, Touch
 
+# Vertices of each target by whose moves the largest move in a frame is found.
+_LARGEST = 8
+
 
 class AttachedBody(Protocol):
     """A muscle, a region of flesh or a touch at rest."""
@@ -158,15 +161,33 @@ class BodyLayer(ABC, Generic[AttachedType]):
         """The effect of one of them."""
 
 
-def moves_at_rest(plan: MeshPlan, deltas: Floats) -> tuple[Ints, Floats]:
-    """The fine vertices that (targets, fine vertices, 3) deltas move, and their (targets, vertices, 3) world moves."""
+def moves_at_rest(blended: Floats, deltas: Floats) -> tuple[Ints, Floats]:
+    """Find the vertices that morph targets move, and how far.
+
+    Args:
+        blended: (vertices, 3, 4) bind to world space at rest.
+        deltas: (targets, vertices, 3) displacements at weight 1, bind space.
+
+    Returns:
+        (moved,) vertices, and their (targets, moved, 3) displacements in world space.
+    """
     vertices = np.flatnonzero(np.any(deltas, axis=(0, 2)))
-    return vertices, np.einsum("vij,kvj->kvi", plan.fine.blended[vertices, :, :3], deltas[:, vertices])
+    return vertices, np.einsum("vij,kvj->kvi", blended[vertices, :, :3], deltas[:, vertices])
+
+
+def largest_moves(weights: Floats, moves: Floats) -> Floats:
+    """(frames,) largest moves by (frames, targets) weights of (targets, vertices, 3) displacements.
+
+    They are those of the vertices that each target moves most, which is about the largest of all.
+    """
+    most = np.argsort(-(moves**2).sum(axis=2), axis=1)[:, :_LARGEST].ravel()
+    found = np.einsum("fk,kvi->fvi", weights, moves[:, most])
+    return np.asarray(np.sqrt((found**2).sum(axis=2)).max(axis=1, initial=0.0))
 
 
 def body_targets(plan: MeshPlan, identifier: str, deltas: Floats, rows: Floats) -> tuple[Target | None, ...]:
     """The morph targets of (targets, fine vertices, 3) deltas, with normals fitted at (rows, targets) weights."""
-    vertices, moves = moves_at_rest(plan, deltas)
+    vertices, moves = moves_at_rest(plan.fine.blended, deltas)
     pose = Pose(plan.rest.matrices, plan.rest.morph_weights)
     shapes = make_shapes(
         plan.fine,

@@ -6,7 +6,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any, ClassVar, Literal, TypeAlias, get_args
 
 from wrinklecli.choices import Axis, MaterialName, Profile
 from wrinklecli.tools.json_schema import (
@@ -309,6 +309,9 @@ class Flesh(BodyEffect):
         read=lambda value: tuple(dict.fromkeys(value)),
     )
     carrier: int | None = None
+
+    DRIVING: ClassVar[tuple[str, ...]] = ("frequency", "damping", "gravity")
+    """The keys that change the weights of a region alone, not its shapes."""
 
     @property
     def points(self) -> tuple[Point, ...]:

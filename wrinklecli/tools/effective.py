@@ -31,7 +31,10 @@ class EffectiveValue:
 
 
 def effective_values(
-    own: Mapping[str, Any], defaults: Mapping[str, Any], known: Mapping[str, Preset]
+    own: Mapping[str, Any],
+    defaults: Mapping[str, Any],
+    known: Mapping[str, Preset],
+    record: type[Any] = WrinkleTool,
 ) -> dict[str, EffectiveValue]:
     """Find the values of a tool's keys that count; required keys that nobody gives are missing.
 
@@ -39,9 +42,10 @@ def effective_values(
         own: Valid keys of the tool.
         defaults: Valid keys of the file's defaults.
         known: Materials by name: those of the file, and the built-in ones.
+        record: The record of the tool, or of another effect.
     """
     given = {**defaults, **own}
-    found = {key: EffectiveValue(value, "built-in") for key, value in defaults_of(WrinkleTool).items()}
+    found = {key: EffectiveValue(value, "built-in") for key, value in defaults_of(record).items()}
     material = known.get(str(given.get("material")))
     if material is not None:
         gap = given.get("gap", material.keys.get("gap", 0))
@@ -52,7 +56,10 @@ def effective_values(
 
 
 def inherited_values(
-    own: Mapping[str, Any], defaults: Mapping[str, Any], known: Mapping[str, Preset]
+    own: Mapping[str, Any],
+    defaults: Mapping[str, Any],
+    known: Mapping[str, Preset],
+    record: type[Any] = WrinkleTool,
 ) -> dict[str, EffectiveValue]:
     """Find what each key of a tool would be if the tool did not have it; arguments are those of `effective_values`.
 
@@ -61,7 +68,7 @@ def inherited_values(
     found = {}
     for key in own:
         others = {name: value for name, value in own.items() if name != key}
-        value = effective_values(others, defaults, known).get(key)
+        value = effective_values(others, defaults, known, record).get(key)
         if value is not None:
             found[key] = value
     return found

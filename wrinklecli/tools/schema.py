@@ -91,6 +91,9 @@ KINDS = {
 }
 """The kinds of effects by the keys of their lists. A new kind is an entry, a record, and a field of `ToolsFile`."""
 
+POINT_KEYS = tuple(dict.fromkeys(key for kind in KINDS.values() for key in kind.points))
+"""The keys of points of effects of any kind."""
+
 _INHERITED = mapping_of({name: each for kind in KINDS.values() for name, each in kind.items.inherited.items()})
 _LISTS = {
     name: key_of(

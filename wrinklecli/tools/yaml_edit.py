@@ -189,6 +189,10 @@ class ToolsText:
         """True for a mapping that names no tool, which the reader refuses, but an editor begins with."""
         return isinstance(self._value, dict) and self._value.get(self.key) in (None, [])
 
+    def of_list(self, key: str) -> "ToolsText":
+        """The same text with the items of another list as its tools."""
+        return self if key == self.key else ToolsText(self.text, self.name, key)
+
     @property
     def header(self) -> Mapping[str, Any]:
         """The keys of the file without its tools."""
@@ -197,8 +201,8 @@ class ToolsText:
 
     @property
     def defaults(self) -> Mapping[str, Any]:
-        """The keys that every tool inherits."""
-        return self.header.get("defaults") or {}
+        """The keys that every tool inherits; effects of other lists inherit none."""
+        return (self.header.get("defaults") or {}) if self.key == "tools" else {}
 
     @property
     def up(self) -> str:

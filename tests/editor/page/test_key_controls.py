@@ -4,21 +4,32 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from wrinklecli.editor.page.key_controls import ELSEWHERE, KeyControl, as_written, key_controls, percent_of
-from wrinklecli.tools.schema import TOOL_KEYS
+from wrinklecli.tools.schema import KINDS
 
-CONTROLS = {control.key: control for control in key_controls()}
-PLAIN = [control for control in CONTROLS.values() if control.kind != "json"]
+EVERY = {
+    list_key: {control.key: control for control in key_controls(kind.items.keys, list_key)}
+    for list_key, kind in KINDS.items()
+}
+CONTROLS = EVERY["tools"]
+PLAIN = [
+    (list_key, control)
+    for list_key, controls in EVERY.items()
+    for control in controls.values()
+    if control.kind != "json"
+]
 
 
-def test_every_key_has_a_control_or_is_set_elsewhere() -> None:
-    assert {*CONTROLS, *ELSEWHERE} == set(TOOL_KEYS)
-    assert all(control.tip == TOOL_KEYS[key]["description"] for key, control in CONTROLS.items())
+@pytest.mark.parametrize("list_key", KINDS)
+def test_every_key_has_a_control_or_is_set_elsewhere(list_key: str) -> None:
+    keys, controls = KINDS[list_key].items.keys, EVERY[list_key]
+    assert {*controls, *ELSEWHERE[list_key]} == set(keys)
+    assert all(control.tip == keys[key]["description"] for key, control in controls.items())
 
 
-@pytest.mark.parametrize("control", PLAIN, ids=lambda each: each.key)
-def test_what_a_control_offers_is_valid(control: KeyControl) -> None:
+@pytest.mark.parametrize(("list_key", "control"), PLAIN, ids=lambda each: getattr(each, "key", each))
+def test_what_a_control_offers_is_valid(list_key: str, control: KeyControl) -> None:
     written = [as_written(control, value, before, 0.2) for value in offered(control) for before in (None, 0.1, "80%")]
-    validator = Draft202012Validator(TOOL_KEYS[control.key])
+    validator = Draft202012Validator(KINDS[list_key].items.keys[control.key])
     assert [value for value in written if not validator.is_valid(value)] == []
 
 
@@ -49,3 +60,12 @@ def test_a_length_stays_what_it_was_written_as() -> None:
     assert as_written(width, 50.0, "80%", 0.2) == "50%"
     assert as_written(width, 50.0, 0.3, 0.2) == 0.1
     assert percent_of(0.1, 0.2) == percent_of("50%", 0.2) == 50.0
+
+
+def test_frequency_and_damping_of_flesh_have_sliders() -> None:
+    """They are felt while a clip plays."""
+    flesh = EVERY["flesh"]
+    assert all(flesh[key].slides for key in ("frequency", "damping", "gravity", "limit"))
+    assert flesh["frequency"].step == 0.1
+    assert flesh["gravity"].high == 100.0
+    assert as_written(flesh["shapes"], "3", 6, 0.2) == 3

@@ -10,7 +10,7 @@ import viser
 from wrinklecli.editor.page.key_controls import GROUPS, NONE, KeyControl, as_written, key_controls, percent_of
 from wrinklecli.editor.page.widgets import QUIET, SetMode, TypedText, on_user_change, paragraph_of, show_changed
 from wrinklecli.tools.effective import EffectiveValue, Source
-from wrinklecli.tools.schema import TOOL_KEYS
+from wrinklecli.tools.schema import KINDS, TOOL_KEYS
 from wrinklecli.tools.yaml_edit import Steps
 
 Change = Callable[[Steps, Any, SetMode], None]
@@ -33,36 +33,59 @@ _DIGITS = 3  # decimals of a number from a slider
 
 
 class ToolControls:
-    """Widgets for one tool at a time, and for its strength in each clip of a name.
+    """Widgets for one effect of a list at a time, such as a tool, and for a tool's strength in each clip of a name.
 
     `change` is called when the user has set a value, and `unset` with a key that is to have its default again.
     """
 
-    def __init__(self, gui: viser.GuiApi, change: Change, unset: Callable[[str], None], clips: Sequence[str]) -> None:
-        self._gui, self._change = gui, change
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        change: Change,
+        unset: Callable[[str], None],
+        clips: Sequence[str],
+        list_key: str = "tools",
+    ) -> None:
+        self._gui, self._visible = gui, True
+
+        def change_shown(steps: Steps, value: Any, mode: SetMode) -> None:
+            if self._visible:  # a tab may set what it does not show
+                change(steps, value, mode)
+
+        self._change: Change = change_shown
         self._values: Mapping[str, Any] = {}
         self._distance = 1.0
         self._shows: list[Callable[[], None]] = []
         self._titled: list[tuple[KeyControl, str, Any]] = []  # widgets that bear the title of a key
         self._widgets: dict[str, Any] = {}  # of the keys that have a single one
-        controls = key_controls()
+        keys, groups = KINDS[list_key].items.keys, GROUPS[list_key]
+        controls = key_controls(keys, list_key)
         self._resets: dict[str, str] = {}  # keys that can be unset, by what is said of each
         tip = "Takes a key away from the tool, which then has the value that stands here."
         self._reset: Any = gui.add_dropdown("back to", (_NO_KEY,), hint=tip)
         on_user_change(
-            self._reset, lambda: unset(self._resets[self._reset.value]) if self._reset.value in self._resets else None
+            self._reset,
+            lambda: (
+                unset(self._resets[self._reset.value]) if self._visible and self._reset.value in self._resets else None
+            ),
         )
         tabs = gui.add_tab_group()
-        for group in dict.fromkeys([*GROUPS, *(control.group for control in controls)]):
+        for group in dict.fromkeys([*groups, *(control.group for control in controls)]):
             with tabs.add_tab(group):
                 for control in controls:
                     if control.group == group:
                         self._add(control)
-        if clips:
+        if clips and "clips" in keys:
             with tabs.add_tab(_CLIPS_TAB):
                 for clip in clips:
                     self._add_strength(clip)
-        gui.add_html(paragraph_of(_LEGEND, QUIET))
+        self._parts = (self._reset, tabs, gui.add_html(paragraph_of(_LEGEND, QUIET)))
+
+    def set_visible(self, *, visible: bool) -> None:
+        """Show the widgets, or hide them."""
+        self._visible = visible
+        for each in self._parts:
+            show_changed(each, "visible", visible)
 
     def show(
         self,
@@ -79,7 +102,8 @@ class ToolControls:
             distance: Distance of its anchors at rest, scene units.
             materials: Names of all materials, those of the file too.
         """
-        show_changed(self._widgets["material"], "options", (*materials, NONE))
+        if "material" in self._widgets:
+            show_changed(self._widgets["material"], "options", (*materials, NONE))
         self._values, self._distance = {key: each.value for key, each in keys.items()}, distance
         for show in self._shows:
             show()
@@ -272,6 +296,8 @@ class ToolControls:
         """Convert a value of the file to that of a widget."""
         if value is None:
             return {"choice": NONE, "text": ""}.get(control.kind, control.low)
+        if control.whole:
+            return str(value)
         if control.kind == "percent":
             return float(str(value).strip().removesuffix("%"))
         return value

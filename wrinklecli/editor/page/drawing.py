@@ -11,7 +11,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from wrinklecli.editor.attached import AttachedTool, PlayableMesh
+from wrinklecli.editor.attached import AttachedBelow, AttachedTool, PlayableMesh
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, among, distinct, distinct_values, face_normals, unit
 from wrinklecli.numeric.intersections import edges_of
 from wrinklecli.review.preview.paints import Paint
@@ -188,6 +188,29 @@ def outline_of(tool: AttachedTool, mesh: PlayableMesh, body: int, colour: tuple[
         anchors=np.arange(lines.size, int(outwards[0, 0])),
         edges=np.array(edges, np.intp),
         lift=_LIFT * patch.span,
+    )
+
+
+def outline_below(
+    below: AttachedBelow, mesh: PlayableMesh, body: int, colour: tuple[float, float, float]
+) -> ToolOutline:
+    """Outline the skin that a muscle or flesh moves, on its mesh, the body of a number."""
+    faces = np.flatnonzero(below.outlined[mesh.parents])
+    # Sides of triangles on which no other one of them lies.
+    corners = mesh.faces[faces]
+    sides = np.concatenate([corners[:, [one, (one + 1) % 3]] for one in range(3)])
+    _, numbers, counts = np.unique(np.sort(sides, axis=1), axis=0, return_inverse=True, return_counts=True)
+    border = np.flatnonzero(counts[numbers.reshape(-1)] == 1)
+    first, triangles = border // len(faces), faces[border % len(faces)]
+    ends = np.stack([first, (first + 1) % 3], axis=1).reshape(-1)
+    return ToolOutline(
+        name="",
+        colour=colour,
+        points=SurfacePoints(body, np.repeat(triangles, 2), np.eye(3)[ends]),
+        segments=np.arange(len(ends)).reshape(-1, 2),
+        anchors=np.zeros(0, np.intp),
+        edges=np.zeros(0, np.intp),
+        lift=_LIFT * below.span,
     )
 
 

@@ -149,7 +149,7 @@ class DrawnScene:
             else:
                 line.points, line.thickness = ends, thickness
                 line.colors = np.array(colour, np.uint8)
-            if outline.name == chosen:
+            if outline.name == chosen and len(outline.anchors):
                 self._show_dots(outline, places)
 
     def show_cut(self, segments: Floats | None) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 from wrinklecli.editor.page.pictures import ONE, after_alone, image
 from wrinklecli.editor.page.viewpoints import clear_time
 from wrinklecli.editor.page.viewport import Viewport
-from wrinklecli.editor.page.widgets import ASKS, PageHost, add_button, add_shortcut
+from wrinklecli.editor.page.widgets import ASKS, PageHost, add_button, add_shortcut, show_changed
 from wrinklecli.gltf.pixels import Bytes
 
 _KEYS = (
@@ -28,7 +28,8 @@ class MaterialPanel:
         self._tool: str | None = None
         self._time: float | None = None  # at which all are drawn, seconds
         self._pictures: dict[str, Bytes] = {}
-        with page.server.gui.add_folder("Materials", expand_by_default=False):
+        self._folder: Any = page.server.gui.add_folder("Materials", expand_by_default=False)
+        with self._folder:
             tip = "Draws this tool with each of them. A click on one gives it to the tool, in place of its own keys."
             add_button(page, "Draw them on this tool", self._ask, color="gray", hint=tip)
             self._grid: Any = page.server.gui.add_html("")
@@ -37,8 +38,9 @@ class MaterialPanel:
             add_shortcut(page, f"Material: {self._titles[name]}", take, hotkey=key, modifier="alt+shift")
         self._show_grid()
 
-    def show(self, tool: str) -> None:
-        """Show a tool's pictures, of which there are none if it was another tool before."""
+    def show(self, tool: str | None) -> None:
+        """Show a tool's pictures, of which there are none if it was another tool before; None hides the panel."""
+        show_changed(self._folder, "visible", tool is not None)
         if tool != self._tool:
             self._tool, self._time, self._pictures = tool, None, {}
             self._show_grid()
@@ -73,7 +75,7 @@ class MaterialPanel:
         """Give the chosen tool a material."""
         self._page.commit()
         tool = self._page.chosen
-        if tool is None:
+        if tool is None or tool != self._tool:  # none, or one below the skin, which has no material
             self._page.say("Choose a tool first.", ASKS)
             return
         removed = self._session.set_material(tool, name)

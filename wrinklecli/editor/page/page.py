@@ -40,6 +40,8 @@ from wrinklecli.editor.page.widgets import (
 from wrinklecli.editor.page.work_queue import WorkQueue
 from wrinklecli.editor.session import EditedTool, Session
 from wrinklecli.errors import WrinkleError, counted
+from wrinklecli.tools.records import ToolsFile
+from wrinklecli.tools.schema import KINDS
 from wrinklecli.tools.yaml_edit import Steps
 
 _SLIDE_SECONDS = 0.35  # seconds without a change after which a slider has been released
@@ -175,7 +177,7 @@ class Page:
             self._contact = ContactPanel(self, self.player)
             self._materials = MaterialPanel(self, self._viewport)
             clips = [clip.name for clip in session.clips if clip.name not in session.range_clips]
-            self._controls = ToolControls(gui, self._changed, self._unset, clips)
+            self._controls = {key: ToolControls(gui, self._changed, self._unset, clips, key) for key in ToolsFile.LISTS}
             self._charts = Charts(gui)
 
     # Messages.
@@ -210,7 +212,7 @@ class Page:
         name = html.escape(os.path.basename(self.session.path))
         self._head.content = (
             f'<div style="padding:4px 12px;overflow-wrap:anywhere"><b>{name}</b>'
-            f'<span style="opacity:.6"> · {counted(len(tools), "tool")} · {state}</span></div>'
+            f'<span style="opacity:.6"> · {_counts(tools)} · {state}</span></div>'
         )
         self._list_tools(tools)
         self._tool_panel.visible = self.chosen is not None
@@ -253,8 +255,11 @@ class Page:
         self._both_sides.value = tool.partner is not None
         attached = self.session.attached_tools().get(tool.name)
         span = tool.length if attached is None else attached.patch.span
-        self._controls.show(tool.keys, self.session.inherited(tool), span or 1.0, [*self.session.presets])
-        self._materials.show(tool.name)
+        for key, controls in self._controls.items():
+            controls.set_visible(visible=key == tool.list_key)
+        controls = self._controls[tool.list_key]
+        controls.show(tool.keys, self.session.inherited(tool), span or 1.0, [*self.session.presets])
+        self._materials.show(tool.name if tool.list_key == "tools" else None)
 
     def _problems_of(self, tool: EditedTool) -> str:
         """HTML of a tool's problem, or of its warnings."""
@@ -272,6 +277,7 @@ class Page:
             self._buttons.pop(name).remove()
         for order, tool in enumerate(tools):
             notes = [
+                "" if tool.list_key == "tools" else KINDS[tool.list_key].items.item,
                 "" if tool.enabled else "off",
                 "solo" if tool.solo else "",
                 f"and {tool.partner}" if tool.partner else "",
@@ -295,8 +301,9 @@ class Page:
         """Draw the charts of the chosen tool."""
         clip, over = self.player.clip, None
         attached = self.session.attached_tools().get(self.chosen) if self.chosen else None
-        if self.chosen is not None and attached is not None:
-            self._charts.set_ranges(attached.patch.span, attached.patch.greatest_height)
+        if self.chosen is not None:
+            if attached is not None:
+                self._charts.set_ranges(attached.patch.span, attached.patch.greatest_height)
             over = None if clip is None else self.session.heights(self.chosen, clip)
         self._charts.show_heights(over)
         self._chart_now()
@@ -320,7 +327,14 @@ class Page:
         """Turn the cameras to the chosen tool where it is tallest, or seen before; a pose that is set by hand stays."""
         if self.chosen is None:
             return
-        if self.player.clip != POSE and self.chosen in self.session.attached_tools():
+        if self.player.clip != POSE and self.chosen in self.session.attached_below():
+            greatest = self.session.greatest_move(self.chosen)
+            if greatest is None:
+                self.say(f"{self.chosen}: no clip moves it. Pose turns joints by hand.", ASKS)
+            else:
+                self.player.go(*greatest)
+                self.say(f"{self.chosen} moves the skin most at {greatest[1]:.2f} s of {greatest[0]}")
+        elif self.player.clip != POSE and self.chosen in self.session.attached_tools():
             raised = self.session.raised(self.chosen)
             if raised is None:
                 self.say(f"{self.chosen}: no clip raises it. Pose turns joints by hand.", ASKS)
@@ -407,3 +421,11 @@ class Page:
     def _mirror(self) -> None:
         axis = "x" if self._both_sides.value else None
         self._edit(lambda tool: self.session.mirror(tool.name, axis))
+
+
+def _counts(tools: Sequence[EditedTool]) -> str:
+    """Count the tools, and the effects of the other lists that have any."""
+    keys = [tool.list_key for tool in tools]
+    return ", ".join(
+        counted(keys.count(key), kind.items.item) for key, kind in KINDS.items() if key == "tools" or key in keys
+    )

@@ -117,8 +117,8 @@ class Pointer:
             self._page.say("\n".join((error.lines[0], _AGAIN)), BAD)
             return
         self._end_new()
-        self._page.refresh()
-        self._page.say(f"{name} is new: play a clip that {moved}. Its other keys stand in the file.")
+        self._page.choose(name, look=False)
+        self._page.say(f"{name} is new: play a clip that {moved}, and move its sliders")
 
     def drag(self, kind: str, number: int, origin: Floats, direction: Floats, phase: str) -> None:
         """Move a dot of the chosen tool; see `drawn_scene.Drag`."""

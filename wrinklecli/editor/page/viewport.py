@@ -10,15 +10,14 @@ import numpy as np
 import viser
 
 from wrinklecli.character.scene import read_scene
-from wrinklecli.editor.attached import AttachedTool, ShownMesh
+from wrinklecli.editor.attached import AttachedBelow, AttachedTool, ShownMesh
 from wrinklecli.editor.baked_file import BakedFile
-from wrinklecli.editor.page.drawing import Body, SurfacePoints, ToolOutline, body_of, outline_of
+from wrinklecli.editor.page.drawing import Body, SurfacePoints, ToolOutline, body_of, outline_below, outline_of
 from wrinklecli.editor.page.drawn_scene import HINTED, LOOKS, Drag, DrawnScene, Look
 from wrinklecli.editor.page.player import Player
 from wrinklecli.editor.page.split import SplitPlane
 from wrinklecli.editor.page.viewpoints import FOV, SIDES, frame_asset, frame_tool
 from wrinklecli.editor.page.widgets import PageHost, add_group, add_shortcut, on_set, value_within
-from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.nearest import closest_point, distances_along
@@ -79,7 +78,7 @@ class Viewport:
         self._scene = DrawnScene(server, "asset", drag)
         self._beside_scene = DrawnScene(server, "beside", lambda *_: None)
         self._bodies: tuple[Body, ...] = ()
-        self._outlines: dict[str, tuple[Patch, ToolOutline]] = {}  # on the present triangles
+        self._outlines: dict[str, tuple[object, ToolOutline]] = {}  # on the present triangles
         self._chosen: str | None = None
         self._hinted: AttachedTool | None = None
         self._moment: tuple[str | None, float] = (None, 0.0)
@@ -248,20 +247,26 @@ class Viewport:
 
     def _show_tools(self) -> None:
         outlines = []
-        for number, (name, tool) in enumerate(() if self._is_baked else self._session.attached_tools().items()):
+        edited: dict[str, AttachedTool | AttachedBelow] = {}
+        if not self._is_baked:
+            below = {name: each for name, each in self._session.attached_below().items() if each.outlined.any()}
+            edited = {**self._session.attached_tools(), **below}
+        for number, (name, tool) in enumerate(edited.items()):
             outlines.append(self._outline(name, tool, INKS[number % len(INKS)]))
         if self._hinted is not None and not self._is_baked:
             outlines.append(self._outline(HINTED, self._hinted, _HINT))
         self._scene.show_tools(outlines, self._chosen, self._points)
 
-    def _outline(self, name: str, tool: AttachedTool, colour: Colour) -> ToolOutline:
+    def _outline(self, name: str, tool: AttachedTool | AttachedBelow, colour: Colour) -> ToolOutline:
         """Outline a tool on the present triangles, or look its outline up."""
-        patch, outline = self._outlines.get(name, (None, None))
-        if outline is None or patch is not tool.patch:
+        shape = tool.patch if isinstance(tool, AttachedTool) else tool.shape
+        known, outline = self._outlines.get(name, (None, None))
+        if outline is None or known is not shape:
             nodes = [mesh.source.ground.rig.node for mesh in self.shown]
             body = nodes.index(tool.ground.rig.node)
-            outline = replace(outline_of(tool, self.shown[body].source, body, colour), name=name)
-            self._outlines[name] = tool.patch, outline
+            outlined = outline_of if isinstance(tool, AttachedTool) else outline_below
+            outline = replace(outlined(tool, self.shown[body].source, body, colour), name=name)  # type: ignore[arg-type]
+            self._outlines[name] = shape, outline
         return outline
 
     def hint_at(self, tool: AttachedTool | None) -> None:
@@ -322,14 +327,22 @@ class Viewport:
         self._scene.highlight(None if hit is None else hit.spot, self._points)
 
     def tool_at(self, hit: Hit) -> str | None:
-        """Find the tool of the file whose patch, or whose partner's, holds a point."""
-        attached_tools = self._session.attached_tools()
+        """Find the tool of the file whose patch, or whose partner's, holds a point, or else a muscle or flesh."""
+        attached_tools, below = self._session.attached_tools(), self._session.attached_below()
         for tool in self._session.tools():
             for name in (tool.name, tool.partner):
                 attached = attached_tools.get(name) if name else None
                 if attached is None or attached.ground.rig.node != hit.mesh.source.ground.rig.node:
                     continue
                 if attached.holds(hit.place):
+                    return tool.name
+        source, triangle = hit.mesh.source, int(hit.spot.triangles[0])
+        for tool in self._session.tools():
+            for name in (tool.name, tool.partner):
+                under = below.get(name) if name else None
+                if under is None or under.ground.rig.node != source.ground.rig.node:
+                    continue
+                if under.outlined[source.parents[triangle]]:
                     return tool.name
         return None
 

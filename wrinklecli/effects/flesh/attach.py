@@ -52,6 +52,7 @@ class AttachedFlesh:
         factors: (modes,) from the shapes of the grid to the moves of the targets.
         follows: (vertices,) factors from 0 to 1: how far the skin of the region's own mesh follows the shapes.
         covers: Names of other meshes that lie over the region and do not swing; none for a mesh that moves with it.
+        down: (3,) all of gravity at rest in the space of the joint, scene units per second squared.
     """
 
     tool: Flesh
@@ -63,6 +64,7 @@ class AttachedFlesh:
     factors: Floats
     follows: Floats
     covers: tuple[str, ...]
+    down: Floats
     moves: Moves = field(init=False)
 
     regions: ClassVar[tuple[Region, ...]] = ()
@@ -74,6 +76,14 @@ class AttachedFlesh:
     def greatest_height(self) -> float:
         """The length to which moves are capped."""
         return self.limit
+
+    def driven_as(self, tool: Flesh) -> SwingDrive:
+        """The drive with the frequency, damping and gravity of another entry for the same region."""
+        modes = tuple(
+            replace(mode, spring=_spring(tool, faster))
+            for mode, faster in zip(self.drive.modes, self.swings.speeds.tolist(), strict=True)
+        )
+        return replace(self.drive, modes=modes, gravity=self.down * tool.gravity)
 
 
 def attach_flesh(tools: Sequence[EffectTool], ground: Ground, settings: ToolsFile) -> list[AttachedFlesh]:
@@ -129,10 +139,9 @@ def _attach(tool: Flesh, ground: Ground, settings: ToolsFile) -> AttachedFlesh:
     world = rest.matrices[joint] @ np.linalg.inv(rig.inverse_binds[joint])
     lengths = np.sqrt((world[:3, :3] ** 2).sum(axis=0))
     turn = world[:3, :3] / lengths
-    gravity = np.array([0.0, -GRAVITY, 0.0]) * tool.gravity
-    speed = 2.0 * np.pi * tool.frequency
+    down = turn.T @ np.array([0.0, -GRAVITY, 0.0])
     modes = tuple(
-        Mode(Spring(speed * faster, tool.damping * faster), turn.T @ load, float(size / limit))
+        Mode(_spring(tool, faster), turn.T @ load, float(size / limit))
         for faster, load, size in zip(swings.speeds.tolist(), swings.loads, sizes, strict=True)
     )
     drive = SwingDrive(
@@ -140,14 +149,19 @@ def _attach(tool: Flesh, ground: Ground, settings: ToolsFile) -> AttachedFlesh:
         node=int(rig.joints[joint]),
         at=np.linalg.solve(world[:3, :3], place.at - world[:3, 3]),
         scale=float(np.cbrt(abs(determinants(world[None, :3, :3])[0]))),
-        gravity=turn.T @ gravity,
+        gravity=down * tool.gravity,
         modes=modes,
         targets=tuple(f"wrinkle_{tool.identifier}_{number}" for number in range(1, len(modes) + 2)),
     )
     factors = 2.0 * limit / sizes
     deltas = _deltas(rest, chosen, moved * factors[:, None, None])
     covers = _covers(ground, tool, place, chosen)
-    return AttachedFlesh(tool, drive, deltas, limit, swings, place, factors, follows, covers)
+    return AttachedFlesh(tool, drive, deltas, limit, swings, place, factors, follows, covers, down)
+
+
+def _spring(tool: Flesh, faster: float) -> Spring:
+    """The spring of a shape that swings so many times as fast as the slowest one."""
+    return Spring(2.0 * np.pi * tool.frequency * faster, tool.damping * faster)
 
 
 def _attach_over(tool: Flesh, skin: Ground, ground: Ground, settings: ToolsFile) -> AttachedFlesh:

@@ -68,7 +68,7 @@ class MuscleKind:
 
 def _gained(plan: MeshPlan, deltas: Floats, weights: Floats) -> float:
     """The volume that the skin gains at rest by (targets, fine vertices, 3) deltas at weights, cubic scene units."""
-    vertices, moves = moves_at_rest(plan, deltas)
+    vertices, moves = moves_at_rest(plan.fine.blended, deltas)
     places = plan.fine.rest_positions
     moved = places.copy()
     moved[vertices] += np.tensordot(weights, moves, axes=1)
