@@ -45,8 +45,9 @@ _FURROWED = 1.5
 # Power of the fraction of the displacement by which edges are longer. An error of normals is in proportion to the
 # fraction and the square of the length, which gives 1/2; but edges along the fading side must also show how it fades.
 _FADING = 0.25
-# Fraction of the displacement below which edges do not become longer.
-_LEAST_SHARE = 0.05
+# Fraction of the displacement below which edges do not become longer: there they are 1.5 times as long, so that none
+# across a furrow is longer than edges elsewhere. On the side of a wrist, longer ones turn normals by more than 10°.
+_LEAST_SHARE = 0.2
 
 
 @dataclass(frozen=True)
