@@ -142,7 +142,9 @@ def test_each_region_has_its_tool(variant: str) -> None:
         assert abs(x) < 0.003
         assert CHIN - 0.002 < y < MOUTH - 0.006
     for each in found.tools:
-        assert 3 <= each.tool.bumps <= 5
+        # Beside the mouth lies one deep furrow, and elsewhere there are a few lines.
+        single = each.tool.name.startswith("nasolabial")
+        assert (each.tool.bumps, each.tool.strength) == (1, -1.0) if single else 3 <= each.tool.bumps <= 5
         assert each.shortening > 0.04
         assert each.by_morph is not each.tool.name.startswith("neck")
 
@@ -178,8 +180,10 @@ def test_patches_are_low_and_end_before_lids_and_lips(variant: str) -> None:
     tools = parse_tools(found.text)
     rest = rest_pose(surface, rig, tools, (), [])
     for patch in attach_tools(list(tools.tools), surface, rest, rig, up="y"):
-        # No wrinkle of a young face is higher than a millimetre and a half, and none of a neck than two and a half.
-        assert patch.greatest_height < (0.012 if "neck" in patch.tool.name else 0.007) * face.height
+        # No wrinkle of a young face is higher than a millimetre and a half; lines of a neck, and the fold beside a
+        # mouth, are up to two and a half.
+        high = any(name in patch.tool.name for name in ("neck", "nasolabial"))
+        assert patch.greatest_height < (0.012 if high else 0.007) * face.height
         for name, rim in face.rims.items():
             u, v = patch.coordinates(rim)
             on = np.abs(patch.magnitudes(u, v, np.tile(patch.normal, (len(rim), 1)))) > 0.05

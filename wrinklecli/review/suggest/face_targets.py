@@ -77,6 +77,7 @@ class FaceRegion:
         bump_height: Highest point of a wrinkle relative to its width; those of a young face are low.
         round_eye: True if its wrinkles spread like rays from an eye.
         longest: Greatest length of a tool, in distances of the eyes.
+        furrow: True if it is one furrow below the skin, without crests beside it.
     """
 
     title: str
@@ -91,6 +92,7 @@ class FaceRegion:
     bump_height: float
     round_eye: bool = False
     longest: float = math.inf
+    furrow: bool = False
 
 
 # The regions, from the forehead down. Their bounds are wide: they tell a temple from a lid, and a chin from a lip.
@@ -117,7 +119,8 @@ REGIONS = (
     ),
     FaceRegion(
         "nasolabial folds", "nasolabial", ("mouthSmile", "cheekSquint"),
-        (0.6, 3.5), (-1.1, -0.4), (1.0, 0.4), middle=False, width=0.5, bumps=(3, 3), bump_height=0.13,
+        (0.6, 3.5), (-1.1, -0.4), (1.0, 0.4), middle=False, width=0.65, bumps=(1, 1), bump_height=0.12, longest=0.25,
+        furrow=True,
     ),
     FaceRegion(
         "the chin", "chin", ("mouthShrugLower",),

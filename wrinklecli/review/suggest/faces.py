@@ -297,6 +297,7 @@ def _fit_tool(
         clips={clip: each.distance for clip, each in shortenings[0].items()},
         shortening=best.ratio,
         score=float(candidate.region.weights.sum()),
+        own_profile=region.furrow,
     )
 
 
@@ -357,7 +358,8 @@ def _drawn(region: FaceRegion, candidate: Candidate, name: str, width: float) ->
     """The tool of a candidate with a region's number of wrinkles."""
     tool = tool_of(candidate, name, width)
     low, high = region.bumps
-    return replace(tool, bumps=min(max(tool.bumps, low), high), width=Length(significant(width, 2)))
+    tool = replace(tool, bumps=min(max(tool.bumps, low), high), width=Length(significant(width, 2)))
+    return replace(tool, strength=-1.0, profile="smooth") if region.furrow else tool
 
 
 def _near_rims(face: Face, patch: Patch) -> Floats | None:
