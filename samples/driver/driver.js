@@ -1,37 +1,16 @@
 // Wrinkles in clips that were never baked: what `wrinkle bake` leaves in a node's extras is enough.
 // `wrinkleWeights` needs neither a browser nor three.js; `WrinkleDriver` is how three.js uses it.
 
+import { anchor, anchorsOf } from './anchor.js';
 import { fleshWeights } from './flesh.js';
 import { foldWeights } from './fold.js';
 import { jointFinder, morphMeshes, named, nameOf, quoted } from './joints.js';
 import { activation } from './muscle.js';
 import { between } from './polyline.js';
 import { lagged } from './spring.js';
+import { touchWeights } from './touch.js';
 
-export { fleshWeights, foldWeights };
-
-/** A point times a 4×4 matrix, stored by columns. */
-const moved = (m, [x, y, z]) => [0, 1, 2].map((i) => m[i] * x + m[i + 4] * y + m[i + 8] * z + m[i + 12]);
-const determinant = (m) =>
-  m[0] * (m[5] * m[10] - m[6] * m[9]) + m[4] * (m[2] * m[9] - m[1] * m[10]) + m[8] * (m[1] * m[6] - m[2] * m[5]);
-
-/** A tool's anchors: two, or all of its path. */
-const anchorsOf = ({ origin, target, anchors = [origin, target] }) => anchors;
-
-/** An anchor's place in the world, and its joints' scale against rest. */
-function anchor({ joints, weights, positions, scales, morphs = {} }, jointMatrixOf, morphWeightOf) {
-  const place = [0, 0, 0];
-  let scale = 0;
-  joints.forEach((joint, k) => {
-    const matrix = jointMatrixOf(joint);
-    const point = [...positions[k]];
-    for (const [name, moves] of Object.entries(morphs))
-      moves[k].forEach((move, i) => (point[i] += morphWeightOf(name) * move));
-    moved(matrix, point).forEach((x, i) => (place[i] += weights[k] * x));
-    scale += (weights[k] * Math.cbrt(Math.abs(determinant(matrix)))) / scales[k];
-  });
-  return { place, scale };
-}
+export { fleshWeights, foldWeights, touchWeights };
 
 /** Weights while the rest length changes: bumps rise group by group, each until it takes no more. */
 function followed(curve, distance, length) {
@@ -99,11 +78,12 @@ export class WrinkleDriver {
   constructor(root) {
     this.root = root;
     this.bodies = [];
+    this.hands = {};
     root.traverse((object) => object.userData.wrinkle && this.add(object, object.userData.wrinkle));
     if (!this.bodies.length) console.warn('wrinkle: nothing to drive: no object has extras.wrinkle and morph targets');
   }
 
-  add(object, { muscles = [], tools = [], folds = [], flesh = [], parts = [] }) {
+  add(object, { muscles = [], tools = [], folds = [], flesh = [], touches = [], parts = [] }) {
     const warn = (line) => console.warn(`wrinkle: ${nameOf(object)}: ${line}`);
     // The other parts of a mesh that was split stand beside it.
     const places = parts.map((name) => named(this.root, name));
@@ -111,9 +91,10 @@ export class WrinkleDriver {
     const meshes = [object, ...places.flat()].flatMap(morphMeshes);
     const jointOf = jointFinder(this.root, object, meshes, warn);
     const isThere = (drive) => {
-      const { name, joint, parent = joint, targets } = drive;
+      const { name, joint, parent = joint, targets, by } = drive;
       const called = name ?? `the fold of ${quoted([joint])}`;
-      const joints = joint === undefined ? anchorsOf(drive).flatMap((each) => each.joints) : [joint, parent];
+      const anchors = joint === undefined ? [...anchorsOf(drive), ...(by ? [by] : [])] : [];
+      const joints = joint === undefined ? anchors.flatMap((each) => each.joints) : [joint, parent];
       const absent = joints.filter((each) => !jointOf(each));
       const lost = targets.filter((target) => !meshes.some((each) => target in each.morphTargetDictionary));
       if (absent.length) warn(`${called} is left out, as there is no joint ${quoted(absent)}`);
@@ -123,16 +104,27 @@ export class WrinkleDriver {
     // Muscles move the skin on which the anchors of tools are. A fold that no joint bends is driven as a tool.
     const [bent, risen] = [folds.filter(({ joint }) => joint), folds.filter(({ joint }) => !joint)];
     const jointMatrixOf = (name) => jointOf(name).matrixWorld.elements;
-    const every = { tools: [...muscles, ...tools, ...risen], folds: bent, flesh };
+    const every = { tools: [...muscles, ...tools, ...risen], folds: bent, flesh, touches };
     const drives = Object.fromEntries(Object.entries(every).map(([kind, all]) => [kind, all.filter(isThere)]));
-    const [states, swings] = [drives.tools, drives.flesh].map((all) => all.map(() => ({})));
-    if (meshes.length) this.bodies.push({ ...drives, meshes, jointMatrixOf, states, swings });
+    const kept = [drives.tools, drives.flesh, drives.touches].map((all) => all.map(() => ({})));
+    const [states, swings, tips] = kept;
+    if (meshes.length) this.bodies.push({ ...drives, meshes, jointMatrixOf, states, swings, tips });
+  }
+
+  /** Slides the skin of a touch forward and sideways, scene units; null lets it go. A VR hand or a mouse calls this. */
+  touch(name, slide) {
+    this.hands[name] = slide && { depth: this.hands[name]?.depth ?? 0, slide };
+  }
+
+  /** Dents the skin of a touch by a depth, scene units. */
+  press(name, depth) {
+    this.hands[name] = { slide: this.hands[name]?.slide ?? [0, 0], depth };
   }
 
   update(clip, time, elapsed = Math.max(time - this.time, 0)) {
     this.time = time;
     this.root.updateMatrixWorld();
-    for (const { tools, folds, flesh, meshes, states, swings, jointMatrixOf } of this.bodies) {
+    for (const { tools, folds, flesh, touches, meshes, states, swings, tips, jointMatrixOf } of this.bodies) {
       const { morphTargetDictionary: numbers, morphTargetInfluences: influences } = meshes[0];
       const morphWeightOf = (name) => influences[numbers[name]] ?? 0;
       const show = ({ targets }, found) => {
@@ -144,6 +136,10 @@ export class WrinkleDriver {
         for (const [name, place] of Object.entries(places)) if (name in numbers) all[place] = influences[numbers[name]];
       // First, as wrinkles appear where flesh swings.
       flesh.forEach((each, k) => show(each, fleshWeights(each, jointMatrixOf, { state: swings[k], elapsed })));
+      for (const [k, touch] of touches.entries()) {
+        const how = { morphWeightOf, clip, time, state: tips[k], elapsed, hand: this.hands[touch.name] };
+        show(touch, touchWeights(touch, jointMatrixOf, how));
+      }
       for (const [k, tool] of tools.entries())
         show(tool, wrinkleWeights(tool, jointMatrixOf, { morphWeightOf, clip, time, state: states[k], elapsed }));
       for (const fold of folds) show(fold, foldWeights(fold, jointMatrixOf, morphWeightOf, clip));

@@ -38,8 +38,8 @@ from wrinklecli.numeric.spring import Spring
 
 # Greatest frequency in hertz and damping ratio of a spring that extras may ask for: more than a bake writes.
 _MOST = 1e4
-# Samples per second of the tip's way, at least; most of a clip; and times between two of them at which contacts begin.
-_SAMPLES, _MOST_SAMPLES, _CROSSING = 120.0, 100_000, 33
+# Samples per second of the tip's way, at least; most of a clip; and halvings between two in which a contact begins.
+_SAMPLES, _MOST_SAMPLES, _HALVINGS = 240.0, 100_000, 12
 # Clips whose contacts a drive keeps: the same motion is asked for at many times.
 _MOST_KEPT = 64
 
@@ -125,33 +125,46 @@ class TouchDrive:
         tips = self.tip_in(rig, clip, times)
         strokes: list[Floats] = []
         rows: list[Floats] = []
-        for number, tip in enumerate(tips):
-            near = bool(tip[2] < self.deepest)
-            away = float(np.hypot(tip[0], tip[1]))
-            held = near and away < (self.pad + self.grip if rows else self.pad)
-            if held and not rows:
-                # Beginnings and ends are found between samples; where the tip is, hardly changes meanwhile.
-                start = times[number] if not number else self._crossing(rig, clip, times[number - 1], times[number])
-                slide = self._released(strokes, np.array([start]))[0, :2]
-                rows = [np.array([start, *slide, 0.0])]
-            elif not held and rows:
-                end = self._crossing(rig, clip, times[number - 1], times[number])
-                strokes.append(_ended(rows, end))
-                rows = []
+        before = tips[0]
+        for number, (time, tip) in enumerate(zip(times.tolist(), tips, strict=True)):
+            held = self._touches(tip, held=bool(rows))
+            if held != bool(rows) and number:
+                changed = self._change(rig, clip, float(times[number - 1]), time, held=held)
+                (edge,) = self.tip_in(rig, clip, np.array([changed]))
+                if held:
+                    rows, before = (
+                        [np.array([changed, *self._released(strokes, np.array([changed]))[0, :2], 0.0])],
+                        edge,
+                    )
+                elif changed > rows[-1][0]:
+                    rows.append(self._row(changed, rows[-1], edge - before))
             if held:
-                step = tip[:2] - tips[number - 1, :2] if number and np.isfinite(tips[number - 1]).all() else np.zeros(2)
-                slide = rows[-1][1:3] + (step if len(rows) > 1 else 0.0)
-                slide = slide * min(1.0, self.grip / max(float(np.hypot(*slide)), 1e-30))
-                row = np.array([times[number], *slide, float(np.clip(-tip[2], 0.0, self.deepest))])
-                rows = [*rows, row] if row[0] > rows[-1][0] else [row]
+                row = self._row(time, rows[-1] if rows else np.zeros(4), tip - before, depth=-float(tip[2]))
+                rows = [*rows, row] if not rows or time > rows[-1][0] else [row]
+            elif rows:
+                strokes.append(np.stack(rows))
+                rows = []
+            before = tip
         return (*strokes, *([np.stack(rows)] if rows else []))
 
-    def _crossing(self, rig: Rig, clip: Clip, low: float, high: float) -> float:
-        """The second between two at which the tip comes near or goes."""
-        inside = np.linspace(low, high, _CROSSING)
-        heights = self.tip_in(rig, clip, inside)[:, 2] < self.deepest
-        changed = np.flatnonzero(heights[1:] != heights[:-1])
-        return float(inside[changed[0] + 1] if len(changed) else high)
+    def _touches(self, tip: Floats, *, held: bool) -> bool:
+        """True if a tip at (3,) is near enough, or still is where it has `held` the skin."""
+        away = float(np.hypot(tip[0], tip[1]))
+        return bool(tip[2] < self.deepest and away < (self.pad + self.grip if held else self.pad))
+
+    def _change(self, rig: Rig, clip: Clip, low: float, high: float, *, held: bool) -> float:
+        """The second between two at which the tip comes, if `held` is what it is at the later one, or goes."""
+        for _ in range(_HALVINGS):
+            middle = (low + high) / 2.0
+            same = self._touches(self.tip_in(rig, clip, np.array([middle]))[0], held=not held) == held
+            low, high = (low, middle) if same else (middle, high)
+        return high
+
+    def _row(self, time: float, last: Floats, way: Floats, *, depth: float = 0.0) -> Floats:
+        """(4,) the key at a second, after the tip has gone a (3,) way since the last (4,) key."""
+        slide = last[1:3] + way[:2]
+        slide = slide * min(1.0, self.grip / max(float(np.hypot(*slide)), 1e-30))
+        return np.array([time, *slide, min(max(depth, 0.0), self.deepest)])
 
     def contacts_in(self, rig: Rig, clip: Clip | None) -> Callable[[Floats], Floats]:
         """A function from (frames,) seconds of a clip to (frames, 3) slides forward and sideways and depths."""
@@ -237,10 +250,3 @@ def read_touch(data: Json, nodes: Mapping[str, int], morph_names: Sequence[str])
         raise ValueError
     spring = Spring(2.0 * np.pi * frequency, damping)
     return TouchDrive(str(data["name"]), anchors, pad, grip, deepest, spring, windows, rises, targets, keys, bend, tip)
-
-
-def _ended(rows: Sequence[Floats], end: float) -> Floats:
-    """(keys, 4) the rows of a stroke whose tip leaves at some second."""
-    last = rows[-1].copy()
-    last[0], last[3] = max(end, last[0] + 1e-6), 0.0
-    return np.stack([*rows, last])

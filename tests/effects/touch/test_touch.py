@@ -10,7 +10,7 @@ import yaml
 import wrinklecli
 from kit.asset import Json
 from kit.bakes import bake_once, place, report_of
-from kit.clients import assert_valid, compare_with_three
+from kit.clients import assert_valid, compare_with_three, drive
 from kit.player import Gltf
 from kit.touch import GRIP, PAD, SECONDS, plate, touch
 from wrinklecli.baking.baked_body import read_bodies
@@ -26,8 +26,13 @@ def skin() -> Path:
     return place(plate())
 
 
-def baked(asset: Path, *touches: Json, **options: Any) -> Gltf:
-    return bake_once(asset, top={"touches": list(touches), "refinement": {"max_levels": 3}}, **options)
+def baked(asset: Path, *touches: Json, levels: int = 1, **options: Any) -> Gltf:
+    return bake_once(asset, top={"touches": list(touches), "refinement": {"max_levels": levels}}, **options)
+
+
+def warned(file: Gltf) -> list[str]:
+    """The warnings about the touch."""
+    return [line for line in report_of(file).data["warnings"] if line.startswith("spot: ")]
 
 
 def moves(file: Gltf, contact: tuple[float, float, float]) -> tuple[np.ndarray, np.ndarray]:
@@ -39,7 +44,7 @@ def moves(file: Gltf, contact: tuple[float, float, float]) -> tuple[np.ndarray, 
 
 def test_the_skin_slides_with_the_pad_and_fades(skin: Path) -> None:
     """The mean slide under the pad is the asked one; it falls to the sides, and nothing moves far away or at rest."""
-    file = baked(skin, touch(wrinkles={"bumps": 3}))
+    file = baked(skin, touch(), levels=3)
     names = file.mesh("skin")["extras"]["targetNames"]
     assert names == [f"wrinkle_spot_{number}" for number in range(1, 14)]
     positions, moved = moves(file, (GRIP, 0.0, 0.0))
@@ -56,7 +61,7 @@ def test_the_skin_slides_with_the_pad_and_fades(skin: Path) -> None:
 
 def test_rings_stand_in_front_and_thin_out_to_the_sides(skin: Path) -> None:
     """Heights along y: in front rings, a cosine of them to the sides, and none behind."""
-    file = baked(skin, touch(wrinkles={"bumps": 3, "directions": 16}))
+    file = baked(skin, touch(wrinkles={"bumps": 3, "directions": 16}), levels=3)
     for angle in (0.0, 2.0):
         positions, moved = moves(file, (GRIP * np.cos(angle), GRIP * np.sin(angle), 0.0))
         # Sideways is forward turned by 90° about the normal, to -z.
@@ -114,7 +119,7 @@ def test_a_node_that_comes_near_drags_the_skin_and_slips() -> None:
     assert forward[2:4] == pytest.approx([0.0015, 0.006], abs=2e-4)
     assert forward[4:6] == pytest.approx([GRIP, GRIP], rel=0.01)
     assert abs(forward[6]) < 0.1 * GRIP
-    assert report_of(file).data["warnings"] == []
+    assert warned(file) == []
 
 
 def test_the_distance_is_that_of_the_posed_skin() -> None:
@@ -129,6 +134,29 @@ def test_the_distance_is_that_of_the_posed_skin() -> None:
     )
     assert tips[:, 2] == pytest.approx(0.002, abs=3e-4)
     assert tips[:, 0] == pytest.approx(above[:, 0], abs=1e-4)
+
+
+@pytest.mark.slow
+def test_the_driver_plays_keys_and_tips_as_the_bake_does() -> None:
+    """About 1 % of the greatest weight off, at 30 and 144 frames a second."""
+    ways = (
+        (-0.005, 0.03, 0),
+        (-0.005, 0.0, 0),
+        (0.0, -0.001, 0.003),
+        (0.009, -0.001, 0.005),
+        (0.009, 0.03, 0),
+        (0, 0.03, 0),
+    )
+    asset = place(plate(tip=np.array(ways)))
+    for keys, fps, error in ((touch()["keys"], 30, 0.01), ({}, 144, 0.012)):
+        bare, whole = (baked(asset, touch(by="tip", keys=keys), tracks=tracks) for tracks in ("none", "all"))
+        times = np.arange(int(SECONDS * fps)) / fps
+        elapsed = np.full(len(times), 1 / fps)
+        played = drive(bare.path, node="skin", clip="drag", times=times.tolist(), elapsed=elapsed.tolist(), driver=True)
+        wanted = whole.weights("skin", "drag", times)
+        assert wanted.max() > 0.9
+        found = np.stack([played[name][:, 0] for name in whole.mesh("skin")["extras"]["targetNames"]], axis=1)
+        assert np.abs(found - wanted).max() < error
 
 
 def test_one_direction_takes_one_target(skin: Path) -> None:
@@ -178,10 +206,10 @@ def test_what_does_not_fit_is_one_line(skin: Path, tmp_path: Path, changes: Json
 
 def test_warnings_say_what_looks_folded_and_what_never_acts(skin: Path) -> None:
     def said(**keys: Any) -> str:
-        return "\n".join(report_of(baked(skin, touch(**keys))).data["warnings"])
+        return "\n".join(warned(baked(skin, touch(**keys))))
 
     assert said() == ""
     assert "below -0.7 it looks folded" in said(grip=0.0195)
     assert "no clip keys it" in said(keys={})
-    away = report_of(baked(drawn((0, 0.05, 0), (0.2, 0.02, 0)), touch(by="tip", keys={}))).data["warnings"]
-    assert "'tip' comes no nearer to the place than" in away[0]
+    (away,) = warned(baked(drawn((0, 0.05, 0), (0.2, 0.02, 0)), touch(by="tip", keys={})))
+    assert "'tip' comes no nearer to the place than" in away

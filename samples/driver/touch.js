@@ -1,0 +1,84 @@
+// A tip that slides the skin: keyed by a clip, followed as it comes near, or asked for by the player.
+
+import { anchor } from './anchor.js';
+import { between } from './polyline.js';
+import { decay } from './spring.js';
+
+const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+
+/** The tip's place forward, sideways and above the skin, scene units at rest. */
+function tipOf({ anchors, by, bend, pad }, jointMatrixOf, morphWeightOf) {
+  const [middle, ...ends] = anchors.map((each) => anchor(each, jointMatrixOf, morphWeightOf).place);
+  const { place } = anchor(by, jointMatrixOf, morphWeightOf);
+  const [a, b, c] = ends.map((end) => end.map((x, i) => x - middle[i]));
+  const way = place.map((x, i) => x - middle[i]);
+  const volume = dot(a, cross(b, c)) / pad;
+  const [f, s, h] = [cross(b, c), cross(c, a), cross(a, b)].map((normal) => dot(way, normal) / volume);
+  return [f, s, h - bend[0] * f * f - bend[1] * f * s - bend[2] * s * s];
+}
+
+/** What is left of a slide so many seconds after the tip has let go. */
+function remaining({ frequency, damping }, seconds) {
+  const [c, s] = decay(damping, 2 * Math.PI * frequency * Math.max(seconds, 0));
+  return c + damping * s;
+}
+
+/** The slide and the depth now: keyed, asked for, of the tip, or what is left of the last. */
+function contact(extras, { jointMatrixOf, morphWeightOf, clip, time, state, elapsed, hand }) {
+  const { keys, by, pad, grip, deepest, release } = extras;
+  const rows = keys?.[clip];
+  if (rows && !hand) {
+    const [times, ...columns] = [0, 1, 2, 3].map((k) => rows.map((row) => row[k]));
+    const left = remaining(release, time - times.at(-1));
+    const [f, s, depth] = columns.map((column) => left * between(times, column, time));
+    return { slide: [f, s], depth: Math.max(depth, 0) };
+  }
+  const tip = by && !hand ? tipOf(extras, jointMatrixOf, morphWeightOf) : null;
+  const before = state.tip ?? tip;
+  const held = Boolean(hand) || (tip && tip[2] < deepest && Math.hypot(tip[0], tip[1]) < pad + (state.held ? grip : 0));
+  // Within a frame the tip comes or goes where it passes that height.
+  const passed = tip && Boolean(held) !== Boolean(state.held) ? (before[2] - deepest) / (before[2] - tip[2] || 1) : 0;
+  const part = Math.min(Math.max(passed, 0), 1);
+  const edge = tip && tip.map((x, i) => before[i] + part * (x - before[i]));
+  let slide = state.slide ?? [0, 0];
+  const [from, to] = held ? [state.held ? before : edge, tip] : [before, edge];
+  if (hand) slide = hand.slide;
+  else if (held || (state.held && tip)) slide = slide.map((x, i) => x + to[i] - from[i]);
+  // Beyond its grip the tip slips.
+  const slip = Math.min(1, grip / (Math.hypot(...slide) || 1));
+  if (held || state.held) Object.assign(state, { left: slide.map((x) => x * slip), since: tip && !held ? -part * elapsed : 0 });
+  state.since = (state.since ?? 0) + (held ? 0 : elapsed || 0);
+  const left = held ? 1 : remaining(release, state.since);
+  const depth = held ? Math.min(Math.max(hand ? hand.depth : -tip[2], 0), deepest) : 0;
+  return Object.assign(state, { tip, held, depth, slide: (state.left ?? [0, 0]).map((x) => left * x) });
+}
+
+/**
+ * The weights of a touch's morph targets, in the order of `touchExtras.targets`.
+ *
+ * touchExtras    one of `extras.wrinkle.touches`
+ * jointMatrixOf  a joint's name to its matrix to world space: 16 numbers, by columns
+ * morphWeightOf  the weight of another morph target by name, where faces move the place
+ * clip, time     name and seconds, for slides that a clip keys
+ * state          of the touch, kept from call to call: an object, {} to begin with
+ * elapsed        seconds since the last call, for skin that is let go
+ * hand           {slide: [forward, sideways], depth} where the player's own tip touches, scene units
+ */
+export function touchWeights(
+  touchExtras,
+  jointMatrixOf,
+  { morphWeightOf = () => 0, clip, time = 0, state = {}, elapsed, hand } = {},
+) {
+  const { grip, deepest, windows, rises } = touchExtras;
+  const how = { jointMatrixOf, morphWeightOf, clip, time, state, elapsed, hand };
+  const { slide, depth } = contact(touchExtras, how);
+  const far = Math.max(Math.hypot(...slide) / grip, 1);
+  const [f, s] = slide.map((x) => x / grip / far);
+  const length = Math.hypot(f, s);
+  const [steps, heights] = [0, 1].map((k) => rises.map((row) => row[k]));
+  const height = length > 0 ? between(steps, heights, length) / length : 0;
+  const rings = windows.map((angle) => height * Math.max(f * Math.cos(angle) + s * Math.sin(angle), 0));
+  const ways = [f, s, -f, -s].map((x) => Math.max(x, 0));
+  return [...ways, Math.min(Math.max(depth / deepest, 0), 1), ...rings];
+}
