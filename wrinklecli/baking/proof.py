@@ -109,15 +109,16 @@ def prove(
         if first not in proven or not clip.moves_as(proven[first][0]):
             proven[first] = clip, measure_residual(proof, plan, effects, motion, clip, normal_frames=normal_frames)
         residual = proven[first][1]
-        _refuse_beyond_bound(plan, motion, residual)
+        _refuse_beyond_bound(plan, effects, motion, residual)
         residuals[motion.clip.name] = residual
         progress("proof", done, len(motions))
     return residuals
 
 
-def _refuse_beyond_bound(plan: MeshPlan, motion: Motion, residual: Residual) -> None:
+def _refuse_beyond_bound(plan: MeshPlan, effects: Sequence[Effect], motion: Motion, residual: Residual) -> None:
     worst = max(residual.position, residual.weights)
-    if worst > plan.max_error:
+    # A region that may be further off than all else moves vertices that others move too.
+    if worst > max(plan.max_error, *(each.max_error or 0.0 for each in effects), 0.0):
         share = 100 * worst / plan.tallest
         when = f" at {residual.time:.3g} s" if worst == residual.position else ""
         raise RefusedError(

@@ -143,6 +143,11 @@ class Effect(ABC):
         return None
 
     @property
+    def max_error(self) -> float | None:
+        """The error that the moves of the effect itself may have, scene units; None if it is the plan's."""
+        return None
+
+    @property
     def columns(self) -> Ints:
         """Numbers of the shapes that have a target."""
         return np.array([index for index, target in enumerate(self.targets) if target is not None], np.intp)

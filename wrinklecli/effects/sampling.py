@@ -96,10 +96,15 @@ def driven_motion(plan: MeshPlan, motion: Motion, effects: Sequence[Effect]) -> 
 def moves_of(effects: Sequence[Effect], plan: MeshPlan, clip: Clip) -> Signal:
     """A function from (frames,) seconds of a clip to (frames, shapes) moves of effects that their drives alone move.
 
-    A move is a weight times the largest displacement of its shape, scene units.
+    A move is a weight times the largest displacement of its shape, scene units; of an effect with an error bound of its
+    own, times the plan's bound over it, so that one bound holds for all.
     """
     still = Motion(clip, np.zeros(0), np.zeros(0, np.intp), ())
-    sizes = [np.array([0.0 if t is None else t.shape.tallest for t in each.targets]) for each in effects]
+    sizes = [
+        np.array([0.0 if t is None else t.shape.tallest for t in each.targets])
+        * (1.0 if each.max_error is None else plan.max_error / each.max_error)
+        for each in effects
+    ]
 
     def moves(times: Floats) -> Floats:
         pairs = zip(effects, sizes, strict=True)

@@ -302,6 +302,13 @@ class Flesh(BodyEffect):
         "30%",
         read=lambda value: float(value.rstrip("% ")) / 100.0,
     )
+    max_error: Literal["auto"] | Length = key(
+        AUTO_LENGTH,
+        "How far its swing in the file may be off: a length, or a percentage of `limit`. Default auto: --max-error, as "
+        "for all else on its mesh.",
+        "auto",
+        read=read_auto_length,
+    )
     meshes: tuple[str, ...] = key(
         list_of(TEXT, 0, None, "a list of node names"),
         "Nodes whose meshes lie over the region and move with it, as clothes do. Default [].",

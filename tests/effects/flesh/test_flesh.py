@@ -57,6 +57,17 @@ def test_a_jump_makes_a_belly_swing(bodies: dict[int, Path]) -> None:
     assert_valid(file.path)
 
 
+def test_a_region_has_an_error_bound_of_its_own(bodies: dict[int, Path]) -> None:
+    """A looser bound takes fewer keys, and a tighter one more; a per cent is of the region's limit."""
+    auto, loose, tight = (
+        baked(bodies[60], region(limit=0.025, shapes=3, **asked))
+        for asked in ({}, {"max_error": "8%"}, {"max_error": 0.00005})
+    )
+    counts = [len(each.keys("jump", "trunk")[0]) for each in (loose, auto, tight)]
+    assert counts[0] < 0.8 * counts[1]
+    assert counts[1] < 0.8 * counts[2]
+
+
 def test_flesh_plays_in_three(bodies: dict[int, Path]) -> None:
     file, times = baked(bodies[60], region()), np.linspace(0.0, SECONDS, 7)
     compare_with_three(file.path, "trunk", "jump", times.tolist(), file.pose("trunk", "jump", times))

@@ -15,6 +15,9 @@ from wrinklecli.errors import counted
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, significant
 
+# Least error of a region over its limit: float32 stores weights up to 1, and their products with shapes, no better.
+_LEAST_ERROR = 1e-6
+
 
 @dataclass(frozen=True, slots=True)
 class FleshEffect(BodyEffect[AttachedFlesh]):
@@ -27,6 +30,12 @@ class FleshEffect(BodyEffect[AttachedFlesh]):
     def drive(self) -> SwingDrive:
         """The springs that follow the joint."""
         return self.attached.drive
+
+    @property
+    def max_error(self) -> float | None:
+        """What the tools file allows this region; None if it says nothing."""
+        asked = self.attached.tool.max_error
+        return None if asked == "auto" else max(asked.resolve(self.attached.limit), _LEAST_ERROR * self.attached.limit)
 
     @classmethod
     def count_targets(cls, effects: Sequence[Effect]) -> str:
