@@ -1,66 +1,89 @@
-"""Draws pictures/flesh.webp: belly, buttocks, upper arm and cheeks of a body in motion, without flesh and with it.
+"""Draws pictures/body.webp and pictures/flesh.webp: a body in motion, as it was made and with muscles, flesh and folds.
 
-`python samples/flesh_picture.py [FILE]`. The program itself bakes and draws the body that `_body.py` makes; a second
-argument is a folder that keeps the body and what was baked. Needs the extra `preview`.
+`python samples/flesh_picture.py FILE [FOLDER]`. The name of FILE says which. The program bakes what it draws: the first
+is the sample, the second has cheeks too, and shakes its head and arms. The folder keeps the body and what was baked.
+Needs the extra `preview`.
 """
 
 import json
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
+import yaml
 from PIL import Image, ImageSequence
 
-from _body import make_body
-from _gltf import to_glb
+from _body import jump, make_body, shake
+from _gltf import Character, to_glb
 from wrinklecli import BakeOptions, PreviewOptions, bake, preview
 
 HERE = Path(__file__).resolve().parent
-REGIONS = [
-    {"name": "belly", "at": [0.0, 1.02, 0.18], "radius": 0.15},
-    {"name": "buttock.L", "at": [0.09, 0.92, -0.165], "radius": 0.11, "frequency": 5, "mirror": "x"},
-    {"name": "upper_arm.L", "at": [0.28, 1.27, -0.1], "radius": 0.09, "frequency": 5, "mirror": "x"},
-    {"name": "cheek.L", "at": [0.055, 1.6, 0.09], "radius": 0.045, "frequency": 6, "mirror": "x"},
-]
-# For each panel its clip, the side from which it is seen, the place and the radius of what is seen, metres.
-PANELS = (
-    ("jump", "70:5", (0.0, 1.0, 0.05), 0.3),
-    ("jump", "150:5", (0.0, 0.94, -0.02), 0.24),
-    ("shake", "30:0", (0.28, 1.27, -0.02), 0.17),
-    ("shake", "0:5", (0.0, 1.6, 0.08), 0.15),
-)
-SIZE = (220, 220)  # pixels of each picture
+TOOLS = HERE.parent / "configs" / "body.yaml"
+CHEEKS = {"name": "cheek.L", "at": [0.046, 1.605, 0.071], "radius": 0.045, "frequency": 6, "mirror": "x"}
 FPS = 15
 COLUMNS = 2
 
 
-def frames_of(asset: Path, baked: Path, folder: Path, panel: int) -> list[Image.Image]:
-    """The frames of a panel: the body without flesh and with it, side by side."""
-    clip, view, focus, radius = PANELS[panel]
-    out = folder / f"panel_{panel}.webp"
+class Panel(NamedTuple):
+    """A clip, the side from which it is seen, and the place and the radius of what is seen, metres."""
+
+    clip: str
+    view: str
+    focus: tuple[float, float, float]
+    radius: float
+
+
+PANELS = {
+    "body": (Panel("jump", "50:5", (0.0, 1.02, 0.04), 0.36), Panel("curl", "100:12", (0.32, 1.27, 0.02), 0.2)),
+    "flesh": (
+        Panel("jump", "70:5", (0.0, 1.0, 0.05), 0.3),
+        Panel("jump", "150:5", (0.0, 0.94, -0.02), 0.24),
+        Panel("shake", "30:0", (0.28, 1.27, -0.02), 0.17),
+        Panel("shake", "20:5", (0.0, 1.6, 0.05), 0.15),
+    ),
+}
+LABELS = {"body": ("before", "after"), "flesh": ("without", "flesh")}
+SIZES = {"body": (250, 250), "flesh": (220, 220)}  # pixels of each picture
+
+
+def asset_of(picture: str) -> tuple[Character, list[dict[str, object]]]:
+    """The body of a picture, and regions of flesh besides those of the sample."""
+    body = make_body()
+    return (body, []) if picture == "body" else (replace(body, clips=(jump(), shake())), [CHEEKS])
+
+
+def frames_of(assets: tuple[Path, Path], picture: str, number: int) -> list[Image.Image]:
+    """The frames of a panel: the body as it was made and baked, side by side."""
+    panel = PANELS[picture][number]
+    out = assets[0].with_name(f"panel_{number}.webp")
     options = PreviewOptions(
-        clips=(clip,),
+        clips=(panel.clip,),
         fps=FPS,
-        views=(view,),
-        focus=focus,
-        radius=radius,
+        views=(panel.view,),
+        focus=panel.focus,
+        radius=panel.radius,
         follow=True,
-        size=SIZE,
-        labels=("without", "flesh"),
+        size=SIZES[picture],
+        labels=LABELS[picture],
     )
-    preview([asset, baked], out, options)
-    with Image.open(out) as picture:
-        return [frame.convert("RGB") for frame in ImageSequence.Iterator(picture)]
+    preview(assets, out, options)
+    with Image.open(out) as drawn:
+        return [frame.convert("RGB") for frame in ImageSequence.Iterator(drawn)]
 
 
 def main(out: Path, folder: Path) -> None:
-    """Draw the picture."""
-    asset, tools, baked = folder / "body.glb", folder / "flesh.yaml", folder / "baked.glb"
-    asset.write_bytes(to_glb(make_body()))
-    tools.write_text(json.dumps({"version": 1, "flesh": REGIONS}), encoding="utf-8")
+    """Draw a picture."""
+    asset, tools, baked = folder / "body.glb", folder / "body.yaml", folder / "baked.glb"
+    body, regions = asset_of(out.stem)
+    asset.write_bytes(to_glb(body))
+    settings = yaml.safe_load(TOOLS.read_text(encoding="utf-8"))
+    settings["flesh"] += regions
+    tools.write_text(json.dumps(settings), encoding="utf-8")
     for warning in bake(asset, tools, baked, BakeOptions()).warnings:
         print(warning)
-    panels = [frames_of(asset, baked, folder, number) for number in range(len(PANELS))]
+    panels = [frames_of((asset, baked), out.stem, number) for number in range(len(PANELS[out.stem]))]
     wide, high = panels[0][0].size
     pictures = []
     for number in range(min(map(len, panels))):
@@ -75,7 +98,7 @@ def main(out: Path, folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    target = Path(sys.argv[1]) if len(sys.argv) > 1 else HERE / "pictures" / "flesh.webp"
+    target = Path(sys.argv[1]) if len(sys.argv) > 1 else HERE / "pictures" / "body.webp"
     if len(sys.argv) > 2:
         main(target, Path(sys.argv[2]))
     else:

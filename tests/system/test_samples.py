@@ -21,13 +21,14 @@ from kit.command import make_samples
 from kit.places import SAMPLES
 
 ROOT = Path(__file__).parents[2]
-NAMES = ("wrist", "head", "trousers")
-TRIANGLES = {"wrist": 2480, "head": 21267, "trousers": 6362}
-BORDERS = {"wrist": 1, "head": 1, "trousers": 3}
+NAMES = ("wrist", "head", "trousers", "body")
+TRIANGLES = {"wrist": 2480, "head": 21267, "trousers": 6362, "body": 19124}
+BORDERS = {"wrist": 1, "head": 1, "trousers": 3, "body": 0}
 CLIPS = {
     "wrist": ["flex", "extend"],
     "head": ["raise_brows", "think"],
     "trousers": ["squat", "walk"],
+    "body": ["jump", "walk", "curl"],
 }
 DTYPES = {5121: np.uint8, 5123: np.uint16, 5126: np.float32}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
