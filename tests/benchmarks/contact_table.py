@@ -23,6 +23,7 @@ import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from functools import partial
+from math import isnan
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +38,7 @@ from kit.characters import CHARACTERS  # noqa: E402
 from kit.folds import FOLDS  # noqa: E402
 from kit.limb import limb_asset, nose, sleeved_limb  # noqa: E402
 from kit.limb import tool as limb_tool  # noqa: E402
+from kit.looked_up import lookup_gaps  # noqa: E402
 from kit.player import Gltf  # noqa: E402
 from kit.torn import moments, treated_crossings  # noqa: E402
 from wrinklecli.review.crossings import crossings  # noqa: E402
@@ -85,6 +87,8 @@ class Measured:
         seconds: Of the bake with contact, and
         seconds_off: without.
         given_up: Lines that say that contact is left out.
+        gap: Greatest difference between what players show of contact and what the bake shows, relative to contact's
+            greatest move in the clip; nan if it was not measured.
     """
 
     state: str
@@ -101,6 +105,7 @@ class Measured:
     seconds: float
     seconds_off: float
     given_up: int
+    gap: float
 
     @property
     def held(self) -> bool:
@@ -208,6 +213,7 @@ def measured(state: str, name: str, case: Case, program: Path, folder: Path) -> 
         volume_lost=max((float(fold.get("volume_lost") or 0.0) for fold in folds), default=0.0),
         seconds=round(seconds[1], 1), seconds_off=round(seconds[0], 1),
         given_up=sum("contact is left" in line for line in reports[1]["warnings"]),
+        gap=round(max((each.share for each in lookup_gaps(resolved, case.clip).values()), default=0.0), 3),
     )  # fmt: skip
 
 
@@ -250,8 +256,8 @@ def readme_table(rows: Sequence[Measured]) -> str:
     lines = [
         f"State {' → '.join(shown)}:",
         "",
-        "| | before | wrinkled | with contact | targets | seconds | given up |",
-        "|---|---|---|---|---|---|---|",
+        "| | before | wrinkled | with contact | targets | seconds | given up | player |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for name, row in of_state[-1].items():
         both = [each[name] for each in of_state if name in each]
@@ -259,8 +265,9 @@ def readme_table(rows: Sequence[Measured]) -> str:
         targets, seconds, up = (
             " → ".join(str(getattr(each, key)) for each in both) for key in ("targets", "seconds", "given_up")
         )
+        apart = " → ".join("–" if isnan(each.gap) else f"{100 * each.gap:.0f} %" for each in both)
         before, wrinkled = f"{row.before:,} / {row.folds_before:,}", f"{row.wrinkled:,} / {row.folds_wrinkled:,}"
-        lines.append(f"| {words[name]} | {before} | {wrinkled} | {left} | {targets} | {seconds} | {up} |")
+        lines.append(f"| {words[name]} | {before} | {wrinkled} | {left} | {targets} | {seconds} | {up} | {apart} |")
     return "\n".join(lines)
 
 

@@ -10,13 +10,18 @@ import pytest
 from kit.asset import Asset
 from kit.bakes import COARSE, bake_config, bake_fold, bake_once, folding_limb, place
 from kit.clients import clip_tracks, drive, driver_warnings, gltfpack, optimize
+from kit.folds import FOLDS
 from kit.limb import limb_asset, nose, waving_limb
 from kit.limb import tool as crease
 from kit.places import ROOT
 from kit.player import Gltf, Json
 from kit.samples import BENT, BROW, Editor, config, edited
+from wrinklecli.baking.baked_body import read_bodies
 from wrinklecli.baking.track import track
-from wrinklecli.character.clip import KEY_GAP
+from wrinklecli.character.clip import KEY_GAP, read_clips
+from wrinklecli.character.rig import read_rig
+from wrinklecli.drive.table import LeaningTable
+from wrinklecli.gltf.document import read_document
 
 # The table's own straight lines, and what eight digits and float32 add where a height starts.
 TABLE = 1 / 256 + 1e-3
@@ -126,6 +131,26 @@ def test_a_fold_that_touches_is_driven_as_it_is_tracked(leaning: bool, tmp_path:
     for name, column in zip(fold["targets"], columns, strict=True):
         wanted = values[:, [column]]
         assert np.abs(driven[name] - wanted).max() < TABLE
+
+
+@pytest.mark.quick(2)
+def test_the_driver_and_track_look_up_alike() -> None:
+    """To the digits of what they read, along the turns of a clip as between them."""
+    pytest.importorskip("ipctk", reason="needs the extra `contact`")
+    made = FOLDS["one_sided"]()
+    tools = [{"node": "limb", **each, "contact": "resolve"} for each in made.tools]
+    body = bake_once(place(made.asset), *tools, max_levels=1)
+    document = read_document(body.path)
+    rig, times = read_rig(document, body.node("limb")), np.linspace(0.0, 2.0, 41)
+    (clip,), (entry,) = read_clips(document), read_bodies(document)
+    (stored,) = (each for each in entry.drives if not each.measures_segment)
+    fold = stored.on({name: rig.names.index(name) for name in stored.joints}, rig.morph_names)
+    assert isinstance(fold.response, LeaningTable)
+    assert fold.response.paths
+    driven = drive(body.path, node="limb", clip=clip.name, times=times.tolist(), driver=True)
+    shown = np.concatenate([driven[name] for name in fold.targets], axis=1)
+    assert shown.max() > 0.1
+    assert np.abs(shown - fold.weights_in(rig, clip)(times)).max() < 1e-7
 
 
 def test_a_fold_has_the_strength_of_its_clip(tmp_path: Path) -> None:

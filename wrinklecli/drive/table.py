@@ -104,14 +104,25 @@ class Path:
 
         A share is greatest on the part itself, and 0 where it is 10° away.
         """
+        along, squares = self.projected(turns)
+        shares = np.maximum(_NEAR**2 / np.maximum(squares, _SAME) - 1.0, 0.0)
+        there = (shares * (1.0 - along)) @ self.weights[:-1] + (shares * along) @ self.weights[1:]
+        return shares, there
+
+    def projected(self, turns: Floats) -> tuple[Floats, Floats]:
+        """(frames, rows - 1) places from 0 to 1 on the straight parts next to (frames, 3) turns, and squared distances.
+
+        Distances are sines of half of angles.
+        """
         starts, ways = self.turns[:-1], np.diff(self.turns, axis=0)
         squares = np.sum(ways**2, axis=1)
         apart = turns[:, None] - starts
         along = np.clip(np.sum(apart * ways, axis=2) / np.where(squares > 0, squares, 1.0), 0.0, 1.0)
-        distances = np.sum((apart - along[:, :, None] * ways) ** 2, axis=2)
-        shares = np.maximum(_NEAR**2 / np.maximum(distances, _SAME) - 1.0, 0.0)
-        there = (shares * (1.0 - along)) @ self.weights[:-1] + (shares * along) @ self.weights[1:]
-        return shares, there
+        return along, np.asarray(np.sum((apart - along[:, :, None] * ways) ** 2, axis=2))
+
+    def between(self, row: int, along: float) -> Floats:
+        """(targets,) weights at a place from 0 to 1 between a row and the next."""
+        return np.asarray((1.0 - along) * self.weights[row] + along * self.weights[row + 1])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

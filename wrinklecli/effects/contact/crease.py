@@ -38,6 +38,7 @@ from wrinklecli.effects.contact.solution import (
     solutions_in,
 )
 from wrinklecli.effects.contact.tissue import FREE, SOFT, UNITS, Tissue
+from wrinklecli.effects.contact.trail import Trail
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, interpolated
 from wrinklecli.numeric.intersections import widened
 from wrinklecli.numeric.nearest import nearest_of
@@ -172,36 +173,77 @@ class Crease:
 
     def _fitted(self, marched: "MarchedClip", looked: Floats, *, keep: bool) -> "Followed":
         """Fit the shapes to the solutions, and `keep` (frames, shapes) weights that are looked up if possible."""
-        weights, error = np.where(keep, looked, 0.0), 0.0
+        known = np.where(keep, looked, 0.0)
+        weights = known.copy()
         urgent: Floats | None = None
         crossing: list[int] = []
-        unspanned: list[int] = []
-        remaining = 0  # vertices that cross
         for frame in marched.touching:
             found = marched.solution(frame)
-            known = looked[frame] if keep else None
-            weights[frame], urgent, crosses = fit_pose(found, self.shapes, urgent, known=known)
-            urgent = None if crosses else urgent
-            moved = combined(weights[frame], self.shapes)
+            weights[frame], urgent, crosses = fit_pose(found, self.shapes, urgent, known=known[frame] if keep else None)
             if crosses:
+                urgent = None
                 # The weights of the fold's own motion, or those with which the shapes were made, may leave no crossing.
                 made = self.clip_weights.get((marched.clip.index, float(marched.times[frame])), looked[frame])
                 for other in (looked[frame], made):
                     if found.crossing(combined(other, self.shapes)) is None:
-                        weights[frame], moved, crosses = other, combined(other, self.shapes), False
+                        weights[frame], crosses = other, False
                         break
-            error = max(error, found.greatest_error(moved))
-            if crosses or _loses_volume(found, moved):
-                unspanned.append(frame)
             if crosses:
                 crossing.append(frame)
+        fresh = self._brought_together(marched, weights, known, crossing)
+        error, remaining = 0.0, 0  # vertices that cross
+        unspanned = list(crossing)
+        for frame in marched.touching:
+            found, moved = marched.solution(frame), combined(weights[frame], self.shapes)
+            error = max(error, found.greatest_error(moved))
+            if frame in crossing:
                 remaining += crossing_count(found.tissue, found.positions_under(moved))
+            elif _loses_volume(found, moved):
+                unspanned.append(frame)
         given_up = bool(crossing) and remaining > sum(
             crossing_count(found.tissue, found.positions) for found in map(marched.solution, marched.touching)
         )
         if given_up:
             weights[:] = 0.0
-        return Followed(weights, error * self.fold.radius / UNITS, tuple(crossing), tuple(unspanned), given_up)
+        error *= self.fold.radius / UNITS
+        return Followed(weights, error, tuple(crossing), tuple(sorted(unspanned)), fresh, given_up)
+
+    def _brought_together(
+        self, marched: "MarchedClip", weights: Floats, known: Floats, crossing: Sequence[int]
+    ) -> tuple[int, ...]:
+        """Let frames with the same turn of the joint leave known weights alike where this leaves no crossing.
+
+        Later frames take over what earlier ones have, and then earlier ones what later ones have where this fits both.
+        All weights are (frames, shapes); frames that are `crossing` keep theirs.
+
+        Returns:
+            Frames with all turns of the clip, each once.
+        """
+        reading = self.fold.hinge.reading(self.fold.rig, marched.clip, marched.times)
+        frames, trail = range(len(weights)), Trail.of(reading)
+        for each in (frames, reversed(frames)):
+            trail = Trail.of(reading)
+            for frame in each:
+                found, met = marched.solutions[frame], trail.at(frame)
+                if met is None:
+                    trail.go_on(frame, weights[frame] - known[frame])
+                elif found is not None and frame not in crossing:
+                    beside, share = met
+                    weights[frame] = self._as_before(found, weights[frame], known[frame] + beside, share)
+        return tuple(sorted(trail.frames))
+
+    def _as_before(self, found: Solution, fitted: Floats, before: Floats, share: float) -> Floats:
+        """The (shapes,) weights of a pose whose turn the joint has had: between those of `before` and the fitted ones.
+
+        Those of before count by their share, as far as they are about as near; what crosses there is fitted.
+        """
+        moved = combined(before, self.shapes)
+        if np.allclose(before, fitted) or found.tears(moved) or _loses_volume(found, moved):
+            return fitted
+        further = found.visible_error(moved) - found.visible_error(combined(fitted, self.shapes))
+        share *= _AS_NEAR / max(further, _AS_NEAR)
+        weights, _, crosses = fit_pose(found, self.shapes, known=share * before + (1.0 - share) * fitted)
+        return fitted if crosses else weights
 
     def _about_as_good(self, marched: "MarchedClip", looked: Floats) -> bool:
         """True if (frames, shapes) weights tear nothing, keep the volume, and are about as near as fitted weights.
@@ -255,12 +297,12 @@ class Crease:
             moves[each.rows] += combined(each.weights[frame], each.shapes)
         return moves
 
-    def with_path(self, clip: Clip, times: Floats, weights: Floats) -> "Crease":
+    def with_path(self, clip: Clip, times: Floats, followed: "Followed") -> "Crease":
         """The same fold with rows of a clip in its table if these bring what players show nearer to the bake.
 
-        There are (frames, shapes) weights at (frames,) seconds. Rows are added where players are furthest off.
+        Rows are added where players are furthest off at (frames,) seconds, of the frames in which the turn is fresh.
         """
-        response, hinge = self.response, self.fold.hinge
+        response, hinge, weights = self.response, self.fold.hinge, followed.weights
         largest = float(np.max(self._lengths(weights), initial=0.0))
         if not isinstance(response, LeaningTable) or not isinstance(hinge, Hinge) or not largest:
             return self
@@ -271,14 +313,14 @@ class Crease:
         resting = np.sqrt(np.sum(reading.turns**2, axis=1)) < _AT_REST
         kept = np.where(resting[:, None], 0.0, weights)
         best, found = float(self._lengths(response.weights(reading) - weights).max()), response
-        rows = sorted({0, len(times) - 1})
-        while best > _SHOWN_ERROR * largest and 1 < len(rows) <= min(_MOST_ROWS, len(times)):
+        rows = sorted({followed.fresh[0], followed.fresh[-1]})
+        while best > _SHOWN_ERROR * largest and 1 < len(rows) <= _MOST_ROWS:
             tried = replace(response, paths=(*response.paths, Path(reading.turns[rows], kept[rows])))
             errors = self._lengths(tried.weights(reading) - weights)
             if errors.max() < best:
                 best, found = float(errors.max()), tried
-            errors[rows] = -1.0
-            rows = sorted({*rows, int(errors.argmax())}) if errors.max() >= 0 else []
+            further = np.setdiff1d(followed.fresh, rows)
+            rows = sorted({*rows, int(further[errors[further].argmax()])}) if len(further) else []
         return replace(self, response=found)
 
     def _lengths(self, weights: Floats) -> Floats:
@@ -354,6 +396,7 @@ class Followed:
         error: Greatest distance of the shapes from the solutions, scene units.
         crossing: The frames in which the shapes leave crossings.
         unspanned: These frames, and those in which the shapes take volume away.
+        fresh: The frames in which the joint has a turn that it did not have before.
         given_up: True if the clip gets no contact, since there would be more crossings with it.
     """
 
@@ -361,6 +404,7 @@ class Followed:
     error: float
     crossing: tuple[int, ...]
     unspanned: tuple[int, ...]
+    fresh: tuple[int, ...]
     given_up: bool = False
 
     @property

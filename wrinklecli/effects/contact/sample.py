@@ -412,7 +412,7 @@ def _followed(
             each.clip.name for each, first in zip(motions, firsts, strict=True) if marches[first].followed.given_up
         ]
         for each in marches.values():
-            crease = crease.with_path(each.clip, each.times, each.followed.weights)
+            crease = crease.with_path(each.clip, each.times, each.followed)
         made.append(_effect(plan, crease, [*effects, *made], followed, remaining, given_up))
     sizes = np.concatenate([plan.scale * crease.sizes for crease, _ in spanned])
     after: list[Motion] = []
