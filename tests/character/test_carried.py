@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kit.prepared import rig_of
-from wrinklecli.character.carried import CarriedPoint, carried_places, pose_carriers
+from wrinklecli.character.carried import CarriedPoint, carried_places, pose_carriers, pose_carriers_in
 from wrinklecli.character.clip import Channel, Clip
 from wrinklecli.character.pose import morph_weights, node_matrices
 from wrinklecli.character.rig import Rig
@@ -70,3 +70,18 @@ def test_nodes_that_several_points_share_are_posed_once() -> None:
     carriers = pose_carriers([point, point], rig, clip, TIMES)
     assert len(carriers.rows) == len(carriers.scales) == 3
     assert [each.shape[2] for each in carriers.rows] == [1, 1, len(TIMES)]
+
+
+@given(st.integers(0, 1000))
+def test_motions_posed_at_once_are_those_posed_one_by_one(seed: int) -> None:
+    """Also where a motion moves none of the nodes, as the stored pose does."""
+    numbers = np.random.default_rng(seed)
+    rig, clip = rig_and_clip(numbers)
+    points, clips = [random_point(numbers) for _ in range(2)], [clip, None, clip]
+    together = pose_carriers_in(points, rig, [(each, TIMES, {}) for each in clips])
+    apart = [pose_carriers(points, rig, each, TIMES) for each in clips]
+    for point in points:
+        place, scale = carried_places(point, together, 3 * len(TIMES))
+        places, scales = zip(*(carried_places(point, each, len(TIMES)) for each in apart), strict=True)
+        assert place == pytest.approx(np.concatenate(places, axis=1), abs=1e-12)
+        assert scale == pytest.approx(np.concatenate(scales), abs=1e-12)

@@ -126,6 +126,20 @@ def test_the_greatest_loss_is_found_in_whatever_chunks_poses_come(
     assert whole.losses.max() > 0.5
 
 
+def test_the_greatest_loss_does_not_depend_on_the_number_of_processes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gauge, (clip,) = gauge_of(limb(tmp_path / "limb.glb"))
+    sites, times = spread_sites(gauge), [np.linspace(0.0, end, 3) for end in (2.0, 1.0, 1.0, 2.0, 0.5)]
+    clips = [replace(clip, name=f"clip {number}") for number in range(len(times))]
+    monkeypatch.setattr("wrinklecli.surface.sites._WORK_OF_PROCESS", 1)
+    done: list[int] = []
+    one, two = (find_peaks(sites, clips, times, done.append, jobs=jobs) for jobs in (1, 2))
+    assert (one.poses == two.poses).all()
+    assert (one.losses == two.losses).all()
+    assert done[-2:] == [6, 15]
+
+
 def test_what_a_motion_strains_is_among_the_triangles_that_it_can() -> None:
     """The limb's second target bulges its middle; a joint bends what is near to it."""
     made = unattached(limb_asset(rings=40, sides=4, joints=6, morphs=2, clip=None))

@@ -62,16 +62,34 @@ def pose_carriers(
 
     `known` is as in `node_rows`.
     """
-    points = list(points)
+    return pose_carriers_in(list(points), rig, [(clip, times, {} if known is None else known)])
+
+
+def pose_carriers_in(
+    points: Sequence[CarriedPoint], rig: Rig, motions: Sequence[tuple[Clip | None, Floats, dict[int, Floats]]]
+) -> Carriers:
+    """Pose the nodes of some points as `pose_carriers`, in one motion after another: clip, times and known rows."""
     pairs = sorted({pair for each in points for pair in zip(each.nodes.tolist(), each.shares.tolist(), strict=True)})
-    rows = node_rows(rig, clip, times, [node for node, _ in pairs], known)
+    nodes = [node for node, _ in pairs]
+    by_motion = [node_rows(rig, clip, times, nodes, known) for clip, times, known in motions]
+    counts = [len(times) for _, times, _ in motions]
+    rows = [_joined(each, counts) for each in zip(*by_motion, strict=True)]
     scales = [
         np.cbrt(share * np.abs(determinants(each[:, :3].transpose(2, 0, 1))))
         for each, (_, share) in zip(rows, pairs, strict=True)
     ]
-    return Carriers(
-        {pair: number for number, pair in enumerate(pairs)}, rows, scales, _weights(points, rig, clip, times)
-    )
+    weights = np.concatenate([_weights(points, rig, clip, times) for clip, times, _ in motions])
+    return Carriers({pair: number for number, pair in enumerate(pairs)}, rows, scales, weights)
+
+
+def _joined(rows: Sequence[Floats], counts: Sequence[int]) -> Floats:
+    """(3, 4, frames) rows of a node in motions of so many frames each; one frame if no motion moves the node."""
+    first = rows[0]
+    if len(rows) == 1 or all(each is first or (each.shape[2] == 1 and np.array_equal(each, first)) for each in rows):
+        return first
+    every = [np.broadcast_to(each, (3, 4, count)) for each, count in zip(rows, counts, strict=True)]
+    joined: Floats = np.concatenate(every, axis=2)
+    return joined
 
 
 def _weights(points: Sequence[CarriedPoint], rig: Rig, clip: Clip | None, times: Floats) -> Floats:

@@ -65,7 +65,12 @@ def _materials(_context: click.Context, parameter: click.Parameter, values: tupl
 @opt.range_of_motion("Look at that too.")
 @opt.allow_external("Read buffers outside the asset's folder too.")
 @opt.max_memory
-@opt.whole("-j", "--jobs", bounds=(1, 1024), text="Processes that look at tools; as many as cores by default.")
+@opt.whole(
+    "-j",
+    "--jobs",
+    bounds=(1, 1024),
+    text="Processes that measure poses and look at tools; as many as cores by default.",
+)
 @opt.json("Print JSON to standard output; YAML goes to -o alone.")
 @opt.verbose("Say of each tool that is not worth it why.")
 @opt.quiet("Print no table and no notes.")

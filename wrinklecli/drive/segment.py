@@ -107,15 +107,19 @@ class Segment:
         """
         if carriers is None:
             carriers = pose_carriers(self.points, rig, clip, times)
-        places, scales = zip(*(carried_places(each, carriers, len(times)) for each in self.points), strict=True)
+        distances = self.distances(carriers, len(times))
+        if self.tension is not None:
+            distances = distances - self.tension.at(rig, clip, times)
+        return Lengths(distances, self.rest_length.at(rig, clip, times))
+
+    def distances(self, carriers: Carriers, count: int) -> Floats:
+        """(count,) lengths without animated scale in the poses of carriers, without tension, scene units."""
+        places, scales = zip(*(carried_places(each, carriers, count) for each in self.points), strict=True)
         scale = sum(scales, np.zeros(1)) / len(scales)
         hidden = scale < LEAST_SCALE
         steps = [b - a for a, b in pairwise(places)]
         apart = sum((np.sqrt(np.einsum("xf,xf->f", step, step)) for step in steps), np.zeros(1))
-        distances = np.where(hidden, np.inf, apart / np.where(hidden, 1.0, scale))
-        if self.tension is not None:
-            distances = distances - self.tension.at(rig, clip, times)
-        return Lengths(distances, self.rest_length.at(rig, clip, times))
+        return np.where(hidden, np.inf, apart / np.where(hidden, 1.0, scale))
 
     def spring(self, lag: Lag | None, rig: Rig, clip: Clip | None) -> SpringFilter | None:
         """The response of a damped spring to the shortening in a clip; None without `lag`, and in the stored pose."""

@@ -5,6 +5,7 @@ Triangles are uneven, and the strain of single ones is noisy. So the loss tensor
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from scipy.sparse import csr_array
 from wrinklecli.character.clip import Clip
 from wrinklecli.numeric.arrays import Floats, Ints, distinct, unit, weighted_quantiles
 from wrinklecli.numeric.nearest import pairs_within
+from wrinklecli.numeric.processes import in_processes
 from wrinklecli.surface.strain import Gauge, StrainedPart, principal, strain
 
 # Radius of the neighbourhood over which strain is averaged, as a part of the diagonal of the mesh's box: 27 mm on a
@@ -29,6 +31,8 @@ _MOST_SITES = 12_000
 _MOST_PARTS = 8
 # Least cosine of the normals of two near points of one sheet; the two sides of a thin sheet have less.
 _SAME_SHEET = 0.3
+# Triangles times poses worth a process of its own, of half a second; to begin one takes a twentieth.
+_WORK_OF_PROCESS = 1_500_000
 # Triangles times poses in memory at once: 2**18 take 60 MB.
 _CHUNK = 2**18
 
@@ -228,12 +232,39 @@ def _averaged(gauge: Gauge, area: _StrainedArea, clip: Clip | None, times: Float
 
 
 def find_peaks(
-    sites: Sites, clips: Sequence[Clip], times: Sequence[Floats], progress: Callable[[int], None] = lambda _done: None
+    sites: Sites,
+    clips: Sequence[Clip],
+    times: Sequence[Floats],
+    progress: Callable[[int], None] = lambda _done: None,
+    *,
+    jobs: int = 1,
 ) -> Peaks:
     """Find the greatest compression of each site over clips, each at (frames,) times, seconds.
 
-    `progress` is called with the number of poses done.
+    `progress` is called with the number of poses done, and up to `jobs` processes measure them.
     """
+    work = len(sites.gauge.triangles) * sum(map(len, times))
+    count = max(1, min(jobs, len(clips), work // _WORK_OF_PROCESS))
+    ends = np.linspace(0, len(clips), count + 1).astype(np.intp)
+    runs = [slice(first, last) for first, last in pairwise(ends.tolist())]
+    # Other processes cannot say here how far they are.
+    told = progress if count == 1 else lambda _done: None
+    found = in_processes(lambda run: _highest(sites, clips[run], times[run], told), runs, count)
+    losses, poses, done = np.full(len(sites.positions), -np.inf), np.zeros(len(sites.positions), np.intp), 0
+    for run, (highest, first) in zip(runs, found, strict=True):
+        # Of poses with equal losses the first one counts, however many processes there are.
+        poses = np.where(highest > losses, done + first, poses)
+        losses = np.maximum(losses, highest)
+        done += sum(map(len, times[run]))
+        progress(done)
+    of_pose = tuple(clip for clip, every in zip(clips, times, strict=True) for _ in every)
+    return Peaks(losses, poses, of_pose, np.concatenate([np.zeros(0), *times]))
+
+
+def _highest(
+    sites: Sites, clips: Sequence[Clip], times: Sequence[Floats], progress: Callable[[int], None]
+) -> tuple[Floats, Ints]:
+    """(sites,) greatest losses over clips, and the (sites,) numbers of their poses."""
     count = len(sites.positions)
     losses, poses = np.full(count, -np.inf), np.zeros(count, np.intp)
     done, area = 0, _strained_area(sites, None)
@@ -247,10 +278,8 @@ def find_peaks(
             best = found.argmax(axis=0)
             highest, first = np.zeros(count), np.zeros(count, np.intp)
             highest[area.sites], first[area.sites] = found[best, np.arange(len(area.sites))], best
-            # Of poses with equal losses the first one counts, whatever the chunks are.
             poses = np.where(highest > losses, done + first, poses)
             losses = np.maximum(losses, highest)
             done += len(chunk)
             progress(done)
-    of_pose = tuple(clip for clip, every in zip(clips, times, strict=True) for _ in every)
-    return Peaks(losses, poses, of_pose, np.concatenate([np.zeros(0), *times]))
+    return losses, poses

@@ -149,7 +149,7 @@ def measure_meshes(
 
             sites = spread_sites(each.gauge)
             times = tuple(np.linspace(clip.start, clip.end, counts[clip.index]) for clip in each.clips)
-            peaks = find_peaks(sites, each.clips, times, report)
+            peaks = find_peaks(sites, each.clips, times, report, jobs=options.jobs)
             finer = tuple(_finer(clip, at, options.fps) for clip, at in zip(each.clips, times, strict=True))
             measured[id(each.gauge.surface)] = sites, finer, peaks
             before += sum(map(len, times))

@@ -1,19 +1,19 @@
 """The greatest shortening of a tool in each clip, and bumps that keep rising until then."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wrinklecli.character.carried import pose_carriers
+from wrinklecli.character.carried import pose_carriers_in
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig, moving_nodes
 from wrinklecli.effects.wrinkle.attach import attach_tools
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.effects.wrinkle.weights import fitting_compressible
 from wrinklecli.errors import WrinkleError
-from wrinklecli.numeric.arrays import unit
+from wrinklecli.numeric.arrays import Floats, unit
 from wrinklecli.numeric.nearest import near_points, ray_hits
 from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.tools.records import Length, WrinkleTool
@@ -22,6 +22,8 @@ from wrinklecli.tools.records import Length, WrinkleTool
 _FURTHER_POSES = 8
 # Most nodes times poses whose matrices are kept, as tools share them: of 48 MB.
 _MOST_KNOWN_ROWS = 500_000
+# Frames of clips posed at once, a joint's rows of 3 MB. For a clip of 25 frames, calls cost more than numbers.
+_MOST_FRAMES = 2**15
 # Per cent added to `compressible`: between the poses looked at, a clip may fold a little further.
 _SPARE = 1
 # Most per cent of `compressible` that a file may have.
@@ -73,21 +75,41 @@ def shortenings_of(mesh: MeasuredMesh, patch: Patch, further: Sequence[Clip] = (
     above = [moving_nodes(mesh.rig, [joint]) for joint in {joint for each in patch.anchors for joint in each.joints}]
     around = frozenset({mesh.rig.node}.union(*above))
     more = [(clip, np.linspace(clip.start, clip.end, _FURTHER_POSES)) for clip in further]
+    motions = list[tuple[Clip, Floats]]()
     for clip, times in [*zip(mesh.clips, mesh.times, strict=True), *more]:
-        if not any(_bends(clip, node, mesh.rig, above) for node in around & clip.nodes):
-            found[clip.name] = Shortening(clip, float(times[0]), 0.0, patch.span, patch.rest_length)
-            continue
-        known = mesh.known_rows.setdefault((clip.name, len(times)), {})
-        carriers = pose_carriers(patch.segment.points, mesh.rig, clip, times, known)
-        distances, rest_lengths = patch.segment.lengths(mesh.rig, clip, times, carriers)
+        # The order of clips decides between equal ones.
+        found[clip.name] = Shortening(clip, float(times[0]), 0.0, patch.span, patch.rest_length)
+        if any(_bends(clip, node, mesh.rig, above) for node in around & clip.nodes):
+            motions.append((clip, times))
+    for batch in _batches(motions):
+        known = [mesh.known_rows.setdefault((clip.name, len(times)), {}) for clip, times in batch]
+        posed = [(*motion, rows) for motion, rows in zip(batch, known, strict=True)]
+        ends = np.cumsum([len(times) for _, times in batch])
+        carriers = pose_carriers_in(patch.segment.points, mesh.rig, posed)
+        distances_of_all = patch.segment.distances(carriers, int(ends[-1]))
         if mesh.row_count > _MOST_KNOWN_ROWS:
-            known.clear()
-        ratios = distances / np.maximum(rest_lengths, patch.span)
-        best = int(ratios.argmin())
-        found[clip.name] = Shortening(
-            clip, float(times[best]), 1.0 - float(ratios[best]), float(distances[best]), float(rest_lengths[best])
-        )
+            mesh.known_rows.clear()
+        for (clip, times), distances in zip(batch, np.split(distances_of_all, ends[:-1]), strict=True):
+            rest_lengths = patch.segment.rest_length.at(mesh.rig, clip, times)
+            ratios = distances / np.maximum(rest_lengths, patch.span)
+            best = int(ratios.argmin())
+            found[clip.name] = Shortening(
+                clip, float(times[best]), 1.0 - float(ratios[best]), float(distances[best]), float(rest_lengths[best])
+            )
     return found
+
+
+def _batches(motions: Sequence[tuple[Clip, Floats]]) -> Iterator[list[tuple[Clip, Floats]]]:
+    """Give clips with their times in batches that are posed at once."""
+    batch, frames = list[tuple[Clip, Floats]](), 0
+    for clip, times in motions:
+        if batch and frames + len(times) > _MOST_FRAMES:
+            yield batch
+            batch, frames = [], 0
+        batch.append((clip, times))
+        frames += len(times)
+    if batch:
+        yield batch
 
 
 def greatest(shortenings: Mapping[str, Shortening]) -> Shortening:

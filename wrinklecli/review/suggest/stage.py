@@ -91,6 +91,7 @@ class StagedTool:
         low, high = sides_of(self.triangles[self.place]).T
         return len(distinct_values(low * len(self.plain) + high))
 
+    @cached_property
     def crossings(self) -> tuple[int, int]:
         """The numbers of edges that pass through triangles at the place, of the coarse surface and with wrinkles."""
         there = flags_of(distinct_values(self.triangles[self.place]), len(self.plain))

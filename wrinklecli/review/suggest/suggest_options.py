@@ -34,7 +34,7 @@ class SuggestOptions:
         morphs: Weights of morph targets in this pose.
         allow_external: Read buffers outside the asset's folder too.
         max_memory: Bytes that the work may take.
-        jobs: Processes that look at tools. The file does not depend on their number.
+        jobs: Processes that measure poses and look at tools. The file does not depend on their number.
     """
 
     clips: Sequence[str] = ()

@@ -108,7 +108,8 @@ class Trial:
         if not suggestions:
             return {}
         try:
-            settings = read_suggested(tools_text(suggestions, "", self.refinement, ["presets.yaml"]), suggestions)
+            settings = read_suggested(tools_text(suggestions, "", presets=["presets.yaml"]), suggestions)
+            settings = replace(settings, refinement=self.refinement)
             by_node, _ = tools_by_node(self.asset.document, settings)
             usual_error = BakeOptions().max_error
             plans = [
@@ -145,14 +146,28 @@ class Trial:
         trial = replace(self, refinement=replace(self.refinement, max_levels=_MOST_LEVELS))
         return any(each.coarse for each in trial.placements([suggestion]).values())
 
-    def finer(self, suggestions: Sequence[Suggestion]) -> "tuple[Trial, dict[str, Placement]]":
-        """Find the least levels that make edges short enough for suggestions, or else the most; and place them so."""
+    def fine_enough(self, suggestions: Sequence[Suggestion]) -> "tuple[Trial, dict[str, Placement]]":
+        """Find the least levels, these or more, that make edges short enough, or else the most; and place them so."""
+        if not self._must_be_finer(suggestions):
+            placed = self.placements(suggestions)
+            finest = self.refinement.max_levels >= _MOST_LEVELS
+            if finest or not any(each.coarse for each in placed.values()):
+                return self, placed
         most = replace(self, refinement=replace(self.refinement, max_levels=_MOST_LEVELS))
         # No edge is halved more often than it has to be, so the mesh is that of the least levels.
         placed = most.placements(suggestions)
         levels = max((each.plan.fine.subdivision.levels for each in placed.values()), default=0)
         levels = max(levels, self.refinement.max_levels)
         return replace(self, refinement=replace(self.refinement, max_levels=levels)), placed
+
+    def _must_be_finer(self, suggestions: Sequence[Suggestion]) -> bool:
+        """True if an edge of the mesh as it is stays too long for a suggestion, however evenly it is halved."""
+        levels = self.refinement.max_levels
+        if levels >= _MOST_LEVELS:
+            return False
+        steps = self.refinement.edges_per_interval / 2**levels
+        unrefined = replace(self.refinement, max_levels=0, edges_per_interval=steps)
+        return any(each.coarse for each in replace(self, refinement=unrefined).placements(suggestions).values())
 
 
 def try_on_refined_meshes(
@@ -166,23 +181,19 @@ def try_on_refined_meshes(
     The refinement is what the file has for other tools; that of the result is finer, or without rounding, where these
     tools need it.
     """
-    trial = Trial(asset, refinement)
-    placed = trial.placements(suggestions)
+    usual = Trial(asset, refinement)
+    trial, placed = usual.fine_enough(suggestions)
     if any(each.departs for each in placed.values()) and refinement.scheme != "midpoint":
-        trial = replace(trial, refinement=replace(trial.refinement, scheme="midpoint"))
-        placed = trial.placements(suggestions)
+        usual = replace(usual, refinement=replace(refinement, scheme="midpoint"))
+        trial, placed = usual.fine_enough(suggestions)
     straight = [each.straight if each.straight and _crosses(each, placed) else each for each in suggestions]
-    coarse = list[Suggestion]()
-    if any(each.coarse for each in placed.values()):
-        usual = trial
-        trial, placed = usual.finer(straight)
-        beside = [each for each in straight if any(placed[name].coarse for name in names_of(each, placed))]
-        too_coarse = in_processes(usual.is_coarse, beside, asset.jobs)
-        coarse = [each for each, holds in zip(beside, too_coarse, strict=True) if holds]
-        if coarse:
-            trial, placed = usual.finer([each for each in straight if each not in coarse])
-    elif straight != list(suggestions):
-        placed = trial.placements(straight)
+    if straight != list(suggestions):
+        trial, placed = usual.fine_enough(straight)
+    beside = [each for each in straight if any(placed[name].coarse for name in names_of(each, placed))]
+    too_coarse = in_processes(usual.is_coarse, beside, asset.jobs)
+    coarse = [each for each, holds in zip(beside, too_coarse, strict=True) if holds]
+    if coarse:
+        trial, placed = usual.fine_enough([each for each in straight if each not in coarse])
     notes = [
         f"{each.mesh}: left out a fold that {each.driver} makes: its triangles are too long to show wrinkles there"
         for each in coarse

@@ -219,10 +219,8 @@ def _judge(stage: Stage, suggestion: Suggestion, placed: dict[str, Placement]) -
             looks.append(look)
         elif name == suggestion.tool.name:
             return Dropped(name, suggestion.mesh, "not raised", 0.0)
-    folded = [look.tallest.crossings()[1] for look in looks]
-    slit = any(count > _SLIT * np.sqrt(look.tallest.edge_count) for look, count in zip(looks, folded, strict=True))
     limb = suggestion.part in _OF_CONTACT and not suggestion.by_morph
-    touches = slit and limb and suggestion.shortening < _DEEPEST
+    touches = limb and suggestion.shortening < _DEEPEST and any(_has_slit(look.tallest) for look in looks)
     resolved = touches and has_contact()
     # A twin that a clip hardly raises is hardly seen either; one that rises as far must look as good.
     tallest = max((look.staged.height for look in looks), default=0.0)
@@ -242,7 +240,7 @@ def _judge(stage: Stage, suggestion: Suggestion, placed: dict[str, Placement]) -
         return Dropped(suggestion.tool.name, suggestion.mesh, reason, value, on_one_side=on_one_side)
     if touches:
         tool = replace(suggestion.tool, contact=Contact()) if resolved else suggestion.tool
-        suggestion = replace(suggestion, tool=tool, crossings=max(folded))
+        suggestion = replace(suggestion, tool=tool, crossings=max(look.tallest.crossings[1] for look in looks))
     return replace(suggestion, one_sided=suggestion.twin_moment is not None and len(looks) == 1)
 
 
@@ -300,6 +298,11 @@ def _look(stage: Stage, placement: Placement, name: str, peak: float) -> _Look |
     return _Look(placement.carried.patch.tool, best[0], seen, tallest[0], max(shown, teeth))
 
 
+def _has_slit(staged: StagedTool) -> bool:
+    """True if a fold crosses along so much of its length that contact should close it."""
+    return staged.crossings[1] > _SLIT * float(np.sqrt(staged.edge_count))
+
+
 def _sight(seen: Seen, contrast: float) -> Iterator[tuple[str, float]]:
     """Give why crests of at least this contrast are not seen of a tool, with the number that says so."""
     if seen.side.visible < _HIDDEN:
@@ -313,7 +316,7 @@ def _sight(seen: Seen, contrast: float) -> Iterator[tuple[str, float]]:
 def _faults(look: _Look, *, resolved: bool) -> Iterator[tuple[str, float]]:
     """Give the harms that a tool does to the surface, each with a number; contact keeps apart what is `resolved`."""
     staged = look.staged
-    before, after = (0, 0) if resolved else staged.crossings()
+    before, after = (0, 0) if resolved else staged.crossings
     if after - before > _MOST_CROSSING * np.sqrt(staged.edge_count):
         yield "crosses", after - before
     if look.turned > _MOST_TURNED:
