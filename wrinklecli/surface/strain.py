@@ -255,24 +255,29 @@ def strain(gauge: Gauge, clip: Clip | None, times: Floats, part: StrainedPart | 
         triangles, vertices = part.corners, part.vertices
         flats, products = flats[part.triangles], products[part.triangles]
     positions, scales = posed(gauge, clip, times, vertices=vertices)
-    a, b, c = (positions[:, triangles[:, k]] for k in range(3))
-    scale = scales[:, triangles].mean(axis=2)
-    hidden = scale < LEAST_SCALE
     length, along, across = flats.T
-    first = (b - a) / length[:, None]
-    second = (c - a - along[:, None] * first) / across[:, None]
+    corners, shape = triangles.T, (len(times), len(triangles))
+    xx, xy, yy = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+    # Coordinate by coordinate, as numpy takes twice as long along an axis of three.
+    for places in np.moveaxis(positions, 2, 0):
+        a, b, c = (places.take(corner, axis=1) for corner in corners)
+        first = (b - a) / length
+        second = (c - a - along * first) / across
+        xx += first * first
+        xy += first * second
+        yy += second * second
+    scale = sum((scales.take(corner, axis=1) for corner in corners), np.zeros(shape)) / 3.0
+    hidden = scale < LEAST_SCALE
     squared = np.where(hidden, 1.0, scale) ** 2
-    xx, xy, yy = (
-        np.einsum("ftk,ftk->ft", p, q) / squared for p, q in ((first, first), (first, second), (second, second))
-    )
+    xx, xy, yy = xx / squared, xy / squared, yy / squared
     mean, half = (xx + yy) / 2.0, (xx - yy) / 2.0
     spread = np.sqrt(half**2 + xy**2)
     losses = [1.0 - np.minimum(np.sqrt(np.maximum(mean + sign * spread, 0.0)), _MOST_STRETCH) for sign in (1.0, -1.0)]
     turn = (losses[0] - losses[1]) / 2.0 / np.where(spread > 0, spread, 1.0)
     middle = (losses[0] + losses[1]) / 2.0
-    flat = np.stack([middle + turn * half, turn * xy, middle - turn * half], axis=2)
-    flat = np.where(hidden[..., None], 0.0, flat)
-    tensors: Floats = np.einsum("ftk,tks->fts", flat, products)
+    flat = np.stack([middle + turn * half, turn * xy, middle - turn * half])
+    flat[:, hidden] = 0.0
+    tensors: Floats = np.matmul(flat.transpose(2, 1, 0), products).transpose(1, 0, 2)
     return tensors
 
 

@@ -216,7 +216,7 @@ class _Search:
         if region.twin and not (apart or region.on_plane or self.one_sided):
             return None
         near = _near_joint(candidate)
-        refined = near and _refined(near)
+        refined = None if near is None else _refined(near)
         if refined is None:
             return None
         crossing = self._crossing(refined, apart=apart)
@@ -224,22 +224,21 @@ class _Search:
             return crossing
         curved = _curved(refined)
         fitted = self._fit_refined(curved, apart=apart)
-        if curved is refined:
+        if curved is refined.candidate:
             return fitted
-        straight = self._fit_refined(refined, apart=apart)
+        straight = self._fit_refined(refined.candidate, apart=apart)
         if fitted is None or straight is None:
             return fitted or straight
         ((suggestion,), (instead,)) = fitted.suggestions, straight.suggestions
         return replace(fitted, suggestions=[replace(suggestion, straight=instead)])
 
-    def _crossing(self, candidate: Candidate, *, apart: bool) -> _Fitted | None:
+    def _crossing(self, level: "_Refined", *, apart: bool) -> _Fitted | None:
         """Fit two tools that cross on a limb; None where level folds are right, or if one of the two is no tool."""
         search, fitted = self, list[_Fitted]()
-        level = _probe(candidate)
-        least = _least_shortening(candidate, mild=self.mild)
-        if level is None or greatest(shortenings_of(candidate.mesh, level)).ratio < least:
+        least = _least_shortening(level.candidate, mild=self.mild)
+        if level.moment is None or level.moment.ratio < least:
             return None
-        for each in crossing_pair(candidate):
+        for each in crossing_pair(level.candidate):
             found = search._fit_refined(each, apart=apart, least=_OF_SLANTED * least)
             if found is None:
                 return None
@@ -375,17 +374,31 @@ def _shorter_bone(candidate: Candidate) -> float:
     return min(lengths, default=np.inf)
 
 
-def _refined(candidate: Candidate) -> Candidate | None:
+@dataclass(frozen=True, slots=True)
+class _Refined:
+    """A candidate with refined ends; its straight tool, and that tool's greatest shortening, None if none attaches."""
+
+    candidate: Candidate
+    patch: Patch | None
+    moment: Shortening | None
+
+    @classmethod
+    def of(cls, candidate: Candidate) -> "_Refined":
+        """Attach and measure the tool of a candidate."""
+        patch = _probe(candidate)
+        return cls(candidate, patch, None if patch is None else greatest(shortenings_of(candidate.mesh, patch)))
+
+
+def _refined(candidate: Candidate) -> _Refined | None:
     """A candidate whose segment fits the pose that shortens it most too; None if no tool attaches.
 
     The segment may be shortest in another pose than the one in which the region loses most, as a fold closes further.
     """
-    mesh = candidate.mesh
+    mesh, refined = candidate.mesh, _Refined.of(candidate)
     for _ in range(2):
-        patch = _probe(candidate)
-        if patch is None:
+        best = refined.moment
+        if best is None:
             return None
-        best = greatest(shortenings_of(mesh, patch))
         if best.clip is candidate.clip and best.time == candidate.time:
             break
         moments = ((candidate.clip, candidate.time), (best.clip, best.time))
@@ -393,29 +406,31 @@ def _refined(candidate: Candidate) -> Candidate | None:
         ends = find_segment(mesh.sites, candidate.region, poses, longest=candidate.longest)
         if ends is None:
             return None
-        candidate = replace(candidate, origin=ends[0], target=ends[1])
-    return candidate
+        refined = _Refined.of(replace(refined.candidate, origin=ends[0], target=ends[1]))
+    return refined
 
 
-def _curved(candidate: Candidate) -> Candidate:
+def _curved(refined: _Refined) -> Candidate:
     """A candidate with a path along the strongest compression, if a straight tool crosses that askew."""
-    mesh, straight = candidate.mesh, _probe(candidate)
-    if straight is None or candidate.region.on_plane or candidate.part == "finger":
+    candidate, straight, moment = refined.candidate, refined.patch, refined.moment
+    mesh = candidate.mesh
+    if straight is None or moment is None or candidate.region.on_plane or candidate.part == "finger":
         # A finger bends about one axis, so its creases run straight across.
         return candidate
-    moment = greatest(shortenings_of(mesh, straight))
-    askew = _misalignment(mesh, straight, _tensors(mesh, moment))
+    tensors = _tensors(mesh, moment)
+    askew = _misalignment(mesh, straight, tensors)
     if askew < _ASKEW:
         return candidate
     best, least = candidate, max(_BETTER * askew, min(_ASKEW, askew))
     for _ in range(2):
-        traced = _traced(candidate, _tensors(mesh, moment))
+        traced = _traced(candidate, tensors)
         if traced is None:
             break
         curved, patch = traced
         # A path is shortest at another time than the straight line between its ends.
         moment, before = greatest(shortenings_of(mesh, patch)), moment
-        angle = _misalignment(mesh, patch, _tensors(mesh, moment))
+        tensors = _tensors(mesh, moment)
+        angle = _misalignment(mesh, patch, tensors)
         if angle < least:
             best, least = curved, angle
         if least < _ASKEW or (moment.clip is before.clip and moment.time == before.time):
