@@ -27,10 +27,12 @@ def test_trees_find_what_a_look_at_every_pair_finds(seed: int, count: int) -> No
         every = every_crossing(positions, triangles)
         assert list(zip(*found, strict=True)) == every
         counting = rng.random(30) < 0.1
-        marked = set[int]()
+        marked, pairs = set[int](), set[tuple[int, int]]()
         for edge, triangle in every:
             corners = {*crossings.edges[edge].tolist(), *triangles[triangle].tolist()}
-            marked |= corners if counting[list(corners)].any() else set()
+            if counting[list(corners)].any():
+                marked, pairs = marked | corners, pairs | {(edge, triangle)}
+        assert crossings.pairs_at(positions, counting) == pairs
         assert set(np.flatnonzero(crossings.vertices_at(positions, counting)).tolist()) == marked
 
 

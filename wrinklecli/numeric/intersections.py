@@ -41,25 +41,32 @@ class Crossings:
         edges = edges_of(triangles)
         return cls(triangles, edges, *(_morton_order(positions[each].mean(axis=1)) for each in (triangles, edges)))
 
-    def at(self, positions: Floats) -> tuple[Ints, Ints]:
+    def at(self, positions: Floats, counting: Bools | None = None) -> tuple[Ints, Ints]:
         """Find what crosses in a pose.
 
         Args:
             positions: (vertices, 3).
+            counting: (vertices,) True for those of which a crossing must have at least one; None if all count.
 
         Returns:
             (crossings,) edges and (crossings,) the triangles that they pass through, sorted by edge, then triangle.
             Pairs that only touch or share a vertex do not count.
         """
         depth = max(len(self.triangles), len(self.edges), 1).bit_length()
-        trees = [
-            _tree(positions[corners[order]], depth)
-            for corners, order in ((self.edges, self.edge_order), (self.triangles, self.triangle_order))
-        ]
+        trees = [_tree(positions[corners[order]], depth) for corners, order in self._leaves]
+        # A box of a tree counts if something in it does.
+        counts = (
+            [_any_tree(np.asarray(counting[corners[order]].any(axis=1)), depth) for corners, order in self._leaves]
+            if counting is not None
+            else []
+        )
         found = []
         stack = [(0, np.zeros(1, np.intp), np.zeros(1, np.intp))]
         while stack:
             level, edges, triangles = stack.pop()
+            if counts:
+                counted = np.flatnonzero(counts[0][level].take(edges) | counts[1][level].take(triangles))
+                edges, triangles = edges.take(counted), triangles.take(counted)
             (low, high), (other_low, other_high) = (tree[level] for tree in trees)
             for k in range(3):
                 meets = low[k].take(edges) <= other_high[k].take(triangles)
@@ -92,11 +99,13 @@ class Crossings:
 
         If (vertices,) `counting` are given, only crossings of which at least one vertex is among these.
         """
-        edges, triangles = self.at(positions)
-        if counting is not None:
-            chosen = counting[self.edges[edges]].any(axis=1) | counting[self.triangles[triangles]].any(axis=1)
-            edges, triangles = edges[chosen], triangles[chosen]
+        edges, triangles = self.at(positions, counting)
         return set(zip(edges.tolist(), triangles.tolist(), strict=True))
+
+    @property
+    def _leaves(self) -> tuple[tuple[Ints, Ints], tuple[Ints, Ints]]:
+        """The corners and the order of the leaves, of both trees."""
+        return (self.edges, self.edge_order), (self.triangles, self.triangle_order)
 
     def _crossing(self, positions: Floats, edges: Ints, triangles: Ints) -> Ints:
         """(crossings, 2) the pairs of (pairs,) edges and (pairs,) triangles that cross."""
@@ -151,6 +160,17 @@ def _tree(corners: Floats, depth: int) -> list[tuple[Floats, Floats]]:
     for _ in range(depth):
         low, high = np.minimum(low[:, ::2], low[:, 1::2]), np.maximum(high[:, ::2], high[:, 1::2])
         levels.append((low, high))
+    return levels[::-1]
+
+
+def _any_tree(leaves: Bools, depth: int) -> list[Bools]:
+    """(boxes,) True where any of the (things,) leaves below is, for each level of a tree, root first."""
+    flags = np.zeros(2**depth, bool)
+    flags[: len(leaves)] = leaves
+    levels = [flags]
+    for _ in range(depth):
+        flags = flags[::2] | flags[1::2]
+        levels.append(flags)
     return levels[::-1]
 
 

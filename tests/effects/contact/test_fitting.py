@@ -6,8 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from wrinklecli.effects.contact import fitting
 from wrinklecli.effects.contact.fitting import MOST_WEIGHT, combined, fit_pose, fit_poses
-from wrinklecli.numeric.reduction import project
+from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.reduction import project, weighted_basis
 
 POINTS, POSES = 12, 9
 
@@ -100,6 +102,19 @@ def test_shapes_are_as_many_as_the_poses_are_made_of(rank: int) -> None:
     assert (len(shapes), crossing) == (rank, 0)
     assert np.abs(weights).max(axis=0) == pytest.approx(1.0)
     assert max(each.errors(moved).max() for each, moved in zip(solved, made(weights, shapes), strict=True)) < 1e-3
+
+
+def test_few_numbers_of_shapes_are_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+    tried = list[int]()
+
+    def recorded(fields: Floats, importance: Floats, count: int) -> tuple[Floats, Floats]:
+        tried.append(count)
+        return weighted_basis(fields, importance, count)
+
+    monkeypatch.setattr(fitting, "weighted_basis", recorded)
+    weights, shapes, crossings = fit_poses(walls(6), share=0.35, most=7)
+    assert (len(shapes), crossings, crossing_count(walls(6), weights, shapes)) == (6, 0, 0)
+    assert len(set(tried)) <= 3
 
 
 @pytest.mark.parametrize(("touching", "count"), [(0, 2), (POINTS, None)])

@@ -87,8 +87,8 @@ def test_a_fold_that_does_not_settle_is_given_up_whole(noise: Path, tmp_path: Pa
 
 def few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let a fold that settles take too many steps."""
-    monkeypatch.setattr(crease, "_MOST_STEPS", 8)
-    monkeypatch.setattr(crease, "_MOST_STEPS_PER_POSE", 2)
+    monkeypatch.setattr(crease, "_MOST_STEPS", 4)
+    monkeypatch.setattr(crease, "_MOST_STEPS_PER_POSE", 1)
 
 
 @pytest.mark.slow
@@ -116,8 +116,7 @@ def test_a_fold_that_takes_too_many_steps_ends_at_once(monkeypatch: pytest.Monke
 def test_wrinkles_are_lowered_beside_effects_that_act_before_them(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(crease, "_MOST_STEPS", 8)
-    monkeypatch.setattr(crease, "_MOST_STEPS_PER_POSE", 2)
+    few_steps(monkeypatch)
     tools = write_tools(tmp_path / "tools.yaml", tool(**TOOL, contact="resolve"), muscles=[muscle()])
     report = wrinklecli.bake(folding_limb(), tools, tmp_path / "out.glb")
     (fold,) = report.data["folds"]

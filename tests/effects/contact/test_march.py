@@ -12,6 +12,7 @@ from wrinklecli.numeric.intersections import Crossings
 pytest.importorskip("ipctk", reason="needs the extra `contact`")
 
 from kit.bent_tube import SIDES, bent, tube
+from wrinklecli.effects.contact import march as march_module
 from wrinklecli.effects.contact.march import _direction, _energy, march
 from wrinklecli.effects.contact.tissue import FREE, SOFT, SkinnedPose, Tissue
 
@@ -52,6 +53,32 @@ def test_a_folded_tube_touches_and_never_crosses(radius: float, width: float, bu
     again = list(march(tissue_of(), poses[: (first or 0) + 2]))
     same = list(march(tissue, poses[: (first or 0) + 2]))
     assert np.array_equal(again[-1].positions, same[-1].positions)
+
+
+@pytest.mark.quick(1)
+def test_a_short_whole_step_ends_a_pose_where_further_steps_would_end_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    rest, triangles = tube(50.0)
+    poses = [bent(rest, angle, 80.0, 3.0) for angle in np.radians(np.arange(0.0, 91.0, 6.0))]
+    free = (np.arange(len(rest)) >= SIDES) & (np.arange(len(rest)) < len(rest) - SIDES)
+    every, apart = np.ones(len(triangles), bool), np.zeros(len(rest))
+
+    tissue = Tissue(rest, triangles, every, free, np.ones(len(rest), bool), apart)
+
+    def marched(followed: float) -> tuple[int, list[float]]:
+        monkeypatch.setattr(march_module, "_FOLLOWED", followed)
+        steps, energies = 0, []
+        for state in march(tissue.again(), poses):
+            assert state.converged
+            steps += state.steps
+            volumes = tissue.pieces.volumes(state.posed.positions)
+            near = tissue.collisions(state.positions)
+            energies.append(_energy(tissue, state.positions, state.posed, volumes, near))
+        return steps, energies
+
+    (steps, energies), (most_steps, least_energies) = marched(march_module._FOLLOWED), marched(0.0)
+    assert steps < most_steps
+    # The barrier's own energy differs by a few per cent.
+    assert sum(energies) < 1.1 * sum(least_energies)
 
 
 @pytest.mark.quick(1)

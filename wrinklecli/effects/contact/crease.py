@@ -9,6 +9,7 @@ crossings in a clip, the sweeps and the poses of the clips are compressed togeth
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -200,9 +201,7 @@ class Crease:
                 remaining += crossing_count(found.tissue, found.positions_under(moved))
             elif _loses_volume(found, moved):
                 unspanned.append(frame)
-        given_up = bool(crossing) and remaining > sum(
-            crossing_count(found.tissue, found.positions) for found in map(marched.solution, marched.touching)
-        )
+        given_up = bool(crossing) and not _cross_anyway(marched, remaining)
         if given_up:
             weights[:] = 0.0
         error *= self.fold.radius / UNITS
@@ -616,6 +615,12 @@ def _chosen(weights: Floats) -> list[int]:
     """Frames in which normals are to be right: the frame with the greatest weight of each shape, and an even choice."""
     even = np.linspace(0, len(weights) - 1, _NORMAL_POSES).astype(int).tolist()
     return sorted({*even, *np.argmax(np.abs(weights), axis=0).tolist()})
+
+
+def _cross_anyway(marched: MarchedClip, least: int) -> bool:
+    """True if at least so many vertices cross in all frames of a clip together without contact."""
+    without = map(marched.solution, marched.touching)
+    return any(count >= least for count in accumulate(crossing_count(each.tissue, each.positions) for each in without))
 
 
 def _loses_volume(found: Solution, moved: Floats) -> bool:

@@ -20,6 +20,8 @@ MOST_LOST = 0.01
 _UNIT_LOSS = MOST_LOST / 4.0
 # Fits of shapes and weights, each with more weight on the errors of the one before.
 _TRIES = 8
+# Tries in a row that leave no fewer crossings, after which the greatest number of shapes is tried no more.
+_STALLED = 3
 # Factor on the weight of such an error.
 _MORE = 3.0
 # Weight of the squared distance from known weights, relative to that from the solution where something touches: what
@@ -46,42 +48,67 @@ def fit_poses(
     Returns:
         (poses, shapes) weights in [-1, 1], (shapes, free, 3), and the number of poses in which they leave crossings.
     """
-    fields = np.stack([each.moved for each in solved])
     every = np.arange(len(solved)) if demanded is None else np.flatnonzero(demanded)
     asked = [solved[number] for number in every.tolist()]
     bound = share * max(each.greatest_move for each in asked)
     # No shapes give back the volume that contact itself takes away.
     allowed = max(MOST_LOST, *(each.volume_loss(each.moved) for each in asked))
     most = min(most, len(solved))
+    fewest, enough, found = min(least, most), most, None
+    # More shapes hardly ever do worse, so the range in which the fewest lie is halved.
+    while fewest < enough or (found is None and fewest == most):
+        count = (fewest + enough) // 2
+        fit = _fitted(solved, every, count, bound=bound, allowed=allowed, last=count == most)
+        if fit is None:
+            fewest = count + 1
+        else:
+            found, enough = fit, count
+            if count == most:
+                break
+    assert found is not None
+    return found
+
+
+def _fitted(
+    solved: Sequence[Solution], every: Ints, count: int, *, bound: float, allowed: float, last: bool
+) -> tuple[Floats, Floats, int] | None:
+    """Fit a `count` of shapes; None if they are not right in `every` pose that is demanded.
+
+    Errors may reach a `bound`, solver's units, and losses of volume be as great as `allowed`. If this is the `last`
+    count that may be tried, the best fit counts. The rest is as in `fit_poses`.
+    """
+    fields = np.stack([each.moved for each in solved])
     tries: list[tuple[int, float, Floats, Floats]] = []
-    for count in range(min(least, most), most + 1):
-        shares, wanted = np.stack([each.error_weights for each in solved]), fields
-        suspects, before = every, len(every)
-        for _ in range(_TRIES):
-            weights, shapes = weighted_basis(wanted, shares, count)
-            made = [combined(row, shapes) for row in weights]
-            wrong = _wrong(solved, made, every, bound) if count < most else {}
-            hopeless = _HOPELESS * before if count < most else np.inf
-            crossing = None if len(wrong) > hopeless else _crossing(solved, made, suspects, most=hopeless)
-            if crossing is None:
-                break
-            # The other poses are checked only if all may be right or, in the end, if no try was better.
-            best = min((crossings for crossings, *_ in tries), default=len(every) if count == most else 0)
-            checked = len(crossing) <= best and not wrong
-            if checked and len(suspects) < len(every):
-                crossing |= _crossing(solved, made, np.setdiff1d(every, suspects)) or {}
-            lost = max(solved[number].volume_loss(made[number]) for number in every.tolist())
-            if not crossing and not wrong and lost <= allowed:
-                return weights, shapes, 0
-            if count == most and checked:
-                tries.append((len(crossing), max(lost, allowed), weights, shapes))
-            bad = len(crossing.keys() | wrong.keys())
-            if not bad or bad > hopeless:
-                break
-            for number, marked in (*crossing.items(), *wrong.items()):
-                shares[number, marked] *= _MORE
-            suspects, before = np.array(sorted(crossing), np.intp), bad
-            wanted = np.stack([each.opened(moved) for each, moved in zip(solved, made, strict=True)])
+    shares, wanted = np.stack([each.error_weights for each in solved]), fields
+    suspects, before, stalled = every, len(every), 0
+    for _ in range(_TRIES):
+        weights, shapes = weighted_basis(wanted, shares, count)
+        made = [combined(row, shapes) for row in weights]
+        wrong = {} if last else _wrong(solved, made, every, bound)
+        hopeless = np.inf if last else _HOPELESS * before
+        crossing = None if len(wrong) > hopeless else _crossing(solved, made, suspects, most=hopeless)
+        if crossing is None:
+            return None
+        # The other poses are checked only if all may be right or, in the end, if no try was better.
+        best = min((crossings for crossings, *_ in tries), default=len(every) if last else 0)
+        checked = len(crossing) <= best and not wrong
+        if checked and len(suspects) < len(every):
+            crossing |= _crossing(solved, made, np.setdiff1d(every, suspects)) or {}
+        lost = max(solved[number].volume_loss(made[number]) for number in every.tolist())
+        if not crossing and not wrong and lost <= allowed:
+            return weights, shapes, 0
+        stalled = 0 if len(crossing) < best else stalled + 1
+        if last and checked:
+            tries.append((len(crossing), max(lost, allowed), weights, shapes))
+        bad = len(crossing.keys() | wrong.keys())
+        if not bad or bad > hopeless or (last and stalled == _STALLED):
+            break
+        for number, marked in (*crossing.items(), *wrong.items()):
+            shares[number, marked] *= _MORE
+        suspects, before = np.array(sorted(crossing), np.intp), bad
+        wanted = np.stack([each.opened(moved) for each, moved in zip(solved, made, strict=True)])
+    if not tries:
+        return None
     crossings, _, weights, shapes = min(tries, key=lambda each: each[:2])
     return weights, shapes, crossings
 

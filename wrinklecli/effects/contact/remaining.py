@@ -84,7 +84,7 @@ def _counts(
     Those of the (vertices,) `free` ones count. `moves` are for each frame the (vertices, 3) displacements by contact,
     bind space.
     """
-    still = fold.crossings.pairs_at(fold.rest_positions)
+    still = fold.crossings.pairs_at(fold.rest_positions, free)
     for positions, matrices in fold.poses(clip, times):
         if moves is not None:
             positions += np.einsum("vij,vj->vi", matrices, next(moves))

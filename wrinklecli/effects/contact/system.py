@@ -208,10 +208,11 @@ def holding_contacts(fold: Fold, apart: Floats, clips: Sequence[Clip]) -> tuple[
     free = fold.vertices[apart[: len(fold.vertices)] < FREE * SOFT]
     reach = FREE * SOFT * fold.radius / UNITS
     wide, fresh = _mesh_alone(grown(fold, fold.vertices, _LOOK_RADII * fold.radius)), np.zeros(0, np.intp)
-    still = wide.crossings.pairs_at(wide.rest_positions)
+    counting = np.isin(wide.vertices, free)
+    still = wide.crossings.pairs_at(wide.rest_positions, counting)
     for clip in clips:
         for positions in wide.posed(clip, _moments([fold], clip))[0]:
-            pairs = np.array(sorted(wide.crossings.pairs_at(positions) - still), np.intp).reshape(-1, 2)
+            pairs = np.array(sorted(wide.crossings.pairs_at(positions, counting) - still), np.intp).reshape(-1, 2)
             corners = [wide.crossings.edges[pairs[:, 0]], wide.crossings.triangles[pairs[:, 1]]]
             crossing = wide.vertices[np.concatenate(corners, axis=1)]
             ours = np.isin(crossing, free)
