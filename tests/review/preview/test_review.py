@@ -1,6 +1,7 @@
 """Reviews: every tool of an asset on a sheet, each where its wrinkles are tallest."""
 
 import dataclasses
+import json
 import re
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import pytest
 
 import wrinklecli
 from kit.limb import RADIUS, limb_asset, tool, write_tools
+from kit.muscles import arm, muscle
 from kit.pictures import BUMPY, draw, limb, near, picture
 from wrinklecli.baking.job import BakeOptions
 from wrinklecli.errors import AssetError
@@ -191,6 +193,21 @@ def test_a_card_tells_where_it_is_and_what_clip_however_long_its_name(tmp_path: 
 def test_what_carries_no_wrinkles_has_no_review(tmp_path: Path) -> None:
     with pytest.raises(AssetError, match="no wrinkles to show"):
         draw([limb(tmp_path)], tmp_path / "a.png", review=True, **SMALL)
+
+
+def test_muscles_alone_are_shown_at_their_greatest_move(tmp_path: Path) -> None:
+    """Before the bake and after it, at the same moment."""
+    tools = tmp_path / "tools.yaml"
+    tools.write_text(json.dumps({"version": 1, "muscles": [muscle()]}))
+    (planned,) = peaks_of(arm(), tools)
+    assert (planned.name, planned.moment.time, planned.raised) == ("biceps", pytest.approx(1.0), True)
+    wrinklecli.bake(arm(), tools, tmp_path / "baked.glb")
+    after, _ = read_shown(read_document(tmp_path / "baked.glb"), "", ())
+    (peak,) = baked_peaks(after, after.clips)
+    assert peak.moment == planned.moment
+    for asset, options in ((arm(), {"tools": tools}), (tmp_path / "baked.glb", {})):
+        made = draw([asset], tmp_path / "a.png", review=True, views=["top"], **options, **SMALL)
+        assert made.shown == "1 tool"
 
 
 def test_names_of_tools_are_told_from_each_other() -> None:

@@ -14,6 +14,7 @@ from wrinklecli.character.pose import joint_matrices, morph_weights
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.drive import Drive, StoredDrive, wrinkle_entry
 from wrinklecli.drive.segment import Segment
+from wrinklecli.effects.body import BodyLayer, largest_moves, moves_at_rest
 from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.effects.sampling import moving_clips
 from wrinklecli.effects.wrinkle.activity import ClipActivity, activities
@@ -26,7 +27,7 @@ from wrinklecli.numeric.arrays import Floats, Ints, determinants, median
 from wrinklecli.review.check import describe_clip, describe_tool
 from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.preview.shown import ShownAsset, ShownPrimitive
-from wrinklecli.tools.records import identifier
+from wrinklecli.tools.records import ToolsFile, identifier
 
 # Frames per second of the grid on which the peaks of a baked file are found.
 _FPS = 30.0
@@ -89,6 +90,22 @@ def planned_peaks(plans: Sequence[MeshPlan], clips: Sequence[Clip], *, fps: floa
             curve = carried_patches_of(plan)[number].patch.curve
             data["full"] = float(group_starts(curve, curve.rest_length)[-1])
             peaks.append(_peak(data, plan.rig.node, found))
+        peaks += _body_peaks(plan, [(clip, clip_grid(clip, plan.rig, fps=fps)) for clip in moving])
+    return peaks
+
+
+def _body_peaks(plan: MeshPlan, played: Sequence[tuple[Clip, Floats]]) -> list[Peak]:
+    """The peaks of the muscles, the flesh and the touches of a plan, in clips at (frames,) seconds of each."""
+    peaks = []
+    for layer in plan.layers:
+        for attached, deltas in zip(layer.attached, layer.deltas, strict=True) if isinstance(layer, BodyLayer) else ():
+            _, moves = moves_at_rest(plan.fine.blended, deltas)
+            found: list[Json] = []
+            for clip, times in played:
+                heights = largest_moves(attached.drive.weights_in(plan.rig.own, clip)(times), moves)
+                at = int(np.argmax(heights))
+                found.append({"name": clip.name, "height": float(heights[at]), "time": float(times[at])})
+            peaks.append(_peak({"name": attached.tool.name}, plan.rig.node, found))
     return peaks
 
 
@@ -122,13 +139,10 @@ def baked_peaks(asset: ShownAsset, clips: Sequence[Clip]) -> list[Peak]:
 
 
 def baked_tool_count(document: Document) -> int:
-    """The number of tools that were baked into an asset, by its extras."""
-    count = 0
-    for node in document.items("nodes"):
-        entry = wrinkle_entry(node)
-        tools = entry.get("tools") if isinstance(entry, dict) else None
-        count += len(tools) if isinstance(tools, list) else 0
-    return count
+    """The number of tools, muscles and regions that were baked into an asset, by its extras."""
+    entries = [entry for node in document.items("nodes") if isinstance(entry := wrinkle_entry(node), dict)]
+    lists = [entry.get(section) for entry in entries for section in ToolsFile.LISTS]
+    return sum(len(each) for each in lists if isinstance(each, list))
 
 
 def baked_peaks_of(asset: ShownAsset, names: Sequence[str], clips: Sequence[Clip]) -> list[Peak]:
@@ -168,7 +182,7 @@ def _tools_on(asset: ShownAsset, node: int, rigs: Iterable[Rig]) -> Iterator[tup
     """The names of the tools that were baked into a node, with the names of their morph targets in these rigs."""
     there = {name for rig in rigs for name in rig.morph_names}
     entry = wrinkle_entry(asset.document.items("nodes")[node])
-    for tool in entry["tools"]:
+    for tool in (each for section in ToolsFile.LISTS for each in entry.get(section, ())):
         targets = [name for name in tool["targets"] if name in there]
         if targets:
             yield str(tool.get("name")), targets
