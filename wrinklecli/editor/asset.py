@@ -9,7 +9,6 @@ import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import TypeAlias
 
 import numpy as np
 
@@ -22,12 +21,11 @@ from wrinklecli.character.moved import Motions, moved
 from wrinklecli.character.rig import DrivenTargets
 from wrinklecli.character.scene import deforming_nodes, scene_nodes
 from wrinklecli.character.skin import Skin, prepare
-from wrinklecli.editor.attached import AttachedBelow, AttachedTool, AttachedTools, Cluster, PlayableMesh
+from wrinklecli.editor.attached import AttachedBelow, AttachedTool, AttachedTools, Below, Cluster, PlayableMesh
 from wrinklecli.editor.clip_cache import ClipCache, RecentResults
 from wrinklecli.effects.flesh.attach import AttachedFlesh
 from wrinklecli.effects.muscle.attach import AttachedMuscle
 from wrinklecli.effects.plan import attach_effects, plan_on
-from wrinklecli.effects.touch.attach import AttachedTouch
 from wrinklecli.effects.wrinkle.attach import attach_tools
 from wrinklecli.effects.wrinkle.bounds import bounded
 from wrinklecli.effects.wrinkle.carry import carry
@@ -40,9 +38,6 @@ from wrinklecli.numeric.memory import MAX_MEMORY, Memory
 from wrinklecli.surface.ground import Ground, read_ground
 from wrinklecli.tools.body import Flesh
 from wrinklecli.tools.records import EffectTool, Length, ToolsFile, WrinkleTool
-
-Below: TypeAlias = AttachedMuscle | AttachedFlesh | AttachedTouch
-"""An effect below the skin that fits a mesh."""
 
 _MAX_ERROR = Length(1.0, percent=True)  # the default of a bake
 _RINGS = 4  # rings of triangles around a tool that its refinement may read or split; tools whose rings meet overlap
@@ -138,7 +133,7 @@ class LoadedAsset:
                     patches.append(self._patch(tool, ground, settings))
                 except WrinkleError as error:
                     problems[tool.name] = error.lines[0]
-            groups = _overlapping(ground, patches)
+            groups = _overlapping(ground, [*patches, *(each.attached for each in here.values())])
             clusters: list[Cluster] = []
             if before is not None:
                 planned = [self._clusters.get(_key(ground, group, settings)) is not None for group in groups]
@@ -255,7 +250,7 @@ class LoadedAsset:
         )
 
     def _planned(
-        self, ground: Ground, patches: Sequence[Patch], settings: ToolsFile, problems: dict[str, str]
+        self, ground: Ground, patches: Sequence[Patch | Below], settings: ToolsFile, problems: dict[str, str]
     ) -> Iterator[Cluster]:
         """Plan overlapping tools; if that fails, plan those that can be planned alone."""
         try:
@@ -273,7 +268,7 @@ class LoadedAsset:
             else:
                 problems |= dict.fromkeys((each.tool.name for each in patches), error.lines[0])
 
-    def _cluster(self, ground: Ground, patches: Sequence[Patch], settings: ToolsFile) -> Cluster:
+    def _cluster(self, ground: Ground, patches: Sequence[Patch | Below], settings: ToolsFile) -> Cluster:
         return self._clusters.get_or_make(
             _key(ground, patches, settings), lambda: Cluster.from_plan(plan_on(ground, patches, settings, _MAX_ERROR))
         )
@@ -281,13 +276,16 @@ class LoadedAsset:
     def _carried_again(
         self,
         ground: Ground,
-        patches: Sequence[Patch],
+        patches: Sequence[Patch | Below],
         before: AttachedTools,
         settings: ToolsFile,
         problems: dict[str, str],
     ) -> Iterator[Cluster]:
-        """Carry tools on the triangles that were refined for tools of the same names, and new tools on the mesh."""
-        waiting = {patch.tool.name: patch for patch in patches}
+        """Carry tools on the triangles that were refined for tools of the same names, and new tools on the mesh.
+
+        Effects below the skin need no triangles of their own.
+        """
+        waiting = {patch.tool.name: patch for patch in patches if isinstance(patch, Patch)}
         for mesh in before.meshes:
             for cluster in mesh.clusters if mesh.ground is ground else ():
                 again = []
@@ -311,20 +309,27 @@ class LoadedAsset:
             for cluster in clusters:
                 apart.append(cluster.without(taken))
                 taken[cluster.parents] = True
-            return PlayableMesh(ground, driven, self._skin(ground), tuple(apart), self.cache)
+            return PlayableMesh(ground, driven, self._skin(ground, clusters), tuple(apart), self.cache)
 
         return self._meshes.get_or_make((driven, clusters), made)
 
-    def _skin(self, ground: Ground) -> Skin:
+    def _skin(self, ground: Ground, clusters: Sequence[Cluster]) -> Skin:
         """Prepare the coarse vertices to be posed."""
 
         def made() -> Skin:
             surface, acting = ground.surface, distinct_values(ground.surface.joints)
-            weights = surface.dense_weights(np.arange(len(surface.positions)), len(ground.rig.joints))
-            return prepare(weights[:, acting], surface.positions, surface.morph_deltas)
+            count = len(surface.positions)
+            weights = surface.dense_weights(np.arange(count), len(ground.rig.joints))
+            deltas = surface.morph_deltas.copy() if ground.rig.drives else surface.morph_deltas
+            for cluster in clusters if ground.rig.drives else ():
+                # Effects below the skin move it by the normals of the refined surface.
+                refined = cluster.plan.fine.morph_deltas[:, :count]
+                other = refined != surface.morph_deltas
+                deltas[other] = refined[other]
+            return prepare(weights[:, acting], surface.positions, deltas)
 
         # Rest poses share the skin, unless effects below it move it too.
-        return self._skins.get_or_make(ground if ground.rig.drives else ground.rig.node, made)
+        return self._skins.get_or_make((ground, *clusters) if ground.rig.drives else ground.rig.node, made)
 
 
 def _span_of(attached: Below) -> float:
@@ -334,8 +339,9 @@ def _span_of(attached: Below) -> float:
     return attached.place.radius if isinstance(attached, AttachedFlesh) else attached.tool.pad
 
 
-def _key(ground: Ground, patches: Sequence[Patch], settings: ToolsFile) -> tuple[object, ...]:
-    return (tuple(_without_places(each.tool) for each in patches), ground, settings.refinement, settings.up)
+def _key(ground: Ground, patches: Sequence[Patch | Below], settings: ToolsFile) -> tuple[object, ...]:
+    tools = tuple(_without_places(each.tool) if isinstance(each, Patch) else each for each in patches)
+    return (tools, ground, settings.refinement, settings.up)
 
 
 def _without_places(tool: WrinkleTool) -> WrinkleTool:
@@ -343,14 +349,16 @@ def _without_places(tool: WrinkleTool) -> WrinkleTool:
     return replace(tool, where="", places={})
 
 
-def _overlapping(ground: Ground, patches: Sequence[Patch]) -> list[list[Patch]]:
-    """Group patches, so that the refinement for one group reads nothing of another."""
+def _overlapping(ground: Ground, effects: Sequence[Patch | Below]) -> list[list[Patch | Below]]:
+    """Group effects with regions, so that the refinement for one group reads nothing of another."""
     count = len(ground.surface.triangles)
-    near = [flags_of(_around(ground, patch.members), count) for patch in patches]
+    split = [each for each in effects if each.regions]
+    members = [distinct_values(np.concatenate([region.members for region in each.regions])) for each in split]
+    near = [flags_of(_around(ground, each), count) for each in members]
     links = [(i, j) for i, j in combinations(range(len(near)), 2) if (near[i] & near[j]).any()]
-    groups: dict[int, list[Patch]] = {}
-    for patch, group in zip(patches, components(np.array(links, np.intp).reshape(-1, 2), len(near)), strict=True):
-        groups.setdefault(int(group), []).append(patch)
+    groups: dict[int, list[Patch | Below]] = {}
+    for each, group in zip(split, components(np.array(links, np.intp).reshape(-1, 2), len(near)), strict=True):
+        groups.setdefault(int(group), []).append(each)
     return list(groups.values())
 
 

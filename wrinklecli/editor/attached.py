@@ -7,6 +7,7 @@ part can be exchanged without touching the rest.
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 
@@ -15,8 +16,11 @@ from wrinklecli.character.skin import Skin, pose, prepare
 from wrinklecli.editor.clip_cache import ClipCache
 from wrinklecli.effects.body import largest_moves, moves_at_rest
 from wrinklecli.effects.effect import MeshPlan
+from wrinklecli.effects.flesh.attach import AttachedFlesh
+from wrinklecli.effects.muscle.attach import AttachedMuscle
 from wrinklecli.effects.plan import mesh_warnings
 from wrinklecli.effects.sampling import moving_clips
+from wrinklecli.effects.touch.attach import AttachedTouch
 from wrinklecli.effects.wrinkle.activity import ClipActivity
 from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
 from wrinklecli.effects.wrinkle.layer import carried_patches_of
@@ -26,6 +30,9 @@ from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, children, dis
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.rest import Rest
 from wrinklecli.tools.records import ToolsFile
+
+Below: TypeAlias = AttachedMuscle | AttachedFlesh | AttachedTouch
+"""An effect below the skin that fits a mesh."""
 
 _OUTLINED = 0.3  # part of the largest move of a muscle or flesh that skin inside its outline moves by
 _CURVE_POINTS = 200  # points of a drawn control curve
@@ -233,13 +240,13 @@ class AttachedBelow:
         ground: The mesh with all drives.
         columns: Numbers of its morph targets among those of the mesh.
         span: Length of the muscle, or the region's radius, scene units.
-        shape: An object that is another one when the displacements are others.
+        attached: The effect at rest; another object when its displacements are others.
     """
 
     ground: Ground
     columns: Ints
     span: float
-    shape: object
+    attached: Below
 
     @cached_property
     def outlined(self) -> Bools:

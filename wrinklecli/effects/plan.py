@@ -115,7 +115,7 @@ def plan_on(
         tolerance=_PRUNING_SHARE * bound,
         max_vertices=max_vertices,
     )
-    fine = _with_moves(fine, attached)
+    fine = _with_moves(fine, attached, rig.morph_names)
     plan = MeshPlan(
         rig=rig,
         rest=rest,
@@ -137,16 +137,14 @@ def plan_on(
     return plan
 
 
-def _with_moves(fine: Refinement, attached: Sequence[Attached]) -> Refinement:
-    """The refined surface with the deltas of effects that find them there, in place of interpolated ones."""
+def _with_moves(fine: Refinement, attached: Sequence[Attached], names: Sequence[str]) -> Refinement:
+    """The refined surface with deltas of effects that find them there, by the names of targets, not interpolated."""
     moves = [each.moves for each in attached if each.moves is not None]
     deltas = fine.morph_deltas
-    first = len(deltas) - sum(len(each.deltas) for each in moves)
     for each in moves:
         if each.refined is not None:
             deltas = deltas.copy() if deltas is fine.morph_deltas else deltas
-            deltas[first : first + len(each.deltas)] = each.refined(fine)
-        first += len(each.deltas)
+            deltas[[names.index(name) for name in each.drive.targets]] = each.refined(fine)
     return replace(fine, morph_deltas=deltas)
 
 

@@ -258,3 +258,18 @@ def test_a_marker_and_a_position_are_carried_by_their_bones() -> None:
     marked, plain = (bake_once(each, top={"muscles": [muscle(**keys)]}) for each, keys in bakes)
     assert [drive_of(marked)[key]["joints"] for key in ("origin", "target")] == [["joint_0"], ["joint_1"]]
     assert marked.weights("limb", "fold", [1.0]) == pytest.approx(plain.weights("limb", "fold", [1.0]), abs=1e-5)
+
+
+@pytest.mark.quick(3)
+def test_a_coarse_limb_is_split_where_the_bulge_curves() -> None:
+    """On eight faces the bulge is as high and as round as on many, and a fine limb stays as it is."""
+    found = {}
+    for rings, sides in ((9, 8), (61, 48)):
+        asset = ARM(rings=rings, sides=sides, seam=False)
+        report = report_of(bake_once(asset, top={"muscles": [muscle()]}, fine=True)).data
+        (described,), (mesh,) = report["muscles"], report["meshes"]
+        found[sides] = described["height_limit"], described["moved_vertices"], mesh["vertices"] - mesh["coarse_vertices"]
+    assert found[8][0] == pytest.approx(found[48][0], rel=0.15)
+    assert found[8][1] > 40
+    assert found[8][2] > 0
+    assert found[48][2] == 0

@@ -14,13 +14,14 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.drive.drive import Drive
 from wrinklecli.drive.segment import RestLength, Segment, Tension
 from wrinklecli.effects.effect import Moves
-from wrinklecli.effects.muscle.shapes import Belly, displaced, modes_of
+from wrinklecli.effects.muscle.region import Bulge, bulges_on
+from wrinklecli.effects.muscle.shapes import Belly, RefinedSkin, displaced, modes_of
 from wrinklecli.effects.muscle.volume import ACTIVATION, FULLEST, ConstantVolume
 from wrinklecli.errors import BakeError, WrinkleError, listed, nearest
 from wrinklecli.numeric.arrays import Floats, determinants, unit
 from wrinklecli.numeric.nearest import distances_along
 from wrinklecli.surface.ground import Ground
-from wrinklecli.surface.region import Region
+from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.rest import asked_positions, named_node
 from wrinklecli.tools.body import ActivationKeys, ActivationMorph, Muscle
 from wrinklecli.tools.records import Marker
@@ -55,6 +56,7 @@ class AttachedMuscle:
         drive: Its length, and the weights of its targets.
         deltas: (targets, vertices, 3) displacements of the coarse surface at weight 1, bind space.
         heights: (vertices,) greatest displacements of the coarse surface, scene units.
+        regions: The skin that is refined, once along the muscle and once round the limb.
     """
 
     tool: Muscle
@@ -65,11 +67,7 @@ class AttachedMuscle:
     drive: Drive
     deltas: Floats
     heights: Floats
-
-    @property
-    def regions(self) -> Sequence[Region]:
-        """None: a belly is so smooth that any limb shows it as it is."""
-        return ()
+    regions: tuple[Bulge, Bulge]
 
     @property
     def greatest_height(self) -> float:
@@ -79,7 +77,12 @@ class AttachedMuscle:
     @property
     def moves(self) -> Moves:
         """Its targets, for the effects after it."""
-        return Moves(self.drive, self.deltas)
+        return Moves(self.drive, self.deltas, self._refined)
+
+    def _refined(self, fine: Refinement) -> Floats:
+        """(targets, vertices, 3) displacements of the refined surface at weight 1, bind space."""
+        response = self.response
+        return displaced(self.belly, response.knots, response.mix, RefinedSkin(fine), travel=self.tool.travel)[0]
 
     @property
     def response(self) -> ConstantVolume:
@@ -227,7 +230,7 @@ def _attach(muscle: Muscle, ground: Ground, bones: Bones) -> AttachedMuscle:
         side=side,
     )
     response = ConstantVolume(span, tendons, *_modes(muscle, belly, ground))
-    deltas, heights = displaced(belly, response.knots, response.mix, ground, travel=muscle.travel)
+    deltas, heights = displaced(belly, response.knots, response.mix, ground.rest, travel=muscle.travel)
     if not heights.any():
         raise BakeError("no vertex lies above it", where=muscle.where)
     segment = Segment(
@@ -237,7 +240,8 @@ def _attach(muscle: Muscle, ground: Ground, bones: Bones) -> AttachedMuscle:
     )
     names = tuple(f"wrinkle_{muscle.identifier}_{number + 1}" for number in range(len(deltas)))
     drive = Drive(muscle.name, segment, names, response)
-    return AttachedMuscle(muscle, belly, ends, bones.nodes[bone], depth, drive, deltas, heights)
+    regions = bulges_on(ground, belly, heights)
+    return AttachedMuscle(muscle, belly, ends, bones.nodes[bone], depth, drive, deltas, heights, regions)
 
 
 def _modes(muscle: Muscle, belly: Belly, ground: Ground) -> tuple[Floats, Floats]:

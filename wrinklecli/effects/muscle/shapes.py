@@ -8,12 +8,13 @@ part of the way to skin that it faces.
 """
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from wrinklecli.effects.muscle.volume import FULLEST, THINNEST
 from wrinklecli.numeric.arrays import Floats, Ints, inverses, singular, smoothstep, unit
-from wrinklecli.surface.ground import Ground
+from wrinklecli.surface.refine import Refinement
 
 # Cosines between a vertex's normal and its direction from the bone, below which nothing and above which all moves, as
 # for wrinkles.
@@ -66,6 +67,11 @@ class Belly:
         """The distance of the ends."""
         return float(np.linalg.norm(self.insertion - self.origin))
 
+    @property
+    def widest(self) -> float:
+        """The angle round the bone, from the middle of the belly, to which the skin follows, radians."""
+        return float(min(self.width / (2.0 * self.depth), _MOST_ANGLE))
+
     def along(self, places: Floats) -> Floats:
         """(…,) distances of (…, 3) places from the origin along the muscle, scene units."""
         distances: Floats = (places - self.origin) @ unit(self.insertion - self.origin)
@@ -78,14 +84,17 @@ class Belly:
         distances = np.linalg.norm(outward, axis=-1)
         outward = unit(outward)
         angles = np.arccos(np.clip(outward @ self.side, -1.0, 1.0))
-        widest = min(self.width / (2.0 * self.depth), _MOST_ANGLE)
-        bell = np.maximum(1.0 - (angles / widest) ** 2, 0.0) ** 2
         low, high = _FACING
         facing = smoothstep(np.clip((np.sum(outward * normals, axis=-1) - low) / (high - low), 0.0, 1.0))
         near, far = _NEAR
         close = smoothstep(np.clip((far - distances / self.depth) / (far - near), 0.0, 1.0))
-        factors: Floats = bell * facing * close
+        factors: Floats = bell(angles / self.widest) * facing * close
         return factors
+
+
+def bell(aside: Floats) -> Floats:
+    """(…,) the height over that above the middle, at (…,) angles over the greatest to which the skin follows."""
+    return np.asarray(np.maximum(1.0 - aside**2, 0.0) ** 2)
 
 
 def spindle(along: Floats, start: float, length: float) -> Floats:
@@ -127,31 +136,69 @@ def heights_along(belly: Belly, thicknesses: Floats, along: Floats, *, travel: b
     return belly.thickness * gained[:, None] * np.reshape(profiles, (-1, len(along)))
 
 
-def displaced(belly: Belly, knots: Floats, mix: Floats, ground: Ground, *, travel: bool) -> tuple[Floats, Floats]:
-    """Displace the coarse skin above a belly.
+class Skin(Protocol):
+    """A surface at rest, coarse or refined."""
+
+    @property
+    def positions(self) -> Floats:
+        """(vertices, 3) world space."""
+        ...
+
+    @property
+    def blended(self) -> Floats:
+        """(vertices, 3, 4) bind to world space, or its first three columns."""
+        ...
+
+    def normals_at(self, vertices: Ints) -> Floats:
+        """(chosen, 3) unit normals, world space."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class RefinedSkin:
+    """A refined surface at rest."""
+
+    fine: Refinement
+
+    @property
+    def positions(self) -> Floats:
+        """(vertices, 3) world space."""
+        return self.fine.rest_positions
+
+    @property
+    def blended(self) -> Floats:
+        """(vertices, 3, 4) bind to world space."""
+        return self.fine.blended
+
+    def normals_at(self, vertices: Ints) -> Floats:
+        """(chosen, 3) unit normals, world space."""
+        return self.fine.rest_normals_at(vertices)
+
+
+def displaced(belly: Belly, knots: Floats, mix: Floats, skin: Skin, *, travel: bool) -> tuple[Floats, Floats]:
+    """Displace the skin above a belly.
 
     Args:
         belly: The muscle at rest.
         knots: (knots,) thicknesses over that at rest.
         mix: (knots, targets) weights of the targets there.
-        ground: The mesh.
+        skin: The coarse or the refined skin.
         travel: True if the belly moves towards its origin.
 
     Returns:
         (targets, vertices, 3) displacements in bind space, and (vertices,) the greatest heights, scene units.
     """
-    rest = ground.rest
-    along = belly.along(rest.positions)
+    along = belly.along(skin.positions)
     vertices = np.flatnonzero((along > belly.tendons / 2.0) & (along < belly.span - belly.tendons / 2.0))
-    normals = rest.normals_at(vertices)
+    normals = skin.normals_at(vertices)
     heights = heights_along(belly, knots, along[vertices], travel=travel)
-    heights *= belly.round(rest.positions[vertices], normals)
+    heights *= belly.round(skin.positions[vertices], normals)
     greatest = np.abs(heights).max(axis=0, initial=0.0)
-    seen = (greatest > _LEAST * greatest.max(initial=0.0)) & ~singular(rest.blended[vertices])
+    seen = (greatest > _LEAST * greatest.max(initial=0.0)) & ~singular(skin.blended[vertices][:, :, :3])
     vertices, normals, heights = vertices[seen], normals[seen], heights[:, seen]
-    heights *= _allowed(ground, vertices, normals, heights)
-    deltas, greatest = np.zeros((mix.shape[1], len(rest.positions), 3)), np.zeros(len(rest.positions))
-    inward = inverses(rest.blended[vertices])
+    heights *= _allowed(skin, vertices, normals, heights)
+    deltas, greatest = np.zeros((mix.shape[1], len(skin.positions), 3)), np.zeros(len(skin.positions))
+    inward = inverses(skin.blended[vertices][:, :, :3])
     # The modes are orthogonal, so those of the heights are their products.
     parts = (mix / np.sum(mix**2, axis=0)).T @ heights
     deltas[:, vertices] = np.einsum("vij,vj,kv->kvi", inward, normals, parts)
@@ -159,17 +206,16 @@ def displaced(belly: Belly, knots: Floats, mix: Floats, ground: Ground, *, trave
     return deltas, greatest
 
 
-def _allowed(ground: Ground, vertices: Ints, normals: Floats, heights: Floats) -> Floats:
+def _allowed(skin: Skin, vertices: Ints, normals: Floats, heights: Floats) -> Floats:
     """(vertices,) factors that keep (targets, vertices) heights clear of skin that the vertices face at rest."""
     greatest = np.abs(heights).max(axis=0, initial=0.0)
     reach = float(greatest.max(initial=0.0)) / _OF_GAP
     if not reach:
         return np.ones(len(vertices))
-    rest = ground.rest
-    places = rest.positions[vertices]
+    places = skin.positions[vertices]
     low, high = places.min(axis=0) - reach, places.max(axis=0) + reach
-    near = np.flatnonzero(((rest.positions > low) & (rest.positions < high)).all(axis=1))
-    others, facing = rest.positions[near], rest.normals_at(near)
+    near = np.flatnonzero(((skin.positions > low) & (skin.positions < high)).all(axis=1))
+    others, facing = skin.positions[near], skin.normals_at(near)
     gaps = np.full(len(vertices), np.inf)
     chunk = max(_MOST_PAIRS // max(len(near), 1), 1)
     for part in (slice(k, k + chunk) for k in range(0, len(vertices), chunk)):
