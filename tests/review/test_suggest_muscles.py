@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 import wrinklecli
-from kit.characters import dressed, tubes
+from kit.characters import avatar, dressed, tubes
 from kit.command import Wrinkle
 from kit.limb import limb
 from wrinklecli.review.check import check
@@ -39,6 +39,18 @@ def test_muscles_lie_on_the_sides_of_their_bones(tmp_path: Path) -> None:
         sides[each.muscle.name] = z if abs(z) > 1e-9 else y
     signs = [np.sign(sides[f"{name}.L"]) for name in NAMES]
     assert signs == [1.0, -1.0, -1.0, 1.0, -1.0, -1.0]
+
+
+@pytest.mark.slow
+def test_muscles_below_clothes_lift_the_clothes(tmp_path: Path) -> None:
+    """The outermost of several meshes round a bone is what one sees; the arm in it says how thick a muscle is."""
+    asset = avatar().write(tmp_path / "avatar.glb")
+    muscles = {each.muscle.name: each for each in wrinklecli.suggest(asset, muscles=True).muscles}
+    biceps, quadriceps = muscles["biceps.L"], muscles["quadriceps.L"]
+    assert biceps.muscle.node != quadriceps.muscle.node
+    body = "mesh_0"
+    assert body not in {each.muscle.node for each in muscles.values()}
+    assert biceps.depth == pytest.approx(0.0465, abs=2e-3)
 
 
 @pytest.mark.slow

@@ -268,7 +268,11 @@ def test_a_coarse_limb_is_split_where_the_bulge_curves() -> None:
         asset = ARM(rings=rings, sides=sides, seam=False)
         report = report_of(bake_once(asset, top={"muscles": [muscle()]}, fine=True)).data
         (described,), (mesh,) = report["muscles"], report["meshes"]
-        found[sides] = described["height_limit"], described["moved_vertices"], mesh["vertices"] - mesh["coarse_vertices"]
+        found[sides] = (
+            described["height_limit"],
+            described["moved_vertices"],
+            mesh["vertices"] - mesh["coarse_vertices"],
+        )
     assert found[8][0] == pytest.approx(found[48][0], rel=0.15)
     assert found[8][1] > 40
     assert found[8][2] > 0

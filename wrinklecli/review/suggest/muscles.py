@@ -36,6 +36,9 @@ _LOW = 0.5
 _DEEP = 0.45
 # The same over the bone's length, while the skin's distance is not known.
 _FIRST = 0.05
+# Skin weight of a bone on a mesh, over that on the mesh that has most of it, from which on the mesh is a layer round
+# the bone: a sleeve has about as much as the arm below it, a glove's cuff a tenth.
+_LAYER = 0.3
 # Angle of a joint in the stored pose that shows which way it bends, radians: 5°.
 _BENT = np.radians(5.0)
 # Difference of mirrored joints over the body's size below which a body is symmetric about x = 0.
@@ -232,20 +235,38 @@ def _fitted(
     nodes: Mapping[int, str | None],
     names: Sequence[str],
 ) -> SuggestedMuscle | str:
-    """A muscle on the mesh that has most skin on its bone, or the line that says why it fits none."""
+    """A muscle on the outermost of the meshes round its bone, or the line that says why it fits none.
+
+    It is as thick, and as deep, as the innermost of these leaves room: a sleeve hides the arm whose muscles lift it.
+    """
     bone = limb.joints[place.bone]
     shares = [_share(ground, bone) for ground in grounds]
     if not shares or max(shares) <= 0.0:
         return f"{name}: left out, as no mesh has skin on {names[bone]!r}"
-    ground = grounds[int(np.argmax(shares))]
     span = float(np.linalg.norm(limb.places[place.bone + 1] - limb.places[place.bone]))
+    layers: list[AttachedMuscle] = []
+    meshes: list[Ground] = []
+    problems: list[WrinkleError] = []
+    for number in np.argsort(shares)[::-1].tolist():
+        if shares[number] < _LAYER * max(shares):
+            break
+        try:
+            layers.append(_attached(name, place, limb, _FIRST * span, grounds[number], nodes, names))
+            meshes.append(grounds[number])
+        except WrinkleError as error:
+            problems.append(error)
+    if not layers:
+        return f"{name}: left out: {problems[0].lines[0].removeprefix(f'{grounds[0].document.path}: ')}"
+    depths = [each.depth for each in layers]
+    flesh = min(depths)
+    outermost = meshes[int(np.argmax(depths))]
     try:
-        first = _attached(name, place, limb, _FIRST * span, ground, nodes, names)
-        found = _attached(name, place, limb, _DEEP * first.depth, ground, nodes, names)
+        found = _attached(name, place, limb, _DEEP * flesh, outermost, nodes, names)
     except WrinkleError as error:
-        return f"{name}: left out: {error.lines[0].removeprefix(f'{ground.document.path}: ')}"
-    low = replace(found.tool, thickness=Length(_LOW * found.depth))
-    return SuggestedMuscle(low, False, names[found.bone], found.depth)
+        return f"{name}: left out: {error.lines[0].removeprefix(f'{outermost.document.path}: ')}"
+    depth = min(found.depth, flesh) if len(layers) > 1 else found.depth
+    low = replace(found.tool, thickness=Length(_LOW * depth))
+    return SuggestedMuscle(low, False, names[found.bone], depth)
 
 
 def _share(ground: Ground, joint: int) -> float:
