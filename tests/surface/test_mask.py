@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,9 @@ from kit.limb import limb_asset, tool, write_tools
 from wrinklecli import bake, check
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.plan import plan_meshes
-from wrinklecli.effects.wrinkle.carry import CarriedPatch
+from wrinklecli.effects.effect import MeshPlan
+from wrinklecli.effects.wrinkle.carry import CarriedPatch, carry
+from wrinklecli.effects.wrinkle.creases import creased
 from wrinklecli.effects.wrinkle.layer import carried_patches_of
 from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import read_document
@@ -62,10 +65,16 @@ def attached(
     folder: Path, asset: Asset, asked: dict[str, Any], *, levels: int = 2, **options: Any
 ) -> tuple[CarriedPatch, Refinement]:
     """The tool on the refined surface, as a bake has it."""
+    plan = planned(folder, asset, asked, levels=levels, **options)
+    return carried_patches_of(plan)[0], plan.fine
+
+
+def planned(folder: Path, asset: Asset, asked: dict[str, Any], *, levels: int, **options: Any) -> MeshPlan:
+    """The plan of a bake."""
     path = asset.write(folder / "limb.glb")
     file = write_tools(folder / "tools.yaml", asked, refinement={"max_levels": levels})
     (plan,) = plan_meshes(read_job(path, file, BakeOptions(**options)))
-    return carried_patches_of(plan)[0], plan.fine
+    return plan
 
 
 def moved(folder: Path, asset: Asset, asked: dict[str, Any], **options: Any) -> tuple[Array, Array]:
@@ -114,12 +123,13 @@ def test_a_coarse_mesh_takes_a_fine_mask(tmp_path: Path) -> None:
     """Four stripes lie between two rings, which only refined vertices can tell apart."""
     save(tmp_path / "stripes.png", [[255, 0] * 10 + [255]])
     asset = with_uvs(lambda at: [0.5 * (at[:, 0] + 1.0), 0.5 + 0.0 * at[:, 0]], rings=7)
-    places, factors = moved(tmp_path, asset, smooth(mask={"image": "stripes.png"}), levels=4)
+    plan = planned(tmp_path, asset, smooth(mask={"image": "stripes.png"}), levels=4)
+    (carried,), fine = carried_patches_of(plan), plan.fine
+    places, factors = fine.rest_positions[carried.vertices], carried.magnitudes
     mask = np.interp(10.5 * (places[:, 0] + 1.0) - 0.5, np.arange(21), [1.0, 0.0] * 10 + [1.0])
-    whole_places, whole = moved(tmp_path, asset, smooth(), levels=4)
-    known = {tuple(place): factor for place, factor in zip(np.round(whole_places, 9), whole, strict=True)}
-    both = [(known[place], m, f) for place, m, f in zip(map(tuple, np.round(places, 9)), mask, factors, strict=True)]
-    unmasked, mask, factors = np.array(both).T
+    whole = carry(replace(carried.patch, mask=None), fine, np.zeros(len(fine.rest.positions), bool))
+    whole = creased(whole, fine, plan.rest, plan.rig)
+    unmasked = whole.magnitudes[np.searchsorted(whole.vertices, carried.vertices)]
     assert mask.max() > 0.9
     assert mask.min() < 0.2
     assert factors == pytest.approx(mask * unmasked, abs=1e-5)
@@ -311,3 +321,26 @@ def test_the_image_is_a_dependency_and_is_not_overwritten(tmp_path: Path, wrinkl
         assert ran.code == 1
         assert "mask.png" in ran.lines[0]
     assert (tmp_path / "mask.png").read_bytes() == before
+
+
+@pytest.mark.parametrize("turn", [0.3, 1.2])
+def test_a_border_in_an_image_is_seen_as_it_is_painted(tmp_path: Path, turn: float) -> None:
+    """The border runs askew over faces that the wrinkles alone would leave large."""
+    across, along = np.meshgrid(np.linspace(-1, 1, 128), np.linspace(-1, 1, 128))
+    save(tmp_path / "border.png", 255 * (np.cos(turn) * across + np.sin(turn) * along > 0.05))
+    asset = with_uvs(lambda at: [0.5 * (at[:, 0] + 1.0), 0.5 + 0.5 * at[:, 2] / np.abs(at[:, 2]).max()], rings=7)
+    asked = smooth(mask={"image": "border.png"}, width=0.8)
+    carried, fine = attached(tmp_path, asset, asked, levels=5)
+    patch = carried.patch
+    assert patch.mask is not None
+    faces = np.flatnonzero(np.isin(fine.subdivision.parents, patch.members))
+    corners, shares = fine.surface.corners[fine.subdivision.parents[faces]], fine.subdivision.barycentrics[faces]
+    places = fine.rest_positions[fine.triangles[faces]]
+    u, v = patch.coordinates(places)
+    inside = ((u > 0.05) & (u < 0.95) & (np.abs(v) < 0.5)).all(axis=1)
+    wide = np.linalg.norm(places - np.roll(places, 1, axis=1), axis=2).max(axis=1)
+    broken = inside & (patch.mask.errors(corners, shares, 3) > 0.5)
+    assert broken.sum() > 10
+    assert wide[broken].max() <= patch.span / patch.intervals / 2 / 3 * 1.001
+    plain, _ = attached(tmp_path, asset, smooth(width=0.8), levels=5)
+    assert len(carried.vertices) < 3 * len(plain.vertices)

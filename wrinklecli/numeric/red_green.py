@@ -44,6 +44,7 @@ class Level:
         parents: (F,) the coarse triangle of each, sorted.
         edges: (E, 2) vertices, the lower first, sorted.
         triangle_edges: (F, 3); column c is the edge from corner c to the corner that follows it.
+        barycentrics: (F, 3, 3) coordinates of each corner in the coarse triangle.
     """
 
     number: int
@@ -52,6 +53,7 @@ class Level:
     parents: Ints
     edges: Ints
     triangle_edges: Ints
+    barycentrics: Floats
 
     def of_vertices(self, vertices: Ints, coarse: Floats) -> Floats:
         """(vertices, …) linear mixtures of (coarse vertices, …) values at some vertices."""
@@ -86,7 +88,6 @@ class Stage:
     Attributes:
         codes: (F,) sorted paths from the coarse triangles: four times the parent's code plus 0 to 3. A face keeps its
             code however the level grows.
-        barycentrics: (F, 3, 3) coordinates of each corner in the coarse triangle.
         complete: (vertices,) True if all faces round the vertex exist at this level.
         wanted: (E,) edges that should split, for themselves or for a finer level.
         forbidden: (E,) edges that must not split.
@@ -96,7 +97,6 @@ class Stage:
 
     level: Level
     codes: Ints
-    barycentrics: Floats
     complete: Bools
     wanted: Bools
     forbidden: Bools
@@ -132,7 +132,7 @@ class Stage:
         midpoints = np.full(self.split.size, -1)
         midpoints[self.split] = self.complete.size + np.arange(np.count_nonzero(self.split))
         corners = self.level.triangles[faces]
-        at_corners = self.barycentrics[faces]
+        at_corners = self.level.barycentrics[faces]
         halfway = (at_corners + np.roll(at_corners, -1, axis=1)) / 2
         return (
             np.concatenate([corners, midpoints[self.level.triangle_edges[faces]]], axis=1),
@@ -145,9 +145,8 @@ def coarse_stage(triangles: Ints, held: Bools, vertex_count: int, rules: Rules) 
     a, b, c = triangles.T
     faces = np.flatnonzero(held & (a != b) & (b != c) & (c != a))
     return _stage(
-        _level(0, None, triangles[faces], faces, vertex_count),
+        _level(0, None, triangles[faces], faces, np.broadcast_to(np.eye(3), (faces.size, 3, 3)), vertex_count),
         codes=faces,
-        barycentrics=np.broadcast_to(np.eye(3), (faces.size, 3, 3)),
         complete=np.ones(vertex_count, dtype=np.bool_),
         known=[],
         rules=rules,
@@ -252,10 +251,10 @@ def _child(stage: Stage, stages: list[Stage], earlier: list[Stage], rules: Rules
             halves.below(level.linear),
             corners[:, _RED].reshape(-1, 3),
             np.repeat(level.parents[red], 4),
+            barycentrics[:, _RED].reshape(-1, 3, 3),
             count + len(ends),
         ),
         codes=(4 * stage.codes[red][:, None] + np.arange(4)).reshape(-1),
-        barycentrics=barycentrics[:, _RED].reshape(-1, 3, 3),
         complete=np.append(stage.complete, np.ones(len(ends), dtype=np.bool_)) & ~stage.vertices_on(~red),
         known=stages,
         rules=rules,
@@ -267,12 +266,10 @@ def _child(stage: Stage, stages: list[Stage], earlier: list[Stage], rules: Rules
     )
 
 
-def _stage(
-    level: Level, *, codes: Ints, barycentrics: Floats, complete: Bools, known: list[Stage], rules: Rules
-) -> Stage:
+def _stage(level: Level, *, codes: Ints, complete: Bools, known: list[Stage], rules: Rules) -> Stage:
     """A level that takes over what `known` stages, which had some of its faces, want and forbid."""
     none = np.zeros(len(level.edges), dtype=np.bool_)
-    stage = Stage(level, codes, barycentrics, complete, wanted=none, forbidden=none, denied=none, split=none)
+    stage = Stage(level, codes, complete, wanted=none, forbidden=none, denied=none, split=none)
     added = level
     if level.number < len(known):
         faces = ~among(codes, known[level.number].codes)
@@ -281,6 +278,7 @@ def _stage(
             triangles=level.triangles[faces],
             parents=level.parents[faces],
             triangle_edges=level.triangle_edges[faces],
+            barycentrics=level.barycentrics[faces],
         )
     forbidden = _carried(known, stage, "forbidden")
     return replace(
@@ -295,6 +293,7 @@ def _level(
     linear: Matrix | None,
     triangles: Ints,
     parents: Ints,
+    barycentrics: Floats,
     vertex_count: int,
 ) -> Level:
     following = np.roll(triangles, -1, axis=1)
@@ -307,6 +306,7 @@ def _level(
         parents=parents,
         edges=np.stack(np.divmod(edges, max(vertex_count, 1)), axis=1),
         triangle_edges=triangle_edges.reshape(triangles.shape),
+        barycentrics=barycentrics,
     )
 
 

@@ -202,7 +202,7 @@ def _leaves(triangles: Ints, stages: list[Stage], needed: list[Bools]) -> tuple[
         touched, red = any_of(splits, stage.level.triangle_edges), ~any_of(~splits, stage.level.triangle_edges)
         whole_here = there & ~touched
         found.append(stage.level.triangles[whole_here])
-        weights.append(stage.barycentrics[whole_here])
+        weights.append(stage.level.barycentrics[whole_here])
         places.append(stage.codes[whole_here] * scale)
 
         green = there & touched & ~red

@@ -25,6 +25,8 @@ from wrinklecli.tools.records import MaskAttribute, MaskImage, WrinkleTool
 # Parts of a coarse triangle's edge between the points at which a mask is looked at before refinement: as fine as four
 # levels, the default of `max_levels`, make the vertices.
 _PARTS = 16
+# Fewest parts: of a border that only cuts a corner off, a quarter of an edge is missed at most.
+_FEWEST_PARTS = 4
 # Excess over 0 to 1 that rounding of stored numbers may leave.
 _ROUNDING = 1e-3
 # Bytes that an image takes for each pixel: four channels while it is read, then float32.
@@ -62,6 +64,20 @@ class Mask:
         """(triangles, points) factors at points spread evenly over coarse triangles with (triangles, 3) corners."""
         spots = spread(self.painted[corners])
         return self.at(spots.reshape(-1, spots.shape[2])).reshape(spots.shape[:2])
+
+    def errors(self, corners: Ints, barycentrics: Floats, level: int) -> Floats:
+        """(faces,) greatest difference between the factors on each face and linear mixtures of those at its corners.
+
+        All levels of refinement are looked at equally finely. Attributes are linear, so their errors are 0.
+        """
+        if self.image is None:
+            return np.zeros(len(corners))
+        grid = _grid(max(_PARTS >> level, _FEWEST_PARTS))
+        ends = np.einsum("fcs,fsd->fcd", barycentrics, self.painted[corners])
+        spots = np.einsum("pc,fcd->fpd", grid, ends)
+        mixed = self.at(ends.reshape(-1, 2)).reshape(-1, 3) @ grid.T
+        found: Floats = np.abs(self.at(spots.reshape(-1, 2)).reshape(mixed.shape) - mixed).max(axis=1)
+        return found
 
     def on_refined(self, fine: Refinement, members: Ints, vertices: Ints) -> Floats:
         """(vertices,) factors at sorted vertices of the children of coarse `members`.

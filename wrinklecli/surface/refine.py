@@ -42,6 +42,10 @@ from wrinklecli.tools.records import RefinementSettings
 _LEAST_SHOWN = 0.01
 # Factor by which edges across a sharp furrow are shorter than others: as for 3 edges an interval in place of 2.
 _FURROWED = 1.5
+# Factor by which edges across a border of a mask are shorter than others: its teeth are as high as the bump.
+_BORDERED = 3.0
+# Part of the greatest displacement by which a face may depart from what a mask leaves: one sees a tenth of a bump.
+_MASK_ERROR = 0.1
 # Power of the fraction of the displacement by which edges are longer. An error of normals is in proportion to the
 # fraction and the square of the length, which gives 1/2; but edges along the fading side must also show how it fades.
 _FADING = 0.25
@@ -213,7 +217,7 @@ def refine(
     subdivision = subdivide(
         surface.triangles,
         len(surface.positions),
-        wants=lambda level: _long_edges(level, laid, settings),
+        wants=lambda level: _long_edges(level, laid, settings) | _edges_at_masks(level, laid, surface, settings),
         forbids=forbids,
         shows=lambda level: _showing_edges(level, laid),
         max_levels=settings.max_levels,
@@ -343,6 +347,33 @@ def _weights(region: Region, stretched: Floats, v: Floats) -> Floats:
     shares = region.share(np.full(len(v), 0.5), nearest, np.ones(len(v)))
     weights: Floats = np.where(furrowed, _FURROWED, 1.0) * np.maximum(shares, _LEAST_SHARE) ** _FADING
     return weights
+
+
+def _edges_at_masks(level: Level, laid: Sequence[_Laid], surface: Surface, settings: RefinementSettings) -> Bools:
+    """(edges,) edges of faces on which a mask changes between the corners, if they are too long to show its border.
+
+    The last level only counts edges that are still too long. A hard border always has some, so none are wanted there.
+    """
+    wanted = np.zeros(len(level.edges), bool)
+    if level.number == settings.max_levels:
+        return wanted
+    for each in laid:
+        if all(region.mask is None for region in each.regions):
+            continue
+        places, turned = _places(level, each), _directions(level, each)
+        scratch = np.zeros(len(places))
+        for region in each.regions:
+            if region.mask is None:
+                continue
+            faces = children(level.parents, region.members)
+            errors = region.mask.errors(surface.corners[level.parents[faces]], level.barycentrics[faces], level.number)
+            faces, errors = faces[errors > _MASK_ERROR], errors[errors > _MASK_ERROR]
+            edges, at = np.unique(level.triangle_edges[faces], return_inverse=True)
+            shares = _greatest_shares(level, edges, region, places, turned, scratch)[at.reshape(-1, 3)]
+            edges = level.triangle_edges[faces[errors * shares.max(axis=1) > _MASK_ERROR]]
+            lengths = np.linalg.norm(np.diff(places[level.edges[edges]], axis=2), axis=3)[:, :, 0]
+            wanted[edges[lengths > region.span * _greatest_step(region, settings) / _BORDERED]] = True
+    return wanted
 
 
 def _showing_edges(level: Level, laid: Sequence[_Laid]) -> Bools:

@@ -11,6 +11,17 @@ from wrinklecli.surface.anchor import Anchor
 from wrinklecli.surface.rest import Rest
 
 
+class PaintedFactor(Protocol):
+    """A factor on the displacement of a region, painted more finely than the surface is."""
+
+    def errors(self, corners: Ints, barycentrics: Floats, level: int) -> Floats:
+        """(faces,) greatest difference between the factor on each face and linear mixtures of those at its corners.
+
+        Faces are given by the (faces, 3) glTF vertices of their coarse triangles, by the (faces, 3, 3) coordinates of
+        their corners there, and by the level of refinement.
+        """
+
+
 class Region(Protocol):
     """The part of a surface at rest that an effect deforms, with u from 0 to 1 along it and v from -1 to 1 across."""
 
@@ -25,6 +36,14 @@ class Region(Protocol):
     @property
     def pose(self) -> Rest:
         """The pose in which u and v of a place are found; mostly that at rest."""
+
+    @property
+    def span(self) -> float:
+        """Length of the region along u, scene units."""
+
+    @property
+    def mask(self) -> PaintedFactor | None:
+        """A factor on its displacement that is painted."""
 
     @property
     def half_width(self) -> float:

@@ -45,11 +45,17 @@ class Disc:
 
     anchors: ClassVar[Sequence[Anchor]] = ()
     projected: ClassVar[bool] = False
+    mask: ClassVar[None] = None
 
     @property
     def both(self) -> "tuple[Disc, Disc]":
         """The disc, once for each axis."""
         return self, replace(self, turned=True)
+
+    @property
+    def span(self) -> float:
+        """The diameter."""
+        return 2.0 * self.radius
 
     @property
     def half_width(self) -> float:
