@@ -41,13 +41,26 @@ class Bulge:
 
     anchors: ClassVar[Sequence[Anchor]] = ()
     projected: ClassVar[bool] = False
+    mask: ClassVar[None] = None
     intervals: ClassVar[float] = _INTERVALS
+
+    @property
+    def span(self) -> float:
+        """The belly's length, or the width over which the skin follows."""
+        return self._width if self.turned else self._length
 
     @property
     def half_width(self) -> float:
         """Half the belly's length, or half the width over which the skin follows."""
-        length = self.belly.span - self.belly.tendons
-        return (length if self.turned else 2.0 * self.belly.widest * self.belly.depth) / 2.0
+        return (self._length if self.turned else self._width) / 2.0
+
+    @property
+    def _length(self) -> float:
+        return self.belly.span - self.belly.tendons
+
+    @property
+    def _width(self) -> float:
+        return 2.0 * self.belly.widest * self.belly.depth
 
     @property
     def nominal_height(self) -> float:
