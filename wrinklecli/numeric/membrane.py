@@ -95,15 +95,16 @@ def _stiffness(axes: Floats, gradients: Floats, corners: Floats) -> Floats:
 
 
 def stretches(before: Floats, after: Floats) -> Floats:
-    """(triangles,) least stretch of each triangle from (triangles, 3, 3) corners to others; below 0 if it turns over.
+    """(…, triangles) least stretches from (triangles, 3, 3) to (…, triangles, 3, 3) corners; below 0 where turned over.
 
     A triangle has turned over if it faces away from where it faced before.
     """
     _, gradients = _gradients(before)
-    deformed = np.einsum("tkx,tka->tax", after, gradients)
-    squares = np.einsum("tax,tbx->tab", deformed, deformed)
-    trace, product = squares[:, 0, 0] + squares[:, 1, 1], np.linalg.det(squares)
-    least = np.maximum(trace / 2.0 - np.sqrt(np.maximum(trace**2 / 4.0 - product, 0.0)), 0.0)
+    deformed = np.einsum("...tkx,tka->...tax", after, gradients)
+    one, other = deformed[..., 0, :], deformed[..., 1, :]
+    ones, others = np.sum(one**2, axis=-1), np.sum(other**2, axis=-1)
+    half, product = (ones + others) / 2.0, ones * others - np.sum(one * other, axis=-1) ** 2
+    least = np.sqrt(np.maximum(half - np.sqrt(np.maximum(half**2 - product, 0.0)), 0.0))
     planes = _planes(before)
-    facing = np.sum(np.cross(planes[:, 0], planes[:, 1]) * np.cross(deformed[:, 0], deformed[:, 1]), axis=1)
-    return np.asarray(np.where(facing > 0, np.sqrt(least), -np.sqrt(least)))
+    facing = np.sum(np.cross(planes[:, 0], planes[:, 1]) * np.cross(one, other), axis=-1)
+    return np.asarray(np.where(facing > 0, least, -least))

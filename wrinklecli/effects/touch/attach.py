@@ -311,11 +311,9 @@ def _strain(fine: Refinement, slides: Floats) -> float:
     chosen = np.flatnonzero(np.any(slides, axis=(0, 2))[fine.triangles].any(axis=1))
     corners = fine.triangles[chosen]
     before = fine.rest_positions[corners]
-    least = 1.0
-    for angle in np.arange(_DIRECTIONS) * (2.0 * np.pi / _DIRECTIONS):
-        moved = np.cos(angle) * slides[0] + np.sin(angle) * slides[1]
-        least = min(least, float(stretches(before, before + moved[corners]).min(initial=1.0)))
-    return least - 1.0
+    angles = np.arange(_DIRECTIONS) * (2.0 * np.pi / _DIRECTIONS)
+    moved = np.einsum("wd,dtkx->wtkx", np.stack([np.cos(angles), np.sin(angles)], axis=1), slides[:, corners])
+    return float(stretches(before, before + moved).min(initial=1.0)) - 1.0
 
 
 def _deltas(attached: AttachedTouch, fine: Refinement, slides: Floats | None = None) -> Floats:
@@ -328,7 +326,7 @@ def _deltas(attached: AttachedTouch, fine: Refinement, slides: Floats | None = N
     distances, _ = place.polar(positions)
     dent = smoothstep(np.clip(1.0 - distances / (_DENT * place.pad), 0.0, 1.0)) * np.clip(normals @ place.axes[2], 0, 1)
     parts = [
-        ways + _SECANT * np.stack([on_surface(positions, normals, each) - each for each in ways]),
+        ways + _SECANT * (on_surface(positions, normals, ways) - ways),
         (-drive.deepest * dent * moving)[None, :, None] * place.axes[2],
     ]
     if rings is not None:

@@ -42,10 +42,10 @@ class TouchLayer(BodyLayer[AttachedTouch]):
         if len(drive.windows) == 1:
             angles = drive.windows
         ways = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-        pressed = [
-            np.column_stack([part * drive.grip * ways, np.full(len(ways), part * drive.deepest)]) for part in _FITTED
-        ]
-        rows = drive.weights(np.concatenate(pressed))
+        # Slides without a dent and a dent without a slide, so that none of them gets the normals of the others.
+        slid = np.concatenate([part * drive.grip * np.pad(ways, ((0, 0), (0, 1))) for part in _FITTED])
+        dented = slid + np.array([0.0, 0.0, _FITTED[-1] * drive.deepest])
+        rows = drive.weights(np.concatenate([slid, dented, [[0.0, 0.0, drive.deepest]]]))
         identifier = attached.tool.identifier
         return TouchEffect(identifier, body_targets(plan, identifier, deltas, rows), attached, deltas)
 

@@ -181,26 +181,25 @@ def slides_of(place: Place, positions: Floats, triangles: Ints, hold: Hold) -> F
 
 
 def on_surface(positions: Floats, normals: Floats, moves: Floats) -> Floats:
-    """(vertices, 3) moves that end on the surface, whose tangent planes near each end say where it is there.
+    """(ways, vertices, 3) moves that end on the surface, whose tangent planes near each end say where it is there.
 
-    (vertices, 3) `positions` and unit `normals` are the surface, and (vertices, 3) `moves` lead nearly along it. Skin
-    that slides stays on what is below it, which a straight move along a tangent leaves.
+    (vertices, 3) `positions` and unit `normals` are the surface, and (ways, vertices, 3) `moves` lead nearly along it.
+    Skin that slides stays on what is below it, which a straight move along a tangent leaves.
     """
     from scipy.spatial import cKDTree
 
-    moving = np.flatnonzero(moves.any(axis=1))
-    ends = positions[moving] + moves[moving]
-    found_near = cKDTree(positions).query(ends, k=min(_NEIGHBOURS, len(positions)))
-    distances, near = (np.asarray(each) for each in found_near)
-    width = np.maximum(np.median(distances, axis=1, keepdims=True), 1e-12)
-    weights = np.exp(-((distances / width) ** 2))
-    # Skin on the other side, or of the next finger, does not count.
-    weights *= np.maximum(np.sum(normals[near] * normals[moving, None], axis=2), 0.0) + 1e-9
-    weights /= weights.sum(axis=1, keepdims=True)
-    outward = unit(np.sum(weights[:, :, None] * normals[near], axis=1))
-    above = np.sum(weights[:, :, None] * (ends[:, None] - positions[near]) * normals[near], axis=(1, 2))
-    found = moves.copy()
-    found[moving] -= above[:, None] * outward
+    tree, found = cKDTree(positions), moves.copy()
+    moving = np.flatnonzero(np.any(moves, axis=(0, 2)))
+    for move, into in zip(moves[:, moving], found, strict=True):
+        ends = positions[moving] + move
+        distances, near = (np.asarray(each) for each in tree.query(ends, k=min(_NEIGHBOURS, len(positions))))
+        weights = np.exp(-((distances / np.maximum(np.median(distances, axis=1, keepdims=True), 1e-12)) ** 2))
+        # Skin on the other side, or of the next finger, does not count.
+        weights *= np.maximum(np.einsum("vkx,vx->vk", normals[near], normals[moving]), 0.0) + 1e-9
+        weights /= weights.sum(axis=1, keepdims=True)
+        outward = unit(np.einsum("vk,vkx->vx", weights, normals[near]))
+        above = np.einsum("vk,vkx,vkx->v", weights, ends[:, None] - positions[near], normals[near])
+        into[moving] -= above[:, None] * outward
     return found
 
 
