@@ -13,12 +13,14 @@ import pytest
 from PIL import Image
 
 from kit.command import Ran, Wrinkle, files
+from kit.flesh import body, region
 from kit.limb import limb_asset, tool, write_tools
 from wrinklecli.batch import stores
 from wrinklecli.batch.cache import Cache
 from wrinklecli.batch.cache_keys import Parts, parts_of
 from wrinklecli.batch.job_files import JobFiles
 from wrinklecli.batch.jobs import BatchJob
+from wrinklecli.effects.flesh import kept, tissue
 
 PNG = b"\x89PNG skin"
 OWNED = b"OWNED"
@@ -524,3 +526,49 @@ def test_an_output_that_is_gone_again_is_not_kept(
     told = Batch(wrinkle).run()
     assert told["result"] == "built"
     assert "cannot be kept" in told["warnings"][-1]
+
+
+@pytest.mark.quick(4)
+def test_a_solved_region_of_flesh_is_taken_from_the_cache(
+    wrinkle: Wrinkle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A change of the springs solves nothing again; what is no solution is solved anew, with a warning."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(tissue, "NODES", 200)
+    Path("body.glb").write_bytes(body(keys=12, normals=False).glb())
+    Path("m.jsonl").write_text(json.dumps({"asset": "body.glb", "tools": "t.yaml", "out": "out.glb"}))
+    solved: list[int] = []
+    monkeypatch.setattr(kept, "solve", lambda *args: solved.append(1) or tissue.solve(*args))
+
+    def run(frequency: float) -> list[str]:
+        kept._kept.clear()
+        Path("t.yaml").write_text(json.dumps({"version": 1, "flesh": [region(frequency=frequency, shapes=3)]}))
+        ran = wrinkle("batch", "m.jsonl", "--cache", "c", "--report", "-")
+        assert ran.code == 0, ran.lines
+        return [line for line in json.loads(ran.out)["warnings"] if "shapes/" in line]
+
+    assert not run(3.0)
+    (entry,) = Path("c/shapes").glob("*/*")
+    sound, first = entry.read_bytes(), Path("out.glb").read_bytes()
+    assert not run(4.0)
+    assert len(solved) == 1
+    again = Path("out.glb").read_bytes()
+    assert again != first
+
+    forged = sound[32:].replace(b'"size": ', b'"size": -', 1)
+    damages = {
+        "is damaged: its content has another digest": sound[:-1],
+        "is not a solution of this region (its numbers": hashlib.sha256(forged).digest() + forged,
+        "is not a solution of this region": hashlib.sha256(b"{}").digest() + b"{}",
+        "has another digest": b"",
+    }
+    for number, (reason, data) in enumerate(damages.items(), start=2):
+        entry.write_bytes(data)
+        Path("out.glb").unlink()
+        shutil.rmtree("c/keys")
+        (line,) = run(4.0)
+        assert reason in line
+        assert line.endswith(": ignored")
+        assert len(solved) == number
+        assert Path("out.glb").read_bytes() == again
+        assert entry.read_bytes() == sound

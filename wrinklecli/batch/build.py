@@ -1,5 +1,6 @@
 """Bake one job by the function behind `wrinkle bake`, and track its other clips."""
 
+import hashlib
 import os
 from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager, suppress
@@ -11,10 +12,13 @@ from wrinklecli.baking.pipeline import bake
 from wrinklecli.baking.report import Report, as_json
 from wrinklecli.baking.timings import peak_memory
 from wrinklecli.baking.track import track
+from wrinklecli.batch.cache import Cache
+from wrinklecli.batch.cache_keys import program
 from wrinklecli.batch.job_files import path_in, protect
 from wrinklecli.batch.jobs import BatchJob, Outcome
 from wrinklecli.batch.staging import Staged
-from wrinklecli.errors import BakeError
+from wrinklecli.effects.flesh.kept import solutions_in
+from wrinklecli.errors import BakeError, WrinkleError
 from wrinklecli.files.outputs import Outputs
 from wrinklecli.gltf.files import path_beside, references
 from wrinklecli.numeric.memory import held
@@ -37,12 +41,42 @@ class Built:
     files: list[tuple[str, str, str]]
 
 
+@dataclass(frozen=True, slots=True)
+class Solutions:
+    """Solutions of regions of flesh in a cache, by this version of the program. Its faults become warnings."""
+
+    cache: Cache
+
+    def find(self, key: str, most: int) -> bytes | None:
+        """The solution of a key, of at most so many bytes; None if there is none."""
+        return self.cache.solution(_solution_name(key), most)
+
+    def keep(self, key: str, data: bytes) -> None:
+        """Keep a solution, if the cache can be written."""
+        try:
+            self.cache.keep_solution(_solution_name(key), data)
+        except WrinkleError as error:
+            self.cache.warnings += [line for line in error.lines if line not in self.cache.warnings]
+
+    def refuse(self, key: str, reason: str) -> None:
+        """Warn that what the cache has is not used."""
+        self.cache.refuse_solution(_solution_name(key), reason)
+
+
+def _solution_name(key: str) -> str:
+    return hashlib.sha256(f"{program()} {key}".encode()).hexdigest()
+
+
 def build(
-    here: Staged, open_outputs: Callable[[], AbstractContextManager[Outputs]], own: Iterable[tuple[str, str]]
+    here: Staged,
+    open_outputs: Callable[[], AbstractContextManager[Outputs]],
+    own: Iterable[tuple[str, str]],
+    solutions: Solutions,
 ) -> Built:
     """Bake a job and put its outputs into their local places; missing folders are made.
 
-    `own` has root and path of each file that the job wrote earlier and that nobody has changed since.
+    `own` has root and path of each file that the job wrote earlier and that nobody has changed since, `solutions` those
+    of regions of flesh.
 
     Raises:
         WrinkleError: `bake` or `track` fails. Then nothing of the bake is written; of the tracks, all or nothing.
@@ -51,7 +85,7 @@ def build(
     options = bake_options(job)
     _make_folders(here)
     _reset_peak_memory()
-    with held(options.max_memory):
+    with held(options.max_memory), solutions_in(solutions):
         with open_outputs() as outputs:
             protect(job, outputs)
             outputs.own(os.path.join(here.roots[root][1], path) for root, path in own)

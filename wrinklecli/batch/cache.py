@@ -3,6 +3,7 @@
     CACHEDIR.TAG            tells backup programs to skip the folder
     keys/ab/<key>.json      the record of a job: its files by digest, and its outcome
     files/ab/<digest>       the contents of the files
+    shapes/ab/<key>         a region of flesh as it was solved, for bakes that change no more than its springs
     outs/ab/<path>.json     the inputs of the output at a path, to say later what has changed
 
 Each file is written whole, and a record after the files that it names. Nothing in a cache is trusted: a record may name
@@ -27,11 +28,12 @@ from wrinklecli.batch.tables import refuse_constant
 from wrinklecli.errors import WrinkleError, shortened
 
 TAG = "CACHEDIR.TAG"
-ENTRIES = ("keys", "files", "outs")
+ENTRIES = ("keys", "files", "outs", "shapes")
 """The folders of a cache."""
 
 _VERSION = 2  # of a record
 _MAX_ENTRY = 2**23  # bytes of a record: the files of 60,000 frames
+_DIGEST_BYTES = 32  # of a SHA-256
 _LONGEST_REASON = 200  # characters of a warning, as an entry may have any text
 _DIGEST = re.compile(r"[0-9a-f]{64}")
 # Errors for an entry that is not there; some stores deny access to what is missing.
@@ -127,6 +129,27 @@ class Cache:
             self._path("keys", key), json.dumps({"cache": _VERSION, "files": kept, "said": asdict(said)}).encode()
         )
 
+    def solution(self, key: str, most: int) -> bytes | None:
+        """Read a solution of at most so many bytes by a digest of what it depends on; None if it is lost or damaged."""
+        try:
+            data = stores.read(self._path("shapes", key), most + _DIGEST_BYTES)
+        except OSError as error:
+            if not isinstance(error, _MISSING):
+                self.refuse_solution(key, f"cannot be read: {stores.reason_of(error)}")
+            return None
+        if hashlib.sha256(data[_DIGEST_BYTES:]).digest() == data[:_DIGEST_BYTES]:
+            return data[_DIGEST_BYTES:]
+        self.refuse_solution(key, "is damaged: its content has another digest")
+        return None
+
+    def keep_solution(self, key: str, data: bytes) -> None:
+        """Store a solution, behind its SHA-256."""
+        self._put(self._path("shapes", key), hashlib.sha256(data).digest() + data)
+
+    def refuse_solution(self, key: str, reason: str) -> None:
+        """Warn that a solution is not used."""
+        self._refuse("shapes", key, reason)
+
     def parts_of_output(self, out: str) -> Parts | None:
         """The inputs that the output at a path was made from, as last noted; they may be anything."""
         entry = self._read("outs", _name_of(out))
@@ -138,7 +161,7 @@ class Cache:
         self._put(self._path("outs", _name_of(out)), json.dumps({"out": out, "parts": parts}).encode())
 
     def _path(self, kind: str, name: str) -> str:
-        ending = "" if kind == "files" else ".json"
+        ending = ".json" if kind in ("keys", "outs") else ""
         return stores.join(self._place, f"{kind}/{name[:2]}/{name}{ending}")
 
     def _read(self, kind: str, name: str) -> dict[str, Any] | None:

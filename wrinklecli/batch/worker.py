@@ -116,12 +116,12 @@ def _run(here: Staged, cache: Cache, job: BatchJob, open_outputs: OpenOutputs) -
     fetched = _fetched(here, cache, job, parts, open_outputs)
     if fetched is not None:
         return fetched
-    from wrinklecli.batch.build import build  # imports numpy and all that a bake needs; a hit does without
+    from wrinklecli.batch.build import Solutions, build  # imports numpy and all that a bake needs; a hit does without
 
     before = cache.parts_of_output(job.out)
     reason = difference(before, parts)
     own = _own_files(here, cache, before)
-    built = build(here, open_outputs, own)
+    built = build(here, open_outputs, own, Solutions(cache))
     key = key_of(parts)
     outcome = replace(built.outcome, job=job, reason=reason, key=key)
     send(here, [(root, path) for root, path, _ in built.files], own)

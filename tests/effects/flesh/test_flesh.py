@@ -15,7 +15,7 @@ from kit.player import Gltf
 from truth.flesh import compare, trunk
 from wrinklecli.baking.track import track
 from wrinklecli.effects.flesh import tissue as tissue_module
-from wrinklecli.effects.flesh.tissue import swings_of
+from wrinklecli.effects.flesh.kept import swings_of
 from wrinklecli.errors import WrinkleError
 
 

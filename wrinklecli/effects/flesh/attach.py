@@ -8,8 +8,9 @@ import numpy as np
 
 from wrinklecli.drive.swing import GRAVITY, Mode, SwingDrive
 from wrinklecli.effects.effect import Moves
+from wrinklecli.effects.flesh.kept import swings_of
 from wrinklecli.effects.flesh.mask import softness_of
-from wrinklecli.effects.flesh.tissue import Body, NoFleshError, Place, Swings, swings_of
+from wrinklecli.effects.flesh.tissue import Body, NoFleshError, Place, Swings
 from wrinklecli.errors import BakeError, WrinkleError, listed, nearest
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, determinants, inverses, smoothstep
 from wrinklecli.numeric.nearest import nearest_of

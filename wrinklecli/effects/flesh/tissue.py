@@ -11,7 +11,6 @@ Character Animation*, SCCG 2005. Differs: that paper attaches springs to an offs
 fall off by distance; here, the weights are those of an elastic solid.
 """
 
-from collections import OrderedDict
 from dataclasses import dataclass
 from hashlib import blake2b
 from itertools import product
@@ -38,8 +37,6 @@ _PROBED = 14
 _PARTS = 3
 # Layers of cubes beyond the tissue into which its moves are continued, for skin that the cubes miss.
 _LAYERS = 3
-# Regions whose shapes are kept.
-_KEPT = 16
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,29 +116,23 @@ class NoFleshError(Exception):
     """A region has no tissue that could move."""
 
 
-_kept: "OrderedDict[bytes, Swings]" = OrderedDict()
+def solution_key(body: Body, place: Place, count: int) -> str:
+    """A digest of all that `solve` depends on, besides this program."""
+    digest = blake2b(digest_size=32)
+    softness = np.zeros(0) if place.softness is None else place.softness
+    for each in (body.positions, body.triangles, body.bones, place.at, np.array([place.radius, count]), softness):
+        # With shapes, as the numbers of two arrays in a row may be divided otherwise.
+        digest.update(f"{each.shape} {each.dtype.str} ".encode())
+        digest.update(np.ascontiguousarray(each).tobytes())
+    return digest.hexdigest()
 
 
-def swings_of(body: Body, place: Place, count: int) -> Swings:
-    """The `count` shapes in which a region swings; those of the last regions are kept.
+def solve(body: Body, place: Place, count: int) -> Swings:
+    """The `count` shapes in which a region swings.
 
     Raises:
         NoFleshError: Nothing of the region can move.
     """
-    digest = blake2b(digest_size=16)
-    softness = np.zeros(0) if place.softness is None else place.softness
-    for each in (body.positions, body.triangles, body.bones, place.at, np.array([place.radius, count]), softness):
-        digest.update(np.ascontiguousarray(each).tobytes())
-    key = digest.digest()
-    if key not in _kept:
-        _kept[key] = _solve(body, place, count)
-        if len(_kept) > _KEPT:
-            _kept.popitem(last=False)
-    _kept.move_to_end(key)
-    return _kept[key]
-
-
-def _solve(body: Body, place: Place, count: int) -> Swings:
     low, size, counts = _grid(body, place)
     tissue, known = _tissue(body, place, low, size, counts)
     modes = ritz_modes(tissue, count)

@@ -1,0 +1,136 @@
+"""Solutions of regions of flesh, kept by what they depend on: in this process, and in a store if a caller gives one.
+
+A solution depends on the region's geometry alone, so a change of frequency, damping or limit finds it again.
+"""
+
+import json
+from collections import OrderedDict
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Protocol
+
+import numpy as np
+
+from wrinklecli.effects.flesh.tissue import Body, Place, Swings, solution_key, solve
+from wrinklecli.numeric.elements import Tissue
+
+# Regions whose shapes this process keeps.
+_MOST = 16
+# Bytes of a stored solution at most: a grid of 100 nodes along each side and 9 shapes would take twice as much.
+_MOST_BYTES = 2**27
+# The arrays of a stored solution, in their order.
+_ARRAYS = {"low": "f8", "values": "f8", "loads": "f8", "speeds": "f8", "nodes": "i8", "fills": "f8",
+           "stiffnesses": "f8", "fixed": "?"}  # fmt: skip
+
+
+class Store(Protocol):
+    """A place for solutions that other processes share. Nothing that it gives back is trusted."""
+
+    def find(self, key: str, most: int) -> bytes | None:
+        """The solution of a key, of at most so many bytes; None if there is none."""
+        ...
+
+    def keep(self, key: str, data: bytes) -> None:
+        """Keep a solution."""
+        ...
+
+    def refuse(self, key: str, reason: str) -> None:
+        """Say why what `find` gave is not used."""
+        ...
+
+
+_store: ContextVar[Store | None] = ContextVar("_store", default=None)
+_kept: "OrderedDict[str, Swings]" = OrderedDict()
+
+
+@contextmanager
+def solutions_in(store: Store) -> Iterator[None]:
+    """Look solutions up in a store, and keep new ones there."""
+    token = _store.set(store)
+    try:
+        yield
+    finally:
+        _store.reset(token)
+
+
+def swings_of(body: Body, place: Place, count: int) -> Swings:
+    """The `count` shapes in which a region swings; those of the last regions are kept.
+
+    Raises:
+        NoFleshError: Nothing of the region can move.
+    """
+    key = solution_key(body, place, count)
+    if key not in _kept:
+        _kept[key] = _stored(key, count, lambda: solve(body, place, count))
+        if len(_kept) > _MOST:
+            _kept.popitem(last=False)
+    _kept.move_to_end(key)
+    return _kept[key]
+
+
+def _stored(key: str, count: int, solved: Callable[[], Swings]) -> Swings:
+    store = _store.get()
+    if store is None:
+        return solved()
+    data = store.find(key, _MOST_BYTES)
+    if data is not None:
+        try:
+            return _read(data, count)
+        except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
+            store.refuse(key, f"is not a solution of this region ({error})")
+    swings = solved()
+    store.keep(key, _written(swings))
+    return swings
+
+
+def _written(swings: Swings) -> bytes:
+    tissue = swings.tissue
+    parts = (swings.low, swings.values, swings.loads, swings.speeds, tissue.nodes, tissue.fills, tissue.stiffnesses,
+             tissue.fixed)  # fmt: skip
+    arrays = dict(zip(_ARRAYS, parts, strict=True))
+    head = {"size": swings.size, "cube": tissue.size, "shapes": {name: each.shape for name, each in arrays.items()}}
+    contents = [np.ascontiguousarray(each, f"<{_ARRAYS[name]}").tobytes() for name, each in arrays.items()]
+    return b"".join([json.dumps(head).encode(), b"\n", *contents])
+
+
+def _read(data: bytes, count: int) -> Swings:
+    """Read a stored solution.
+
+    Raises:
+        KeyError, TypeError, ValueError, OverflowError, RecursionError: It is none of so many shapes.
+    """
+    line, _, rest = data[:1000].partition(b"\n")
+    head, start = json.loads(line), len(line) + 1
+    if not isinstance(head, dict) or not rest:
+        raise ValueError("its head is none")
+    arrays = {}
+    for name, kind in _ARRAYS.items():
+        shape = tuple(head["shapes"][name])
+        if not all(type(each) is int and 0 < each < _MOST_BYTES for each in shape):
+            raise ValueError(f"{name} has the shape {shape}")
+        length = int(np.prod(shape, dtype=object)) * np.dtype(kind).itemsize
+        if start + length > len(data):
+            raise ValueError("it is cut off")
+        arrays[name] = np.frombuffer(data, f"<{kind}", length // np.dtype(kind).itemsize, start).reshape(shape)
+        start += length
+    values, nodes, fills, fixed = (arrays[name] for name in ("values", "nodes", "fills", "fixed"))
+    fitting = (
+        start == len(data)
+        and values.ndim == 5
+        and values.shape[4] == 3
+        and arrays["low"].shape == (3,)
+        and arrays["loads"].shape == (len(values), 3)
+        and arrays["speeds"].shape == (count,) == (len(values),)
+        and nodes.shape == (len(fills), 8)
+        and arrays["stiffnesses"].shape == fills.shape
+        and fixed.shape == (int(np.prod(values.shape[1:4])),)
+    )
+    numbers = [arrays[name] for name, kind in _ARRAYS.items() if kind == "f8"]
+    size, cube = float(head["size"]), float(head["cube"])
+    if not fitting or not all(np.isfinite(each).all() for each in (*numbers, np.array([size, cube]))):
+        raise ValueError("its parts do not fit")
+    if not (size > 0 and cube > 0 and (arrays["speeds"] > 0).all() and nodes.min() >= 0 and nodes.max() < len(fixed)):
+        raise ValueError("its numbers are none of a solution")
+    tissue = Tissue(nodes.astype(np.intp), fills, arrays["stiffnesses"], fixed, cube)
+    return Swings(arrays["low"], size, values, arrays["loads"], arrays["speeds"], tissue)
