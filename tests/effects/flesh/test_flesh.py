@@ -244,6 +244,11 @@ def test_clothes_move_with_the_skin_below() -> None:
     assert np.linalg.norm(moved[1] - moved[0][:, nearest], axis=2).max() < 0.35 * np.linalg.norm(moved[0], axis=2).max()
     assert not [each for each in report_of(file).data["warnings"] if "over it" in each]
     compare_with_three(file.path, "shirt", "jump", times[::5].tolist(), file.pose("shirt", "jump", times[::5]))
+    steps = {"times": (at := np.arange(60) / 60).tolist(), "elapsed": np.diff(at, prepend=-1 / 60).tolist()}
+    played = [drive(file.path, node=node, clip="jump", driver=True, **steps) for node in ("trunk", "shirt")]
+    assert played[0].keys() == played[1].keys()
+    for name, weights_of_skin in played[0].items():
+        assert np.array_equal(weights_of_skin, played[1][name]), name
 
 
 @pytest.mark.parametrize(
