@@ -164,6 +164,36 @@ def test_one_direction_takes_one_target(skin: Path) -> None:
     assert len(file.mesh("skin")["extras"]["targetNames"]) == 6
 
 
+def test_windows_beyond_the_border_have_no_target() -> None:
+    """At the border of a plate rings rise to three sides alone; the drive knows the targets that there are."""
+    asset = place(plate(size=0.12, cells=12))
+    file = baked(asset, touch(at=[0.056, 0.0, 0.0], towards=[0.0, 0.0, 0.0], wrinkles={"directions": 16}))
+    names = file.mesh("skin")["extras"]["targetNames"]
+    assert 10 < len(names) < 21
+    (stored,) = read_bodies(read_document(file.path))[0].drives
+    assert list(stored.targets) == names
+    _, moved = moves(file, (GRIP, 0.0, 0.0))
+    assert moved[:, 1].max() > 3e-4
+
+
+def test_mirrored_touches_are_mirror_images(skin: Path) -> None:
+    """Keys that slide the left one inwards slide the right one inwards too."""
+    left = touch(name="spot.L", at=[0.06, 0.0, 0.0], towards=[0.06, 0.0, 0.05], mirror="x", wrinkles={"directions": 6})
+    file = baked(skin, left)
+    weights = file.weights("skin", "drag", np.array([1.0]))[0]
+    names = file.mesh("skin")["extras"]["targetNames"]
+    means = [
+        sum(
+            weight * delta.sum(axis=0)
+            for name, weight, delta in zip(names, weights, file.deltas("skin"), strict=True)
+            if f"_{side}_" in name
+        )
+        for side in "LR"
+    ]
+    assert abs(means[0][0]) > 0.1
+    assert means[1] == pytest.approx(means[0] * [-1.0, 1.0, 1.0], rel=0.05, abs=0.01)
+
+
 def test_a_tool_behind_the_tip_sees_the_stretched_skin(skin: Path) -> None:
     """A tool whose ends lie before and in front of the pad is shortened by the slide."""
     tool = {"name": "fold", "origin": [0.02, 0, 0], "target": [0.06, 0, 0], "width": 0.03, "bumps": 2}

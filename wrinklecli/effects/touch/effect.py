@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from wrinklecli.character.rig import Rig
 from wrinklecli.drive.touch import TouchDrive
 from wrinklecli.effects.body import BodyEffect
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, targets_of
@@ -31,6 +32,10 @@ class TouchEffect(BodyEffect[AttachedTouch]):
         drive, columns = self.attached.drive, self.columns
         rings = columns[columns >= TouchDrive.slides] - TouchDrive.slides
         return replace(drive, windows=drive.windows[rings], targets=self.target_names)
+
+    def stored_weights(self, _rig: Rig) -> Floats:
+        """(targets,) zeros: nothing touches the stored pose."""
+        return np.zeros(len(self.target_names))
 
     @classmethod
     def count_targets(cls, effects: Sequence[Effect]) -> str:
