@@ -277,3 +277,13 @@ def test_a_coarse_limb_is_split_where_the_bulge_curves() -> None:
     assert found[8][1] > 40
     assert found[8][2] > 0
     assert found[48][2] == 0
+
+
+@pytest.mark.parametrize(("angle", "warned"), [(125.0, True), (25.0, False)])
+def test_a_bulge_that_passes_through_the_other_limb_is_warned_of(angle: float, warned: bool) -> None:
+    """A limb that folds onto itself: the line names the clip, the moment and the depth."""
+    file = bake_once(ARM(angle=angle, rings=31, sides=16), top={"muscles": [muscle(thickness="30%")]})
+    lines = [line for line in report_of(file).data["warnings"] if "passes through other skin" in line]
+    assert bool(lines) == warned
+    start = "biceps: passes through other skin in 'fold' at 1 s, which it lifts by up to 0."
+    assert all(line.startswith(start) for line in lines)

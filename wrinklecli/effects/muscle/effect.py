@@ -13,6 +13,7 @@ from wrinklecli.drive.segment import Lengths, Segment
 from wrinklecli.effects.body import BodyEffect
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, named_targets, targets_of
 from wrinklecli.effects.muscle.attach import AttachedMuscle
+from wrinklecli.effects.muscle.meeting import passes_through
 from wrinklecli.effects.muscle.volume import SHORTEST, THINNEST, ConstantVolume, weights_of
 from wrinklecli.effects.shapes import summed
 from wrinklecli.errors import counted
@@ -20,6 +21,10 @@ from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools, Floats, significant
 from wrinklecli.tools.records import in_axes
 
+# The section of the effects that keep skin apart.
+_CONTACT = "folds"
+# Part of a muscle's greatest bulge below which nobody sees that it passes through other skin.
+_LEAST_DEEP = 0.1
 # Change of a muscle's length over that at rest below which it does nothing that one would see.
 _LEAST_CHANGE = 1e-3
 
@@ -175,4 +180,26 @@ class MuscleEffect(BodyEffect[AttachedMuscle]):
                 f" {clip!r} at {at:.3g} s; below {100 * shortest / response.rest_length:.3g} % it gets no thicker, as"
                 " fibres shorten to half at most; an insertion nearer to the joint shortens less"
             )
+        warnings += self._meeting(plan, motions)
         return warnings
+
+    def _meeting(self, plan: MeshPlan, motions: Sequence[tuple[Motion, Any, Floats]]) -> list[str]:
+        """A warning about the clip in which the muscle is thickest, if it passes through other skin there."""
+        if any(layer.section == _CONTACT for layer in plan.layers):
+            return []
+        peaks = [
+            (float(np.where(state.active, state.distances, np.inf).min()), number)
+            for number, (_, state, _) in enumerate(motions)
+        ]
+        length, number = min(peaks, default=(np.inf, 0))
+        if not length < self.attached.response.rest_length:
+            return []
+        motion, state, _ = motions[number]
+        time = float(motion.times[int(np.argmin(np.where(state.active, state.distances, np.inf)))])
+        deep = passes_through(plan, self.attached, self.deltas, motion.clip, time)
+        if deep <= _LEAST_DEEP * self.attached.greatest_height:
+            return []
+        return [
+            f"{self.name}: passes through other skin in {motion.clip.name!r} at {time:.3g} s, which it lifts by up to"
+            f" {deep:.3g} there; a tool over the joint with `contact: resolve` keeps both apart, or a lower thickness"
+        ]

@@ -1,0 +1,51 @@
+"""The moment at which a muscle's bulge passes through other skin, as that of a biceps through a bent forearm."""
+
+import numpy as np
+
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.pose import joint_matrices, morph_weights
+from wrinklecli.character.skin import pose, prepare
+from wrinklecli.effects.effect import MeshPlan
+from wrinklecli.effects.muscle.attach import AttachedMuscle
+from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.intersections import Crossings
+
+# Distance from the insertion up to which a bulge may meet other skin, over the muscle's length: a forearm folds onto
+# the upper arm, which is about as long.
+_REACH = 1.5
+
+
+def passes_through(plan: MeshPlan, attached: AttachedMuscle, deltas: Floats, clip: Clip, time: float) -> float:
+    """How far a muscle moves skin, at most, that passes through other skin at a time, and does not without the muscle.
+
+    Args:
+        plan: The mesh.
+        attached: The muscle.
+        deltas: (targets, fine vertices, 3) its displacements at weight 1, bind space.
+        clip: A clip.
+        time: Seconds.
+
+    Returns:
+        Scene units; 0 if none does.
+    """
+    fine, rig, belly = plan.fine, plan.rig, attached.belly
+    near = ((fine.rest_positions - belly.insertion) ** 2).sum(axis=1) < (_REACH * belly.span) ** 2
+    chosen = np.flatnonzero(near)
+    moved = np.any(deltas[:, chosen], axis=(0, 2))
+    triangles = np.searchsorted(chosen, fine.triangles[near[fine.triangles].all(axis=1)])
+    weights = fine.dense_weights(chosen, len(rig.joints))
+    acting = np.flatnonzero(weights.any(axis=0))
+    skin = prepare(weights[:, acting], fine.positions[chosen], fine.morph_deltas[:, chosen])
+    now = np.array([time])
+    matrices, shown = joint_matrices(rig, clip, now, acting), morph_weights(rig, clip, now)
+    relaxed = shown.copy()
+    relaxed[:, [rig.morph_names.index(name) for name in attached.drive.targets]] = 0.0
+    flexed, flat = (pose(skin, matrices, each)[0][0].T for each in (shown, relaxed))
+    crossings = Crossings.of(fine.rest_positions[chosen], triangles)
+    before, after = (
+        set(zip(*(part.tolist() for part in crossings.at(each, counting=moved)), strict=True))
+        for each in (flat, flexed)
+    )
+    new = np.array(sorted(after - before), np.intp).reshape(-1, 2)
+    corners = np.concatenate([crossings.edges[new[:, 0]].ravel(), triangles[new[:, 1]].ravel()])
+    return float(np.sqrt(((flexed - flat)[corners] ** 2).sum(axis=1)).max(initial=0.0))
