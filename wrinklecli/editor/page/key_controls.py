@@ -43,6 +43,7 @@ GROUPS: Mapping[str, Mapping[str, Sequence[str]]] = {
         "Place": ("at", "towards", "mask", "node", "mirror", "optional"),
     },
 }
+_MAX_BELOW = 100.0  # of a muscle's length or a region's radius, likewise
 _OTHERS = "More"
 _WHOLE_PERCENTS = range(101)  # among which is the greatest one that a key may have
 # Keys that are set by the mouse on the mesh, by buttons, or clip by clip.
@@ -102,7 +103,11 @@ def key_controls(keys: Mapping[str, Schema] = TOOL_KEYS, list_key: str = "tools"
     groups = GROUPS[list_key]
     ordered = [key for group in groups.values() for key in group if key in keys]
     ordered += [key for key in keys if key not in ordered and key not in ELSEWHERE[list_key]]
-    return tuple(_control(key, keys[key], groups) for key in ordered)
+    controls = (_control(key, keys[key], groups) for key in ordered)
+    if list_key == "tools":
+        return tuple(controls)
+    # Nothing below the skin is longer than the muscle or the region itself.
+    return tuple(replace(each, high=_MAX_BELOW) if each.kind == "length" else each for each in controls)
 
 
 def _control(key: str, schema: Schema, groups: Mapping[str, Sequence[str]]) -> KeyControl:
