@@ -242,7 +242,7 @@ def read_touch(data: Json, nodes: Mapping[str, int], morph_names: Sequence[str])
     finite = all(np.isfinite(each).all() for each in (windows, rises, bend, *keys.values()))
     if not (positive and rising and finite) or len(targets) != TouchDrive.slides + len(windows):
         raise ValueError
-    if len(windows) and (not len(rises) or not (np.diff(rises[:, 0]) > 0).all()):
+    if not len(rises) or not (np.diff(rises[:, 0]) > 0).all():
         raise ValueError
     anchors = tuple(read_point(each, nodes, morph_names) for each in data["anchors"])
     tip = read_point(data["by"], nodes, morph_names) if "by" in data else None

@@ -164,6 +164,14 @@ def test_one_direction_takes_one_target(skin: Path) -> None:
     assert len(file.mesh("skin")["extras"]["targetNames"]) == 6
 
 
+def test_a_slide_without_rings(skin: Path) -> None:
+    file = baked(skin, {**touch(), "wrinkles": "none"})
+    assert len(file.mesh("skin")["extras"]["targetNames"]) == 5
+    positions, moved = moves(file, (0.0, GRIP, 0.0))
+    assert moved[np.linalg.norm(positions, axis=1) < PAD, 2].mean() == pytest.approx(-GRIP, rel=0.05)
+    assert not moved[:, 1].any()
+
+
 def test_windows_beyond_the_border_have_no_target() -> None:
     """At the border of a plate rings rise to three sides alone; the drive knows the targets that there are."""
     asset = place(plate(size=0.12, cells=12))

@@ -138,7 +138,7 @@ def _attach(tool: Touch, ground: Ground, settings: ToolsFile) -> AttachedTouch:
         deepest=deepest,
         release=Spring(2.0 * np.pi * tool.release.frequency, tool.release.damping),
         windows=np.zeros(0),
-        rises=np.zeros((0, 2)),
+        rises=np.array([[0.0, 0.0], [1.0, 1.0]]),
         targets=_names(tool, 0),
         keys={clip: np.array(keys) for clip, keys in tool.keys.items()},
         bend=_bend(fine, place),
