@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from kit.characters import CHARACTERS
 from kit.limb import LENGTH, RADIUS, limb
 from kit.samples import sample
 from kit.suggested import along, ends, middle, suggest_once
@@ -282,3 +283,12 @@ def test_suggestions_do_not_lie_on_one_another() -> None:
                 u, v = first.coordinates(place)
                 height = abs((place - first.origin.position) @ first.normal)
                 assert not (0.1 < u < 0.9 and abs(v) < 0.5 and height < 0.25 * first.span)
+
+
+@pytest.mark.quick(3)
+def test_a_skirt_over_both_legs_has_one_tool_across_its_middle(tmp_path: Path) -> None:
+    """A pair would overlap, and a tool of one thigh would fold half of a sheet that folds as a whole."""
+    asset = CHARACTERS["knight_tabard"]().write(tmp_path / "knight.glb")
+    (found,) = suggest(asset, node="Object.012").tools
+    assert (found.tool.name, found.mirrored) == ("thigh", False)
+    assert np.abs([end[0] for end in (found.tool.origin, found.tool.target)]).max() < 0.02 * found.span

@@ -32,7 +32,7 @@ from wrinklecli.surface.sites import Peaks, at_sites
 from wrinklecli.surface.strain import unscaled_pose
 from wrinklecli.surface.trace import find_segment
 from wrinklecli.tools.materials import Preset, presets
-from wrinklecli.tools.mirror import split_side
+from wrinklecli.tools.mirror import exchange_sides, split_side
 
 # Most regions of a mesh.
 _MOST_REGIONS = 50
@@ -53,6 +53,9 @@ _LEAST_MERIT = 1e-3
 _DIGITS: tuple[Part, ...] = ("finger", "toes")
 # Part of a site's skin weights from which a finger moves it.
 _LEAST_SHARE = 0.01
+# Part of a region that follows a joint's twin, over the part that follows the joint, from which it hangs over both: a
+# skirt's front has 0.7, though the fold lies a little on one side, and that of trousers next to nothing.
+_OF_TWIN = 0.5
 # Joints with a side that also wrinkle the skin between them and their twins: nobody raises one brow alone for long.
 _OF_BOTH_SIDES = re.compile("brow|forehead", re.IGNORECASE)
 
@@ -184,7 +187,7 @@ def _pose(mesh: MeasuredMesh, clip: Clip, time: float) -> _Pose:
 
 
 def _candidate(mesh: MeasuredMesh, seed: int, pose: _Pose, free: Bools, *, twin: bool) -> Candidate | None:
-    """The candidate around a seed; across x = 0 if it extends there and its driver has no side."""
+    """The candidate around a seed; across x = 0 if it extends there and its driver is not that of one side alone."""
     for across in (True, False):
         region = grow_region(mesh.sites, seed, pose.tensors, free, twin=twin, across=across)
         ends = None if region is None else find_segment(mesh.sites, region, [pose.positions])
@@ -193,9 +196,22 @@ def _candidate(mesh: MeasuredMesh, seed: int, pose: _Pose, free: Bools, *, twin:
         score = float(region.weights.sum()) * (_BURIED_SCORE if is_buried(mesh.sites, region) else 1.0)
         candidate = Candidate(mesh, region, pose.clip, pose.time, *ends, score)
         driver, by_morph = _driver_of(candidate)
-        if not region.on_plane or by_morph or not split_side(driver)[1] or _OF_BOTH_SIDES.search(driver):
+        if not region.on_plane or by_morph or _is_of_both_sides(candidate, driver):
             return replace(candidate, driver=driver, by_morph=by_morph)
     return None
+
+
+def _is_of_both_sides(candidate: Candidate, driver: str) -> bool:
+    """True if a joint has no side, or wrinkles what is between it and its twin.
+
+    A skirt hangs over both thighs: a tool of one thigh would lie on one half of a sheet that folds as a whole.
+    """
+    if not split_side(driver)[1] or _OF_BOTH_SIDES.search(driver):
+        return True
+    rig = candidate.mesh.rig
+    names = [rig.names[joint] for joint in rig.joints.tolist()]
+    weights = dict(zip(names, _joint_weights(candidate.mesh, candidate.region).tolist(), strict=True))
+    return bool(weights.get(exchange_sides(driver), 0.0) > _OF_TWIN * weights[driver])
 
 
 def _driver_of(candidate: Candidate) -> tuple[str, bool]:

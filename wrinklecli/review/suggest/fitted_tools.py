@@ -255,6 +255,8 @@ class _Search:
         """Fit a tool to a candidate with refined ends, as `_fit`; `apart` is True if it is clear of its twin."""
         mesh, region, driver = candidate.mesh, candidate.region, candidate.driver
         stem, side = stem_and_side(driver, candidate.part or "fold")
+        # A name with a side would say that the tool is one of a pair.
+        side = "" if region.on_plane else side
         bump_length = self.bump_lengths.get((mesh.rig.node, driver))
         if candidate.by_morph and region.on_plane:
             tool, lengths = (
