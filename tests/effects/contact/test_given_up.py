@@ -123,6 +123,19 @@ def test_wrinkles_are_lowered_beside_effects_that_act_before_them(
     assert 0.0 < fold["heights"]["crease"] < 1.0
 
 
+def test_a_line_says_that_wrinkles_of_a_patch_keep_their_height(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    few_steps(monkeypatch)
+    whole = {**TOOL, "name": "whole", "attachment": "patch"}
+    for tools, keeps in (([TOOL, whole], True), ([TOOL], False)):
+        file = write_tools(tmp_path / "tools.yaml", *(tool(**each, contact="resolve") for each in tools))
+        (line,) = (
+            line for line in wrinklecli.bake(folding_limb(), file, tmp_path / "out.glb").warnings if "contact" in line
+        )
+        assert line.endswith("; wrinkles with `attachment: patch` are not lowered: 'whole'") == keeps
+
+
 @pytest.mark.quick(1)
 @pytest.mark.parametrize("in_clip", [True, False])
 def test_a_fold_that_tears_is_given_up_in_its_own_motion_or_in_a_clip(
