@@ -676,7 +676,7 @@ def test_teeth_are_named_with_their_clip_and_time(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["wrist", "head", "head_keyed", "trousers"])
+@pytest.mark.parametrize("name", ["wrist", "head", "head_keyed", "trousers", "body"])
 def test_the_samples_have_no_teeth(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if name != "trousers":  # whose knees bend by more than 90°, and hide a few such triangles in the fold
         monkeypatch.setattr("wrinklecli.effects.wrinkle.turned._SEEN", 0.0)
