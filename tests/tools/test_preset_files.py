@@ -124,6 +124,15 @@ def test_with_external_a_file_may_be_elsewhere(tmp_path: Path) -> None:
     assert (found.tools[0].bumps, found.files_beside) == (2, (str(folder / "../studio.yaml"),))
 
 
+@pytest.mark.parametrize("kind", ["flesh", "touches"])
+def test_the_image_of_a_mask_is_known_whatever_it_masks(kind: str, tmp_path: Path) -> None:
+    path = tmp_path / "t.yaml"
+    sizes = {"flesh": "radius: 1", "touches": "pad: 1"}[kind]
+    path.write_text(f"version: 1\n{kind}:\n  - {{name: a, at: [0, 0, 0], {sizes}, mask: {{image: soft.png}}}}\n")
+    assert load_tools(path).files_beside == (str(tmp_path / "soft.png"),)
+    assert [*with_files_beside([path])] == [str(path), str(tmp_path / "soft.png")]
+
+
 @pytest.mark.parametrize(
     ("text", "named"),
     [
@@ -131,6 +140,7 @@ def test_with_external_a_file_may_be_elsewhere(tmp_path: Path) -> None:
         ("presets: [a.yaml, 5, '', {b: 1}, a.yaml]\n", ["a.yaml"]),
         ("presets: {felt: {mask: {image: a.png}}, thin: 5}\ndefaults: {mask: {image: b.png}}\n", ["b.png", "a.png"]),
         ("tools: [{mask: {image: a.png}}, 5, {mask: none}]\n", ["a.png"]),
+        ("flesh: [{mask: {image: a.png}}]\ntouches: [{mask: {image: b.png}}]\n", ["a.png", "b.png"]),
         ('"pre\\x73ets": a.yaml\n', ["a.yaml"]),
         ("[presets]\n", []),
         ("presets: [\n", []),

@@ -77,9 +77,10 @@ def _named(value: Any) -> Iterator[Any]:
     """Names of files that a tools file gives, which may be anything."""
     if not isinstance(value, dict):
         return
-    presets, tools = value.get("presets"), value.get("tools")
+    presets = value.get("presets")
     yield from presets if isinstance(presets, list) else [presets]
     entries = presets.values() if isinstance(presets, dict) else ()
-    for holder in (value.get("defaults"), *entries, *(tools if isinstance(tools, list) else ())):
+    effects = (each for listed in value.values() if isinstance(listed, list) for each in listed)
+    for holder in (value.get("defaults"), *entries, *effects):
         mask = holder.get("mask") if isinstance(holder, dict) else None
         yield mask.get("image") if isinstance(mask, dict) else None

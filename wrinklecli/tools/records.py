@@ -773,7 +773,7 @@ class ToolsFile:
     @property
     def files_beside(self) -> tuple[str, ...]:
         """The paths of the images that the enabled effects name, and of the files of presets."""
-        masks = (tool.mask for tool in self.tools)
+        masks = (getattr(each, "mask", None) for each in self.effects)
         images = (mask.path for mask in masks if isinstance(mask, MaskImage))
         return tuple(dict.fromkeys([*images, *self.preset_files]))
 
