@@ -7,23 +7,21 @@ Needs the extra `preview`.
 
 import json
 import sys
-import tempfile
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 import yaml
-from PIL import Image, ImageSequence
 
 from _body import jump, make_body, shake
 from _gltf import Character, to_glb
-from wrinklecli import BakeOptions, PreviewOptions, bake, preview
+from _panels import Frames, frames_of, run, save_panels
+from wrinklecli import BakeOptions, PreviewOptions, bake
 
 HERE = Path(__file__).resolve().parent
 TOOLS = HERE.parent / "configs" / "body.yaml"
 CHEEKS = {"name": "cheek.L", "at": [0.046, 1.605, 0.071], "radius": 0.045, "frequency": 6, "mirror": "x"}
 FPS = 15
-COLUMNS = 2
 
 
 class Panel(NamedTuple):
@@ -54,10 +52,9 @@ def asset_of(picture: str) -> tuple[Character, list[dict[str, object]]]:
     return (body, []) if picture == "body" else (replace(body, clips=(jump(), shake())), [CHEEKS])
 
 
-def frames_of(assets: tuple[Path, Path], picture: str, number: int) -> list[Image.Image]:
+def panel_of(assets: tuple[Path, Path], picture: str, number: int) -> Frames:
     """The frames of a panel: the body as it was made and baked, side by side."""
     panel = PANELS[picture][number]
-    out = assets[0].with_name(f"panel_{number}.webp")
     options = PreviewOptions(
         clips=(panel.clip,),
         fps=FPS,
@@ -68,9 +65,7 @@ def frames_of(assets: tuple[Path, Path], picture: str, number: int) -> list[Imag
         size=SIZES[picture],
         labels=LABELS[picture],
     )
-    preview(assets, out, options)
-    with Image.open(out) as drawn:
-        return [frame.convert("RGB") for frame in ImageSequence.Iterator(drawn)]
+    return frames_of(assets, assets[0].with_name(f"panel_{number}.webp"), options)
 
 
 def main(out: Path, folder: Path) -> None:
@@ -83,24 +78,9 @@ def main(out: Path, folder: Path) -> None:
     tools.write_text(json.dumps(settings), encoding="utf-8")
     for warning in bake(asset, tools, baked, BakeOptions()).warnings:
         print(warning)
-    panels = [frames_of((asset, baked), out.stem, number) for number in range(len(PANELS[out.stem]))]
-    wide, high = panels[0][0].size
-    pictures = []
-    for number in range(min(map(len, panels))):
-        picture = Image.new("RGB", (COLUMNS * wide, -(-len(panels) // COLUMNS) * high))
-        for place, frames in enumerate(panels):
-            picture.paste(frames[number], (place % COLUMNS * wide, place // COLUMNS * high))
-        pictures.append(picture)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    pictures[0].save(
-        out, save_all=True, append_images=pictures[1:], duration=round(1000 / FPS), loop=0, quality=75, method=4
-    )
+    panels = [panel_of((asset, baked), out.stem, number) for number in range(len(PANELS[out.stem]))]
+    save_panels(panels, out, fps=FPS, quality=75)
 
 
 if __name__ == "__main__":
-    target = Path(sys.argv[1]) if len(sys.argv) > 1 else HERE / "pictures" / "body.webp"
-    if len(sys.argv) > 2:
-        main(target, Path(sys.argv[2]))
-    else:
-        with tempfile.TemporaryDirectory() as name:
-            main(target, Path(name))
+    run(main, sys.argv[1:], HERE / "pictures" / "body.webp")

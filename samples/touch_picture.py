@@ -9,18 +9,18 @@ import io
 import json
 import struct
 import sys
-import tempfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PIL import Image, ImageSequence
+from PIL import Image
 
 from _gltf import Character, Clip, Joint, to_glb
+from _panels import frames_of, run, save_panels
 from _shapes import Builder, Floats, smoothstep
 from make_samples import make_wrist
-from wrinklecli import BakeOptions, PreviewOptions, bake, preview
+from wrinklecli import BakeOptions, PreviewOptions, bake
 
 HERE = Path(__file__).resolve().parent
 AT = (0.042, 0.0178, 0.0)
@@ -133,27 +133,9 @@ def main(out: Path, folder: Path) -> None:
             options = PreviewOptions(
                 clips=("drag",), fps=FPS, views=(view,), focus=(0.045, 0.015, 0.0), radius=0.034, size=SIZE
             )
-            drawn = folder / f"{name}_{number}.webp"
-            preview([baked], drawn, options)
-            with Image.open(drawn) as picture:
-                panels.append([frame.convert("RGB") for frame in ImageSequence.Iterator(picture)])
-    wide, high = panels[0][0].size
-    pictures = []
-    for frames in zip(*panels, strict=True):
-        picture = Image.new("RGB", (2 * wide, 2 * high))
-        for place, frame in enumerate(frames):
-            picture.paste(frame, (place % 2 * wide, place // 2 * high))
-        pictures.append(picture)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    pictures[0].save(
-        out, save_all=True, append_images=pictures[1:], duration=round(1000 / FPS), loop=0, quality=70, method=4
-    )
+            panels.append(frames_of([baked], folder / f"{name}_{number}.webp", options))
+    save_panels(panels, out, fps=FPS, quality=70)
 
 
 if __name__ == "__main__":
-    target = Path(sys.argv[1]) if len(sys.argv) > 1 else HERE / "pictures" / "touch.webp"
-    if len(sys.argv) > 2:
-        main(target, Path(sys.argv[2]))
-    else:
-        with tempfile.TemporaryDirectory() as folder_name:
-            main(target, Path(folder_name))
+    run(main, sys.argv[1:], HERE / "pictures" / "touch.webp")

@@ -1,7 +1,8 @@
 """A region: the part of a surface that an effect deforms, and how finely its triangles must be split."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 
@@ -92,6 +93,52 @@ class Region(Protocol):
 
         (vertices, 3) `places` are world positions in `pose`.
         """
+
+
+class SmoothRegion(ABC):
+    """What regions share whose displacement is smooth: no furrows, no features, and nothing at their whole border."""
+
+    __slots__ = ()
+
+    anchors: ClassVar[Sequence[Anchor]] = ()
+    projected: ClassVar[bool] = False
+    mask: ClassVar[None] = None
+    height: float
+
+    @property
+    def nominal_height(self) -> float:
+        """Greatest displacement, scene units."""
+        return self.height
+
+    @property
+    def greatest_height(self) -> float:
+        """Greatest displacement, scene units."""
+        return self.height
+
+    def bowed(self, u: Floats, _v: Floats) -> Floats:
+        """(…,) u itself."""
+        return u
+
+    def stretched(self, u: Floats, _v: Floats) -> Floats:
+        """(…,) u itself."""
+        return u
+
+    @property
+    def furrows(self) -> Floats:
+        """None: edges are equally short everywhere."""
+        return np.zeros(0)
+
+    @abstractmethod
+    def share(self, u: Floats, v: Floats, cosines: Floats) -> Floats:
+        """(…,) fractions of the greatest displacement."""
+
+    def presence(self, u: Floats, v: Floats, cosines: Floats) -> Floats:
+        """(…,) as `share`, which fades in all directions."""
+        return self.share(u, v, cosines)
+
+    def left(self, _subdivision: Subdivision, _vertices: Ints, _places: Floats) -> Floats | None:
+        """None: no features are looked for."""
+        return None
 
 
 def members_of(regions: Sequence[Region], count: int) -> Bools:

@@ -33,7 +33,7 @@ class FleshEffect(BodyEffect[AttachedFlesh]):
 
     @property
     def max_error(self) -> float | None:
-        """What the tools file allows this region; None if it says nothing."""
+        """The error that the tools file allows this region; None if it says nothing."""
         asked = self.attached.tool.max_error
         return None if asked == "auto" else max(asked.resolve(self.attached.limit), _LEAST_ERROR * self.attached.limit)
 

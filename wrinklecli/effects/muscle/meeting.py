@@ -16,7 +16,7 @@ _REACH = 1.5
 
 
 def passes_through(plan: MeshPlan, attached: AttachedMuscle, deltas: Floats, clip: Clip, time: float) -> float:
-    """How far a muscle moves skin, at most, that passes through other skin at a time, and does not without the muscle.
+    """The farthest that a muscle moves skin that passes through other skin at a time, and does not without the muscle.
 
     Args:
         plan: The mesh.

@@ -3,7 +3,6 @@
 The bulge curves along the muscle and round the limb: the skin is a region twice, once for each.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -11,9 +10,8 @@ import numpy as np
 
 from wrinklecli.effects.muscle.shapes import Belly, bell, spindle
 from wrinklecli.numeric.arrays import Floats, Ints
-from wrinklecli.numeric.subdivide import Subdivision
-from wrinklecli.surface.anchor import Anchor
 from wrinklecli.surface.ground import Ground
+from wrinklecli.surface.region import SmoothRegion
 from wrinklecli.surface.rest import Rest
 
 # Equal intervals along the belly, and round it, with two edges each by default: straight edges then miss the bulge by
@@ -22,7 +20,7 @@ _INTERVALS = 4.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Bulge:
+class Bulge(SmoothRegion):
     """The skin above a belly, with u along the muscle or round the limb.
 
     Attributes:
@@ -39,9 +37,6 @@ class Bulge:
     pose: Rest
     turned: bool = False
 
-    anchors: ClassVar[Sequence[Anchor]] = ()
-    projected: ClassVar[bool] = False
-    mask: ClassVar[None] = None
     intervals: ClassVar[float] = _INTERVALS
 
     @property
@@ -62,16 +57,6 @@ class Bulge:
     def _width(self) -> float:
         return 2.0 * self.belly.widest * self.belly.depth
 
-    @property
-    def nominal_height(self) -> float:
-        """Greatest displacement, scene units."""
-        return self.height
-
-    @property
-    def greatest_height(self) -> float:
-        """Greatest displacement, scene units."""
-        return self.height
-
     def coordinates(self, positions: Floats) -> tuple[Floats, Floats]:
         """(…,) u from 0 to 1 and v from -1 to 1 of (…, 3) world positions at rest."""
         belly = self.belly
@@ -84,31 +69,10 @@ class Bulge:
         """(…,) ones: the other side of the limb is farther round than the skin follows."""
         return np.ones(np.shape(u))
 
-    def bowed(self, u: Floats, _v: Floats) -> Floats:
-        """(…,) u itself."""
-        return u
-
-    def stretched(self, u: Floats, _v: Floats) -> Floats:
-        """(…,) u itself."""
-        return u
-
-    @property
-    def furrows(self) -> Floats:
-        """None: a belly is smooth."""
-        return np.zeros(0)
-
     def share(self, u: Floats, v: Floats, _cosines: Floats) -> Floats:
         """(…,) fractions of the displacement along the muscle and round the limb."""
         along, aside = ((v + 1.0) / 2.0, 2.0 * u - 1.0) if self.turned else (u, v)
         return np.asarray(spindle(along, 0.0, 1.0) * bell(aside))
-
-    def presence(self, u: Floats, v: Floats, cosines: Floats) -> Floats:
-        """(…,) as `share`, which fades in all directions."""
-        return self.share(u, v, cosines)
-
-    def left(self, _subdivision: Subdivision, _vertices: Ints, _places: Floats) -> Floats | None:
-        """None: no features are looked for."""
-        return None
 
 
 def bulges_on(ground: Ground, belly: Belly, heights: Floats) -> tuple[Bulge, Bulge]:

@@ -3,16 +3,13 @@
 Rings curve, so edges must be short along two axes: the disc is a region twice, once for each.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 
 from wrinklecli.effects.touch.skin import Place
 from wrinklecli.numeric.arrays import Floats, Ints, smoothstep, unit
-from wrinklecli.numeric.subdivide import Subdivision
-from wrinklecli.surface.anchor import Anchor
+from wrinklecli.surface.region import SmoothRegion
 from wrinklecli.surface.rest import Rest
 
 # Part of the radius from which on the displacement fades to the disc's border.
@@ -22,7 +19,7 @@ _FACING = (0.2, 0.6)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Disc:
+class Disc(SmoothRegion):
     """A disc of skin, with u along an axis of its tangent plane.
 
     Attributes:
@@ -43,10 +40,6 @@ class Disc:
     pose: Rest
     turned: bool = False
 
-    anchors: ClassVar[Sequence[Anchor]] = ()
-    projected: ClassVar[bool] = False
-    mask: ClassVar[None] = None
-
     @property
     def both(self) -> "tuple[Disc, Disc]":
         """The disc, once for each axis."""
@@ -62,16 +55,6 @@ class Disc:
         """The radius."""
         return self.radius
 
-    @property
-    def nominal_height(self) -> float:
-        """Greatest displacement, scene units."""
-        return self.height
-
-    @property
-    def greatest_height(self) -> float:
-        """Greatest displacement, scene units."""
-        return self.height
-
     def coordinates(self, positions: Floats) -> tuple[Floats, Floats]:
         """(…,) u from 0 to 1 along the axis and v across, of (…, 3) world positions at rest."""
         relative = (positions - self.place.at) / self.radius
@@ -84,33 +67,12 @@ class Disc:
         found: Floats = normals @ self.place.axes[2]
         return found
 
-    def bowed(self, u: Floats, _v: Floats) -> Floats:
-        """(…,) u itself."""
-        return u
-
-    def stretched(self, u: Floats, _v: Floats) -> Floats:
-        """(…,) u itself."""
-        return u
-
-    @property
-    def furrows(self) -> Floats:
-        """None: edges are short everywhere."""
-        return np.zeros(0)
-
     def share(self, u: Floats, v: Floats, cosines: Floats) -> Floats:
         """(…,) fractions of the displacement: 1 in the disc, fading at its border and where the skin turns away."""
         apart = np.hypot(2.0 * u - 1.0, v)
         low, high = _FACING
         facing = smoothstep(np.clip((cosines - low) / (high - low), 0.0, 1.0))
         return np.asarray(smoothstep(np.clip((1.0 - apart) / (1.0 - _RIM), 0.0, 1.0)) * facing)
-
-    def presence(self, u: Floats, v: Floats, cosines: Floats) -> Floats:
-        """(…,) as `share`, which fades in all directions."""
-        return self.share(u, v, cosines)
-
-    def left(self, _subdivision: Subdivision, _vertices: Ints, _places: Floats) -> Floats | None:
-        """None: no features are looked for."""
-        return None
 
 
 def disc_on(rest: Rest, place: Place, radius: float, intervals: float, height: float, still: Floats) -> Disc:

@@ -68,7 +68,7 @@ class Place:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hold:
-    """How the coarse skin of a body is held.
+    """The hold on the coarse skin of a body.
 
     Attributes:
         tethers: (vertices,) as a `Membrane` has them.
