@@ -568,7 +568,7 @@ def test_muscles_are_edited_as_tools_are(session: Session) -> None:
     muscle = next(each for each in session.tools() if each.name == name)
     assert (muscle.list_key, muscle.keys["tendon"].value, muscle.keys["tendon"].source) == (
         "muscles",
-        "22%",
+        "40%",
         "built-in",
     )
     assert muscle.length == pytest.approx(0.95, rel=0.1)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from wrinklecli.character.pose import blend, joint_matrices, transform
 from wrinklecli.character.rig import Rig, read_hierarchy, read_rig
-from wrinklecli.character.surface import Surface, Vertices, dense_influences, read_vertices
+from wrinklecli.character.surface import Surface, Vertices, dense_influences, read_all_triangles, read_vertices
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values
 
@@ -76,13 +76,36 @@ class Neighbours:
         Raises:
             AssetError: A mesh or a skin is malformed.
         """
+        for number in self._meeting(node, low, high):
+            yield int(self._nodes[number]), self._shown[number].posed()
+
+    def triangles_near(self, node: int, low: Floats, high: Floats) -> Iterator[Floats]:
+        """(triangles, 3, 3) world corners of each other node's mesh that may reach into a box of (3,) bounds.
+
+        Raises:
+            AssetError: A mesh or a skin is malformed.
+        """
+        for number in self._meeting(node, low, high):
+            if number not in self._corners:
+                shown = self._shown[number]
+                triangles = read_all_triangles(self._document, shown.rig, shown.vertices)
+                self._corners[number] = shown.posed()[triangles]
+            yield self._corners[number]
+
+    def _meeting(self, node: int, low: Floats, high: Floats) -> list[int]:
+        """The numbers of other nodes whose meshes may reach into a box."""
         if len(self._nodes) < 2:
-            return
+            return []
         boxes = self._boxes
         slack = _ROUNDING * np.abs(boxes).max(axis=(1, 2))[:, None]
         meets = ((boxes[:, 0] - slack <= high) & (boxes[:, 1] + slack >= low)).all(axis=1) & (self._nodes != node)
-        for number in np.flatnonzero(meets).tolist():
-            yield int(self._nodes[number]), self._shown[number].posed()
+        found: list[int] = np.flatnonzero(meets).tolist()
+        return found
+
+    @cached_property
+    def _corners(self) -> dict[int, Floats]:
+        """The triangles of meshes that were asked for: many muscles may ask."""
+        return {}
 
     @cached_property
     def _shown(self) -> list[_Shown]:

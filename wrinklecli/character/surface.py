@@ -83,15 +83,10 @@ def read_surface(document: Document, rig: Rig) -> Surface:
     """
     vertices = read_vertices(document, rig)
     primitives = document.items("meshes")[rig.mesh]["primitives"]
-    counts = np.diff(vertices.starts)
-    where = document.where("meshes", rig.mesh)
-    parts = [
-        read_triangles(document, primitive, int(count), f"{where}/primitives/{index}") + start
-        for index, (primitive, count, start) in enumerate(zip(primitives, counts, vertices.starts[:-1], strict=True))
-    ]
+    parts = _triangle_parts(document, rig, vertices)
     corners = np.concatenate(parts)
     if not len(corners):
-        raise AssetError("has no triangles", where=where)
+        raise AssetError("has no triangles", where=document.where("meshes", rig.mesh))
     weld, firsts, twins = _weld(vertices, _places(document, primitives, vertices.positions))
     return Surface(
         positions=vertices.positions[firsts],
@@ -294,6 +289,26 @@ def read_triangles(document: Document, primitive: Json, count: int, where: str) 
         return np.stack([second, third, np.broadcast_to(indices[0], second.shape)], axis=1)
     odd = np.arange(len(first)) % 2 == 1
     return np.stack([first, np.where(odd, third, second), np.where(odd, second, third)], axis=1)
+
+
+def read_all_triangles(document: Document, rig: Rig, vertices: "Vertices") -> Ints:
+    """Read the (triangles, 3) glTF vertices of the triangles of a rig's mesh, which has none perhaps.
+
+    Raises:
+        AssetError: An index is malformed.
+    """
+    return np.concatenate(_triangle_parts(document, rig, vertices))
+
+
+def _triangle_parts(document: Document, rig: Rig, vertices: "Vertices") -> list[Ints]:
+    """The (triangles, 3) glTF vertices of each primitive's triangles."""
+    primitives = document.items("meshes")[rig.mesh]["primitives"]
+    counts = np.diff(vertices.starts)
+    where = document.where("meshes", rig.mesh)
+    return [
+        read_triangles(document, primitive, int(count), f"{where}/primitives/{index}") + start
+        for index, (primitive, count, start) in enumerate(zip(primitives, counts, vertices.starts[:-1], strict=True))
+    ]
 
 
 def _places(document: Document, primitives: list[Json], positions: Floats) -> Floats:

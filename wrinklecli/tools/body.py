@@ -48,6 +48,10 @@ from wrinklecli.tools.records import (
 AUTO_LENGTH = expects(f"auto, {LENGTHS}", anyOf=[{"enum": ["auto"]}, LENGTH])
 
 
+TENDONS = "40%"
+"""Tendons over a muscle's length: the belly of a biceps fills six tenths of its way from shoulder to radius."""
+
+
 def read_auto_length(value: Any) -> Literal["auto"] | Length:
     """A length, or `auto`."""
     return "auto" if value == "auto" else parse_length(value)
@@ -168,15 +172,17 @@ class Muscle(BodyEffect):
     )
     thickness: Literal["auto"] | Length = key(
         AUTO_LENGTH,
-        "Thickness of the belly at rest: a length or a percentage of the muscle. Default auto: 42 % of the way from "
+        "Thickness of the belly at rest: a length or a percentage of the muscle. Default auto: 84 % of the way from "
         "bone to skin.",
         "auto",
         read=read_auto_length,
     )
     tendon: Length = key(
-        LENGTH, "Length of both tendons, which do not shorten: a length or a percentage. Default 22%.", "22%",
+        LENGTH,
+        "Length of both tendons, which do not shorten: a length or a percentage. Default 40%, as of a biceps.",
+        TENDONS,
         read=parse_length,
-    )  # fmt: skip
+    )
     width: Literal["auto"] | Length = key(
         AUTO_LENGTH,
         "Width over which the skin follows, around the limb: a length or a percentage. Default auto: from the limb's "

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wrinklecli.character.carried import CarriedPoint
-from wrinklecli.character.pose import node_matrices
+from wrinklecli.character.pose import joint_matrices, node_matrices
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.drive import Drive
 from wrinklecli.drive.segment import RestLength, Segment, Tension
@@ -18,7 +18,7 @@ from wrinklecli.effects.muscle.region import Bulge, bulges_on
 from wrinklecli.effects.muscle.shapes import Belly, RefinedSkin, displaced, modes_of
 from wrinklecli.effects.muscle.volume import ACTIVATION, FULLEST, ConstantVolume
 from wrinklecli.errors import BakeError, WrinkleError, listed, nearest
-from wrinklecli.numeric.arrays import Floats, determinants, unit
+from wrinklecli.numeric.arrays import Floats, determinants, singular, unit
 from wrinklecli.numeric.nearest import distances_along
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.refine import Refinement
@@ -39,6 +39,9 @@ _FARTHEST = 1.5
 _TRAVEL_SHARE = 0.5
 # Distance of an end below a place on the skin from its bone, over that of the skin: in the middle of the flesh.
 _DEPTH = 0.45
+# Distance of another mesh from the bone, over that of the skin above the belly, from which on it is the body below
+# clothes: nearer, it is a bone, which fills a quarter of an arm.
+_INNER = 1.0 / 3.0
 # Distance of a muscle's ends over the mesh's size below which they are one point.
 _LEAST_SPAN = 1e-9
 
@@ -53,6 +56,7 @@ class AttachedMuscle:
         bones: The nodes that carry its ends, origin first.
         bone: The node whose bone the belly lies along.
         depth: Distance from that bone to the skin above the belly, scene units.
+        room: The same to the innermost mesh there: the body's, where this mesh is clothing.
         drive: Its length, and the weights of its targets.
         deltas: (targets, vertices, 3) displacements of the coarse surface at weight 1, bind space.
         heights: (vertices,) greatest displacements of the coarse surface, scene units.
@@ -64,6 +68,7 @@ class AttachedMuscle:
     bones: tuple[int, int]
     bone: int
     depth: float
+    room: float
     drive: Drive
     deltas: Floats
     heights: Floats
@@ -212,7 +217,8 @@ def _attach(muscle: Muscle, ground: Ground, bones: Bones) -> AttachedMuscle:
             f" and {found} that bone",
             where=muscle.where,
         )
-    thickness = _resolved(muscle.thickness, _THICKNESS * depth, span)
+    room = _room(ground, bones.nodes[bone], foot, side, depth)
+    thickness = _resolved(muscle.thickness, _THICKNESS * room, span)
     if thickness > 2.0 * depth:
         raise BakeError(
             f"is {thickness:.4g} thick, where bone and skin are {depth:.4g} apart; at most twice that fits",
@@ -241,7 +247,33 @@ def _attach(muscle: Muscle, ground: Ground, bones: Bones) -> AttachedMuscle:
     names = tuple(f"wrinkle_{muscle.identifier}_{number + 1}" for number in range(len(deltas)))
     drive = Drive(muscle.name, segment, names, response)
     regions = bulges_on(ground, belly, heights)
-    return AttachedMuscle(muscle, belly, ends, bones.nodes[bone], depth, drive, deltas, heights, regions)
+    return AttachedMuscle(muscle, belly, ends, bones.nodes[bone], depth, room, drive, deltas, heights, regions)
+
+
+def _room(ground: Ground, bone: int, foot: Floats, side: Floats, depth: float) -> float:
+    """The distance from a point of a bone to the innermost mesh on a side: clothes lie over the body of another node.
+
+    Args:
+        ground: The mesh that the muscle moves.
+        bone: The joint that carries the bone.
+        foot: (3,) the point.
+        side: (3,) unit vector.
+        depth: Distance to this mesh.
+    """
+    rig, rest = ground.rig, ground.rest
+    joint = np.flatnonzero(rig.joints == bone)[:1]
+    # The other meshes are in the stored pose, to which the bone carries the ray.
+    stored = joint_matrices(rig, None, np.zeros(1), joint)[0, 0]
+    if singular(np.stack([stored, rest.matrices[joint[0]]])[:, :3, :3]).any():
+        return depth
+    turn = stored @ np.linalg.inv(rest.matrices[joint[0]])
+    start, ray = turn[:3, :3] @ foot + turn[:3, 3], turn[:3, :3] @ (depth * side)
+    ends = np.stack([start, start + ray])
+    room = 1.0
+    for corners in ground.neighbours.triangles_near(rig.node, ends.min(axis=0), ends.max(axis=0)):
+        met = distances_along(start, ray, corners)
+        room = float(met[met > _INNER].min(initial=room))
+    return room * depth
 
 
 def _modes(muscle: Muscle, belly: Belly, ground: Ground) -> tuple[Floats, Floats]:

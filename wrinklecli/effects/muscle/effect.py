@@ -34,10 +34,12 @@ class MuscleEffect(BodyEffect[AttachedMuscle]):
     """One muscle's morph targets. Its states are `Lengths`.
 
     Attributes:
+        height: The largest move of the skin at the greatest thickness, scene units.
         gained: Volume that the skin gains at the greatest thickness, cubic scene units.
         split: The response with a further target, so that no weight is below 0; None if weights may be.
     """
 
+    height: float
     gained: float
     split: ConstantVolume | None = None
 
@@ -116,7 +118,7 @@ class MuscleEffect(BodyEffect[AttachedMuscle]):
             "thickness": significant(attached.belly.thickness),
             "width": significant(attached.belly.width),
             "depth": significant(attached.depth),
-            "height_limit": significant(attached.greatest_height),
+            "height_limit": significant(self.height),
             "volume_gained": significant(self.gained),
             "moved_vertices": int(np.any(self.deltas, axis=(0, 2)).sum()),
             "targets": list(self.target_names),
@@ -141,7 +143,7 @@ class MuscleEffect(BodyEffect[AttachedMuscle]):
     @property
     def _height_of_thickness(self) -> float:
         """The largest move of the skin for one more thickness, scene units."""
-        return self.attached.greatest_height / (float(self.attached.response.knots[-1]) - 1.0)
+        return self.height / (float(self.attached.response.knots[-1]) - 1.0)
 
     @property
     def _volume_of_thickness(self) -> float:
@@ -197,7 +199,7 @@ class MuscleEffect(BodyEffect[AttachedMuscle]):
         motion, state, _ = motions[number]
         time = float(motion.times[int(np.argmin(np.where(state.active, state.distances, np.inf)))])
         deep = passes_through(plan, self.attached, self.deltas, motion.clip, time)
-        if deep <= _LEAST_DEEP * self.attached.greatest_height:
+        if deep <= _LEAST_DEEP * self.height:
             return []
         return [
             f"{self.name}: passes through other skin in {motion.clip.name!r} at {time:.3g} s, which it lifts by up to"

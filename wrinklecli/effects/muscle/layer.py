@@ -42,7 +42,7 @@ class MuscleLayer(BodyLayer[AttachedMuscle]):
         chosen = np.linspace(len(knots) - 1, 0, min(_FIT_KNOTS, len(knots))).astype(int)
         identifier = attached.tool.identifier
         targets = body_targets(plan, identifier, deltas, knots[chosen])
-        return MuscleEffect(identifier, targets, attached, deltas, _gained(plan, deltas, knots[-1]))
+        return MuscleEffect(identifier, targets, attached, deltas, *_fullest(plan, deltas, knots[-1]))
 
     def warnings(self, _plan: MeshPlan, _clips: Sequence[Clip]) -> list[str]:
         """Nothing: each muscle speaks for itself."""
@@ -66,14 +66,15 @@ class MuscleKind:
         return MuscleLayer.of(plan, [each for _, each in attached if isinstance(each, AttachedMuscle)])
 
 
-def _gained(plan: MeshPlan, deltas: Floats, weights: Floats) -> float:
-    """The volume that the skin gains at rest by (targets, fine vertices, 3) deltas at weights, cubic scene units."""
+def _fullest(plan: MeshPlan, deltas: Floats, weights: Floats) -> tuple[float, float]:
+    """The largest move of the skin at rest, and the volume that it gains, by (targets, fine vertices, 3) deltas."""
     vertices, moves = moves_at_rest(plan.fine.blended, deltas)
     places = plan.fine.rest_positions
     moved = places.copy()
-    moved[vertices] += np.tensordot(weights, moves, axes=1)
+    total = np.tensordot(weights, moves, axes=1)
+    moved[vertices] += total
     triangles = plan.fine.triangles[plan.fine.around.faces_of(vertices)]
     # About a point nearby: open meshes have a volume only as far as they move.
     middle = places[vertices].mean(axis=0)
     sums = [np.linalg.det(each[triangles] - middle).sum() / 6.0 for each in (moved, places)]
-    return float(sums[0] - sums[1])
+    return float(np.sqrt((total**2).sum(axis=1)).max(initial=0.0)), float(sums[0] - sums[1])

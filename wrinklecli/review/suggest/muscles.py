@@ -15,6 +15,7 @@ import numpy as np
 
 from wrinklecli.character.bones import Bones, read_bones
 from wrinklecli.character.clip import read_clips
+from wrinklecli.character.contacts import Neighbours
 from wrinklecli.character.pose import stored_positions
 from wrinklecli.character.rig import Hierarchy, read_hierarchy
 from wrinklecli.choices import Part
@@ -144,7 +145,8 @@ def suggest_muscles(
         wanted = "upper arm and lower arm, or upper leg and lower leg, with a hand or a foot below"
         return [], [], f"no joints are named as {wanted}"
     settings, clips = ToolsFile(path=document.path), read_clips(document)
-    grounds = [read_ground(document, node, [], settings, clips) for node in nodes]
+    neighbours = Neighbours(document)
+    grounds = [read_ground(document, node, [], settings, clips, neighbours=neighbours) for node in nodes]
     found, notes = [], []
     lefts = {limb.kind: limb for limb in limbs if limb.letter == "L"}
     twins = {limb.kind for limb in limbs if limb.letter == "R" and limb.kind in lefts}
@@ -237,7 +239,7 @@ def _fitted(
 ) -> SuggestedMuscle | str:
     """A muscle on the outermost of the meshes round its bone, or the line that says why it fits none.
 
-    It is as thick, and as deep, as the innermost of these leaves room: a sleeve hides the arm whose muscles lift it.
+    It is as deep as the innermost mesh leaves room: a sleeve hides the arm whose muscles lift it.
     """
     bone = limb.joints[place.bone]
     shares = [_share(ground, bone) for ground in grounds]
@@ -257,16 +259,14 @@ def _fitted(
             problems.append(error)
     if not layers:
         return f"{name}: left out: {problems[0].lines[0].removeprefix(f'{grounds[0].document.path}: ')}"
-    depths = [each.depth for each in layers]
-    flesh = min(depths)
-    outermost = meshes[int(np.argmax(depths))]
+    outer = int(np.argmax([each.depth for each in layers]))
+    outermost = meshes[outer]
     try:
-        found = _attached(name, place, limb, _DEEP * flesh, outermost, nodes, names)
+        found = _attached(name, place, limb, _DEEP * layers[outer].room, outermost, nodes, names)
     except WrinkleError as error:
         return f"{name}: left out: {error.lines[0].removeprefix(f'{outermost.document.path}: ')}"
-    depth = min(found.depth, flesh) if len(layers) > 1 else found.depth
-    low = replace(found.tool, thickness=Length(_LOW * depth))
-    return SuggestedMuscle(low, False, names[found.bone], depth)
+    low = replace(found.tool, thickness=Length(_LOW * found.room))
+    return SuggestedMuscle(low, False, names[found.bone], found.room)
 
 
 def _share(ground: Ground, joint: int) -> float:
