@@ -5,7 +5,7 @@ import { anchor, anchorsOf } from './anchor.js';
 import { fleshWeights } from './flesh.js';
 import { foldWeights } from './fold.js';
 import { jointFinder, morphMeshes, named, nameOf, quoted } from './joints.js';
-import { activation } from './muscle.js';
+import { activation, travelled } from './muscle.js';
 import { between } from './polyline.js';
 import { lagged } from './spring.js';
 import { touchWeights } from './touch.js';
@@ -44,7 +44,7 @@ export function wrinkleWeights(
   { morphWeightOf = () => 0, clip, time = 0, state = {}, elapsed } = {},
 ) {
   const { rest_length: nominal, rest_length_morph: morph, shortenings, weights, curve, targets, lag } = toolExtras;
-  const { tension } = toolExtras;
+  const { tension, gains } = toolExtras;
   const posed = anchorsOf(toolExtras).map((each) => anchor(each, jointMatrixOf, morphWeightOf));
   const scale = posed.reduce((sum, each) => sum + each.scale, 0) / posed.length;
   if (scale < 1e-6) {
@@ -56,16 +56,18 @@ export function wrinkleWeights(
   const keys = toolExtras.rest_length_keys?.[clip];
   if (keys) length = between(keys.map(([t]) => t), keys.map(([, l]) => l), time);
   const steps = posed.slice(1).map(({ place }, k) => Math.hypot(...place.map((x, i) => x - posed[k].place[i])));
-  let distance = steps.reduce((sum, step) => sum + step) / scale;
+  const ends = steps.reduce((sum, step) => sum + step) / scale;
+  let distance = ends;
   // An activation shortens a muscle whose ends stay.
   if (tension) distance -= tension.length * activation(tension, morphWeightOf, clip, time);
   if (lag) {
     const x = Math.min(lagged(state, lag, lag.taut - distance / length, elapsed), lag.taut);
     distance = x > 0 ? (lag.taut - x) * length : Math.max(distance, lag.taut * length);
   }
+  const belly = gains && travelled(toolExtras, 1 - ends / length, 1 - distance / length);
   const found = curve
     ? followed(curve, distance, length)
-    : targets.map((_, k) => between(shortenings, weights.map((row) => row[k]), 1 - distance / length));
+    : belly ?? targets.map((_, k) => between(shortenings, weights.map((row) => row[k]), 1 - distance / length));
   return found.map((weight) => weight * (toolExtras.strengths?.[clip] ?? toolExtras.strength ?? 1));
 }
 

@@ -19,6 +19,9 @@ Sections of the extras are played in their order, `SECTIONS`: anchors may move w
   2 atan2(`axis` · s, 1 + trace D).
 - Its `tension` is a shortening of the distance, `length` scene units times an activation from 0 to 1: the weight of a
   `morph` target, or `keys` of some clips, and 0 in others.
+- Where a muscle has `gains`, its belly moves as its ends come nearer: `weights` are looked up by the distance without
+  the tension, and are multiplied by `gains`, looked up with it. Where it has `lows` too, there are further targets, in
+  the order of the `lows` above 0: a weight below 0 is 0, and over minus its `lows` it is the weight of the further one.
 - The response has rows of `weights`, straight between, at `shortenings`, 1 - distance / rest_length, or at `angles`.
   Where the rest length changes, `curve` takes their place: see `CurveTable`. Angles may have further rows of weights,
   `leaning`, for turns about other axes: the share of each is its `towards` · s / (`axis` · s), at least 0, in the sum
@@ -41,7 +44,7 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.drive.angle import Angles, JointAngle
 from wrinklecli.drive.lag import TAUT
 from wrinklecli.drive.point import point_json, read_point
-from wrinklecli.drive.segment import Lengths, RestLength, Segment, Tension
+from wrinklecli.drive.segment import Contraction, Lengths, RestLength, Segment, Tension
 from wrinklecli.drive.swing import SwingDrive, read_swing
 from wrinklecli.drive.table import Json, Response, read_table, stored
 from wrinklecli.drive.touch import TouchDrive, read_touch
@@ -87,15 +90,17 @@ class Drive:
             return frozenset({self.signal.node, self.signal.parent} - {-1})
         return frozenset(node for point in self.signal.points for node in point.nodes.tolist())
 
-    def reader(self, rig: Rig, clip: Clip | None) -> Callable[[Floats], Lengths | Angles]:
+    def reader(self, rig: Rig, clip: Clip | None) -> Callable[[Floats], Lengths | Contraction | Angles]:
         """A function from (frames,) seconds of a clip to the filtered measurements."""
         if isinstance(self.signal, JointAngle):
             return partial(self.signal.angles, rig, clip)
         segment, spring = self.signal, self.signal.spring(self.lag, rig, clip)
+        if spring is None:
+            return partial(segment.contraction, rig, clip)
 
         def read(times: Floats) -> Lengths:
             found = segment.lengths(rig, clip, times)
-            return found if spring is None else Lengths(spring.follow(times, *found), found.rest_lengths)
+            return Lengths(spring.follow(times, *found), found.rest_lengths)
 
         return read
 

@@ -42,6 +42,38 @@ class Lengths(NamedTuple):
         """(frames,) shortenings, 1 - distance / rest length, by which a table is looked up; 0 while inactive."""
         return np.asarray(1.0 - np.where(self.active, self.distances, self.rest_lengths) / self.rest_lengths)
 
+    @property
+    def ends(self) -> "Lengths":
+        """The measurements without activation: the same."""
+        return self
+
+
+class Contraction(NamedTuple):
+    """The measurements of a muscle that is activated.
+
+    Attributes:
+        lengths: With what the activation takes.
+        ends: Without it.
+    """
+
+    lengths: Lengths
+    ends: Lengths
+
+    @property
+    def distances(self) -> Floats:
+        """(frames,) distances with what the activation takes, scene units."""
+        return self.lengths.distances
+
+    @property
+    def active(self) -> Bools:
+        """(frames,) True while the character is not hidden."""
+        return self.lengths.active
+
+    @property
+    def rows(self) -> Floats:
+        """(frames,) shortenings with what the activation takes."""
+        return self.lengths.rows
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RestLength:
@@ -111,6 +143,13 @@ class Segment:
         if self.tension is not None:
             distances = distances - self.tension.at(rig, clip, times)
         return Lengths(distances, self.rest_length.at(rig, clip, times))
+
+    def contraction(self, rig: Rig, clip: Clip | None, times: Floats) -> Lengths | Contraction:
+        """Measure the segment at (frames,) seconds of a clip, with and without the activation, if it has any."""
+        lengths = self.lengths(rig, clip, times)
+        if self.tension is None:
+            return lengths
+        return Contraction(lengths, lengths._replace(distances=lengths.distances + self.tension.at(rig, clip, times)))
 
     def distances(self, carriers: Carriers, count: int) -> Floats:
         """(count,) lengths without animated scale in the poses of carriers, without tension, scene units."""

@@ -10,7 +10,7 @@ from typing import Any, Literal, Protocol, TypeAlias
 import numpy as np
 
 from wrinklecli.drive.angle import Angles
-from wrinklecli.drive.segment import Lengths
+from wrinklecli.drive.segment import Contraction, Lengths
 from wrinklecli.numeric.arrays import Bools, Floats, interpolated, significant
 
 Json: TypeAlias = dict[str, Any]
@@ -23,6 +23,8 @@ DIGITS = 8
 
 # Significant digits of tabulated weights, of which about three are right.
 _TABLE_DIGITS = 5
+# Significant digits of a muscle's table: two factors make a weight.
+_BELLY_DIGITS = 6
 # Sum of the shares of sides beyond which weights are held: joints of common rigs lean by up to 20°, and sweeps by 10°.
 _FARTHEST = 2.0
 # Sine of half of 10°: turns that are further from those of a clip than sweeps are from each other are not like them.
@@ -85,6 +87,49 @@ class Table:
     def to_json(self) -> Json:
         """The rows as extras store them."""
         return {self.by: stored(self.rows), "weights": stored(self.table, _TABLE_DIGITS)}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BellyTable:
+    """Weights of a muscle whose belly moves as its ends come nearer, and stays where it is as it is activated.
+
+    Attributes:
+        rows: (rows,) shortenings, sorted.
+        table: (rows, targets) weights for one more thickness, by the shortening without activation.
+        gains: (rows,) thicknesses that are gained over that at rest, by the shortening with activation.
+        lows: (targets,) as `split` takes them; None if weights may be below 0.
+    """
+
+    rows: Floats
+    table: Floats
+    gains: Floats
+    lows: Floats | None = None
+
+    def weights(self, reading: Lengths | Contraction) -> Floats:
+        """(frames, targets) weights at the measurements of a muscle."""
+        gains = np.where(reading.active, np.interp(reading.rows, self.rows, self.gains), 0.0)
+        return split(gains[:, None] * interpolated(reading.ends.rows, self.rows, self.table), self.lows)
+
+    def to_json(self) -> Json:
+        """The rows as extras store them."""
+        lows = {} if self.lows is None else {"lows": stored(self.lows)}
+        table, gains = stored(self.table, _BELLY_DIGITS), stored(self.gains, _BELLY_DIGITS)
+        return {"shortenings": stored(self.rows), "weights": table, "gains": gains, **lows}
+
+
+def split(weights: Floats, lows: Floats | None) -> Floats:
+    """(frames, targets) weights, with those below 0 on further targets that take their place.
+
+    Args:
+        weights: (frames, targets).
+        lows: (targets,) the sizes of weights below 0 at which the further targets have weight 1; 0 for targets without
+            one. None to let all weights be.
+    """
+    if lows is None:
+        return weights
+    negative = np.flatnonzero(lows)
+    below = np.maximum(-weights[:, negative], 0.0) / lows[negative]
+    return np.concatenate([np.where(lows > 0, np.maximum(weights, 0.0), weights), below], axis=1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -252,7 +297,7 @@ class CurveTable:
         }
 
 
-def read_table(data: Json, targets: int) -> Table | LeaningTable | CurveTable:
+def read_table(data: Json, targets: int) -> Table | BellyTable | LeaningTable | CurveTable:
     """Read the table of so many targets in extras.
 
     Raises:
@@ -262,6 +307,8 @@ def read_table(data: Json, targets: int) -> Table | LeaningTable | CurveTable:
         return _read_curve(data["curve"], targets)
     by: Literal["shortenings", "angles"] = "angles" if "angles" in data else "shortenings"
     rows = _sorted_rows(data[by])
+    if "gains" in data:
+        return _read_belly(data, rows, targets)
     found = Table(by, rows, _read_weights(data, len(rows), targets))
     if "leaning" not in data:
         return found
@@ -272,6 +319,15 @@ def read_table(data: Json, targets: int) -> Table | LeaningTable | CurveTable:
         raise ValueError
     paths = tuple(_read_path(each, targets) for each in data.get("paths", ()))
     return LeaningTable(found, towards, np.array(tables).reshape(-1, len(rows), targets), null, paths)
+
+
+def _read_belly(data: Json, rows: Floats, targets: int) -> BellyTable:
+    lows = np.array(data["lows"], np.float64) if "lows" in data else None
+    signed = targets if lows is None else targets - int(np.count_nonzero(lows))
+    if lows is not None and (lows.shape != (signed,) or not (lows >= 0).all()):
+        raise ValueError
+    gains = np.array(data["gains"], np.float64).reshape(len(rows))
+    return BellyTable(rows, _read_weights(data, len(rows), signed), gains, lows)
 
 
 def _read_path(data: Json, targets: int) -> Path:

@@ -26,6 +26,9 @@ CREASE = tool(origin=[-0.3, 0.25, 0.0], target=[0.3, 0.25, 0.0], bumps=2)
 
 
 ENDS = {"origin": "joint_0", "insertion": "joint_1"}
+BICEPS = {key: muscle()[key] for key in ENDS}
+# The other side of the limb, which its bend stretches.
+TRICEPS = {key: {"joint": joint, "offset": [0.15, -0.1, 0.0]} for key, joint in ENDS.items()}
 
 
 def flexed(*tools: Json, engine: str | None = None, **keys: Any) -> Gltf:
@@ -39,7 +42,7 @@ def drive_of(file: Gltf) -> Json:
 
 @pytest.mark.parametrize("tendons", [0.0, 0.2, 0.7])
 def test_the_volume_of_a_muscle_is_constant(tendons: float) -> None:
-    response = ConstantVolume(1.0, tendons, np.array([FULLEST]), np.ones((1, 1)))
+    response = ConstantVolume(1.0, tendons, np.ones(1), np.array([FULLEST - 1.0]), np.ones((1, 1)))
     shares = np.linspace(SHORTEST, LONGEST, 101)
     thicknesses = response.thicknesses(tendons + shares * (1.0 - tendons))
     assert np.abs(shares * thicknesses**2 - 1.0).max() < 1e-9
@@ -70,8 +73,7 @@ def test_a_relaxed_muscle_is_thinner_than_a_flexed_one() -> None:
 
 def test_the_other_side_gets_thinner() -> None:
     """The muscle behind a joint that bends is stretched."""
-    ends = {key: {"joint": joint, "offset": [0.15, -0.1, 0.0]} for key, joint in ENDS.items()}
-    low, high = report_of(flexed(**ends)).data["clips"][0]["muscles"][0]["bulge"]
+    low, high = report_of(flexed(**TRICEPS)).data["clips"][0]["muscles"][0]["bulge"]
     assert low < 0.0
     assert high == pytest.approx(0.0, abs=0.01)
 
@@ -111,11 +113,43 @@ def test_a_belly_that_travels_bulges_nearer_to_its_origin() -> None:
     assert np.abs(moves[1] - moves[0]).max() < 0.02 * np.abs(moves[0]).max()
 
 
+def moved_by(file: Gltf, weights: Any) -> Any:
+    """(times, vertices, 3) displacements by (times, targets) weights."""
+    return np.tensordot(weights, file.deltas("limb"), axes=1)
+
+
+def test_a_belly_that_is_activated_while_its_ends_stay_does_not_travel() -> None:
+    held = {"insertion": {"joint": "joint_0", "offset": [1.15, 0.4 * RADIUS, 0.0]}, "activation": FLEXED}
+    still, travelling = (
+        moved_by(file, file.weights("limb", "fold", [0.5, 1.0]))
+        for file in (flexed(travel=travel, **held) for travel in (False, True))
+    )
+    assert np.abs(still).max() > 0.005
+    assert np.abs(travelling - still).max() < 0.01 * np.abs(still).max()
+
+
+@pytest.mark.parametrize(("engine", "ends"), [(None, BICEPS), ("unity", TRICEPS)])
+def test_tracks_and_players_activate_a_belly_that_travels_as_the_bake_does(
+    engine: str | None, ends: Json, tmp_path: Path
+) -> None:
+    keys = {**ends, "travel": True, "activation": FLEXED}
+    file = flexed(**keys, engine=engine)
+    body = bake_once(ARM(), top={"muscles": [muscle(**keys)]}, engine=engine, tracks="none")
+    (made,) = track(body.path, [ARM()], tmp_path)
+    times = np.linspace(0.0, 2.0, 9)
+    baked, tracked = (each.weights("limb", "fold", times) for each in (file, Gltf(Path(made.path))))
+    driven = drive(file.path, node="limb", clip="fold", times=times, driver=True)
+    played = np.hstack([driven[name] for name in file.mesh("limb")["extras"]["targetNames"]])
+    assert engine is None or ("lows" in drive_of(file) and min(each.min() for each in (baked, tracked, played)) >= 0.0)
+    moves = moved_by(file, baked)
+    for other in (tracked, played):
+        assert np.abs(moved_by(file, other) - moves).max() < 0.02 * np.abs(moves).max()
+
+
 @pytest.mark.parametrize("travel", [False, True])
 def test_engines_that_take_no_negative_weights_get_more_targets(travel: bool) -> None:
     """A muscle that is stretched has negative weights, which other engines play."""
-    behind = {key: {"joint": joint, "offset": [0.15, -0.1, 0.0]} for key, joint in ENDS.items()}
-    plain, unity = (flexed(travel=travel, **behind, engine=engine) for engine in (None, "unity"))
+    plain, unity = (flexed(travel=travel, **TRICEPS, engine=engine) for engine in (None, "unity"))
     times = np.linspace(0.0, 2.0, 21)
     weights = [file.weights("limb", "fold", times) for file in (plain, unity)]
     assert weights[0].min() < -0.04 or travel

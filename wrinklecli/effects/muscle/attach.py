@@ -86,8 +86,7 @@ class AttachedMuscle:
 
     def _refined(self, fine: Refinement) -> Floats:
         """(targets, vertices, 3) displacements of the refined surface at weight 1, bind space."""
-        response = self.response
-        return displaced(self.belly, response.knots, response.mix, RefinedSkin(fine), travel=self.tool.travel)[0]
+        return displaced(self.belly, self.response, RefinedSkin(fine))[0]
 
     @property
     def response(self) -> ConstantVolume:
@@ -236,7 +235,7 @@ def _attach(muscle: Muscle, ground: Ground, bones: Bones) -> AttachedMuscle:
         side=side,
     )
     response = ConstantVolume(span, tendons, *_modes(muscle, belly, ground))
-    deltas, heights = displaced(belly, response.knots, response.mix, ground.rest, travel=muscle.travel)
+    deltas, heights = displaced(belly, response, ground.rest)
     if not heights.any():
         raise BakeError("no vertex lies above it", where=muscle.where)
     segment = Segment(
@@ -276,12 +275,12 @@ def _room(ground: Ground, bone: int, foot: Floats, side: Floats, depth: float) -
     return room * depth
 
 
-def _modes(muscle: Muscle, belly: Belly, ground: Ground) -> tuple[Floats, Floats]:
-    """(knots,) thicknesses over that at rest, and (knots, targets) weights there."""
+def _modes(muscle: Muscle, belly: Belly, ground: Ground) -> tuple[Floats, Floats, Floats]:
+    """(knots,) thicknesses over that at rest, (knots,) those gained, and (knots, targets) weights there."""
     if not muscle.travel:
-        return np.array([FULLEST]), np.ones((1, 1))
-    greatest = belly.thickness * (FULLEST - 1.0)
-    return modes_of(belly, _TRAVEL_SHARE * ground.max_error.resolve(greatest))
+        return np.ones(1), np.array([FULLEST - 1.0]), np.ones((1, 1))
+    tolerance = _TRAVEL_SHARE * ground.max_error.resolve(belly.thickness * (FULLEST - 1.0))
+    return modes_of(belly, tolerance, activated=muscle.activation is not None)
 
 
 def _resolved(wanted: object, usual: float, span: float) -> float:

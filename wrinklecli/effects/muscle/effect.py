@@ -9,12 +9,12 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.drive import Drive
-from wrinklecli.drive.segment import Lengths, Segment
+from wrinklecli.drive.segment import Contraction, Lengths
 from wrinklecli.effects.body import BodyEffect
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, named_targets, targets_of
 from wrinklecli.effects.muscle.attach import AttachedMuscle
 from wrinklecli.effects.muscle.meeting import passes_through
-from wrinklecli.effects.muscle.volume import SHORTEST, THINNEST, ConstantVolume, weights_of
+from wrinklecli.effects.muscle.volume import SHORTEST, THINNEST, ConstantVolume
 from wrinklecli.effects.shapes import summed
 from wrinklecli.errors import counted
 from wrinklecli.gltf.shape import Json
@@ -31,7 +31,7 @@ _LEAST_CHANGE = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class MuscleEffect(BodyEffect[AttachedMuscle]):
-    """One muscle's morph targets. Its states are `Lengths`.
+    """One muscle's morph targets. Its states are `Lengths`, or a `Contraction`.
 
     Attributes:
         height: The largest move of the skin at the greatest thickness, scene units.
@@ -64,9 +64,8 @@ class MuscleEffect(BodyEffect[AttachedMuscle]):
     def with_unit_weights(self, _sampled: Sequence[Floats]) -> "MuscleEffect":
         """The same motion with weights in [0, 1]: weights below 0 get targets of their own."""
         response = self.attached.response
-        lows = np.maximum(-weights_of(np.array([THINNEST, *response.knots]), response.knots, response.mix), 0.0).max(
-            axis=0
-        )
+        thinnest = (THINNEST - 1.0) / response.gains[0] * response.mix[0]
+        lows = np.maximum(-np.vstack([thinnest, response.mix]), 0.0).max(axis=0)
         shapes = [None if target is None else target.shape for target in self.targets]
         pairs = zip(shapes, lows.tolist(), strict=True)
         minus = [summed([shape], np.array([-low])) for shape, low in pairs if shape is not None and low > 0]
@@ -79,20 +78,20 @@ class MuscleEffect(BodyEffect[AttachedMuscle]):
         """The length of each muscle at all times."""
         return [each.drive.reader(rig.own, motion.clip)(times) for each in effects]
 
-    def exact_weights(self, _motion: Motion, _sampled: Floats, _times: Floats, state: Lengths) -> Floats:
+    def exact_weights(self, _motion: Motion, _sampled: Floats, _times: Floats, state: Lengths | Contraction) -> Floats:
         """(times, targets) the weights that keep the volume."""
         return self.attached.response.weights(state)
 
-    def raised(self, _times: Floats, state: Lengths) -> Bools:
+    def raised(self, _times: Floats, state: Lengths | Contraction) -> Bools:
         """(times,) True where the muscle is thicker than at rest."""
         return np.asarray(self.attached.response.weights(state).any(axis=1))
 
-    def telling(self, exact: Floats, _state: Lengths) -> set[int]:
+    def telling(self, exact: Floats, _state: Lengths | Contraction) -> set[int]:
         """The times when the muscle is thickest and thinnest."""
         total = exact.sum(axis=1)
         return {int(np.argmax(total)), int(np.argmin(total))}
 
-    def weight_error(self, played: Floats, exact: Floats, _state: Lengths, _clip: Clip) -> float:
+    def weight_error(self, played: Floats, exact: Floats, _state: Lengths | Contraction, _clip: Clip) -> float:
         """Largest error of the move that a weight stands for, scene units."""
         sizes = np.array([0.0 if target is None else target.shape.tallest for target in self.targets])
         every = np.zeros((len(played), len(self.targets)))
@@ -124,7 +123,7 @@ class MuscleEffect(BodyEffect[AttachedMuscle]):
             "targets": list(self.target_names),
         }
 
-    def describe_clip(self, motion: Motion, state: Lengths) -> Json | None:
+    def describe_clip(self, motion: Motion, state: Lengths | Contraction) -> Json | None:
         """The muscle's entry in a clip: lengths over that at rest, and what the skin does; None while hidden."""
         assert len(motion.times)
         if not state.active.any():
@@ -143,12 +142,12 @@ class MuscleEffect(BodyEffect[AttachedMuscle]):
     @property
     def _height_of_thickness(self) -> float:
         """The largest move of the skin for one more thickness, scene units."""
-        return self.height / (float(self.attached.response.knots[-1]) - 1.0)
+        return self.height / float(self.attached.response.gains[-1])
 
     @property
     def _volume_of_thickness(self) -> float:
         """The volume that the skin gains for one more thickness, cubic scene units."""
-        return self.gained / (float(self.attached.response.knots[-1]) - 1.0)
+        return self.gained / float(self.attached.response.gains[-1])
 
     def warnings(self, plan: MeshPlan, motions: Sequence[tuple[Motion, Any, Floats]], *, up: str) -> list[str]:
         """Warnings about a muscle that nothing moves, or that is asked to shorten further than it can."""
@@ -167,10 +166,7 @@ class MuscleEffect(BodyEffect[AttachedMuscle]):
             lengths = np.where(state.active, state.distances, response.rest_length)
             moved |= bool((np.abs(lengths / response.rest_length - 1.0) > _LEAST_CHANGE).any())
             # Ends that come too near are a fault of the muscle's place; what an activation adds is not.
-            signal = attached.drive.signal
-            tension = signal.tension if isinstance(signal, Segment) else None
-            if tension is not None:
-                lengths = lengths + tension.at(plan.rig.own, motion.clip, motion.times)
+            lengths = np.where(state.active, state.ends.distances, response.rest_length)
             if lengths.min() < least:
                 least, at, clip = float(lengths.min()), float(motion.times[int(np.argmin(lengths))]), motion.clip.name
         if motions and not moved:

@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from wrinklecli.effects.muscle.volume import FULLEST, THINNEST
+from wrinklecli.effects.muscle.volume import FULLEST, THINNEST, ConstantVolume, flexed
 from wrinklecli.numeric.arrays import Floats, Ints, inverses, singular, smoothstep, unit
 from wrinklecli.surface.refine import Refinement
 
@@ -103,37 +103,48 @@ def spindle(along: Floats, start: float, length: float) -> Floats:
     return np.asarray(np.sin(np.pi * shares) ** 2)
 
 
-def modes_of(belly: Belly, tolerance: float) -> tuple[Floats, Floats]:
+def modes_of(belly: Belly, tolerance: float, *, activated: bool) -> tuple[Floats, Floats, Floats]:
     """The few modes of which all shapes of a belly that travels are sums, to a tolerance in scene units.
 
+    Args:
+        belly: The muscle at rest.
+        tolerance: Greatest error of a height.
+        activated: True if the muscle may also be thicker than the distance of its ends makes it.
+
     Returns:
-        (knots,) thicknesses over that at rest, and (knots, modes) weights there of modes whose weights reach 1.
+        (knots,) thicknesses over that at rest, that the distance of the ends gives; (knots,) the greatest thicknesses
+        gained or lost there; and (knots, modes) weights there of modes whose weights reach 1.
     """
-    knots = np.append(THINNEST, np.linspace(1.0, FULLEST, _MOMENTS + 1)[1:])
-    wanted = heights_along(belly, knots, np.linspace(0.0, belly.span, _MOMENTS), travel=True)
+    knots = np.linspace(1.0, FULLEST, _MOMENTS + 1)
+    gains = (flexed(knots) if activated else knots) - 1.0
+    # A muscle that is stretched has the shape of one at rest.
+    gains[0] = max(gains[0], 1.0 - THINNEST)
+    wanted = heights_along(belly, knots, gains, np.linspace(0.0, belly.span, _MOMENTS))
     left, sizes, right = np.linalg.svd(wanted, full_matrices=False)
     count = next(n for n in range(1, len(sizes) + 1) if np.abs(wanted - _sum(left, sizes, right, n)).max() <= tolerance)
     # A mode's sign is that of its largest weight, whatever the library chooses.
     mix = left[:, :count]
-    return knots, mix / mix[np.argmax(np.abs(mix), axis=0), np.arange(count)]
+    return knots, gains, mix / mix[np.argmax(np.abs(mix), axis=0), np.arange(count)]
 
 
 def _sum(left: Floats, sizes: Floats, right: Floats, count: int) -> Floats:
     return np.asarray((left[:, :count] * sizes[:count]) @ right[:count])
 
 
-def heights_along(belly: Belly, thicknesses: Floats, along: Floats, *, travel: bool) -> Floats:
-    """(thicknesses, places) heights of the skin above the middle of a belly, at (places,) distances from its origin.
+def heights_along(belly: Belly, knots: Floats, gains: Floats, along: Floats) -> Floats:
+    """(knots, places) heights of the skin above the middle of a belly, at (places,) distances from its origin.
 
     What a belly gains lies above it. A belly that travels is as near to its origin as at rest, and gets shorter there.
+
+    Args:
+        belly: The muscle at rest.
+        knots: (knots,) thicknesses over that at rest that its length has; 1 for a belly that does not travel.
+        gains: (knots,) thicknesses gained.
+        along: (places,) scene units.
     """
     start, length = belly.tendons / 2.0, belly.span - belly.tendons
-    gained = thicknesses - 1.0
-    if not travel:
-        return belly.thickness * np.multiply.outer(gained, spindle(along, start, length))
-    lengths = length / np.maximum(thicknesses, 1.0) ** 2
-    profiles = [spindle(along, start, each) for each in lengths.tolist()]
-    return belly.thickness * gained[:, None] * np.reshape(profiles, (-1, len(along)))
+    profiles = [spindle(along, start, each) for each in (length / knots**2).tolist()]
+    return belly.thickness * (gains[:, None] * np.reshape(profiles, (-1, len(along))))
 
 
 class Skin(Protocol):
@@ -175,15 +186,13 @@ class RefinedSkin:
         return self.fine.rest_normals_at(vertices)
 
 
-def displaced(belly: Belly, knots: Floats, mix: Floats, skin: Skin, *, travel: bool) -> tuple[Floats, Floats]:
+def displaced(belly: Belly, response: ConstantVolume, skin: Skin) -> tuple[Floats, Floats]:
     """Displace the skin above a belly.
 
     Args:
         belly: The muscle at rest.
-        knots: (knots,) thicknesses over that at rest.
-        mix: (knots, targets) weights of the targets there.
+        response: The weights of its targets.
         skin: The coarse or the refined skin.
-        travel: True if the belly moves towards its origin.
 
     Returns:
         (targets, vertices, 3) displacements in bind space, and (vertices,) the greatest heights, scene units.
@@ -191,7 +200,8 @@ def displaced(belly: Belly, knots: Floats, mix: Floats, skin: Skin, *, travel: b
     along = belly.along(skin.positions)
     vertices = np.flatnonzero((along > belly.tendons / 2.0) & (along < belly.span - belly.tendons / 2.0))
     normals = skin.normals_at(vertices)
-    heights = heights_along(belly, knots, along[vertices], travel=travel)
+    mix = response.mix
+    heights = heights_along(belly, response.knots, response.gains, along[vertices])
     heights *= belly.round(skin.positions[vertices], normals)
     greatest = np.abs(heights).max(axis=0, initial=0.0)
     seen = (greatest > _LEAST * greatest.max(initial=0.0)) & ~singular(skin.blended[vertices][:, :, :3])

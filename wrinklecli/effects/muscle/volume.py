@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrinklecli.drive.segment import Lengths
-from wrinklecli.drive.table import Json, stored
-from wrinklecli.numeric.arrays import Floats
+from wrinklecli.drive.segment import Contraction, Lengths
+from wrinklecli.drive.table import BellyTable, Json, split, stored
+from wrinklecli.numeric.arrays import Floats, interpolated
 
 ACTIVATION = 0.2
 """Part of the belly's rest length by which a full activation shortens it while its ends stay. Measured in men who pull
@@ -35,8 +35,10 @@ class ConstantVolume:
     Attributes:
         rest_length: Distance of the ends at rest, scene units.
         tendons: Length of both tendons, scene units.
-        knots: (knots,) sorted thicknesses over that at rest, without 1, at which weights are given.
-        mix: (knots, targets) weights there. They are 0 at rest and straight in between; see `weights_of`.
+        knots: (knots,) sorted thicknesses over that at rest, from 1 on, that the distance of the ends alone gives.
+        gains: (knots,) thicknesses that are gained over that at rest.
+        mix: (knots, targets) weights where so much is gained. They are proportional to the gain, and straight between
+            the knots: the shape follows the distance of the ends, and the activation makes it higher.
         lows: (targets,) the size of the most negative weights; if any is above 0, further targets stand for these, so
             that no weight is below 0.
     """
@@ -44,6 +46,7 @@ class ConstantVolume:
     rest_length: float
     tendons: float
     knots: Floats
+    gains: Floats
     mix: Floats
     lows: Floats | None = None
 
@@ -60,39 +63,34 @@ class ConstantVolume:
         """(frames,) thicknesses over that at rest, which keep the volume of the belly."""
         return np.asarray(self.shares(distances) ** -0.5)
 
-    def weights(self, reading: Lengths) -> Floats:
+    def weights(self, reading: Lengths | Contraction) -> Floats:
         """(frames, targets) weights at the measurements of the segment; 0 while the character is hidden."""
-        distances = np.where(reading.active, reading.distances, self.rest_length)
-        return self.split(weights_of(self.thicknesses(distances), self.knots, self.mix))
+        gains = self.thicknesses(np.where(reading.active, reading.distances, self.rest_length)) - 1.0
+        ends = np.where(reading.active, reading.ends.distances, self.rest_length)
+        return self.split(gains[:, None] * self._unit_weights(self.thicknesses(ends)))
+
+    def _unit_weights(self, thicknesses: Floats) -> Floats:
+        """(frames, targets) weights for one more thickness, at (frames,) ones that the distance of the ends gives."""
+        return interpolated(thicknesses, self.knots, self.mix / self.gains[:, None])
 
     def split(self, weights: Floats) -> Floats:
         """(frames, targets) weights with those below 0 on targets of their own, if there are such targets."""
-        if self.lows is None:
-            return weights
-        negative = np.flatnonzero(self.lows)
-        below = np.maximum(-weights[:, negative], 0.0) / self.lows[negative]
-        return np.concatenate([np.where(self.lows > 0, np.maximum(weights, 0.0), weights), below], axis=1)
+        return split(weights, self.lows)
 
     def to_json(self) -> Json:
         """A table of weights by shortenings, as extras store it."""
         lengths = np.linspace(LONGEST, SHORTEST, _ROWS)
-        distances = self.tendons + lengths * self.belly
-        table = self.split(weights_of(lengths**-0.5, self.knots, self.mix))
-        return {"shortenings": stored(1.0 - distances / self.rest_length), "weights": stored(table, 6)}
+        rows = 1.0 - (self.tendons + lengths * self.belly) / self.rest_length
+        thicknesses = lengths**-0.5
+        gains, weights = thicknesses - 1.0, self._unit_weights(thicknesses)
+        if len(self.knots) > 1:
+            return BellyTable(rows, weights, gains, self.lows).to_json()
+        return {"shortenings": stored(rows), "weights": stored(self.split(gains[:, None] * weights), 6)}
 
 
-def weights_of(thicknesses: Floats, knots: Floats, mix: Floats) -> Floats:
-    """(frames, targets) weights for (frames,) thicknesses over rest, from (knots, targets) weights at (knots,) ones.
-
-    They are straight between the knots and rest. Without a knot below 1, those of the first go on straight there.
-    """
-    places, columns = np.append(knots, 1.0), np.vstack([mix, np.zeros((1, mix.shape[1]))])
-    order = np.argsort(places)
-    weights = np.stack([np.interp(thicknesses, places[order], column[order]) for column in columns.T], axis=1)
-    if knots[0] > 1.0:
-        thin = thicknesses < 1.0
-        weights[thin] = np.multiply.outer((thicknesses[thin] - 1.0) / (knots[0] - 1.0), mix[0])
-    return weights
+def flexed(thicknesses: Floats) -> Floats:
+    """(…,) thicknesses at full activation over those at rest, at (…,) ones that the distance of the ends gives."""
+    return np.asarray(np.maximum(thicknesses**-2 - ACTIVATION, SHORTEST) ** -0.5)
 
 
 FULLEST, THINNEST = SHORTEST**-0.5, LONGEST**-0.5
