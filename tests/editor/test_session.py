@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 import wrinklecli
 from kit.asset import Array
 from kit.flesh import body
-from kit.limb import RADIUS, limb, limb_asset
+from kit.limb import RADIUS, limb, limb_asset, sleeved_limb
 from wrinklecli.character.clip import read_clips
 from wrinklecli.character.posing import with_pose
 from wrinklecli.character.scene import pose_primitive, read_scene
@@ -460,6 +460,34 @@ def test_warnings_are_beside_the_tool_that_they_are_about(session: Session) -> N
     assert any("strength 2 does not keep the length" in line for line in found["crease"])
     checked = check(session.asset, session.path)
     assert sorted(line for lines in found.values() for line in lines) == sorted(checked.warnings)
+
+
+def test_warnings_are_beside_the_muscle_or_flesh_that_they_are_about(tmp_path: Path) -> None:
+    """A muscle on one bone, one that bulges through the folded limb, one that fits, and flesh that hardly moves."""
+    asset = limb(tmp_path / "limb.glb", rings=20, sides=12, angle=125.0)
+    session = Session(asset, tmp_path / "tools.yaml")
+    still = session.add_muscle([-0.9, RADIUS, 0.0], [-0.1, RADIUS, 0.0])
+    folded = session.add_muscle([-0.8, RADIUS, 0.0], [0.15, RADIUS, 0.0])
+    session.set_value(folded, ("thickness",), "30%")
+    behind = session.add_muscle([-0.8, -RADIUS, 0.0], [0.15, -RADIUS, 0.0])
+    region = session.add_flesh([-0.6, -RADIUS, 0.0], [-0.6, -RADIUS, 0.15])
+    session.save()
+    found = session.warnings()
+    for name, said in ((still, "so no joint shortens it"), (folded, "passes through"), (region, "hardly moves")):
+        assert any(said in line for line in found[name]), name
+    assert not found.get(behind)
+    lines = [line for lines in found.values() for line in lines]
+    assert sorted(lines) == sorted(check(session.asset, session.path).warnings)
+
+
+@pytest.mark.parametrize(("gap", "share"), [(0.0, 1.0), (0.1, RADIUS / (RADIUS + 0.1))])
+def test_an_end_below_clothes_lies_in_the_body(gap: float, share: float, tmp_path: Path) -> None:
+    (tmp_path / "limb.glb").write_bytes(sleeved_limb(gap=gap, rings=20, sides=24).glb())
+    session = Session(tmp_path / "limb.glb", tmp_path / "tools.yaml")
+    session.add_muscle([-0.8, RADIUS + gap, 0.0], [0.3, RADIUS + gap, 0.0], "sleeve")
+    (written,) = yaml.safe_load(session.text)["muscles"]
+    for key in ("origin", "insertion"):
+        assert written[key]["offset"][1] == pytest.approx(0.45 * share * (RADIUS + gap), rel=0.02)
 
 
 def test_an_asset_that_is_exported_again_gets_the_same_tools(session: Session, tmp_path: Path) -> None:

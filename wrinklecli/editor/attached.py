@@ -4,7 +4,7 @@ A mesh is put together from the asset's own triangles and from the parts that gr
 part can be exchanged without touching the rest.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeAlias
@@ -12,11 +12,13 @@ from typing import TypeAlias
 import numpy as np
 
 from wrinklecli.character.clip import Clip
+from wrinklecli.character.rig import moving_nodes
 from wrinklecli.character.skin import Skin, pose, prepare
 from wrinklecli.editor.clip_cache import ClipCache
 from wrinklecli.effects.body import largest_moves, moves_at_rest
-from wrinklecli.effects.effect import MeshPlan
+from wrinklecli.effects.effect import MeshPlan, SamplingOptions
 from wrinklecli.effects.flesh.attach import AttachedFlesh
+from wrinklecli.effects.flesh.report import region_warnings
 from wrinklecli.effects.muscle.attach import AttachedMuscle
 from wrinklecli.effects.plan import mesh_warnings
 from wrinklecli.effects.sampling import moving_clips
@@ -27,6 +29,8 @@ from wrinklecli.effects.wrinkle.layer import carried_patches_of
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.effects.wrinkle.warnings import tool_warnings
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, children, distinct_values
+from wrinklecli.numeric.guard import no_progress
+from wrinklecli.numeric.memory import Memory
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.rest import Rest
 from wrinklecli.tools.records import ToolsFile
@@ -265,6 +269,15 @@ class AttachedBelow:
         chosen, moves = moves_at_rest(self.ground.rest.blended, self.deltas)
         return cache.times(clip), largest_moves(weights, moves) if len(chosen) else np.zeros(len(weights))
 
+    def flesh_warnings(self, cache: ClipCache, clips: Sequence[Clip]) -> list[str]:
+        """The warnings about a region of flesh, for which no triangles are refined; none about other effects."""
+        if not isinstance(self.attached, AttachedFlesh):
+            return []
+        rig, moving = self.ground.rig, moving_nodes(self.ground.rig)
+        own = [clip for clip in clips if any(channel.node in moving for channel in clip.channels)]
+        weights = [cache.weights(self.ground, clip)[:, self.columns] for clip in own]
+        return region_warnings(self.attached, rig, list(zip(own, weights, strict=True)))
+
     def greatest(self, cache: ClipCache, clips: Sequence[Clip]) -> tuple[Clip, float] | None:
         """The clip in which the skin moves most, and the time, seconds; None if no clip moves it."""
         peaks = []
@@ -295,10 +308,26 @@ class AttachedTools:
         for tool in self.tools.values():
             lines = tool_warnings(tool.plan, tool.carried, tool.sampled(cache, clips), up=settings.up)
             _add_by_name(found, [tool.patch.tool.name], lines)
-        for plan in {id(each.plan): each.plan for each in self.tools.values()}.values():
+        for plan in (cluster.plan for mesh in self.meshes for cluster in mesh.clusters):
             names = [each.patch.tool.name for each in carried_patches_of(plan)]
+            for name, lines in _driven_warnings(plan, clips, settings):
+                _add_by_name(found, [name], lines)
+                names.append(name)
             _add_by_name(found, names, mesh_warnings(plan, settings, clips))
+        for name, below in self.below.items():
+            _add_by_name(found, [name], below.flesh_warnings(cache, clips))
         return found
+
+
+def _driven_warnings(plan: MeshPlan, clips: Sequence[Clip], settings: ToolsFile) -> Iterator[tuple[str, list[str]]]:
+    """The name and the warnings of each effect on the refined triangles of a plan that its drive alone moves."""
+    sampling = SamplingOptions(settings.sampling.fps, "morph", Memory(), no_progress)
+    for layer in plan.layers:
+        if layer.drives_alone:
+            effects, motions = layer.sample(plan, moving_clips(plan, clips), [], [], sampling)
+            for number, effect in enumerate(effects):
+                states = [(motion, motion.states[number], motion.weights[number]) for motion in motions]
+                yield effect.name, effect.warnings(plan, states, up=settings.up)
 
 
 def _add_by_name(found: dict[str, list[str]], names: Iterable[str], lines: Iterable[str]) -> None:

@@ -164,14 +164,19 @@ class Bones:
 
 
 def below_skin(ground: Ground, place: Floats) -> tuple[str, Floats]:
-    """The joint that carries a muscle's end below a (3,) place on the skin, and the end's offset from that joint."""
+    """The joint that carries a muscle's end below a (3,) place on the skin, and the end's offset from that joint.
+
+    The end lies in the flesh of the innermost mesh, where the skin is that of clothes.
+    """
     bones = Bones.of(ground)
     number = bones.nearest(place)
     start, along = bones.starts[number], bones.ends[number] - bones.starts[number]
     square = float(along @ along)
     share = float(np.clip((place - start) @ along / square, 0.0, 1.0)) if square else 0.0
     foot = start + share * along
-    return ground.rig.names[bones.nodes[number]], foot + _DEPTH * (place - foot) - start
+    depth, side = float(np.linalg.norm(place - foot)), unit(place - foot)
+    room = _room(ground, bones.nodes[number], foot, side, depth)
+    return ground.rig.names[bones.nodes[number]], foot + _DEPTH * room * side - start
 
 
 def _places(ground: Ground, nodes: Sequence[int]) -> Floats:
