@@ -4,6 +4,7 @@
 import { anchor, anchorsOf } from './anchor.js';
 import { fleshWeights } from './flesh.js';
 import { foldWeights } from './fold.js';
+import { KeyCurves } from './keys.js';
 import { jointFinder, morphMeshes, named, nameOf, quoted } from './joints.js';
 import { activation, travelled } from './muscle.js';
 import { between } from './polyline.js';
@@ -74,13 +75,11 @@ export function wrinkleWeights(
 /**
  * Drives every body below a three.js object. Call `update` each frame, after the mixer and before rendering, with the
  * clip's name and time, and the seconds since the last call: without these, time's own, which stop where a clip loops.
- * The console says what is left out, and why.
+ * The console says what is left out, and why. With the file's `clips`, flesh follows a smooth curve through their keys.
  */
 export class WrinkleDriver {
-  constructor(root) {
-    this.root = root;
-    this.bodies = [];
-    this.hands = {};
+  constructor(root, clips = root.animations) {
+    Object.assign(this, { root, curves: new KeyCurves(root, clips), bodies: [], hands: {} });
     root.traverse((object) => object.userData.wrinkle && this.add(object, object.userData.wrinkle));
     if (!this.bodies.length) console.warn('wrinkle: nothing to drive: no object has extras.wrinkle and morph targets');
   }
@@ -110,7 +109,7 @@ export class WrinkleDriver {
     const drives = Object.fromEntries(Object.entries(every).map(([kind, all]) => [kind, all.filter(isThere)]));
     const kept = [drives.tools, drives.flesh, drives.touches].map((all) => all.map(() => ({})));
     const [states, swings, tips] = kept;
-    if (meshes.length) this.bodies.push({ ...drives, meshes, jointMatrixOf, states, swings, tips });
+    if (meshes.length) this.bodies.push({ ...drives, meshes, jointOf, jointMatrixOf, states, swings, tips });
   }
 
   /** Slides the skin of a touch forward and sideways, scene units; null lets it go. A VR hand or a mouse calls this. */
@@ -124,9 +123,10 @@ export class WrinkleDriver {
   }
 
   update(clip, time, elapsed = Math.max(time - this.time, 0)) {
-    this.time = time;
+    const before = this.clip === clip ? this.time : NaN;
+    Object.assign(this, { clip, time });
     this.root.updateMatrixWorld();
-    for (const { tools, folds, flesh, touches, meshes, states, swings, tips, jointMatrixOf } of this.bodies) {
+    for (const { tools, folds, flesh, touches, meshes, states, swings, tips, jointOf, jointMatrixOf } of this.bodies) {
       const { morphTargetDictionary: numbers, morphTargetInfluences: influences } = meshes[0];
       const morphWeightOf = (name) => influences[numbers[name]] ?? 0;
       const show = ({ targets }, found) => {
@@ -137,7 +137,10 @@ export class WrinkleDriver {
       for (const { morphTargetDictionary: places, morphTargetInfluences: all } of meshes.slice(1))
         for (const [name, place] of Object.entries(places)) if (name in numbers) all[place] = influences[numbers[name]];
       // First, as wrinkles appear where flesh swings.
-      flesh.forEach((each, k) => show(each, fleshWeights(each, jointMatrixOf, { state: swings[k], elapsed })));
+      for (const [k, each] of flesh.entries()) {
+        const known = this.curves.during(jointOf(each.joint), each.at, clip, time, before, elapsed);
+        show(each, fleshWeights(each, jointMatrixOf, { state: swings[k], elapsed, ...known }));
+      }
       for (const [k, touch] of touches.entries()) {
         const how = { morphWeightOf, clip, time, state: tips[k], elapsed, hand: this.hands[touch.name] };
         show(touch, touchWeights(touch, jointMatrixOf, how));

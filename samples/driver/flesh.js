@@ -1,17 +1,21 @@
 // Flesh that swings after a joint: springs in the world, y'' = ω² (c + 2ζ/ω c' - y) - 2ζω y', where c is the joint's
-// place, and r = y - c moves the shapes. Each step is exact for a cubic through the last four frames' places.
+// place, and r = y - c moves the shapes. Each step is exact for a cubic through the last four frames' places, and for the
+// path on which a clip takes the joint, where that is known.
 
 import { decay } from './spring.js';
 
 /** Metres per second by which no body changes its speed within a frame: a game has put it elsewhere, or a clip loops. */
 const LEAP = 10;
-/** A frame that takes this many times as long as the one before says nothing of how the body got here. */
+/** A frame that takes this many times as long as the one before, and so many seconds: the body's way here is unknown. */
 const HITCH = 2;
+const LONG = 0.05;
 /** Radians of a spring in a frame below which places run straight, as higher powers would cancel all digits. */
 const STRAIGHT = 0.01;
 
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const AXES = [0, 1, 2];
+const NONE = [0, 0, 0];
+const UNKNOWN = { path: [NONE, NONE, NONE, NONE], beside: NONE, back: NONE };
 
 /** A joint's place in the world, its axes of unit length, and its scale over that at rest. */
 function carried({ at, scale }, m) {
@@ -23,14 +27,21 @@ function carried({ at, scale }, m) {
   return { place, turn, ratio: Math.cbrt(Math.abs(volume)) / scale };
 }
 
-/** Powers of time since the last frame of the cubic through the last places: the latest first, `steps` apart. */
-function cubic(places, steps, i) {
+/** Powers of time since the last frame of the cubic through the last moves: the latest first, in `steps` seconds. */
+function cubic(moves, steps, i) {
   const [h, h1, h2] = steps;
-  const slope = (k) => (places[k][i] - places[k + 1][i]) / steps[k];
+  const slope = (k) => moves[k][i] / steps[k];
   const bend = (k) => (slope(k) - slope(k + 1)) / (steps[k] + steps[k + 1]);
-  const two = places.length > 2 ? bend(0) : 0;
-  const three = places.length > 3 ? (two - bend(1)) / (h + h1 + h2) : 0;
-  return [places[1][i], slope(0) - h * two - h * (h1 ?? 0) * three, two + ((h1 ?? 0) - h) * three, three];
+  const two = moves.length > 1 ? bend(0) : 0;
+  const three = moves.length > 2 ? (two - bend(1)) / (h + h1 + h2) : 0;
+  return [0, slope(0) - h * two - h * (h1 ?? 0) * three, two + ((h1 ?? 0) - h) * three, three];
+}
+
+/** Powers of time of the cubic through four places at even times, from the first to the last; it begins at 0. */
+function onward(path, elapsed, i) {
+  const [a, b, c, d] = path.map((place) => place[i]);
+  const powers = [0, 18 * b - 11 * a - 9 * c + 2 * d, 18 * a - 45 * b + 36 * c - 9 * d, 27 * (b - c) + 9 * (d - a)];
+  return powers.map((x, n) => x / 2 / elapsed ** n);
 }
 
 /** A spring's state after a frame in which it was drawn to the polynomial of these powers of the frame's fraction. */
@@ -49,40 +60,48 @@ function passed([y, u], powers, damping, turns) {
 const settled = (modes, place, pull) =>
   modes.map(({ frequency }) => place.map((x, i) => [x + pull[i] / (2 * Math.PI * frequency) ** 2, 0]));
 
-/** Take the state on by a frame. */
-function advance(state, modes, place, pull, elapsed, ratio) {
+/** Take the state on by a frame that brings the joint to a place: on the clip's path, and beside that on a cubic. */
+function advance(state, modes, place, pull, { elapsed, ratio, path, back }) {
   if (!state.springs || !(elapsed >= 0)) {
-    Object.assign(state, { springs: settled(modes, place, pull), places: [place], steps: [], pull });
+    Object.assign(state, { springs: settled(modes, place, pull), moves: [], steps: [], place, pull });
     return;
   }
-  if (elapsed === 0) return;
-  const [before, earlier] = state.places;
-  const speed = AXES.map((i) => (earlier ? (before[i] - earlier[i]) / state.steps[0] : 0));
-  const beside = place.map((x, i) => x - before[i] - elapsed * speed[i]);
-  if (earlier && Math.hypot(...beside) > LEAP * ratio * elapsed) {
-    state.places = state.places.map((each) => each.map((x, i) => x + beside[i]));
-    for (const springs of state.springs) springs.forEach((spring, i) => (spring[0] += beside[i]));
+  const [earlier] = state.moves;
+  const moved = place.map((x, i) => x - state.place[i] - (path[3][i] - path[0][i]));
+  let leap = moved.map((x, i) => x - (earlier ? (earlier[i] * elapsed) / state.steps[0] : 0));
+  // In no time nothing moves: the body is put elsewhere. A player may put a walk back, or let it go on.
+  const begins = elapsed > 0 && dot(moved, back) > dot(back, back) / 2;
+  if (begins) leap = back;
+  if (begins || elapsed === 0 || (earlier && Math.hypot(...leap) > LEAP * ratio * elapsed)) {
+    state.place = state.place.map((x, i) => x + leap[i]);
+    for (const springs of state.springs) springs.forEach((spring, i) => (spring[0] += leap[i]));
+    leap.forEach((x, i) => (moved[i] -= x));
   }
-  const known = elapsed > HITCH * state.steps[0] ? 1 : 3;
-  state.places = [place, ...state.places.slice(0, known)];
-  state.steps = [elapsed, ...state.steps.slice(0, known - 1)];
-  const powers = AXES.map((i) => cubic(state.places, state.steps, i));
-  modes.forEach(({ frequency, damping }, k) => {
-    const omega = 2 * Math.PI * frequency;
-    const [turns, lag] = [omega * elapsed, (2 * damping) / omega];
-    AXES.forEach((i) => {
-      const p = powers[i];
-      const drawn = [0, 1, 2, 3].map((n) => (p[n] + lag * (n + 1) * (p[n + 1] ?? 0)) * elapsed ** n);
-      drawn[0] += state.pull[i] / omega ** 2;
-      drawn[1] += (pull[i] - state.pull[i]) / omega ** 2;
-      const straight = [drawn[0], drawn[1] + drawn[2] + drawn[3], 0, 0];
-      const spring = state.springs[k][i];
-      // A body that was already moving when it was first seen had flesh that moved along.
-      if (!earlier) spring[1] = p[1] / omega;
-      state.springs[k][i] = passed(spring, turns < STRAIGHT ? straight : drawn, damping, turns);
+  if (elapsed > 0) {
+    const known = elapsed > Math.max(HITCH * state.steps[0], LONG) ? 0 : 2;
+    state.moves = [moved, ...state.moves.slice(0, known)];
+    state.steps = [elapsed, ...state.steps.slice(0, known)];
+    const powers = AXES.map((i) => {
+      const ahead = onward(path, elapsed, i);
+      return cubic(state.moves, state.steps, i).map((x, n) => x + ahead[n] + (n ? 0 : state.place[i]));
     });
-  });
-  state.pull = pull;
+    modes.forEach(({ frequency, damping }, k) => {
+      const omega = 2 * Math.PI * frequency;
+      const [turns, lag] = [omega * elapsed, (2 * damping) / omega];
+      AXES.forEach((i) => {
+        const p = powers[i];
+        const drawn = [0, 1, 2, 3].map((n) => (p[n] + lag * (n + 1) * (p[n + 1] ?? 0)) * elapsed ** n);
+        drawn[0] += state.pull[i] / omega ** 2;
+        drawn[1] += (pull[i] - state.pull[i]) / omega ** 2;
+        const straight = [drawn[0], drawn[1] + drawn[2] + drawn[3], 0, 0];
+        const spring = state.springs[k][i];
+        // A body that was already moving when it was first seen had flesh that moved along.
+        if (!earlier) spring[1] = p[1] / omega;
+        state.springs[k][i] = passed(spring, turns < STRAIGHT ? straight : drawn, damping, turns);
+      });
+    });
+  }
+  Object.assign(state, { place, pull });
 }
 
 /**
@@ -92,14 +111,17 @@ function advance(state, modes, place, pull, elapsed, ratio) {
  * jointMatrixOf  a joint's name to its matrix to world space: 16 numbers, by columns
  * state          of the region, kept from call to call: an object, {} to begin with, at rest
  * elapsed        seconds since the last call; where it is not known, flesh is at rest
+ * known          `path`, `beside` and `back`, where a clip's motion is known: see `KeyCurves.during`
  */
-export function fleshWeights(fleshExtras, jointMatrixOf, { state = {}, elapsed } = {}) {
+export function fleshWeights(fleshExtras, jointMatrixOf, { state = {}, elapsed, ...known } = {}) {
   const { joint, gravity, modes } = fleshExtras;
-  const { place, turn, ratio } = carried(fleshExtras, jointMatrixOf(joint));
+  const { path, beside, back } = { ...UNKNOWN, ...known };
+  const { place: shown, turn, ratio } = carried(fleshExtras, jointMatrixOf(joint));
+  const place = shown.map((x, i) => x + beside[i]);
   // Gravity as it was at rest is in the mesh already.
   const pull = AXES.map((i) => -turn[0][i] * gravity[0] - turn[1][i] * gravity[1] - turn[2][i] * gravity[2]);
   pull[1] -= Math.hypot(...gravity);
-  advance(state, modes, place, pull, elapsed, ratio);
+  advance(state, modes, place, pull, { elapsed, ratio, path, back });
   const numbers = modes.map(({ load, gain }, k) => {
     const moved = state.springs[k].map(([y], i) => y - place[i]);
     return ratio < 1e-6 ? 0 : (gain * dot(load, turn.map((axis) => dot(axis, moved)))) / ratio;

@@ -26,7 +26,7 @@ export async function drive({ file, anim, clip, times, node, drive: driven, elap
   const root = body.gltf.scene;
   const mixer = new AnimationMixer(root);
   const action = found && mixer.clipAction(found).play();
-  const driver = driven ? new WrinkleDriver(root) : null;
+  const driver = driven ? new WrinkleDriver(root, clips) : null;
   const meshesOf = (isOne) => {
     const parts = [];
     root.traverse((object) => {

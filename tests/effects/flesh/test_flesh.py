@@ -1,5 +1,6 @@
 """Flesh from the tools file to the player: proof, limits, what is refused, and the driver."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -7,16 +8,21 @@ import numpy as np
 import pytest
 
 import wrinklecli
-from kit.asset import Json
+from kit.asset import Array, Json
 from kit.bakes import bake_once, place, report_of
 from kit.clients import assert_valid, compare_with_three, drive
 from kit.flesh import SECONDS, body, jump, region
 from kit.player import Gltf
 from truth.flesh import compare, trunk
+from wrinklecli.baking.baked_body import read_bodies
 from wrinklecli.baking.track import track
+from wrinklecli.character.clip import Channel, Clip, read_clips
+from wrinklecli.character.rig import read_rig
 from wrinklecli.effects.flesh import tissue as tissue_module
 from wrinklecli.effects.flesh.kept import swings_of
 from wrinklecli.errors import WrinkleError
+from wrinklecli.gltf.document import read_document
+from wrinklecli.numeric.piecewise import Signal
 
 
 @pytest.fixture(scope="module")
@@ -73,45 +79,70 @@ def test_flesh_plays_in_three(bodies: dict[int, Path]) -> None:
     compare_with_three(file.path, "trunk", "jump", times.tolist(), file.pose("trunk", "jump", times))
 
 
-@pytest.mark.parametrize("fps", [30, 60, 144])
-def test_the_driver_plays_flesh_at_any_frame_rate(bodies: dict[int, Path], fps: int) -> None:
-    """The clip's motion, and the same one as a player's own that moves a body whose clip stays in place."""
-    file, still = (baked(bodies[keys], region(limit=0.026)) for keys in (60, 0))
-    times = np.arange(int(SECONDS * fps)) / fps
-    elapsed = np.diff(times, prepend=-1 / fps)
-    wanted = swung(bodies[60], times)
-    played = drive(file.path, node="trunk", clip="jump", times=times.tolist(), elapsed=elapsed.tolist(), driver=True)
-    own = drive(
-        still.path,
-        node="trunk",
-        clip=None,
-        times=times.tolist(),
-        elapsed=elapsed.tolist(),
-        driver=True,
-        places=jump(times).tolist(),
-    )
+def frame_times(fps: int | None) -> Array:
+    """Seconds of so many frames a second; None is a player whose frames take from 7 to 33 ms."""
+    if fps is not None:
+        return np.arange(int(SECONDS * fps)) / fps
+    steps = np.random.default_rng(1).choice([1 / 144, 1 / 90, 1 / 60, 1 / 45, 1 / 30], 300)
+    times = np.cumsum(steps) - steps[0]
+    return np.asarray(times[times < SECONDS])
+
+
+def sway(times: Array) -> Array:
+    """(times, 3) places to which a player moves a body beside its clip: wider and wider rounds, one a second."""
+    wide, turn = 0.1 * (1 - np.cos(np.pi * times / 2)), 2 * np.pi * times
+    return np.stack([wide * np.sin(turn), 0 * times, wide * np.cos(turn)], axis=1)
+
+
+@pytest.mark.parametrize("fps", [30, 60, 144, None])
+@pytest.mark.parametrize("keys", [30, 60])
+def test_the_driver_plays_flesh_at_any_frame_rate(bodies: dict[int, Path], keys: int, fps: int | None) -> None:
+    """A second round of the clip is as it was baked: the driver knows the curve through the clip's keys."""
+    file, times = baked(bodies[keys], region(limit=0.026)), frame_times(fps)
+    elapsed = [*np.diff(times, prepend=0.0), SECONDS - times[-1], *np.diff(times)]
+    found = drive(file.path, node="trunk", clip="jump", times=[*times, *times], elapsed=elapsed, driver=True)
+    assert_alike(found, swung(file.path)(times), len(times), 0.01)
+
+
+@pytest.mark.parametrize("fps", [30, 60, 144, None])
+def test_the_driver_plays_a_motion_of_the_player(bodies: dict[int, Path], fps: int | None) -> None:
+    """The player jumps with a body whose clip stays in place, or moves one that jumps by itself; neither is a loop."""
+    times = frame_times(fps)
+    steps = {
+        "node": "trunk",
+        "driver": True,
+        "times": times.tolist(),
+        "elapsed": np.diff(times, prepend=-1 / 60).tolist(),
+    }
+    still, jumps = (baked(bodies[keys], region(limit=0.026)).path for keys in (0, 30))
+    own = drive(still, clip=None, places=jump(times).tolist(), **steps)
+    both = drive(jumps, clip="jump", places=sway(times).tolist(), **steps)
+    for found, motion in ((own, jump), (both, lambda at: jump(at) + sway(at))):
+        assert_alike(found, swung(still, motion)(times), 0, 0.02)
+
+
+def assert_alike(found: dict[str, Array], wanted: Array, first: int, error: float) -> None:
+    """The weights of each frame, from the first that counts."""
     for number, column in enumerate(wanted.T, start=1):
-        for found in (played, own):
-            error = np.abs(found[f"wrinkle_belly_{number}"][:, 0] - column)
-            assert error.max() < 0.02 * wanted.max(), number
+        beside = np.abs(found[f"wrinkle_belly_{number}"][first:, 0] - column)
+        assert beside.max() < error * wanted.max(), (number, beside.argmax())
 
 
-def swung(asset: Path, times: np.ndarray) -> np.ndarray:
-    """(times, targets) weights of a jump after which the body goes on as it was: no loop."""
-    from wrinklecli.baking.baked_body import read_bodies
-    from wrinklecli.character.clip import Channel, Clip
-    from wrinklecli.character.rig import read_rig
-    from wrinklecli.gltf.document import read_document
-
-    document = read_document(baked(asset, region(limit=0.026)).path)
+def swung(path: Path, motion: Callable[[Array], Array] | None = None) -> Signal:
+    """Weights of the belly in its clip, or in a motion after which the body goes on as it was: no loop."""
+    document = read_document(path)
     rig = read_rig(document, 0)
     (stored,) = read_bodies(document)[0].drives
-    at = np.linspace(0.0, SECONDS, 121)
-    turns = np.tile([0.0, 0.0, 0.0, 1.0], (len(at), 1))
-    turns[-1] = [0.0, 0.003, 0.0, 1.0]
-    channels = Channel(0, 1, "translation", at, jump(at), "LINEAR"), Channel(1, 1, "rotation", at, turns, "LINEAR")
-    clip = Clip(0, "jump", channels, 0.0, SECONDS)
-    return np.asarray(stored.on({"hips": 1}, []).weights_in(rig, clip)(times))
+    clips = read_clips(document)
+    if motion is not None:
+        at = np.linspace(0.0, SECONDS, 121)
+        turns = np.stack([0.0 * at, 0.001 * at, 0.0 * at, 0.0 * at + 1.0], axis=1)
+        channels = (
+            Channel(0, 1, "translation", at, motion(at), "LINEAR"),
+            Channel(1, 1, "rotation", at, turns, "LINEAR"),
+        )
+        clips = (Clip(0, "jump", channels, float(at[0]), float(at[-1])),)
+    return stored.on({"hips": 1}, []).weights_in(rig, clips[0])
 
 
 def test_a_clip_of_another_file_is_tracked(bodies: dict[int, Path], tmp_path: Path) -> None:
