@@ -144,9 +144,11 @@ class Segment:
             distances = distances - self.tension.at(rig, clip, times)
         return Lengths(distances, self.rest_length.at(rig, clip, times))
 
-    def contraction(self, rig: Rig, clip: Clip | None, times: Floats) -> Lengths | Contraction:
-        """Measure the segment at (frames,) seconds of a clip, with and without the activation, if it has any."""
-        lengths = self.lengths(rig, clip, times)
+    def contraction(
+        self, rig: Rig, clip: Clip | None, times: Floats, carriers: Carriers | None = None
+    ) -> Lengths | Contraction:
+        """Measure the segment as `lengths` does, with and without the activation, if it has any."""
+        lengths = self.lengths(rig, clip, times, carriers)
         if self.tension is None:
             return lengths
         return Contraction(lengths, lengths._replace(distances=lengths.distances + self.tension.at(rig, clip, times)))

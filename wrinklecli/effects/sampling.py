@@ -86,11 +86,18 @@ def sample_driven(
 
 def driven_motion(plan: MeshPlan, motion: Motion, effects: Sequence[Effect]) -> Motion:
     """A motion whose times are known already, with states and weights of effects that their drives alone move."""
-    weights = tuple(each.weights_at(plan.rig, motion, np.zeros(0), motion.times) for each in effects)
-    blank = replace(motion, states=(None,) * len(effects), weights=weights)
-    return replace(
-        blank, states=tuple(observed(effects, plan.rig, replace(blank, times=motion.times[:0]), motion.times))
-    )
+    states, weights = _driven(effects, plan.rig, motion.clip, motion.times)
+    return replace(motion, states=states, weights=weights)
+
+
+def _driven(
+    effects: Sequence[Effect], rig: Rig, clip: Clip, times: Floats
+) -> tuple[tuple[Any, ...], tuple[Floats, ...]]:
+    """The measurements and the weights of effects that their drives alone move, at (times,) seconds of a clip."""
+    blank = Motion(clip, times[:0], np.zeros(0, np.intp), (None,) * len(effects))
+    states = tuple(observed(effects, rig, blank, times))
+    pairs = zip(effects, states, strict=True)
+    return states, tuple(each.exact_weights(blank, np.zeros(0), times, state) for each, state in pairs)
 
 
 def moves_of(effects: Sequence[Effect], plan: MeshPlan, clip: Clip) -> Signal:
@@ -99,7 +106,6 @@ def moves_of(effects: Sequence[Effect], plan: MeshPlan, clip: Clip) -> Signal:
     A move is a weight times the largest displacement of its shape, scene units; of an effect with an error bound of its
     own, times the plan's bound over it, so that one bound holds for all.
     """
-    still = Motion(clip, np.zeros(0), np.zeros(0, np.intp), ())
     sizes = [
         np.array([0.0 if t is None else t.shape.tallest for t in each.targets])
         * (1.0 if each.max_error is None else plan.max_error / each.max_error)
@@ -107,8 +113,8 @@ def moves_of(effects: Sequence[Effect], plan: MeshPlan, clip: Clip) -> Signal:
     ]
 
     def moves(times: Floats) -> Floats:
-        pairs = zip(effects, sizes, strict=True)
-        parts = [each.weights_at(plan.rig, still, np.zeros(0), times) * size for each, size in pairs]
+        _, weights = _driven(effects, plan.rig, clip, times)
+        parts = [each * size for each, size in zip(weights, sizes, strict=True)]
         return np.concatenate([np.zeros((len(times), 0)), *parts], axis=1)
 
     return moves

@@ -89,6 +89,12 @@ class AttachedMuscle:
         return displaced(self.belly, self.response, RefinedSkin(fine))[0]
 
     @property
+    def segment(self) -> Segment:
+        """From its origin to its insertion."""
+        assert isinstance(self.drive.signal, Segment)
+        return self.drive.signal
+
+    @property
     def response(self) -> ConstantVolume:
         """Weights by length."""
         assert isinstance(self.drive.response, ConstantVolume)

@@ -6,6 +6,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from wrinklecli.character.carried import pose_carriers
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.drive import Drive
@@ -75,8 +76,11 @@ class MuscleEffect(BodyEffect[AttachedMuscle]):
 
     @classmethod
     def observe(cls, effects: Sequence[Self], rig: Rig, motion: Motion, times: Floats, _known: Sequence[Any]) -> Any:
-        """The length of each muscle at all times."""
-        return [each.drive.reader(rig.own, motion.clip)(times) for each in effects]
+        """The length of each muscle at all times; the bones of all are posed once."""
+        segments = [each.attached.segment for each in effects]
+        points = [point for each in segments for point in each.points]
+        carriers = pose_carriers(points, rig.own, motion.clip, times)
+        return [each.contraction(rig.own, motion.clip, times, carriers) for each in segments]
 
     def exact_weights(self, _motion: Motion, _sampled: Floats, _times: Floats, state: Lengths | Contraction) -> Floats:
         """(times, targets) the weights that keep the volume."""

@@ -7,7 +7,7 @@ from wrinklecli.character.pose import joint_matrices, morph_weights
 from wrinklecli.character.skin import pose, prepare
 from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.effects.muscle.attach import AttachedMuscle
-from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.arrays import Floats, Ints
 from wrinklecli.numeric.intersections import Crossings
 
 # Distance from the insertion up to which a bulge may meet other skin, over the muscle's length: a forearm folds onto
@@ -42,10 +42,13 @@ def passes_through(plan: MeshPlan, attached: AttachedMuscle, deltas: Floats, cli
     relaxed[:, [rig.morph_names.index(name) for name in attached.drive.targets]] = 0.0
     flexed, flat = (pose(skin, matrices, each)[0][0].T for each in (shown, relaxed))
     crossings = Crossings.of(fine.rest_positions[chosen], triangles)
-    before, after = (
-        set(zip(*(part.tolist() for part in crossings.at(each, counting=moved)), strict=True))
-        for each in (flat, flexed)
-    )
-    new = np.array(sorted(after - before), np.intp).reshape(-1, 2)
+    # Most muscles meet nothing, so that the skin without them need not be looked at.
+    after = _pairs(crossings.at(flexed, counting=moved))
+    new = np.array(sorted(after - _pairs(crossings.at(flat, counting=moved))) if after else [], np.intp).reshape(-1, 2)
     corners = np.concatenate([crossings.edges[new[:, 0]].ravel(), triangles[new[:, 1]].ravel()])
     return float(np.sqrt(((flexed - flat)[corners] ** 2).sum(axis=1)).max(initial=0.0))
+
+
+def _pairs(found: tuple[Ints, Ints]) -> set[tuple[int, int]]:
+    """The pairs of an edge and a triangle."""
+    return set(zip(*(part.tolist() for part in found), strict=True))
