@@ -6,7 +6,7 @@ import { fleshWeights } from './flesh.js';
 import { foldWeights } from './fold.js';
 import { KeyCurves } from './keys.js';
 import { jointFinder, morphMeshes, named, nameOf, quoted } from './joints.js';
-import { activation, travelled } from './muscle.js';
+import { activation, tabulated } from './muscle.js';
 import { between } from './polyline.js';
 import { lagged } from './spring.js';
 import { touchWeights } from './touch.js';
@@ -44,8 +44,8 @@ export function wrinkleWeights(
   jointMatrixOf,
   { morphWeightOf = () => 0, clip, time = 0, state = {}, elapsed } = {},
 ) {
-  const { rest_length: nominal, rest_length_morph: morph, shortenings, weights, curve, targets, lag } = toolExtras;
-  const { tension, gains } = toolExtras;
+  const { rest_length: nominal, rest_length_morph: morph, curve, targets, lag } = toolExtras;
+  const { tension } = toolExtras;
   const posed = anchorsOf(toolExtras).map((each) => anchor(each, jointMatrixOf, morphWeightOf));
   const scale = posed.reduce((sum, each) => sum + each.scale, 0) / posed.length;
   if (scale < 1e-6) {
@@ -65,10 +65,9 @@ export function wrinkleWeights(
     const x = Math.min(lagged(state, lag, lag.taut - distance / length, elapsed), lag.taut);
     distance = x > 0 ? (lag.taut - x) * length : Math.max(distance, lag.taut * length);
   }
-  const belly = gains && travelled(toolExtras, 1 - ends / length, 1 - distance / length);
   const found = curve
     ? followed(curve, distance, length)
-    : belly ?? targets.map((_, k) => between(shortenings, weights.map((row) => row[k]), 1 - distance / length));
+    : tabulated(toolExtras, 1 - ends / length, 1 - distance / length);
   return found.map((weight) => weight * (toolExtras.strengths?.[clip] ?? toolExtras.strength ?? 1));
 }
 

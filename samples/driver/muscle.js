@@ -1,4 +1,4 @@
-// Muscles that are activated, as they get thicker though their ends stay, and muscles whose belly moves.
+// Muscles: one that is activated gets thicker though its ends stay, and the belly of one may travel.
 
 import { between } from './polyline.js';
 
@@ -9,10 +9,12 @@ export function activation({ keys, morph }, morphWeightOf, clip, time) {
   return found ? between(found.map(([t]) => t), found.map(([, a]) => a), time) : 0;
 }
 
-/** Weights of a belly that moves with the distance of its ends, by shortenings without and with what activation takes. */
-export function travelled({ shortenings, weights, gains, lows }, ends, belly) {
+/** Weights by shortenings without and with what activation takes; a belly that travels has its place by the first. */
+export function tabulated({ shortenings, weights, gains, lows }, ends, belly) {
+  const at = (x) => weights[0].map((_, k) => between(shortenings, weights.map((row) => row[k]), x));
+  if (!gains) return at(belly);
   const gain = between(shortenings, gains, belly);
-  const found = weights[0].map((_, k) => gain * between(shortenings, weights.map((row) => row[k]), ends));
+  const found = at(ends).map((weight) => gain * weight);
   if (!lows) return found;
   const below = found.flatMap((weight, k) => (lows[k] > 0 ? [Math.max(-weight, 0) / lows[k]] : []));
   return [...found.map((weight, k) => (lows[k] > 0 ? Math.max(weight, 0) : weight)), ...below];
