@@ -324,7 +324,7 @@ def read_table(data: Json, targets: int) -> Table | BellyTable | LeaningTable | 
 def _read_belly(data: Json, rows: Floats, targets: int) -> BellyTable:
     lows = np.array(data["lows"], np.float64) if "lows" in data else None
     signed = targets if lows is None else targets - int(np.count_nonzero(lows))
-    if lows is not None and (lows.shape != (signed,) or not (lows >= 0).all()):
+    if "joint" in data or (lows is not None and (lows.shape != (signed,) or not (lows >= 0).all())):
         raise ValueError
     gains = np.array(data["gains"], np.float64).reshape(len(rows))
     return BellyTable(rows, _read_weights(data, len(rows), signed), gains, lows)
