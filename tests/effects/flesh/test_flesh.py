@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import wrinklecli
-from kit.asset import Array, Json
+from kit.asset import Array, Asset, Json
 from kit.bakes import bake_once, place, report_of
 from kit.clients import assert_valid, compare_with_three, drive
 from kit.flesh import SECONDS, body, jump, region
@@ -219,6 +219,52 @@ def test_warnings_say_what_a_clip_does_not_hold(bodies: dict[int, Path]) -> None
     still = place(body(lambda times: np.zeros((len(times), 3))))
     assert "holds no motion of the root" in said(still)
     assert said(bodies[60]) == ""
+
+
+def stepping(ahead: float, lift: float, *, swings: bool = True) -> Asset:
+    """The trunk on two legs that step by 0.6 m in a second, one after the other, while hips go ahead."""
+    asset, times = body(None), np.linspace(0.0, 1.0, 31)
+    legs = [
+        asset.append("nodes", {"name": f"foot.{side}", "translation": [x, -0.95, 0]})
+        for side, x in zip("LR", (0.1, -0.1), strict=True)
+    ]
+    head = asset.append("nodes", {"name": "head", "translation": [0, 0.6, 0]})
+    asset.gltf["nodes"][1]["children"] = [*legs, head]
+    asset.gltf["skins"][0]["joints"] = [1, *legs, head]
+    animation: Json = {"name": "step"}
+    asset.channel(
+        animation,
+        1,
+        "translation",
+        times,
+        np.outer(times, [0.0, 0.0, ahead]) + np.outer(0.03 * np.sin(4 * np.pi * times), [0, 1, 0]),
+    )
+    for leg, shift, x in zip(legs, (0.0, 0.5), (0.1, -0.1), strict=True):
+        phase = (times + shift) % 1.0
+        # It stands for the first half, and swings back in the second.
+        along = np.where(phase < 0.5, 0.3 - 1.2 * phase, -0.3 + 1.2 * (phase - 0.5)) if swings else 0.0 * phase
+        up = lift * np.sin(np.pi * np.clip(2.0 * phase - 1.0, 0.0, 1.0))
+        asset.channel(animation, leg, "translation", times, np.stack([x + 0.0 * times, up - 0.95, along], axis=1))
+    asset.append("animations", animation)
+    return asset
+
+
+@pytest.mark.parametrize(
+    ("asset", "lines"),
+    [
+        (stepping(0.0, 0.1), 1),  # a walk in place
+        (stepping(1.2, 0.1), 0),  # the same walk with its root
+        (stepping(0.0, 0.0, swings=False), 0),  # an idle, in which the body goes up and down
+        (stepping(0.0, 0.3, swings=False), 0),  # a gesture, with one foot after the other
+    ],
+    ids=["in place", "ahead", "idle", "gesture"],
+)
+def test_one_warning_names_clips_in_place(asset: Asset, lines: int) -> None:
+    """A walk on the spot moves the hips, and lacks the motion of the root all the same; all regions share the line."""
+    regions = [region(name=name, at=[x, -0.05, 0.17], radius=0.1, shapes=3) for name, x in (("l", 0.06), ("r", -0.06))]
+    said = [each for each in report_of(baked(place(asset), *regions)).data["warnings"] if "in place" in each]
+    assert len(said) == lines
+    assert all(each.startswith("l, r: 'step' is in place") for each in said)
 
 
 def test_a_bake_without_flesh_imports_none_of_it() -> None:

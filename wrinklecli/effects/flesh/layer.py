@@ -12,6 +12,8 @@ from wrinklecli.effects.body import BodyLayer, body_targets
 from wrinklecli.effects.effect import Attached, MeshPlan
 from wrinklecli.effects.flesh.attach import AttachedFlesh, attach_flesh
 from wrinklecli.effects.flesh.effect import FleshEffect
+from wrinklecli.effects.flesh.report import in_place
+from wrinklecli.errors import listed
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.surface.ground import Ground
 from wrinklecli.tools.body import Flesh
@@ -39,10 +41,21 @@ class FleshLayer(BodyLayer[AttachedFlesh]):
         identifier = attached.tool.identifier
         return FleshEffect(identifier, body_targets(plan, identifier, deltas, rows), attached, deltas)
 
-    def warnings(self, _plan: MeshPlan, clips: Sequence[Clip]) -> list[str]:
-        """A line if there is no clip."""
-        names = ", ".join(each.tool.name for each in self.attached)
-        return [] if clips else [f"{names}: there is no clip: flesh swings only in a player with a driver"]
+    def warnings(self, plan: MeshPlan, clips: Sequence[Clip]) -> list[str]:
+        """A line if there is no clip, or if clips are in place; the region's own mesh says it for meshes over it."""
+        names = ", ".join(each.tool.name for each in self.attached if each.tool.carrier is None)
+        if not names:
+            return []
+        if not clips:
+            return [f"{names}: there is no clip: flesh swings only in a player with a driver"]
+        staying = [clip.name for clip in clips if in_place(plan.rig, clip)]
+        if not staying:
+            return []
+        are = "is" if len(staying) == 1 else "are"
+        return [
+            f"{names}: {listed(staying)} {are} in place: a body that walks or runs on the spot lacks the motion of its"
+            " root, which only a player adds, and a driver in the player follows; or export it with root motion"
+        ]
 
 
 class FleshKind:
