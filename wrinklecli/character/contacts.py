@@ -1,6 +1,6 @@
 """Finds the vertices at which a mesh touches itself or another mesh of its file: a gap opens there if one moves."""
 
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -127,7 +127,9 @@ class Neighbours:
         return np.stack([each.box() for each in self._shown])
 
 
-def contacts_of(neighbours: Neighbours, rig: Rig, surface: Surface, positions: Floats) -> Bools:
+def contacts_of(
+    neighbours: Neighbours, rig: Rig, surface: Surface, positions: Floats, along: Container[int] = ()
+) -> Bools:
     """Mark the vertices at which a gap would open if they moved.
 
     All vertices are compared, also those that nothing displaces: an edge along another mesh leaves it when it is split.
@@ -137,6 +139,7 @@ def contacts_of(neighbours: Neighbours, rig: Rig, surface: Surface, positions: F
         rig: Of this mesh.
         surface: This mesh, welded; vertices with an unwelded twin are marked.
         positions: (vertices, 3) world space at rest.
+        along: Nodes whose meshes move along, so that no gap opens.
 
     Returns:
         (vertices,) whether a vertex has a twin or touches a vertex of another mesh at rest.
@@ -149,8 +152,9 @@ def contacts_of(neighbours: Neighbours, rig: Rig, surface: Surface, positions: F
     low, high = positions.min(axis=0), positions.max(axis=0)
     reach = _CONTACT * float(np.linalg.norm(high - low))
     if reach > 0:
-        for posed in neighbours.near(rig.node, low - 2.0 * reach, high + 2.0 * reach):
-            contacts |= _touching(positions, posed, reach)
+        for node, posed in neighbours.numbered_near(rig.node, low - 2.0 * reach, high + 2.0 * reach):
+            if node not in along:
+                contacts |= _touching(positions, posed, reach)
     return contacts
 
 

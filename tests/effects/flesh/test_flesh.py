@@ -290,20 +290,42 @@ def test_a_warning_names_clothes_over_a_region() -> None:
     ]
 
 
-def dressed() -> Path:
-    """The trunk that jumps, with a shirt whose vertices are apart from those of the skin."""
+def dressed(waist: float | None = None) -> Path:
+    """The trunk that jumps, with a shirt whose vertices are apart from the skin's; with a skirt below a waist."""
     asset, clothes = body(normals=False), trunk(17, 21)[0]
-    count = len(clothes.positions)
-    attributes = {
-        "POSITION": asset.accessor(1.06 * clothes.positions, bounds=True),
-        "JOINTS_0": asset.accessor(np.zeros((count, 4)), "u1"),
-        "WEIGHTS_0": asset.accessor(np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))),
-    }
-    primitive = {"attributes": attributes, "indices": asset.accessor(clothes.triangles.reshape(-1), "u2")}
-    mesh = asset.append("meshes", {"primitives": [primitive]})
-    shirt = asset.append("nodes", {"name": "shirt", "mesh": mesh, "skin": 0})
-    asset.gltf["scenes"][0]["nodes"].append(shirt)
+    upper = clothes.positions[clothes.triangles, 1].mean(axis=1) > (-np.inf if waist is None else waist)
+    for name, part in (("shirt", clothes.triangles[upper]), ("skirt", clothes.triangles[~upper])):
+        if len(part):
+            used, indices = np.unique(part, return_inverse=True)
+            attributes = {
+                "POSITION": asset.accessor(1.06 * clothes.positions[used], bounds=True),
+                "JOINTS_0": asset.accessor(np.zeros((len(used), 4)), "u1"),
+                "WEIGHTS_0": asset.accessor(np.tile([1.0, 0.0, 0.0, 0.0], (len(used), 1))),
+            }
+            primitive = {"attributes": attributes, "indices": asset.accessor(indices.reshape(-1), "u2")}
+            mesh = asset.append("meshes", {"primitives": [primitive]})
+            node = asset.append("nodes", {"name": name, "mesh": mesh, "skin": 0})
+            asset.gltf["scenes"][0]["nodes"].append(node)
     return place(asset)
+
+
+def test_clothes_do_not_tear_off_others_that_stay() -> None:
+    """Where a shirt is sewn to a skirt that stays, its moves fade towards the seam; where both move, they do not."""
+    path = dressed(waist=-0.03)
+    alone, both = (baked(path, region(node="trunk", meshes=worn, shapes=3)) for worn in (["shirt"], ["shirt", "skirt"]))
+    shirt, skirt = (both.attribute(node, "POSITION") for node in ("shirt", "skirt"))
+    fading, moving, below = (
+        np.linalg.norm(file.deltas(node), axis=2).max(axis=0)
+        for file, node in ((alone, "shirt"), (both, "shirt"), (both, "skirt"))
+    )
+    apart = np.linalg.norm(shirt[:, None] - skirt[None], axis=2)
+    seam = apart.min(axis=1) == 0
+    assert moving[seam].max() > 0.5 * moving.max()
+    assert moving[seam] == pytest.approx(below[apart[seam].argmin(axis=1)])
+    assert not fading[seam].any()
+    far = apart.min(axis=1) > 0.25 * 0.13
+    assert moving[far].max() > 0.5 * moving.max()
+    assert fading[far] == pytest.approx(moving[far])
 
 
 def test_clothes_move_with_the_skin_below() -> None:

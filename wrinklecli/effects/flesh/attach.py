@@ -6,6 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from wrinklecli.character.contacts import contacts_of
 from wrinklecli.drive.swing import GRAVITY, Mode, SwingDrive
 from wrinklecli.effects.effect import Moves
 from wrinklecli.effects.flesh.kept import swings_of
@@ -131,7 +132,7 @@ def _attach(tool: Flesh, ground: Ground, settings: ToolsFile) -> AttachedFlesh:
     chosen = np.flatnonzero(_moving(ground, place))
     moved = swings.moves(rest.positions[chosen])
     follows = np.zeros(len(rest.positions))
-    follows[chosen] = _fading(ground, chosen, _SEAM * place.radius)
+    follows[chosen] = _fading(ground, ground.contacts, chosen, _SEAM * place.radius)
     moved *= follows[chosen, None]
     sizes = np.sqrt((moved**2).sum(axis=2)).max(axis=1, initial=0.0)
     if not sizes.max() > 0 or not (sizes > _LEAST_MOVE * sizes.max()).all():
@@ -168,7 +169,8 @@ def _spring(tool: Flesh, faster: float) -> Spring:
 def _attach_over(tool: Flesh, skin: Ground, ground: Ground, settings: ToolsFile) -> AttachedFlesh:
     """A mesh over a region: each vertex moves as the skin nearest to it does, with the same weights.
 
-    What hangs farther from the skin than clothes lie follows less, and at last not at all.
+    What hangs farther from the skin than clothes lie follows less, and at last not at all. The same holds towards a
+    border that the mesh shares with another one that stays.
     """
     region = _attach(tool, skin, settings)
     rest, place = ground.rest, region.place
@@ -181,6 +183,10 @@ def _attach_over(tool: Flesh, skin: Ground, ground: Ground, settings: ToolsFile)
     away = np.sqrt(((rest.positions[around] - places) ** 2).sum(axis=1))
     follows = (shares * region.follows[corners]).sum(axis=1)
     follows *= 1.0 - smoothstep(np.clip(away / reach - 1.0, 0.0, 1.0))
+    names = (*tool.meshes, skin.rig.names[skin.rig.node])
+    along = {node for node, name in enumerate(ground.rig.names) if name in names}
+    contacts = contacts_of(ground.neighbours, ground.rig, ground.surface, rest.positions, along)
+    follows *= _fading(ground, contacts, around, _SEAM * place.radius)
     moved = region.swings.moves(places) * (region.factors[:, None] * follows)[:, :, None]
     deltas = _deltas(rest, around, moved)
     if not np.any(deltas, axis=(1, 2)).all():
@@ -308,9 +314,9 @@ def _covers(ground: Ground, tool: Flesh, place: Place, chosen: Ints) -> tuple[st
     return tuple(found)
 
 
-def _fading(ground: Ground, chosen: Ints, width: float) -> Floats:
-    """(chosen,) factors that fade towards the vertices at which another mesh touches this one."""
-    held = np.flatnonzero(ground.contacts & ~ground.surface.twins)
+def _fading(ground: Ground, contacts: Bools, chosen: Ints, width: float) -> Floats:
+    """(chosen,) factors that fade towards the (vertices,) contacts at which another mesh touches this one."""
+    held = np.flatnonzero(contacts & ~ground.surface.twins)
     if not len(held) or not len(chosen):
         return np.ones(len(chosen))
     distances, _ = nearest_of(ground.rest.positions[held], ground.rest.positions[chosen])
