@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 import wrinklecli
-from kit.characters import dressed
+from kit.characters import avatar, cartoon, dressed
 from kit.command import Wrinkle
 from kit.limb import limb
 
@@ -32,6 +32,24 @@ def test_a_body_gets_regions_where_its_skin_is_thick(person: Path, tmp_path: Pat
     (tmp_path / "flesh.yaml").write_text(found.text)
     report = wrinklecli.bake(person, tmp_path / "flesh.yaml", tmp_path / "out.glb", draft=True)
     assert len(report.data["flesh"]) == 7
+
+
+@pytest.mark.quick(4)
+def test_clothes_over_a_region_are_named(tmp_path: Path) -> None:
+    """Shirt and trousers move with the flesh below them; what lies over a face does not."""
+    found = wrinklecli.suggest(avatar().write(tmp_path / "avatar.glb"), flesh=True)
+    worn = {each.region.name: each.region.meshes for each in found.flesh}
+    assert worn == {
+        "belly": ("mesh_1", "mesh_2"), "buttock.L": ("mesh_1",), "thigh.L": ("mesh_1",), "cheek.L": ()
+    }  # fmt: skip
+    assert 'meshes: ["mesh_1", "mesh_2"]' in found.text
+
+
+def test_flesh_of_one_side_is_left_out(wrinkle: Wrinkle, tmp_path: Path) -> None:
+    """A cartoon's right cheek holds none, as its triangles are large: the left one alone would look like a fault."""
+    ran = wrinkle("suggest", cartoon().write(tmp_path / "cartoon.glb"), "--flesh")
+    assert ran.code == 1
+    assert any(line == "note: cheek.L: left out, as the other side is" for line in ran.lines)
 
 
 @pytest.mark.quick(4)

@@ -5,8 +5,9 @@ there is a region if the way is long enough for the body's size.
 """
 
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Container, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -107,6 +108,9 @@ def suggest_flesh(document: Document, nodes: Mapping[int, str | None]) -> tuple[
         return [], [], "no mesh deforms"
     low, high = (f([f(each.rest.positions, axis=0) for each in grounds], axis=0) for f in (np.min, np.max))
     size = float((high - low).max())
+    # Meshes that deform, by names that no other node has.
+    counts = Counter(hierarchy.names)
+    clothes = {hierarchy.names[node] for node in nodes if counts[hierarchy.names[node]] == 1}
     found: list[SuggestedFlesh] = []
     notes: list[str] = []
     for name, spot in _SPOTS.items():
@@ -119,10 +123,15 @@ def suggest_flesh(document: Document, nodes: Mapping[int, str | None]) -> tuple[
             )
             continue
         regions = [
-            _fitted(f"{name}.{letter}" if letter else name, spot, *way, size, nodes) for letter, way in ways.items()
+            _fitted(f"{name}.{letter}" if letter else name, spot, *way, size, nodes, clothes)
+            for letter, way in ways.items()
         ]
         fitted = [each for each in regions if isinstance(each, SuggestedFlesh)]
         notes += [each for each in regions if isinstance(each, str)]
+        if len(fitted) < len(regions) == 2:
+            # Flesh on one side alone looks like a fault.
+            notes += [f"{each.region.name}: left out, as the other side is" for each in fitted]
+            continue
         if len(fitted) == 2 and _mirrored(fitted[0], fitted[1], size):
             found.append(SuggestedFlesh(fitted[0].region, True, fitted[0].depth))
         else:
@@ -189,8 +198,9 @@ def _fitted(
     ground: Ground,
     size: float,
     nodes: Mapping[int, str | None],
+    clothes: Container[str],
 ) -> SuggestedFlesh | str:
-    """A region where a ray meets the skin, or the line that says why there is none."""
+    """A region where a ray meets the skin, with clothes over it by name, or the line that says why there is none."""
     if not _OWN * size < depth < np.inf:
         return f"{called}: left out, as there is no skin where it would be"
     digits = 4 - int(np.floor(np.log10(size)))
@@ -206,17 +216,20 @@ def _fitted(
         where=ground.document.path,
     )
     try:
-        attach_flesh([region], ground, ToolsFile(path=ground.document.path))
+        (attached,) = attach_flesh([region], ground, ToolsFile(path=ground.document.path))
     except WrinkleError as error:
         return f"{called}: left out: {error.lines[0].removeprefix(f'{ground.document.path}: ')}"
-    return SuggestedFlesh(region, False, depth)
+    # What lies over a face, such as glasses or hair, does not move with it.
+    worn = () if spot.part == "head" else tuple(each for each in attached.covers if each in clothes)
+    return SuggestedFlesh(replace(region, meshes=worn), False, depth)
 
 
 def _mirrored(left: SuggestedFlesh, right: SuggestedFlesh, size: float) -> bool:
     """True if two regions are mirror images about x = 0."""
     places = [each.region.at for each in (left, right)]
     apart = np.abs(np.array(places[0]) * [-1.0, 1.0, 1.0] - np.array(places[1])).max()
-    return bool(apart < _SYMMETRIC * size) and left.region.node == right.region.node
+    alike = left.region.node == right.region.node and left.region.meshes == right.region.meshes
+    return bool(apart < _SYMMETRIC * size) and alike
 
 
 def flesh_text(regions: Sequence[SuggestedFlesh], document: Document) -> str:
@@ -239,6 +252,7 @@ def flesh_text(regions: Sequence[SuggestedFlesh], document: Document) -> str:
             "mirror": "x" if each.mirrored else None,
             "frequency": f"{region.frequency:.12g}",
             "limit": f"{_LIMIT:.12g}%",
+            "meshes": f"[{', '.join(map(quoted, region.meshes))}]   # over it" if region.meshes else None,
         }
         lines += entry(region.name, keys)
     return "\n".join(lines) + "\n"
