@@ -23,9 +23,10 @@ ROOT = HERE.parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
 import viser  # noqa: E402
-from websockets.sync.client import connect  # noqa: E402
+from websockets.sync.client import ClientConnection, connect  # noqa: E402
 
 from kit.limb import limb  # noqa: E402
+from wrinklecli.editor.baked_file import bake_saved  # noqa: E402
 from wrinklecli.editor.page.page import Page  # noqa: E402
 from wrinklecli.editor.session import Session  # noqa: E402
 from wrinklecli.numeric.guard import guarded  # noqa: E402
@@ -38,6 +39,13 @@ tools:
 """
 
 
+_LIMB_FLESH = """\
+version: 1
+flesh:
+  - {name: soft, at: [0.6, -0.25, 0.0], radius: 0.35}
+"""
+
+
 @dataclass(frozen=True)
 class Felt:
     """How long a hand waits.
@@ -46,7 +54,7 @@ class Felt:
         name: Of the asset.
         triangles: Of it.
         vertices: That are shown.
-        clock: Medians by the clock, seconds: `frame`, `width`, `end` and `bumps`; `refined` but once.
+        clock: Medians by the clock, seconds: `frame`, `width`, `end` and `bumps`; `refined` but once. See `felt_flesh`.
         processor: The same of processor time.
     """
 
@@ -58,10 +66,7 @@ class Felt:
 
     def __str__(self) -> str:
         """A line."""
-        found = [
-            f"{what} {1000 * self.clock[what]:.0f}/{1000 * self.processor[what]:.0f}"
-            for what in ("frame", "width", "end", "bumps", "refined")
-        ]
+        found = [f"{what} {1000 * self.clock[what]:.0f}/{1000 * self.processor[what]:.0f}" for what in self.clock]
         return f"{self.name:16}{self.triangles:8,} triangles{self.vertices:8,} vertices   ms: {', '.join(found)}"
 
 
@@ -70,9 +75,7 @@ def felt(asset: Path, tools: Path, edits: int = 20) -> Felt:
     session = Session(asset, tools)
     if not session.tools():
         session.accept(session.proposals()[0])
-    page = Page(session)
-    tab = connect(f"ws://127.0.0.1:{page.port}", subprotocols=[f"viser-v{viser.__version__}"], max_size=None)
-    threading.Thread(target=lambda: [None for _ in tab], daemon=True).start()
+    page, tab = _opened(session)
     tool, clip = session.tools()[0].name, session.clips[0].name
     times = session.frame_times(clip)
     page.choose(tool, look=False)
@@ -106,6 +109,52 @@ def felt(asset: Path, tools: Path, edits: int = 20) -> Felt:
     page.close()
     triangles = sum(len(mesh.source.ground.surface.triangles) for mesh in shown)
     return Felt(asset.stem, triangles, sum(len(mesh.positions) for mesh in shown), clock, processor)
+
+
+def felt_flesh(folder: Path, edits: int = 20) -> Felt:
+    """Measure a region on a limb of 27,000 triangles: a slider while its clip plays, and a second bake.
+
+    The times are `frame`, `frequency` (a step of the slider, and the frame that shows it) and `again` (a bake after
+    another one that differs by the frequency alone).
+    """
+    asset, tools = limb(folder / "flesh.glb", rings=225, sides=60), folder / "flesh.yaml"
+    tools.write_text(_LIMB_FLESH)
+    session = Session(asset, tools)
+    page, tab = _opened(session)
+    clip = session.clips[0].name
+    times = session.frame_times(clip)
+    page.choose("soft", look=False)
+    session.refine()
+    page.stop_work()
+    jobs: dict[str, Callable[[int], object]] = {
+        "frame": lambda n: page.player.go(clip, float(times[n * 3 % len(times)])),
+        "frequency": lambda n: page.slide(
+            "frequency",
+            lambda draft: session.set_value("soft", ("frequency",), round(2.0 + 0.1 * (n % 50), 2), draft=draft),
+        ),
+    }
+    clock, processor = {}, {}
+    with guarded(str(asset)):
+        for what, job in jobs.items():
+            clock[what], processor[what] = _medians(job, edits)
+            page.commit()
+    session.save()
+    bake_saved(session)
+    session.set_value("soft", ("frequency",), 7.5)
+    session.save()
+    clock["again"], processor["again"] = _medians(lambda _: bake_saved(session), 1)
+    tab.close()
+    page.close()
+    (shown,) = session.meshes(clip, float(times[0]))
+    return Felt("flesh", len(shown.source.ground.surface.triangles), len(shown.positions), clock, processor)
+
+
+def _opened(session: Session) -> tuple[Page, ClientConnection]:
+    """A page, and a tab that takes all that is sent and draws nothing."""
+    page = Page(session)
+    tab = connect(f"ws://127.0.0.1:{page.port}", subprotocols=[f"viser-v{viser.__version__}"], max_size=None)
+    threading.Thread(target=lambda: [None for _ in tab], daemon=True).start()
+    return page, tab
 
 
 def _medians(job: Callable[[int], object], times: int) -> tuple[float, float]:
@@ -142,6 +191,8 @@ def main(arguments: list[str]) -> None:
             chosen = [(Path(arguments[0]), tools)]
         for asset, tools in chosen or cases(folder):
             print(felt(asset, tools))
+        if not arguments:
+            print(felt_flesh(folder))
 
 
 if __name__ == "__main__":

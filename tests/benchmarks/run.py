@@ -548,6 +548,21 @@ def edits(places: Places) -> Iterator[Row]:
             yield Row(f"edit_{name}_{tools.stem}", said, over, seconds / reach, shown)
 
 
+def flesh(places: Places) -> Iterator[Row]:
+    """The times that a hand waits for with a region of flesh in `wrinkle edit`."""
+    from editor import felt_flesh
+
+    each = felt_flesh(places.folder, places.sizes.edits)
+    what = f"flesh, {each.triangles:,} triangles"
+    for name, said, job, reach in (
+        ("frame", f"a frame of {what}", "frame", 0.05),
+        ("drag", f"its frequency while it plays, {what}", "frequency", 0.05),
+        ("again", f"a second bake with another frequency, {what}", "again", 1.0),
+    ):
+        seconds = each.clock[job]
+        yield Row(f"edit_{name}_flesh", said, f"{reach:g} s", seconds / reach, f"{1000 * seconds:.0f} ms")
+
+
 def batches(places: Places) -> Iterator[Row]:
     """Many small assets in one command: over one by one, over two workers, and with nothing to do.
 
@@ -803,7 +818,7 @@ def folded(
 
 SECTIONS = {
     each.__name__: each
-    for each in (frames, rates, growth, scaling, density, ways, start, edits, batches, drawn, blender, contact)
+    for each in (frames, rates, growth, scaling, density, ways, start, edits, flesh, batches, drawn, blender, contact)
 }
 
 
