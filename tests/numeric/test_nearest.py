@@ -9,7 +9,15 @@ from numpy.typing import NDArray
 
 from wrinklecli.numeric.arrays import face_normals
 from wrinklecli.numeric.distances import farthest, triangle_distances
-from wrinklecli.numeric.nearest import Blocks, _closest_of, closest_point, distances_along, nearest_points, ray_hits
+from wrinklecli.numeric.nearest import (
+    Blocks,
+    _closest_of,
+    closest_point,
+    distances_along,
+    nearest_on_mesh,
+    nearest_points,
+    ray_hits,
+)
 
 Floats = NDArray[np.float64]
 
@@ -134,6 +142,22 @@ def test_nearest_points_are_as_near_as_the_closest_ones(seed: int, away: float) 
     places = np.einsum("pk,pkx->px", shares, positions[triangles[found]])
     for point, place in zip(points, places, strict=True):
         assert np.linalg.norm(closest_point(positions, triangles, point)[2] - place) < 1e-6
+
+
+@pytest.mark.parametrize("count", [0, 1, 700])
+def test_many_points_find_the_nearest_of_a_mesh(count: int) -> None:
+    """They lie as near as those that each finds alone, though two triangles have no area."""
+    mesh = trimesh.creation.icosphere(subdivisions=3)
+    positions = np.asarray(mesh.vertices) * [1.0, 2.0, 0.5]
+    triangles = np.concatenate([mesh.faces[:1, [0, 0, 1]], [[2, 2, 2]], mesh.faces])
+    points = np.random.default_rng(5).normal(size=(count, 3)) * [0.8, 1.6, 0.4]
+    found, shares = nearest_on_mesh(points, positions, triangles)
+    feet = np.einsum("vc,vcx->vx", shares, positions[triangles[found]])
+    wanted = np.array([closest_point(positions, triangles, each)[2] for each in points]).reshape(-1, 3)
+    assert shares.sum(axis=1) == pytest.approx(1.0)
+    assert shares.min(initial=0.0) > -1e-9
+    away = [np.linalg.norm(points - each, axis=1) for each in (feet, wanted)]
+    assert away[0] == pytest.approx(away[1], abs=1e-9)
 
 
 def test_repeated_triangles_are_looked_at_once(monkeypatch: pytest.MonkeyPatch) -> None:

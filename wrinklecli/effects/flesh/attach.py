@@ -14,7 +14,7 @@ from wrinklecli.effects.flesh.mask import softness_of
 from wrinklecli.effects.flesh.tissue import Body, NoFleshError, Place, Swings
 from wrinklecli.errors import BakeError, WrinkleError, listed, nearest
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, determinants, inverses, smoothstep
-from wrinklecli.numeric.nearest import nearest_of
+from wrinklecli.numeric.nearest import nearest_of, nearest_on_mesh
 from wrinklecli.numeric.spring import Spring
 from wrinklecli.surface.ground import Ground, read_ground
 from wrinklecli.surface.region import Region
@@ -176,10 +176,9 @@ def _attach_over(tool: Flesh, skin: Ground, ground: Ground, settings: ToolsFile)
     rest, place = ground.rest, region.place
     reach = _CLOSE * place.radius
     around = np.flatnonzero(((rest.positions - place.at) ** 2).sum(axis=1) < (place.radius + 2.0 * reach) ** 2)
-    feet = [skin.rest.blocks.closest_point(each) for each in rest.positions[around]]
-    places = np.array([foot for _, _, foot in feet]).reshape(-1, 3)
-    shares = np.array([part for _, part, _ in feet]).reshape(-1, 3)
-    corners = skin.rest.triangles[[triangle for triangle, _, _ in feet]]
+    feet, shares = nearest_on_mesh(rest.positions[around], skin.rest.positions, skin.rest.triangles)
+    corners = skin.rest.triangles[feet]
+    places = np.einsum("vc,vcx->vx", shares, skin.rest.positions[corners])
     away = np.sqrt(((rest.positions[around] - places) ** 2).sum(axis=1))
     follows = (shares * region.follows[corners]).sum(axis=1)
     follows *= 1.0 - smoothstep(np.clip(away / reach - 1.0, 0.0, 1.0))
