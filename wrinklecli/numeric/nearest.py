@@ -1,7 +1,8 @@
 """The nearest points, vertices and triangles of a mesh, and distances along rays.
 
 `closest_point` is exact for one point and any triangles. `nearest_points` is three times as fast for many points, but
-needs triangles with area; `nearest_on_mesh` is ten times as fast for ten thousand points near a mesh. `distances.farthest` needs distances alone.
+needs triangles with area; `nearest_on_mesh` is ten times as fast for ten thousand points near a
+mesh. `distances.farthest` needs distances alone.
 
 Sources:
     - C. Ericson, *Real-Time Collision Detection*, 2005, §5.1.5: closest points. Differs: takes the nearest of the three
