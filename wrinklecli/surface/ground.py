@@ -15,6 +15,7 @@ from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.looks import looks_of
 from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints, distinct_values
+from wrinklecli.numeric.nearest import nearest_on_mesh
 from wrinklecli.surface.rest import Rest, rest_pose
 from wrinklecli.tools.records import ONE_PERCENT, EffectTool, Length, ToolsFile
 
@@ -22,6 +23,8 @@ from wrinklecli.tools.records import ONE_PERCENT, EffectTool, Length, ToolsFile
 _POSES = 33
 # Matrices of all clips and joints at most, which take half a gigabyte: there are fewer poses where there would be more.
 _MOST_MATRICES = 2**22
+# Vertices that another mesh has at least over this one, if it is part of what one wears.
+_FEW = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +68,35 @@ class Ground:
     def poses(self) -> Floats:
         """(poses, joints, 4, 4) a few of every clip, as `poses_of`."""
         return poses_of(self.rig, self.clips, distinct_values(self.surface.joints))
+
+    def meshes_over(self, reaches: Floats) -> tuple[str, ...]:
+        """Name the other meshes that lie over this one as clothes do.
+
+        Args:
+            reaches: (vertices,) distances over the skin, scene units, within which another mesh counts; 0 where none
+                does. Between vertices, the distance is interpolated.
+
+        Raises:
+            AssetError: Another mesh is malformed.
+        """
+        places, triangles = self.rest.positions, self.rest.triangles
+        below = triangles[(reaches[triangles] > 0).any(axis=1)]
+        if not len(below):
+            return ()
+        reach, skin = float(reaches.max()), places[distinct_values(below)]
+        low, high = skin.min(axis=0) - reach, skin.max(axis=0) + reach
+        found = []
+        for node, positions in self.neighbours.numbered_near(self.rig.node, low, high):
+            near = positions[((positions >= low) & (positions <= high)).all(axis=1)]
+            feet, shares = nearest_on_mesh(near, places, below)
+            corners = below[feet]
+            one, two, three = np.moveaxis(places[corners], 1, 0)
+            away = near - np.einsum("vc,vcx->vx", shares, places[corners])
+            outside = np.einsum("vx,vx->v", away, np.cross(two - one, three - one)) > 0
+            within = (away**2).sum(axis=1) < (shares * reaches[corners]).sum(axis=1) ** 2
+            if (outside & within).sum() >= _FEW:
+                found.append(self.rig.names[node])
+        return tuple(found)
 
     def moved_by(self, drives: Sequence[DrivenTargets], deltas: Floats) -> "Ground":
         """The mesh as effects move it too, by (their targets, vertices, 3) deltas, bind space; the same at rest."""

@@ -339,6 +339,23 @@ def test_a_muscle_below_clothes_is_as_thick_as_the_body_leaves_room(gap: float, 
     assert described["sleeve"]["thickness"] == pytest.approx(0.84 * share * described["sleeve"]["depth"], rel=0.02)
 
 
+@pytest.mark.parametrize(
+    ("gap", "nodes", "warned"),
+    [(0.02, ["limb"], True), (0.65, ["limb"], False), (0.02, ["sleeve"], False), (0.02, ["limb", "sleeve"], False)],
+)
+def test_clothes_that_a_muscle_reaches_and_that_do_not_swell_are_warned_of(
+    gap: float, nodes: list[str], warned: bool
+) -> None:
+    """A sleeve near the skin of a biceps; not a wide one, nor the body below the sleeve's own muscle."""
+    asset = place(sleeved_limb(gap=gap, rings=41, sides=24, angle=90.0))
+    muscles = [muscle(name=node, node=node) for node in nodes]
+    said = report_of(bake_once(asset, top={"muscles": muscles})).data["warnings"]
+    assert [line for line in said if " over it " in line] == warned * [
+        "limb: 'sleeve' over it stays as at rest: the skin may come through; a copy of the muscle with `node: sleeve`"
+        " lets clothes swell too"
+    ]
+
+
 @pytest.mark.parametrize("depth", [0.045, 0.05])
 def test_a_biceps_at_a_right_angle_bulges_as_much_as_that_of_a_human(depth: float) -> None:
     """8 to 14 mm, on an arm of which bone and skin are 45 or 50 mm apart."""

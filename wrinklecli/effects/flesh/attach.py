@@ -32,9 +32,9 @@ _CARRIES = 0.01
 _SAME_JOINTS = 0.5
 # Part of the radius over which moves fade towards skin of another mesh, from which the region would tear off.
 _SEAM = 0.25
-# Part of the radius in which another mesh is looked for, how near over the skin it is part of what one wears, over the
-# radius, and the vertices of it at least.
-_COVERED, _CLOSE, _FEW = 0.7, 0.3, 4
+# Part of the radius in which another mesh is looked for, and how near over the skin it is part of what one wears, over
+# the radius.
+_COVERED, _CLOSE = 0.7, 0.3
 # Least share of the largest move that a shape must make on the skin.
 _LEAST_MOVE = 1e-6
 
@@ -299,18 +299,11 @@ def _moving(ground: Ground, place: Place) -> Bools:
 
 def _covers(ground: Ground, tool: Flesh, place: Place, chosen: Ints) -> tuple[str, ...]:
     """The names of other meshes that lie close over the (chosen,) skin of a region, as clothes do, and stay there."""
-    rest, found = ground.rest, []
-    skin, normals = rest.positions[chosen], rest.normals_at(chosen)
-    for node, positions in ground.neighbours.numbered_near(ground.rig.node, skin.min(axis=0), skin.max(axis=0)):
-        if ground.rig.names[node] in tool.meshes:
-            continue
-        near = positions[((positions - place.at) ** 2).sum(axis=1) < (_COVERED * place.radius) ** 2]
-        if len(near):
-            distances, nearest = nearest_of(skin, near)
-            outside = np.einsum("vx,vx->v", near - skin[nearest], normals[nearest]) > 0
-            if (outside & (distances < _CLOSE * place.radius)).sum() >= _FEW:
-                found.append(ground.rig.names[node])
-    return tuple(found)
+    positions = ground.rest.positions
+    middle = chosen[((positions[chosen] - place.at) ** 2).sum(axis=1) < (_COVERED * place.radius) ** 2]
+    reaches = np.zeros(len(positions))
+    reaches[middle] = _CLOSE * place.radius
+    return tuple(name for name in ground.meshes_over(reaches) if name not in tool.meshes)
 
 
 def _fading(ground: Ground, contacts: Bools, chosen: Ints, width: float) -> Floats:

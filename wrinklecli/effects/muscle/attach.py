@@ -3,7 +3,7 @@
 Source: C. Larboulette, M.-P. Cani, B. Arnaldi, *Dynamic Skinning*, SCCG 2005.
 """
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,6 +61,7 @@ class AttachedMuscle:
         deltas: (targets, vertices, 3) displacements of the coarse surface at weight 1, bind space.
         heights: (vertices,) greatest displacements of the coarse surface, scene units.
         regions: The skin that is refined, once along the muscle and once round the limb.
+        covers: Names of other meshes that lie over the muscle, so near that it reaches them, and have no muscles.
     """
 
     tool: Muscle
@@ -73,6 +74,7 @@ class AttachedMuscle:
     deltas: Floats
     heights: Floats
     regions: tuple[Bulge, Bulge]
+    covers: tuple[str, ...]
 
     @property
     def greatest_height(self) -> float:
@@ -101,8 +103,15 @@ class AttachedMuscle:
         return self.drive.response
 
 
-def attach_muscles(muscles: Sequence[Muscle], ground: Ground) -> list[AttachedMuscle]:
+def attach_muscles(
+    muscles: Sequence[Muscle], ground: Ground, swelling: Container[str | None] = ()
+) -> list[AttachedMuscle]:
     """Attach every muscle of a mesh.
+
+    Args:
+        muscles: Those of the mesh.
+        ground: The mesh.
+        swelling: The nodes of the file that have muscles: clothes among them swell with the skin below.
 
     Raises:
         WrinkleError: Muscles do not fit, a line for each.
@@ -111,7 +120,7 @@ def attach_muscles(muscles: Sequence[Muscle], ground: Ground) -> list[AttachedMu
     bones = Bones.of(ground)
     for muscle in muscles:
         try:
-            found.append(_attach(muscle, ground, bones))
+            found.append(_attach(muscle, ground, bones, swelling))
         except WrinkleError as error:
             problems.append(error)
     if problems:
@@ -190,7 +199,7 @@ def _places(ground: Ground, nodes: Sequence[int]) -> Floats:
     return node_matrices(ground.rig, ground.rest.clip, ground.rest.time, nodes)[0, :, :3, 3]
 
 
-def _attach(muscle: Muscle, ground: Ground, bones: Bones) -> AttachedMuscle:
+def _attach(muscle: Muscle, ground: Ground, bones: Bones, swelling: Container[str | None]) -> AttachedMuscle:
     rig, rest = ground.rig, ground.rest
     places = asked_positions(rig, rest.clip, rest.time, muscle)
     span = float(np.linalg.norm(places[1] - places[0]))
@@ -257,7 +266,8 @@ def _attach(muscle: Muscle, ground: Ground, bones: Bones) -> AttachedMuscle:
     names = tuple(f"wrinkle_{muscle.identifier}_{number + 1}" for number in range(len(deltas)))
     drive = Drive(muscle.name, segment, names, response)
     regions = bulges_on(ground, belly, heights)
-    return AttachedMuscle(muscle, belly, ends, bones.nodes[bone], depth, room, drive, deltas, heights, regions)
+    covers = tuple(name for name in ground.meshes_over(np.maximum(heights, 0.0)) if name not in swelling)
+    return AttachedMuscle(muscle, belly, ends, bones.nodes[bone], depth, room, drive, deltas, heights, regions, covers)
 
 
 def _room(ground: Ground, bone: int, foot: Floats, side: Floats, depth: float) -> float:

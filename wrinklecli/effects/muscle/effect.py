@@ -17,7 +17,7 @@ from wrinklecli.effects.muscle.attach import AttachedMuscle
 from wrinklecli.effects.muscle.meeting import passes_through
 from wrinklecli.effects.muscle.volume import SHORTEST, THINNEST, ConstantVolume
 from wrinklecli.effects.shapes import summed
-from wrinklecli.errors import counted
+from wrinklecli.errors import counted, listed
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools, Floats, significant
 from wrinklecli.tools.records import in_axes
@@ -181,6 +181,12 @@ class MuscleEffect(BodyEffect[AttachedMuscle]):
                 f"{self.name}: its ends come to {100 * least / response.rest_length:.3g} % of their distance at rest in"
                 f" {clip!r} at {at:.3g} s; below {100 * shortest / response.rest_length:.3g} % it gets no thicker, as"
                 " fibres shorten to half at most; an insertion nearer to the joint shortens less"
+            )
+        if attached.covers:
+            stay = "stays" if len(attached.covers) == 1 else "stay"
+            warnings.append(
+                f"{self.name}: {listed(attached.covers)} over it {stay} as at rest: the skin may come through; a copy"
+                f" of the muscle with `node: {attached.covers[0]}` lets clothes swell too"
             )
         warnings += self._meeting(plan, motions)
         return warnings

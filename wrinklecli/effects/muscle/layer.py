@@ -52,14 +52,14 @@ class MuscleLayer(BodyLayer[AttachedMuscle]):
 class MuscleKind:
     """Muscles."""
 
-    def attach(self, tools: Sequence[EffectTool], ground: Ground, _settings: ToolsFile) -> Sequence[Attached]:
+    def attach(self, tools: Sequence[EffectTool], ground: Ground, settings: ToolsFile) -> Sequence[Attached]:
         """Attach the muscles to the rig and the surface at rest.
 
         Raises:
             WrinkleError: Muscles do not fit, a line for each.
         """
         own = [tool for tool in tools if isinstance(tool, Muscle)]
-        return attach_muscles(own, ground) if own else []
+        return attach_muscles(own, ground, {tool.node for tool in settings.muscles}) if own else []
 
     def plan(self, plan: MeshPlan, _ground: Ground, attached: Sequence[tuple[int, Attached]]) -> MuscleLayer | None:
         """Let the refined surface carry the muscles."""
