@@ -39,6 +39,19 @@ def test_vertices_that_touch_another_mesh_are_found_and_their_edges_kept(transla
     assert is_whole(prepared.refined(contacts=contacts))
 
 
+def test_vertices_that_no_triangle_uses_touch_nothing() -> None:
+    """Meshes may share the vertices of a whole character, and each use its own of them; points use all."""
+    asset = with_neighbour([[0.0, 0.25, 0.0], [0.25, 0.25, 0.0], [-0.25, 0.25, 0.0], [0.5, 0.25, 0.0]])
+    (primitive,) = asset.gltf["meshes"][-1]["primitives"]
+    found = []
+    for indices, mode in (([0, 1, 2], 4), ([0, 2, 2], 4), ([3, 0], 0)):
+        primitive.update(indices=asset.accessor(np.array(indices), "u2"), mode=mode)
+        prepared = prepare(asset)
+        contacts = contacts_of(Neighbours(prepared.document), prepared.rig, prepared.surface, prepared.rest.positions)
+        found.append(sorted(prepared.surface.positions[contacts][:, 0].tolist()))
+    assert found == [[-0.25, 0.0, 0.25], [-0.25, 0.0], [-0.25, 0.0, 0.25, 0.5]]
+
+
 def test_twins_of_the_own_mesh_are_contacts() -> None:
     asset = limb_asset(rings=9, sides=8, joints=3, primitives=2)
     # The second half's first ring hangs on another joint: not welded, but touching.

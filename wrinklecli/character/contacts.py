@@ -3,7 +3,7 @@
 from collections.abc import Container, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +22,19 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class _Shown:
-    """A mesh as one node shows it; `acting` are the (acting,) joints that any vertex follows."""
+    """A mesh as one node shows it.
+
+    Attributes:
+        rig: Of the node.
+        vertices: Those of the mesh, with any that no triangle uses: meshes may share their vertices.
+        acting: (acting,) the joints that any vertex follows.
+        triangles: (triangles, 3) none for points and lines.
+    """
 
     rig: Rig
     vertices: Vertices
     acting: Ints
+    triangles: Ints
 
     def morphed(self) -> Floats:
         """(vertices, 3) with the stored morph weights, bind space."""
@@ -39,6 +47,14 @@ class _Shown:
         matrices = joint_matrices(self.rig, None, np.zeros(1), self.acting)
         posed: Floats = transform(blend(weights, matrices), self.morphed())[0]
         return posed
+
+    def seen(self) -> Floats:
+        """(seen, 3) the posed vertices of triangles, and all those of a primitive that has none, as of points."""
+        used = np.zeros(len(self.vertices.positions), np.bool_)
+        used[self.triangles] = True
+        for first, end in pairwise(self.vertices.starts.tolist()):
+            used[first:end] |= not used[first:end].any()
+        return self.posed()[used]
 
     def box(self) -> Floats:
         """(2, 3) least and greatest coordinates, world space, of a box round all vertices in the stored pose.
@@ -61,23 +77,14 @@ class Neighbours:
         self._document = document
         self._nodes = np.array([i for i, node in enumerate(document.items("nodes")) if "mesh" in node], np.intp)
 
-    def near(self, node: int, low: Floats, high: Floats) -> Iterator[Floats]:
-        """(vertices, 3) world positions of each other node's mesh that may reach into a box of (3,) bounds.
-
-        Raises:
-            AssetError: A mesh or a skin is malformed.
-        """
-        for _, positions in self.numbered_near(node, low, high):
-            yield positions
-
-    def numbered_near(self, node: int, low: Floats, high: Floats) -> Iterator[tuple[int, Floats]]:
-        """Other nodes, and (vertices, 3) world positions of each one's mesh that may reach into a box of (3,) bounds.
+    def near(self, node: int, low: Floats, high: Floats) -> Iterator[tuple[int, Floats]]:
+        """Other nodes, and (seen, 3) world positions of each one's mesh that may reach into a box of (3,) bounds.
 
         Raises:
             AssetError: A mesh or a skin is malformed.
         """
         for number in self._meeting(node, low, high):
-            yield int(self._nodes[number]), self._shown[number].posed()
+            yield int(self._nodes[number]), self._shown[number].seen()
 
     def triangles_near(self, node: int, low: Floats, high: Floats) -> Iterator[Floats]:
         """(triangles, 3, 3) world corners of each other node's mesh that may reach into a box of (3,) bounds.
@@ -88,8 +95,7 @@ class Neighbours:
         for number in self._meeting(node, low, high):
             if number not in self._corners:
                 shown = self._shown[number]
-                triangles = read_all_triangles(self._document, shown.rig, shown.vertices)
-                self._corners[number] = shown.posed()[triangles]
+                self._corners[number] = shown.posed()[shown.triangles]
             yield self._corners[number]
 
     def _meeting(self, node: int, low: Floats, high: Floats) -> list[int]:
@@ -110,14 +116,15 @@ class Neighbours:
     @cached_property
     def _shown(self) -> list[_Shown]:
         hierarchy = read_hierarchy(self._document)
-        known: dict[tuple[int, ...], tuple[Vertices, Ints]] = {}  # several nodes may show one mesh
+        known: dict[tuple[int, ...], tuple[Vertices, Ints, Ints]] = {}  # several nodes may show one mesh
         shown = []
         for node in self._nodes.tolist():
             rig = read_rig(self._document, node, hierarchy)
             key = (rig.mesh, rig.skinned, len(rig.joints))
             if key not in known:
                 vertices = read_vertices(self._document, rig)
-                known[key] = vertices, distinct_values(vertices.joints[vertices.weights > 0])
+                acting = distinct_values(vertices.joints[vertices.weights > 0])
+                known[key] = vertices, acting, read_all_triangles(self._document, rig, vertices)
             shown.append(_Shown(rig, *known[key]))
         return shown
 
@@ -152,7 +159,7 @@ def contacts_of(
     low, high = positions.min(axis=0), positions.max(axis=0)
     reach = _CONTACT * float(np.linalg.norm(high - low))
     if reach > 0:
-        for node, posed in neighbours.numbered_near(rig.node, low - 2.0 * reach, high + 2.0 * reach):
+        for node, posed in neighbours.near(rig.node, low - 2.0 * reach, high + 2.0 * reach):
             if node not in along:
                 contacts |= _touching(positions, posed, reach)
     return contacts

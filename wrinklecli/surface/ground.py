@@ -86,7 +86,7 @@ class Ground:
         reach, skin = float(reaches.max()), places[distinct_values(below)]
         low, high = skin.min(axis=0) - reach, skin.max(axis=0) + reach
         found = []
-        for node, positions in self.neighbours.numbered_near(self.rig.node, low, high):
+        for node, positions in self.neighbours.near(self.rig.node, low, high):
             near = positions[((positions >= low) & (positions <= high)).all(axis=1)]
             feet, shares = nearest_on_mesh(near, places, below)
             corners = below[feet]
