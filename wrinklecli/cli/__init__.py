@@ -11,6 +11,7 @@ from wrinklecli.cli.bake import bake
 from wrinklecli.cli.batch import batch
 from wrinklecli.cli.check import check
 from wrinklecli.cli.diff import diff
+from wrinklecli.cli.doctor import doctor
 from wrinklecli.cli.edit import edit
 from wrinklecli.cli.inspect import inspect
 from wrinklecli.cli.output import say
@@ -44,7 +45,7 @@ def cli() -> None:
     """Bake dynamic wrinkles into animated glTF characters."""
 
 
-for _command in (inspect, suggest, edit, check, bake, preview, diff, track, batch, schema):
+for _command in (inspect, suggest, edit, check, bake, preview, diff, track, batch, schema, doctor):
     cli.add_command(_command)
 
 

@@ -20,7 +20,7 @@ from wrinklecli.errors import WrinkleError, counted
 if TYPE_CHECKING:
     from wrinklecli.batch.jobs import Outcome
 
-_CACHE = ".wrinkle-cache"
+CACHE = ".wrinkle-cache"
 _VERSION = 1
 _MODELS = (".glb", ".gltf")
 # The exit code of the command for the worst outcome of a job, the worst first.
@@ -38,7 +38,7 @@ _EXIT_CODES = {"bug": 70, "failed": 1, "refused": 3}
 )
 @opt.whole("-j", "--jobs", bounds=(1, 1024), text="Worker processes.", default=1)
 @click.option("--scheduler", metavar="tcp://HOST:PORT", help="Use the workers of this Dask scheduler instead.")
-@opt.file("--cache", metavar="DIR_OR_URL", text=f"Where outputs are kept.  [default: {_CACHE} beside MANIFEST]")
+@opt.file("--cache", metavar="DIR_OR_URL", text=f"Where outputs are kept.  [default: {CACHE} beside MANIFEST]")
 @click.option("--keep-going/--fail-fast", default=True, show_default=True, help="What to do after a job that failed.")
 @opt.flag("--dry-run", text="Say what would be baked, and why; bake nothing.")
 @opt.whole(
@@ -90,7 +90,7 @@ def batch(
     from wrinklecli.batch.worker import Settings, check_job
 
     asked = {key: value for key, value in given.items() if value}
-    place = cache or (_CACHE if pattern else join(folder_of(manifest), _CACHE))
+    place = cache or (CACHE if pattern else join(folder_of(manifest), CACHE))
     read = read_pattern if pattern else read_manifest
     every = read(manifest, asked, report=None if report == "-" else report, cache=place)
     settings = Settings(cache=place, program=program(), retries=retry)
