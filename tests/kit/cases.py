@@ -45,7 +45,7 @@ ANSWERS = (
 # fmt: off
 _COMMANDS = {
     "bake": 30, "inspect": 15, "diff": 20, "check": 10, "suggest": 8, "track": 10, "preview": 7, "schema": 1,
-    "batch": 24, "edit": 2,
+    "batch": 24, "edit": 2, "doctor": 1,
 }
 # fmt: on
 
@@ -91,7 +91,7 @@ def make_case(number: int) -> Case:
     files = [each for each in arguments if Path(each).suffix[1:].isalpha() and "{" not in each]
     files += _MORE_PLACES.get(command, ())
     share = _DISPLACED.get(command, _DISPLACED_ELSE)
-    places = {chance.choice(files): chance.choice(_PLACES)} if chance.random() < share else {}
+    places = {chance.choice(files): chance.choice(_PLACES)} if files and chance.random() < share else {}
     if any("{web}" in each for each in arguments):
         places |= {f"{WEB}{chance.choice(_SERVED)}": chance.choice(ANSWERS)}
     return Case(f"{number} ({' '.join(arguments)})", source, edits, arguments, places)
@@ -294,6 +294,8 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
             yield from some("--report", chance.choice(["jobs.jsonl", "jobs.jsonl", "-", asset]))
         case "schema":
             yield from ("-o", "found.json")
+        case "doctor":
+            yield from some("--json", share=0.5)
         case _:
             if is_baked(source) and chance.random() < 0.5:
                 yield from (asset, "sound.glb")
