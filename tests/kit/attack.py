@@ -237,6 +237,8 @@ def attack(case: Case, folder: Path) -> int:
         AssertionError: It ended in a traceback, left what it should not, took too long or too much, or said it badly.
     """
     prepare(case, folder)
+    if "--plot" in case.arguments:
+        import matplotlib.font_manager  # noqa: F401  # keeps a list of fonts beside the user's files, made on first use
     command = case.arguments[0]
     before, inputs = _found(folder), _inputs(case, folder)
     pipes = [folder / name for name, kind in case.places.items() if kind == "pipe"]
