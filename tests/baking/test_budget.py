@@ -19,6 +19,9 @@ from wrinklecli.baking.budget import BUDGETS, storage
 from wrinklecli.character import weight_track
 from wrinklecli.choices import Engine
 from wrinklecli.cli import main
+from wrinklecli.effects.effect import Target
+from wrinklecli.effects.shapes import Shape
+from wrinklecli.effects.wrinkle.remix import unit_weights
 from wrinklecli.errors import RefusedError
 
 # Twelve targets, as many at a time.
@@ -50,6 +53,15 @@ def test_what_is_within_a_budget_stays_as_it_is(engine: Engine) -> None:
     held = bake_once("wrist", PALM, BACK, engine=engine)
     assert (stored == "based") == BUDGETS[engine].based
     assert plain.path.read_bytes() == held.path.read_bytes()
+
+
+def test_a_weight_that_is_written_as_one_is_within_the_limits_of_unity() -> None:
+    """Processors round sums differently: a weight may be 1 and a little, which the file holds as 1."""
+    vertex = np.zeros(1, np.intp)
+    target = Target("bump", Shape(vertex, np.ones((1, 3)), 1.0, vertex, np.zeros((1, 3))))
+    above = np.nextafter(np.float32(1.0), np.float32(2.0))
+    for peak, changes in ((1.0, False), (1.0 + 2.0**-50, False), (float(above), True)):
+        assert (unit_weights([target], np.array([[0.0], [peak]])) is not None) == changes
 
 
 @pytest.mark.slow

@@ -13,6 +13,8 @@ from wrinklecli.numeric.reduction import fewest_axes, peaks_of
 
 # Groups of bumps that act at a time if groups rise one after another: one that is full, and the next.
 _IN_TURN = 2
+# Greatest weight that a file's 32 bits hold as 1; processors round the sums of weights differently.
+_ONE = 1.0 + 2.0**-25
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +57,8 @@ def unit_weights(targets: Sequence[Target | None], path: Floats) -> Remixed | No
 
     `path` has (rows, shapes) all weights of the targets.
     """
-    peaks = np.maximum(np.abs(path).max(axis=0, initial=0.0), 1.0)
+    peaks = np.abs(path).max(axis=0, initial=0.0)
+    peaks[peaks <= _ONE] = 1.0
     negative: Bools = np.any(path < 0, axis=0)
     split = tuple(column for column, target in enumerate(targets) if target is not None and negative[column])
     if not split and (peaks == 1.0).all():
