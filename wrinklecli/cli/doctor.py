@@ -77,7 +77,7 @@ def doctor(*, as_json: bool) -> None:
 
 
 def _found() -> dict[str, Any]:
-    """What `--json` prints."""
+    """The object that `--json` prints."""
     import platform
 
     from wrinklecli.numeric.memory import physical_memory
