@@ -176,6 +176,7 @@ FLOW = {
     "drive": ("Rig, Clip", "numbers over time"),
     "effects": ("surface, tool, drive", "shapes and weights"),
     "baking": ("asset and tools", "out.glb, report"),
+    "texture": ("asset, tools", "wrinkle maps"),
     "review": ("assets, tools", "text, tables, pictures"),
     "batch": ("manifest", "many bakes"),
     "editor": ("asset, tools", "tools, edited"),
@@ -185,7 +186,7 @@ FLOW = {
 
 def draw_flow() -> None:
     """The rooms in the order in which they may import, their modules, and what comes in and goes out."""
-    _, axes = plt.subplots(figsize=(9.6, 8.4))
+    _, axes = plt.subplots(figsize=(9.6, 9.0))
     for row, (room, (given, made)) in enumerate(FLOW.items()):
         folder = PACKAGE / room
         modules = sorted(
@@ -194,7 +195,7 @@ def draw_flow() -> None:
         axes.add_patch(plt.Rectangle((2.6, -row - 0.44), 6.2, 0.88, facecolor="#eef3f9", edgecolor=BLUE))
         axes.text(2.7, -row + 0.25, room, weight="bold", va="center")
         axes.text(
-            2.7, -row + 0.1, "\n".join(textwrap.wrap(" · ".join(modules), 100)), va="top", size=6.0, color="#54616e"
+            2.7, -row + 0.12, "\n".join(textwrap.wrap(" · ".join(modules), 108)), va="top", size=5.2, color="#54616e"
         )
         axes.annotate("", (2.58, -row), (2.3, -row), arrowprops={"arrowstyle": "->", "color": INK})
         axes.annotate("", (9.12, -row), (8.82, -row), arrowprops={"arrowstyle": "->", "color": INK})

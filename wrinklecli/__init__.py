@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from wrinklecli.review.preview.preview_options import Style as Style
     from wrinklecli.review.suggest.suggest import suggest as suggest
     from wrinklecli.review.suggest.suggest_options import SuggestOptions as SuggestOptions
+    from wrinklecli.texture.maps import MapOptions as MapOptions
+    from wrinklecli.texture.maps import maps as maps
     from wrinklecli.tools.records import Length as Length
 
 # The module of each name. They are imported when a name is used, since `wrinkle --help` must not import numpy.
@@ -30,6 +32,7 @@ _MODULES = {
     "DiffOptions": "review.diff.diff",
     "InspectOptions": "review.inspect",
     "Length": "tools.records",
+    "MapOptions": "texture.maps",
     "PreviewOptions": "review.preview.preview_options",
     "Style": "review.preview.preview_options",
     "SuggestOptions": "review.suggest.suggest_options",
@@ -40,6 +43,7 @@ _MODULES = {
     "crossings": "review.crossings",
     "diff": "review.diff.diff",
     "inspect": "review.inspect",
+    "maps": "texture.maps",
     "preview": "review.preview.preview",
     "suggest": "review.suggest.suggest",
     "track": "baking.track",

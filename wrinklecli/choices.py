@@ -45,3 +45,4 @@ Storage: TypeAlias = Literal["sparse", "dense", "based"]
 once, for readers that need a buffer view there."""
 Tracks: TypeAlias = Literal["all", "none"]
 FrameFormat: TypeAlias = Literal["obj", "ply", "glb"]
+MapKind = Literal["normal", "height", "ao"]

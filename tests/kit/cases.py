@@ -45,7 +45,7 @@ ANSWERS = (
 # fmt: off
 _COMMANDS = {
     "bake": 30, "inspect": 15, "diff": 20, "check": 10, "suggest": 8, "track": 10, "preview": 7, "schema": 1,
-    "batch": 24, "edit": 2, "doctor": 1,
+    "batch": 24, "edit": 2, "doctor": 1, "maps": 4,
 }
 # fmt: on
 
@@ -294,6 +294,11 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
             yield from some("--report", chance.choice(["jobs.jsonl", "jobs.jsonl", "-", asset]))
         case "schema":
             yield from ("-o", "found.json")
+        case "maps":
+            yield from (asset, "tools.yaml", "-o", "maps", "--size", "16")
+            yield from (*some("--supersample", "1", share=0.5), *some("--maps", "normal,height"), *some("--separate"))
+            yield from (*some(loudness), *some("--strict"), *some("--allow-external"), *some(*memory, share=0.1))
+            yield from (*some("--tool", "limb", share=0.2), *some("--anim", "body.glb", share=0.2))
         case "doctor":
             yield from some("--json", share=0.5)
         case _:

@@ -70,7 +70,20 @@ def test_options_of_one_name_are_of_one_kind() -> None:
 def test_the_readme_names_every_command_and_every_exit_code() -> None:
     shown = re.findall(r"^wrinkle (\w+) ", README, re.MULTILINE)
     assert shown == [
-        *("inspect", "suggest", "edit", "check", "bake", "preview", "diff", "track", "batch", "schema", "doctor")
+        *(
+            "inspect",
+            "suggest",
+            "edit",
+            "check",
+            "bake",
+            "maps",
+            "preview",
+            "diff",
+            "track",
+            "batch",
+            "schema",
+            "doctor",
+        )
     ]
     assert set(COMMANDS) == set(shown)
     table = dict(re.findall(r"^\| (\d+) \| (.*) \|$", README, re.MULTILINE))

@@ -67,6 +67,7 @@ KEPT_APART = {
         TOOLS,
     ),
     ("preview", "output, of two assets"): ("preview limb.gltf run.gltf -o {}.png --rest --size 32x32", CLIPS),
+    ("maps", "folder, of maps"): ("maps limb.gltf tools.yaml --anim run.gltf -o {}", TOOLS),
     ("track", "folder"): ("track baked.gltf limb.gltf run.gltf -o {}", (*CLIPS, "baked.gltf")),
 }
 # The other options that write: `schema` reads nothing, and `tests/batch/test_conflicts.py` has those of `batch`.
@@ -104,7 +105,7 @@ def test_no_option_writes_over_what_another_reads(command: str, option: str, rea
     inputs = [*named, *(name for name in files(read) if name.endswith((".bin", ".png")))]
     (read / "here").symlink_to(".")
     # A folder of outputs gets the files of an earlier run, which are links here.
-    own = {"frames_dir": "fold_0001.obj", "folder": "run.gltf"}.get(option)
+    own = {"frames_dir": "fold_0001.obj", "folder": "run.gltf", "folder, of maps": "maps.json"}.get(option)
     for number, (each, kind) in enumerate(itertools.product(inputs, ("itself", "link", "hard link", "folder link"))):
         output = f"{number}{ending}"
         if own is not None:

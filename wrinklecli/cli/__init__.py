@@ -14,6 +14,7 @@ from wrinklecli.cli.diff import diff
 from wrinklecli.cli.doctor import doctor
 from wrinklecli.cli.edit import edit
 from wrinklecli.cli.inspect import inspect
+from wrinklecli.cli.maps import maps
 from wrinklecli.cli.output import say
 from wrinklecli.cli.preview import preview
 from wrinklecli.cli.schema import schema
@@ -45,7 +46,7 @@ def cli() -> None:
     """Bake dynamic wrinkles into animated glTF characters."""
 
 
-for _command in (inspect, suggest, edit, check, bake, preview, diff, track, batch, schema, doctor):
+for _command in (inspect, suggest, edit, check, bake, maps, preview, diff, track, batch, schema, doctor):
     cli.add_command(_command)
 
 

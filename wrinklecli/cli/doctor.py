@@ -20,6 +20,7 @@ EXTRAS = {
     "contact": "contact: resolve",
     "draco": "assets compressed by Draco",
     "edit": "wrinkle edit",
+    "maps": "wrinkle maps",
     "plot": "check --plot",
     "preview": "wrinkle preview, masks in images",
 }

@@ -18,8 +18,9 @@ from wrinklecli.surface.rest import carried_normals
 LEAST_SHARE = 1e-6
 """Ratio of a displacement to the greatest below which a vertex counts as still: nobody would see the move."""
 
-# Least cosine of true and base normal that the fit follows, as NORMAL deltas cannot turn a normal over.
-_LEAST_COSINE = 0.1
+LEAST_COSINE = 0.1
+"""Least cosine of true and base normal that the fit follows, as NORMAL deltas cannot turn a normal over."""
+
 # Arrays of vertices by pairs of shapes that the fit of normals holds at once.
 _FIT_COPIES = 2
 
@@ -112,7 +113,7 @@ def _fit_normals(fine: Refinement, vertices: Ints, deltas: Floats, samples: Sequ
         fine, vertices, displacements, [each.pose for each in samples], [each.beneath for each in samples]
     )
     base = fine.normals_at(touched)
-    cosines = np.maximum(np.sum(true * base, axis=2), _LEAST_COSINE)
+    cosines = np.maximum(np.sum(true * base, axis=2), LEAST_COSINE)
     wanted = true / cosines[..., None] - base
     for number, sample in enumerate(samples):
         for shape, weight in sample.beneath:

@@ -1,4 +1,4 @@
-"""Converts images of an asset to pixels, by Pillow, and sRGB to linear light and back."""
+"""Converts images to pixels and back, by Pillow, and sRGB to linear light and back."""
 
 import io
 import math
@@ -85,4 +85,17 @@ def jpeg_of(pixels: Bytes) -> bytes:
 
     file = io.BytesIO()
     Image.fromarray(pixels).save(file, "JPEG", quality=_QUALITY)
+    return file.getvalue()
+
+
+def png_of(pixels: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
+    """Encode (height, width) of 8 or 16 bits, or (height, width, 3 or 4) of 8 bits, as a PNG.
+
+    Raises:
+        ImportError: Pillow is not installed.
+    """
+    from PIL import Image
+
+    file = io.BytesIO()
+    Image.fromarray(pixels).save(file, "PNG")
     return file.getvalue()

@@ -16,9 +16,12 @@ from wrinklecli.surface.rest import Rest
 
 # Heights over the greatest at which true normals are sampled if a group's height has several weights.
 _FIT_HEIGHTS = (0.25, 0.5, 0.75, 1.0)
-# Weight of the rest pose beside the pose of the tallest wrinkles. It matters only if that pose closes a fold and makes
-# wrinkles so steep that their normals hardly count: lower wrinkles would get such normals before the fold closes.
-_REST_SHARE = 1 / 32
+REST_SHARE = 1 / 32
+"""Weight of the rest pose beside the pose of the tallest wrinkles.
+
+It matters only if that pose closes a fold and makes wrinkles so steep that their normals hardly count: lower wrinkles
+would get such normals before the fold closes.
+"""
 
 
 def shapes_of(carried: CarriedPatch, fine: Refinement, rest: Rest, pose: Pose | None) -> list[Shape | None]:
@@ -46,4 +49,4 @@ def _samples(weights: Floats, rest: Rest, pose: Pose) -> list[Sample]:
     sizes = np.abs(weights[:, 0])
     heights = _FIT_HEIGHTS if weights.shape[1] > 1 else (1.0,)
     rows = [weights[int(np.argmin(np.abs(sizes - height * sizes.max())))] for height in heights]
-    return [*(Sample(row, pose) for row in rows), Sample(rows[-1], rest.pose, _REST_SHARE)]
+    return [*(Sample(row, pose) for row in rows), Sample(rows[-1], rest.pose, REST_SHARE)]

@@ -1,0 +1,183 @@
+"""`wrinkle maps`: images that show what a bake would raise, and what is said where they cannot."""
+
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from kit.command import Wrinkle
+from kit.places import ROOT
+from kit.player import Gltf
+from kit.samples import Editor, edited, sample
+from wrinklecli import bake, maps
+from wrinklecli.baking.job import BakeOptions, read_job
+from wrinklecli.baking.plan import plan_meshes
+from wrinklecli.effects.effect import SamplingOptions, targets_of
+from wrinklecli.effects.sampling import sample_effects
+from wrinklecli.effects.shapes import turn_to
+from wrinklecli.effects.wrinkle.bending import tallest_poses
+from wrinklecli.effects.wrinkle.effect import WrinkleEffect
+from wrinklecli.gltf.document import read_document
+from wrinklecli.numeric.arrays import unit
+from wrinklecli.numeric.guard import no_progress
+from wrinklecli.numeric.memory import Memory
+from wrinklecli.texture.maps import _layouts, _textured
+from wrinklecli.texture.relief import ReliefOf
+from wrinklecli.texture.texels import covered
+
+CONFIGS = ROOT / "configs"
+
+
+def pixels(path: Path) -> Any:
+    return np.asarray(Image.open(io.BytesIO(path.read_bytes())))
+
+
+def made(folder: Path, name: str = "wrist", **options: Any) -> Any:
+    return maps(sample(name), CONFIGS / f"{name}.yaml", folder, **{"size": 128, **options})
+
+
+def test_each_file_is_there_and_its_values_are_sound(tmp_path: Path) -> None:
+    found = made(tmp_path / "maps", size=512)
+    assert sorted(map(str, (tmp_path / "maps").iterdir())) == sorted(found.paths)
+    data = json.loads((tmp_path / "maps" / "maps.json").read_text())
+    assert data == found.data
+    (material,) = data["materials"]
+    (one,) = material["sets"]
+    assert [each["target"] for each in one["weights"]] == [
+        f"wrinkle_{each}" for each in ("palm_side_1", "back_side_1", "back_side_2", "back_side_3")
+    ]
+    normals = pixels(tmp_path / "maps" / one["normal"]) / 127.5 - 1.0
+    assert np.abs(np.linalg.norm(normals, axis=2) - 1.0).max() < 0.02
+    assert normals[..., 2].min() > 0.0
+    flat = (np.abs(normals[..., :2]) < 0.01).all(axis=2)
+    assert 0.5 < flat.mean() < 0.95
+    seen = pixels(tmp_path / "maps" / one["ao"])
+    assert seen.max() == 255
+    assert 60 < seen.min() < 220
+    masks = pixels(tmp_path / "maps" / one["weights"][0]["mask"])
+    assert masks.shape == (512, 512, 4)
+    assert masks.astype(int).sum(axis=2).max() <= 256
+    heights = pixels(tmp_path / "maps" / one["height"]["file"]) / 65535 - one["height"]["zero"]
+    assert (masks.max(axis=2)[np.abs(heights) > 0.1] > 0).all()
+
+
+def test_heights_and_drives_are_those_of_a_bake(tmp_path: Path) -> None:
+    found = made(tmp_path / "maps", size=512, kinds=["height"])
+    bake(sample("wrist"), CONFIGS / "wrist.yaml", tmp_path / "out.glb")
+    (node,) = [each for each in Gltf(tmp_path / "out.glb").json["nodes"] if "wrinkle" in each.get("extras", {})]
+    said = node["extras"]["wrinkle"]
+    assert found.data["nodes"][0]["wrinkle"] == {"method": said["method"], "tools": said["tools"]}
+    (one,) = found.data["materials"][0]["sets"]
+    heights = one["height"]["scale"] * (
+        pixels(tmp_path / "maps" / one["height"]["file"]) / 65535 - one["height"]["zero"]
+    )
+    (plan,) = plan_meshes(read_job(sample("wrist"), CONFIGS / "wrist.yaml", BakeOptions()))
+    how = SamplingOptions(30.0, "morph", Memory(), no_progress)
+    tallest = max(each.shape.tallest for each in targets_of(sample_effects(plan, [], how)[0]))
+    assert 0.98 * tallest < heights.max() < 1.02 * tallest
+
+
+def test_the_same_input_gives_the_same_bytes(tmp_path: Path) -> None:
+    for folder in ("one", "two"):
+        made(tmp_path / folder, size=64)
+    for path in (tmp_path / "one").iterdir():
+        assert path.read_bytes() == (tmp_path / "two" / path.name).read_bytes()
+
+
+def test_separate_maps_have_no_masks(tmp_path: Path) -> None:
+    found = made(tmp_path / "maps", size=64, kinds=["normal"], separate=True)
+    sets = found.data["materials"][0]["sets"]
+    assert [len(each["weights"]) for each in sets] == [1, 1, 1, 1]
+    assert not any("mask" in each["weights"][0] for each in sets)
+    assert len(found.paths) == 5
+
+
+def without_coordinates(editor: Editor) -> None:
+    for mesh in editor.json["meshes"]:
+        for primitive in mesh["primitives"]:
+            primitive["attributes"].pop("TEXCOORD_0", None)
+
+
+def test_a_mesh_without_texture_coordinates_gets_one_line(wrinkle: Wrinkle, tmp_path: Path) -> None:
+    bare = edited("wrist", without_coordinates)
+    ran = wrinkle("maps", bare, CONFIGS / "wrist.yaml", "-o", tmp_path / "maps", "--size", "32")
+    assert ran.code == 1
+    assert ran.lines == [f"{bare}: no map can be made: its wrinkles lie on no texture coordinates"]
+    assert not (tmp_path / "maps").exists()
+
+
+def test_tools_that_move_the_body_are_left_out_and_named(wrinkle: Wrinkle, tmp_path: Path) -> None:
+    ran = wrinkle("maps", sample("body"), CONFIGS / "body.yaml", "-o", tmp_path / "maps", "--size", "32")
+    assert any("left out" in line for line in ran.lines)
+
+
+def test_maps_that_take_too_much_memory_are_refused(wrinkle: Wrinkle, tmp_path: Path) -> None:
+    asset, tools, options = sample("wrist"), CONFIGS / "wrist.yaml", ("--size", "8192", "--supersample", "1")
+    ran = wrinkle("maps", asset, tools, "-o", tmp_path / "maps", *options)
+    assert (ran.code, len(ran.lines)) == (1, 1)
+    assert "maps of 8192 by 8192 texels would take 9.73 GB" in ran.lines[0]
+    assert not (tmp_path / "maps").exists()
+
+
+def on_one_place(editor: Editor) -> None:
+    """Both sides of the wrist get one side's texture, mirrored."""
+    for primitive in editor.json["meshes"][0]["primitives"]:
+        stored = read_document(sample("wrist")).accessor(primitive["attributes"]["TEXCOORD_0"])
+        mirrored = np.column_stack([0.5 - np.abs(stored[:, 0] - 0.5), stored[:, 1]])
+        primitive["attributes"]["TEXCOORD_0"] = editor.accessor(mirrored.astype(np.float32))
+
+
+def test_mirrored_charts_are_found_and_refused_if_strict(wrinkle: Wrinkle, tmp_path: Path) -> None:
+    line = ("maps", edited("wrist", on_one_place), CONFIGS / "wrist.yaml", "-o", tmp_path / "maps", "--size", "128")
+    ran = wrinkle(*line, "--strict")
+    assert (ran.code, len(ran.lines)) == (3, 1)
+    assert not (tmp_path / "maps").exists()
+    ran = wrinkle(*line)
+    assert ran.code == 0
+    (warning,) = [each for each in ran.lines if each.startswith("warning: ")]
+    assert "belong to two places, laid mirrored on each other" in warning
+    assert made(tmp_path / "others").warnings == ()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "tool", "most"),
+    [("head", "brow", 2.0), ("wrist", "back_side", 2.0), ("wrist", "palm_side", 2.0), ("trousers", "knee_in.L", 2.0)],
+)
+def test_normals_are_those_of_a_finely_refined_mesh(name: str, tool: str, most: float) -> None:
+    """At 95 % of the texels with wrinkles, at full height, over all of a tool's weights."""
+    options = BakeOptions(only=[tool], edges_per_interval=24, max_levels=9, max_vertices=10**6, max_memory=4 * 10**9)
+    job = read_job(sample(name), CONFIGS / f"{name}.yaml", options)
+    (plan,) = plan_meshes(job)
+    how = SamplingOptions(30.0, "morph", job.document.memory, no_progress)
+    (effect,) = [each for each in sample_effects(plan, [], how)[0] if isinstance(each, WrinkleEffect)]
+    (layout,), side = _layouts(job.document, plan), 2048
+    textured = _textured(plan, layout, side)
+    relief = ReliefOf(plan, effect.carried, tallest_poses([effect.carried.patch], plan.rig, plan.rest)[0])
+    on = np.flatnonzero(relief.covers(textured.triangles, len(plan.fine.positions)))
+    hits = list(covered(layout.uvs[on], side))
+    faces, shares = on[np.concatenate([each for _, each, _ in hits])], np.concatenate([each for *_, each in hits])
+    at = relief.at(textured, faces, shares)
+    heights, slopes = np.abs(at.heights.sum(axis=0)), at.slopes.sum(axis=0)
+    high = heights > 0.02 * heights.max()
+    faces, shares, slopes = faces[high], shares[high], slopes[high]
+    mixed = {key: np.einsum("tk,tkx->tx", shares, getattr(textured, key)[faces]) for key in ("normals", "tangents")}
+    base, along = unit(mixed["normals"]), unit(mixed["tangents"])
+    across = unit(textured.hands[faces][:, None] * np.cross(base, along))
+    mapped = unit(base + slopes[:, :1] * along + slopes[:, 1:] * across)
+    deltas = np.zeros((len(plan.fine.positions), 3))
+    for target in filter(None, effect.targets):
+        deltas[target.shape.normal_vertices] += target.shape.normal_deltas
+    used, rows = np.unique(faces, return_inverse=True)
+    vertices = textured.triangles[used].reshape(-1)
+    authored = unit(textured.normals[used].reshape(-1, 3))
+    turned = turn_to(plan.fine.normals_at(vertices), authored, deltas[vertices])
+    shown = unit(authored + turned).reshape(-1, 3, 3)[rows]
+    true = unit(np.einsum("tk,tkx->tx", shares, shown))
+    angles = np.degrees(np.arccos(np.clip(np.sum(mapped * true, axis=1), -1.0, 1.0)))
+    assert len(angles) > 10_000
+    assert np.percentile(angles, 95) < most

@@ -1,0 +1,92 @@
+"""`wrinkle maps`."""
+
+from typing import Any
+
+import click
+
+from wrinklecli.choices import MapKind
+from wrinklecli.cli import options as opt
+from wrinklecli.cli.output import Progress, say, say_findings
+from wrinklecli.cli.streams import command_outputs
+from wrinklecli.errors import RefusedError, counted
+
+_SMALLEST = 16
+_LARGEST = 8192  # texels of a side, samples included: the most that common graphics cards take is 16,384
+
+
+def _size(_context: click.Context, parameter: click.Parameter, value: str) -> int:
+    """Read the texels of a side; a text, as other commands read widths and heights."""
+    if not value.isdecimal() or not _SMALLEST <= int(value[:6]) <= _LARGEST:
+        message = f"{value!r} is not a whole number from {_SMALLEST} to {_LARGEST}"
+        raise click.BadParameter(message, param=parameter)
+    return int(value)
+
+
+def _kinds(_context: click.Context, parameter: click.Parameter, value: str) -> tuple[str, ...]:
+    """Read names of maps between commas."""
+    from typing import get_args
+
+    known = get_args(MapKind)
+    found = tuple(dict.fromkeys(each.strip() for each in value.split(",")))
+    if not set(found) <= set(known):
+        raise click.BadParameter(f"{value!r} is not a list of {', '.join(known)}", param=parameter)
+    return found
+
+
+@click.command(
+    short_help="Write normal, height and occlusion maps of the wrinkles.",
+    epilog="Example: wrinkle maps samples/trousers.glb configs/trousers.yaml -o maps --size 1024",
+)
+@click.argument("asset", type=opt.FILE)
+@click.argument("tools", type=opt.FILE)
+@opt.file("-o", "--output", "folder", metavar="DIR", required=True, text="Where to write the images and maps.json.")
+@click.option(
+    "--size", metavar="N", default="2048", show_default=True, callback=_size, help="Texels of a side of each image."
+)
+@click.option(
+    "--maps",
+    "kinds",
+    metavar="KINDS",
+    default="normal,height,ao",
+    show_default=True,
+    callback=_kinds,
+    help="The maps to write, between commas.",
+)
+@opt.whole("--supersample", bounds=(1, 4), default=2, text="Samples of a texel along either side.")
+@opt.flag("--separate", text="Write maps for each weight, not shared ones with masks.")
+@opt.anim("Tools may name them.")
+@opt.tool("Use this tool only; may be repeated.")
+@opt.allow_external()
+@opt.max_memory
+@opt.strict
+@opt.quiet()
+def maps(asset: str, tools: str, folder: str, strict: bool, quiet: bool, **options: Any) -> None:
+    """Write maps of the wrinkles that the tools of TOOLS (YAML) would make on ASSET (glTF), whose mesh stays as it is.
+
+    For each material under a tool, in its own texture coordinates, DIR gets a normal map (tangent space, as glTF's),
+    a height map (16 bits) and an occlusion map of the full wrinkles. Weights that nowhere meet share them; masks say
+    which texels belong to which weight. maps.json lists the files, and holds the numbers that turn a pose into
+    weights, as a baked file's extras do.
+
+    Contact, muscles, flesh and touches move the mesh: no map shows them.
+
+    Exit codes: 0 done; 1 the input is at fault, nothing written; 2 wrong usage; 3 refused (--strict with warnings),
+    nothing written; 70 a bug.
+    """
+    if options["size"] * options["supersample"] > _LARGEST:
+        raise click.UsageError(f"'--size' times '--supersample' is more than {_LARGEST}.")
+    with command_outputs() as outputs, Progress(quiet=quiet) as progress:
+        from wrinklecli.texture.maps import maps as run
+
+        made = run(asset, tools, folder, outputs=outputs, progress=progress.show, **options)
+        if strict and made.warnings:
+            raise RefusedError.of_all(RefusedError(line) for line in made.warnings)
+    if quiet:
+        return
+    say_findings(made.notes, made.warnings)
+    sets = sum(len(each["sets"]) for each in made.data["materials"])
+    weights = sum(len(part["weights"]) for each in made.data["materials"] for part in each["sets"])
+    say(
+        f"{folder}: {counted(len(made.paths) - 1, 'image')} of {counted(len(made.data['materials']), 'material')},"
+        f" {counted(weights, 'weight')} in {counted(sets, 'set')}"
+    )
