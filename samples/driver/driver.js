@@ -9,9 +9,9 @@ import { jointFinder, morphMeshes, named, nameOf, quoted } from './joints.js';
 import { activation, tabulated } from './muscle.js';
 import { between } from './polyline.js';
 import { lagged } from './spring.js';
-import { touchWeights } from './touch.js';
+import { placeOnSkin, touchWeights } from './touch.js';
 
-export { fleshWeights, foldWeights, touchWeights };
+export { fleshWeights, foldWeights, placeOnSkin, touchWeights };
 
 /** Weights while the rest length changes: bumps rise group by group, each until it takes no more. */
 function followed(curve, distance, length) {

@@ -7,10 +7,13 @@ import { decay } from './spring.js';
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 
-/** The tip's place forward, sideways and above the skin, scene units at rest. */
-function tipOf({ anchors, by, bend, pad }, jointMatrixOf, morphWeightOf) {
+/**
+ * Where a place of the world is, forward, sideways and above the skin of a touch, scene units at rest.
+ *
+ * What a player's own tip moves along the skin, the difference of two such places, is what `driver.touch` takes.
+ */
+export function placeOnSkin({ anchors, bend, pad }, place, jointMatrixOf, morphWeightOf = () => 0) {
   const [middle, ...ends] = anchors.map((each) => anchor(each, jointMatrixOf, morphWeightOf).place);
-  const { place } = anchor(by, jointMatrixOf, morphWeightOf);
   const [a, b, c] = ends.map((end) => end.map((x, i) => x - middle[i]));
   const way = place.map((x, i) => x - middle[i]);
   const volume = dot(a, cross(b, c)) / pad;
@@ -34,7 +37,8 @@ function contact(extras, { jointMatrixOf, morphWeightOf, clip, time, state, elap
     const [f, s, depth] = columns.map((column) => left * between(times, column, time));
     return { slide: [f, s], depth: Math.max(depth, 0) };
   }
-  const tip = by && !hand ? tipOf(extras, jointMatrixOf, morphWeightOf) : null;
+  const at = () => anchor(by, jointMatrixOf, morphWeightOf).place;
+  const tip = by && !hand ? placeOnSkin(extras, at(), jointMatrixOf, morphWeightOf) : null;
   const before = state.tip ?? tip;
   const held = Boolean(hand) || (tip && tip[2] < deepest && Math.hypot(tip[0], tip[1]) < pad + (state.held ? grip : 0));
   // Within a frame the tip comes or goes where it passes that height.

@@ -10,7 +10,10 @@ import subprocess
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 from kit.clients import give_up
@@ -72,6 +75,11 @@ class Page:
 
         What is new in a scene can be hit only when it was drawn, and a loaded machine takes a second for that.
         """
+        self.hold(way)
+        self.release(way[-1])
+
+    def hold(self, way: list[tuple[float, float]]) -> None:
+        """Press the left button at the first place, as `drag` does, and keep it pressed at the last."""
         self._mouse("mouseMoved", *way[0])
         self._drawn()
         self._mouse("mousePressed", *way[0])
@@ -79,7 +87,10 @@ class Page:
             self._drawn()
             self._mouse("mouseMoved", *place)
         self._drawn()
-        self._mouse("mouseReleased", *way[-1])
+
+    def release(self, place: tuple[float, float]) -> None:
+        """Release the left button."""
+        self._mouse("mouseReleased", *place)
 
     def _drawn(self) -> None:
         """Wait until the page has drawn what it holds."""
@@ -154,6 +165,23 @@ def until(look: Callable[[], Any], what: str) -> Any:
         assert time.monotonic() < end, f"never: {what}"
         time.sleep(0.05)
     return found
+
+
+class _Quiet(SimpleHTTPRequestHandler):
+    """Serves a folder without a word."""
+
+    def log_message(self, *_: object) -> None:
+        """Nothing."""
+
+
+@contextmanager
+def serving(folder: Path) -> Iterator[str]:
+    """A web server's address whose pages are the files of a folder, behind links too."""
+    handler = partial(_Quiet, directory=str(folder))
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        Thread(target=server.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{server.server_port}"
+        server.shutdown()
 
 
 @contextmanager

@@ -9,6 +9,7 @@ import pytest
 
 from kit.asset import Asset
 from kit.bakes import COARSE, bake_config, bake_fold, bake_once, folding_limb, place
+from kit.browser import browsing, serving
 from kit.clients import clip_tracks, drive, driver_warnings, gltfpack, optimize
 from kit.folds import FOLDS
 from kit.limb import limb_asset, nose, waving_limb
@@ -16,6 +17,7 @@ from kit.limb import tool as crease
 from kit.places import ROOT
 from kit.player import Gltf, Json
 from kit.samples import BENT, BROW, Editor, config, edited
+from kit.touch import plate, touch
 from wrinklecli.baking.baked_body import read_bodies
 from wrinklecli.baking.track import track
 from wrinklecli.character.clip import KEY_GAP, read_clips
@@ -395,3 +397,33 @@ def test_a_fold_that_no_joint_bends_is_driven_by_its_tool(tmp_path: Path) -> Non
     wanted = values[:, [names.index(name) for name in fold["targets"]]]
     assert wanted.any()
     assert np.abs(np.concatenate([driven[name] for name in fold["targets"]], axis=1) - wanted).max() < TABLE
+
+
+@pytest.mark.slow
+def test_the_mouse_slides_the_skin_on_the_page(tmp_path: Path) -> None:
+    baked = bake_once(place(plate(clips=False)), top={"touches": [touch(keys={})], "refinement": {"max_levels": 1}})
+    modules = {"node_modules": ROOT / "tests" / "clients" / "node_modules", "touched.glb": baked.path}
+    for source in [*(ROOT / "samples" / "driver").glob("*.*"), *modules.values()]:
+        name = next((key for key, path in modules.items() if path == source), source.name)
+        (tmp_path / name).symlink_to(source.resolve())
+    weights = "driver.bodies[0].meshes[0].morphTargetInfluences.reduce((sum, each) => sum + Math.abs(each), 0)"
+    with serving(tmp_path) as address, browsing(tmp_path, f"{address}/touch.html?file=touched.glb") as page:
+        page.wait("window.driver?.bodies.length && driver.time > 0")
+        assert page.value(weights) == 0
+        width, height = page.value("[innerWidth, innerHeight]")
+        middle = (width / 2, height / 2)
+        page.hold([middle, (middle[0] + 60, middle[1])])
+        slid = page.value("driver.bodies[0].meshes[0].morphTargetInfluences")
+        targets = page.value("driver.bodies[0].touches[0].targets.length")
+        page.screenshot(tmp_path / "held.png")
+        assert len(slid) == targets
+        assert max(slid[:4]) > 0.3
+        assert slid[4] == pytest.approx(1.0)
+        assert max(slid[5:]) > 0.1
+        before = page.value("camera.position.toArray()")
+        page.release((middle[0] + 60, middle[1]))
+        page.wait(f"{weights} < 0.02")
+        # Beside the pad the mouse turns the view.
+        page.drag([(middle[0] + 250, middle[1] + 100), (middle[0] + 300, middle[1])])
+        assert page.value(weights) < 0.02
+        assert page.value("camera.position.toArray()") != pytest.approx(before, abs=1e-3)
