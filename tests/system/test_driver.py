@@ -1,11 +1,14 @@
 """The sample driver: it gives clips that were never baked the weights that baking gives them."""
 
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
+from scipy.ndimage import binary_erosion, gaussian_filter
 
 from kit.asset import Asset
 from kit.bakes import COARSE, bake_config, bake_fold, bake_once, folding_limb, place
@@ -16,8 +19,9 @@ from kit.limb import limb_asset, nose, waving_limb
 from kit.limb import tool as crease
 from kit.places import ROOT
 from kit.player import Gltf, Json
-from kit.samples import BENT, BROW, Editor, config, edited
+from kit.samples import BENT, BROW, Editor, config, edited, sample
 from kit.touch import plate, touch
+from wrinklecli import maps
 from wrinklecli.baking.baked_body import read_bodies
 from wrinklecli.baking.track import track
 from wrinklecli.character.clip import KEY_GAP, read_clips
@@ -399,13 +403,48 @@ def test_a_fold_that_no_joint_bends_is_driven_by_its_tool(tmp_path: Path) -> Non
     assert np.abs(np.concatenate([driven[name] for name in fold["targets"]], axis=1) - wanted).max() < TABLE
 
 
+def served(folder: Path, **files: Path) -> None:
+    """Link the driver's files, three.js and others, by name with _ for the dot, into a folder."""
+    linked = {path.name: path for path in (ROOT / "samples" / "driver").glob("*.*")}
+    linked |= {"node_modules": ROOT / "tests" / "clients" / "node_modules"}
+    linked |= {name.replace("_", "."): path for name, path in files.items()}
+    for name, path in linked.items():
+        (folder / name).symlink_to(path.resolve())
+
+
+@pytest.mark.slow
+def test_maps_look_as_the_bake_does(tmp_path: Path) -> None:
+    """Side by side in three.js in raking light: what the maps change is what the bake changes."""
+    config = ROOT / "configs" / "wrist.yaml"
+    maps(sample("wrist"), config, tmp_path / "made", size=1024)
+    served(tmp_path, baked_glb=bake_config("wrist", "wrist").path, plain_glb=sample("wrist"), maps=tmp_path / "made")
+    query = "baked=baked.glb&plain=plain.glb&maps=maps&clip=extend&from=50&far=0.8&turn=0"
+    geometry, mapped = halves(tmp_path, f"{query}&time=0")
+    # Of 255: refinement alone moves the outline by less than a pixel.
+    assert np.percentile(np.abs(geometry - mapped), 99.5) <= 2.0
+    geometry, mapped = halves(tmp_path, f"{query}&time=0.7")
+    _, flat = halves(tmp_path, f"{query}&time=0.7&without")
+    # Raised crests stand a few pixels beside flat ones, and their outline, which maps leave, stands out.
+    inner = binary_erosion(flat < flat[0, 0] - 3.0, iterations=15)
+    bumps, shown = (gaussian_filter(each - flat, 3.0) for each in (geometry, mapped))
+    raised = inner & (np.abs(bumps) > 8.0)
+    assert raised.sum() > 3000
+    assert np.corrcoef(bumps[raised], shown[raised])[0, 1] > 0.8
+
+
+def halves(folder: Path, query: str) -> list[Any]:
+    """Grey of the left and the right half of the page, below its words."""
+    own = Path(tempfile.mkdtemp(dir=folder))
+    with serving(folder) as address, browsing(own, f"{address}/maps.html?{query}") as page:
+        page.wait("window.frames_drawn > 2")
+        page.screenshot(own / "page.png")
+    return np.split(np.asarray(Image.open(own / "page.png").convert("L"), np.float64)[50:], 2, axis=1)
+
+
 @pytest.mark.slow
 def test_the_mouse_slides_the_skin_on_the_page(tmp_path: Path) -> None:
     baked = bake_once(place(plate(clips=False)), top={"touches": [touch(keys={})], "refinement": {"max_levels": 1}})
-    modules = {"node_modules": ROOT / "tests" / "clients" / "node_modules", "touched.glb": baked.path}
-    for source in [*(ROOT / "samples" / "driver").glob("*.*"), *modules.values()]:
-        name = next((key for key, path in modules.items() if path == source), source.name)
-        (tmp_path / name).symlink_to(source.resolve())
+    served(tmp_path, touched_glb=baked.path)
     weights = "driver.bodies[0].meshes[0].morphTargetInfluences.reduce((sum, each) => sum + Math.abs(each), 0)"
     with serving(tmp_path) as address, browsing(tmp_path, f"{address}/touch.html?file=touched.glb") as page:
         page.wait("window.driver?.bodies.length && driver.time > 0")
