@@ -5,7 +5,7 @@ import numpy as np
 from wrinklecli.numeric.arrays import Floats, Ints
 from wrinklecli.texture.occlusion import occlusion
 from wrinklecli.texture.tangents import mikk_tangents
-from wrinklecli.texture.texels import charted, covered, texture_steps, with_gutter
+from wrinklecli.texture.texels import charted, covered, gutter, texture_steps
 
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 FACES = np.array([[0, 1, 2], [0, 2, 3]])
@@ -51,9 +51,14 @@ def test_a_step_moves_by_one_texel() -> None:
 
 
 def test_a_gutter_takes_the_nearest_texel_and_ends() -> None:
-    image, filled = np.zeros((1, 12)), np.zeros((1, 12), np.bool_)
-    image[0, 2], filled[0, 2] = 5.0, True
-    assert with_gutter(image, filled, 3)[0].tolist() == [5.0] * 6 + [0.0] * 6
+    filled = np.zeros((2, 12), np.bool_)
+    filled[0, [2, 9]] = True
+    beside, nearest = gutter(filled[:1], 3)
+    assert beside.tolist() == [0, 1, 3, 4, 5, 6, 7, 8, 10, 11]
+    assert nearest.tolist() == [2, 2, 2, 2, 2, 9, 9, 9, 9, 9]
+    beside, nearest = gutter(filled, 1)
+    assert dict(zip(beside.tolist(), nearest.tolist(), strict=True)) == {1: 2, 3: 2, 14: 2, 8: 9, 10: 9, 21: 9}
+    assert not len(gutter(np.ones((4, 4), np.bool_), 3)[0])
 
 
 def test_tangents_run_along_u_with_the_hand_of_the_texture() -> None:

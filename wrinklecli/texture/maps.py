@@ -29,11 +29,11 @@ from wrinklecli.numeric.memory import MAX_MEMORY
 from wrinklecli.texture.occlusion import REACH, occlusion
 from wrinklecli.texture.relief import ReliefOf, Textured
 from wrinklecli.texture.tangents import mikk_tangents
-from wrinklecli.texture.texels import charted, covered, texture_steps, with_gutter
+from wrinklecli.texture.texels import charted, covered, gutter, texture_steps
 from wrinklecli.tools.records import WrinkleTool
 
 VERSION = 1
-"""Of maps.json: raised when a reader of the version before would misread it."""
+"""The version of maps.json; a change that a reader would misunderstand raises it."""
 
 # Texels by which charts are widened: bilinear filters and the first mip levels read beyond borders.
 _GUTTER = 8
@@ -51,7 +51,7 @@ _ZERO, _WHITE = 32768, 65535
 
 @dataclass(frozen=True, slots=True)
 class MapOptions:
-    """How maps are made.
+    """The settings of `maps`.
 
     Attributes:
         size: Texels of a side.
@@ -410,10 +410,11 @@ class _Set:
             filled[each.texels] = True
             more = each.shares > largest[each.texels]
             largest[each.texels[more]], owner[each.texels[more]] = each.shares[more], number
-        on = filled.reshape(size, size)
+        beside, nearest = gutter(filled.reshape(size, size), _GUTTER)
 
         def image(values: Floats) -> Floats:
-            return with_gutter(values.reshape(size, size, *values.shape[1:]), on, _GUTTER)
+            values[beside] = values[nearest]
+            return values.reshape(size, size, *values.shape[1:])
 
         said: Json = {}
         if "normal" in options.kinds:

@@ -75,20 +75,20 @@ def texture_steps(uvs: Floats, size: int) -> Floats:
     return np.stack([-second - third, second, third], axis=2)
 
 
-def with_gutter(image: Floats, filled: Bools, width: int) -> Floats:
-    """Let texels beside charts have the values of the nearest texel of a chart, so that no border shows.
+def gutter(filled: Bools, width: int) -> tuple[Ints, Ints]:
+    """The texels beside charts, and for each the nearest texel of a chart, whose value lets no border show.
 
     Args:
-        image: (size, size, …) values.
         filled: (size, size) True for the texels of charts.
         width: Greatest distance, texels.
+
+    Returns:
+        (texels,) row · size + column of both.
     """
     from scipy.ndimage import distance_transform_edt
 
     if filled.all() or not filled.any():
-        return image
+        return np.zeros(0, np.intp), np.zeros(0, np.intp)
     distances, (rows, columns) = distance_transform_edt(~filled, return_indices=True)
-    near = (distances > 0) & (distances <= width)
-    grown = image.copy()
-    grown[near] = image[rows[near], columns[near]]
-    return grown
+    beside = np.flatnonzero((distances > 0) & (distances <= width))
+    return beside, rows.reshape(-1)[beside].astype(np.intp) * filled.shape[1] + columns.reshape(-1)[beside]
