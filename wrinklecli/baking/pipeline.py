@@ -59,7 +59,7 @@ def bake(
         RefusedError: The error exceeds `max_error`, a limit of the engine cannot be held, or there are warnings and
             `strict` is set. Nothing is written.
 
-    Example:
+    Examples:
         >>> from wrinklecli import bake
         >>> report = bake("samples/wrist.glb", "configs/wrist.yaml", "wrinkled.glb", clips=["flex"], fps=24)
         >>> [tool["targets"] for tool in report.data["tools"]][0]

@@ -130,7 +130,7 @@ def track(
         BakeError: An output would overwrite an input, or cannot be written. All are computed before any is written.
         TypeError: `TrackOptions` lacks a name of `named`.
 
-    Example:
+    Examples:
         >>> from wrinklecli import bake, track
         >>> report = bake("samples/wrist.glb", "configs/wrist.yaml", "body.glb", clips=["flex"])
         >>> [(made.path, made.clips) for made in track("body.glb", ["samples/wrist.glb"], "tracked", fps=24)]

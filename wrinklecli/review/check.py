@@ -137,7 +137,7 @@ def check(
         WrinkleError: A bake would raise this error before it samples clips; all tools that do not fit have a line each.
         TypeError: `CheckOptions` lacks a name of `named`.
 
-    Example:
+    Examples:
         >>> from wrinklecli import check
         >>> found = check("samples/wrist.glb", "configs/wrist.yaml", clips=["flex"], only=["palm_side"])
         >>> print(f"{found.data['tools'][0]['clips'][0]['height']:.4f}")  # of the tallest bump, metres

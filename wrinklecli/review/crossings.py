@@ -76,7 +76,7 @@ def crossings(
         WrinkleError: The asset or the tools file is at fault.
         TypeError: `CheckOptions` lacks a name of `named`.
 
-    Example:
+    Examples:
         >>> from wrinklecli import crossings
         >>> found = crossings("samples/wrist.glb", clips=["flex"], fps=1)
         >>> found.data["clips"][0]["counts"]  # of the asset alone, in three moments of the clip

@@ -67,7 +67,7 @@ def inspect(asset: str | os.PathLike[str], options: InspectOptions | None = None
         AssetError: The asset is malformed.
         TypeError: `InspectOptions` lacks a name of `named`.
 
-    Example:
+    Examples:
         >>> from wrinklecli import inspect
         >>> [clip["name"] for clip in inspect("samples/wrist.glb")["clips"]]
         ['flex', 'extend']

@@ -122,7 +122,7 @@ def maps(
         BakeError: Asset and tools do not go together, no map can be made, or a file cannot be written.
         TypeError: `MapOptions` lacks a name of `named`.
 
-    Example:
+    Examples:
         >>> from wrinklecli import maps
         >>> made = maps("samples/head.glb", "configs/head.yaml", "maps", size=256, kinds=["normal"])
         >>> made.data["materials"][0]["sets"][0]["normal"]

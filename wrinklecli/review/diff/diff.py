@@ -134,7 +134,7 @@ def diff(
         BakeError: A clip has more than 200,000 frames.
         TypeError: `DiffOptions` lacks a name of `named`.
 
-    Example:
+    Examples:
         >>> from wrinklecli import diff
         >>> diff("samples/wrist.glb", "samples/wrist.glb").same
         True

@@ -78,7 +78,7 @@ def preview(
             embreex is missing.
         TypeError: `PreviewOptions` lacks a name of `named`.
 
-    Example:
+    Examples:
         >>> from wrinklecli import preview
         >>> made = preview(["samples/wrist.glb"], "wrist.png", clips=["flex"], times=[0.5], size=(320, 240))
         >>> made.size

@@ -85,7 +85,7 @@ def suggest(
         BakeError: Mesh and clips are too large to measure.
         TypeError: `SuggestOptions` lacks a name of `named`.
 
-    Example:
+    Examples:
         >>> from pathlib import Path
         >>> from wrinklecli import suggest
         >>> found = suggest("samples/wrist.glb", count=1)
