@@ -11,7 +11,7 @@ from PIL import Image
 
 from kit.places import ROOT
 
-PAGES = (*ROOT.glob("*.md"), *(ROOT / page for page in (".github/CONTRIBUTING.md", "wrinklecli/README.md")))
+PAGES = (*ROOT.glob("*.md"), *ROOT.glob(".github/*.md"), ROOT / "wrinklecli" / "README.md")
 PAGES += (*ROOT.glob("configs/*.md"), *ROOT.glob("samples/*.md"))
 
 
