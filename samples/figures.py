@@ -180,6 +180,7 @@ FLOW = {
     "review": ("assets, tools", "text, tables, pictures"),
     "batch": ("manifest", "many bakes"),
     "editor": ("asset, tools", "tools, edited"),
+    "example": ("code", "a figure, baked"),
     "cli": ("options", "exit code"),
 }
 

@@ -2,8 +2,8 @@
 
 Usage: python samples/make_samples.py [DIR]
 
-Each is a quad mesh laid out by hand, as a modeller would (the body is one in `_body.py`, from a grid), and relaxed onto
-a signed distance field (`_shapes.py`); `_gltf.py` writes it. Y is up, units are metres, nothing is random.
+Each is a quad mesh laid out by hand, as a modeller would (the body comes from a grid), and relaxed onto a signed
+distance field, by `wrinklecli.example`, which also writes it. Y is up, units are metres, nothing is random.
 """
 
 import math
@@ -14,10 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-from _body import make_body
-from _gltf import Character, Clip, Joint, to_glb
-from _head import face_density, head_field
-from _shapes import (
+from wrinklecli.example.body import make_body
+from wrinklecli.example.characters import Character, Clip, Joint, to_glb
+from wrinklecli.example.head import face_density, head_field
+from wrinklecli.example.shapes import (
     Builder,
     Floats,
     Ints,

@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from _gltf import Character, Clip, Joint, to_glb
 from _panels import frames_of, run, save_panels
-from _shapes import Builder, Floats, smoothstep
 from make_samples import make_wrist
 from wrinklecli import BakeOptions, PreviewOptions, bake
+from wrinklecli.example.characters import Character, Clip, Joint, to_glb
+from wrinklecli.example.shapes import Builder, Floats, smoothstep
 
 HERE = Path(__file__).resolve().parent
 AT = (0.042, 0.0178, 0.0)

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from wrinklecli.baking.track import TrackOptions as TrackOptions
     from wrinklecli.baking.track import track as track
     from wrinklecli.errors import WrinkleError as WrinkleError
+    from wrinklecli.example.demo import demo as demo
     from wrinklecli.review.check import CheckOptions as CheckOptions
     from wrinklecli.review.check import check as check
     from wrinklecli.review.crossings import crossings as crossings
@@ -41,6 +42,7 @@ _MODULES = {
     "bake": "baking.pipeline",
     "check": "review.check",
     "crossings": "review.crossings",
+    "demo": "example.demo",
     "diff": "review.diff.diff",
     "inspect": "review.inspect",
     "maps": "texture.maps",

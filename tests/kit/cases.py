@@ -45,7 +45,7 @@ ANSWERS = (
 # fmt: off
 _COMMANDS = {
     "bake": 30, "inspect": 15, "diff": 20, "check": 10, "suggest": 8, "track": 10, "preview": 7, "schema": 1,
-    "batch": 24, "edit": 2, "doctor": 1, "maps": 4,
+    "batch": 24, "edit": 2, "doctor": 1, "maps": 4, "demo": 1, "completion": 1,
 }
 # fmt: on
 
@@ -301,6 +301,10 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
             yield from (*some("--tool", "limb", share=0.2), *some("--anim", "body.glb", share=0.2))
         case "doctor":
             yield from some("--json", share=0.5)
+        case "demo":  # folders that it refuses: it does not read the asset
+            yield from (chance.choice([".", asset, f"{asset}/demo", "\0", "sub/.."]), *some("--no-open"), *some("-q"))
+        case "completion":  # --install writes below the home folder
+            yield chance.choice(["bash", "zsh", "fish", "tcsh"])
         case _:
             if is_baked(source) and chance.random() < 0.5:
                 yield from (asset, "sound.glb")

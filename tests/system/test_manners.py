@@ -71,6 +71,7 @@ def test_the_readme_names_every_command_and_every_exit_code() -> None:
     shown = re.findall(r"^wrinkle (\w+) ", README, re.MULTILINE)
     assert shown == [
         *(
+            "demo",
             "inspect",
             "suggest",
             "edit",
@@ -82,6 +83,7 @@ def test_the_readme_names_every_command_and_every_exit_code() -> None:
             "track",
             "batch",
             "schema",
+            "completion",
             "doctor",
         )
     ]
@@ -189,7 +191,9 @@ def test_bash_completes(typed: str, completed: str, tmp_path: Path) -> None:
     script = tmp_path / "wrinkle"
     script.write_text(f"#!{MAIN[0]}\nfrom wrinklecli.cli import main\nmain()\n")
     script.chmod(0o755)
-    (line,) = re.findall(r"`(eval [^`]*bash_source[^`]*)`", README)
+    install = [*MAIN, "completion", "bash", "--install"]
+    subprocess.run(install, env={**os.environ, "BASH_COMPLETION_USER_DIR": str(tmp_path)}, check=True)
+    line = f". {tmp_path}/completions/wrinkle"
     bash = ["bash", "--norc", "--noprofile", "-i"]
     process, terminal = start_on_terminal(bash, PATH=f"{tmp_path}:{os.environ['PATH']}", TERM="dumb")
     try:

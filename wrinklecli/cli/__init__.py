@@ -10,6 +10,8 @@ import click
 from wrinklecli.cli.bake import bake
 from wrinklecli.cli.batch import batch
 from wrinklecli.cli.check import check
+from wrinklecli.cli.completion import completion
+from wrinklecli.cli.demo import demo
 from wrinklecli.cli.diff import diff
 from wrinklecli.cli.doctor import doctor
 from wrinklecli.cli.edit import edit
@@ -46,7 +48,22 @@ def cli() -> None:
     """Bake dynamic wrinkles into animated glTF characters."""
 
 
-for _command in (inspect, suggest, edit, check, bake, maps, preview, diff, track, batch, schema, doctor):
+for _command in (
+    demo,
+    inspect,
+    suggest,
+    edit,
+    check,
+    bake,
+    maps,
+    preview,
+    diff,
+    track,
+    batch,
+    schema,
+    completion,
+    doctor,
+):
     cli.add_command(_command)
 
 

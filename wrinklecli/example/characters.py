@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from _shapes import Floats, Ints, Mesh, triangulate, vertex_normals
+from wrinklecli.example.shapes import Floats, Ints, Mesh, triangulate, vertex_normals
 
 ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
 UNSIGNED_BYTE, UNSIGNED_SHORT, FLOAT = 5121, 5123, 5126
@@ -59,6 +59,7 @@ class Character:
         material: Name of the material.
         double_sided: True if the inside shows.
         morphs: Offsets (vertices, 3) by name of morph target, metres.
+        image: PNG of the base colour, by which `colour` is multiplied; None if it is plain.
     """
 
     name: str
@@ -71,6 +72,7 @@ class Character:
     roughness: float
     double_sided: bool = False
     morphs: dict[str, Floats] = field(default_factory=dict)
+    image: bytes | None = None
 
 
 @dataclass(slots=True)
@@ -80,6 +82,13 @@ class _Buffer:
     data: bytearray = field(default_factory=bytearray)
     views: list[dict[str, Any]] = field(default_factory=list)
     accessors: list[dict[str, Any]] = field(default_factory=list)
+
+    def add_bytes(self, data: bytes) -> int:
+        """Append bytes, and return the index of their view."""
+        self.data.extend(b"\0" * (-len(self.data) % 4))
+        self.views.append({"buffer": 0, "byteOffset": len(self.data), "byteLength": len(data)})
+        self.data.extend(data)
+        return len(self.views) - 1
 
     def add(self, array: NDArray[Any], *, bounds: bool = False, target: int | None = None) -> int:
         """Append an array, and return the index of its accessor."""
@@ -197,7 +206,7 @@ def to_glb(character: Character) -> bytes:
     # glTF keeps matrices by columns, so the translation is the last row here.
     inverse_binds[:, 3, :3] = [-places[joint.name] for joint in character.joints]
 
-    document = {
+    document: dict[str, Any] = {
         "asset": {"version": "2.0", "generator": "wrinkle samples"},
         "scene": 0,
         # Not the name of the body, since three.js renames the second of two things with one name.
@@ -219,15 +228,23 @@ def to_glb(character: Character) -> bytes:
                     "baseColorFactor": [*character.colour, 1.0],
                     "metallicFactor": 0.0,
                     "roughnessFactor": character.roughness,
-                },
+                }
+                | ({} if character.image is None else {"baseColorTexture": {"index": 0}}),
             }
             | ({"doubleSided": True} if character.double_sided else {})
         ],
         "animations": [_animation(clip, buffer, numbers, offsets_at_rest) for clip in character.clips],
         "accessors": buffer.accessors,
         "bufferViews": buffer.views,
-        "buffers": [{"byteLength": len(buffer.data)}],
     }
+    if character.image is not None:
+        view = buffer.add_bytes(character.image)
+        document |= {
+            "images": [{"name": character.name, "mimeType": "image/png", "bufferView": view}],
+            "samplers": [{"magFilter": 9729, "minFilter": 9987}],
+            "textures": [{"source": 0, "sampler": 0}],
+        }
+    document["buffers"] = [{"byteLength": len(buffer.data)}]
     return _container(document, bytes(buffer.data))
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from _shapes import Floats, capsule, cut, ellipsoid, norm, smoothstep, union
+from wrinklecli.example.shapes import Floats, capsule, cut, ellipsoid, norm, smoothstep, union
 
 BROW_HEIGHT = 0.232  # metres, of the brow ridge at rest
 

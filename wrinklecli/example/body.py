@@ -5,9 +5,22 @@ from dataclasses import replace
 
 import numpy as np
 
-from _gltf import Character, Clip, Joint
-from _head import head_field
-from _shapes import Bools, Field, Floats, Mesh, capsule, cut, ellipsoid, project, relax, smoothstep, spline, union
+from wrinklecli.example.characters import Character, Clip, Joint
+from wrinklecli.example.head import head_field
+from wrinklecli.example.shapes import (
+    Bools,
+    Field,
+    Floats,
+    Mesh,
+    capsule,
+    cut,
+    ellipsoid,
+    project,
+    relax,
+    smoothstep,
+    spline,
+    union,
+)
 
 STEP = 0.0185  # metres between vertices
 LOW, HIGH = (-37, -2, -18), (37, 124, 20)  # steps: the grid round the body, whose left and right are alike
@@ -43,15 +56,15 @@ _TIPS = {"head": (0.0, 1.74, 0.0), "hand": (0.60, 0.94, 0.02), "foot": (0.15, 0.
 def body_field(points: Floats) -> Floats:
     """Signed distance to the body."""
     at = np.column_stack([np.abs(points[:, 0]), points[:, 1:]])
-    shape = union(_trunk(at), _leg(at), 0.05)
-    shape = union(shape, _arm(at), 0.045)
+    shape = union(trunk_field(at), leg_field(at), 0.05)
+    shape = union(shape, arm_field(at), 0.045)
     local = points - HEAD
     # The field of the head has a neck without an end.
     head = cut(head_field(local), local[:, 1] + 0.04, 0.02)
     return union(shape, head, 0.05)
 
 
-def _trunk(at: Floats) -> Floats:
+def trunk_field(at: Floats) -> Floats:
     """Ribs, shoulders, breast, belly and hips."""
     shape = ellipsoid(at, [0.0, 1.28, -0.02], [0.158, 0.20, 0.115])
     shape = union(shape, capsule(at, [0.0, 1.37, -0.03], [0.155, 1.395, -0.025], 0.085, 0.062), 0.06)
@@ -64,7 +77,8 @@ def _trunk(at: Floats) -> Floats:
     return union(shape, ellipsoid(at, [0.082, 0.915, -0.068], [0.085, 0.10, 0.088]), 0.045)
 
 
-def _leg(at: Floats) -> Floats:
+def leg_field(at: Floats) -> Floats:
+    """The left leg, with its foot."""
     shape = capsule(at, [0.098, 0.86, 0.0], [0.12, 0.50, 0.005], 0.098, 0.056)
     shape = union(shape, capsule(at, [0.108, 0.74, 0.03], [0.118, 0.58, 0.025], 0.062, 0.045), 0.05)
     shape = union(shape, ellipsoid(at, [0.12, 0.49, 0.022], [0.044, 0.05, 0.044]), 0.03)
@@ -76,7 +90,8 @@ def _leg(at: Floats) -> Floats:
     return cut(shape, at[:, 1] + 0.002, 0.012)  # soles are flat
 
 
-def _arm(at: Floats) -> Floats:
+def arm_field(at: Floats) -> Floats:
+    """The left arm, with its hand."""
     shape = ellipsoid(at, [0.186, 1.385, -0.026], [0.062, 0.07, 0.06])
     shape = union(shape, capsule(at, [0.185, 1.385, -0.025], [0.37, 1.20, -0.03], 0.053, 0.040), 0.05)
     shape = union(shape, capsule(at, [0.245, 1.33, -0.002], [0.315, 1.258, -0.008], 0.034, 0.03), 0.035)
@@ -102,7 +117,7 @@ def _arm(at: Floats) -> Floats:
 
 def surface(shape: Field) -> Mesh:
     """Quads on the zero of a distance field: a vertex in each cell of a grid that the zero passes (surface nets)."""
-    sides = [STEP * np.arange(a, b + 1) for a, b in zip(LOW, HIGH, strict=True)]
+    sides = [STEP * np.arange(a, b + 1, dtype=np.float64) for a, b in zip(LOW, HIGH, strict=True)]
     counts = [len(each) for each in sides]
     points = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1)
     inner = shape(_placed(points.reshape(-1, 3))).reshape(counts) < 0
@@ -134,7 +149,7 @@ def surface(shape: Field) -> Mesh:
         corners[turned] = corners[turned, ::-1]
         quads.append(corners)
     faces = np.concatenate(quads)
-    positions = _placed(STEP * (np.array(LOW) + passed + 0.5))
+    positions = _placed(STEP * np.asarray(np.array(LOW) + passed + 0.5, np.float64))
     held: Bools = np.zeros(positions.shape, np.bool_)
     mesh = Mesh(positions, faces, np.zeros((len(faces), 4, 2)), held, np.zeros(len(positions), np.bool_))
     mesh = relax(mesh, shape, steps=16, density=_density)
@@ -146,7 +161,7 @@ def _placed(points: Floats) -> Floats:
     x, y, z = points.T
     size = 1.0 - (1.0 - FINE) * smoothstep(COARSE_BELOW, FINE_ABOVE, y)
     # The height is the integral of the size, in small steps.
-    heights = 1e-3 * np.arange(round(1e3 * STEP * LOW[1]), round(1e3 * STEP * HIGH[1]) + 2)
+    heights = 1e-3 * np.arange(round(1e3 * STEP * LOW[1]), round(1e3 * STEP * HIGH[1]) + 2, dtype=np.float64)
     sizes = 1.0 - (1.0 - FINE) * smoothstep(COARSE_BELOW, FINE_ABOVE, heights)
     risen = heights[0] + np.concatenate([np.zeros(1), np.cumsum((sizes[1:] + sizes[:-1]) / 2.0 * 1e-3)])
     return np.stack([x * size, np.interp(y, heights, risen), z * size], axis=1)

@@ -1,0 +1,87 @@
+"""`wrinkle demo`: a figure with its tools, its bake and a picture, in a folder of their own."""
+
+import io
+import json
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from PIL import Image
+
+from kit.clients import assert_valid
+from kit.command import Wrinkle, files
+from wrinklecli import CheckOptions, check, demo
+from wrinklecli.errors import WrinkleError
+from wrinklecli.example import demo as module
+from wrinklecli.example.figure import base_colour
+from wrinklecli.example.png import encode_png
+
+
+@given(arrays(np.uint8, st.tuples(st.integers(1, 9), st.integers(1, 9), st.just(3))))
+def test_other_programs_read_a_picture_as_it_was_written(pixels: np.ndarray) -> None:
+    with Image.open(io.BytesIO(encode_png(pixels))) as read:
+        assert read.mode == "RGB"
+        assert np.array_equal(np.array(read), pixels)
+
+
+def test_the_texture_has_cloth_and_skin() -> None:
+    with Image.open(io.BytesIO(base_colour(128))) as image:
+        colours = np.array(image, int).reshape(-1, 3)
+    red, _, blue = colours.T
+    assert (blue > red + 40).mean() > 0.1, "denim"
+    assert ((red > blue + 50) & (red > 150)).mean() > 0.02, "skin"
+    assert (np.ptp(colours, axis=1) < 40).mean() > 0.05, "the shirt's white"
+
+
+@pytest.mark.slow
+def test_it_makes_bakes_and_draws_a_figure(wrinkle: Wrinkle, tmp_path: Path) -> None:
+    folder = tmp_path / "a" / "b"
+    ran = wrinkle("demo", folder)
+    assert (ran.code, ran.out) == (0, "")
+    names = ("figure.glb", "figure.yaml", "wrinkled.glb", "wrinkled.png")
+    assert ran.lines[:4] == [f"written: {folder / name}" for name in names]
+    assert "warning" not in "".join(ran.lines)
+    assert sorted(files(folder)) == sorted(names)
+    assert_valid(folder / "figure.glb", folder / "wrinkled.glb")
+    with Image.open(folder / "wrinkled.png") as picture:
+        before, after = (
+            np.array(picture.convert("L"), float)[:, : picture.width // 2 * 2]
+            .reshape(picture.height, 2, -1)
+            .swapaxes(0, 1)
+        )
+    assert (np.abs(before - after) > 12).mean() > 0.01, "the wrinkles are seen"
+    assert check(folder / "figure.glb", folder / "figure.yaml", CheckOptions()).warnings == ()
+    # The same bytes again, and no second demo among files.
+    again = demo(tmp_path / "again")
+    assert files(folder) == files(Path(again.paths[0]).parent)
+    length = struct.unpack_from("<I", (folder / "figure.glb").read_bytes(), 12)[0]
+    figure = json.loads((folder / "figure.glb").read_bytes()[20 : 20 + length])
+    assert [len(figure[kind]) for kind in ("meshes", "skins", "images", "animations")] == [1, 1, 1, 1]
+
+
+@pytest.mark.parametrize("place", ["full", "full/file", "full/file/below"])
+def test_it_goes_among_no_files(wrinkle: Wrinkle, tmp_path: Path, place: str) -> None:
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "file").write_text("mine")
+    ran = wrinkle("demo", tmp_path / place)
+    assert ran.code == 1
+    assert len(ran.lines) == 1
+    assert files(tmp_path) == {"full/file": b"mine"}
+
+
+@pytest.mark.slow
+def test_without_the_libraries_of_pictures_it_says_how_to_get_one(
+    wrinkle: Wrinkle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def missing() -> None:
+        raise WrinkleError("pictures need Pillow", where="preview")
+
+    monkeypatch.setattr(module, "refuse_missing", missing)
+    ran = wrinkle("demo", tmp_path / "new")
+    assert ran.code == 0
+    assert any("no picture: preview: pictures need Pillow" in line for line in ran.lines)
+    assert sorted(files(tmp_path / "new")) == ["figure.glb", "figure.yaml", "wrinkled.glb"]

@@ -1,0 +1,215 @@
+"""A dressed figure, for a first bake: the body in a striped shirt, jeans and shoes, on one textured mesh."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wrinklecli.example.body import HEAD, KEYS, PLACES, arm_field, leg_field, skin_weights, surface, trunk_field, turned
+from wrinklecli.example.characters import Character, Clip, Joint
+from wrinklecli.example.head import head_field
+from wrinklecli.example.png import encode_png
+from wrinklecli.example.shapes import Bools, Floats, capsule, cut, ellipsoid, smoothstep, union
+
+IMAGE = 1024  # pixels of the sides of the base colour
+# Heights of the garments' ends, metres.
+_COLLAR, _HEM, _BELT, _TURN_UP, _SOLE = 1.475, 0.925, 0.965, 0.105, 0.022
+# How far cloth stands off the body, metres.
+_SHIRT, _JEANS, _LOOSE, _SHOE = 0.009, 0.008, 0.010, 0.010
+_FADE = 0.016  # metres over which a garment's end rises, about a cell of the grid
+_STRIPE = 0.034  # metres from stripe to stripe
+# sRGB of 255.
+_WHITE, _NAVY, _DENIM, _FADED = (232, 226, 214), (42, 56, 100), (86, 118, 166), (140, 168, 204)
+_SKIN, _LIPS, _HAIR, _CANVAS, _RUBBER = (208, 150, 120), (184, 110, 96), (58, 40, 30), (126, 44, 40), (222, 216, 204)
+
+_SHOULDER, _ELBOW, _WRIST = (np.array(PLACES[f"{name}.L"][1]) for name in ("upper_arm", "forearm", "hand"))
+
+
+def figure_field(points: Floats) -> Floats:
+    """Signed distance to the dressed figure."""
+    at = np.column_stack([np.abs(points[:, 0]), points[:, 1:]])
+    y = at[:, 1]
+    local = points - HEAD
+    head = cut(union(head_field(local), _hair(local), 0.008), local[:, 1] + 0.04, 0.02)
+    upper = smoothstep(_HEM, _HEM + _FADE, y) * smoothstep(_COLLAR + _FADE, _COLLAR, y)
+    trunk = trunk_field(at) - _SHIRT * upper
+    sleeve = _SHIRT * smoothstep(0.985, 0.955, _along_arm(at))
+    arm = arm_field(at) - sleeve
+    lower = smoothstep(_TURN_UP - _FADE, _TURN_UP, y)
+    # Legs of jeans hang straight from the knees.
+    leg = leg_field(at) - (_JEANS + _LOOSE * smoothstep(0.62, 0.30, y)) * lower - _SHOE * (1.0 - lower)
+    leg = cut(leg, y + 0.002, 0.012)
+    shape = union(union(trunk, leg, 0.05), arm, 0.045)
+    return union(shape, head, 0.03)
+
+
+def _hair(local: Floats) -> Floats:
+    """Short hair: a cap that leaves the face and the ears free."""
+    at = np.column_stack([np.abs(local[:, 0]), local[:, 1:]])
+    cap = ellipsoid(at, [0.0, 0.252, -0.022], [0.0845, 0.093, 0.102])
+    cap = cut(cap, ellipsoid(at, [0.0, 0.175, 0.095], [0.080, 0.098, 0.085]), 0.012)
+    return cut(cap, ellipsoid(at, [0.080, 0.185, -0.010], [0.030, 0.048, 0.040]), 0.010)
+
+
+def _along_arm(at: Floats) -> Floats:
+    """(n,) 0 at the shoulder, 0.5 at the elbow and 1 at the wrist, of the nearest places on the arm's bones."""
+    lengths = []
+    for start, end in ((_SHOULDER, _ELBOW), (_ELBOW, _WRIST)):
+        bone = end - start
+        offset = at - start
+        lengths.append(
+            (offset[:, 0] * bone[0] + offset[:, 1] * bone[1] + offset[:, 2] * bone[2])
+            / float(bone[0] * bone[0] + bone[1] * bone[1] + bone[2] * bone[2])
+        )
+    first, second = lengths
+    # The bones are nearly in line.
+    return np.asarray(0.5 * np.clip(first, 0.0, 1.0) + 0.5 * np.clip(second, 0.0, 1.3))
+
+
+def base_colour(size: int = IMAGE) -> bytes:
+    """The figure's texture as PNG, square, for the charts of `body.surface`: the front is left, the back is right."""
+    middles = (np.arange(size) + 0.5) / size
+    u, v = np.meshgrid(middles, 1.0 - middles)
+    front = (u < 0.5).ravel()
+    x = np.abs(np.where(u < 0.5, u - 0.25, 0.75 - u) / 0.36).ravel()
+    y = ((v - 0.02) / 0.52).ravel()
+    at = np.column_stack([x, y, np.zeros(len(x))])
+    colours: Floats = np.tile(np.array(_SKIN, np.float64), (len(x), 1))
+
+    arm = (capsule(at, [0.215, 1.37, 0.0], [0.37, 1.20, 0.0], 0.085, 0.075) < 0) | (
+        capsule(at, [0.37, 1.20, 0.0], [0.60, 0.93, 0.0], 0.075, 0.080) < 0
+    )
+    arm &= x > 0.165
+    along = _along_arm(np.column_stack([x, y, np.full(len(x), -0.02)]))
+    _paint_shirt(colours, at, arm, along)
+    _paint_jeans(colours, at, ~arm & (y < _HEM + 0.006), front)
+    _paint_head(colours, at, front)
+    return encode_png(_woven(colours, size, cloth=(y < 1.47) & ~(arm & (along > 0.97))))
+
+
+def _paint_shirt(colours: Floats, at: Floats, arm: Bools, along: Floats) -> None:
+    """Stripes round trunk and sleeves; collar, cuffs and hem are plain."""
+    x, y, _ = at.T
+    trunk = ~arm & (y > _HEM) & (y < _COLLAR + 0.05 * smoothstep(0.03, 0.10, x))
+    sleeve = arm & (along < 0.97)
+    # Sleeves are two bones of about 0.25 m each.
+    phase = np.where(arm, along * 0.51, y - _HEM) / _STRIPE
+    dark = phase - np.floor(phase) < 0.36
+    plain = np.where(arm, (along > 0.925) | (along < 0.04), (y < _HEM + 0.022) | (y > _COLLAR - 0.004))
+    shirt = trunk | sleeve
+    colours[shirt] = _WHITE
+    colours[shirt & dark & ~plain] = _NAVY
+    seam = shirt & (np.abs(np.where(arm, (along - 0.925) * 0.51, y - _HEM - 0.022)) < 0.0015)
+    colours[seam] = np.array(_WHITE) * 0.72
+
+
+def _paint_jeans(colours: Floats, at: Floats, jeans: Bools, front: Bools) -> None:
+    """Denim, faded on the thighs and knees, with a fly, pockets, seams and turn-ups; shoes below."""
+    x, y, _ = at.T
+    faded = 0.85 * np.exp(-(((x - 0.115) / 0.05) ** 2)) * smoothstep(0.25, 0.5, y) * smoothstep(0.93, 0.78, y)
+    faded = np.maximum(faded * np.where(front, 1.0, 0.6), 0.25 * np.exp(-(((y - 0.49) / 0.05) ** 2)))
+    denim = np.array(_DENIM) + faded[:, None] * (np.array(_FADED) - np.array(_DENIM))
+    turned_up = (y < _TURN_UP + 0.035) & (y > _TURN_UP - 0.006)
+    denim[turned_up] = np.array(_FADED) * 1.12
+    pocket = np.where(
+        front,
+        np.abs(np.hypot(x - 0.175, y - 0.955) - 0.085),
+        np.minimum(
+            np.where(np.abs(y - 0.86) < 0.062, np.abs(np.abs(x - 0.088) - 0.052), 1.0),
+            np.where(
+                np.abs(x - 0.088) < 0.052,
+                np.minimum(np.abs(y - 0.922), np.abs(y - 0.798 - 0.2 * np.abs(x - 0.088))),
+                1.0,
+            ),
+        ),
+    )
+    fly = np.where(front & (y > 0.86), np.abs(x - 0.018), 1.0)
+    stitches = np.minimum(np.minimum(pocket, fly), np.abs(y - _TURN_UP - 0.035))
+    denim[(stitches < 0.0028) & (y > 0.1)] = np.array([150.0, 112.0, 62.0])
+    colours[jeans] = denim[jeans]
+    shoe = jeans & (y < _TURN_UP - 0.006)
+    colours[shoe] = _CANVAS
+    colours[shoe & (y < _SOLE)] = _RUBBER
+
+
+def _paint_head(colours: Floats, at: Floats, front: Bools) -> None:
+    """Hair, brows, eyes and lips."""
+    x, y = at[:, 0], at[:, 1] - HEAD[1]
+    head = y > 0.03
+    hairline = 0.262 - 1.2 * np.maximum(x - 0.035, 0.0)
+    ear = (x > 0.062) & (y < 0.240)
+    hair = head & ~ear & (front & (y > hairline) | ~front & (y > 0.118))
+    colours[hair] = _HAIR
+    face = head & front & ~hair
+    cheek = np.exp(-(((x - 0.041) / 0.018) ** 2) - ((y - 0.172) / 0.016) ** 2)
+    colours[face] += cheek[face, None] * np.array([10.0, -14.0, -10.0])
+    brow = face & (np.abs(y - 0.2335 - 0.1 * (x - 0.012) + 0.4 * np.maximum(x - 0.04, 0.0)) < 0.004)
+    colours[brow & (x > 0.013) & (x < 0.052)] = np.array(_HAIR) * 1.15
+    eye = np.hypot((x - 0.0315) / 0.0125, (y - 0.2115) / 0.0058)
+    colours[face & (eye < 1.18)] = np.array(_HAIR) * 1.1
+    colours[face & (eye < 1.0)] = (236, 232, 226)
+    iris = np.hypot(x - 0.0315, y - 0.2118)
+    colours[face & (eye < 1.0) & (iris < 0.0056)] = (74, 96, 92)
+    colours[face & (eye < 1.0) & (iris < 0.0028)] = (24, 22, 22)
+    lips = np.hypot(x / 0.0235, (y - 0.1480) / (0.0098 - 0.16 * x))
+    colours[face & (lips < 1.0) & (x < 0.024)] = _LIPS
+    colours[face & (np.abs(y - 0.1484) < 0.0012) & (x < 0.020)] = np.array(_LIPS) * 0.62
+
+
+def _woven(colours: Floats, size: int, *, cloth: Bools) -> NDArray[np.uint8]:
+    """Bytes of an image, with the small unevenness of yarn on cloth."""
+    # A hash of the pixel's number: random to the eye, and the same on every machine.
+    number = np.arange(size * size, dtype=np.int64)
+    mixed = (number * 2654435761 + (number // size) * 40503) % 4294967296
+    mixed = (mixed ^ (mixed >> 13)) * 1274126177 % 4294967296
+    level = ((mixed >> 24) % 5 - 2).astype(np.float64)
+    shade = 1.0 + np.where(cloth, 0.018, 0.006) * level
+    rounded = np.clip(np.rint(colours * shade[:, None]), 0, 255).astype(np.uint8)
+    return rounded.reshape(size, size, 3)
+
+
+def make_figure() -> Character:
+    """The figure with its clip."""
+    mesh = surface(figure_field)
+    return Character(
+        name="figure",
+        mesh=mesh,
+        joints=tuple(Joint(name, parent, place) for name, (parent, place) in PLACES.items()),
+        weights=skin_weights(mesh.positions, list(PLACES)),
+        clips=(squat(),),
+        colour=(1.0, 1.0, 1.0),
+        material="clothes and skin",
+        roughness=0.85,
+        image=base_colour(),
+    )
+
+
+def squat() -> Clip:
+    """A squat with both arms raised before the chest, and back: a loop of 2.4 s."""
+    times = np.arange(round(2.4 * KEYS) + 1) / KEYS
+    down = smoothstep(0.1, 0.9, times) * smoothstep(2.2, 1.4, times)
+    x = (1.0, 0.0, 0.0)
+    thigh, shin = -62.0 * down, 84.0 * down
+    fall = 0.42 * (_cosine(thigh) - 1.0) + 0.40 * (_cosine(shin + thigh) - 1.0)
+    back = -0.42 * _sine(-thigh) + 0.40 * _sine(shin + thigh)
+    moves = {
+        "spine": turned(x, 22.0 * down),
+        "chest": turned(x, 18.0 * down),
+        "neck": turned(x, -16.0 * down),
+        "head": turned(x, -12.0 * down),
+    }
+    for side, sign in (("L", 1.0), ("R", -1.0)):
+        moves[f"thigh.{side}"], moves[f"shin.{side}"] = turned(x, thigh), turned(x, shin)
+        moves[f"foot.{side}"] = turned(x, -shin - thigh)
+        moves[f"upper_arm.{side}"] = turned((-0.743, -0.669 * sign, 0.0), 30.0 * down)
+        moves[f"forearm.{side}"] = turned((-0.743, -0.669 * sign, 0.0), 92.0 * down)
+    sink = np.stack([0.0 * times, fall, back], axis=1)
+    return Clip("squat", times, moves, {"hips": sink})
+
+
+def _cosine(degrees: Floats) -> Floats:
+    return np.array([math.cos(math.radians(each)) for each in degrees.tolist()])
+
+
+def _sine(degrees: Floats) -> Floats:
+    return np.array([math.sin(math.radians(each)) for each in degrees.tolist()])
