@@ -18,6 +18,9 @@ from hypothesis import settings
 from kit.clients import install
 from kit.command import Wrinkle
 from kit.golden import Golden
+from kit.places import ROOT
+
+_BUILT = ("build", "dist")  # by the build of a release
 
 # Workers, and the hundreds of commands that they start, would else compile all modules anew.
 sys.dont_write_bytecode = False
@@ -62,6 +65,21 @@ def signals_as_before() -> Iterator[None]:
     yield
     for each, handler in handlers.items():
         signal.signal(each, handler)
+
+
+def _in_root() -> set[str]:
+    """What lies in the root of the repository, but for what git ignores and other programs may make meanwhile."""
+    return {
+        name for name in os.listdir(ROOT) if name[0] != "." and name not in _BUILT and not name.endswith(".egg-info")
+    }
+
+
+@pytest.fixture(autouse=True)
+def nothing_left_in_the_root() -> Iterator[None]:
+    """A relative path in a test without a folder of its own leads into the repository, where it would be committed."""
+    before = _in_root()
+    yield
+    assert _in_root() == before
 
 
 @pytest.fixture

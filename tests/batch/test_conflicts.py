@@ -259,7 +259,8 @@ def test_an_image_of_an_earlier_bake_stays_if_another_job_uses_it(wrinkle: Wrink
     assert run(wrinkle, first) == (0, [])
 
 
-def test_others_are_found_at_urls_too() -> None:
+def test_others_are_found_at_urls_too(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(tmp_path)
     fsspec = pytest.importorskip("fsspec")
     store = fsspec.filesystem("memory")
     asset = {"images": [{"uri": "skin.png"}], "buffers": [{"uri": "a%20b.bin"}]}
