@@ -88,6 +88,10 @@ class Page:
             self._mouse("mouseMoved", *place)
         self._drawn()
 
+    def move(self, place: tuple[float, float]) -> None:
+        """Move the mouse."""
+        self._mouse("mouseMoved", *place)
+
     def release(self, place: tuple[float, float]) -> None:
         """Release the left button."""
         self._mouse("mouseReleased", *place)
