@@ -100,8 +100,14 @@ def test_strict_refuses_it_and_what_shows_it_says_so(monkeypatch: pytest.MonkeyP
         wrinklecli.bake(limb, tools, tmp_path / "out.glb", strict=True)
     assert not (tmp_path / "out.glb").exists()
     assert any("contact is left out" in line for line in crossings(limb, tools).warnings)
-    shown = wrinklecli.preview([limb], tmp_path / "sheet.png", tools=tools, size=(80, 60))
-    assert any("contact is left out" in line for line in shown.warnings)
+
+
+def test_a_preview_of_tools_resolves_no_contact(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr("wrinklecli.effects.contact.sample.sample_contact", None)
+    tools = write_tools(tmp_path / "tools.yaml", tool(**TOOL, contact="resolve"))
+    shown = wrinklecli.preview([folding_limb()], tmp_path / "sheet.png", tools=tools, size=(80, 60))
+    line = "crease: contact is left out, as a preview of tools is a quick look; a bake has it"
+    assert (shown.notes[-1:], shown.warnings) == ((line,), ())
 
 
 def test_a_fold_that_takes_too_many_steps_ends_at_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

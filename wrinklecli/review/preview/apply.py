@@ -11,6 +11,7 @@ from wrinklecli.baking.estimate import refuse_too_much
 from wrinklecli.baking.job import BakeOptions, Job, read_job
 from wrinklecli.baking.morphs import encode_morphs
 from wrinklecli.baking.plan import plan_meshes
+from wrinklecli.effects.contact.layer import ContactLayer
 from wrinklecli.effects.effect import MeshPlan, SamplingOptions
 from wrinklecli.effects.sampling import sample_effects
 from wrinklecli.effects.wrinkle.layer import carried_patches_of
@@ -78,6 +79,22 @@ def plan_tools(asset: Document, tools: str | os.PathLike[str], options: BakeOpti
             reasons = [each.reason for each in misfits]
             return PlannedTools(settings, job, plans, tuple(misfits), (*reasons, *job.warnings))
     return PlannedTools(settings, None, (), tuple(misfits), tuple(each.reason for each in misfits))
+
+
+def without_contact(planned: PlannedTools) -> tuple[PlannedTools, list[str]]:
+    """The same without contact, and a line if that leaves any out.
+
+    A look at tools takes seconds, and resolving their folds may take a minute.
+    """
+    asked = [tool.name for tool in planned.settings.tools if tool.contact is not None]
+    left = tuple(
+        replace(plan, layers=tuple(each for each in plan.layers if not isinstance(each, ContactLayer)))
+        for plan in planned.plans
+    )
+    if all(len(plan.layers) == len(before.layers) for plan, before in zip(left, planned.plans, strict=True)):
+        return planned, []
+    note = f"{', '.join(asked)}: contact is left out, as a preview of tools is a quick look; a bake has it"
+    return replace(planned, plans=left), [note]
 
 
 def _without(tools: Sequence[WrinkleTool], misfits: Sequence[RefusedTool]) -> list[WrinkleTool]:

@@ -18,7 +18,7 @@ from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.images import files_of
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.numeric.memory import Memory
-from wrinklecli.review.preview.apply import PlannedTools, plan_tools
+from wrinklecli.review.preview.apply import PlannedTools, plan_tools, without_contact
 from wrinklecli.review.preview.preview_options import PreviewOptions
 from wrinklecli.review.preview.rays import leave_room
 from wrinklecli.tools.files_beside import with_files_beside
@@ -37,7 +37,7 @@ class Preview:
         shown: The number of moments, or of tools, in words.
         views: Views as they were used; `facing` as azimuth:elevation.
         warnings: A line each.
-        notes: A line for each motion that was made, and each part of the anims that was left out or renamed.
+        notes: A line for each motion that was made, each part of the anims that was left out or renamed, and contact.
     """
 
     path: str
@@ -99,7 +99,7 @@ def preview(
             options = replace(options, rest=True)
         joined = _read_assets(assets, path, options, written)
         documents = [each.document for each in joined]
-        planned = _planned(documents[0], options)
+        planned, notes = _planned(documents[0], options)
         warnings = [*joined[0].warnings, *(() if planned is None else planned.warnings)]
         reviewed = is_reviewed(documents, planned, options, animated=animated)
         if reviewed:
@@ -121,7 +121,7 @@ def preview(
             data = encode_picture(drawn.images[0])
         written.add_bytes(path, data)
     warnings = list(dict.fromkeys((*warnings, *drawn.warnings)))
-    return Preview(path, drawn.images[0].size, drawn.shown, drawn.views, tuple(warnings), joined[0].notes)
+    return Preview(path, drawn.images[0].size, drawn.shown, drawn.views, tuple(warnings), (*joined[0].notes, *notes))
 
 
 def refuse_missing(command: str = "preview") -> None:
@@ -168,17 +168,17 @@ def with_motions(options: PreviewOptions, joined: Moved, *, animated: bool) -> P
     return replace(options, clips=joined.telling, times=options.times if whole else (1.0,))
 
 
-def _planned(document: Document, options: PreviewOptions) -> PlannedTools | None:
-    """Attach the tools to an asset, if there are any."""
+def _planned(document: Document, options: PreviewOptions) -> tuple[PlannedTools | None, list[str]]:
+    """Attach the tools to an asset, if there are any, and say what is left out of them."""
     if options.tools is None:
-        return None
+        return None, []
     bake = BakeOptions(
         only=options.only,
         allow_external=options.allow_external,
         max_memory=options.max_memory,
         max_vertices=options.max_vertices,
     )
-    return plan_tools(document, options.tools, bake)
+    return without_contact(plan_tools(document, options.tools, bake))
 
 
 def is_reviewed(
