@@ -146,6 +146,12 @@ def test_folders_that_cannot_all_be_made_leave_none(tmp_path: Path) -> None:
     assert names(tmp_path) == set()
 
 
+def test_a_folder_whose_name_no_folder_can_have_is_one_line(tmp_path: Path) -> None:
+    with fails(BakeError, "null") as outputs:
+        outputs.make_folders(tmp_path / "new" / "a\0b")
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_folder_that_another_makes_at_the_same_time_is_used_and_stays(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

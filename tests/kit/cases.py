@@ -297,14 +297,14 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
         case "maps":
             yield from (asset, "tools.yaml", "-o", "maps", "--size", "16")
             yield from (*some("--supersample", "1", share=0.5), *some("--maps", "normal,height"), *some("--separate"))
-            yield from (*some(loudness), *some("--strict"), *some("--allow-external"), *some(*memory, share=0.1))
+            yield from (*some("--quiet"), *some("--strict"), *some("--allow-external"), *some(*memory, share=0.1))
             yield from (*some("--tool", "limb", share=0.2), *some("--anim", "body.glb", share=0.2))
         case "doctor":
             yield from some("--json", share=0.5)
         case "demo":  # folders that it refuses: it does not read the asset
             yield from (chance.choice([".", asset, f"{asset}/demo", "\0", "sub/.."]), *some("--no-open"), *some("-q"))
         case "completion":  # --install writes below the home folder
-            yield chance.choice(["bash", "zsh", "fish", "tcsh"])
+            yield chance.choice(["bash", "zsh", "fish"])
         case _:
             if is_baked(source) and chance.random() < 0.5:
                 yield from (asset, "sound.glb")

@@ -102,6 +102,29 @@ def without_coordinates(editor: Editor) -> None:
             primitive["attributes"].pop("TEXCOORD_0", None)
 
 
+def test_a_material_that_is_not_there_counts_as_none(wrinkle: Wrinkle, tmp_path: Path) -> None:
+    def lost(editor: Editor) -> None:
+        editor.json["meshes"][0]["primitives"][0]["material"] = 7
+
+    asset = edited("wrist", lost)
+    tools = ROOT / "configs" / "wrist.yaml"
+    assert wrinkle("maps", asset, tools, "-o", tmp_path / "maps", "--size", "16", "-q").code == 0
+    assert json.loads((tmp_path / "maps" / "maps.json").read_text())["materials"][0]["material"] is None
+
+
+@pytest.mark.parametrize("texture", ["x", ["x"], {"texCoord": {}}, {"rotation": "x"}, {"scale": [1]}, {"offset": None}])
+def test_a_malformed_texture_is_one_line(wrinkle: Wrinkle, tmp_path: Path, texture: Any) -> None:
+    def broken(editor: Editor) -> None:
+        moved = texture if isinstance(texture, dict) else {}
+        info = {"index": 0, "extensions": {"KHR_texture_transform": moved}} if moved else texture
+        editor.json["materials"][0]["normalTexture"] = info
+
+    asset = edited("wrist", broken)
+    ran = wrinkle("maps", asset, ROOT / "configs" / "wrist.yaml", "-o", tmp_path / "maps", "--size", "16")
+    assert (ran.code, len(ran.lines)) == (1, 1), ran.lines
+    assert not (tmp_path / "maps").exists()
+
+
 def test_a_mesh_without_texture_coordinates_gets_one_line(wrinkle: Wrinkle, tmp_path: Path) -> None:
     bare = edited("wrist", without_coordinates)
     ran = wrinkle("maps", bare, CONFIGS / "wrist.yaml", "-o", tmp_path / "maps", "--size", "32")

@@ -150,7 +150,7 @@ class Outputs:
         self._folders.append(path)
         try:
             os.mkdir(path)
-        except OSError as error:
+        except (OSError, ValueError) as error:  # ValueError: a null character
             self._folders.remove(path)
             if not os.path.isdir(path):  # otherwise another process has made it meanwhile
                 raise _unwritable(path, error) from error

@@ -4,7 +4,7 @@ import json
 import os
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, get_args
 
 import numpy as np
@@ -18,7 +18,7 @@ from wrinklecli.effects.effect import MeshPlan, SamplingOptions
 from wrinklecli.effects.sampling import sample_effects
 from wrinklecli.effects.wrinkle.bending import tallest_poses
 from wrinklecli.effects.wrinkle.effect import WrinkleEffect
-from wrinklecli.errors import BakeError
+from wrinklecli.errors import AssetError, BakeError
 from wrinklecli.files.outputs import Outputs, part_of
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.pixels import png_of
@@ -256,6 +256,35 @@ class _Layout:
         return {"KHR_texture_transform": self.transform} if self.transform else {}
 
 
+@dataclass(frozen=True, slots=True)
+class _Transform:
+    """KHR_texture_transform: coordinates are scaled, turned and moved, in this order.
+
+    Attributes:
+        stored: The extension as the asset has it; empty without.
+        turn: Radians.
+    """
+
+    stored: Json = field(default_factory=dict)
+    scale: tuple[float, float] = (1.0, 1.0)
+    turn: float = 0.0
+    offset: tuple[float, float] = (0.0, 0.0)
+
+    @classmethod
+    def of(cls, stored: Json) -> "_Transform":
+        """Read the extension; TypeError or ValueError if it is malformed."""
+        (across, down), (right, below) = stored.get("scale", (1.0, 1.0)), stored.get("offset", (0.0, 0.0))
+        scale, offset = (float(across), float(down)), (float(right), float(below))
+        return cls(stored, scale, float(stored.get("rotation", 0.0)), offset)
+
+    def applied(self, uvs: Floats) -> Floats:
+        """(vertices, 2) transformed coordinates."""
+        c, s = np.cos(self.turn), np.sin(self.turn)
+        scaled = uvs * self.scale
+        turned = np.column_stack([c * scaled[:, 0] + s * scaled[:, 1], c * scaled[:, 1] - s * scaled[:, 0]])
+        return np.asarray(turned + self.offset)
+
+
 def _layouts(document: Document, plan: MeshPlan) -> list[_Layout]:
     """The materials of a mesh with texture coordinates; primitives without them are left out."""
     primitives = document.items("meshes")[plan.rig.mesh]["primitives"]
@@ -263,15 +292,13 @@ def _layouts(document: Document, plan: MeshPlan) -> list[_Layout]:
     for refined in primitives_of(plan.fine):
         primitive = primitives[refined.index]
         attributes = primitive.get("attributes", {})
-        material = primitive.get("material")
-        texture = _texture_of(document, material)
-        transform = texture.get("extensions", {}).get("KHR_texture_transform", {})
-        texcoord = transform.get("texCoord", texture.get("texCoord", 0))
+        material = _material_of(document, primitive)
+        texcoord, transform = _texture_of(document, material)
         key = f"TEXCOORD_{texcoord}"
         if key not in attributes or not len(refined.triangles):
             continue
         where = document.where("meshes", plan.rig.mesh, "primitives", refined.index)
-        uvs = _transformed(old_values(document, attributes, key, refined, size=2, where=where), transform)
+        uvs = transform.applied(old_values(document, attributes, key, refined, size=2, where=where))
         old = np.arange(len(refined.old))
         if "NORMAL" in attributes:
             normals = unit(old_values(document, attributes, "NORMAL", refined, size=3, where=where))
@@ -288,7 +315,7 @@ def _layouts(document: Document, plan: MeshPlan) -> list[_Layout]:
                 name=_name_of(document, material, plan),
                 material=material,
                 texcoord=texcoord,
-                transform=transform,
+                transform=transform.stored,
                 faces=np.flatnonzero(plan.fine.triangle_primitives == refined.index),
                 uvs=_on_corners(refined, uvs),
                 normals=_on_corners(refined, normals),
@@ -317,24 +344,29 @@ def _joined(parts: Sequence[_Layout]) -> _Layout:
     )
 
 
-def _texture_of(document: Document, material: Any) -> Json:
-    """The texture whose coordinates a map takes: the normal map's, or else the base colour's."""
-    materials = document.items("materials")
-    if not isinstance(material, int) or not 0 <= material < len(materials):
-        return {}
-    known = materials[material]
-    base = known.get("pbrMetallicRoughness", {}).get("baseColorTexture")
-    found: Json = known.get("normalTexture") or base or {}
-    return found
+def _material_of(document: Document, primitive: Json) -> int | None:
+    """The number of a primitive's material; None without one, or if there is none of that number."""
+    number = primitive.get("material")
+    return number if isinstance(number, int) and 0 <= number < len(document.items("materials")) else None
 
 
-def _transformed(uvs: Floats, transform: Json) -> Floats:
-    """(vertices, 2) after KHR_texture_transform: scaled, turned and moved, in this order."""
-    turn = float(transform.get("rotation", 0.0))
-    c, s = np.cos(turn), np.sin(turn)
-    scaled = uvs * np.asarray(transform.get("scale", (1.0, 1.0)), np.float64)
-    turned = np.column_stack([c * scaled[:, 0] + s * scaled[:, 1], c * scaled[:, 1] - s * scaled[:, 0]])
-    return np.asarray(turned + np.asarray(transform.get("offset", (0.0, 0.0)), np.float64))
+def _texture_of(document: Document, material: int | None) -> tuple[int, _Transform]:
+    """The set of coordinates and the transform that a map takes: the normal map's, or else the base colour's.
+
+    Raises:
+        AssetError: An entry is malformed.
+    """
+    if material is None:
+        return 0, _Transform()
+    where = document.where("materials", material)
+    try:
+        known = document.items("materials")[material]
+        base = known.get("pbrMetallicRoughness", {}).get("baseColorTexture")
+        texture = known.get("normalTexture") or base or {}
+        stored = texture.get("extensions", {}).get("KHR_texture_transform", {})
+        return int(stored.get("texCoord", texture.get("texCoord", 0))), _Transform.of(stored)
+    except (TypeError, ValueError, AttributeError) as error:
+        raise AssetError(f"its texture is malformed: {error}", where=where) from error
 
 
 def _name_of(document: Document, material: int | None, plan: MeshPlan) -> str:
