@@ -12,13 +12,11 @@ const [LEAST_SINE, FARTHEST] = [1e-5, 2];
  * The weights of a fold's morph targets, in the order of `foldExtras.targets`, where touching skin is kept apart.
  *
  * foldExtras     one of `extras.wrinkle.folds`
- * jointMatrixOf, morphWeightOf, clip  as of `wrinkleWeights`
+ * jointMatrixOf, clip  as of `wrinkleWeights`
  */
-export function foldWeights(foldExtras, jointMatrixOf, morphWeightOf = () => 0, clip = undefined) {
-  const { joint, parent, rest: [x, y, z, w], axis, targets, own: alone = [] } = foldExtras;
+export function foldWeights(foldExtras, jointMatrixOf, { clip } = {}) {
+  const { joint, parent, rest: [x, y, z, w], axis, targets } = foldExtras;
   const { angles, weights, leaning = [], null: nothing, paths = [] } = foldExtras;
-  // A clip that was baked may have targets of its own, which stand for all.
-  if (alone.some(morphWeightOf)) return targets.map(() => 0);
   const own = turn([...jointMatrixOf(joint)]);
   const above = parent === undefined ? [[1, 0, 0], [0, 1, 0], [0, 0, 1]] : turn([...jointMatrixOf(parent)]);
   const stored = [

@@ -1,10 +1,9 @@
 // Joints and other nodes of a three.js scene, by the names that they have in the file.
 
+import { quoted } from './body.js';
+
 /** An object's name in the file: GLTFLoader changes names that it finds hard to bind, and keeps the file's. */
 export const nameOf = ({ userData, name }) => userData.name ?? name;
-
-/** Names for a message. */
-export const quoted = (names) => [...new Set(names)].map((name) => JSON.stringify(name)).join(', ');
 
 /** The objects below a root that have a name in the file. */
 export function named(root, name) {

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 import yaml
+from jsonschema_rs import validator_for
 
 import wrinklecli
 from kit.asset import Asset, Json
@@ -18,6 +19,8 @@ from kit.player import Gltf
 from kit.samples import sample
 from wrinklecli.baking.report import Report
 
+# What players are promised of the extras of every bake.
+EXTRAS = validator_for(json.loads((ROOT / "samples" / "driver" / "extras.schema.json").read_text()))
 # Options of a bake of which not much is asked.
 COARSE: Json = {"max_levels": 1}
 
@@ -36,6 +39,9 @@ def baked(asset: Path, text: str, options: str) -> Path:
         (folder / "tools.yaml").write_text(text)
         report = wrinklecli.bake(asset, folder / "tools.yaml", folder / "out.glb", **json.loads(options))
         (folder / "report.json").write_text(json.dumps([report.data, report.further_targets]))
+        for node in Gltf(folder / "out.glb").json["nodes"]:
+            if "wrinkle" in node.get("extras", {}):
+                EXTRAS.validate(node["extras"]["wrinkle"])
 
     return kept(("bake", *identity(asset), text, options), make) / "out.glb"
 

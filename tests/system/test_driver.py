@@ -251,6 +251,9 @@ def test_the_driver_says_what_it_does_not_find(tmp_path: Path) -> None:
     assert said(lambda gltf: gltf["nodes"][0]["extras"]["wrinkle"].update(parts=["limb_part2"])) == [
         'wrinkle: limb: there is no part "limb_part2"'
     ]
+    assert said(lambda gltf: gltf["nodes"][0]["extras"]["wrinkle"].update(layout=2)) == [
+        "wrinkle: limb: its extras have layout 2, and this driver reads 1; take a newer driver"
+    ]
     assert said(lambda gltf: gltf["nodes"][0].pop("extras")) == [
         "wrinkle: nothing to drive: no object has extras.wrinkle and morph targets"
     ]
@@ -453,7 +456,7 @@ def test_the_mouse_slides_the_skin_on_the_page(tmp_path: Path) -> None:
         middle = (width / 2, height / 2)
         page.hold([middle, (middle[0] + 60, middle[1])])
         slid = page.value("driver.bodies[0].meshes[0].morphTargetInfluences")
-        targets = page.value("driver.bodies[0].touches[0].targets.length")
+        targets = page.value("driver.bodies[0].body.touches[0].targets.length")
         page.screenshot(tmp_path / "held.png")
         assert len(slid) == targets
         assert max(slid[:4]) > 0.3

@@ -11,7 +11,7 @@ import numpy as np
 
 from wrinklecli.baking.parts import PARTS
 from wrinklecli.character.rig import read_rig
-from wrinklecli.drive.drive import StoredDrive, stored_drives, wrinkle_entry
+from wrinklecli.drive.drive import LAYOUT, StoredDrive, stored_drives, wrinkle_entry
 from wrinklecli.errors import AssetError, listed
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
@@ -109,6 +109,10 @@ def read_bodies(document: Document) -> list[BakedBody]:
         if not node.get("name"):
             raise AssetError("tracks find their mesh by the node's name, and it has none", where=where)
         try:
+            if entry.get("layout", LAYOUT) != LAYOUT:
+                raise AssetError(
+                    f"has the layout {entry['layout']!r} of a newer `wrinkle`, and this one reads {LAYOUT}", where=where
+                )
             parts = tuple(_read_part(document, each) for each in (index, *part_nodes(document, index)))
             stored = stored_drives(entry)
             stored.sort(key=lambda each: "joint" in each)

@@ -55,6 +55,9 @@ from wrinklecli.tools.records import Lag
 SECTIONS = ("muscles", "flesh", "touches", "tools", "folds")
 """The lists of drives in extras, in the order in which they act."""
 
+LAYOUT = 1
+"""The version of these keys: that of extras without the key `layout`, which those of a later layout must have."""
+
 # Frequency, in hertz, and damping ratio of a spring that extras may ask for: more than a tools file may.
 _FASTEST = 1_000.0
 

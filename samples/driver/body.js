@@ -1,0 +1,71 @@
+// All drives of one node's `extras.wrinkle`, in the order in which they act: what a player of any engine does in a frame.
+
+import { anchorsOf } from './anchor.js';
+import { fleshWeights } from './flesh.js';
+import { foldWeights } from './fold.js';
+import { touchWeights } from './touch.js';
+import { wrinkleWeights } from './wrinkle.js';
+
+/** The drives in order, each with its function: flesh and muscles move the skin on which the anchors of tools are. */
+const KINDS = { muscles: wrinkleWeights, flesh: fleshWeights, touches: touchWeights, tools: wrinkleWeights, folds: foldWeights };
+/** The layout of the extras that this driver reads; extras that name none have it. */
+export const LAYOUT = 1;
+
+/** Names for a message. */
+export const quoted = (names) => [...new Set(names)].map((name) => JSON.stringify(name)).join(', ');
+
+export class Body {
+  /**
+   * wrinkle   a node's `extras.wrinkle`
+   * hasJoint, hasTarget  whether there is a joint, or a morph target, of a name
+   * warn      gets a line for each drive that is left out or does not show, and why
+   */
+  constructor(wrinkle, { hasJoint = () => true, hasTarget = () => true, warn = () => {} } = {}) {
+    if ((wrinkle.layout ?? LAYOUT) > LAYOUT)
+      warn(`its extras have layout ${wrinkle.layout}, and this driver reads ${LAYOUT}; take a newer driver`);
+    const all = (wrinkle.layout ?? LAYOUT) > LAYOUT ? [] : Object.keys(KINDS);
+    this.drives = all.flatMap((kind) => (wrinkle[kind] ?? []).map((drive) => ({ kind, drive, state: {} })));
+    this.drives = this.drives.filter(({ drive }) => {
+      const { name, joint, parent = joint, targets, by } = drive;
+      const called = name ?? `the fold of ${quoted([joint])}`;
+      const anchors = joint === undefined ? [...anchorsOf(drive), ...(by ? [by] : [])] : [];
+      const joints = joint === undefined ? anchors.flatMap((each) => each.joints) : [joint, parent];
+      const absent = joints.filter((each) => !hasJoint(each));
+      const lost = targets.filter((target) => !hasTarget(target));
+      if (absent.length) warn(`${called} is left out, as there is no joint ${quoted(absent)}`);
+      if (lost.length) warn(`${called} does not show, as there is no morph target ${quoted(lost)}`);
+      return !absent.length;
+    });
+  }
+
+  /** The touches that are driven. */
+  get touches() {
+    return this.drives.flatMap(({ kind, drive }) => (kind === 'touches' ? [drive] : []));
+  }
+
+  /**
+   * The weights of a frame, by morph target.
+   *
+   * jointMatrixOf  a joint's name to its matrix to world space: 16 numbers, by columns
+   * morphWeightOf  the weight of another morph target by name
+   * clip, time     name and seconds
+   * elapsed        seconds since the last frame; without it nothing lags and swings
+   * hands          {NAME: {slide, depth}} where the player's own tips touch
+   * during         a drive of flesh to what is known of its motion: see `KeyCurves.during`
+   */
+  weights(jointMatrixOf, { morphWeightOf = () => 0, clip, time, elapsed, hands = {}, during = () => ({}) } = {}) {
+    const found = {};
+    const weightOf = (name) => found[name] ?? morphWeightOf(name);
+    for (const { kind, drive, state } of this.drives) {
+      const known = kind === 'flesh' ? during(drive) : {};
+      const how = { morphWeightOf: weightOf, clip, time, state, elapsed, hand: hands[drive.name], ...known };
+      // A fold that no joint bends is driven as a tool.
+      const weightsOf = kind === 'folds' && !drive.joint ? wrinkleWeights : KINDS[kind];
+      const values = weightsOf(drive, jointMatrixOf, how);
+      // A clip that was baked may have targets of its own, which stand for all.
+      const alone = (drive.own ?? []).some(weightOf);
+      drive.targets.forEach((name, k) => (found[name] = alone ? 0 : values[k]));
+    }
+    return found;
+  }
+}

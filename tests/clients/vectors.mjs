@@ -1,0 +1,22 @@
+// The sample driver's answers to the vectors of `samples/driver/vectors.json`, without three.js.
+
+import { readFile } from 'node:fs/promises';
+import { Body } from '../../samples/driver/body.js';
+
+/** By case a list of its runs: for each frame the weights of the case's targets. */
+export async function play(path) {
+  const cases = Object.entries(JSON.parse(await readFile(path)));
+  return Object.fromEntries(cases.map(([name, each]) => [name, each.runs.map((run) => weightsOf(each, run))]));
+}
+
+function weightsOf({ wrinkle, joints, morphs, targets }, { clip, rounds, times, elapsed, matrices, morphs: rows }) {
+  const body = new Body(wrinkle);
+  return elapsed.map((seconds, frame) => {
+    const k = frame % times.length;
+    const found = body.weights((joint) => matrices[k][joints.indexOf(joint)], {
+      ...{ clip, time: times[k], elapsed: frame ? seconds : 0 },
+      morphWeightOf: (name) => rows[k]?.[morphs.indexOf(name)] ?? 0,
+    });
+    return targets.map((name) => found[name]);
+  });
+}

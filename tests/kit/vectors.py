@@ -1,0 +1,237 @@
+"""Vectors for drivers in any language: poses over time, and the weights due, of `samples/driver/vectors.json`.
+
+    PYTHONPATH=tests python -m kit.vectors samples/driver/vectors.json
+
+The poses are those of small bakes without tracks. The weights are those that `track` gives the same clips.
+"""
+
+import json
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from kit.asset import Array, Json
+from kit.bakes import bake_config, bake_once, place
+from kit.flesh import body, region
+from kit.folds import FOLDS
+from kit.limb import RADIUS, limb_asset, nose, tool
+from kit.muscles import arm, muscle
+from kit.player import Gltf
+from kit.samples import BENT, BROW
+from kit.touch import plate, touch
+from wrinklecli.baking.baked_body import BakedBody, read_bodies
+from wrinklecli.baking.track import _driven, _joints_of, _with_own_weights, present_drives
+from wrinklecli.character.clip import read_clips
+from wrinklecli.character.pose import morph_weights, node_matrices
+from wrinklecli.drive.drive import StoredDrive
+from wrinklecli.gltf.document import Document, read_document
+from wrinklecli.gltf.edited_document import EditedDocument
+from wrinklecli.numeric.arrays import significant
+
+# Differences of a weight that the file's nine digits add, some 1e-8, grow where a wrinkle starts like a square root.
+EXACT = 1e-6
+# A player knows a motion at its frames alone, a bake between them too. Found: 0.001 for tissue that lags and for tips,
+# 0.011 for flesh.
+BETWEEN_FRAMES, SWINGING = 0.003, 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """A bake, and the frames of its clips at which drivers are held to it.
+
+    Attributes:
+        shows: What it covers, in words.
+        make: Bakes it.
+        frames: By clip, the frames of a second; of a pair the second is the number of rounds: all but the last round
+            are not compared, as springs of a loop are swinging already where its bake begins.
+        tolerance: Of a weight.
+    """
+
+    shows: str
+    make: Callable[[], Gltf]
+    frames: dict[str, tuple[float, int]]
+    tolerance: float = EXACT
+
+
+def _sample(name: str) -> Gltf:
+    return bake_config(name, name, tracks="none")
+
+
+def _brow(**keys: Any) -> Gltf:
+    return bake_once("head", {**BROW, **keys}, tracks="none")
+
+
+def _swinging() -> Gltf:
+    return bake_once(place(body(keys=60)), top={"flesh": [region(limit=0.026)]}, tracks="none")
+
+
+def _fold(name: str) -> Gltf:
+    made = FOLDS[name]()
+    tools = [{"node": "limb", **each, "contact": "resolve"} for each in made.tools]
+    return bake_once(place(made.asset), *tools, max_levels=1, tracks="none")
+
+
+def _nose() -> Gltf:
+    bridge = {"name": "bridge", "node": "skin", "origin": [-0.5, 0, 0], "target": [0.5, 0, 0], "width": 0.8, "bumps": 4}
+    return bake_once(place(nose()), {**bridge, "contact": "resolve"}, max_levels=0, tracks="none")
+
+
+def _travelling() -> Gltf:
+    ends = {
+        key: {"joint": joint, "offset": [0.15, -0.1, 0.0]}
+        for key, joint in (("origin", "joint_0"), ("insertion", "joint_1"))
+    }
+    activation = {"keys": {"fold": [[0.0, 0.0], [1.0, 1.0], [2.0, 0.0]]}}
+    behind = muscle(name="triceps", **ends, travel=True, activation=activation)
+    crease = tool(origin=[-0.3, RADIUS, 0.0], target=[0.3, RADIUS, 0.0], bumps=2)
+    muscles = {"muscles": [behind, muscle(travel=True, activation=activation)]}
+    return bake_once(arm(rings=21, sides=12), crease, top=muscles, engine="unity", tracks="none")
+
+
+def _activated() -> Gltf:
+    asset = arm(morphs=2, morph_clip="LINEAR", rings=21, sides=12)
+    return bake_once(asset, top={"muscles": [muscle(activation={"morph": "morph_1"})]}, tracks="none")
+
+
+def _unnamed() -> Gltf:
+    asset = limb_asset(rings=12, sides=8, root={"scale": [2.0, 2.0, 2.0]})
+    for node in asset.gltf["nodes"][1:]:
+        del node["name"]
+    crease = tool(origin=[-0.8, 0.5, 0.0], target=[0.8, 0.5, 0.0], clips={"fold": 0.5})
+    return bake_once(place(asset), crease, tracks="none", max_levels=0)
+
+
+def _lagging() -> Gltf:
+    swings = tool(bumps=3, lag={"frequency": 3, "damping": 0.3})
+    stiff = tool(
+        name="stiff", bumps=2, lag={"frequency": 4, "damping": 1.5}, origin=[-0.3, 0.2, 0.15], target=[0.3, 0.2, 0.15]
+    )
+    return bake_once(place(limb_asset(rings=12, sides=8)), swings, stiff, tracks="none", max_levels=0)
+
+
+def _touched(tip: Array | None = None, **keys: Any) -> Gltf:
+    return bake_once(
+        place(plate(tip=tip)), top={"touches": [touch(**keys)], "refinement": {"max_levels": 0}}, tracks="none"
+    )
+
+
+_WAYS = np.array(
+    [(-0.005, 0.03, 0), (-0.005, 0, 0), (0, -0.001, 0.003), (0.009, -0.001, 0.005), (0.009, 0.03, 0), (0, 0.03, 0)]
+)
+_CRITICAL = {"frequency": 4, "damping": 1}
+_MORPH = {"morph": "browsUp", "full": "115%"}
+_BUMPS = {
+    "bumps": 3,
+    "details": [0.3, 0.2],
+    "profile": "polyline",
+    "gap": 1,
+    "strategy": "origin",
+    "compressible": "20%",
+}
+_KEYED = {"keys": {"think": [[0.0, "100%"], [1.4, "118%"], [3.0, "100%"]], "raise_brows": [[0, "110%"]]}}
+
+CASES: dict[str, Case] = {
+    "wrist": Case("wrinkles, two tools", lambda: _sample("wrist"), {"flex": (8, 1), "extend": (4, 1)}),
+    "path": Case("a path", lambda: bake_once("wrist", BENT, tracks="none"), {"flex": (8, 1)}),
+    "unnamed": Case("joints without names, a scaled root, strengths", _unnamed, {"fold": (8, 1)}),
+    "lag": Case("lag, below and above critical damping", _lagging, {"fold": (24, 2)}, BETWEEN_FRAMES),
+    "rest_length_morph": Case(
+        "anchors that a morph target moves, and a rest length that it changes; the polyline; strengths",
+        lambda: _brow(**_BUMPS, rest_length=_MORPH, clips={"raise_brows": 0.5}),
+        {"raise_brows": (8, 1), "think": (4, 1)},
+    ),
+    "rest_length_keys": Case(
+        "a rest length with keys",
+        lambda: _brow(rest_length=_KEYED, strategy="both_ends", bumps=4),
+        {"raise_brows": (8, 1), "think": (4, 1)},
+    ),
+    "fold": Case("contact with leaning, paths and null", lambda: _fold("one_sided"), {"bend": (12, 1)}),
+    "nose": Case("contact that no joint bends", _nose, {"sneer": (12, 1)}),
+    "muscles": Case(
+        "bellies that travel, activated, with weights of one sign; a tool on them", _travelling, {"fold": (12, 1)}
+    ),
+    "activation": Case("a muscle that a morph target activates", _activated, {"fold": (8, 1)}),
+    "flesh": Case("flesh, on a clip that goes ahead", _swinging, {"jump": (60, 2)}, SWINGING),
+    "touch": Case("a touch with keys", lambda: _touched(), {"drag": (12, 1)}),
+    "tip": Case(
+        "a touch by a node that comes near",
+        lambda: _touched(_WAYS, by="tip", keys={}, release=_CRITICAL),
+        {"drag": (60, 1)},
+        BETWEEN_FRAMES,
+    ),
+}
+
+
+def vectors(case: Case) -> Json:
+    """A case as the file has it: names of joints, of the asset's own morph targets and of driven ones, then frames."""
+    document = read_document(case.make().path)
+    (body,) = (each for each in read_bodies(document) if each.drives)
+    node = next(number for number, each in enumerate(document.items("nodes")) if each.get("name") == body.node)
+    drives, warnings = present_drives(body, document.gltf)
+    assert not warnings, warnings
+    driven = _driven(EditedDocument(document), node, body, drives)
+    joints = {
+        joint: named for each in drives for joint, named in zip(each.joints, _nodes(document, body, each), strict=True)
+    }
+    entry = dict(document.items("nodes")[node]["extras"]["wrinkle"])
+    del entry["original"]
+    found: Json = {
+        "shows": case.shows,
+        "tolerance": case.tolerance,
+        "wrinkle": entry,
+        "joints": list(joints),
+        "morphs": list(body.kept),
+        "targets": list(body.driven),
+        "runs": [],
+    }
+    clips = {clip.name: clip for clip in read_clips(document)}
+    for name, (fps, rounds) in case.frames.items():
+        clip = _with_own_weights(clips[name], node, body)
+        once = clip.start + np.arange(int(np.ceil((clip.end - clip.start) * fps - 1e-6)) + (rounds == 1)) / fps
+        steps = np.full(len(once) * rounds, 1 / fps)
+        steps[0] = 0.0
+        steps[len(once) :: len(once)] = clip.end - once[-1]  # where it begins anew
+        weights = driven.weights_in(clip)(once)
+        matrices = (
+            node_matrices(driven.rig, clip, once, joints.values()).transpose(0, 1, 3, 2).reshape(len(once), -1, 16)
+        )
+        morphs = morph_weights(driven.rig.own, clip, once)
+        run = {
+            "clip": name,
+            "rounds": rounds,
+            "times": once,
+            "elapsed": steps,
+            "matrices": matrices,
+            "morphs": morphs if body.kept else [],
+            "weights": weights,
+        }
+        found["runs"].append({key: _stored(value) for key, value in run.items()})
+    return found
+
+
+def _nodes(document: Document, body: BakedBody, drive: StoredDrive) -> list[int]:
+    named = _joints_of(body, document.gltf).joints
+    return [named[joint] for joint in drive.joints]
+
+
+def _stored(value: Any) -> Any:
+    if isinstance(value, np.ndarray | list):
+        return [_stored(each) for each in value]
+    if isinstance(value, float):
+        found = significant(value) if abs(value) > 1e-12 else 0
+        return int(found) if found == int(found) else found
+    return value
+
+
+def written() -> str:
+    """The file's text: a line for each case."""
+    lines = [f"{json.dumps(name)}: {json.dumps(vectors(case), separators=(',', ':'))}" for name, case in CASES.items()]
+    return "{\n" + ",\n".join(lines) + "\n}\n"
+
+
+if __name__ == "__main__":
+    Path(sys.argv[1]).write_text(written())
