@@ -575,6 +575,14 @@ def test_parts_without_skin_move_as_their_node_does(
     assert_valid(made.path)
 
 
+def test_extras_of_a_later_layout_are_refused(tmp_path: Path) -> None:
+    editor = Editor(Gltf(bake_config("wrist", "wrist").path))
+    wrinkled = next(node for node in editor.json["nodes"] if "extras" in node)
+    wrinkled["extras"]["wrinkle"]["layout"] = 2
+    with pytest.raises(AssetError, match="has the layout 2 of a newer `wrinkle`, and this one reads 1"):
+        track(editor.save(tmp_path / "later.glb"), [sample("wrist")], tmp_path / "tracks")
+
+
 def test_warnings_refuse_on_request(wrinkle: Wrinkle, tmp_path: Path) -> None:
     body = body_of("trousers").path
     ran = wrinkle("track", body, edited("trousers", skeleton_only), edited("trousers", idle), "-o", "out", "--strict")

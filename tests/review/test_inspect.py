@@ -278,13 +278,6 @@ def test_extras_that_are_no_bake_s_are_refused(entry: Any, tmp_path: Path) -> No
         inspect(asset.write(tmp_path / "limb.glb"))
 
 
-def test_extras_of_a_later_layout_are_refused(tmp_path: Path) -> None:
-    asset = limb_asset()
-    asset.gltf["nodes"][0]["extras"] = {"wrinkle": {"layout": 2, "tools": [{"name": "a"}]}}
-    with pytest.raises(AssetError, match="has the layout 2 of a newer `wrinkle`, and this one reads 1"):
-        inspect(asset.write(tmp_path / "limb.glb"))
-
-
 def test_key_times_without_bounds_leave_the_duration_open(wrinkle: Wrinkle, tmp_path: Path) -> None:
     asset = limb_asset()
     for sampler in asset.gltf["animations"][0]["samplers"]:
