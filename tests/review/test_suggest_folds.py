@@ -289,6 +289,8 @@ def test_suggestions_do_not_lie_on_one_another() -> None:
 def test_a_skirt_over_both_legs_has_one_tool_across_its_middle(tmp_path: Path) -> None:
     """A pair would overlap, and a tool of one thigh would fold half of a sheet that folds as a whole."""
     asset = CHARACTERS["knight_tabard"]().write(tmp_path / "knight.glb")
-    (found,) = suggest(asset, node="Object.012").tools
+    every = suggest(asset, node="Object.012")
+    (found,) = every.tools
     assert (found.tool.name, found.mirrored) == ("thigh", False)
+    assert "  # Joints thigh.L and thigh.R: shortens by " in every.text
     assert np.abs([end[0] for end in (found.tool.origin, found.tool.target)]).max() < 0.02 * found.span

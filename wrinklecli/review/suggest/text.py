@@ -7,7 +7,7 @@ from wrinklecli.errors import AssetError, WrinkleError
 from wrinklecli.gltf.document import Document
 from wrinklecli.review.suggest.draft import SLACK, decimals, place_of, written_length
 from wrinklecli.review.suggest.fitted_tools import Suggestion
-from wrinklecli.tools.mirror import exchange_sides
+from wrinklecli.tools.mirror import exchange_sides, split_side
 from wrinklecli.tools.read import read_values
 from wrinklecli.tools.records import Contact, Length, RefinementSettings, RestLengthMorph, ToolsFile, WrinkleTool
 from wrinklecli.tools.yaml_tree import printable, read_tree
@@ -44,7 +44,6 @@ def tools_text(
     for each in suggestions:
         tool = each.tool
         digits = decimals(each.span)
-        what = "Morph target" if each.by_morph else "Joint"
         shortens = (
             f"shortens by {100 * each.shortening:.0f} %, from {each.span:.{digits}f} to"
             f" {each.clips[each.clip]:.{digits}f}, in clip {printable(each.clip, 90)} at {each.time:.2f} s"
@@ -70,7 +69,7 @@ def tools_text(
             "seed": tool.seed,
             "contact": "resolve" if tool.contact == Contact() else None,
         }
-        lines.append(f"  # {what} {printable(each.driver, 90)}: {shortens}")
+        lines.append(f"  # {_driven_by(each)}: {shortens}")
         if each.substance is not None:
             lines.append(f"  # {each.substance.words}")
         if each.crossings and tool.contact:
@@ -87,6 +86,16 @@ def tools_text(
             )
         lines += [*entry(tool.name, keys), ""]
     return "\n".join(lines[:-1]) + "\n"
+
+
+def _driven_by(suggestion: Suggestion) -> str:
+    """The joint or the morph target that compresses the place, or both joints if a tool of neither side lies there."""
+    driver = printable(suggestion.driver, 90)
+    if suggestion.by_morph:
+        return f"Morph target {driver}"
+    if split_side(suggestion.driver)[1] and not split_side(suggestion.tool.name)[1]:
+        return f"Joints {' and '.join(sorted((driver, printable(exchange_sides(suggestion.driver), 90))))}"
+    return f"Joint {driver}"
 
 
 def _written_height(tool: WrinkleTool) -> str | None:
