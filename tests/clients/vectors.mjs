@@ -3,10 +3,22 @@
 import { readFile } from 'node:fs/promises';
 import { Body } from '../../samples/driver/body.js';
 
-/** By case a list of its runs: for each frame the weights of the case's targets. */
+/**
+ * By case `runs`, for each frame of each run the weights of the case's targets, and `problems`, what the driver says of a
+ * file that lacks the first joint and the first target.
+ */
 export async function play(path) {
   const cases = Object.entries(JSON.parse(await readFile(path)));
-  return Object.fromEntries(cases.map(([name, each]) => [name, each.runs.map((run) => weightsOf(each, run))]));
+  return Object.fromEntries(
+    cases.map(([name, each]) => [name, { runs: each.runs.map((run) => weightsOf(each, run)), problems: problemsOf(each) }]),
+  );
+}
+
+function problemsOf({ wrinkle, joints, targets }) {
+  const problems = [];
+  const isNot = ([first]) => (name) => name !== first;
+  new Body(wrinkle, { hasJoint: isNot(joints), hasTarget: isNot(targets), warn: (line) => problems.push(line) });
+  return problems;
 }
 
 function weightsOf({ wrinkle, joints, morphs, targets }, { clip, rounds, times, elapsed, matrices, morphs: rows }) {

@@ -1,19 +1,25 @@
 """The drivers in several languages: they turn the poses of `samples/driver/vectors.json` into the weights due."""
 
 import json
+import shutil
+import subprocess
 from collections.abc import Callable
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from kit.clients import ask
-from kit.places import ROOT
+from kit.bakes import bake_config
+from kit.clients import HERE as CLIENTS
+from kit.clients import ask, give_up
+from kit.places import FOLDER, ROOT
 from kit.vectors import CASES, vectors
 
 FILE = ROOT / "samples" / "driver" / "vectors.json"
-Played = dict[str, list[list[list[float]]]]
+# Of a weight between two languages: sums are in another order, and a wrinkle starts like a square root.
+ALIKE = 1e-7
 
 
 @cache
@@ -23,12 +29,38 @@ def due() -> dict[str, Any]:
 
 
 @cache
-def javascript() -> Played:
-    found: Played = ask("vectors", "play", str(FILE))
+def javascript() -> dict[str, Any]:
+    found: dict[str, Any] = ask("vectors", "play", str(FILE))
     return found
 
 
-DRIVERS: dict[str, Callable[[], Played]] = {"javascript": javascript}
+@cache
+def csharp() -> dict[str, Any]:
+    """Compiled and run by Mono."""
+    found: dict[str, Any] = json.loads(run("mono", "mono-runtime", compiled("vectors.exe", "Vectors.cs"), FILE))
+    return found
+
+
+@cache
+def compiled(name: str, *sources: str) -> Path:
+    """The C# driver with further files of `clients` or of its own folder, as a program or a library."""
+    kind = "-target:library" if name.endswith(".dll") else "-target:exe"
+    own = FILE.parent / "csharp"
+    more = [CLIENTS / each if (CLIENTS / each).exists() else own / each for each in sources]
+    run("mcs", "mono-mcs", "-langversion:7", "-warnaserror", kind, f"-out:{FOLDER / name}", *own.glob("*.cs"), *more)
+    return FOLDER / name
+
+
+def run(command: str, package: str, *arguments: str | Path) -> str:
+    """What a program of Debian says; without it the test is skipped, and fails where `CI` is set."""
+    if shutil.which(command) is None:
+        give_up(f"{command} is not installed: apt-get install {package}")
+    done = subprocess.run([command, *arguments], capture_output=True, text=True, check=False, timeout=120)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+DRIVERS: dict[str, Callable[[], dict[str, Any]]] = {"javascript": javascript, "csharp": csharp}
 
 
 def test_the_file_is_small_and_has_all_cases() -> None:
@@ -65,9 +97,41 @@ def differences(wanted: Any, found: Any, tolerance: float) -> list[str]:
 @pytest.mark.parametrize("language", DRIVERS)
 def test_a_driver_gives_the_weights_due(language: str, name: str) -> None:
     case = due()[name]
-    for run, played in zip(case["runs"], DRIVERS[language]()[name], strict=True):
+    for run, played in zip(case["runs"], DRIVERS[language]()[name]["runs"], strict=True):
         wanted = np.array(run["weights"])
         assert len(played) == len(wanted) * run["rounds"]
         error = np.abs(np.array(played)[-len(wanted) :] - wanted)
         frame, target = np.unravel_index(error.argmax(), error.shape)
         assert error.max() < case["tolerance"], (run["clip"], run["times"][frame], case["targets"][target], error.max())
+
+
+@pytest.mark.parametrize("language", [each for each in DRIVERS if each != "javascript"])
+def test_all_languages_do_and_say_the_same(language: str) -> None:
+    """In each frame of springs too, and where a joint and a morph target are lost."""
+    found, wanted = DRIVERS[language](), javascript()
+    assert {name: each["problems"] for name, each in found.items()} == {
+        name: each["problems"] for name, each in wanted.items()
+    }
+    assert 'the fold of "lower" is left out, as there is no joint "upper"' in wanted["fold"]["problems"]
+    assert "palm_side does not show, as there is no morph target" in "\n".join(wanted["wrist"]["problems"])
+    for name in CASES:
+        for played, other in zip(found[name]["runs"], wanted[name]["runs"], strict=True):
+            assert np.abs(np.subtract(played, other)).max() < ALIKE, name
+
+
+def test_csharp_finds_the_extras_in_a_file(tmp_path: Path) -> None:
+    baked = bake_config("wrist", "wrist")
+    program = compiled("vectors.exe", "Vectors.cs")
+    assert run("mono", "mono-runtime", program, baked.path) == "wrist: palm_side, back_side\n"
+    (tmp_path / "out.gltf").write_text(json.dumps(baked.json))
+    assert run("mono", "mono-runtime", program, tmp_path / "out.gltf") == "wrist: palm_side, back_side\n"
+
+
+def test_the_component_of_unity_compiles() -> None:
+    """Against names of Unity's that stand in `clients`: there is no Unity here."""
+    assert compiled("unity.dll", "unity/WrinkleDriver.cs", "UnityNames.cs").stat().st_size > 10_000
+
+
+def test_drivers_are_short() -> None:
+    for path in (*FILE.parent.rglob("*.cs"), *FILE.parent.rglob("*.gd")):
+        assert len(path.read_text().splitlines()) < 400, path.name

@@ -1,0 +1,287 @@
+// Drives that measure joints rather than lengths: folds, flesh that swings, and tips that slide the skin.
+
+using System;
+using System.Collections.Generic;
+using System.Linq;
+
+namespace Wrinkles
+{
+    using Json = Dictionary<string, object>;
+
+    /// <summary>A fold whose skin touches and never crosses, by the turn of the joint that folds.</summary>
+    sealed class Fold : Drive
+    {
+        /// <summary>Below the first a turn has no axis; shares of `leaning` are held at the second.</summary>
+        const double LeastSine = 1e-5, Farthest = 2;
+        /// <summary>The sine of half of 10°, and the squared distance below which two turns are the same.</summary>
+        const double Near = 0.0872, Same = 1e-10;
+        readonly string joint, parent;
+        readonly double[][] rest;
+        readonly double[] axis, nothing;
+        readonly Rows[] tables;
+        readonly double[][] towards;
+        // By path, rows of turns, and of weights.
+        readonly double[][][] turns, there;
+
+        public Fold(Json data) : base(data)
+        {
+            (joint, parent) = ((string)data["joint"], data.TryGetValue("parent", out var above) ? (string)above : null);
+            axis = Read.Numbers(data["axis"]);
+            var q = Read.Numbers(data["rest"]);
+            var (x, y, z, w) = (q[0], q[1], q[2], q[3]);
+            rest = new[]
+            {
+                new[] { 1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w) },
+                new[] { 2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w) },
+                new[] { 2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y) },
+            };
+            var leaning = Read.List(data, "leaning").Cast<Json>().ToList();
+            towards = leaning.Select(each => Read.Numbers(each["towards"])).ToArray();
+            tables = leaning.Prepend(data).Select(each => new Rows(data["angles"], each["weights"])).ToArray();
+            nothing = data.ContainsKey("null") ? Read.Numbers(data["null"]) : null;
+            turns = Read.List(data, "paths").Cast<Json>().Select(each => Read.Rows(each["turns"])).ToArray();
+            there = Read.List(data, "paths").Cast<Json>().Select(each => Read.Rows(each["weights"])).ToArray();
+        }
+
+        public override IEnumerable<string> Joints => parent == null ? new[] { joint } : new[] { joint, parent };
+
+        public override double[] Weights(Frame frame, Func<string, double> morph)
+        {
+            var own = V.Turn(frame.JointMatrix(joint));
+            var above = parent == null ? new[] { new[] { 1.0, 0, 0 }, new[] { 0, 1.0, 0 }, new[] { 0, 0, 1.0 } }
+                : V.Turn(frame.JointMatrix(parent));
+            // Against the parent, by rows; and what that is from the stored pose.
+            var local = above.Select(row => own.Select(column => V.Dot(row, column)).ToArray());
+            var d = local.Select(row => rest.Select(each => V.Dot(row, each)).ToArray()).ToArray();
+            var sines = new[] { d[2][1] - d[1][2], d[0][2] - d[2][0], d[1][0] - d[0][1] };
+            var (along, cosine) = (V.Dot(axis, sines), 1 + d[0][0] + d[1][1] + d[2][2]);
+            var angle = 2 * Math.Atan2(along, cosine);
+            // Turns about axes that lean from this one: the further towards one of these, the more its weights count.
+            var slanted = Math.Abs(along) > LeastSine ? sines.Select(each => each / along).ToArray() : new double[3];
+            var shares = towards.Select(each => V.Clamp(V.Dot(each, slanted), 0, Farthest)).ToArray();
+            var most = Math.Max(shares.Sum(), Farthest);
+            shares = shares.Select(share => Farthest * share / most).ToArray();
+            var sums = new double[Targets.Length];
+            for (var j = 0; j < tables.Length; j++)
+                Add(sums, tables[j].At(angle), j > 0 ? shares[j - 1] : 1 - shares.Sum());
+            // No engine needs weights below 0: multiples of `nothing` move nothing.
+            if (nothing != null) Add(sums, nothing, -Math.Min(0, sums.Select((weight, k) => weight / nothing[k]).DefaultIfEmpty().Min()));
+            var turn = sines.Select(each => each / (2 * Math.Sqrt(Math.Max(cosine, LeastSine * LeastSine)))).ToArray();
+            var whole = 1.0;
+            for (var path = 0; path < turns.Length; path++)
+                for (var row = 0; row + 1 < turns[path].Length; row++)
+                {
+                    var way = V.Minus(turns[path][row + 1], turns[path][row]);
+                    var apart = V.Minus(turn, turns[path][row]);
+                    var size = V.Dot(way, way);
+                    var part = V.Clamp(V.Dot(apart, way) / (size > 0 ? size : 1), 0, 1);
+                    var beside = apart.Select((each, i) => each - part * way[i]).ToArray();
+                    var share = Math.Max(Near * Near / Math.Max(V.Dot(beside, beside), Same) - 1, 0);
+                    Add(sums, there[path][row], share * (1 - part));
+                    Add(sums, there[path][row + 1], share * part);
+                    whole += share;
+                }
+            return sums.Select(sum => sum / whole).ToArray();
+        }
+
+        static void Add(double[] sums, double[] weights, double factor)
+        {
+            for (var k = 0; k < sums.Length; k++) sums[k] += factor * weights[k];
+        }
+    }
+
+    /// <summary>Flesh that swings after a joint, which goes along the cubic through the last four frames.</summary>
+    sealed class Flesh : Drive
+    {
+        /// <summary>Metres per second by which no body changes its speed within a frame: it has been put elsewhere.</summary>
+        const double Leap = 10;
+        /// <summary>A frame that takes so many times as long as the one before, and so many seconds, tells no way.</summary>
+        const double Hitch = 2, Long = 0.05;
+        /// <summary>Radians of a spring in a frame below which places run straight: higher powers cancel all digits.</summary>
+        const double Straight = 0.01;
+        readonly string joint;
+        readonly double[] at, gravity, gains;
+        readonly double scale;
+        readonly Spring[] springs;
+        readonly double[][] loads;
+        // By mode and axis place and speed; the last moves and the seconds that they took, the latest first.
+        double[][][] states;
+        readonly List<double[]> moves = new List<double[]>();
+        readonly List<double> steps = new List<double>();
+        double[] place, pull;
+
+        public Flesh(Json data) : base(data)
+        {
+            (joint, scale) = ((string)data["joint"], Read.Number(data["scale"]));
+            (at, gravity) = (Read.Numbers(data["at"]), Read.Numbers(data["gravity"]));
+            var modes = Read.List(data["modes"]).Cast<Json>().ToList();
+            springs = modes.Select(each => new Spring(each)).ToArray();
+            loads = modes.Select(each => Read.Numbers(each["load"])).ToArray();
+            gains = modes.Select(each => Read.Number(each["gain"])).ToArray();
+        }
+
+        public override IEnumerable<string> Joints => new[] { joint };
+
+        public override double[] Weights(Frame frame, Func<string, double> morph)
+        {
+            var matrix = frame.JointMatrix(joint);
+            var (now, turn, ratio) = (V.Moved(matrix, at), V.Turn(matrix), V.Scale(matrix) / scale);
+            // Gravity as it was at rest is in the mesh already.
+            var g = new[] { 0, 1, 2 }.Select(i => -turn[0][i] * gravity[0] - turn[1][i] * gravity[1] - turn[2][i] * gravity[2]).ToArray();
+            g[1] -= V.Length(gravity);
+            Advance(now, g, frame.Elapsed, ratio);
+            var numbers = springs.Select((_, k) =>
+            {
+                var moved = states[k].Select((state, i) => state[0] - now[i]).ToArray();
+                return ratio < 1e-6 ? 0 : gains[k] * V.Dot(loads[k], turn.Select(axis => V.Dot(axis, moved)).ToArray()) / ratio;
+            }).ToArray();
+            var length = V.Length(numbers);
+            var capped = numbers.Select(each => length > 0 ? each * Math.Tanh(length) / length : 0).ToArray();
+            var least = Math.Min(0, capped.Min());
+            return capped.Select(each => (each - least) / 2).Append(-least).ToArray();
+        }
+
+        /// <summary>Take the springs on by a frame that brings the joint to a place.</summary>
+        void Advance(double[] now, double[] g, double elapsed, double ratio)
+        {
+            if (states == null || !(elapsed >= 0))
+            {
+                states = springs.Select(each => now.Select((x, i) => new[] { x + g[i] / (each.Omega * each.Omega), 0 }).ToArray()).ToArray();
+                (place, pull) = (now, g);
+                moves.Clear();
+                steps.Clear();
+                return;
+            }
+            var known = moves.Count > 0;
+            var moved = V.Minus(now, place);
+            var leap = known ? moved.Select((x, i) => x - moves[0][i] * elapsed / steps[0]).ToArray() : moved;
+            // In no time nothing moves: the body is put elsewhere.
+            if (elapsed == 0 || (known && V.Length(leap) > Leap * ratio * elapsed))
+            {
+                place = place.Select((x, i) => x + leap[i]).ToArray();
+                foreach (var axes in states) for (var i = 0; i < 3; i++) axes[i][0] += leap[i];
+                moved = V.Minus(moved, leap);
+            }
+            if (elapsed > 0)
+            {
+                var kept = known && elapsed > Math.Max(Hitch * steps[0], Long) ? 0 : 2;
+                if (moves.Count > kept) { moves.RemoveRange(kept, moves.Count - kept); steps.RemoveRange(kept, steps.Count - kept); }
+                moves.Insert(0, moved);
+                steps.Insert(0, elapsed);
+                for (var i = 0; i < 3; i++)
+                {
+                    var powers = Cubic(i);
+                    powers[0] += place[i];
+                    for (var k = 0; k < springs.Length; k++)
+                    {
+                        var (omega, damping) = (springs[k].Omega, springs[k].Damping);
+                        var drawn = new double[4];
+                        for (var n = 0; n < 4; n++)
+                            drawn[n] = (powers[n] + 2 * damping / omega * (n + 1) * (n < 3 ? powers[n + 1] : 0)) * Math.Pow(elapsed, n);
+                        drawn[0] += pull[i] / (omega * omega);
+                        drawn[1] += (g[i] - pull[i]) / (omega * omega);
+                        if (omega * elapsed < Straight) drawn = new[] { drawn[0], drawn[1] + drawn[2] + drawn[3], 0, 0 };
+                        // A body that was already moving when it was first seen had flesh that moved along.
+                        if (!known) states[k][i][1] = powers[1] / omega;
+                        springs[k].Pass(states[k][i], drawn, omega * elapsed);
+                    }
+                }
+            }
+            (place, pull) = (now, g);
+        }
+
+        /// <summary>Powers of time since the last frame of the cubic through the last moves along an axis.</summary>
+        double[] Cubic(int i)
+        {
+            Func<int, double> slope = k => moves[k][i] / steps[k];
+            Func<int, double> bend = k => (slope(k) - slope(k + 1)) / (steps[k] + steps[k + 1]);
+            var (h, h1) = (steps[0], steps.Count > 1 ? steps[1] : 0);
+            var two = moves.Count > 1 ? bend(0) : 0;
+            var three = moves.Count > 2 ? (two - bend(1)) / (h + h1 + steps[2]) : 0;
+            return new[] { 0, slope(0) - h * two - h * h1 * three, two + (h1 - h) * three, three };
+        }
+    }
+
+    /// <summary>A tip that slides the skin: keyed by a clip, followed as it comes near, or asked for by the player.</summary>
+    sealed class Touch : Drive
+    {
+        readonly Anchor[] anchors;
+        readonly Anchor by;
+        readonly double pad, grip, deepest;
+        readonly double[] bend, windows;
+        readonly Spring release;
+        readonly Rows rises;
+        readonly Dictionary<string, Rows> keys;
+        // Of a tip: its place at the last frame, whether it held the skin, the slide when it let go, and seconds since.
+        double[] tip, slide = { 0, 0 }, left = { 0, 0 };
+        bool held;
+        double since;
+
+        public Touch(Json data) : base(data)
+        {
+            anchors = Read.List(data["anchors"]).Select(each => new Anchor(each)).ToArray();
+            by = data.TryGetValue("by", out var point) ? new Anchor(point) : null;
+            (pad, grip, deepest) = (Read.Number(data["pad"]), Read.Number(data["grip"]), Read.Number(data["deepest"]));
+            (bend, windows) = (Read.Numbers(data["bend"]), Read.Numbers(data["windows"]));
+            (release, rises, keys) = (new Spring(data["release"]), Rows.OfPoints(data["rises"]), Read.Keys(data, "keys"));
+        }
+
+        public override IEnumerable<string> Joints =>
+            (by == null ? anchors : anchors.Append(by)).SelectMany(each => each.Joints);
+
+        public override double[] Weights(Frame frame, Func<string, double> morph)
+        {
+            var (forward, sideways, depth) = Contact(frame, morph);
+            var far = Math.Max(Math.Sqrt(forward * forward + sideways * sideways) / grip, 1);
+            var (f, s) = (forward / grip / far, sideways / grip / far);
+            var length = Math.Sqrt(f * f + s * s);
+            var height = length > 0 ? rises.At(length)[0] / length : 0;
+            var ways = new[] { f, s, -f, -s }.Select(x => Math.Max(x, 0)).Append(V.Clamp(depth / deepest, 0, 1));
+            return ways.Concat(windows.Select(a => height * Math.Max(f * Math.Cos(a) + s * Math.Sin(a), 0))).ToArray();
+        }
+
+        /// <summary>Where a place of the world is: forward, sideways and above the skin, scene units at rest.</summary>
+        double[] OnSkin(double[] place, Frame frame, Func<string, double> morph)
+        {
+            var middle = anchors[0].Place(frame, morph);
+            var (a, b, c) = (Way(1, middle, frame, morph), Way(2, middle, frame, morph), Way(3, middle, frame, morph));
+            var way = V.Minus(place, middle);
+            var volume = V.Dot(a, V.Cross(b, c)) / pad;
+            var (f, s, h) = (V.Dot(way, V.Cross(b, c)) / volume, V.Dot(way, V.Cross(c, a)) / volume, V.Dot(way, V.Cross(a, b)) / volume);
+            return new[] { f, s, h - bend[0] * f * f - bend[1] * f * s - bend[2] * s * s };
+        }
+        double[] Way(int k, double[] middle, Frame frame, Func<string, double> morph) => V.Minus(anchors[k].Place(frame, morph), middle);
+
+        (double, double, double) Contact(Frame frame, Func<string, double> morph)
+        {
+            frame.Hands.TryGetValue(Name, out var hand);
+            if (hand == null && keys.TryGetValue(frame.Clip ?? "", out var rows))
+            {
+                var rest = release.Remaining(frame.Time - rows.Xs[rows.Xs.Length - 1]);
+                var at = rows.At(frame.Time).Select(x => rest * x).ToArray();
+                return (at[0], at[1], Math.Max(at[2], 0));
+            }
+            var now = by != null && hand == null ? OnSkin(by.Place(frame, morph), frame, morph) : null;
+            var before = tip ?? now;
+            var touches = hand != null
+                || (now != null && now[2] < deepest && Math.Sqrt(now[0] * now[0] + now[1] * now[1]) < pad + (held ? grip : 0));
+            // Within a frame the tip comes or goes where it passes that height.
+            var passed = now != null && touches != held && before[2] != now[2] ? (before[2] - deepest) / (before[2] - now[2]) : 0;
+            var part = V.Clamp(passed, 0, 1);
+            var edge = now?.Select((x, i) => before[i] + part * (x - before[i])).ToArray();
+            var asked = slide;
+            var (from, to) = touches ? (held ? before : edge, now) : (before, edge);
+            if (hand != null) asked = new[] { hand.Forward, hand.Sideways };
+            else if (now != null && (touches || held)) asked = slide.Select((x, i) => x + to[i] - from[i]).ToArray();
+            // Beyond its grip the tip slips.
+            var slip = Math.Min(1, grip / Math.Max(V.Length(asked), 1e-30));
+            if (touches || held)
+                (left, since) = (asked.Select(x => x * slip).ToArray(), now != null && !touches ? -part * frame.Elapsed : 0);
+            if (!touches && frame.Elapsed > 0) since += frame.Elapsed;
+            var remaining = touches ? 1 : release.Remaining(since);
+            var depth = touches ? V.Clamp(hand != null ? hand.Depth : -now[2], 0, deepest) : 0;
+            (tip, held, slide) = (now, touches, left.Select(x => remaining * x).ToArray());
+            return (slide[0], slide[1], depth);
+        }
+    }
+}

@@ -1,0 +1,372 @@
+// Drives the morph targets of `extras.wrinkle` in any engine. README.md in the folder above says what is computed, and why.
+
+using System;
+using System.Collections;
+using System.Collections.Generic;
+using System.Globalization;
+using System.Linq;
+
+namespace Wrinkles
+{
+    using Json = Dictionary<string, object>;
+
+    /// <summary>A tip of the player's own that touches: slide and depth, scene units.</summary>
+    public sealed class Hand
+    {
+        public double Forward, Sideways, Depth;
+    }
+
+    /// <summary>What a driver knows of a frame.</summary>
+    public sealed class Frame
+    {
+        /// <summary>A joint's name to its matrix to world space: 16 numbers, by columns. glTF's axes: x is not mirrored.</summary>
+        public Func<string, double[]> JointMatrix;
+        /// <summary>The weight of a morph target that no drive sets.</summary>
+        public Func<string, double> MorphWeight = name => 0;
+        public string Clip = "";
+        public double Time;
+        /// <summary>Seconds since the last frame. Where it is not a number, nothing lags or swings.</summary>
+        public double Elapsed = double.NaN;
+        /// <summary>By touch, what the player's own tips do.</summary>
+        public readonly Dictionary<string, Hand> Hands = new Dictionary<string, Hand>();
+    }
+
+    /// <summary>All drives of one node, in the order in which they act.</summary>
+    public sealed class Body
+    {
+        public const int Layout = 1;
+        /// <summary>A line for each drive that is left out or does not show.</summary>
+        public readonly List<string> Problems = new List<string>();
+        readonly List<Drive> drives = new List<Drive>();
+        readonly Dictionary<string, double> found = new Dictionary<string, double>();
+
+        /// <param name="wrinkle">A node's `extras.wrinkle`: dictionaries, lists, numbers and strings, as `JsonText` reads them.</param>
+        public Body(Json wrinkle, Func<string, bool> hasJoint = null, Func<string, bool> hasTarget = null)
+        {
+            var layout = Read.Number(wrinkle, "layout", Layout);
+            if (layout > Layout)
+                Problems.Add($"its extras have layout {layout}, and this driver reads {Layout}; take a newer driver");
+            foreach (var kind in layout > Layout ? new string[0] : new[] { "muscles", "flesh", "touches", "tools", "folds" })
+                foreach (var data in Read.List(wrinkle, kind).Cast<Json>())
+                {
+                    // A fold that no joint bends is driven as a tool.
+                    var drive = kind == "flesh" ? new Flesh(data) : kind == "touches" ? new Touch(data)
+                        : kind == "folds" && data.ContainsKey("joint") ? new Fold(data) : (Drive)new Segment(data);
+                    var absent = drive.Joints.Where(name => hasJoint != null && !hasJoint(name)).Distinct().ToList();
+                    var lost = drive.Targets.Where(name => hasTarget != null && !hasTarget(name)).ToList();
+                    if (absent.Count > 0) Problems.Add($"{drive.Name} is left out, as there is no joint {Quoted(absent)}");
+                    if (lost.Count > 0) Problems.Add($"{drive.Name} does not show, as there is no morph target {Quoted(lost)}");
+                    if (absent.Count == 0) drives.Add(drive);
+                }
+        }
+
+        static string Quoted(IEnumerable<string> names) => string.Join(", ", names.Select(name => $"\"{name}\""));
+
+        /// <summary>The weights of a frame by morph target, in a dictionary that the next call uses again.</summary>
+        public Dictionary<string, double> Weights(Frame frame)
+        {
+            found.Clear();
+            Func<string, double> morph = name => found.TryGetValue(name, out var weight) ? weight : frame.MorphWeight(name);
+            foreach (var drive in drives)
+            {
+                var weights = drive.Weights(frame, morph);
+                // A clip that was baked may have targets of its own, which stand for all.
+                var factor = drive.Own.Any(name => morph(name) != 0) ? 0 : drive.StrengthIn(frame.Clip);
+                for (var k = 0; k < weights.Length; k++) found[drive.Targets[k]] = factor * weights[k];
+            }
+            return found;
+        }
+    }
+
+    static class Read
+    {
+        public static double Number(object value) => Convert.ToDouble(value, CultureInfo.InvariantCulture);
+        public static double Number(Json data, string key, double absent) => data.ContainsKey(key) ? Number(data[key]) : absent;
+        public static IEnumerable<object> List(object value) => ((IEnumerable)value).Cast<object>();
+        public static IEnumerable<object> List(Json data, string key) => data.ContainsKey(key) ? List(data[key]) : new object[0];
+        public static double[] Numbers(object value) => List(value).Select(Number).ToArray();
+        public static double[][] Rows(object value) => List(value).Select(Numbers).ToArray();
+        public static string[] Names(Json data, string key) => List(data, key).Select(name => (string)name).ToArray();
+        /// <summary>By clip, rows of seconds and further numbers.</summary>
+        public static Dictionary<string, Rows> Keys(Json data, string key) =>
+            data.ContainsKey(key) ? ((Json)data[key]).ToDictionary(each => each.Key, each => Wrinkles.Rows.OfPoints(each.Value))
+            : new Dictionary<string, Rows>();
+    }
+
+    /// <summary>Rows of numbers, straight between, held before the first and after the last.</summary>
+    sealed class Rows
+    {
+        public readonly double[] Xs;
+        public readonly double[][] Ys;
+        public Rows(double[] xs, double[][] ys) { Xs = xs; Ys = ys; }
+        public Rows(object xs, object ys) : this(Read.Numbers(xs), Read.List(ys).Select(y => y is IEnumerable ? Read.Numbers(y) : new[] { Read.Number(y) }).ToArray()) { }
+        public static Rows OfPoints(object points)
+        {
+            var rows = Read.Rows(points);
+            return new Rows(rows.Select(row => row[0]).ToArray(), rows.Select(row => row.Skip(1).ToArray()).ToArray());
+        }
+        public double[] At(double x)
+        {
+            if (x < Xs[0]) return (double[])Ys[0].Clone();
+            var k = Array.FindIndex(Xs, each => each > x);
+            if (k < 0) return (double[])Ys[Ys.Length - 1].Clone();
+            var part = (x - Xs[k - 1]) / (Xs[k] - Xs[k - 1]);
+            return Ys[k].Select((y, i) => Ys[k - 1][i] + (y - Ys[k - 1][i]) * part).ToArray();
+        }
+    }
+
+    static class V
+    {
+        public static double Dot(double[] a, double[] b) { var sum = 0.0; for (var i = 0; i < a.Length; i++) sum += a[i] * b[i]; return sum; }
+        public static double[] Minus(double[] a, double[] b) => a.Select((x, i) => x - b[i]).ToArray();
+        public static double Length(double[] a) => Math.Sqrt(Dot(a, a));
+        public static double Clamp(double x, double low, double high) => Math.Min(Math.Max(x, low), high);
+        public static double[] Cross(double[] a, double[] b) =>
+            new[] { a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0] };
+        /// <summary>The three columns of a 4×4 matrix that turn and scale.</summary>
+        public static double[][] Columns(double[] m) => new[] { 0, 4, 8 }.Select(k => new[] { m[k], m[k + 1], m[k + 2] }).ToArray();
+        public static double[][] Turn(double[] m) => Columns(m).Select(c => { var size = Length(c); return c.Select(x => x / (size > 0 ? size : 1)).ToArray(); }).ToArray();
+        /// <summary>The cube root of the size of the determinant.</summary>
+        public static double Scale(double[] m) { var c = Columns(m); return Math.Pow(Math.Abs(Dot(c[0], Cross(c[1], c[2]))), 1.0 / 3); }
+        public static double[] Moved(double[] m, double[] p) =>
+            new[] { 0, 1, 2 }.Select(i => m[i] * p[0] + m[i + 4] * p[1] + m[i + 8] * p[2] + m[i + 12]).ToArray();
+    }
+
+    abstract class Drive
+    {
+        public readonly string Name;
+        public readonly string[] Targets, Own;
+        readonly Dictionary<string, double> strengths;
+        readonly double strength;
+        public abstract IEnumerable<string> Joints { get; }
+        /// <summary>A weight for each target, without the strength.</summary>
+        public abstract double[] Weights(Frame frame, Func<string, double> morph);
+        public double StrengthIn(string clip) => strengths.TryGetValue(clip ?? "", out var factor) ? factor : strength;
+
+        protected Drive(Json data)
+        {
+            Name = data.ContainsKey("name") ? (string)data["name"] : $"the fold of \"{data["joint"]}\"";
+            Targets = Read.Names(data, "targets");
+            Own = Read.Names(data, "own");
+            strength = Read.Number(data, "strength", 1);
+            var factors = data.ContainsKey("strengths") ? (Json)data["strengths"] : new Json();
+            strengths = factors.ToDictionary(each => each.Key, each => Read.Number(each.Value));
+        }
+    }
+
+    /// <summary>A point that joints and morph targets carry.</summary>
+    sealed class Anchor
+    {
+        public readonly string[] Joints;
+        readonly double[] weights, scales;
+        readonly double[][] positions;
+        readonly Dictionary<string, double[][]> morphs;
+
+        public Anchor(object value)
+        {
+            var data = (Json)value;
+            Joints = Read.Names(data, "joints");
+            (weights, scales, positions) = (Read.Numbers(data["weights"]), Read.Numbers(data["scales"]), Read.Rows(data["positions"]));
+            var moves = data.ContainsKey("morphs") ? (Json)data["morphs"] : new Json();
+            morphs = moves.ToDictionary(each => each.Key, each => Read.Rows(each.Value));
+        }
+
+        /// <summary>Its place in the world, and its joints' scale against rest.</summary>
+        public double[] Place(Frame frame, Func<string, double> morph, out double scale)
+        {
+            var place = new double[3];
+            scale = 0;
+            for (var k = 0; k < Joints.Length; k++)
+            {
+                var matrix = frame.JointMatrix(Joints[k]);
+                var point = (double[])positions[k].Clone();
+                foreach (var each in morphs)
+                {
+                    var weight = morph(each.Key);
+                    for (var i = 0; i < 3; i++) point[i] += weight * each.Value[k][i];
+                }
+                var moved = V.Moved(matrix, point);
+                for (var i = 0; i < 3; i++) place[i] += weights[k] * moved[i];
+                scale += weights[k] * V.Scale(matrix) / scales[k];
+            }
+            return place;
+        }
+        public double[] Place(Frame frame, Func<string, double> morph) => Place(frame, morph, out _);
+    }
+
+    /// <summary>A damped spring.</summary>
+    sealed class Spring
+    {
+        public readonly double Omega, Damping;
+        public Spring(object value)
+        {
+            var data = (Json)value;
+            (Omega, Damping) = (2 * Math.PI * Read.Number(data["frequency"]), Read.Number(data["damping"]));
+        }
+
+        static double Expm1(double x) => Math.Abs(x) < 1e-5 ? x + x * x / 2 : Math.Exp(x) - 1;
+
+        /// <summary>What is left of a unit of place, c, and of a unit of speed, s, after so many radians.</summary>
+        public void Decay(double turns, out double c, out double s)
+        {
+            var swing = Math.Sqrt(Math.Abs(1 - Damping * Damping));
+            var fading = Math.Exp((Damping > 1 ? swing - Damping : -Damping) * turns);
+            var faster = Expm1(-2 * swing * turns);
+            if (Damping < 1) (c, s) = (fading * Math.Cos(swing * turns), fading * Math.Sin(swing * turns) / swing);
+            else if (Damping > 1) (c, s) = (fading * (1 + faster / 2), -fading * faster / (2 * swing));
+            else (c, s) = (fading, turns * fading);
+        }
+
+        /// <summary>What is left of a place without speed, so many seconds later.</summary>
+        public double Remaining(double seconds)
+        {
+            Decay(Omega * Math.Max(seconds, 0), out var c, out var s);
+            return c + Damping * s;
+        }
+
+        /// <summary>Take place and speed per radian on by a frame that draws to a polynomial of the frame's fraction.</summary>
+        public void Pass(double[] state, double[] powers, double turns)
+        {
+            var answer = new double[6];
+            for (var k = 3; k >= 0; k--)
+                answer[k] = powers[k] - 2 * Damping * (k + 1) * answer[k + 1] / turns - (k + 1) * (k + 2) * answer[k + 2] / (turns * turns);
+            Decay(turns, out var c, out var s);
+            var (p, q) = (state[0] - answer[0], state[1] - answer[1] / turns);
+            state[0] = answer[0] + answer[1] + answer[2] + answer[3] + c * p + s * (q + Damping * p);
+            state[1] = (answer[1] + 2 * answer[2] + 3 * answer[3]) / turns + c * q - s * (p + Damping * q);
+        }
+    }
+
+    /// <summary>Tools and muscles: the length of a segment or path between anchors, against its rest length.</summary>
+    sealed class Segment : Drive
+    {
+        readonly Anchor[] anchors;
+        readonly double rest, full, taut, tension;
+        readonly string restMorph, tensionMorph;
+        readonly Dictionary<string, Rows> restKeys, tensionKeys = new Dictionary<string, Rows>();
+        readonly Spring lag;
+        readonly Curve curve;
+        readonly Rows table, gains;
+        readonly double[] lows;
+        // Of the spring: its place and speed, and the shortening at the last frame.
+        double[] state;
+        double before;
+
+        public Segment(Json data) : base(data)
+        {
+            var points = data.ContainsKey("anchors") ? Read.List(data["anchors"]) : new[] { data["origin"], data["target"] };
+            anchors = points.Select(point => new Anchor(point)).ToArray();
+            rest = Read.Number(data["rest_length"]);
+            restKeys = Read.Keys(data, "rest_length_keys");
+            if (data.TryGetValue("rest_length_morph", out var follows))
+                (restMorph, full) = ((string)((Json)follows)["name"], Read.Number(((Json)follows)["full"]));
+            if (data.TryGetValue("tension", out var drawn))
+            {
+                (tension, tensionKeys) = (Read.Number(((Json)drawn)["length"]), Read.Keys((Json)drawn, "keys"));
+                tensionMorph = ((Json)drawn).TryGetValue("morph", out var name) ? (string)name : null;
+            }
+            if (data.TryGetValue("lag", out var spring)) (lag, taut) = (new Spring(spring), Read.Number(((Json)spring)["taut"]));
+            if (data.TryGetValue("curve", out var shape)) curve = new Curve((Json)shape);
+            else table = new Rows(data["shortenings"], data["weights"]);
+            if (data.ContainsKey("gains")) gains = new Rows(data["shortenings"], data["gains"]);
+            lows = data.ContainsKey("lows") ? Read.Numbers(data["lows"]) : null;
+        }
+
+        public override IEnumerable<string> Joints => anchors.SelectMany(each => each.Joints);
+
+        public override double[] Weights(Frame frame, Func<string, double> morph)
+        {
+            double scale = 0, distance = 0;
+            double[] last = null;
+            foreach (var anchor in anchors)
+            {
+                var place = anchor.Place(frame, morph, out var own);
+                if (last != null) distance += V.Length(V.Minus(place, last));
+                (last, scale) = (place, scale + own / anchors.Length);
+            }
+            if (scale < 1e-6)
+            {
+                if (lag != null) Lagged(-1, frame.Elapsed);
+                return new double[Targets.Length];
+            }
+            var length = rest;
+            if (restMorph != null) length += V.Clamp(morph(restMorph), 0, 1) * (full - rest);
+            if (restKeys.TryGetValue(frame.Clip ?? "", out var keys)) length = keys.At(frame.Time)[0];
+            var ends = distance / scale;
+            var belly = ends - tension * Activation(frame, morph);
+            if (lag != null)
+            {
+                var x = Math.Min(Lagged(taut - belly / length, frame.Elapsed), taut);
+                belly = x > 0 ? (taut - x) * length : Math.Max(belly, taut * length);
+            }
+            if (curve != null) return curve.Weights(belly, length);
+            if (gains == null) return table.At(1 - belly / length);
+            var gain = gains.At(1 - belly / length)[0];
+            var found = table.At(1 - ends / length).Select(weight => gain * weight).ToArray();
+            if (lows == null) return found;
+            var above = found.Select((weight, k) => lows[k] > 0 ? Math.Max(weight, 0) : weight);
+            return above.Concat(found.Select((weight, k) => Math.Max(-weight, 0) / lows[k]).Where((_, k) => lows[k] > 0)).ToArray();
+        }
+
+        /// <summary>An activation shortens a muscle whose ends stay.</summary>
+        double Activation(Frame frame, Func<string, double> morph) =>
+            tensionMorph != null ? V.Clamp(morph(tensionMorph), 0, 1)
+            : tensionKeys.TryGetValue(frame.Clip ?? "", out var keys) ? keys.At(frame.Time)[0] : 0;
+
+        /// <summary>The shortening that tissue follows, which may be below 0; `now` is below 0 where it is stretched.</summary>
+        double Lagged(double now, double elapsed)
+        {
+            var turns = lag.Omega * elapsed;
+            if (state == null || double.IsNaN(turns)) (state, before) = (new[] { Math.Max(now, 0), 0 }, now);
+            if (turns > 0)
+            {
+                // Where it begins or ends to be shorter between two frames, the line bends.
+                var crosses = before * now < 0;
+                var bend = crosses ? before / (before - now) : 1;
+                var (from, to) = (Math.Max(before, 0), Math.Max(now, 0));
+                var middle = crosses ? 0 : to;
+                lag.Pass(state, new[] { from, middle - from, 0, 0 }, bend * turns);
+                if (crosses) lag.Pass(state, new[] { middle, to - middle, 0, 0 }, (1 - bend) * turns);
+            }
+            before = now;
+            return state[0];
+        }
+    }
+
+    /// <summary>Weights while the rest length changes: bumps rise group by group, each until it takes no more.</summary>
+    sealed class Curve
+    {
+        readonly double taut, compressible, intervals, least;
+        readonly double[] bumps;
+        readonly Rows capacities, rises;
+        readonly double[][] mix;
+        readonly bool positive;
+
+        public Curve(Json data)
+        {
+            (taut, compressible) = (Read.Number(data["taut"]), Read.Number(data, "compressible", 0));
+            (intervals, least, bumps) = (Read.Number(data["intervals"]), Read.Number(data, "least", 0), Read.Numbers(data["bumps"]));
+            capacities = data.ContainsKey("distances") ? new Rows(data["distances"], data["capacities"]) : null;
+            (rises, mix, positive) = (new Rows(data["parts"], data["rises"]), Read.Rows(data["mix"]), data.ContainsKey("positive"));
+        }
+
+        public double[] Weights(double distance, double length)
+        {
+            var ends = taut * length - (1 - compressible) * (taut * length - distance);
+            var chord = 2 * ends / intervals;
+            var capacity = capacities == null ? double.PositiveInfinity : capacities.At(ends)[0];
+            var left = Math.Max(taut * length - ends, 0);
+            var heights = new List<double>();
+            foreach (var count in bumps)
+            {
+                var share = Math.Min(left / count, capacity);
+                left = Math.Max(left - count * share, 0);
+                var part = chord + share > 0 ? share / (chord + share) : 0;
+                heights.AddRange(rises.At(part).Select(rise => (chord + share) * Math.Sqrt(part) * rise));
+            }
+            var amplitudes = heights.ToArray();
+            var sums = mix.Select(row => V.Dot(row, amplitudes));
+            return sums.Select(weight => (positive ? weight : Math.Abs(weight)) > least ? weight : 0).ToArray();
+        }
+    }
+}

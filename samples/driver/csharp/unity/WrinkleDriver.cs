@@ -1,0 +1,104 @@
+// Sets blend shapes of baked characters in Unity, by the driver in the folder above.
+//
+// Put this file and those above into Assets, and the component on the root of an imported character. `gltf` is the baked
+// file itself, copied with the ending .bytes, as importers do not keep extras; bake it with `--engine unity`.
+
+using System.Collections.Generic;
+using System.Linq;
+using UnityEngine;
+
+namespace Wrinkles
+{
+    public sealed class WrinkleDriver : MonoBehaviour
+    {
+        public TextAsset gltf;
+        /// <summary>The clip that plays and its seconds; found by the Animator or Animation of this object if it has one.</summary>
+        public string clip = "";
+        public float time;
+        /// <summary>Slides and dents of touches by the player's own tips, by name.</summary>
+        public readonly Dictionary<string, Hand> hands = new Dictionary<string, Hand>();
+        readonly List<Driven> bodies = new List<Driven>();
+
+        sealed class Driven
+        {
+            public Body body;
+            public SkinnedMeshRenderer[] renderers;
+            public Dictionary<string, Transform> joints;
+        }
+
+        void Start()
+        {
+            var places = GetComponentsInChildren<Transform>(true);
+            foreach (var each in GltfExtras.Wrinkles(gltf.bytes))
+            {
+                var parts = each.Value.TryGetValue("parts", out var others) ? ((List<object>)others).Cast<string>() : new string[0];
+                var renderers = parts.Prepend(each.Key).SelectMany(name => places.Where(place => place.name == name))
+                    .SelectMany(place => place.GetComponentsInChildren<SkinnedMeshRenderer>(true)).Distinct().ToArray();
+                // Joints of the body's own skin go first, as characters often share names.
+                var joints = new Dictionary<string, Transform>();
+                foreach (var joint in renderers.SelectMany(renderer => renderer.bones).Concat(places))
+                    if (joint != null && !joints.ContainsKey(joint.name)) joints[joint.name] = joint;
+                var body = new Body(each.Value, joints.ContainsKey, name => renderers.Any(renderer => Shape(renderer, name) >= 0));
+                foreach (var line in body.Problems) Debug.LogWarning($"wrinkle: {each.Key}: {line}", this);
+                if (renderers.Length == 0) Debug.LogWarning($"wrinkle: there is no mesh below \"{each.Key}\"", this);
+                else bodies.Add(new Driven { body = body, renderers = renderers, joints = joints });
+            }
+            if (bodies.Count == 0) Debug.LogWarning("wrinkle: nothing to drive: no node has extras.wrinkle", this);
+        }
+
+        static int Shape(SkinnedMeshRenderer renderer, string name) => renderer.sharedMesh.GetBlendShapeIndex(name);
+
+        /// <summary>Importers store the full weight of a shape as 1 or as 100.</summary>
+        static float Full(SkinnedMeshRenderer renderer, int shape) => renderer.sharedMesh.GetBlendShapeFrameWeight(shape, 0);
+
+        /// <summary>Unity's x points to the other side than glTF's: importers turn the axes of every node.</summary>
+        static double[] Matrix(Transform joint)
+        {
+            var m = joint.localToWorldMatrix;
+            return new double[] { m.m00, -m.m10, -m.m20, 0, -m.m01, m.m11, m.m21, 0, -m.m02, m.m12, m.m22, 0, -m.m03, m.m13, m.m23, 1 };
+        }
+
+        /// <summary>After animation, before rendering.</summary>
+        void LateUpdate()
+        {
+            FindClip();
+            foreach (var each in bodies)
+            {
+                var first = each.renderers[0];
+                var frame = new Frame { Clip = clip, Time = time, Elapsed = Time.deltaTime };
+                foreach (var hand in hands) frame.Hands[hand.Key] = hand.Value;
+                frame.JointMatrix = name => Matrix(each.joints[name]);
+                frame.MorphWeight = name =>
+                {
+                    var shape = Shape(first, name);
+                    return shape < 0 ? 0 : first.GetBlendShapeWeight(shape) / Full(first, shape);
+                };
+                foreach (var weight in each.body.Weights(frame))
+                    foreach (var renderer in each.renderers)
+                    {
+                        var shape = Shape(renderer, weight.Key);
+                        if (shape >= 0) renderer.SetBlendShapeWeight(shape, (float)weight.Value * Full(renderer, shape));
+                    }
+            }
+        }
+
+        void FindClip()
+        {
+            var animator = GetComponent<Animator>();
+            var legacy = GetComponent<Animation>();
+            if (animator != null && animator.runtimeAnimatorController != null)
+            {
+                var playing = animator.GetCurrentAnimatorClipInfo(0).OrderByDescending(info => info.weight).ToArray();
+                if (playing.Length == 0) return;
+                var passed = animator.GetCurrentAnimatorStateInfo(0).normalizedTime;
+                clip = playing[0].clip.name;
+                time = (playing[0].clip.isLooping ? passed - Mathf.Floor(passed) : Mathf.Min(passed, 1)) * playing[0].clip.length;
+            }
+            else if (legacy != null)
+            {
+                var state = legacy.Cast<AnimationState>().Where(each => each.enabled).OrderByDescending(each => each.weight).FirstOrDefault();
+                if (state != null) (clip, time) = (state.name, state.time % Mathf.Max(state.length, 1e-6f));
+            }
+        }
+    }
+}

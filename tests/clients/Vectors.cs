@@ -1,0 +1,63 @@
+// The C# driver's answers to `samples/driver/vectors.json`, as JSON on standard output: mono vectors.exe vectors.json
+// Of another file it prints the nodes with `extras.wrinkle`, and the names of their tools.
+
+using System;
+using System.Collections.Generic;
+using System.Globalization;
+using System.IO;
+using System.Linq;
+using Wrinkles;
+
+static class Vectors
+{
+    static List<object> List(object value) => (List<object>)value;
+    static double[] Numbers(object value) => List(value).Select(each => (double)each).ToArray();
+    static string Joined(IEnumerable<string> parts) => "[" + string.Join(",", parts) + "]";
+
+    static void Main(string[] arguments)
+    {
+        if (!arguments[0].EndsWith(".json"))
+        {
+            foreach (var node in GltfExtras.Wrinkles(File.ReadAllBytes(arguments[0])))
+                Console.WriteLine(node.Key + ": " + string.Join(", ", List(node.Value["tools"]).Select(tool => ((Dictionary<string, object>)tool)["name"])));
+            return;
+        }
+        var cases = (Dictionary<string, object>)JsonText.Parse(File.ReadAllText(arguments[0]));
+        Console.WriteLine("{" + string.Join(",", cases.Select(each => Quoted(each.Key) + ":" + Case(each.Value))) + "}");
+    }
+
+    static string Quoted(string text) => "\"" + text.Replace("\"", "\\\"") + "\"";
+
+    static string Case(object value)
+    {
+        var found = (Dictionary<string, object>)value;
+        var problems = new Body((Dictionary<string, object>)found["wrinkle"], name => name != (string)List(found["joints"])[0],
+            name => name != (string)List(found["targets"])[0]).Problems;
+        return $"{{\"runs\":{Joined(Runs(found))},\"problems\":{Joined(problems.Select(Quoted))}}}";
+    }
+
+    static IEnumerable<string> Runs(Dictionary<string, object> found)
+    {
+        var joints = List(found["joints"]);
+        var morphs = List(found["morphs"]);
+        foreach (Dictionary<string, object> run in List(found["runs"]))
+        {
+            var body = new Body((Dictionary<string, object>)found["wrinkle"]);
+            var times = Numbers(run["times"]);
+            var elapsed = Numbers(run["elapsed"]);
+            var matrices = List(run["matrices"]).Select(row => List(row).Select(Numbers).ToArray()).ToArray();
+            var rows = List(run["morphs"]).Select(Numbers).ToArray();
+            var frames = elapsed.Select((seconds, number) =>
+            {
+                var k = number % times.Length;
+                var frame = new Frame { Clip = (string)run["clip"], Time = times[k], Elapsed = seconds };
+                frame.JointMatrix = name => matrices[k][joints.IndexOf(name)];
+                frame.MorphWeight = name => morphs.Contains(name) ? rows[k][morphs.IndexOf(name)] : 0;
+                var weights = body.Weights(frame);
+                var texts = List(found["targets"]).Select(name => weights[(string)name].ToString("R", CultureInfo.InvariantCulture));
+                return Joined(texts);
+            });
+            yield return Joined(frames);
+        }
+    }
+}
