@@ -230,7 +230,9 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
             yield from (asset, *some("--json", share=0.3), *some("-o", "found.yaml", share=0.5), "--fps", "4")
             yield from (*some("--node", "limb"), *some("--count", "2"), *some("--clip", "fold"), *some("--all"))
             yield from some("--material", chance.choice(["limb=cloth", "limb=hard", "nowhere=skin"]))
-            yield from some(*chance.choice([["--face"], ["--muscles"], ["--flesh"], ["--presets", PRESETS]]), share=0.4)
+            yield from some(
+                *chance.choice([["--face"], ["--muscles"], ["--flesh"], ["--touch"], ["--presets", PRESETS]]), share=0.4
+            )
             yield from (
                 *motions,
                 *some(loudness),

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from wrinklecli.review.suggest.flesh import SuggestedFlesh
     from wrinklecli.review.suggest.muscles import SuggestedMuscle
     from wrinklecli.review.suggest.suggest import Suggestions
+    from wrinklecli.review.suggest.touches import SuggestedTouch
 
 
 _WIDEST = 60  # characters of a column
@@ -61,6 +62,7 @@ def _materials(_context: click.Context, parameter: click.Parameter, values: tupl
 @opt.flag("--all", "everything", text="Leave out neither hard or hidden parts nor what is not worth it.")
 @opt.flag("--muscles", text="Guess muscles by the names of bones, low ones, and nothing else.")
 @opt.flag("--flesh", text="Guess flesh that swings by the names of bones, firm, and nothing else.")
+@opt.flag("--touch", text="Find where clips bring fingertips to skin, write touches, and nothing else.")
 @opt.fps("Poses per second, but 200 of a clip at most.", default=30.0)
 @opt.range_of_motion("Look at that too.")
 @opt.allow_external("Read buffers outside the asset's folder too.")
@@ -101,6 +103,9 @@ def suggest(asset: str, output: str | None, as_json: bool, verbose: bool, quiet:
     With --flesh, the file has regions of flesh alone: belly, chest, buttocks, thighs and cheeks of a human, where the
     rig names the bones and the skin is far from them. These are guesses too.
 
+    With --touch, the file has touches alone: places to which a clip brings a fingertip that is not of the same arm.
+    Fingers are known by the names of joints. Places, tips and times are measured, reach and grip are guesses.
+
     The file bakes as it is, and is made to be edited. A table of the suggestions goes to standard error. If there is
     nothing to suggest, as for a rigid asset, nothing is written and the exit code is 1, so that a pipeline stops.
 
@@ -117,7 +122,7 @@ def suggest(asset: str, output: str | None, as_json: bool, verbose: bool, quiet:
     """
     if as_json and output == "-":
         raise click.UsageError("'--json' and '-o -' both want standard output.")
-    alone = [f"'--{name}'" for name in ("face", "muscles", "flesh") if options[name]]
+    alone = [f"'--{name}'" for name in ("face", "muscles", "flesh", "touch") if options[name]]
     if len(alone) > 1:
         raise click.UsageError(f"{' and '.join(alone)} are one or the other.")
     if options["face"] and options["presets"]:
@@ -160,6 +165,7 @@ def _json(asset: str, found: "Suggestions") -> dict[str, Any]:
         "tools": [_json_tool(each) for each in found.tools],
         **({"muscles": [_json_muscle(each) for each in found.muscles]} if found.muscles else {}),
         **({"flesh": [_json_region(each) for each in found.flesh]} if found.flesh else {}),
+        **({"touches": [_json_touch(each) for each in found.touches]} if found.touches else {}),
     }
 
 
@@ -223,6 +229,21 @@ def _json_region(each: "SuggestedFlesh") -> dict[str, Any]:
         "mirror": "x" if each.mirrored else "none",
         "frequency": region.frequency,
         "depth": _short(each.depth),
+    }
+
+
+def _json_touch(each: "SuggestedTouch") -> dict[str, Any]:
+    touch = each.touch
+    assert touch.by is not None
+    return {
+        "name": touch.name,
+        "node": touch.node,
+        "at": touch.at,
+        "pad": touch.pad,
+        "by": {"joint": touch.by.joint, "offset": touch.by.offset},
+        "clip": each.clip,
+        "time": _short(each.time),
+        "slide": _short(each.slide),
     }
 
 

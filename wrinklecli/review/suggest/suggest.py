@@ -26,6 +26,7 @@ from wrinklecli.review.suggest.muscles import SuggestedMuscle, muscles_text, sug
 from wrinklecli.review.suggest.substance import is_rigid
 from wrinklecli.review.suggest.suggest_options import SuggestOptions
 from wrinklecli.review.suggest.text import refuse_unwritable, tools_text
+from wrinklecli.review.suggest.touches import SuggestedTouch, suggest_touches, touches_text
 from wrinklecli.review.suggest.trial import TriedAsset
 from wrinklecli.review.suggest.unwarned import unwarned
 from wrinklecli.review.suggest.worth import Dropped, Worthwhile, worthwhile
@@ -49,6 +50,7 @@ class Suggestions:
         dropped: Tools that are not worth it, each with the reason.
         muscles: With the option `muscles`, the muscles in place of tools.
         flesh: With the option `flesh`, the regions in place of tools.
+        touches: With the option `touch`, the touches in place of tools.
     """
 
     tools: tuple[Suggestion, ...]
@@ -59,6 +61,7 @@ class Suggestions:
     dropped: tuple[Dropped, ...] = ()
     muscles: tuple[SuggestedMuscle, ...] = ()
     flesh: tuple[SuggestedFlesh, ...] = ()
+    touches: tuple[SuggestedTouch, ...] = ()
 
 
 def suggest(
@@ -72,7 +75,7 @@ def suggest(
 
     Without clips, the asset's range of motion is looked at: joints and morph targets, one at a time. With `face`, the
     morph targets of a face are, whatever clips there are. With `muscles` or `flesh`, these are guessed by the names of
-    bones.
+    bones. With `touch`, clips are searched for fingertips that come to skin.
 
     Args:
         asset: The .gltf or .glb to read.
@@ -106,10 +109,15 @@ def suggest(
             regions, left_out, reason = suggest_flesh(document, nodes)
             text = flesh_text(regions, document) if regions else ""
             return Suggestions((), text, reason, (*notes, *left_out), tuple(files_of(document)), flesh=tuple(regions))
-        in_range = options.range_of_motion or None
+        in_range = False if options.touch else options.range_of_motion or None
         motions = Motions(options.anims, in_range, options.pose, options.morphs)
         joined = moved(document, list(nodes), motions)
         document, notes = joined.document, [*notes, *joined.warnings, *([] if options.face else joined.notes)]
+        if options.touch:
+            touches, left_out, reason = suggest_touches(document, nodes, options.clips, options.fps, options.count)
+            text = touches_text(touches, document) if touches else ""
+            inputs = (*files_of(document), *joined.beside)
+            return Suggestions((), text, reason, (*notes, *left_out), inputs, touches=tuple(touches))
         if options.face:
             of_face = suggest_face(document, nodes, joined.clips)
             raised = with_clips(document, of_face.motions)

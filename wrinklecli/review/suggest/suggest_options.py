@@ -23,6 +23,7 @@ class SuggestOptions:
         face: Suggest the wrinkles of a face by its morph targets, and nothing else.
         muscles: Suggest muscles by the names of bones, and nothing else.
         flesh: Suggest regions of flesh by the names of bones and the thickness of the body, and nothing else.
+        touch: Suggest touches where clips bring fingertips to skin, and nothing else.
         everything: Leave out neither hard parts, nor what another layer hides, nor what is not worth it.
         materials: What places are made of, by the name of a material, node or mesh, whatever the pictures show.
         presets: Files of presets, from which tools get theirs where an entry names their parts of a body.
@@ -43,6 +44,7 @@ class SuggestOptions:
     face: bool = False
     muscles: bool = False
     flesh: bool = False
+    touch: bool = False
     everything: bool = False
     materials: Mapping[str, Substance] = field(default_factory=dict)
     presets: Sequence[str | os.PathLike[str]] = ()

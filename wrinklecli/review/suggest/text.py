@@ -34,7 +34,7 @@ def tools_text(
         "version: 1",
         "",
         *([f"presets: [{', '.join(map(quoted, presets))}]", ""] if presets else []),
-        *_written_refinement(refinement),
+        *written_refinement(refinement),
         "defaults:",
         f"  rest_length: {100 - SLACK}%     # slack: the first {SLACK} % of shortening make no wrinkles",
         "  max_height: auto     # the material's, which compressible has bumps reach in the deepest fold",
@@ -116,7 +116,8 @@ def read_suggested(text: str, suggestions: Sequence[Suggestion]) -> ToolsFile:
     return read_values(root.value, known=suggestions[0].presets)
 
 
-def _written_refinement(refinement: RefinementSettings) -> list[str]:
+def written_refinement(refinement: RefinementSettings) -> list[str]:
+    """The lines of the key `refinement`; none if it is as usual."""
     finer, flat = refinement.max_levels != _USUAL.max_levels, refinement.scheme != _USUAL.scheme
     if not finer and not flat:
         return []

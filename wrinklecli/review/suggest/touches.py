@@ -1,0 +1,422 @@
+"""Touches suggested where a clip brings a fingertip to skin that is not of its own arm.
+
+Fingers are known by the names of joints. A tip is as wide as the skin round it, and where it comes nearest to other
+skin decides which side of it touches. The tip, its place and its slide are measured in the clip; the reach and the grip
+are guesses, and the file says so.
+"""
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from wrinklecli.baking.job import BakeOptions, job_of
+from wrinklecli.baking.plan import plan_meshes
+from wrinklecli.character.bones import Bones, read_bones
+from wrinklecli.character.clip import Clip, chosen_clips, read_clips
+from wrinklecli.character.moved import Motions
+from wrinklecli.character.pose import blend, joint_matrices, morph_weights, node_matrices, transform
+from wrinklecli.character.rig import Hierarchy, read_hierarchy
+from wrinklecli.choices import Part
+from wrinklecli.effects.touch.attach import FOLDED, AttachedTouch, attach_touches
+from wrinklecli.errors import WrinkleError
+from wrinklecli.gltf.document import Document
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, unit
+from wrinklecli.numeric.nearest import nearest_of, nearest_on_mesh
+from wrinklecli.review.suggest.text import entry, quoted, written_refinement
+from wrinklecli.surface.ground import Ground, read_ground
+from wrinklecli.tools.body import Touch, TouchWrinkles
+from wrinklecli.tools.records import JointPoint, Length, RefinementSettings, ToolsFile
+from wrinklecli.tools.yaml_tree import printable
+
+# A tip touches where its middle is at most so many of its radii from other skin: animators leave a gap.
+_TOUCHES = 1.3
+# Poses of a clip that are looked at, at most.
+_MOST_POSES = 200
+# Weight of a joint from which on the skin counts as its own.
+_OWN = 0.5
+# Part of a last bone's length, from its end, round which a tip's radius is measured.
+_END = 0.5
+# Parts of an arm, the innermost first: what lies below the first that there is cannot be reached by its own fingers.
+_ARM: tuple[Part, ...] = ("upper arm", "lower arm", "hand", "finger")
+# `press` over the gap that the clip leaves, so that the tip touches for certain; and what a file gets by itself.
+_PRESSED, _LEAST_PRESS = 1.3, 0.2
+# `grip` over the one at which the skin would look folded.
+_SAFE = 0.95
+# Reach over the pad, per cent, and rings: fewer and wider ones than a file gets by itself, as a fingertip is small
+# beside the triangles of most bodies.
+_REACH, _BUMPS = 150.0, 4
+# Of the distances of a tip's skin from its axis, the part that is at most the radius: the end is round.
+_ROUND = 0.75
+# Levels of refinement that may be asked for.
+_MOST_LEVELS = 8
+# Digits of a length over the body's size: a tenth of a millimetre of a human.
+_DIGITS = 4
+
+
+@dataclass(frozen=True, slots=True)
+class SuggestedTouch:
+    """A touch that a clip makes.
+
+    Attributes:
+        touch: The touch.
+        clip: The clip in which its tip slides farthest.
+        time: Seconds of this clip at which the tip comes.
+        slide: Length of the slide there, scene units.
+    """
+
+    touch: Touch
+    clip: str
+    time: float
+    slide: float
+
+
+class _Tip(NamedTuple):
+    """The end of a finger.
+
+    Attributes:
+        node: Its joint.
+        arm: Nodes of its arm, whose skin it cannot touch.
+        middle: (3,) the middle of its round end: world space at rest.
+        radius: Of this end.
+    """
+
+    node: int
+    arm: frozenset[int]
+    middle: Floats
+    radius: float
+
+
+class _Skin(NamedTuple):
+    """A mesh that may be touched: its (vertices, joints) weights, and the node that moves each vertex most."""
+
+    ground: Ground
+    weights: Floats
+    movers: Ints
+
+    @classmethod
+    def of(cls, ground: Ground) -> "_Skin":
+        """Look up the weights."""
+        joints = ground.rig.joints
+        weights = ground.surface.dense_weights(np.arange(len(ground.surface.positions)), len(joints))
+        return cls(ground, weights, joints[weights.argmax(axis=1)])
+
+    def positions_at(self, clip: Clip, time: float) -> Floats:
+        """(vertices, 3) world positions."""
+        rig, surface, at = self.ground.rig, self.ground.surface, np.array([time])
+        morphed = surface.positions + np.tensordot(morph_weights(rig, clip, at)[0], surface.morph_deltas, axes=1)
+        positions: Floats = transform(blend(self.weights, joint_matrices(rig, clip, at)), morphed)[0]
+        return positions
+
+    def other_triangles(self, arm: frozenset[int]) -> Ints:
+        """(triangles,) those no corner of which is of an arm."""
+        own: Bools = np.isin(self.movers, list(arm))
+        return np.flatnonzero(~own[self.ground.surface.triangles].any(axis=1))
+
+
+class _Contact(NamedTuple):
+    """A tip at skin: the clip, seconds, the mesh, a triangle and (3,) barycentric coordinates, and a gap.
+
+    Attributes:
+        nearest: Seconds at which the tip comes nearest.
+        gap: Distance of the tip's surface from the skin then; negative inside.
+        way: (3,) unit direction from the tip's middle to the skin then, world space.
+    """
+
+    clip: Clip
+    time: float
+    skin: _Skin
+    triangle: int
+    shares: Floats
+    nearest: float
+    gap: float
+    way: Floats
+
+
+def suggest_touches(
+    document: Document, nodes: "dict[int, str | None]", clips: Sequence[str], fps: float, count: int
+) -> tuple[list[SuggestedTouch], list[str], str]:
+    """Suggest touches where clips bring fingertips to skin.
+
+    Args:
+        document: The asset.
+        nodes: Nodes whose meshes deform, each with the name that a file must give; None if it need not.
+        clips: Names of the clips to look at; all if empty.
+        fps: Poses per second; at most 200 of a clip.
+        count: Touches at most, those that slide farthest first.
+
+    Returns:
+        The touches, a line for each that does not fit, and why there are none.
+
+    Raises:
+        AssetError: There is no clip of a name.
+    """
+    hierarchy, bones = read_hierarchy(document), read_bones(document)
+    looked_at = chosen_clips(read_clips(document), clips, where=document.path)
+    if not looked_at:
+        return [], [], "it has no clip in which a fingertip could come near"
+    settings = ToolsFile(path=document.path)
+    skins = [_Skin.of(read_ground(document, node, [], settings, looked_at)) for node in nodes]
+    fingers = _fingers(hierarchy, bones, skins)
+    if not fingers:
+        return [], [], "no joints are named as fingers"
+    tips = _tips(fingers, hierarchy, bones, skins)
+    if not tips:
+        return [], [], "no mesh has skin at the ends of its fingers"
+    found: dict[str, SuggestedTouch] = {}
+    notes: list[str] = []
+    for tip in tips:
+        own: list[SuggestedTouch] = []
+        for contact in (each for clip in looked_at for each in _contacts(tip, skins, clip, fps)):
+            if any(_is_there(each, contact) for each in own):
+                continue
+            name = _free_name(hierarchy.names[_mover(contact)], found)
+            made = _fitted(name, tip, contact, hierarchy, nodes)
+            if isinstance(made, str):
+                notes.append(made)
+            else:
+                own.append(made)
+                found[name] = made
+    chosen = sorted(found.values(), key=lambda each: -each.slide)[:count]
+    return chosen, list(dict.fromkeys(notes)), "" if chosen else "in no clip does a fingertip come to other skin"
+
+
+def _fingers(hierarchy: Hierarchy, bones: Bones, skins: Sequence[_Skin]) -> list[int]:
+    """The joints of fingers, and nodes below them that mark a finger's end."""
+    joints = {int(node) for skin in skins for node in skin.ground.rig.joints}
+    named = [k for k, part in enumerate(bones.parts) if part == "finger"]
+    return [k for k in named if k in joints or int(hierarchy.parents[k]) in joints]
+
+
+def _tips(fingers: Sequence[int], hierarchy: Hierarchy, bones: Bones, skins: Sequence[_Skin]) -> list[_Tip]:
+    """The ends of fingers with skin round them."""
+    inner = {int(hierarchy.parents[k]) for k in fingers}
+    found = []
+    for node in fingers:
+        if node in inner:
+            continue
+        top = _top_of_arm(node, hierarchy, bones)
+        arm = frozenset(k for k in range(len(hierarchy.parents)) if top in _line(k, hierarchy))
+        # A joint at the very end of a finger moves no skin.
+        ends = (node, int(hierarchy.parents[node]) if int(hierarchy.parents[node]) in fingers else -1)
+        made = next((tip for end in ends if end >= 0 and (tip := _tip(node, end, arm, hierarchy, skins))), None)
+        found += [] if made is None else [made]
+    return found
+
+
+def _line(node: int, hierarchy: Hierarchy) -> list[int]:
+    """A node and those above it."""
+    line = [node]
+    while hierarchy.parents[line[-1]] >= 0:
+        line.append(int(hierarchy.parents[line[-1]]))
+    return line
+
+
+def _top_of_arm(node: int, hierarchy: Hierarchy, bones: Bones) -> int:
+    """The innermost bone of the arm of a finger."""
+    line = _line(node, hierarchy)
+    for part in _ARM:
+        named = [each for each in line if bones.parts[each] == part]
+        if named:
+            return named[-1]
+    return node
+
+
+def _tip(node: int, end: int, arm: frozenset[int], hierarchy: Hierarchy, skins: Sequence[_Skin]) -> _Tip | None:
+    """The round end of the skin of a bone, carried by a node; None if the bone has no skin."""
+    moved = [each.ground.rest.positions[each.movers == end] for each in skins]
+    places = np.concatenate(moved) if moved else np.zeros((0, 3))
+    if len(places) < 4:
+        return None
+    joint = node_matrices(hierarchy, None, np.zeros(1), [end])[0, 0, :3, 3]
+    parent = int(hierarchy.parents[end])
+    above = joint if parent < 0 else node_matrices(hierarchy, None, np.zeros(1), [parent])[0, 0, :3, 3]
+    # A bone without one above it points to where its skin is.
+    way = joint - above if np.linalg.norm(joint - above) > 0 and parent in arm else places.mean(axis=0) - joint
+    if not way.any():
+        return None
+    way = unit(way)
+    along = (places - joint) @ way
+    last = along > along.max() - _END * np.ptp(along)
+    middle = joint + np.median((places - joint - along[:, None] * way)[last], axis=0)
+    away = places - middle - ((places - middle) @ way)[:, None] * way
+    radius = float(np.quantile(np.linalg.norm(away, axis=1)[last], _ROUND))
+    return _Tip(node, arm, middle + (along.max() - radius) * way, radius) if radius > 0 else None
+
+
+def _contacts(tip: _Tip, skins: Sequence[_Skin], clip: Clip, fps: float) -> list[_Contact]:
+    """Where and when a tip comes to other skin in a clip."""
+    count = int(np.clip(np.ceil((clip.end - clip.start) * fps), 1, _MOST_POSES))
+    times = np.linspace(clip.start, clip.end, count + 1)
+    rig = skins[0].ground.rig
+    rest = node_matrices(rig, None, np.zeros(1), [tip.node])[0, 0]
+    moved = node_matrices(rig, clip, times, [tip.node])[:, 0]
+    middles = _carried(rest, moved, tip.middle)
+    reach = _TOUCHES * tip.radius
+    held: list[tuple[float, _Skin, int, Floats, float, Floats]] = []
+    found: list[_Contact] = []
+    for time, middle in zip(times.tolist(), middles, strict=True):
+        near = _nearest(tip, skins, clip, time, middle, reach)
+        if near is not None:
+            held.append((time, *near))
+        if held and (near is None or time == times[-1]):
+            begun = held[0]
+            closest = min(held, key=lambda each: each[4])
+            found.append(
+                _Contact(clip, begun[0], begun[1], begun[2], begun[3], closest[0], closest[4] - tip.radius, closest[5])
+            )
+            held = []
+    return found
+
+
+def _carried(before: Floats, after: Floats, point: Floats) -> Floats:
+    """(…, 3) a world-space point that a node carries from one (4, 4) matrix to (…, 4, 4) others."""
+    # A node that a scale of 0 hides has no inverse.
+    carried: Floats = (after @ (np.linalg.pinv(before) @ np.append(point, 1.0)))[..., :3]
+    return carried
+
+
+def _nearest(
+    tip: _Tip, skins: Sequence[_Skin], clip: Clip, time: float, middle: Floats, reach: float
+) -> "tuple[_Skin, int, Floats, float, Floats] | None":
+    """The skin within a reach of a tip's middle: mesh, triangle, barycentric coordinates, distance, direction."""
+    best: tuple[_Skin, int, Floats, float, Floats] | None = None
+    for skin in skins:
+        triangles = skin.other_triangles(tip.arm)
+        if not len(triangles):
+            continue
+        positions, corners = skin.positions_at(clip, time), skin.ground.surface.triangles[triangles]
+        # No point of a triangle is farther from its first corner than its longest edge.
+        edges = positions[corners] - positions[np.roll(corners, 1, axis=1)]
+        longest = float(np.sqrt((edges**2).sum(axis=2)).max())
+        if float(nearest_of(positions[np.unique(corners)], middle[None])[0][0]) > reach + longest:
+            continue
+        (number,), (shares,) = nearest_on_mesh(middle[None], positions, corners)
+        way = shares @ positions[corners[number]] - middle
+        distance = float(np.linalg.norm(way))
+        if distance <= reach and (best is None or distance < best[3]):
+            best = skin, int(triangles[number]), shares, distance, unit(way) if distance else np.zeros(3)
+    return best
+
+
+def _mover(contact: _Contact) -> int:
+    """The node that moves most of the place of a contact."""
+    corners = contact.skin.ground.surface.triangles[contact.triangle]
+    return int(contact.skin.ground.rig.joints[int((contact.shares @ contact.skin.weights[corners]).argmax())])
+
+
+def _free_name(joint: str, taken: "dict[str, SuggestedTouch]") -> str:
+    """A name for a touch on the skin of a joint."""
+    name, number = f"touch {joint}", 1
+    while name in taken:
+        number += 1
+        name = f"touch {joint} {number}"
+    return name
+
+
+def _is_there(known: SuggestedTouch, contact: _Contact) -> bool:
+    """True if a touch of the same tip has the place already."""
+    surface, rest = contact.skin.ground.surface, contact.skin.ground.rest
+    place = contact.shares @ rest.positions[surface.triangles[contact.triangle]]
+    return float(np.linalg.norm(place - np.array(known.touch.at))) < 2.0 * known.touch.pad
+
+
+def _fitted(
+    name: str, tip: _Tip, contact: _Contact, hierarchy: Hierarchy, nodes: "dict[int, str | None]"
+) -> SuggestedTouch | str:
+    """The touch of a contact, or the line that says why it does not fit."""
+    ground = contact.skin.ground
+    digits = _DIGITS - int(np.floor(np.log10(float(np.ptp(ground.rest.positions, axis=0).max()))))
+    place = contact.shares @ ground.rest.positions[ground.surface.triangles[contact.triangle]]
+    before, then = (
+        node_matrices(ground.rig, clip, np.array([time]), [tip.node])[0, 0]
+        for clip, time in ((None, 0.0), (contact.clip, contact.nearest))
+    )
+    # The side of the tip that is nearest to the skin then, carried back to rest.
+    middle = _carried(before, then, tip.middle)
+    at_rest = _carried(then, before, middle + tip.radius * contact.way)
+    offset = _rounded(at_rest - before[:3, 3], digits)
+    press = max(_LEAST_PRESS, _PRESSED * contact.gap / tip.radius)
+    touch = Touch(
+        name=name,
+        node=nodes[ground.rig.node],
+        at=_rounded(place, digits),
+        pad=float(f"{tip.radius:.3g}"),
+        reach=Length(_REACH, percent=True),
+        wrinkles=TouchWrinkles(bumps=_BUMPS),
+        press=Length(float(f"{100.0 * press:.3g}"), percent=True),
+        by=JointPoint(hierarchy.names[tip.node], offset),
+        where=ground.document.path,
+    )
+    left_out = f"{hierarchy.names[tip.node]} in {contact.clip.name} at {contact.time:.2f} s: left out: "
+    settings = ToolsFile(path=ground.document.path)
+    try:
+        (attached,) = attach_touches([touch], ground, settings)
+        if attached.strain < FOLDED:
+            grip = _SAFE * 100.0 * attached.drive.grip / tip.radius * FOLDED / attached.strain
+            touch = replace(touch, grip=Length(float(f"{grip:.3g}"), percent=True))
+            (attached,) = attach_touches([touch], ground, settings)
+    except WrinkleError as error:
+        return left_out + error.lines[0].removeprefix(f"{ground.document.path}: ")
+    if contact.clip.name not in attached.touched:
+        return left_out + "it comes from the side, and stays above the skin"
+    return SuggestedTouch(touch, contact.clip.name, contact.time, _slide(attached, contact))
+
+
+def _slide(attached: AttachedTouch, contact: _Contact) -> float:
+    """The greatest slide of a touch in a clip, scene units."""
+    strokes = attached.drive.strokes_in(contact.skin.ground.rig.own, contact.clip)
+    return float(max(np.hypot(*rows[:, 1:3].T).max() for rows in strokes))
+
+
+def _rounded(point: Floats, digits: int) -> tuple[float, float, float]:
+    x, y, z = (round(float(each), digits) + 0.0 for each in point)
+    return x, y, z
+
+
+def touches_text(touches: Sequence[SuggestedTouch], document: Document) -> str:
+    """A tools file of suggested touches, which says what was measured and what is guessed."""
+    lines = [
+        f"# Touches for {printable(os.path.basename(document.path), 90)}, as `wrinkle suggest --touch` found them:",
+        "# places to which a clip brings a fingertip. Places, tips and times are measured; how far the skin slides",
+        "# (grip) and where the slide ends (reach) are guesses: look at each in a preview, and change or delete it.",
+        "version: 1",
+        "",
+        *written_refinement(_refinement_for(touches, document)),
+        "touches:",
+    ]
+    for each in touches:
+        touch = each.touch
+        assert isinstance(touch.at, tuple)
+        assert touch.by is not None
+        does = f"slides the skin by {each.slide:.3g}" if each.slide else "presses it"
+        when = f"in clip {printable(each.clip, 90)} at {each.time:.2f} s"
+        lines.append(f"  # {printable(touch.by.joint, 90)} comes {when}, and {does}")
+        keys = {
+            "node": None if touch.node is None else quoted(touch.node),
+            "at": _written(touch.at),
+            "pad": f"{touch.pad:.12g}",
+            "reach": f"{_REACH:.12g}%",
+            "grip": f"{touch.grip.value:.12g}%",
+            "press": f"{touch.press.value:.12g}%",
+            "wrinkles": f"{{bumps: {_BUMPS}}}",
+            "by": f"{{joint: {quoted(touch.by.joint)}, offset: {_written(touch.by.offset)}}}",
+        }
+        lines += entry(quoted(touch.name), keys)
+    return "\n".join(lines) + "\n"
+
+
+def _refinement_for(touches: Sequence[SuggestedTouch], document: Document) -> RefinementSettings:
+    """The least levels of refinement with which rings have vertices enough."""
+    usual = RefinementSettings()
+    own = tuple(each.touch for each in touches)
+    settings = ToolsFile(path=document.path, touches=own, refinement=replace(usual, max_levels=_MOST_LEVELS))
+    plans = plan_meshes(job_of(document, settings, BakeOptions(), Motions(range_of_motion=False)))
+    levels = max(plan.fine.subdivision.levels for plan in plans)
+    return replace(usual, max_levels=max(levels, usual.max_levels))
+
+
+def _written(point: Sequence[float]) -> str:
+    return f"[{', '.join(f'{x:.12g}' for x in point)}]"
