@@ -52,6 +52,19 @@ def test_a_bar_grows_on_a_terminal_and_goes(
             bar = "#" * (10 * done) + "." * (30 - 10 * done)
             assert capsys.readouterr().err.endswith(f"    bake {bar} {done}/3  soon")
     assert capsys.readouterr().err == "\r\x1b[K"
-    with Progress(quiet=True) as quiet:
-        quiet.show("bake", 1, 3)
-    assert capsys.readouterr().err == ""
+    for lines in (False, True):
+        with Progress(quiet=True, lines=lines) as quiet:
+            quiet.show("bake", 1, 3)
+        assert capsys.readouterr().err == ""
+
+
+def test_a_program_gets_a_line_for_each_new_per_cent(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    with Progress(lines=True) as shown:
+        for done in range(1001):
+            shown.show("proving", done, 1000, note="soon")
+        shown.show("writing", 0, 0)
+    lines = [f"progress: proving {percent}%" for percent in range(101)]
+    assert capsys.readouterr().err.splitlines() == [*lines, "progress: writing 0%"]

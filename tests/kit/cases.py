@@ -206,6 +206,7 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
             yield from some("--clip", "fold")
             yield from some("--strict", share=0.05)
             yield from some(loudness)
+            yield from some("--progress", share=0.05)
             yield from some("--allow-external")
             yield from some(*memory, share=0.1)
             yield from ("-o", chance.choice(["out.glb"] * 9 + ["out.gltf"] * 5 + ["sub/out.gltf"] * 4 + [asset]))
@@ -295,7 +296,7 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
             yield from ["--retry", "0"] if any("{web}" in each for each in chosen) else some("--retry", "0")
             yield from some("--report", chance.choice(["jobs.jsonl", "jobs.jsonl", "-", asset]))
         case "schema":
-            yield from ("-o", "found.json")
+            yield from ("-o", "found.json", *some("--read", "tools.yaml", share=0.5))
         case "maps":
             yield from (asset, "tools.yaml", "-o", "maps", "--size", "16")
             yield from (*some("--supersample", "1", share=0.5), *some("--maps", "normal,height"), *some("--separate"))

@@ -70,7 +70,7 @@ KEPT_APART = {
     ("maps", "folder, of maps"): ("maps limb.gltf tools.yaml --anim run.gltf -o {}", TOOLS),
     ("track", "folder"): ("track baked.gltf limb.gltf run.gltf -o {}", (*CLIPS, "baked.gltf")),
 }
-# The other options that write: `schema` reads nothing, and `tests/batch/test_conflicts.py` has those of `batch`.
+# The other options that write: a test below has that of `schema`, `tests/batch/test_conflicts.py` those of `batch`.
 APART = {("schema", "output"), ("batch", "out"), ("batch", "report"), ("batch", "cache")}
 READ_ONLY = {"asset", "assets", "tools", "anims", "baked", "manifest", "a", "b", "presets"}
 
@@ -131,6 +131,14 @@ def test_no_option_writes_over_what_another_reads(command: str, option: str, rea
             kind,
         )
         assert files(read) == before
+
+
+@pytest.mark.parametrize("name", ["tools.yaml", "studio.yaml"])
+def test_a_tools_file_is_not_overwritten_by_its_json(name: str, read: Path, wrinkle: Wrinkle) -> None:
+    before = files(read)
+    ran = wrinkle("schema", "--read", "tools.yaml", "-o", name)
+    assert (ran.code, ran.out, ran.lines) == (1, "", [f"{name}: is an input too and would be overwritten"])
+    assert files(read) == before
 
 
 def test_a_track_that_cannot_be_written_leaves_none(folder: Path, wrinkle: Wrinkle) -> None:

@@ -43,7 +43,7 @@ from wrinklecli.errors import ConfigError
 from wrinklecli.tools import records, schema
 from wrinklecli.tools import yaml_tree as yamltree
 from wrinklecli.tools.materials import preset
-from wrinklecli.tools.read import load_tools, parse_tools, read_values
+from wrinklecli.tools.read import given_values, load_tools, parse_tools, read_values
 from wrinklecli.tools.records import (
     Contact,
     Length,
@@ -108,6 +108,15 @@ def test_every_key_arrives():
             ),
         ),
     )
+
+
+def test_given_values_are_those_of_the_file_and_valid(tmp_path):
+    path = tmp_path / "t.yaml"
+    path.write_text(EVERYTHING)
+    assert given_values(path) == (yaml.safe_load(EVERYTHING), (str(path),))
+    path.write_text(EVERYTHING.replace("bumps: 5", "bumps: 2.5"))
+    with pytest.raises(ConfigError, match=r"bumps: found 2.5"):
+        given_values(path)
 
 
 def test_values_are_read_as_the_text_that_says_them():

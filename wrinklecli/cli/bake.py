@@ -82,6 +82,7 @@ _MODIFIERS = {"define", "export", "override", "private", "undefine", "unexport"}
 @opt.max_memory
 @opt.flag("--replace", text="If ASSET is the output of a bake, bake its original, as if from another folder.")
 @opt.strict
+@opt.flag("--progress", text="Print a line `progress: STAGE N%` for each per cent of a stage, for programs.")
 @opt.quiet()
 @opt.verbose()
 def bake(
@@ -91,6 +92,7 @@ def bake(
     report: str | None,
     timings: str | None,
     depfile: str | None,
+    progress: bool,
     quiet: bool,
     verbose: bool,
     jobs: int | None,
@@ -125,7 +127,7 @@ def bake(
         raise click.UsageError("'--depfile' needs '-o'.")
     if output is not None and not output.lower().endswith((".glb", ".gltf")):
         raise click.BadParameter(f"{output!r} ends neither in .glb nor .gltf", param_hint="-o")
-    with command_outputs() as outputs, Progress(quiet=quiet) as progress:
+    with command_outputs() as outputs, Progress(quiet=quiet, lines=progress) as shown:
         from wrinklecli import bake as run
         from wrinklecli.baking.job import BakeOptions
         from wrinklecli.baking.report import as_json
@@ -134,7 +136,7 @@ def bake(
         for path in filter(None, (report, timings, depfile)):
             outputs.claim(path)
         chosen = BakeOptions(details=report is not None, jobs=jobs or core_count(), **options)
-        made = run(asset, tools, output, chosen, outputs=outputs, progress=progress.show)
+        made = run(asset, tools, output, chosen, outputs=outputs, progress=shown.show)
         if report is not None:
             outputs.add_bytes(report, as_json(made.data).encode())
         if timings is not None:

@@ -78,10 +78,12 @@ def _colours(stream: IO[str]) -> bool | None:
 
 
 class Progress:
-    """Draws a bar on a terminal, and nothing in a pipe."""
+    """Draws a bar on a terminal, and nothing in a pipe; with `lines`, prints lines for another program instead."""
 
-    def __init__(self, *, quiet: bool = False) -> None:
-        self._shown = not quiet and sys.stderr.isatty()
+    def __init__(self, *, quiet: bool = False, lines: bool = False) -> None:
+        self._shown = not quiet and not lines and sys.stderr.isatty()
+        self._lines = lines and not quiet
+        self._printed = ("", -1)
         self._drawn = False
 
     def __enter__(self) -> "Progress":
@@ -98,7 +100,13 @@ class Progress:
             self._drawn = False
 
     def show(self, stage: str, done: int, total: int, *, note: str = "") -> None:
-        """Draw how many steps of a stage are done, and a note behind them."""
+        """Draw how many steps of a stage are done, and a note behind them; a line only for each new per cent."""
+        if self._lines:
+            percent = 100 * done // max(total, 1)
+            if (stage, percent) != self._printed:
+                self._printed = (stage, percent)
+                with may_be_lost():
+                    click.echo(f"progress: {stage} {percent}%", err=True)
         if self._shown:
             width = 30
             filled = width * done // max(total, 1)

@@ -1,6 +1,7 @@
 """`wrinkle schema`."""
 
 import json
+from typing import Any
 
 import click
 
@@ -12,16 +13,25 @@ from wrinklecli.cli.streams import command_outputs
 @click.command(
     short_help="Print the JSON Schema of the tools file.", epilog="Example: wrinkle schema -o tools.schema.json"
 )
+@opt.file("--read", "tools", metavar="TOOLS", text="Print this tools file as JSON instead, if it is valid.")
 @opt.file("-o", "--output", default="-", text="Write here; - is standard output.")
-def schema(output: str) -> None:
+def schema(tools: str | None, output: str) -> None:
     """Print the JSON Schema of the tools file, for editors that complete and check YAML.
 
     If an editor has a YAML language server, this comment at the top of a tools file makes use of it:
     `# yaml-language-server: $schema=tools.schema.json`
 
-    Exit codes: 0 done; 1 FILE cannot be written; 2 wrong usage; 70 a bug.
+    --read is for programs that read no YAML: it prints the keys that TOOLS gives, as it gives them, without defaults.
+
+    Exit codes: 0 done; 1 FILE cannot be written, or TOOLS is at fault; 2 wrong usage; 70 a bug.
     """
     with command_outputs() as outputs:
         from wrinklecli.tools.schema import TOOLS_SCHEMA
 
-        write_text(output, json.dumps(TOOLS_SCHEMA, indent=2, ensure_ascii=False) + "\n", outputs)
+        values: Any = TOOLS_SCHEMA
+        if tools is not None:
+            from wrinklecli.tools.read import given_values
+
+            values, inputs = given_values(tools)
+            outputs.protect(inputs)
+        write_text(output, json.dumps(values, indent=2, ensure_ascii=False) + "\n", outputs)

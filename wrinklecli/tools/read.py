@@ -366,6 +366,18 @@ def load_tools(path: str | os.PathLike[str], *, external: bool = False) -> Tools
     return parse_tools(load_text(path), name=os.fspath(path), external=external)
 
 
+def given_values(path: str | os.PathLike[str]) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """The keys that a valid file of tools gives, as plain values in its own axes, and the files that were read.
+
+    Raises:
+        ConfigError: As `load_tools`.
+    """
+    root, problems = read_tree(load_text(path))
+    settings = _parsed(root, problems, os.fspath(path))
+    assert root is not None
+    return root.value, (os.fspath(path), *settings.preset_files)
+
+
 def load_merged(paths: Sequence[str | os.PathLike[str]], *, external: bool = False) -> ToolsFile:
     """Read several files of tools for one asset.
 
