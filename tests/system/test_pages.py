@@ -12,7 +12,7 @@ from PIL import Image
 from kit.places import ROOT
 
 PAGES = (*ROOT.glob("*.md"), *ROOT.glob(".github/*.md"), ROOT / "wrinklecli" / "README.md")
-PAGES += (*ROOT.glob("configs/*.md"), *ROOT.glob("samples/*.md"))
+PAGES += (*ROOT.glob("configs/*.md"), *ROOT.glob("samples/*.md"), *ROOT.glob("samples/blender/*.md"))
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
