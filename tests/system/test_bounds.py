@@ -1,13 +1,17 @@
 """What small files may ask of every command: memory is refused before it is taken, and a line says how to get more."""
 
+import json
 import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from kit import bombs, hostile
 from kit.asset import read_glb
+from kit.bakes import folding_limb
 from kit.command import Wrinkle, files
 from kit.limb import limb, tool, write_tools
 from wrinklecli import bake
@@ -139,3 +143,27 @@ def test_triangles_are_counted_before_they_are_looked_at(
     (line,) = ran.lines
     assert re.fullmatch(rf"limb.glb: \d+,\d+ triangles {what} would take [\d.]+ MB.*: raise --max-memory", line), line
     assert not (tmp_path / "out.png").exists()
+
+
+@pytest.mark.quick(2)
+@pytest.mark.parametrize("memory", ["80MB", "50MB", "65MB", "95MB"])
+@pytest.mark.parametrize("effect", ["flesh", "contact"])
+def test_solvers_with_little_memory_end_in_a_line(tmp_path: Path, memory: str, effect: str) -> None:
+    """Without its buffer the BLAS of SciPy would ask for it for ever; others end the process."""
+    flesh = {"name": "belly", "at": [0.3, 0.1, 0.0], "radius": 0.4, "frequency": 3, "shapes": 3}
+    if effect == "flesh":
+        asset = limb(tmp_path / "limb.glb")
+        text = {"version": 1, "flesh": [flesh]}
+    else:
+        asset = folding_limb()
+        text = {"version": 1, "tools": [tool(contact="resolve")]}
+    (tmp_path / "tools.yaml").write_text(json.dumps(text))
+    command = [sys.executable, "-c", "from wrinklecli.cli import main; main()", "bake", str(asset), "tools.yaml"]
+    ran = subprocess.run(
+        [*command, "-o", "out.glb", "--max-memory", memory, "-q", "-j", "1"],
+        cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert ran.returncode in (0, 1), ran.stderr
+    if ran.returncode:
+        (line,) = ran.stderr.splitlines()
+        assert line == f"{asset}: takes more memory than there is, or than --max-memory allows"

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from wrinklecli.numeric.arrays import Bools, Floats, Ints
+from wrinklecli.numeric.memory import leave_room, start_blas
 
 POISSON = 0.45
 """Poisson ratio of flesh, which hardly changes its volume; nearer to 0.5 hardly looks different, and solves worse."""
@@ -89,10 +90,21 @@ class Modes:
     speeds: Floats
 
 
+# Bytes of factors for each entry of a matrix: twice as many, while they grow, as 12 for each of 13, which flesh needs.
+_FACTORS = 2 * 12 * 13
+
+
 def factorised(matrix: Any) -> Any:
-    """Factorise a sparse, symmetric, positive definite matrix; its method `solve` takes right sides in columns."""
+    """Factorise a sparse, symmetric, positive definite matrix; its method `solve` takes right sides in columns.
+
+    Raises:
+        MemoryError: There may be too little room.
+    """
     from scipy.sparse.linalg import splu
 
+    start_blas()
+    # SuperLU would print a line of its own.
+    leave_room(_FACTORS * int(matrix.nnz))
     return splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
 
 

@@ -16,6 +16,8 @@ _ITSELF = 2**27
 # Bytes of CPython's objects by the mark that each needs in the text: a value with its slot in a list, a key with its
 # slot in a dict, an empty dict, an empty list.
 _MARK_BYTES = {b",": 64, b":": 104, b"{": 136, b"[": 56}
+# Bytes that OpenBLAS takes for its buffer, 32 MiB, rounded up.
+_BLAS = 40 * 10**6
 _UNITS = {"MB": 10**6, "GB": 10**9, "TB": 10**12}
 _LEAST_MEMORY = 50 * 10**6  # bytes; with less no sample is baked
 
@@ -80,6 +82,28 @@ def held(size: int) -> Iterator[None]:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
+
+
+def leave_room(size: int) -> None:
+    """Raise MemoryError if so many bytes cannot be had, for libraries that do worse without them."""
+    import numpy as np
+
+    np.empty(size, np.uint8)
+
+
+def start_blas() -> None:
+    """Let the BLAS of SciPy take its buffer, as it does when it first computes.
+
+    Without room for the buffer, OpenBLAS asks for it again and again, for ever.
+
+    Raises:
+        MemoryError: There is too little room.
+    """
+    import numpy as np
+    from scipy.linalg.blas import dtrsv
+
+    leave_room(_BLAS)
+    dtrsv(np.eye(2), np.ones(2))
 
 
 def physical_memory() -> int | None:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, cross, dot
+from wrinklecli.numeric.elements import factorised
 
 # Stiffness of a contact, relative to the surface round it, below which a step leaves a direction of the contact out.
 _LEAST_STIFFNESS = 0.1
@@ -165,11 +166,7 @@ class Response:
     """
 
     def __init__(self, stiffness: Any) -> None:
-        import scipy.sparse.linalg as linear
-
-        self._factors = linear.splu(
-            stiffness.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-        )
+        self._factors = factorised(stiffness.tocsc())
         # Index of each vertex among those that ever touched, and the movements of all these under a unit force on each.
         self._known = np.full(stiffness.shape[0], -1, np.intp)
         self._vertices = np.zeros(0, np.intp)

@@ -20,6 +20,7 @@ from wrinklecli.effects.sampling import duplicates_of, joined
 from wrinklecli.effects.shapes import Sample, Shape, make_shapes, summed
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, interpolated, matches
 from wrinklecli.numeric.guard import one_thread
+from wrinklecli.numeric.memory import leave_room, start_blas
 from wrinklecli.numeric.processes import in_processes
 
 if TYPE_CHECKING:
@@ -39,6 +40,8 @@ _KEPT_BYTES = 1e9
 # Most folds that are solved together: two limbs that meet, or share a trunk. In a fist each finger meets all others; a
 # union of three of them takes minutes, and tears.
 _MOST_TOGETHER = 2
+# Bytes that the smallest fold takes, below which libraries end the process rather than raise an error.
+_ROOM = 32 * 10**6
 # Times that a fold grows by what its free vertices cross in clips, at most: each lets others move, which may cross too.
 _GROWTHS = 3
 # Greatest error of a vertex over the greatest move. Errors are hidden in the fold; shapes are right at contacts.
@@ -57,6 +60,8 @@ def sample_contact(
     import scipy.linalg  # noqa: F401  # has a BLAS of its own, which is to run one thread
 
     made, done = list(effects), 0
+    start_blas()
+    leave_room(_ROOM)
     with one_thread():
         systems = _systems(folds, motions)
         clips = _Clips.of(plan, motions, how, kept=_KEPT_BYTES / max(1, min(how.jobs, len(systems))))
