@@ -1,0 +1,170 @@
+# Sets blend shapes of baked characters in Godot 3: a node right below the root of an imported scene.
+#
+# Beside it stand wrinkle.gd, joints.gd and numbers.gd. `gltf` is the baked file, from which the extras are read: so export
+# *.glb with the game.
+extends Node
+
+const Wrinkle = preload("wrinkle.gd")
+
+export(String, FILE, "*.glb,*.gltf") var gltf = ""
+# Where the player's own tips touch: {TOUCH: {"slide": [forward, sideways], "depth": depth}}, scene units.
+var hands = {}
+# For each node that was baked its `body`, `meshes`, `shapes` of each mesh by target, and `joints` by name.
+var bodies = []
+
+
+func _ready():
+	# After animation players, which have 0.
+	process_priority = 100
+	var file = read(gltf)
+	for node in file.get("nodes", []):
+		var extras = node.get("extras")
+		if extras is Dictionary and extras.get("wrinkle") is Dictionary and node.has("mesh"):
+			add(file, node, extras["wrinkle"])
+	if bodies.size() == 0:
+		push_warning("wrinkle: nothing to drive: no node of %s has extras.wrinkle and a mesh here" % gltf)
+
+
+func _process(delta):
+	for player in below(get_parent()):
+		if player is AnimationPlayer and player.is_playing():
+			drive(str(player.current_animation), player.current_animation_position, delta)
+			return
+	drive("", 0.0, delta)
+
+
+# The weights of a frame, from the pose in which the bones are: a clip's name, its seconds, and those since the last frame.
+func drive(clip, time, elapsed):
+	for each in bodies:
+		var matrices = {}
+		for joint in each["joints"]:
+			matrices[joint] = matrix(each["joints"][joint])
+		var morphs = {}
+		for target in each["shapes"][0]:
+			morphs[target] = each["meshes"][0].get(each["shapes"][0][target])
+		var found = each["body"].weights(matrices, morphs, clip, time, elapsed, hands)
+		for k in range(each["meshes"].size()):
+			for target in each["shapes"][k]:
+				# The asset's own morph targets move other parts as the first.
+				var weight = found[target] if found.has(target) else morphs.get(target)
+				if weight != null:
+					each["meshes"][k].set(each["shapes"][k][target], weight)
+
+
+func add(file, node, wrinkle):
+	var meshes = []
+	var shapes = []
+	var there = {}
+	for part in [node["name"]] + wrinkle.get("parts", []):
+		var found = named(part)
+		if found == null:
+			push_warning("wrinkle: there is no mesh \"%s\"" % part)
+			continue
+		meshes.append(found)
+		shapes.append(shapes_of(file, part, found))
+		for target in shapes[-1]:
+			there[target] = true
+	if meshes.size() == 0:
+		return
+	var joints = joints_of(meshes[0])
+	var known = {}
+	for each in all_drives(wrinkle):
+		for joint in Wrinkle.joints_of(each):
+			if joints.has(plain(joint)):
+				known[joint] = joints[plain(joint)]
+	var body = Wrinkle.new(wrinkle, known, there)
+	for line in body.problems:
+		push_warning("wrinkle: %s: %s" % [node["name"], line])
+	bodies.append({"body": body, "meshes": meshes, "shapes": shapes, "joints": known})
+
+
+func all_drives(wrinkle):
+	var found = []
+	for kind in Wrinkle.KINDS:
+		found += wrinkle.get(kind, [])
+	return found
+
+
+# By target the property of a mesh: importers keep the order of morph targets, not always their names.
+func shapes_of(file, part, instance):
+	var names = []
+	for node in file["nodes"]:
+		if node.get("name") == part and node.has("mesh"):
+			names = file["meshes"][node["mesh"]].get("extras", {}).get("targetNames", [])
+	var found = {}
+	for k in range(instance.mesh.get_blend_shape_count()):
+		var shape = instance.mesh.get_blend_shape_name(k)
+		found[names[k] if k < names.size() else shape] = "blend_shapes/" + shape
+	return found
+
+
+# By plain name [skeleton, bone], or [node, -1]: the mesh's own bones first, as characters often share names.
+func joints_of(instance):
+	var nodes = below(get_parent())
+	var own = instance.get_node_or_null(instance.skeleton)
+	var found = {}
+	if not own is Skeleton:
+		found[plain(instance.name)] = [instance, -1]
+	for skeleton in [own] + nodes:
+		if skeleton is Skeleton:
+			for bone in range(skeleton.get_bone_count()):
+				var label = plain(skeleton.get_bone_name(bone))
+				if not found.has(label):
+					found[label] = [skeleton, bone]
+	for node in nodes:
+		if node is Spatial and not found.has(plain(node.name)):
+			found[plain(node.name)] = [node, -1]
+	return found
+
+
+# A joint's matrix to world space: 16 numbers by columns.
+func matrix(joint):
+	var place = joint[0].global_transform
+	if joint[1] >= 0:
+		place = place * joint[0].get_bone_global_pose(joint[1])
+	var found = []
+	for column in [place.basis.x, place.basis.y, place.basis.z, place.origin]:
+		found += [column.x, column.y, column.z, 1.0 if found.size() == 12 else 0.0]
+	return found
+
+
+func named(label):
+	for node in below(get_parent()):
+		if node is MeshInstance and node.mesh != null and plain(node.name) == plain(label):
+			return node
+	return null
+
+
+func below(node):
+	var found = [node]
+	for child in node.get_children():
+		found += below(child)
+	return found
+
+
+# Importers change names: capital letters, dots, colons and slashes are not told apart.
+func plain(label):
+	var found = ""
+	for letter in str(label).to_lower():
+		if not letter in "_.:/@ \"-":
+			found += letter
+	return found
+
+
+# The JSON of a .glb or .gltf file.
+func read(path):
+	var file = File.new()
+	if file.open(path, File.READ) != OK:
+		push_warning("wrinkle: cannot read %s" % path)
+		return {}
+	var text = ""
+	if file.get_buffer(4).get_string_from_ascii() == "glTF":
+		file.seek(12)
+		var size = file.get_32()
+		file.seek(20)
+		text = file.get_buffer(size).get_string_from_utf8()
+	else:
+		file.seek(0)
+		text = file.get_as_text()
+	var found = JSON.parse(text).result
+	return found if found is Dictionary else {}

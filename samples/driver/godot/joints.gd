@@ -1,0 +1,254 @@
+# Drives that measure joints rather than lengths: folds, flesh that swings, and tips that slide the skin.
+# One text for Godot 3 and 4; `body` is of `wrinkle.gd`.
+
+const Numbers = preload("numbers.gd")
+
+# Of folds: below the first a turn has no axis, and shares of `leaning` are held at the second; the sine of half of 10
+# degrees, and the squared distance below which two turns are the same.
+const LEAST_SINE = 1e-5
+const FARTHEST = 2.0
+const NEAR = 0.0872
+const SAME = 1e-10
+# Of flesh: metres per second by which no body changes its speed within a frame; a frame that takes so many times as
+# long as the one before, and so many seconds, tells no way; radians of a spring below which places run straight.
+const LEAP = 10.0
+const HITCH = 2.0
+const LONG = 0.05
+const STRAIGHT = 0.01
+
+
+static func fold(body, data):
+	var q = data["rest"]
+	var x = q[0]
+	var y = q[1]
+	var z = q[2]
+	var w = q[3]
+	var rest = [
+		[1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+		[2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+		[2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+	]
+	var own = Numbers.turn(body.matrices[data["joint"]])
+	var above = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
+	if data.has("parent"):
+		above = Numbers.turn(body.matrices[data["parent"]])
+	# Against the parent, by rows, from the stored pose.
+	var d = []
+	for row in above:
+		var local = [Numbers.dot(row, own[0]), Numbers.dot(row, own[1]), Numbers.dot(row, own[2])]
+		d.append([Numbers.dot(local, rest[0]), Numbers.dot(local, rest[1]), Numbers.dot(local, rest[2])])
+	var sines = [d[2][1] - d[1][2], d[0][2] - d[2][0], d[1][0] - d[0][1]]
+	var along = Numbers.dot(data["axis"], sines)
+	var cosine = 1.0 + d[0][0] + d[1][1] + d[2][2]
+	var angle = 2.0 * atan2(along, cosine)
+	# Turns about axes that lean from this one: the further towards one of these, the more its weights count.
+	var leaning = data.get("leaning", [])
+	var shares = []
+	var most = 0.0
+	for each in leaning:
+		var share = Numbers.dot(each["towards"], sines) / along if abs(along) > LEAST_SINE else 0.0
+		shares.append(Numbers.held(share, 0.0, FARTHEST))
+		most += shares[-1]
+	shares = Numbers.times(FARTHEST / Numbers.larger(most, FARTHEST), shares)
+	var central = 1.0
+	for share in shares:
+		central -= share
+	var sums = Numbers.times(central, Numbers.row(data["angles"], data["weights"], angle))
+	for j in range(leaning.size()):
+		sums = Numbers.sum(sums, Numbers.row(data["angles"], leaning[j]["weights"], angle), shares[j])
+	# No engine needs weights below 0: multiples of `null` move nothing.
+	if data.has("null"):
+		var least = 0.0
+		for k in range(sums.size()):
+			least = Numbers.smaller(least, sums[k] / data["null"][k])
+		sums = Numbers.sum(sums, data["null"], -least)
+	var turn = Numbers.times(0.5 / sqrt(Numbers.larger(cosine, LEAST_SINE * LEAST_SINE)), sines)
+	var whole = 1.0
+	for path in data.get("paths", []):
+		for k in range(path["turns"].size() - 1):
+			var way = Numbers.sum(path["turns"][k + 1], path["turns"][k], -1.0)
+			var apart = Numbers.sum(turn, path["turns"][k], -1.0)
+			var size = Numbers.dot(way, way)
+			var part = Numbers.held(Numbers.dot(apart, way) / (size if size > 0 else 1.0), 0.0, 1.0)
+			var beside = Numbers.sum(apart, way, -part)
+			var share = Numbers.larger(NEAR * NEAR / Numbers.larger(Numbers.dot(beside, beside), SAME) - 1.0, 0.0)
+			sums = Numbers.sum(sums, path["weights"][k], share * (1.0 - part))
+			sums = Numbers.sum(sums, path["weights"][k + 1], share * part)
+			whole += share
+	return Numbers.times(1.0 / whole, sums)
+
+
+static func flesh(body, data, state):
+	var matrix = body.matrices[data["joint"]]
+	var place = Numbers.moved(matrix, data["at"])
+	var turn = Numbers.turn(matrix)
+	var ratio = Numbers.scale(matrix) / data["scale"]
+	# Gravity as it was at rest is in the mesh already.
+	var pull = [0.0, -Numbers.length(data["gravity"]), 0.0]
+	for k in range(3):
+		pull = Numbers.sum(pull, turn[k], -data["gravity"][k])
+	_advance(body.elapsed, data["modes"], state, place, pull, ratio)
+	var numbers = []
+	for k in range(data["modes"].size()):
+		var mode = data["modes"][k]
+		var moved = []
+		for i in range(3):
+			moved.append(state["springs"][k][i][0] - place[i])
+		var local = [Numbers.dot(turn[0], moved), Numbers.dot(turn[1], moved), Numbers.dot(turn[2], moved)]
+		numbers.append(0.0 if ratio < 1e-6 else mode["gain"] * Numbers.dot(mode["load"], local) / ratio)
+	var length = Numbers.length(numbers)
+	numbers = Numbers.times(tanh(length) / length if length > 0 else 0.0, numbers)
+	var least = 0.0
+	for each in numbers:
+		least = Numbers.smaller(least, each)
+	var found = []
+	for each in numbers:
+		found.append((each - least) / 2.0)
+	return found + [-least]
+
+
+# Takes the springs on by a frame that brings the joint to a place, along the cubic through the last four frames.
+static func _advance(elapsed, modes, state, place, pull, ratio):
+	if not state.has("springs") or not elapsed >= 0:
+		state["springs"] = []
+		for mode in modes:
+			var omega = 2.0 * PI * mode["frequency"]
+			var axes = []
+			for i in range(3):
+				axes.append([place[i] + pull[i] / (omega * omega), 0.0])
+			state["springs"].append(axes)
+		state["moves"] = []
+		state["steps"] = []
+		state["place"] = place
+		state["pull"] = pull
+		return
+	var known = state["moves"].size() > 0
+	var moved = Numbers.sum(place, state["place"], -1.0)
+	var leap = Numbers.sum(moved, state["moves"][0], -elapsed / state["steps"][0]) if known else moved
+	# In no time nothing moves: the body is put elsewhere.
+	if elapsed == 0 or (known and Numbers.length(leap) > LEAP * ratio * elapsed):
+		state["place"] = Numbers.sum(state["place"], leap)
+		for axes in state["springs"]:
+			for i in range(3):
+				axes[i][0] += leap[i]
+		moved = Numbers.sum(moved, leap, -1.0)
+	if elapsed > 0:
+		if known and elapsed > Numbers.larger(HITCH * state["steps"][0], LONG):
+			state["moves"] = []
+			state["steps"] = []
+		while state["moves"].size() > 2:
+			state["moves"].pop_back()
+			state["steps"].pop_back()
+		state["moves"].push_front(moved)
+		state["steps"].push_front(elapsed)
+		for i in range(3):
+			var powers = _cubic(state["moves"], state["steps"], i)
+			powers[0] += state["place"][i]
+			for k in range(modes.size()):
+				var omega = 2.0 * PI * modes[k]["frequency"]
+				var damping = modes[k]["damping"]
+				var drawn = []
+				for n in range(4):
+					var slope = powers[n + 1] if n < 3 else 0.0
+					drawn.append((powers[n] + 2.0 * damping / omega * (n + 1) * slope) * pow(elapsed, n))
+				drawn[0] += state["pull"][i] / (omega * omega)
+				drawn[1] += (pull[i] - state["pull"][i]) / (omega * omega)
+				if omega * elapsed < STRAIGHT:
+					drawn = [drawn[0], drawn[1] + drawn[2] + drawn[3], 0.0, 0.0]
+				# A body that was already moving when it was first seen had flesh that moved along.
+				if not known:
+					state["springs"][k][i][1] = powers[1] / omega
+				state["springs"][k][i] = Numbers.passed(state["springs"][k][i], drawn, damping, omega * elapsed)
+	state["place"] = place
+	state["pull"] = pull
+
+
+# Powers of time since the last frame of the cubic through the last moves along an axis.
+static func _cubic(moves, steps, i):
+	var slopes = []
+	for k in range(moves.size()):
+		slopes.append(moves[k][i] / steps[k])
+	var h = steps[0]
+	var h1 = steps[1] if steps.size() > 1 else 0.0
+	var two = (slopes[0] - slopes[1]) / (h + h1) if moves.size() > 1 else 0.0
+	var three = 0.0
+	if moves.size() > 2:
+		three = (two - (slopes[1] - slopes[2]) / (h1 + steps[2])) / (h + h1 + steps[2])
+	return [0.0, slopes[0] - h * two - h * h1 * three, two + (h1 - h) * three, three]
+
+
+static func touch(body, data, state, hand):
+	var contact = _contact(body, data, state, hand)
+	var grip = data["grip"]
+	var slide = [contact[0] / grip, contact[1] / grip]
+	slide = Numbers.times(1.0 / Numbers.larger(Numbers.length(slide), 1.0), slide)
+	var length = Numbers.length(slide)
+	var height = Numbers.point(data["rises"], length) / length if length > 0 else 0.0
+	var found = []
+	for way in [slide[0], slide[1], -slide[0], -slide[1]]:
+		found.append(Numbers.larger(way, 0.0))
+	found.append(Numbers.held(contact[2] / data["deepest"], 0.0, 1.0))
+	for window in data["windows"]:
+		found.append(height * Numbers.larger(slide[0] * cos(window) + slide[1] * sin(window), 0.0))
+	return found
+
+
+# Where a place of the world is: forward, sideways and above the skin, scene units at rest.
+static func _on_skin(body, data, place):
+	var middle = body.placed(data["anchors"][0])[0]
+	var axes = []
+	for k in [1, 2, 3]:
+		axes.append(Numbers.sum(body.placed(data["anchors"][k])[0], middle, -1.0))
+	var way = Numbers.sum(place, middle, -1.0)
+	var volume = Numbers.dot(axes[0], Numbers.cross(axes[1], axes[2])) / data["pad"]
+	var f = Numbers.dot(way, Numbers.cross(axes[1], axes[2])) / volume
+	var s = Numbers.dot(way, Numbers.cross(axes[2], axes[0])) / volume
+	var h = Numbers.dot(way, Numbers.cross(axes[0], axes[1])) / volume
+	return [f, s, h - data["bend"][0] * f * f - data["bend"][1] * f * s - data["bend"][2] * s * s]
+
+
+# [forward, sideways, depth]: keyed, asked for, of the tip, or what is left of the last.
+static func _contact(body, data, state, hand):
+	if hand == null and data.get("keys", {}).has(body.clip):
+		var rows = data["keys"][body.clip]
+		var rest = Numbers.remaining(data["release"], body.time - rows[-1][0])
+		var depth = Numbers.larger(Numbers.point(rows, body.time, 3), 0.0)
+		return Numbers.times(rest, [Numbers.point(rows, body.time, 1), Numbers.point(rows, body.time, 2), depth])
+	var deepest = data["deepest"]
+	var now = null
+	if data.has("by") and hand == null:
+		now = _on_skin(body, data, body.placed(data["by"])[0])
+	var before = state.get("tip")
+	if before == null:
+		before = now
+	var held = state.get("held", false)
+	var touches = hand != null
+	if now != null:
+		touches = now[2] < deepest and Numbers.length([now[0], now[1]]) < data["pad"] + (data["grip"] if held else 0.0)
+	# Within a frame the tip comes or goes where it passes that height.
+	var part = 0.0
+	if now != null and touches != held and before[2] != now[2]:
+		part = Numbers.held((before[2] - deepest) / (before[2] - now[2]), 0.0, 1.0)
+	var asked = state.get("slide", [0.0, 0.0])
+	if hand != null:
+		asked = hand["slide"]
+	elif now != null and (touches or held):
+		var edge = Numbers.sum(before, Numbers.sum(now, before, -1.0), part)
+		var from = before if held else edge
+		var to = now if touches else edge
+		asked = [asked[0] + to[0] - from[0], asked[1] + to[1] - from[1]]
+	if touches or held:
+		# Beyond its grip the tip slips.
+		var slip = data["grip"] / Numbers.larger(Numbers.length(asked), 1e-30)
+		state["left"] = Numbers.times(Numbers.smaller(1.0, slip), asked)
+		state["since"] = -part * body.elapsed if now != null and not touches else 0.0
+	if not touches and body.elapsed > 0:
+		state["since"] = state.get("since", 0.0) + body.elapsed
+	var remaining = 1.0 if touches else Numbers.remaining(data["release"], state.get("since", 0.0))
+	var pressed = 0.0
+	if touches:
+		pressed = Numbers.held(hand["depth"] if hand != null else -now[2], 0.0, deepest)
+	state["tip"] = now
+	state["held"] = touches
+	state["slide"] = Numbers.times(remaining, state.get("left", [0.0, 0.0]))
+	return [state["slide"][0], state["slide"][1], pressed]

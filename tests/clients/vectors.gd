@@ -1,0 +1,63 @@
+# The answers of the driver in GDScript to `samples/driver/vectors.json`, under Godot 3:
+#
+#     godot3-server --no-window --path FOLDER -s vectors.gd
+#
+# The folder has project.godot, this file, the driver's files and vectors.json, and gets played.json.
+extends SceneTree
+
+
+func _init():
+	var cases = JSON.parse(text_of("res://vectors.json")).result
+	var Body = load("res://wrinkle.gd")
+	var found = {}
+	for label in cases:
+		var each = cases[label]
+		var runs = []
+		for run in each["runs"]:
+			runs.append(played(Body.new(each["wrinkle"]), each, run))
+		var joints = each["joints"].duplicate()
+		var targets = each["targets"].duplicate()
+		joints.pop_front()
+		targets.pop_front()
+		found[label] = {"runs": runs, "problems": Body.new(each["wrinkle"], joints, targets).problems}
+	var file = File.new()
+	file.open("res://played.json", File.WRITE)
+	file.store_string(written(found))
+	file.close()
+	quit()
+
+
+func text_of(path):
+	var file = File.new()
+	file.open(path, File.READ)
+	var text = file.get_as_text()
+	file.close()
+	return text
+
+
+func played(body, each, run):
+	var frames = []
+	for number in range(run["elapsed"].size()):
+		var k = number % run["times"].size()
+		var matrices = {}
+		for joint in range(each["joints"].size()):
+			matrices[each["joints"][joint]] = run["matrices"][k][joint]
+		var morphs = {}
+		for target in range(each["morphs"].size()):
+			morphs[each["morphs"][target]] = run["morphs"][k][target]
+		var weights = body.weights(matrices, morphs, run["clip"], run["times"][k], run["elapsed"][number])
+		var row = []
+		for target in each["targets"]:
+			row.append(weights[target])
+		frames.append(row)
+	return frames
+
+
+# JSON with all digits: Godot's own writes six of them.
+func written(value):
+	if value is Dictionary or value is Array:
+		var parts = PoolStringArray()
+		for each in value:
+			parts.append(to_json(each) + ":" + written(value[each]) if value is Dictionary else written(each))
+		return ("{%s}" if value is Dictionary else "[%s]") % parts.join(",")
+	return "%.15f" % value if value is float else to_json(value)
