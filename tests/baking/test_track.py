@@ -363,12 +363,45 @@ def test_targets_that_no_extras_drive_rest_in_other_clips_and_stay_in_their_own(
         assert np.abs(weights - baked)[:, [k for k in range(len(names)) if k not in columns]].max() < CLOSE
 
 
-def test_a_mesh_with_other_targets_of_the_same_name(tmp_path: Path) -> None:
-    editor = Editor(Gltf(sample("head")))
-    editor.json["nodes"][0]["name"] = "trousers"
-    editor.json["nodes"] += [{"name": name} for name in ("pelvis", "thigh.L", "shin.L", "thigh.R", "shin.R")]
-    with pytest.raises(AssetError, match="other morph targets"):
-        track(bake_config("trousers", "trousers").path, [editor.save(tmp_path / "a.glb")], tmp_path / "out")
+def with_other_targets(editor: Editor) -> None:
+    """The targets in another order, with one more before them, whose weight is a quarter in every clip."""
+    gltf = editor.json
+    mesh = gltf["meshes"][0]
+    names = mesh["extras"]["targetNames"]
+    mesh["extras"]["targetNames"] = ["smirk", *reversed(names)]
+    mesh["weights"] = [0.0] * (len(names) + 1)
+    for primitive in mesh["primitives"]:
+        primitive["targets"] = [primitive["targets"][0], *reversed(primitive["targets"])]
+    before = Gltf(sample("head"))
+    for animation in gltf["animations"]:
+        _, values = before.keys(animation["name"], "head")
+        made = np.column_stack([np.full(len(values), 0.25), values[:, ::-1]])
+        (channel,) = (each for each in animation["channels"] if each["target"]["path"] == "weights")
+        animation["samplers"][channel["sampler"]]["output"] = editor.accessor(made.reshape(-1, 1).astype(np.float32))
+
+
+def test_weights_of_other_targets_go_to_those_of_the_same_names(tmp_path: Path) -> None:
+    """As `bake --anim` matches them; what the body lacks stays in the file, behind its targets, and is named."""
+    body = body_of("head")
+    made, report = run(body, edited("head", with_other_targets), tmp_path)
+    (warning,) = report.warnings
+    assert "has no morph targets 'smirk'" in warning
+    names = body.mesh("head")["extras"]["targetNames"]
+    assert made.mesh("head")["extras"]["targetNames"] == [*names, "smirk"]
+    plain, _ = run(body, sample("head"), tmp_path / "plain")
+    for clip in report.clips:
+        times, _ = made.keys(clip, "head")
+        weights = made.weights("head", clip, times)
+        assert np.allclose(weights[:, :-1], plain.weights("head", clip, times), atol=1e-6)
+        assert np.allclose(weights[:, -1], 0.25)
+    assert_valid(made.path)
+
+
+def test_two_targets_of_one_name_are_refused(tmp_path: Path) -> None:
+    editor = Editor(Gltf(edited("head", with_other_targets)))
+    editor.json["meshes"][0]["extras"]["targetNames"][1] = "smirk"
+    with pytest.raises(AssetError, match="several morph targets of one name, 'smirk'"):
+        track(body_of("head").path, [editor.save(tmp_path / "a.glb")], tmp_path / "out")
 
 
 def without_position(primitive: Json) -> None:

@@ -5,7 +5,7 @@ Source: the extras of `extras.encode_extras`.
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -76,6 +76,13 @@ class BakedBody:
         """(names,) weights of some morph targets in the stored pose."""
         weights = {name: each for part in self.parts for name, each in zip(part.targets, part.stored, strict=True)}
         return np.array([weights[name] for name in names])
+
+    def with_targets(self, names: Sequence[str]) -> "BakedBody":
+        """The body with further morph targets of some names on the node itself, whose weights are 0 at rest."""
+        more = tuple(name for name in names if name not in self.targets)
+        own = self.parts[0]
+        own = replace(own, targets=(*own.targets, *more), stored=np.concatenate([own.stored, np.zeros(len(more))]))
+        return replace(self, parts=(own, *self.parts[1:])) if more else self
 
     @property
     def driven(self) -> tuple[str, ...]:

@@ -16,7 +16,7 @@ import numpy as np
 
 from wrinklecli.baking.baked_body import BakedBody, BakedPart, count_named, read_bodies, wrinkle_targets
 from wrinklecli.baking.morphs import encode_track
-from wrinklecli.baking.track_node import node_for_tracks
+from wrinklecli.baking.track_node import node_for_tracks, targets_there
 from wrinklecli.character.anims import NamedNodes
 from wrinklecli.character.clip import KEY_GAP, KEY_STEP, Clip, clip_grid, read_clips
 from wrinklecli.character.rig import TRANSFORM_DEFAULTS, Rig, moving_nodes, read_rig
@@ -107,10 +107,10 @@ def track(
 ) -> list[Tracked]:
     """Add weight tracks for a baked body to the clips of other files, which share its joints by name.
 
-    Each file is written into the folder under its own name. If it has a mesh on a node of the body's name, with the
-    body's targets or with those that the body had before the bake, this mesh gets the tracks (and targets that do
-    nothing). Otherwise a stub of the same names, three vertices in one point, takes its place in players that bind
-    tracks by name.
+    Each file is written into the folder under its own name. If it has a mesh on a node of the body's name, this mesh
+    gets the tracks, and targets that do nothing where it lacks some of the body's. Weights of its own go to targets of
+    the same names, as in a bake; further targets of its own come behind those of the body. Otherwise a stub of the
+    same names, three vertices in one point, takes its place in players that bind tracks by name.
 
     Args:
         baked: A file that `bake` has written.
@@ -186,6 +186,13 @@ def _track_file(
         for body in bodies
         if body.draft
     ]
+    for body in bodies:
+        others = [name for name in targets_there(document, body.node) or () if name not in body.targets]
+        if others:
+            warnings.append(
+                f"{document.path}: the body {body.node!r} has no morph targets {listed(others)}, which this file has:"
+                " their weights move nothing of it"
+            )
     present: list[tuple[BakedBody, list[StoredDrive]]] = []
     for body in bodies:
         drives, missed = present_drives(body, document.gltf)
@@ -282,19 +289,19 @@ def track_body(
 ) -> _Tracks:
     """Add one body's tracks to clips."""
     ambiguous = body.ambiguous
-    node = node_for_tracks(edited, body.parts[0], body.original, ambiguous=ambiguous)
+    there = targets_there(edited.source, body.node)
+    body = body.with_targets(there or ())
+    node = node_for_tracks(edited, body.parts[0], ambiguous=ambiguous)
     # A part without a skin has to move as the node does.
     follow = not body.skinned and any(clip.channel(node, path) for clip in clips for path in TRANSFORM_DEFAULTS)
     others = [
-        (part, node_for_tracks(edited, part, part.targets, ambiguous=ambiguous))
-        for part in body.parts[1:]
-        if part.targets or follow
+        (part, node_for_tracks(edited, part, ambiguous=ambiguous)) for part in body.parts[1:] if part.targets or follow
     ]
     driven = _driven(edited, node, body, drives)
     every = [*body.kept, *body.driven]
     tracks = _Tracks()
     for source in clips:
-        clip = _with_own_weights(source, node, body)
+        clip = _with_own_weights(source, node, body, there)
         channel = clip.channel(node, "weights")
         if driven.moved_by(clip):
             tracks.moved.append(clip.name)
@@ -343,10 +350,11 @@ def _track_of(part: BakedPart, made: Track, names: Sequence[str]) -> Track:
     return Track(made.times, values, made.interpolation)
 
 
-def _with_own_weights(clip: Clip, node: int, body: BakedBody) -> Clip:
+def _with_own_weights(clip: Clip, node: int, body: BakedBody, there: Sequence[str] | None) -> Clip:
     """The clip with a weights channel of the targets that no drive sets, or none if there are no such targets.
 
-    In a file whose mesh has the asset's own targets alone, further undriven ones are as stored.
+    Of the names of the targets that are `there` in the file, those of the body count; the others of the body are as
+    stored. Without a mesh, the channel has the body's targets, or those that the asset had before it was baked.
     """
     channel = clip.channel(node, "weights")
     if channel is None:
@@ -354,7 +362,8 @@ def _with_own_weights(clip: Clip, node: int, body: BakedBody) -> Clip:
     values = np.zeros((*channel.values.shape[:-1], len(body.kept)))
     points = values if values.ndim == 2 else values[:, 1]  # of a cubic, between its tangents
     points[:] = body.stored(body.kept)
-    there = body.targets if channel.values.shape[-1] == len(body.targets) else body.original
+    if there is None:
+        there = body.targets if channel.values.shape[-1] == len(body.targets) else body.original
     for column, name in enumerate(body.kept):
         if name in there:
             values[..., column] = channel.values[..., there.index(name)]

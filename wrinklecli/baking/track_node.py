@@ -3,6 +3,7 @@
 Players bind tracks by the name of a node. If two nodes have one name, three.js renames the second.
 """
 
+from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
@@ -16,14 +17,21 @@ from wrinklecli.gltf.edited_document import VERTEX_DATA, EditedDocument
 from wrinklecli.gltf.shape import Json
 
 
-def node_for_tracks(edited: EditedDocument, body: BakedPart, own: Sequence[str], *, ambiguous: bool) -> int:
+def targets_there(document: Document, name: str) -> tuple[str, ...] | None:
+    """The names of the morph targets of a file's own mesh on the node of a name; None if there is none."""
+    found = next((node for node in document.items("nodes") if node.get("name") == name and "mesh" in node), None)
+    return None if found is None else tuple(morph_target_names(document.items("meshes")[found["mesh"]]))
+
+
+def node_for_tracks(edited: EditedDocument, body: BakedPart, *, ambiguous: bool) -> int:
     """The node that gets a body's tracks: the file's own of that name, which may lack its mesh, or a stub.
 
-    The file's own mesh may have the targets `own` without the others of the body. A body without morph targets gets a
-    node without a mesh. If the body's name is `ambiguous`, a node without a mesh may be a joint, and is left alone.
+    The morph targets of the file's own mesh are put in the order of the body's, which has all of their names; those
+    that the mesh lacks do nothing. A body without morph targets gets a node without a mesh. If the body's name is
+    `ambiguous`, a node without a mesh may be a joint, and is left alone.
 
     Raises:
-        AssetError: The file has a mesh on a node of that name, with other morph targets, or without vertices.
+        AssetError: The file has a mesh on a node of that name, with two morph targets of one name, or without vertices.
     """
     nodes = edited.gltf.setdefault("nodes", [])
     found = [index for index, node in enumerate(nodes) if node.get("name") == body.node and "mesh" in node]
@@ -36,15 +44,16 @@ def node_for_tracks(edited: EditedDocument, body: BakedPart, own: Sequence[str],
         return index
     node = nodes[found[0]]
     names = tuple(morph_target_names(edited.gltf["meshes"][node["mesh"]]))
-    if names not in (body.targets, tuple(own)):
-        raise AssetError(
-            f"the mesh of {body.node!r} has other morph targets than the body: {listed(names)};"
-            " take it out of the file, or bake this file itself",
-            where=edited.source.where("nodes", found[0]),
-        )
     if names != body.targets:
+        twice = [name for name, count in Counter(names).items() if count > 1]
+        if twice:
+            raise AssetError(
+                f"the mesh of {body.node!r} has several morph targets of one name, {listed(twice)}: weights are matched"
+                " by name",
+                where=edited.source.where("nodes", found[0]),
+            )
         _refuse_incomplete(edited.source, node["mesh"], targets=len(names))
-        _add_idle_targets(edited, node, body, own)
+        _add_idle_targets(edited, node, body, names)
     return found[0]
 
 
