@@ -31,8 +31,10 @@ static class Vectors
     static string Case(object value)
     {
         var found = (Dictionary<string, object>)value;
-        var problems = new Body((Dictionary<string, object>)found["wrinkle"], name => name != (string)List(found["joints"])[0],
-            name => name != (string)List(found["targets"])[0]).Problems;
+        var wrinkle = (Dictionary<string, object>)found["wrinkle"];
+        var later = new Dictionary<string, object>(wrinkle) { ["layout"] = 2.0 };
+        var problems = new Body(wrinkle, name => name != (string)List(found["joints"])[0],
+            name => name != (string)List(found["targets"])[0]).Problems.Concat(new Body(later).Problems);
         return $"{{\"runs\":{Joined(Runs(found))},\"problems\":{Joined(problems.Select(Quoted))}}}";
     }
 
@@ -51,6 +53,12 @@ static class Vectors
             {
                 var k = number % times.Length;
                 var frame = new Frame { Clip = (string)run["clip"], Time = times[k], Elapsed = seconds };
+                if (run.TryGetValue("hands", out var hands) && List(hands)[k] != null)
+                {
+                    var hand = Numbers(List(hands)[k]);
+                    var touch = (Dictionary<string, object>)List(((Dictionary<string, object>)found["wrinkle"])["touches"])[0];
+                    frame.Hands[(string)touch["name"]] = new Hand { Forward = hand[0], Sideways = hand[1], Depth = hand[2] };
+                }
                 frame.JointMatrix = name => matrices[k][joints.IndexOf(name)];
                 frame.MorphWeight = name => morphs.Contains(name) ? rows[k][morphs.IndexOf(name)] : 0;
                 var weights = body.Weights(frame);

@@ -19,7 +19,10 @@ func _init():
 		var targets = each["targets"].duplicate()
 		joints.pop_front()
 		targets.pop_front()
-		found[label] = {"runs": runs, "problems": Body.new(each["wrinkle"], joints, targets).problems}
+		var problems = Body.new(each["wrinkle"], joints, targets).problems
+		var later = each["wrinkle"].duplicate()
+		later["layout"] = 2
+		found[label] = {"runs": runs, "problems": problems + Body.new(later).problems}
 	var file = File.new()
 	file.open("res://played.json", File.WRITE)
 	file.store_string(written(found))
@@ -45,7 +48,11 @@ func played(body, each, run):
 		var morphs = {}
 		for target in range(each["morphs"].size()):
 			morphs[each["morphs"][target]] = run["morphs"][k][target]
-		var weights = body.weights(matrices, morphs, run["clip"], run["times"][k], run["elapsed"][number])
+		var hands = {}
+		if run.get("hands", [null])[k if run.has("hands") else 0] != null:
+			var hand = run["hands"][k]
+			hands[each["wrinkle"]["touches"][0]["name"]] = {"slide": [hand[0], hand[1]], "depth": hand[2]}
+		var weights = body.weights(matrices, morphs, run["clip"], run["times"][k], run["elapsed"][number], hands)
 		var row = []
 		for target in each["targets"]:
 			row.append(weights[target])

@@ -5,7 +5,7 @@ import { Body } from '../../samples/driver/body.js';
 
 /**
  * By case `runs`, for each frame of each run the weights of the case's targets, and `problems`, what the driver says of a
- * file that lacks the first joint and the first target.
+ * file that lacks the first joint and the first target, and of one of a later layout.
  */
 export async function play(path) {
   const cases = Object.entries(JSON.parse(await readFile(path)));
@@ -17,16 +17,21 @@ export async function play(path) {
 function problemsOf({ wrinkle, joints, targets }) {
   const problems = [];
   const isNot = ([first]) => (name) => name !== first;
-  new Body(wrinkle, { hasJoint: isNot(joints), hasTarget: isNot(targets), warn: (line) => problems.push(line) });
+  const warn = (line) => problems.push(line);
+  new Body(wrinkle, { hasJoint: isNot(joints), hasTarget: isNot(targets), warn });
+  new Body({ ...wrinkle, layout: 2 }, { warn });
   return problems;
 }
 
-function weightsOf({ wrinkle, joints, morphs, targets }, { clip, rounds, times, elapsed, matrices, morphs: rows }) {
+function weightsOf({ wrinkle, joints, morphs, targets }, { clip, times, elapsed, matrices, morphs: rows, hands }) {
   const body = new Body(wrinkle);
   return elapsed.map((seconds, frame) => {
     const k = frame % times.length;
+    const [touch] = body.touches;
+    const [forward, sideways, depth] = hands?.[k] ?? [];
     const found = body.weights((joint) => matrices[k][joints.indexOf(joint)], {
       ...{ clip, time: times[k], elapsed: frame ? seconds : 0 },
+      hands: hands?.[k] ? { [touch.name]: { slide: [forward, sideways], depth } } : {},
       morphWeightOf: (name) => rows[k]?.[morphs.indexOf(name)] ?? 0,
     });
     return targets.map((name) => found[name]);

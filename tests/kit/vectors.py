@@ -28,6 +28,7 @@ from wrinklecli.baking.track import _driven, _joints_of, _with_own_weights, pres
 from wrinklecli.character.clip import read_clips
 from wrinklecli.character.pose import morph_weights, node_matrices
 from wrinklecli.drive.drive import StoredDrive
+from wrinklecli.drive.touch import TouchDrive
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.numeric.arrays import significant
@@ -49,12 +50,17 @@ class Case:
         frames: By clip, the frames of a second; of a pair the second is the number of rounds: all but the last round
             are not compared, as springs of a loop are swinging already where its bake begins.
         tolerance: Of a weight.
+        hand: (frames, 3) slides forward and sideways and depths of the player's own tip on the one touch, scene units,
+            from (frames,) seconds; not a number while it does not touch.
+        change: Applied to what the file will have: what no bake of so small an asset has.
     """
 
     shows: str
     make: Callable[[], Gltf]
     frames: dict[str, tuple[float, int]]
     tolerance: float = EXACT
+    hand: Callable[[Array], Array] | None = None
+    change: Callable[[Json], None] | None = None
 
 
 def _sample(name: str) -> Gltf:
@@ -119,6 +125,28 @@ def _touched(tip: Array | None = None, **keys: Any) -> Gltf:
     )
 
 
+def _stroke(times: Array) -> Array:
+    """A finger that presses, slides beyond its grip and lets go twice."""
+    turn = np.pi * times
+    slides = np.stack([0.013 * np.sin(turn), 0.004 * (1.0 - np.cos(turn)), 0.004 * np.abs(np.cos(turn))], axis=1)
+    return np.where(((times % 1.0 > 0.1) & (times % 1.0 < 0.6))[:, None], slides, np.nan)
+
+
+def _hide(found: Json) -> None:
+    """Half the strength, frames in which scale hides the body, and others in which the clip has a target of its own."""
+    (tool,), (run,) = found["wrinkle"]["tools"], found["runs"]
+    del tool["strengths"]
+    tool |= {"strength": 0.5, "own": ["own"]}
+    found["morphs"] = ["own"]
+    run["morphs"] = [[0.3 * (9 <= frame < 12)] for frame in range(len(run["times"]))]
+    for frame in range(4, 7):
+        for matrix in run["matrices"][frame]:
+            matrix[:12] = [0] * 12
+    for frame in (4, 5, 6, 9, 10, 11):
+        assert run["weights"][frame][0] > 0
+        run["weights"][frame] = [0]
+
+
 _WAYS = np.array(
     [(-0.005, 0.03, 0), (-0.005, 0, 0), (0, -0.001, 0.003), (0.009, -0.001, 0.005), (0.009, 0.03, 0), (0, 0.03, 0)]
 )
@@ -138,6 +166,7 @@ CASES: dict[str, Case] = {
     "wrist": Case("wrinkles, two tools", lambda: _sample("wrist"), {"flex": (8, 1), "extend": (4, 1)}),
     "path": Case("a path", lambda: bake_once("wrist", BENT, tracks="none"), {"flex": (8, 1)}),
     "unnamed": Case("joints without names, a scaled root, strengths", _unnamed, {"fold": (8, 1)}),
+    "hidden": Case("a hidden body, targets of one clip, strength", _unnamed, {"fold": (8, 1)}, change=_hide),
     "lag": Case("lag, below and above critical damping", _lagging, {"fold": (24, 2)}, BETWEEN_FRAMES),
     "rest_length_morph": Case(
         "anchors that a morph target moves, and a rest length that it changes; the polyline; strengths",
@@ -163,6 +192,7 @@ CASES: dict[str, Case] = {
         {"drag": (60, 1)},
         BETWEEN_FRAMES,
     ),
+    "hand": Case("a touch by the player", lambda: _touched(keys={}), {"drag": (12, 1)}, hand=_stroke),
 }
 
 
@@ -195,7 +225,9 @@ def vectors(case: Case) -> Json:
         steps = np.full(len(once) * rounds, 1 / fps)
         steps[0] = 0.0
         steps[len(once) :: len(once)] = clip.end - once[-1]  # where it begins anew
-        weights = driven.weights_in(clip)(once)
+        hands = None if case.hand is None else case.hand(once)
+        (touch,) = driven.drives if hands is not None else (None,)
+        weights = driven.weights_in(clip)(once) if hands is None else touch.weights(_let_go(touch, once, hands))
         matrices = (
             node_matrices(driven.rig, clip, once, joints.values()).transpose(0, 1, 3, 2).reshape(len(once), -1, 16)
         )
@@ -207,9 +239,25 @@ def vectors(case: Case) -> Json:
             "elapsed": steps,
             "matrices": matrices,
             "morphs": morphs if body.kept else [],
+            **({} if hands is None else {"hands": [None if np.isnan(each[0]) else each for each in hands]}),
             "weights": weights,
         }
         found["runs"].append({key: _stored(value) for key, value in run.items()})
+    if case.change is not None:
+        case.change(found)
+    return found
+
+
+def _let_go(touch: TouchDrive, times: Array, hands: Array) -> Array:
+    """(frames, 3) slides and depths where a tip is as `hands` says, and lets go at its last frame."""
+    found = hands.copy()
+    for frame in np.flatnonzero(np.isnan(hands[:, 0])):
+        held = np.flatnonzero(~np.isnan(hands[:frame, 0]))
+        slide = hands[held[-1], :2] if held.size else np.zeros(2)
+        slide = slide * min(1.0, touch.grip / max(float(np.linalg.norm(slide)), 1e-30))
+        since = times[frame] - times[held[-1]] if held.size else 0.0
+        cosine, sine = touch.release.decay(np.array([touch.release.speed * since]))
+        found[frame] = [*(cosine + touch.release.damping * sine) * slide, 0.0]
     return found
 
 
@@ -221,7 +269,7 @@ def _nodes(document: Document, body: BakedBody, drive: StoredDrive) -> list[int]
 def _stored(value: Any) -> Any:
     if isinstance(value, np.ndarray | list):
         return [_stored(each) for each in value]
-    if isinstance(value, float):
+    if isinstance(value, float | np.floating):
         found = significant(value) if abs(value) > 1e-12 else 0
         return int(found) if found == int(found) else found
     return value

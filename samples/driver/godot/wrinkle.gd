@@ -76,6 +76,14 @@ func weights(joint_matrices, own_morphs = {}, clip_name = "", seconds = 0.0, sin
 	return _found
 
 
+# The names of all morph targets that it sets.
+func driven():
+	var found = []
+	for each in _drives:
+		found += each["data"]["targets"]
+	return found
+
+
 # The names of the joints that a drive needs.
 static func joints_of(drive):
 	if drive.has("joint"):
