@@ -35,6 +35,10 @@ from wrinklecli.tools.read import read_values
 from wrinklecli.tools.records import EffectTool, ToolsFile, identifier, in_axes
 from wrinklecli.tools.schema import KINDS
 
+_GRIP = 0.6  # slide that a touch allows by itself, over its pad: the default of `grip`
+_DENTED = 0.1  # depth of a new touch over its pad
+# A new touch comes, has dragged the skin, and lets go at these parts of a clip.
+_DRAGGED = (1 / 6, 1 / 3, 2 / 3)
 _KEPT_MEASURED = 4  # meshes whose measurements for first guesses are kept
 
 
@@ -234,6 +238,31 @@ class Session(Edits):
             radius = float(np.linalg.norm(np.subtract(border, at)))
             values = {"at": self._written_place(at, radius), "radius": significant(radius, 3)}
             return self._add_below_skin("flesh", "flesh", values, node)
+
+    def add_touch(
+        self, at: Sequence[float], to: Sequence[float], node: str | None = None, *, clip: str | None = None
+    ) -> str:
+        """Add a touch at a (3,) place on the skin at rest, world space, whose tip drags the skin to another one.
+
+        It does so in the clip of a name, and lets go at two thirds of it; without such a clip a player may do so.
+        `node` is as for `add_tool`. Returns the touch's name.
+
+        Raises:
+            WrinkleError: It does not fit.
+        """
+        with self._guarded():
+            slide = float(np.linalg.norm(np.subtract(to, at)))
+            # The pad from whose usual grip such a slide comes.
+            pad = significant(slide / _GRIP, 3)
+            values: dict[str, Any] = {"at": self._written_place(at, slide), "towards": self._written_place(to, slide)}
+            values["pad"] = pad
+            shown = next((each for each in self.clips if each.name == clip), None)
+            if shown is not None:
+                times = [significant(shown.start + part * (shown.end - shown.start), 4) for part in _DRAGGED]
+                depth, far = significant(_DENTED * pad, 3), significant(slide, 3)
+                rows = [[times[0], 0.0, 0.0, 0.0], [times[1], far, 0.0, depth], [times[2], far, 0.0, depth]]
+                values["keys"] = {clip: rows}
+            return self._add_below_skin("touches", "touch", values, node)
 
     def _add_below_skin(self, key: str, word: str, values: dict[str, Any], node: str | None) -> str:
         """Add an effect to the list at a key of the file, if it fits; return its name, which begins with a word."""

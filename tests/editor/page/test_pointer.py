@@ -271,3 +271,30 @@ def test_two_clicks_make_flesh(page: Page) -> None:
     assert "flesh_1 is new: play a clip that moves the body" in click(page, -0.2)
     (entry,) = yaml.safe_load(page.session.text)["flesh"]
     assert entry["radius"] == pytest.approx(0.3, rel=0.05)
+
+
+@pytest.mark.slow
+def test_two_clicks_make_a_touch_that_the_shown_clip_drags(page: Page) -> None:
+    page.player.go("fold", 0.0)
+    page._pointer._begin("touch")
+    assert "Click the skin that a tip touches" in said(page)
+    click(page, -0.6)
+    assert "touch_1 is new: play the clip" in click(page, -0.5)
+    (entry,) = yaml.safe_load(page.session.text)["touches"]
+    assert entry["pad"] == pytest.approx(0.1 / 0.6, rel=0.05)
+    ((clip, rows),) = entry["keys"].items()
+    assert clip == "fold"
+    assert rows[1][1] == pytest.approx(0.1, rel=0.05)
+    still, moved = (page.session.meshes("fold", time)[0].positions for time in (rows[0][0], rows[1][0]))
+    page.session.undo()
+    without = page.session.meshes("fold", rows[1][0])[0].positions
+    assert len(moved) == len(still)
+    assert np.abs(moved[: len(without)] - without).max() > 0.08
+
+
+def test_a_touch_needs_no_clip(tmp_path: Path) -> None:
+    """A tip that only a player moves."""
+    session = Session(limb(tmp_path / "limb.glb", clip=None), tmp_path / "tools.yaml")
+    session.add_touch([-0.6, 0.25, 0.0], [-0.5, 0.25, 0.0])
+    (entry,) = yaml.safe_load(session.text)["touches"]
+    assert "keys" not in entry

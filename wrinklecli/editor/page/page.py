@@ -182,6 +182,11 @@ class Page:
 
     # Messages.
 
+    @property
+    def shown_clip(self) -> str | None:
+        """Name of the clip that is shown, or of the pose; None at rest."""
+        return self.player.clip
+
     def say(self, text: str, colour: str = GOOD) -> None:
         """Show a message, or remove it. It has room for two lines, so that nothing below moves."""
         self._message.content = with_room(paragraph_of(text, colour))

@@ -1,5 +1,7 @@
 """The mouse on the mesh: it clicks the two ends of a new tool, chooses tools, and drags their dots."""
 
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,6 +23,12 @@ _BEGIN = {
     "tool": "Click where the tool begins. It runs across the wrinkles.",
     "muscle": "Click the skin above where the muscle begins.",
     "flesh": "Click the middle of the flesh.",
+    "touch": "Click the skin that a tip touches.",
+}
+_MOVED = {
+    "muscle": "play a clip that bends its joint",
+    "flesh": "play a clip that moves the body",
+    "touch": "play the clip",
 }
 _END = "Now click where it ends."
 _AGAIN = "Click another place where it ends, or Cancel."
@@ -48,6 +56,8 @@ class Pointer:
         add_button(self._page, "New muscle", lambda: self._begin("muscle"), icon=viser.Icon.PLUS, hint=tip)
         tip = "Click the middle of flesh that swings, and how far it reaches."
         add_button(self._page, "New flesh", lambda: self._begin("flesh"), icon=viser.Icon.PLUS, hint=tip)
+        tip = "Click the skin that a tip touches, and where it drags that skin in the shown clip."
+        add_button(self._page, "New touch", lambda: self._begin("touch"), icon=viser.Icon.PLUS, hint=tip)
 
     def _begin_new(self) -> None:
         if self._ends is None:
@@ -107,9 +117,14 @@ class Pointer:
                 self._page.say(f"{problem}\nDrag its ends, or Undo.", BAD)
 
     def _add_below(self, first: Floats, hit: Hit) -> None:
-        """Make a muscle, with its insertion below a hit, or flesh that reaches to the hit."""
-        add = self._session.add_muscle if self._kind == "muscle" else self._session.add_flesh
-        moved = "bends its joint" if self._kind == "muscle" else "moves the body"
+        """Make a muscle, with its insertion below a hit, flesh that reaches to it, or a touch that drags skin to it."""
+        makers: dict[str, Callable[[Sequence[float], Sequence[float], str | None], str]] = {
+            "muscle": self._session.add_muscle,
+            "flesh": self._session.add_flesh,
+            "touch": partial(self._session.add_touch, clip=self._page.shown_clip),
+        }
+        add = makers[self._kind]
+        moved = _MOVED[self._kind]
         self._page.commit()
         try:
             name = add(first.tolist(), hit.place.tolist(), hit.mesh.source.node)
@@ -118,7 +133,7 @@ class Pointer:
             return
         self._end_new()
         self._page.choose(name, look=False)
-        self._page.say(f"{name} is new: play a clip that {moved}, and move its sliders")
+        self._page.say(f"{name} is new: {moved}, and move its sliders")
 
     def drag(self, kind: str, number: int, origin: Floats, direction: Floats, phase: str) -> None:
         """Move a dot of the chosen tool; see `drawn_scene.Drag`."""

@@ -93,6 +93,11 @@ class PageHost(Protocol):
     slow: WorkQueue
     chosen: str | None
 
+    @property
+    def shown_clip(self) -> str | None:
+        """Name of the clip that is shown, or of the pose; None at rest."""
+        ...
+
     def say(self, text: str, colour: str = GOOD) -> None:
         """Show a message."""
 
