@@ -110,16 +110,25 @@ class _Server:
         """The line that answers one; none where the process ended, or had to be ended."""
         assert self._process.stdin is not None
         assert self._process.stdout is not None
-        watch = threading.Timer(_PATIENCE, self._process.kill)
+        ended = threading.Event()
+
+        def end() -> None:
+            ended.set()
+            self._process.kill()
+
+        watch = threading.Timer(_PATIENCE, end)
         watch.start()
         try:
             self._process.stdin.write(f"{line}\n")
             self._process.stdin.flush()
-            return self._process.stdout.readline()
+            reply = self._process.stdout.readline()
         except BrokenPipeError:
-            return ""
+            reply = ""
         finally:
             watch.cancel()
+            watch.join()
+        # An answer of a process that was ended meanwhile would leave the next one to find it dead.
+        return "" if ended.is_set() else reply
 
     def close(self) -> str:
         """End the process; what it said on standard error."""
