@@ -63,8 +63,9 @@ def test_it_makes_bakes_and_draws_a_figure(wrinkle: Wrinkle, tmp_path: Path) -> 
     assert [len(figure[kind]) for kind in ("meshes", "skins", "images", "animations")] == [1, 1, 1, 1]
 
 
-@pytest.mark.parametrize("place", ["full", "full/file", "full/file/below"])
-def test_it_goes_among_no_files(wrinkle: Wrinkle, tmp_path: Path, place: str) -> None:
+@pytest.mark.parametrize("place", ["full", "full/file", "full/file/below", "new/a\0b"])
+def test_it_goes_among_no_files(wrinkle: Wrinkle, tmp_path: Path, place: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "make_figure", None)  # it is not made in vain
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "file").write_text("mine")
     ran = wrinkle("demo", tmp_path / place)

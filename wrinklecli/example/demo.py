@@ -57,6 +57,7 @@ def demo(folder: str | os.PathLike[str], *, outputs: Outputs | None = None, prog
     place = Path(folder)
     _refuse_files(place)
     with part_of(outputs) as written, tempfile.TemporaryDirectory() as temporary:
+        written.make_folders(place)  # what cannot be made is found before the work
         made = {name: Path(temporary) / name for name in (ASSET, TOOLS, BAKED, PICTURE)}
         made[ASSET].write_bytes(to_glb(make_figure()))
         made[TOOLS].write_bytes(resources.files("wrinklecli.example").joinpath(TOOLS).read_bytes())
@@ -64,7 +65,6 @@ def demo(folder: str | os.PathLike[str], *, outputs: Outputs | None = None, prog
         missing = _drawn(made, progress)
         if missing is not None:
             del made[PICTURE]
-        written.make_folders(place)
         for name, path in made.items():
             written.add_bytes(place / name, path.read_bytes(), last=name == BAKED)
     paths = tuple(os.fspath(place / name) for name in made)
