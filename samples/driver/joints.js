@@ -12,6 +12,9 @@ export function named(root, name) {
   return found;
 }
 
+/** The names from the root down to an object, with / before each. */
+const pathOf = (object) => (object ? `${pathOf(object.parent)}/${nameOf(object)}` : '');
+
 /** The meshes of one node that have morph targets: all have the same, unlike those of nodes below it. */
 export function morphMeshes(node) {
   const found = [];
@@ -35,7 +38,10 @@ export function jointFinder(root, body, meshes, warn) {
   const found = new Map();
   return (name) => {
     if (!found.has(name)) {
-      const having = ranks.map((rank) => [...new Set(rank)].filter((object) => nameOf(object) === name));
+      const havingIts = (test) => ranks.map((rank) => [...new Set(rank)].filter(test));
+      // Where joints share a name, extras have a path in its place.
+      const having = havingIts((object) => nameOf(object) === name);
+      if (name.includes('/')) having.push(...havingIts((object) => pathOf(object).endsWith(`/${name}`)));
       const [first, second] = having.find(({ length }) => length) ?? [];
       if (second) warn(`several joints are named ${quoted([name])}; the first is taken`);
       found.set(name, first);

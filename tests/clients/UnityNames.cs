@@ -8,7 +8,7 @@ namespace UnityEngine
     public class TextAsset : Object { public byte[] bytes => null; }
     public class Component : Object { public T GetComponent<T>() where T : class => null; public T[] GetComponentsInChildren<T>(bool inactive) => new T[0]; }
     public class MonoBehaviour : Component { }
-    public class Transform : Component { public Matrix4x4 localToWorldMatrix => new Matrix4x4(); }
+    public class Transform : Component { public Transform parent => null; public Matrix4x4 localToWorldMatrix => new Matrix4x4(); }
     public struct Matrix4x4 { public float m00, m01, m02, m03, m10, m11, m12, m13, m20, m21, m22, m23; }
     public class Mesh : Object { public int GetBlendShapeIndex(string name) => -1; public float GetBlendShapeFrameWeight(int shape, int frame) => 0; }
     public class SkinnedMeshRenderer : Component { public Mesh sharedMesh => null; public Transform[] bones => null; public float GetBlendShapeWeight(int shape) => 0; public void SetBlendShapeWeight(int shape, float value) { } }

@@ -220,7 +220,7 @@ def vectors(case: Case) -> Json:
     }
     clips = {clip.name: clip for clip in read_clips(document)}
     for name, (fps, rounds) in case.frames.items():
-        clip = _with_own_weights(clips[name], node, body)
+        clip = _with_own_weights(clips[name], node, body, body.targets)
         once = clip.start + np.arange(int(np.ceil((clip.end - clip.start) * fps - 1e-6)) + (rounds == 1)) / fps
         steps = np.full(len(once) * rounds, 1 / fps)
         steps[0] = 0.0
@@ -262,8 +262,8 @@ def _let_go(touch: TouchDrive, times: Array, hands: Array) -> Array:
 
 
 def _nodes(document: Document, body: BakedBody, drive: StoredDrive) -> list[int]:
-    named = _joints_of(body, document.gltf).joints
-    return [named[joint] for joint in drive.joints]
+    named = _joints_of(body, document.gltf)
+    return [joint for joint in map(named.joint, drive.joints) if joint is not None]
 
 
 def _stored(value: Any) -> Any:

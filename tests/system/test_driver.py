@@ -11,7 +11,7 @@ from PIL import Image
 from scipy.ndimage import binary_erosion, gaussian_filter
 
 from kit.asset import Asset
-from kit.bakes import COARSE, bake_config, bake_fold, bake_once, folding_limb, place
+from kit.bakes import COARSE, bake_config, bake_fold, bake_once, folding_limb, place, report_of
 from kit.browser import browsing, serving
 from kit.clients import clip_tracks, drive, driver_warnings, gltfpack, optimize
 from kit.folds import FOLDS
@@ -208,6 +208,31 @@ def test_joints_are_found_whatever_their_names_are(names: tuple[str | None, ...]
     )
     assert_driven(bare, whole, "limb", "fold")
     assert driver_warnings(bare.path) == []
+
+
+@pytest.mark.parametrize(
+    "names", [("limb", "upper", "tip", "tip", None), ("limb", "tip", "tip", "x/tip", "root")], ids=str
+)
+def test_joints_of_one_name_are_told_apart_by_their_paths(names: tuple[str | None, ...], tmp_path: Path) -> None:
+    """In the bake's extras, in the player, and where `track` finds the clips in another file."""
+    asset = limb_asset(rings=16, sides=8, joints=3, root={"scale": [1.0, 1.0, 1.0]})
+    for node, name in zip(asset.gltf["nodes"], names, strict=True):
+        del node["name"]
+        node |= {} if name is None else {"name": name}
+    first = crease(name="first", origin=[-0.6, 0.25, 0.0], target=[-0.1, 0.25, 0.0])
+    second = crease(name="second", origin=[0.1, 0.25, 0.0], target=[0.6, 0.25, 0.0])
+    path = place(asset)
+    bare, whole = (bake_once(path, first, second, tracks=tracks, max_levels=0) for tracks in ("none", "all"))
+    tools = bare.json["nodes"][0]["extras"]["wrinkle"]["tools"]
+    assert {"tip/tip"} < {joint for tool in tools for end in ("origin", "target") for joint in tool[end]["joints"]}
+    assert not [line for line in report_of(bare).data["warnings"] if "several nodes are named" in line]
+    assert driver_warnings(bare.path) == []
+    assert_driven(bare, whole, "limb", "fold")
+    (made,) = track(bare.path, [path], tmp_path)
+    assert made.warnings == ()
+    times, values = whole.keys("fold", "limb")
+    assert values.max() > 0.3
+    assert np.abs(Gltf(Path(made.path)).weights("limb", "fold", times) - values).max() < 0.02
 
 
 def test_characters_of_one_file_may_have_joints_of_the_same_names() -> None:

@@ -1,9 +1,10 @@
 """Extras of a baked node: the drives of its effects as JSON, for players of clips that were never baked."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 from wrinklecli.character.anims import NamedNodes
+from wrinklecli.character.rig import Rig
 from wrinklecli.effects.effect import Effect, MeshPlan, targets_of
 from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.shape import Json
@@ -20,7 +21,7 @@ class JointNames:
 
     Attributes:
         given: Names of joints that have none in the asset.
-        shared: Names with which players find other nodes, too.
+        shared: Names with which players find other nodes, too, and which no path tells apart.
     """
 
     given: tuple[str, ...] = ()
@@ -40,9 +41,14 @@ def name_joints(edited: EditedDocument, plan: MeshPlan, effects: Sequence[Effect
     for node in unnamed:
         gltf["nodes"][node]["name"] = rig.names[node]
     named = NamedNodes.of_body(gltf, rig.node, skinned=rig.skinned)
-    shared = [name for name in (rig.names[node] for node in joints) if name in named.shared]
-    shared += [rig.names[node] for node in joints if named.joints[rig.names[node]] != node]
+    shared = [rig.names[node] for node in joints if named.called(node) is None]
     return JointNames(tuple(rig.names[node] for node in unnamed), tuple(dict.fromkeys(shared)))
+
+
+def player_names(gltf: Json, rig: Rig, nodes: Collection[int]) -> tuple[str, ...]:
+    """Names for all nodes of a rig: of some of them those by which players find them, paths where a name is shared."""
+    named = NamedNodes.of_body(gltf, rig.node, skinned=rig.skinned)
+    return tuple((named.called(node) if node in nodes else None) or name for node, name in enumerate(rig.names))
 
 
 def encode_extras(edited: EditedDocument, plan: MeshPlan, effects: Sequence[Effect], *, draft: bool = False) -> None:
@@ -59,12 +65,14 @@ def encode_extras(edited: EditedDocument, plan: MeshPlan, effects: Sequence[Effe
         return
     sections: dict[str, list[Json]] = {_TOOLS: []}
     undriven: list[str] = []
+    nodes = {node for effect in effects if effect.drive is not None for node in effect.drive.nodes}
+    names = player_names(edited.gltf, rig, nodes)
     for effect in effects:
         drive = effect.drive
         if drive is None:
             undriven += [target.name for target in targets_of([effect])]
         else:
-            sections.setdefault(effect.section, []).append(drive.to_json(rig.names, rig.morph_names))
+            sections.setdefault(effect.section, []).append(drive.to_json(names, rig.morph_names))
     node["extras"]["wrinkle"] = {
         "method": METHOD,
         **({"draft": True} if draft else {}),

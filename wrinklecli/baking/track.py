@@ -238,7 +238,7 @@ def present_drives(body: BakedBody, gltf: Json) -> tuple[list[StoredDrive], list
     names = _joints_of(body, gltf)
     present, warnings = [], []
     for drive in body.drives:
-        missing = [joint for joint in drive.joints if joint not in names.joints]
+        missing = [joint for joint in drive.joints if names.joint(joint) is None]
         several = [joint for joint in drive.joints if joint in names.shared]
         if not missing:
             present.append(drive)
@@ -448,8 +448,9 @@ class _Driven:
 def _driven(edited: EditedDocument, node: int, body: BakedBody, drives: Sequence[StoredDrive]) -> _Driven:
     """Find a body's joints in the file that has the node for its tracks."""
     whole = read_rig(edited.document(), node)
-    named = _joints_of(body, edited.gltf).joints
-    joints = {joint: named[joint] for each in drives for joint in each.joints}
+    named = _joints_of(body, edited.gltf)
+    wanted = {joint: named.joint(joint) for each in drives for joint in each.joints}
+    joints = {joint: node for joint, node in wanted.items() if node is not None}
     kept, driven = body.kept, body.driven
     # Drives whose targets carry the anchors of others, as muscles do under wrinkles, act first.
     carrying = {name for each in drives for name in each.carrying_targets}

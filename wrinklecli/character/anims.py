@@ -1,7 +1,7 @@
 """Reads clips of other files for an asset whose nodes have the same names."""
 
 import os
-from collections.abc import Container, Iterable, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, count
 from pathlib import Path
@@ -16,6 +16,9 @@ from wrinklecli.gltf.images import files_of
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.guard import guarded
+
+# Names of the longest path to a joint: rigs have some twenty levels, and hostile files thousands.
+_MOST_NAMES = 32
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,11 +129,15 @@ class NamedNodes:
         joints: The first node of a name without a mesh, if any, as bodies are often named like a joint.
         meshes: The first node of a name with a mesh.
         shared: Names of joints that other nodes have with the same right.
+        nodes: The nodes as the document has them.
+        groups: Indices of nodes; those of an earlier group go first.
     """
 
     joints: dict[str, int]
     meshes: dict[str, int]
-    shared: frozenset[str] = frozenset()
+    shared: frozenset[str]
+    nodes: Sequence[Json]
+    groups: tuple[tuple[int, ...], ...]
 
     @classmethod
     def of(cls, nodes: Sequence[Json], preferred: Iterable[Iterable[int]] = ()) -> "NamedNodes":
@@ -139,15 +146,16 @@ class NamedNodes:
         meshes = [index for index, node in enumerate(nodes) if "mesh" in node]
         joints: dict[str, int] = {}
         shared: set[str] = set()
-        for group in (*preferred, bare, meshes):
+        groups = tuple(tuple(dict.fromkeys(group)) for group in (*preferred, bare, meshes))
+        for group in groups:
             found: dict[str, int] = {}
-            for index in dict.fromkeys(group):
+            for index in group:
                 name = nodes[index].get("name")
                 if name and name not in joints and found.setdefault(name, index) != index:
                     shared.add(name)
             joints |= found
         with_mesh = {nodes[index]["name"]: index for index in reversed(meshes) if nodes[index].get("name")}
-        return cls(joints, with_mesh, frozenset(shared))
+        return cls(joints, with_mesh, frozenset(shared), nodes, groups)
 
     @classmethod
     def of_body(cls, gltf: Json, node: int | None, *, skinned: bool) -> "NamedNodes":
@@ -162,11 +170,51 @@ class NamedNodes:
             own = skins[nodes[node]["skin"]].get("joints", []) if "skin" in nodes[node] else [] if skinned else [node]
         return cls.of(nodes, [own, (joint for skin in skins for joint in skin.get("joints", []))])
 
+    def joint(self, name: str) -> int | None:
+        """The joint of a name, or of a path where several have the name: names from one above, with `/` between."""
+        return self.joints[name] if name in self.joints else next(iter(self._below(name)), None)
+
+    def called(self, index: int) -> str | None:
+        """The name by which `joint` finds a node, or the shortest such path; None if another node has these too."""
+        names = _names_above(self.nodes, index, _parents(self.nodes))
+        if names and names[0] not in self.shared and self.joints.get(names[0]) == index:
+            return names[0]
+        paths = ("/".join(reversed(names[: size + 1])) for size in range(1, len(names)))
+        return next((path for path in paths if path not in self.joints and self._below(path) == [index]), None)
+
+    def _below(self, path: str) -> list[int]:
+        """The nodes of a path, in the first group that has any; none for a name without a path."""
+        if "/" not in path:
+            return []
+        parents = _parents(self.nodes)
+        for group in self.groups:
+            # A path ends in the node's name.
+            ending = [index for index in group if path.endswith(f"/{self.nodes[index].get('name') or '/'}")]
+            paths = ("/".join(["", *reversed(_names_above(self.nodes, each, parents))]) for each in ending)
+            found = [index for index, whole in zip(ending, paths, strict=True) if whole.endswith(f"/{path}")]
+            if found:
+                return found
+        return []
+
     def moved_by(self, path: str, name: str) -> int | None:
         """The node of a name that a channel of a path moves, if any."""
         if not name:
             return None
         return (self.meshes if path == "weights" else self.joints).get(name)
+
+
+def _parents(nodes: Sequence[Json]) -> dict[int, int]:
+    return {child: index for index, node in enumerate(nodes) for child in node.get("children", [])}
+
+
+def _names_above(nodes: Sequence[Json], index: int, parents: Mapping[int, int]) -> list[str]:
+    """The names of a node and of those above it, up to the first without a name."""
+    names: list[str] = []
+    at: int | None = index
+    while at is not None and nodes[at].get("name") and len(names) < _MOST_NAMES:
+        names.append(nodes[at]["name"])
+        at = parents.get(at)
+    return names
 
 
 def _target_names(document: Document, node: int) -> list[str]:

@@ -9,7 +9,7 @@ from typing import Any, get_args
 
 import numpy as np
 
-from wrinklecli.baking.extras import METHOD
+from wrinklecli.baking.extras import METHOD, player_names
 from wrinklecli.baking.job import BakeOptions, Job, ToolsPaths, read_job, tools_paths
 from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.baking.refined_mesh import RefinedPrimitive, old_values, primitives_of
@@ -153,7 +153,7 @@ def maps(
         for plan in plan_meshes(job):
             how = SamplingOptions(job.settings.sampling.fps, "morph", job.document.memory, progress)
             effects = [each for each in sample_effects(plan, [], how)[0] if isinstance(each, WrinkleEffect)]
-            nodes.append(_drives(plan, effects))
+            nodes.append(_drives(job.document.gltf, plan, effects))
             for layout in _layouts(job.document, plan):
                 made = _made(plan, effects, layout, options, warnings)
                 taken = {each["name"] for each in materials}
@@ -211,15 +211,16 @@ def _wrinkles_alone(job: Job) -> tuple[Job, list[str]]:
     return replace(job, by_node=kept), notes
 
 
-def _drives(plan: MeshPlan, effects: Sequence[WrinkleEffect]) -> Json:
+def _drives(gltf: Json, plan: MeshPlan, effects: Sequence[WrinkleEffect]) -> Json:
     """The drives of a node's tools, as the extras of a baked node hold them."""
     rig = plan.rig
-    drives = [each.drive for each in effects]
+    drives = [each.drive for each in effects if each.drive is not None]
+    names = player_names(gltf, rig, frozenset(node for drive in drives for node in drive.nodes))
     return {
         "node": rig.names[rig.node],
         "wrinkle": {
             "method": METHOD,
-            "tools": [each.to_json(rig.names, rig.morph_names) for each in drives if each is not None],
+            "tools": [each.to_json(names, rig.morph_names) for each in drives],
         },
     }
 

@@ -217,7 +217,8 @@ def _reaches(shown: ShownPrimitive, targets: Sequence[str]) -> tuple[Ints, Float
 def _shortening(drive: StoredDrive, asset: ShownAsset, rig: Rig, clip: Clip, times: Floats) -> Json:
     """The time, of (frames,) times of a clip, at which a tool is shortest, and its shortening over the rest length."""
     nodes = NamedNodes.of_body(asset.document.gltf, rig.node, skinned=rig.skinned)
-    found = drive.on(nodes.joints, rig.morph_names)
+    joints = {name: joint for name in drive.joints if (joint := nodes.joint(name)) is not None}
+    found = drive.on(joints, rig.morph_names)
     assert isinstance(found, Drive), "only drives by segments are looked for"
     assert isinstance(found.signal, Segment), "only drives by segments are looked for"
     distances, rest_lengths = found.signal.lengths(rig, clip, times)

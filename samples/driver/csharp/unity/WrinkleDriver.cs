@@ -3,6 +3,7 @@
 // Put this file and those above into Assets, and the component on the root of an imported character. `gltf` is the baked
 // file itself, copied with the ending .bytes, as importers do not keep extras; bake it with `--engine unity`.
 
+using System;
 using System.Collections.Generic;
 using System.Linq;
 using UnityEngine;
@@ -36,15 +37,19 @@ namespace Wrinkles
                     .SelectMany(place => place.GetComponentsInChildren<SkinnedMeshRenderer>(true)).Distinct().ToArray();
                 // Joints of the body's own skin go first, as characters often share names.
                 var joints = new Dictionary<string, Transform>();
-                foreach (var joint in renderers.SelectMany(renderer => renderer.bones).Concat(places))
-                    if (joint != null && !joints.ContainsKey(joint.name)) joints[joint.name] = joint;
-                var body = new Body(each.Value, joints.ContainsKey, name => renderers.Any(renderer => Shape(renderer, name) >= 0));
+                var order = renderers.SelectMany(renderer => renderer.bones).Concat(places).Where(joint => joint != null).ToArray();
+                // Where joints share a name, extras have a path in its place.
+                Func<string, bool> isThere = name => (joints[name] = order.FirstOrDefault(joint => joint.name == name)
+                    ?? order.FirstOrDefault(joint => Path(joint).EndsWith("/" + name))) != null;
+                var body = new Body(each.Value, isThere, name => renderers.Any(renderer => Shape(renderer, name) >= 0));
                 foreach (var line in body.Problems) Debug.LogWarning($"wrinkle: {each.Key}: {line}", this);
                 if (renderers.Length == 0) Debug.LogWarning($"wrinkle: there is no mesh below \"{each.Key}\"", this);
                 else bodies.Add(new Driven { body = body, renderers = renderers, joints = joints });
             }
             if (bodies.Count == 0) Debug.LogWarning("wrinkle: nothing to drive: no node has extras.wrinkle", this);
         }
+
+        static string Path(Transform place) => place == null ? "" : Path(place.parent) + "/" + place.name;
 
         static int Shape(SkinnedMeshRenderer renderer, string name) => renderer.sharedMesh.GetBlendShapeIndex(name);
 
