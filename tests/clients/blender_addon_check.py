@@ -24,7 +24,7 @@ os.environ["BLENDER_USER_RESOURCES"] = tempfile.mkdtemp()
 import bpy  # isort: skip (the next are found only after it)
 import bmesh
 import numpy as np
-from mathutils import Vector
+from mathutils import Matrix, Vector
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "samples" / "blender"))
@@ -292,6 +292,89 @@ def check_that_a_preview_plays_beside_an_original_that_stays() -> None:
     play(armature, next(each for each in bpy.data.actions if "walk" in each.name and each in ACTIONS))
     bpy.context.view_layer.update()
     assert "walk" in bpy.data.objects["trousers.wrinkled"].data.shape_keys.animation_data.action.name
+
+
+def check_that_rigs_may_be_scaled_turned_and_moved_and_meshes_edited() -> None:
+    body = start("trousers")
+    armature = addon.armature_of(body)
+    play(armature, next(each for each in bpy.data.actions if "squat" in each.name))
+    armature.scale = (0.02, 0.02, 0.02)
+    armature.rotation_mode = "XYZ"
+    armature.rotation_euler = (0.3, -0.2, 1.0)
+    for frame, place in ((0, (1, 2, 3)), (20, (2, 2, 3))):
+        armature.location = place
+        armature.keyframe_insert("location", frame=frame)
+    bpy.context.scene.frame_set(11, subframe=0.5)
+    bpy.context.view_layer.update()
+    body.matrix_world = Matrix.Translation((0.001, 0.002, 0)) @ body.matrix_world
+    bpy.context.view_layer.update()
+    place = armature.matrix_world
+    ends = [place @ Vector(each) for each in ((0.1587, 0.0619, 0.6507), (0.0562, 0.0580, 0.3792))]
+    pick(body, *ends)
+    bpy.ops.wrinkle.add(kind="tools", name="knee.L", material="cloth")
+    # From edit mode, and with a pose that has no key.
+    bone = armature.pose.bones["shin.R"]
+    bone.rotation_quaternion = (0.8, 0.6, 0, 0)
+    posed = tuple(bone.rotation_quaternion)
+    bpy.ops.wrinkle.preview()
+    assert bpy.context.mode == "EDIT_MESH"
+    assert (bpy.context.scene.frame_current, bpy.context.scene.frame_subframe) == (11, 0.5)
+    assert tuple(bone.rotation_quaternion) == posed
+    assert not body.hide_get(), "it is being edited"
+    bpy.ops.object.mode_set(mode="OBJECT")
+    made = bpy.data.objects["trousers.wrinkled"]
+    for frame in (0, 7, 16, 20):
+        bpy.context.scene.frame_set(frame)
+        shown, plain = positions(made), positions(body)
+        distance = np.array([np.linalg.norm(shown - each, axis=1).min() for each in plain[::17]])
+        assert np.median(distance) < NOISE, (frame, np.median(distance))
+    assert made.data.shape_keys.key_blocks["wrinkle_knee_L_1"].value > 0
+    # The anchors are where the empties are, at rest in frame 0.
+    bpy.ops.wrinkle.save(filepath=str(FOLDER / "moved.yaml"))
+    asset = addon._folder() / "wrinkle_trousers.glb"
+    checked = json.loads(wrinkle("check", asset, FOLDER / "moved.yaml", "--json"))
+    assert max(checked["tools"][0][end]["off"] for end in ("origin", "target")) < NOISE, checked["tools"][0]
+
+
+def check_that_shape_keys_and_two_meshes_are_previewed() -> None:
+    body = start("head")
+    armature = addon.armature_of(body)
+    pick(body, (0.03, -0.11, 0.235), (0.03, -0.1, 0.275))
+    bpy.ops.wrinkle.add(kind="tools", name="brow.L")
+    bpy.ops.object.mode_set(mode="OBJECT")
+    names = [each.name for each in body.data.shape_keys.key_blocks]
+    values = [each.value for each in body.data.shape_keys.key_blocks]
+    # Another head on the same bones, with a tool too, and a modifier that stays out of it.
+    twin = body.copy()
+    twin.data = body.data.copy()
+    for key in twin.data.shape_keys.key_blocks:
+        for point in key.data:
+            point.co.x += 0.3
+    for vertex in twin.data.vertices:
+        vertex.co.x += 0.3
+    twin.name = "head.009"
+    bpy.context.collection.objects.link(twin)
+    bpy.context.view_layer.objects.active = twin
+    smooth = twin.modifiers.new("smooth", "SUBSURF")
+    pick(twin, (0.27, -0.11, 0.235), (0.27, -0.1, 0.275))
+    bpy.ops.wrinkle.add(kind="tools", name="brow.R")
+    bpy.ops.object.mode_set(mode="OBJECT")
+    before = positions(body)
+    bpy.ops.wrinkle.preview()
+    assert [each.value for each in body.data.shape_keys.key_blocks] == values
+    assert smooth.show_viewport
+    made = {each["wrinkle_preview_of"]: each for each in bpy.data.objects if each.get("wrinkle_preview_of")}
+    assert sorted(made) == ["head", "head.009"]
+    for name, side in (("head", "L"), ("head.009", "R")):
+        keys = [each.name for each in made[name].data.shape_keys.key_blocks]
+        assert keys[: len(names)] == names
+        assert all(each.startswith(f"wrinkle_brow_{side}") for each in keys[len(names) :]), keys
+        assert addon.armature_of(made[name]) == armature
+    assert np.abs(positions(body) - before).max() == 0
+    bpy.context.scene.frame_set(20)
+    shown, plain = positions(made["head"]), positions(body)
+    distance = np.array([np.linalg.norm(shown - each, axis=1).min() for each in plain[::53]])
+    assert np.median(distance) < NOISE
 
 
 def check_that_a_preview_is_the_draft_that_the_command_bakes() -> None:
