@@ -1,4 +1,4 @@
-"""Makes the sample characters: wrist.glb, head.glb, trousers.glb and body.glb.
+"""Makes the sample characters: wrist.glb, head.glb, trousers.glb, body.glb and touch.glb.
 
 Usage: python samples/make_samples.py [DIR]
 
@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from _touch import make_touch
 from wrinklecli.example.body import make_body
 from wrinklecli.example.characters import Character, Clip, Joint, to_glb
 from wrinklecli.example.head import face_density, head_field
@@ -536,7 +537,7 @@ def brow_offsets(mesh: Mesh, rise: float) -> Floats:
 def main(folder: Path) -> None:
     """Write the samples into a folder."""
     folder.mkdir(parents=True, exist_ok=True)
-    for character in (make_wrist(), make_head(), make_trousers(), make_body()):
+    for character in (make_wrist(), make_head(), make_trousers(), make_body(), make_touch(make_wrist())):
         (folder / f"{character.name}.glb").write_bytes(to_glb(character))
 
 
