@@ -6,6 +6,8 @@ import { decay } from './spring.js';
 
 /** Metres per second by which no body changes its speed within a frame: a game has put it elsewhere, or a clip loops. */
 const LEAP = 10;
+/** The same where a clip's time runs back: a walk of a short step may be put back there. */
+const LEAP_ANEW = 2.5;
 /** A frame that takes this many times as long as the one before, and so many seconds: the body's way here is unknown. */
 const HITCH = 2;
 const LONG = 0.05;
@@ -61,7 +63,7 @@ const settled = (modes, place, pull) =>
   modes.map(({ frequency }) => place.map((x, i) => [x + pull[i] / (2 * Math.PI * frequency) ** 2, 0]));
 
 /** Take the state on by a frame that brings the joint to a place: on the clip's path, and beside that on a cubic. */
-function advance(state, modes, place, pull, { elapsed, ratio, path, back }) {
+function advance(state, modes, place, pull, { elapsed, ratio, path, back, anew }) {
   if (!state.springs || !(elapsed >= 0)) {
     Object.assign(state, { springs: settled(modes, place, pull), moves: [], steps: [], place, pull });
     return;
@@ -72,7 +74,7 @@ function advance(state, modes, place, pull, { elapsed, ratio, path, back }) {
   // In no time nothing moves: the body is put elsewhere. A player may put a walk back, or let it go on.
   const begins = elapsed > 0 && dot(moved, back) > dot(back, back) / 2;
   if (begins) leap = back;
-  if (begins || elapsed === 0 || (earlier && Math.hypot(...leap) > LEAP * ratio * elapsed)) {
+  if (begins || elapsed === 0 || (earlier && Math.hypot(...leap) > (anew ? LEAP_ANEW : LEAP) * ratio * elapsed)) {
     state.place = state.place.map((x, i) => x + leap[i]);
     for (const springs of state.springs) springs.forEach((spring, i) => (spring[0] += leap[i]));
     leap.forEach((x, i) => (moved[i] -= x));
@@ -111,9 +113,10 @@ function advance(state, modes, place, pull, { elapsed, ratio, path, back }) {
  * jointMatrixOf  a joint's name to its matrix to world space: 16 numbers, by columns
  * state          of the region, kept from call to call: an object, {} to begin with, at rest
  * elapsed        seconds since the last call; where it is not known, flesh is at rest
+ * clip, time     name and seconds, to know where a clip begins anew
  * known          `path`, `beside` and `back`, where a clip's motion is known: see `KeyCurves.during`
  */
-export function fleshWeights(fleshExtras, jointMatrixOf, { state = {}, elapsed, ...known } = {}) {
+export function fleshWeights(fleshExtras, jointMatrixOf, { state = {}, elapsed, clip, time, ...known } = {}) {
   const { joint, gravity, modes } = fleshExtras;
   const { path, beside, back } = { ...UNKNOWN, ...known };
   const { place: shown, turn, ratio } = carried(fleshExtras, jointMatrixOf(joint));
@@ -121,7 +124,9 @@ export function fleshWeights(fleshExtras, jointMatrixOf, { state = {}, elapsed, 
   // Gravity as it was at rest is in the mesh already.
   const pull = AXES.map((i) => -turn[0][i] * gravity[0] - turn[1][i] * gravity[1] - turn[2][i] * gravity[2]);
   pull[1] -= Math.hypot(...gravity);
-  advance(state, modes, place, pull, { elapsed, ratio, path, back });
+  const anew = clip === state.clip && time < state.time;
+  Object.assign(state, { clip, time });
+  advance(state, modes, place, pull, { elapsed, ratio, path, back, anew });
   const numbers = modes.map(({ load, gain }, k) => {
     const moved = state.springs[k].map(([y], i) => y - place[i]);
     return ratio < 1e-6 ? 0 : (gain * dot(load, turn.map((axis) => dot(axis, moved)))) / ratio;

@@ -95,6 +95,8 @@ namespace Wrinkles
     {
         /// <summary>Metres per second by which no body changes its speed within a frame: it has been put elsewhere.</summary>
         const double Leap = 10;
+        /// <summary>The same where a clip's time runs back: a walk of a short step may be put back there.</summary>
+        const double LeapAnew = 2.5;
         /// <summary>A frame that takes so many times as long as the one before, and so many seconds, tells no way.</summary>
         const double Hitch = 2, Long = 0.05;
         /// <summary>Radians of a spring in a frame below which places run straight: higher powers cancel all digits.</summary>
@@ -109,6 +111,8 @@ namespace Wrinkles
         readonly List<double[]> moves = new List<double[]>();
         readonly List<double> steps = new List<double>();
         double[] place, pull;
+        string clip;
+        double time;
 
         public Flesh(Json data) : base(data)
         {
@@ -129,7 +133,9 @@ namespace Wrinkles
             // Gravity as it was at rest is in the mesh already.
             var g = new[] { 0, 1, 2 }.Select(i => -turn[0][i] * gravity[0] - turn[1][i] * gravity[1] - turn[2][i] * gravity[2]).ToArray();
             g[1] -= V.Length(gravity);
-            Advance(now, g, frame.Elapsed, ratio);
+            var leap = (clip == frame.Clip && frame.Time < time ? LeapAnew : Leap) * ratio * frame.Elapsed;
+            (clip, time) = (frame.Clip, frame.Time);
+            Advance(now, g, frame.Elapsed, leap);
             var numbers = springs.Select((_, k) =>
             {
                 var moved = states[k].Select((state, i) => state[0] - now[i]).ToArray();
@@ -141,8 +147,8 @@ namespace Wrinkles
             return capped.Select(each => (each - least) / 2).Append(-least).ToArray();
         }
 
-        /// <summary>Take the springs on by a frame that brings the joint to a place.</summary>
-        void Advance(double[] now, double[] g, double elapsed, double ratio)
+        /// <summary>Take the springs on by a frame that brings the joint to a place, no farther than it can run.</summary>
+        void Advance(double[] now, double[] g, double elapsed, double farthest)
         {
             if (states == null || !(elapsed >= 0))
             {
@@ -156,7 +162,7 @@ namespace Wrinkles
             var moved = V.Minus(now, place);
             var leap = known ? moved.Select((x, i) => x - moves[0][i] * elapsed / steps[0]).ToArray() : moved;
             // In no time nothing moves: the body is put elsewhere.
-            if (elapsed == 0 || (known && V.Length(leap) > Leap * ratio * elapsed))
+            if (elapsed == 0 || (known && V.Length(leap) > farthest))
             {
                 place = place.Select((x, i) => x + leap[i]).ToArray();
                 foreach (var axes in states) for (var i = 0; i < 3; i++) axes[i][0] += leap[i];

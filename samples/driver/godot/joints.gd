@@ -9,9 +9,11 @@ const LEAST_SINE = 1e-5
 const FARTHEST = 2.0
 const NEAR = 0.0872
 const SAME = 1e-10
-# Of flesh: metres per second by which no body changes its speed within a frame; a frame that takes so many times as
-# long as the one before, and so many seconds, tells no way; radians of a spring below which places run straight.
+# Of flesh: metres per second by which no body changes its speed within a frame, and the same where a clip's time runs
+# back, as a walk of a short step may be put back there; a frame that takes so many times as long as the one before, and
+# so many seconds, tells no way; radians of a spring below which places run straight.
 const LEAP = 10.0
+const LEAP_ANEW = 2.5
 const HITCH = 2.0
 const LONG = 0.05
 const STRAIGHT = 0.01
@@ -87,7 +89,11 @@ static func flesh(body, data, state):
 	var pull = [0.0, -Numbers.length(data["gravity"]), 0.0]
 	for k in range(3):
 		pull = Numbers.sum(pull, turn[k], -data["gravity"][k])
-	_advance(body.elapsed, data["modes"], state, place, pull, ratio)
+	var anew = state.get("clip") == body.clip and body.time < state.get("time", 0.0)
+	state["clip"] = body.clip
+	state["time"] = body.time
+	var farthest = (LEAP_ANEW if anew else LEAP) * ratio * body.elapsed
+	_advance(body.elapsed, data["modes"], state, place, pull, farthest)
 	var numbers = []
 	for k in range(data["modes"].size()):
 		var mode = data["modes"][k]
@@ -108,7 +114,7 @@ static func flesh(body, data, state):
 
 
 # Takes the springs on by a frame that brings the joint to a place, along the cubic through the last four frames.
-static func _advance(elapsed, modes, state, place, pull, ratio):
+static func _advance(elapsed, modes, state, place, pull, farthest):
 	if not state.has("springs") or not elapsed >= 0:
 		state["springs"] = []
 		for mode in modes:
@@ -126,7 +132,7 @@ static func _advance(elapsed, modes, state, place, pull, ratio):
 	var moved = Numbers.sum(place, state["place"], -1.0)
 	var leap = Numbers.sum(moved, state["moves"][0], -elapsed / state["steps"][0]) if known else moved
 	# In no time nothing moves: the body is put elsewhere.
-	if elapsed == 0 or (known and Numbers.length(leap) > LEAP * ratio * elapsed):
+	if elapsed == 0 or (known and Numbers.length(leap) > farthest):
 		state["place"] = Numbers.sum(state["place"], leap)
 		for axes in state["springs"]:
 			for i in range(3):
