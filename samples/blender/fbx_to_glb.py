@@ -6,6 +6,7 @@ Also with Blender as a module: `pip install bpy`, `python fbx_to_glb.py in.fbx [
 All influences of joints and all morph targets stay, and nothing is resampled more coarsely than a frame of the file.
 """
 
+import json
 import re
 import sys
 from pathlib import Path
@@ -17,7 +18,6 @@ _IMPORTERS = {
     # By default Blender moves clips by a frame, to begin at frame 1.
     ".fbx": lambda path: bpy.ops.import_scene.fbx(filepath=path, anim_offset=0.0),
     ".blend": lambda path: bpy.ops.wm.open_mainfile(filepath=path),
-    ".dae": lambda path: bpy.ops.wm.collada_import(filepath=path),
     ".usd": lambda path: bpy.ops.wm.usd_import(filepath=path),
 }
 _IMPORTERS |= dict.fromkeys((".usda", ".usdc", ".usdz"), _IMPORTERS[".usd"])
@@ -42,13 +42,12 @@ def clip_name(action: str) -> str:
     return parts[-1] if parts else action
 
 
-def lay_tracks() -> list[str]:
-    """Put each imported action into a track of what it moves, which gets the name of the clip; the names.
+def lay_tracks() -> None:
+    """Put each imported action into a track of what it moves, which gets the name of the clip.
 
     Blender exports the actions in tracks, each by the name of its track; what an armature and shape keys have by one
     name becomes one clip.
     """
-    names = set()
     for owner in (*bpy.data.objects, *bpy.data.shape_keys):
         # The importer begins the name of an action with that of what it moves.
         actions = [each for each in bpy.data.actions if each.name.split("|")[0] == owner.name]
@@ -57,32 +56,40 @@ def lay_tracks() -> list[str]:
             animation.action = None
             track = animation.nla_tracks.new()
             track.name = clip_name(re.sub(r"\.\d{3}$", "", action.name))
-            names.add(track.name)
             strip = track.strips.new(track.name, int(action.frame_range[0]), action)
             kind = "KEY" if owner in {*bpy.data.shape_keys} else "OBJECT"
             slot = next((each for each in getattr(action, "slots", ()) if each.target_id_type == kind), None)
             if slot is not None:
                 strip.action_slot = slot
             track.mute = True
-    return sorted(names)
+
+
+def clips_in(path: Path) -> list[str]:
+    """The names of the clips of a .glb."""
+    data = path.read_bytes()
+    document = json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])
+    return sorted(each["name"] for each in document.get("animations", ()))
 
 
 def convert(source: Path, out: Path) -> list[str]:
     """Convert a file; the names of its clips.
 
     Raises:
-        ValueError: Blender has no importer of the file's kind.
+        ValueError: The file is not there, or Blender has no importer of its kind.
     """
     importer = _IMPORTERS.get(source.suffix.lower())
     if importer is None:
         raise ValueError(f"{source}: ends in none of {', '.join(_IMPORTERS)}")
+    if not source.is_file():
+        raise ValueError(f"{source}: is not there")
     bpy.ops.wm.read_factory_settings(use_empty=True)
     importer(str(source))
-    names = lay_tracks() if source.suffix.lower() == ".fbx" else sorted(each.name for each in bpy.data.actions)
+    if source.suffix.lower() == ".fbx":
+        lay_tracks()
     known = bpy.ops.export_scene.gltf.get_rna_type().properties.keys()
     options: dict[str, Any] = {key: value for key, value in _EXPORT.items() if key in known}
     bpy.ops.export_scene.gltf(filepath=str(out), **options)
-    return names
+    return clips_in(out)
 
 
 def main(arguments: list[str]) -> int:

@@ -994,6 +994,36 @@ def _remove_preview(body: Any) -> None:
             bpy.data.batch_remove(actions)
 
 
+def _slide_back(body: Any, made: Any) -> None:
+    """Put weights where the originals' keys are: Blender exports an action that begins before frame 0 from there on."""
+    keys = made.data.shape_keys
+    if keys is None or keys.animation_data is None:
+        return
+    begins = {each.name: each.frame_range[0] for each in bpy.data.actions}
+    for owner in (armature_of(body), body.data.shape_keys, body):
+        for track in owner.animation_data.nla_tracks if owner is not None and owner.animation_data is not None else ():
+            if track.strips and track.strips[0].action is not None:
+                begins[track.name] = track.strips[0].action.frame_range[0]
+    for track in keys.animation_data.nla_tracks:
+        slide = min(math.floor(begins.get(track.name, 0)), 0)
+        for key in (
+            key for strip in track.strips for curve in _curves_of(strip.action) for key in curve.keyframe_points
+        ):
+            for place in (key.co, key.handle_left, key.handle_right):
+                place.x += slide
+
+
+def _curves_of(action: Any) -> Iterator[Any]:
+    """The curves of an action, in layers since Blender 4.4."""
+    if not hasattr(action, "layers"):
+        yield from action.fcurves
+        return
+    for layer in action.layers:
+        for strip in layer.strips:
+            for bag in strip.channelbags:
+                yield from bag.fcurves
+
+
 def _actions_of(preview: Any) -> list[Any]:
     """The actions of a preview's shape keys."""
     keys = preview.data.shape_keys
@@ -1028,6 +1058,7 @@ def _put_beside(scene: Any, body: Any, made: Any) -> None:
     for action in _actions_of(made):
         for slot in [each for each in getattr(action, "slots", ()) if each.target_id_type != "KEY"]:
             action.slots.remove(slot)
+    _slide_back(body, made)
     made["wrinkle_preview_of"] = body.name
     made.name = f"{body.name}.wrinkled"
     play_clip(made)

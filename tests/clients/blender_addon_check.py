@@ -89,14 +89,6 @@ def positions(body: Any) -> Any:
     return found.reshape(-1, 3) @ matrix[:3, :3].T + matrix[:3, 3]
 
 
-def curves_of(action: Any) -> list[Any]:
-    """The F-curves of an action, in layers since Blender 4.4."""
-    if not hasattr(action, "layers"):
-        return [*action.fcurves]
-    bags = (bag for layer in action.layers for strip in layer.strips for bag in strip.channelbags)
-    return [curve for bag in bags for curve in bag.fcurves]
-
-
 def digest(body: Any) -> str:
     """A hash of all that an artist made: mesh, shape keys, weights, bones, poses, actions, modes and selection."""
     said: list[Any] = [bpy.context.mode, bpy.context.scene.frame_current, bpy.context.object.name]
@@ -111,7 +103,7 @@ def digest(body: Any) -> str:
     said += [armature.animation_data.action.name, sorted(each.name for each in bpy.data.materials)]
     for action in sorted(bpy.data.actions, key=lambda each: each.name):
         if action in ACTIONS:
-            curves = curves_of(action)
+            curves = addon._curves_of(action)
             said.append(
                 [action.name, [[curve.data_path, [[*k.co] for k in curve.keyframe_points]] for curve in curves]]
             )
@@ -334,6 +326,28 @@ def check_that_rigs_may_be_scaled_turned_and_moved_and_meshes_edited() -> None:
     asset = addon._folder() / "wrinkle_trousers.glb"
     checked = json.loads(wrinkle("check", asset, FOLDER / "moved.yaml", "--json"))
     assert max(checked["tools"][0][end]["off"] for end in ("origin", "target")) < NOISE, checked["tools"][0]
+
+
+def check_that_clips_before_frame_0_play_at_their_frames() -> None:
+    shown = {}
+    for begin in (0, -7, 12):
+        body = start("trousers")
+        knee(body, material="cloth")
+        armature = addon.armature_of(body)
+        action = next(each for each in bpy.data.actions if "squat" in each.name)
+        play(armature, action)
+        for curve in addon._curves_of(action):
+            for key in curve.keyframe_points:
+                for each in (key.co, key.handle_left, key.handle_right):
+                    each.x += begin
+        bpy.ops.wrinkle.preview()
+        made = bpy.data.objects["trousers.wrinkled"]
+        shown[begin] = []
+        for frame in (4, 16, 30):
+            bpy.context.scene.frame_set(begin + frame)
+            shown[begin].append(made.data.shape_keys.key_blocks[1].value)
+        assert shown[0][1] > 0.5
+        assert np.abs(np.array(shown[begin]) - shown[0]).max() < 0.01, shown
 
 
 def check_that_shape_keys_and_two_meshes_are_previewed() -> None:
