@@ -6,7 +6,7 @@ namespace UnityEngine
 {
     public class Object { public string name; public static bool operator ==(Object a, Object b) => ReferenceEquals(a, b); public static bool operator !=(Object a, Object b) => !ReferenceEquals(a, b); public override bool Equals(object other) => ReferenceEquals(this, other); public override int GetHashCode() => 0; }
     public class TextAsset : Object { public byte[] bytes => null; }
-    public class Component : Object { public T GetComponent<T>() where T : class => null; public T[] GetComponentsInChildren<T>(bool inactive) => new T[0]; }
+    public class Component : Object { public Transform transform => null; public T GetComponent<T>() where T : class => null; public T[] GetComponentsInChildren<T>(bool inactive) => new T[0]; }
     public class MonoBehaviour : Component { }
     public class Transform : Component { public Transform parent => null; public Matrix4x4 localToWorldMatrix => new Matrix4x4(); }
     public struct Matrix4x4 { public float m00, m01, m02, m03, m10, m11, m12, m13, m20, m21, m22, m23; }

@@ -1,4 +1,5 @@
 // The C# driver's answers to `samples/driver/vectors.json`, as JSON on standard output: mono vectors.exe vectors.json
+// After the name of a .glb, flesh knows the clips that are in it: mono vectors.exe vectors.json baked.glb
 // Of another file it prints the nodes with `extras.wrinkle`, and the names of their tools.
 
 using System;
@@ -14,6 +15,8 @@ static class Vectors
     static double[] Numbers(object value) => List(value).Select(each => (double)each).ToArray();
     static string Joined(IEnumerable<string> parts) => "[" + string.Join(",", parts) + "]";
 
+    static GltfClips clips;
+
     static void Main(string[] arguments)
     {
         if (!arguments[0].EndsWith(".json"))
@@ -22,6 +25,7 @@ static class Vectors
                 Console.WriteLine(node.Key + ": " + string.Join(", ", List(node.Value["tools"]).Select(tool => ((Dictionary<string, object>)tool)["name"])));
             return;
         }
+        clips = arguments.Length > 1 ? new GltfClips(File.ReadAllBytes(arguments[1])) : null;
         var cases = (Dictionary<string, object>)JsonText.Parse(File.ReadAllText(arguments[0]));
         Console.WriteLine("{" + string.Join(",", cases.Select(each => Quoted(each.Key) + ":" + Case(each.Value))) + "}");
     }
@@ -52,7 +56,7 @@ static class Vectors
             var frames = elapsed.Select((seconds, number) =>
             {
                 var k = number % times.Length;
-                var frame = new Frame { Clip = (string)run["clip"], Time = times[k], Elapsed = seconds };
+                var frame = new Frame { Clip = (string)run["clip"], Time = times[k], Elapsed = seconds, Clips = clips };
                 if (run.TryGetValue("hands", out var hands) && List(hands)[k] != null)
                 {
                     var hand = Numbers(List(hands)[k]);

@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from kit.bakes import bake_config
+from kit.bakes import bake_config, bake_once, place
 from kit.clients import HERE as CLIENTS
 from kit.clients import ask, give_up
+from kit.flesh import body, region
 from kit.places import FOLDER, ROOT
-from kit.vectors import CASES, vectors
+from kit.vectors import CASES, Case, vectors
 
 FILE = ROOT / "samples" / "driver" / "vectors.json"
 GODOT = FILE.parent / "godot"
@@ -151,6 +152,28 @@ def test_csharp_finds_the_extras_in_a_file(tmp_path: Path) -> None:
     assert run("mono", "mono-runtime", program, baked.path) == "wrist: palm_side, back_side\n"
     (tmp_path / "out.gltf").write_text(json.dumps(baked.json))
     assert run("mono", "mono-runtime", program, tmp_path / "out.gltf") == "wrist: palm_side, back_side\n"
+
+
+@pytest.mark.quick(1)
+@pytest.mark.parametrize(
+    ("name", "clip", "fps"),
+    [("trunk", "jump", 30), ("trunk", "jump", 144), ("body", "jump", 30), ("body", "walk", 60)],
+)
+def test_flesh_knows_the_clips_of_a_file(name: str, clip: str, fps: int, tmp_path: Path) -> None:
+    """The keys of both are 30 a second, which kick flesh by 4 and 20 % where the driver does not know them."""
+    trunk = {"flesh": [region(limit=0.026)]}
+    baked = bake_config("body", "body") if name == "body" else bake_once(place(body(keys=30)), top=trunk)
+    case = vectors(Case("", lambda: baked, {clip: (fps, 2)}))
+    poses = tmp_path / "poses.json"
+    poses.write_text(json.dumps({"flesh": case}))
+    program = compiled("vectors.exe", "Vectors.cs")
+    found = json.loads(run("mono", "mono-runtime", program, poses, baked.path))["flesh"]["runs"][0]
+    wanted = np.array(case["runs"][0]["weights"])
+    for each in case["wrinkle"]["flesh"]:
+        columns = [case["targets"].index(target) for target in each["targets"]]
+        due = wanted[:, columns]
+        assert due.max() > 0.05
+        assert np.abs(np.array(found)[-len(due) :, columns] - due).max() < 0.01 * due.max(), each["name"]
 
 
 def test_the_component_of_unity_compiles() -> None:

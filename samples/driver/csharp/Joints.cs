@@ -90,7 +90,8 @@ namespace Wrinkles
         }
     }
 
-    /// <summary>Flesh that swings after a joint, which goes along the cubic through the last four frames.</summary>
+    /// <summary>Flesh that swings after a joint, which goes along its clip's curve and beside that along the cubic through the
+    /// last four frames.</summary>
     sealed class Flesh : Drive
     {
         /// <summary>Metres per second by which no body changes its speed within a frame: it has been put elsewhere.</summary>
@@ -101,6 +102,7 @@ namespace Wrinkles
         const double Hitch = 2, Long = 0.05;
         /// <summary>Radians of a spring in a frame below which places run straight: higher powers cancel all digits.</summary>
         const double Straight = 0.01;
+        static readonly Known Unknown = new Known { Path = new[] { new double[3], new double[3], new double[3], new double[3] }, Beside = new double[3], Back = new double[3] };
         readonly string joint;
         readonly double[] at, gravity, gains;
         readonly double scale;
@@ -129,13 +131,16 @@ namespace Wrinkles
         public override double[] Weights(Frame frame, Func<string, double> morph)
         {
             var matrix = frame.JointMatrix(joint);
-            var (now, turn, ratio) = (V.Moved(matrix, at), V.Turn(matrix), V.Scale(matrix) / scale);
+            var (shown, turn, ratio) = (V.Moved(matrix, at), V.Turn(matrix), V.Scale(matrix) / scale);
+            var before = clip == frame.Clip ? time : double.NaN;
+            var known = frame.Clips?.During(joint, at, frame.Clip, frame.Time, before, frame.Elapsed, frame.Root) ?? Unknown;
+            var now = shown.Select((x, i) => x + known.Beside[i]).ToArray();
             // Gravity as it was at rest is in the mesh already.
             var g = new[] { 0, 1, 2 }.Select(i => -turn[0][i] * gravity[0] - turn[1][i] * gravity[1] - turn[2][i] * gravity[2]).ToArray();
             g[1] -= V.Length(gravity);
-            var leap = (clip == frame.Clip && frame.Time < time ? LeapAnew : Leap) * ratio * frame.Elapsed;
+            var leap = (frame.Time < before ? LeapAnew : Leap) * ratio * frame.Elapsed;
             (clip, time) = (frame.Clip, frame.Time);
-            Advance(now, g, frame.Elapsed, leap);
+            Advance(now, g, frame.Elapsed, leap, known);
             var numbers = springs.Select((_, k) =>
             {
                 var moved = states[k].Select((state, i) => state[0] - now[i]).ToArray();
@@ -148,7 +153,7 @@ namespace Wrinkles
         }
 
         /// <summary>Take the springs on by a frame that brings the joint to a place, no farther than it can run.</summary>
-        void Advance(double[] now, double[] g, double elapsed, double farthest)
+        void Advance(double[] now, double[] g, double elapsed, double farthest, Known known)
         {
             if (states == null || !(elapsed >= 0))
             {
@@ -158,11 +163,13 @@ namespace Wrinkles
                 steps.Clear();
                 return;
             }
-            var known = moves.Count > 0;
-            var moved = V.Minus(now, place);
-            var leap = known ? moved.Select((x, i) => x - moves[0][i] * elapsed / steps[0]).ToArray() : moved;
-            // In no time nothing moves: the body is put elsewhere.
-            if (elapsed == 0 || (known && V.Length(leap) > farthest))
+            var seen = moves.Count > 0;
+            var moved = V.Minus(V.Minus(now, place), V.Minus(known.Path[3], known.Path[0]));
+            var leap = seen ? moved.Select((x, i) => x - moves[0][i] * elapsed / steps[0]).ToArray() : moved;
+            // In no time nothing moves: the body is put elsewhere. A player may put a walk back, or let it go on.
+            var begins = elapsed > 0 && V.Dot(moved, known.Back) > V.Dot(known.Back, known.Back) / 2;
+            if (begins) leap = known.Back;
+            if (begins || elapsed == 0 || (seen && V.Length(leap) > farthest))
             {
                 place = place.Select((x, i) => x + leap[i]).ToArray();
                 foreach (var axes in states) for (var i = 0; i < 3; i++) axes[i][0] += leap[i];
@@ -170,13 +177,14 @@ namespace Wrinkles
             }
             if (elapsed > 0)
             {
-                var kept = known && elapsed > Math.Max(Hitch * steps[0], Long) ? 0 : 2;
+                var kept = seen && elapsed > Math.Max(Hitch * steps[0], Long) ? 0 : 2;
                 if (moves.Count > kept) { moves.RemoveRange(kept, moves.Count - kept); steps.RemoveRange(kept, steps.Count - kept); }
                 moves.Insert(0, moved);
                 steps.Insert(0, elapsed);
                 for (var i = 0; i < 3; i++)
                 {
-                    var powers = Cubic(i);
+                    var ahead = Onward(known.Path, elapsed, i);
+                    var powers = Cubic(i).Select((x, n) => x + ahead[n]).ToArray();
                     powers[0] += place[i];
                     for (var k = 0; k < springs.Length; k++)
                     {
@@ -188,12 +196,20 @@ namespace Wrinkles
                         drawn[1] += (g[i] - pull[i]) / (omega * omega);
                         if (omega * elapsed < Straight) drawn = new[] { drawn[0], drawn[1] + drawn[2] + drawn[3], 0, 0 };
                         // A body that was already moving when it was first seen had flesh that moved along.
-                        if (!known) states[k][i][1] = powers[1] / omega;
+                        if (!seen) states[k][i][1] = powers[1] / omega;
                         springs[k].Pass(states[k][i], drawn, omega * elapsed);
                     }
                 }
             }
             (place, pull) = (now, g);
+        }
+
+        /// <summary>Powers of time of the cubic through four places at even times, from the first to the last; it begins at 0.</summary>
+        static double[] Onward(double[][] path, double elapsed, int i)
+        {
+            double a = path[0][i], b = path[1][i], c = path[2][i], d = path[3][i];
+            var powers = new[] { 0, 18 * b - 11 * a - 9 * c + 2 * d, 18 * a - 45 * b + 36 * c - 9 * d, 27 * (b - c) + 9 * (d - a) };
+            return powers.Select((x, n) => x / 2 / Math.Pow(elapsed, n)).ToArray();
         }
 
         /// <summary>Powers of time since the last frame of the cubic through the last moves along an axis.</summary>

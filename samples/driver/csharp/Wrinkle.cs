@@ -27,6 +27,10 @@ namespace Wrinkles
         public double Time;
         /// <summary>Seconds since the last frame. Where it is not a number, nothing lags or swings.</summary>
         public double Elapsed = double.NaN;
+        /// <summary>The clips of the file, so that flesh follows a smooth curve through their keys; may be null.</summary>
+        public GltfClips Clips;
+        /// <summary>The matrix to world space of what the file's scene stands below, for `Clips`.</summary>
+        public double[] Root = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1 };
         /// <summary>By touch, what the player's own tips do.</summary>
         public readonly Dictionary<string, Hand> Hands = new Dictionary<string, Hand>();
     }

@@ -19,6 +19,7 @@ namespace Wrinkles
         /// <summary>Slides and dents of touches by the player's own tips, by name.</summary>
         public readonly Dictionary<string, Hand> hands = new Dictionary<string, Hand>();
         readonly List<Driven> bodies = new List<Driven>();
+        GltfClips clips;
 
         sealed class Driven
         {
@@ -29,6 +30,7 @@ namespace Wrinkles
 
         void Start()
         {
+            clips = new GltfClips(gltf.bytes);
             var places = GetComponentsInChildren<Transform>(true);
             foreach (var each in GltfExtras.Wrinkles(gltf.bytes))
             {
@@ -70,7 +72,7 @@ namespace Wrinkles
             foreach (var each in bodies)
             {
                 var first = each.renderers[0];
-                var frame = new Frame { Clip = clip, Time = time, Elapsed = Time.deltaTime };
+                var frame = new Frame { Clip = clip, Time = time, Elapsed = Time.deltaTime, Clips = clips, Root = Matrix(transform) };
                 foreach (var hand in hands) frame.Hands[hand.Key] = hand.Value;
                 frame.JointMatrix = name => Matrix(each.joints[name]);
                 frame.MorphWeight = name =>

@@ -1,0 +1,245 @@
+// The clips of a .glb, for flesh: straight lines between a clip's keys kick it, and a bake lets it follow a smooth curve.
+
+using System;
+using System.Collections.Generic;
+using System.Linq;
+
+namespace Wrinkles
+{
+    using Json = Dictionary<string, object>;
+
+    /// <summary>How a clip takes a place through a frame: four places at even times of it, from the place that is shown to
+    /// the curve, and how far a walk is put back where its clip begins anew.</summary>
+    public sealed class Known
+    {
+        public double[][] Path;
+        public double[] Beside, Back;
+    }
+
+    public sealed class GltfClips
+    {
+        /// <summary>Seconds of a clip in a second beyond which it has been put to another time.</summary>
+        const double Fastest = 4;
+        /// <summary>Keys by which a loop goes on at both ends: what lies farther bends the curve by next to nothing.</summary>
+        const int Around = 8;
+        /// <summary>Pieces of a clip at least, and samples a second of one that is smooth between its keys, as a bake has.</summary>
+        const int Pieces = 4, Samples = 60;
+        /// <summary>Part of a clip below which two keys are a jump of the pose, which no curve follows.</summary>
+        const double Apart = 3e-5;
+        /// <summary>Difference of a quaternion or scale below which a clip ends in the pose of its beginning.</summary>
+        const double Same = 1e-3;
+        static readonly double[] None = { 0, 0, 0 };
+        readonly Json gltf;
+        readonly byte[] file;
+        readonly int data;
+        readonly List<Json> nodes;
+        readonly Dictionary<int, int> parents = new Dictionary<int, int>();
+        readonly Dictionary<string, Curve> made = new Dictionary<string, Curve>();
+
+        /// <param name="file">A .glb that holds its own buffer; of another file no clip is known.</param>
+        public GltfClips(byte[] file)
+        {
+            this.file = file;
+            gltf = GltfExtras.Document(file, out data);
+            nodes = Read.List(gltf, "nodes").Cast<Json>().ToList();
+            for (var index = 0; index < nodes.Count; index++)
+                foreach (var child in Read.List(nodes[index], "children")) parents[(int)Read.Number(child)] = index;
+        }
+
+        sealed class Track
+        {
+            public string Path;
+            public double[] Times;
+            // By key: a value, or of CUBICSPLINE the tangent in, the value and the tangent out.
+            public double[][][] Keys;
+            public bool Smooth, Stepped;
+            public double[] Value(int key) => Keys[key][Smooth ? 1 : 0];
+        }
+
+        sealed class Curve
+        {
+            public Func<double, double[]> At, Shown;
+            public double Seconds;
+            public double[] Whole;
+        }
+
+        /// <summary>What is known of a joint's place; null if the clip is not in the file, or leaves the joint.</summary>
+        /// <param name="before">Seconds of the clip at the last frame; not a number after another clip.</param>
+        /// <param name="root">The matrix to world space of what the file's scene stands below.</param>
+        public Known During(string joint, double[] at, string clip, double time, double before, double elapsed, double[] root)
+        {
+            var key = clip + "\n" + joint + "\n" + string.Join(" ", at);
+            if (!made.TryGetValue(key, out var curve)) made[key] = curve = CurveOf(clip, joint, at);
+            if (curve == null) return null;
+            Func<double[], double[]> turned = v => V.Minus(V.Moved(root, v), V.Moved(root, None));
+            var anew = time < before && curve.Seconds > 0;
+            var ran = time - before + (anew ? curve.Seconds : 0);
+            var runs = ran >= 0 && ran <= Fastest * elapsed;
+            return new Known
+            {
+                Path = new[] { 1, 2.0 / 3, 1.0 / 3, 0 }.Select(part => turned(curve.At(time - (runs ? part * ran : 0)))).ToArray(),
+                Beside = turned(V.Minus(curve.At(time), curve.Shown(time))),
+                Back = turned(anew && runs ? V.Minus(None, curve.Whole) : None),
+            };
+        }
+
+        Curve CurveOf(string clip, string joint, double[] at)
+        {
+            var animation = Read.List(gltf, "animations").Cast<Json>().FirstOrDefault(each => each.TryGetValue("name", out var name) && (string)name == clip);
+            var chain = ChainOf(joint);
+            if (animation == null || chain.Count == 0 || data < 0) return null;
+            var every = new List<KeyValuePair<int, Track>>();
+            foreach (var channel in Read.List(animation["channels"]).Cast<Json>())
+            {
+                var target = (Json)channel["target"];
+                var sampler = (Json)Read.List(animation["samplers"]).ElementAt((int)Read.Number(channel["sampler"]));
+                if (target.ContainsKey("node")) every.Add(new KeyValuePair<int, Track>((int)Read.Number(target["node"]), TrackOf(sampler, (string)target["path"])));
+            }
+            if (every.Any(each => each.Value == null)) return null;
+            var tracks = every.Where(each => each.Value.Path != "weights").ToLookup(each => each.Key, each => each.Value);
+            Func<double, double[]> shown = time => chain.Aggregate(at, (point, node) => Placed(nodes[node], tracks[node], time, point));
+            var moving = chain.SelectMany(node => tracks[node]).Where(track => track.Times.Select((_, k) => track.Value(k)).Any(value => !value.SequenceEqual(track.Value(0)))).ToList();
+            if (moving.Count == 0) return null;
+            double start = every.Min(each => each.Value.Times[0]), end = every.Max(each => each.Value.Times.Last()), span = end - start;
+            var pieces = moving.All(track => track.Smooth) ? Math.Max(Pieces, (int)Math.Ceiling(Samples * span)) : Pieces;
+            var all = Enumerable.Range(0, pieces + 1).Select(k => start + span * k / pieces).Concat(moving.SelectMany(track => track.Times)).OrderBy(x => x).ToArray();
+            var times = all.Where((time, k) => k == all.Length - 1 || all[k + 1] - time > Apart * span).ToArray();
+            var points = times.Select(shown).ToArray();
+            var last = times.Length - 1;
+            var whole = V.Minus(points[last], points[0]);
+            var loops = moving.All(track => track.Path == "translation" || Closes(track));
+            if (loops)
+            {
+                // A walk goes on as it went.
+                var around = Enumerable.Range(-Around, last + 1 + 2 * Around).Select(k => (round: (int)Math.Floor((double)k / last), key: (k % last + last) % last)).ToArray();
+                var (own, ownPoints) = (times, points);
+                points = around.Select(each => ownPoints[each.key].Select((x, i) => x + each.round * whole[i]).ToArray()).ToArray();
+                times = around.Select(each => own[each.key] + each.round * span).ToArray();
+            }
+            return new Curve { At = Spline(times, points), Shown = shown, Seconds = loops ? span : 0, Whole = whole };
+        }
+
+        /// <summary>The nodes from a joint of a name, or of a path, up to the root.</summary>
+        List<int> ChainOf(string joint)
+        {
+            Func<int, List<int>> chain = node =>
+            {
+                var found = new List<int> { node };
+                while (parents.TryGetValue(found[found.Count - 1], out var above) && found.Count <= nodes.Count) found.Add(above);
+                return found;
+            };
+            Func<int, string> name = node => nodes[node].TryGetValue("name", out var text) ? (string)text : "";
+            var order = Enumerable.Range(0, nodes.Count).OrderBy(node => nodes[node].ContainsKey("mesh")).ToList();
+            var at = order.Where(node => name(node) == joint).Concat(order.Where(node =>
+                ("/" + string.Join("/", chain(node).AsEnumerable().Reverse().Select(name))).EndsWith("/" + joint))).DefaultIfEmpty(-1).First();
+            return at < 0 ? new List<int>() : chain(at);
+        }
+
+        /// <summary>A point of a node in the space above it.</summary>
+        static double[] Placed(Json node, IEnumerable<Track> tracks, double time, double[] point)
+        {
+            if (node.TryGetValue("matrix", out var matrix)) return V.Moved(Read.Numbers(matrix), point);
+            Func<string, double[], double[]> part = (path, absent) =>
+            {
+                var track = tracks.FirstOrDefault(each => each.Path == path);
+                return track != null ? Sampled(track, time) : node.TryGetValue(path, out var stored) ? Read.Numbers(stored) : absent;
+            };
+            var (t, q, s) = (part("translation", None), part("rotation", new[] { 0, 0, 0, 1.0 }), part("scale", new[] { 1.0, 1, 1 }));
+            var p = point.Select((x, i) => x * s[i]).ToArray();
+            var axis = new[] { q[0], q[1], q[2] };
+            var aside = V.Cross(axis, p).Select((x, i) => x + q[3] * p[i]).ToArray();
+            return V.Cross(axis, aside).Select((x, i) => p[i] + 2 * x + t[i]).ToArray();
+        }
+
+        static double[] Unit(double[] q) { var size = V.Length(q); return q.Select(x => x / size).ToArray(); }
+
+        static double[] Sampled(Track track, double time)
+        {
+            var after = Array.FindIndex(track.Times, each => each > time);
+            if (after == 0) return track.Value(0);
+            if (after < 0) return track.Value(track.Times.Length - 1);
+            var (a, b, span) = (track.Value(after - 1), track.Value(after), track.Times[after] - track.Times[after - 1]);
+            var t = (time - track.Times[after - 1]) / span;
+            if (track.Stepped) return a;
+            if (track.Smooth)
+            {
+                var (leaving, coming) = (track.Keys[after - 1][2], track.Keys[after][0]);
+                double t2 = t * t, t3 = t2 * t;
+                var found = a.Select((x, i) => (2 * t3 - 3 * t2 + 1) * x + span * (t3 - 2 * t2 + t) * leaving[i] + (3 * t2 - 2 * t3) * b[i] + span * (t3 - t2) * coming[i]).ToArray();
+                return track.Path == "rotation" ? Unit(found) : found;
+            }
+            if (track.Path != "rotation") return a.Select((x, i) => x + t * (b[i] - x)).ToArray();
+            var near = V.Dot(a, b) < 0 ? -1 : 1;
+            var angle = Math.Acos(Math.Min(Math.Abs(V.Dot(a, b)), 1));
+            var (from, to) = angle < 1e-6 ? (1 - t, t) : (Math.Sin((1 - t) * angle) / Math.Sin(angle), Math.Sin(t * angle) / Math.Sin(angle));
+            return Unit(a.Select((x, i) => from * x + to * near * b[i]).ToArray());
+        }
+
+        static bool Closes(Track track)
+        {
+            var (first, last) = (track.Value(0), track.Value(track.Times.Length - 1));
+            return new[] { 1, -1 }.Any(sign => first.Select((x, k) => Math.Abs(x - sign * last[k])).All(gap => gap < Same));
+        }
+
+        /// <summary>A curve through points at sorted times, smooth to the second derivative and straight at its ends.</summary>
+        static Func<double, double[]> Spline(double[] times, double[][] points)
+        {
+            var last = times.Length - 1;
+            var steps = times.Skip(1).Select((time, k) => time - times[k]).ToArray();
+            var (bends, parts) = (points.Select(_ => new double[3]).ToArray(), new double[times.Length]);
+            for (var k = 1; k < last; k++)
+            {
+                var pivot = 2 * (steps[k - 1] + steps[k]) - steps[k - 1] * parts[k - 1];
+                parts[k] = steps[k] / pivot;
+                for (var i = 0; i < 3; i++)
+                {
+                    var turn = (points[k + 1][i] - points[k][i]) / steps[k] - (points[k][i] - points[k - 1][i]) / steps[k - 1];
+                    bends[k][i] = (6 * turn - steps[k - 1] * bends[k - 1][i]) / pivot;
+                }
+            }
+            for (var k = last - 1; k > 0; k--)
+                for (var i = 0; i < 3; i++) bends[k][i] -= parts[k] * bends[k + 1][i];
+            return time =>
+            {
+                var after = Array.FindIndex(times, each => each > time);
+                var k = after < 0 ? last - 1 : Math.Max(after - 1, 0);
+                double t = time - times[k], h = steps[k];
+                return new[] { 0, 1, 2 }.Select(i =>
+                {
+                    double low = bends[k][i], high = bends[k + 1][i], slope = (points[k + 1][i] - points[k][i]) / h;
+                    return points[k][i] + t * (slope - h * (2 * low + high) / 6 + t * (low / 2 + t * (high - low) / (6 * h)));
+                }).ToArray();
+            };
+        }
+
+        /// <summary>A channel; null if its data are not plain numbers of this file.</summary>
+        Track TrackOf(Json sampler, string path)
+        {
+            var kind = sampler.TryGetValue("interpolation", out var said) ? (string)said : "LINEAR";
+            var (times, values) = (Numbers(sampler["input"]), Numbers(sampler["output"]));
+            if (times == null || values == null || times.Length == 0) return null;
+            var (smooth, width) = (kind == "CUBICSPLINE", values.Length / times.Length / (kind == "CUBICSPLINE" ? 3 : 1));
+            var each = smooth ? 3 : 1;
+            var keys = times.Select((_, k) => Enumerable.Range(0, each).Select(n => values.Skip((k * each + n) * width).Take(width).ToArray()).ToArray()).ToArray();
+            if (path == "rotation" && !smooth) foreach (var key in keys) key[0] = Unit(key[0]);
+            return new Track { Path = path, Times = times, Keys = keys, Smooth = smooth, Stepped = kind == "STEP" };
+        }
+
+        double[] Numbers(object number)
+        {
+            var accessor = (Json)Read.List(gltf["accessors"]).ElementAt((int)Read.Number(number));
+            if (accessor.ContainsKey("sparse") || !accessor.ContainsKey("bufferView")) return null;
+            var view = (Json)Read.List(gltf["bufferViews"]).ElementAt((int)Read.Number(accessor["bufferView"]));
+            if (view.ContainsKey("extensions") || Read.Number(view["buffer"]) != 0) return null;
+            var (type, width) = ((int)Read.Number(accessor["componentType"]), new Dictionary<string, int> { ["SCALAR"] = 1, ["VEC3"] = 3, ["VEC4"] = 4 }[(string)accessor["type"]]);
+            var size = type == 5126 ? 4 : type >= 5122 ? 2 : 1;
+            var stride = (int)Read.Number(view, "byteStride", size * width);
+            var start = data + (int)(Read.Number(view, "byteOffset", 0) + Read.Number(accessor, "byteOffset", 0));
+            return Enumerable.Range(0, (int)Read.Number(accessor["count"]) * width).Select(k => One(type, start + k / width * stride + k % width * size)).ToArray();
+        }
+
+        double One(int type, int place) => type == 5126 ? BitConverter.ToSingle(file, place)
+            : type == 5120 ? Math.Max((sbyte)file[place] / 127.0, -1) : type == 5121 ? file[place] / 255.0
+            : type == 5122 ? Math.Max(BitConverter.ToInt16(file, place) / 32767.0, -1) : BitConverter.ToUInt16(file, place) / 65535.0;
+    }
+}
