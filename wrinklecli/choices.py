@@ -38,7 +38,7 @@ Part: TypeAlias = Literal[
 PARTS: tuple[Part, ...] = get_args(Part)
 
 # A bake.
-Mode: TypeAlias = Literal["morph", "frames"]
+Mode: TypeAlias = Literal["morph", "frames", "weights"]
 Engine: TypeAlias = Literal["three", "unity", "spec8", "vtk", "godot3"]
 Storage: TypeAlias = Literal["sparse", "dense", "based"]
 """The storage of deltas: sparse where that is smaller; dense, all of them; or based, sparse upon zeros that are stored

@@ -189,7 +189,7 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
     match command:
         case "bake":
             yield from (asset, "tools.yaml", *some("--replace", share=0.6), *some("--report", report), *anims)
-            yield from some("--mode", "frames")
+            yield from some("--mode", chance.choice(["frames", "frames", "weights"]))
             yield from some("--accessors", chance.choice(["dense", "based"]))
             yield from some("--tracks", "none")
             yield from some("--morph-tangents")

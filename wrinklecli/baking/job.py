@@ -19,7 +19,7 @@ from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.memory import MAX_MEMORY, MAX_VERTICES, Memory
 from wrinklecli.tools.body import Flesh
 from wrinklecli.tools.read import load_merged
-from wrinklecli.tools.records import ONE_PERCENT, EffectTool, Length, ToolsFile
+from wrinklecli.tools.records import ONE_PERCENT, EffectTool, Length, ToolsFile, WrinkleTool
 
 ToolsPaths: TypeAlias = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
 
@@ -32,7 +32,8 @@ class BakeOptions:
     """Options of `bake`, besides what the tools file says.
 
     Attributes:
-        mode: `morph` keeps the skin and adds morph targets; `frames` writes posed geometry for each frame.
+        mode: `morph` keeps the skin and adds morph targets; `frames` writes posed geometry for each frame; `weights`
+            adds morph targets that move nothing, whose weights are those of wrinkle maps.
         anims: Files with more clips, for joints of the same names; OUT gets these clips too.
         clips: Names of the clips to bake; if empty, those of the tools file.
         only: Names of the tools to bake; if empty, all.
@@ -363,3 +364,26 @@ def check_clip_names(settings: ToolsFile, sampled: Sequence[str], clips: tuple[C
     if problems:
         raise ConfigError.of_all(problems.values())
     return warnings
+
+
+def wrinkles_alone(job: Job) -> Job:
+    """The job with its wrinkling tools that the skin carries, whose maps need no geometry, and a line for the others.
+
+    Raises:
+        BakeError: No tool is left.
+    """
+    kept: dict[int, list[EffectTool]] = {}
+    notes = []
+    for node, tools in job.by_node.items():
+        for tool in tools:
+            if not isinstance(tool, WrinkleTool):
+                notes.append(f"{tool.name}: left out, as it moves the body; maps hold wrinkles alone")
+            elif tool.attachment == "patch":
+                notes.append(f"{tool.name}: left out, as attachment: patch has other wrinkles in each frame")
+            else:
+                if tool.contact is not None:
+                    notes.append(f"{tool.name}: contact is left out, as it moves the mesh")
+                kept.setdefault(node, []).append(replace(tool, contact=None))
+    if not kept:
+        raise BakeError("has no wrinkling tool that maps could show", where=job.settings.path)
+    return replace(job, by_node=kept, notes=(*job.notes, *notes))

@@ -61,15 +61,24 @@ def encode_morphs(
     *,
     tangents: bool = False,
     draft: bool = False,
+    idle: bool = False,
 ) -> None:
     """Put the mesh, targets, extras, and tracks for motions into the edited document.
 
     With `tangents`, a base that has TANGENT gets targets of it. With `draft`, the extras say that the bake is a draft.
+    With `idle`, the mesh stays as it is, and its targets do nothing: something else takes their weights.
     """
     targets, rig = targets_of(effects), plan.rig.own
     stored = np.concatenate([each.stored_weights(plan.rig) for each in effects])
-    groups = shared_vertices(edited.source, rig.mesh, plan.fine)
-    encode_mesh(edited, rig, plan.fine, targets, stored=stored, tangents=tangents, groups=groups)
+    if idle:
+        node = edited.gltf["nodes"][rig.node]
+        names = [*rig.morph_names, *(each.name for each in targets)]
+        add_idle_targets(edited, node, names, rig.morph_names)
+        if "weights" in node or stored.any():
+            node["weights"] = [float(each) for each in rig.morph_weights] + [float(np.float32(each)) for each in stored]
+    else:
+        groups = shared_vertices(edited.source, rig.mesh, plan.fine)
+        encode_mesh(edited, rig, plan.fine, targets, stored=stored, tangents=tangents, groups=groups)
     encode_extras(edited, plan, effects, draft=draft)
     _encode_tracks(edited, rig, effects, motions, stored)
 
@@ -160,6 +169,28 @@ def own_mesh(edited: EditedDocument, node: Json, mesh: int) -> Json:
         node["mesh"] = edited.clone_mesh(mesh)
     found: Json = meshes[node["mesh"]]
     return found
+
+
+def add_idle_targets(edited: EditedDocument, node: Json, names: Sequence[str], own: Sequence[str]) -> None:
+    """Give a node's mesh, which has its `own` targets, those of some names. New ones do nothing; tracks weigh them."""
+    mesh = own_mesh(edited, node, node["mesh"])
+    for primitive in mesh["primitives"]:
+        old = primitive.get("targets", [])
+        count = len(edited.source.accessor(primitive["attributes"]["POSITION"]))
+        # three.js takes the base's normals for a target that lacks them where another has them.
+        kinds = [kind for kind in ("NORMAL", "TANGENT") if any(kind in each for each in old)]
+        idle = {}
+        for kind in ("POSITION", *kinds):
+            nothing = np.zeros(0, np.intp), np.zeros((0, 3))
+            idle[kind] = edited.add_deltas(*nothing, count=count, bounds=kind == "POSITION")
+        primitive["targets"] = [old[own.index(name)] if name in own else dict(idle) for name in names]
+    if isinstance(mesh.setdefault("extras", {}), dict):
+        mesh["extras"]["targetNames"] = list(names)
+    mesh.setdefault("weights", [0.0] * len(own))
+    for holder in (mesh, node):
+        if "weights" in holder:
+            weights = [*holder["weights"], *[0.0] * len(own)]  # weights may be fewer than targets; the others are 0
+            holder["weights"] = [weights[own.index(name)] if name in own else 0.0 for name in names]
 
 
 def tangent_deltas(tangents: Floats, normals: Floats, normal_deltas: Floats) -> Floats:

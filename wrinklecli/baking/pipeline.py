@@ -11,7 +11,7 @@ from wrinklecli.baking.estimate import refuse_too_much
 from wrinklecli.baking.extras import name_joints
 from wrinklecli.baking.frame_files import export_frames
 from wrinklecli.baking.frames import encode_frames
-from wrinklecli.baking.job import BakeOptions, Job, ToolsPaths, read_job, tools_paths
+from wrinklecli.baking.job import BakeOptions, Job, ToolsPaths, read_job, tools_paths, wrinkles_alone
 from wrinklecli.baking.morphs import encode_morphs, own_target_bytes
 from wrinklecli.baking.original import seal
 from wrinklecli.baking.plan import plan_meshes
@@ -79,10 +79,9 @@ def _bake(
     progress: Progress,
 ) -> Report:
     """Bake, and add the files to write to `outputs`."""
-    if options.split and options.mode == "frames":
-        raise BakeError(
-            "split keeps morph targets from what they do not move; mode frames writes none", where=os.fspath(asset)
-        )
+    if options.split and options.mode != "morph":
+        message = f"split keeps morph targets from what they do not move; mode {options.mode} writes none that move any"
+        raise BakeError(message, where=os.fspath(asset))
     clock = StageClock()
     if out is not None:
         outputs.claim(out)
@@ -91,6 +90,8 @@ def _bake(
         with clock.stage("read"):
             job = read_job(asset, tools, options)
             outputs.protect([*job.inputs, *job.beside])
+            if options.mode == "weights":
+                job = wrinkles_alone(job)
         with clock.stage("plan"):
             plans = plan_meshes(job, influences=BUDGETS[options.engine].influences if options.engine else None)
             for plan in plans:
@@ -99,12 +100,12 @@ def _bake(
         posed, morphed = [], []
         if options.mode == "frames" or options.frames_dir is not None:
             posed = [_pose_frames(job, plan, clock, progress) for plan in plans]
-        if options.mode == "morph" and out is not None:
+        if options.mode != "frames" and out is not None:
             morphed = [_add_morph_targets(job, edited, plan, clock, progress) for plan in plans]
             with clock.stage("encode"):
                 if options.split:
                     edited, morphed = split_meshes(edited, morphed)
-                else:
+                elif options.mode == "morph":
                     morphed = [weighed(edited, mesh) for mesh in morphed]
         # If nothing is to be written, the report describes the plans alone.
         baked = morphed or posed or [BakedMesh(plan) for plan in plans]
@@ -146,10 +147,11 @@ def _add_morph_targets(
             effects, motions, budget = fit_budget(job.document, plan, effects, motions, job.every_clip, options.engine)
     tracked = motions if options.tracks == "all" else []
     with clock.stage("encode"):
-        encode_morphs(edited, plan, effects, tracked, tangents=options.morph_tangents, draft=options.draft)
+        idle = options.mode == "weights"
+        encode_morphs(edited, plan, effects, tracked, tangents=options.morph_tangents, draft=options.draft, idle=idle)
         names = name_joints(edited, plan, effects)
     residuals = {}
-    if options.tracks == "all" and not options.draft:
+    if options.tracks == "all" and not options.draft and not idle:
         with clock.stage("prove"):
             residuals = prove(edited, plan, effects, motions, details=options.details, progress=progress)
     own_bytes = own_target_bytes(job.document.gltf, plan.rig.own), own_target_bytes(edited.gltf, plan.rig.own)

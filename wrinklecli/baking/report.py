@@ -64,10 +64,11 @@ class Report:
         parts = ["a draft (one level less refined, not proven)"] if self.data["draft"] else []
         tools = [counted(len(self.data["tools"]), "tool")] if self.data["tools"] or not self.further_targets else []
         made = [counted(targets, "morph target")] if tools else []
+        targeted = self.data["mode"] != "frames"
         parts += [
             *tools,
-            ", ".join([*made, *self.further_targets]) if self.data["mode"] == "morph" else "per-frame geometry",
-            counted(added, "new vertex", "new vertices"),
+            ", ".join([*made, *self.further_targets]) if targeted else "per-frame geometry",
+            "which move nothing" if self.data["mode"] == "weights" else counted(added, "new vertex", "new vertices"),
             counted(len(self.data["clips"]), "clip"),
         ]
         if self.data["mode"] == "morph":
@@ -232,9 +233,10 @@ def _describe_mesh(mesh: BakedMesh, mode: Mode) -> Json:
     data = {
         "node": rig.names[rig.node],
         "coarse_vertices": len(fine.surface.weld),
-        "vertices": len(fine.weld),
+        # Weights alone leave the mesh as it is.
+        "vertices": len(fine.surface.weld if mode == "weights" else fine.weld),
         "coarse_triangles": len(fine.surface.triangles),
-        "triangles": len(fine.triangles),
+        "triangles": len(fine.surface.triangles if mode == "weights" else fine.triangles),
         "levels": fine.subdivision.levels,
         "edges_at_max_levels": fine.subdivision.limited,
         "edges_blocked": fine.subdivision.blocked,

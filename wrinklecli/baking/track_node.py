@@ -4,12 +4,11 @@ Players bind tracks by the name of a node. If two nodes have one name, three.js 
 """
 
 from collections import Counter
-from collections.abc import Sequence
 
 import numpy as np
 
 from wrinklecli.baking.baked_body import BakedPart
-from wrinklecli.baking.morphs import own_mesh
+from wrinklecli.baking.morphs import add_idle_targets
 from wrinklecli.character.rig import morph_target_names
 from wrinklecli.errors import AssetError, listed
 from wrinklecli.gltf.document import Document
@@ -53,7 +52,7 @@ def node_for_tracks(edited: EditedDocument, body: BakedPart, *, ambiguous: bool)
                 where=edited.source.where("nodes", found[0]),
             )
         _refuse_incomplete(edited.source, node["mesh"], targets=len(names))
-        _add_idle_targets(edited, node, body, names)
+        add_idle_targets(edited, node, body.targets, names)
     return found[0]
 
 
@@ -93,25 +92,3 @@ def _add_stub(edited: EditedDocument, body: BakedPart, node: Json) -> None:
     node["mesh"] = len(meshes) - 1
     if body.stored.any():
         node["weights"] = body.stored.tolist()
-
-
-def _add_idle_targets(edited: EditedDocument, node: Json, body: BakedPart, own: Sequence[str]) -> None:
-    """Give a mesh the body's targets that it lacks. They do nothing here, but tracks have a weight for each."""
-    mesh = own_mesh(edited, node, node["mesh"])
-    for primitive in mesh["primitives"]:
-        old = primitive.get("targets", [])
-        count = len(edited.source.accessor(primitive["attributes"]["POSITION"]))
-        # three.js takes the base's normals for a target that lacks them where another has them.
-        kinds = [kind for kind in ("NORMAL", "TANGENT") if any(kind in each for each in old)]
-        idle = {}
-        for kind in ("POSITION", *kinds):
-            nothing = np.zeros(0, np.intp), np.zeros((0, 3))
-            idle[kind] = edited.add_deltas(*nothing, count=count, bounds=kind == "POSITION")
-        primitive["targets"] = [old[own.index(name)] if name in own else dict(idle) for name in body.targets]
-    if isinstance(mesh.setdefault("extras", {}), dict):
-        mesh["extras"]["targetNames"] = list(body.targets)
-    mesh.setdefault("weights", [0.0] * len(own))
-    for holder in (mesh, node):
-        if "weights" in holder:
-            weights = [*holder["weights"], *[0.0] * len(own)]  # weights may be fewer than targets; the others are 0
-            holder["weights"] = [weights[own.index(name)] if name in own else 0.0 for name in body.targets]

@@ -33,7 +33,8 @@ _MODIFIERS = {"define", "export", "override", "private", "undefine", "unexport"}
 @opt.choice(
     "--mode",
     Mode,
-    "morph: keep the skin, add morph targets and their weights. frames: a posed mesh for each frame.",
+    "morph: keep the skin, add morph targets and their weights. frames: a posed mesh for each frame. weights: morph"
+    " targets that move nothing, with their weights, for maps (wrinkle maps).",
 )
 @opt.anim("They get into OUT.")
 @opt.clip("Bake only this clip; may be repeated.")

@@ -10,7 +10,7 @@ from typing import Any, get_args
 import numpy as np
 
 from wrinklecli.baking.extras import METHOD, player_names
-from wrinklecli.baking.job import BakeOptions, Job, ToolsPaths, read_job, tools_paths
+from wrinklecli.baking.job import BakeOptions, ToolsPaths, read_job, tools_paths, wrinkles_alone
 from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.baking.refined_mesh import RefinedPrimitive, old_values, primitives_of
 from wrinklecli.choices import MapKind
@@ -30,7 +30,6 @@ from wrinklecli.texture.occlusion import REACH, occlusion
 from wrinklecli.texture.relief import ReliefOf, Textured
 from wrinklecli.texture.tangents import mikk_tangents
 from wrinklecli.texture.texels import charted, covered, gutter, texture_steps
-from wrinklecli.tools.records import WrinkleTool
 
 VERSION = 1
 """The version of maps.json; a change that a reader would misunderstand raises it."""
@@ -143,7 +142,7 @@ def maps(
         )
         job = read_job(asset, tools, reading)
         written.protect([*job.inputs, *job.beside])
-        job, notes = _wrinkles_alone(job)
+        job = wrinkles_alone(job)
         pixels = f"maps of {options.size} by {options.size} texels"
         job.document.memory.check(_TEXEL_BYTES * options.size**2, pixels, where=job.document.path)
         materials: list[Json] = []
@@ -177,7 +176,7 @@ def maps(
         text = json.dumps(data, indent=1, ensure_ascii=False) + "\n"
         written.add_bytes(os.path.join(path, "maps.json"), text.encode(), last=True)
         paths = tuple(os.path.join(path, name) for name in ("maps.json", *files))
-        return Maps(data, paths, job.inputs, (*job.notes, *notes), tuple(warnings))
+        return Maps(data, paths, job.inputs, job.notes, tuple(warnings))
 
 
 def _refuse_without_pillow() -> None:
@@ -186,29 +185,6 @@ def _refuse_without_pillow() -> None:
         png_of(np.zeros((1, 1), np.uint8))
     except ImportError as error:
         raise BakeError(f"maps need Pillow ({error}): pip install 'wrinklecli[maps]'") from error
-
-
-def _wrinkles_alone(job: Job) -> tuple[Job, list[str]]:
-    """The job with its wrinkling tools that the skin carries, and a line for what is left out.
-
-    Raises:
-        BakeError: No tool is left.
-    """
-    kept: dict[int, list[Any]] = {}
-    notes = []
-    for node, tools in job.by_node.items():
-        for tool in tools:
-            if not isinstance(tool, WrinkleTool):
-                notes.append(f"{tool.name}: left out, as it moves the body; maps hold wrinkles alone")
-            elif tool.attachment == "patch":
-                notes.append(f"{tool.name}: left out, as attachment: patch has other wrinkles in each frame")
-            else:
-                if tool.contact is not None:
-                    notes.append(f"{tool.name}: contact is left out, as it moves the mesh")
-                kept.setdefault(node, []).append(replace(tool, contact=None))
-    if not kept:
-        raise BakeError("has no wrinkling tool that maps could show", where=job.settings.path)
-    return replace(job, by_node=kept), notes
 
 
 def _drives(gltf: Json, plan: MeshPlan, effects: Sequence[WrinkleEffect]) -> Json:
