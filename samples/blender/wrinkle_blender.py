@@ -1726,7 +1726,7 @@ class Tools(bpy.types.Panel):
         for kind, each in KINDS.items():
             adding.operator("wrinkle.add", text=f"Add {each.title}").kind = kind
         if context.mode != "EDIT_MESH":
-            layout.label(text="To add: pick vertices in edit mode", icon="INFO")
+            layout.label(text="Pick vertices in edit mode", icon="INFO")
         active = tool_at(context)
         tools = layout.column(align=True)
         for tool in tools_of(context.scene):

@@ -5,7 +5,7 @@ In a virtual environment of Python 3.11 with Blender as a module, and with `wrin
     pip install bpy
     python tests/clients/blender_addon_check.py
 
-Prints a line for each check; fails at the first that does not hold. Seen with Blender 4.2.0 and 5.0.1.
+Prints a line for each check; fails at the first that does not hold. Seen with Blender 4.2.0, 4.5.15 and 5.0.1.
 """
 
 import hashlib
@@ -169,8 +169,12 @@ def check_that_empties_and_the_patch_follow_the_bones() -> None:
     after = [each.matrix_world.translation.copy() for each in empties]
     assert (after[0] - before[0]).length < NOISE < 0.05 < (after[1] - before[1]).length
     assert max((a - addon.at_rest(b).translation).length for a, b in zip(rest, empties, strict=True)) < NOISE
-    moved = np.linalg.norm(positions(tool) - at_rest, axis=1)
+    posed = positions(tool)
+    moved = np.linalg.norm(posed - at_rest, axis=1)
     assert moved.min() < NOISE < 0.05 < moved.max()
+    addon.draw_tool(tool)
+    bpy.context.view_layer.update()
+    assert np.abs(positions(tool) - posed).max() < NOISE, "a curve drawn in a pose is the same"
     # The curve lies on the skin at rest, across the whole width.
     skin = addon.Skin(body)
     points = [Vector(point.co[:3]) for spline in tool.data.splines for point in spline.points]
@@ -226,6 +230,12 @@ def check_that_tools_are_mirrored_copied_renamed_and_deleted() -> None:
     bpy.ops.wrinkle.delete()
     assert [each["name"] for each in addon.tools_of(bpy.context.scene)] == ["knee.L", "knee.R"]
     assert not [each for each in bpy.data.objects if each.name.startswith("calf")]
+    pick(body, (0.1587, 0.0619, 0.6507))
+    bpy.ops.wrinkle.add(kind="flesh", name="thigh.L")
+    bpy.ops.wrinkle.set_key(key="joint", text="thigh.L")
+    bpy.ops.wrinkle.mirror()
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert one("thigh.R")["joint"] == "thigh.R"
     bpy.ops.wrinkle.save(filepath=str(FOLDER / "both.yaml"))
     # Both sides by hand are what `mirror: x` makes of one, but for the seed, which a name gives.
     values = json.loads(wrinkle("schema", "--read", FOLDER / "both.yaml"))
