@@ -2,13 +2,21 @@
 #
 #     godot3-server --no-window --path FOLDER -s vectors.gd
 #
-# The folder has project.godot, this file, the driver's files and vectors.json, and gets played.json.
+# The folder has project.godot, this file, the driver's files and vectors.json, and gets played.json. With a baked.glb there,
+# flesh knows the clips that are in it.
 extends SceneTree
+
+var clips = null
 
 
 func _init():
 	var cases = JSON.parse(text_of("res://vectors.json")).result
 	var Body = load("res://wrinkle.gd")
+	if File.new().file_exists("res://baked.glb"):
+		var node = load("res://driver_godot3.gd").new()
+		var gltf = node.read("res://baked.glb")
+		clips = load("res://clips.gd").new(gltf, node.stream, node.start)
+		node.free()
 	var found = {}
 	for label in cases:
 		var each = cases[label]
@@ -40,6 +48,7 @@ func text_of(path):
 
 func played(body, each, run):
 	var frames = []
+	body.clips = clips
 	for number in range(run["elapsed"].size()):
 		var k = number % run["times"].size()
 		var matrices = {}

@@ -1,22 +1,28 @@
 # Sets blend shapes of baked characters in Godot 4: a node right below the root of an imported scene.
 #
-# Beside it stand wrinkle.gd, joints.gd and numbers.gd. `gltf` is the baked file, from which the extras are read: so export
+# Beside it stand wrinkle.gd, joints.gd, clips.gd and numbers.gd. `gltf` is the baked file, from which the extras are read: so export
 # *.glb with the game.
 extends Node
 
 const Wrinkle = preload("wrinkle.gd")
+const Clips = preload("clips.gd")
 
 @export_file("*.glb", "*.gltf") var gltf = ""
 # Where the player's own tips touch: {TOUCH: {"slide": [forward, sideways], "depth": depth}}, scene units.
 var hands = {}
 # For each node that was baked its `body`, `meshes`, `shapes` of each mesh by target, and `joints` by name.
 var bodies = []
+# The file's own clips, in its bytes, from where its buffer begins.
+var clips = null
+var stream = StreamPeerBuffer.new()
+var start = 0
 
 
 func _ready():
 	# After animation players, which have 0.
 	process_priority = 100
 	var file = read(gltf)
+	clips = Clips.new(file, stream if start > 0 else null, start)
 	for node in file.get("nodes", []):
 		var extras = node.get("extras")
 		if extras is Dictionary and extras.get("wrinkle") is Dictionary and node.has("mesh"):
@@ -42,6 +48,8 @@ func drive(clip, time, elapsed):
 		var morphs = {}
 		for target in each["shapes"][0]:
 			morphs[target] = each["meshes"][0].get(each["shapes"][0][target])
+		each["body"].clips = clips
+		each["body"].root = matrix([get_parent(), -1])
 		var found = each["body"].weights(matrices, morphs, clip, time, elapsed, hands)
 		for k in range(each["meshes"].size()):
 			for target in each["shapes"][k]:
@@ -151,20 +159,20 @@ func plain(label):
 	return found
 
 
-# The JSON of a .glb or .gltf file.
+# The JSON of a .glb or .gltf file, and of a .glb its bytes into `stream`.
 func read(path):
 	var file = FileAccess.open(path, FileAccess.READ)
 	if file == null:
 		push_warning("wrinkle: cannot read %s" % path)
 		return {}
-	var text = ""
-	if file.get_buffer(4).get_string_from_ascii() == "glTF":
-		file.seek(12)
-		var size = file.get_32()
-		file.seek(20)
-		text = file.get_buffer(size).get_string_from_utf8()
-	else:
-		file.seek(0)
-		text = file.get_as_text()
+	stream.data_array = file.get_buffer(file.get_length())
+	# Of a .glb: 12 bytes of header, then each chunk's length and kind before it: that of JSON and that of bytes.
+	var size = stream.get_size()
+	if size > 28 and stream.get_string(4) == "glTF":
+		stream.seek(12)
+		size = stream.get_u32()
+		start = 28 + size
+	stream.seek(20 if start > 0 else 0)
+	var text = stream.get_utf8_string(size)
 	var found = JSON.parse_string(text)
 	return found if found is Dictionary else {}

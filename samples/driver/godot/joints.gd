@@ -17,6 +17,9 @@ const LEAP_ANEW = 2.5
 const HITCH = 2.0
 const LONG = 0.05
 const STRAIGHT = 0.01
+# What is known of the motion of a joint without its clip.
+const NONE = [0.0, 0.0, 0.0]
+const UNKNOWN = {"path": [NONE, NONE, NONE, NONE], "beside": NONE, "back": NONE}
 
 
 static func fold(body, data):
@@ -82,18 +85,23 @@ static func fold(body, data):
 
 static func flesh(body, data, state):
 	var matrix = body.matrices[data["joint"]]
-	var place = Numbers.moved(matrix, data["at"])
+	var before = state["time"] if state.get("clip") == body.clip else NAN
+	var known = null
+	if body.clips != null:
+		known = body.clips.during(data["joint"], data["at"], body.clip, body.time, before, body.elapsed, body.root)
+	if known == null:
+		known = UNKNOWN
+	var place = Numbers.sum(Numbers.moved(matrix, data["at"]), known["beside"])
 	var turn = Numbers.turn(matrix)
 	var ratio = Numbers.scale(matrix) / data["scale"]
 	# Gravity as it was at rest is in the mesh already.
 	var pull = [0.0, -Numbers.length(data["gravity"]), 0.0]
 	for k in range(3):
 		pull = Numbers.sum(pull, turn[k], -data["gravity"][k])
-	var anew = state.get("clip") == body.clip and body.time < state.get("time", 0.0)
+	var farthest = (LEAP_ANEW if body.time < before else LEAP) * ratio * body.elapsed
 	state["clip"] = body.clip
 	state["time"] = body.time
-	var farthest = (LEAP_ANEW if anew else LEAP) * ratio * body.elapsed
-	_advance(body.elapsed, data["modes"], state, place, pull, farthest)
+	_advance(body.elapsed, data["modes"], state, place, pull, farthest, known)
 	var numbers = []
 	for k in range(data["modes"].size()):
 		var mode = data["modes"][k]
@@ -114,7 +122,7 @@ static func flesh(body, data, state):
 
 
 # Takes the springs on by a frame that brings the joint to a place, along the cubic through the last four frames.
-static func _advance(elapsed, modes, state, place, pull, farthest):
+static func _advance(elapsed, modes, state, place, pull, farthest, known):
 	if not state.has("springs") or not elapsed >= 0:
 		state["springs"] = []
 		for mode in modes:
@@ -128,18 +136,23 @@ static func _advance(elapsed, modes, state, place, pull, farthest):
 		state["place"] = place
 		state["pull"] = pull
 		return
-	var known = state["moves"].size() > 0
-	var moved = Numbers.sum(place, state["place"], -1.0)
-	var leap = Numbers.sum(moved, state["moves"][0], -elapsed / state["steps"][0]) if known else moved
-	# In no time nothing moves: the body is put elsewhere.
-	if elapsed == 0 or (known and Numbers.length(leap) > farthest):
+	var seen = state["moves"].size() > 0
+	var ahead = Numbers.sum(known["path"][3], known["path"][0], -1.0)
+	var moved = Numbers.sum(Numbers.sum(place, state["place"], -1.0), ahead, -1.0)
+	var leap = Numbers.sum(moved, state["moves"][0], -elapsed / state["steps"][0]) if seen else moved
+	# In no time nothing moves: the body is put elsewhere. A player may put a walk back, or let it go on.
+	var back = known["back"]
+	var begins = elapsed > 0 and Numbers.dot(moved, back) > Numbers.dot(back, back) / 2.0
+	if begins:
+		leap = back
+	if begins or elapsed == 0 or (seen and Numbers.length(leap) > farthest):
 		state["place"] = Numbers.sum(state["place"], leap)
 		for axes in state["springs"]:
 			for i in range(3):
 				axes[i][0] += leap[i]
 		moved = Numbers.sum(moved, leap, -1.0)
 	if elapsed > 0:
-		if known and elapsed > Numbers.larger(HITCH * state["steps"][0], LONG):
+		if seen and elapsed > Numbers.larger(HITCH * state["steps"][0], LONG):
 			state["moves"] = []
 			state["steps"] = []
 		while state["moves"].size() > 2:
@@ -149,6 +162,7 @@ static func _advance(elapsed, modes, state, place, pull, farthest):
 		state["steps"].push_front(elapsed)
 		for i in range(3):
 			var powers = _cubic(state["moves"], state["steps"], i)
+			powers = Numbers.sum(powers, _onward(known["path"], elapsed, i))
 			powers[0] += state["place"][i]
 			for k in range(modes.size()):
 				var omega = 2.0 * PI * modes[k]["frequency"]
@@ -162,11 +176,24 @@ static func _advance(elapsed, modes, state, place, pull, farthest):
 				if omega * elapsed < STRAIGHT:
 					drawn = [drawn[0], drawn[1] + drawn[2] + drawn[3], 0.0, 0.0]
 				# A body that was already moving when it was first seen had flesh that moved along.
-				if not known:
+				if not seen:
 					state["springs"][k][i][1] = powers[1] / omega
 				state["springs"][k][i] = Numbers.passed(state["springs"][k][i], drawn, damping, omega * elapsed)
 	state["place"] = place
 	state["pull"] = pull
+
+
+# Powers of time of the cubic through four places at even times, from the first to the last; it begins at 0.
+static func _onward(path, elapsed, i):
+	var a = path[0][i]
+	var b = path[1][i]
+	var c = path[2][i]
+	var d = path[3][i]
+	var found = [0.0, 9.0 * b - 5.5 * a - 4.5 * c + d, 9.0 * a - 22.5 * b + 18.0 * c - 4.5 * d]
+	found.append(13.5 * (b - c) + 4.5 * (d - a))
+	for n in range(4):
+		found[n] = found[n] / pow(elapsed, n)
+	return found
 
 
 # Powers of time since the last frame of the cubic through the last moves along an axis.

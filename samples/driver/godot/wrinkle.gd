@@ -13,6 +13,10 @@ const KINDS = ["muscles", "flesh", "touches", "tools", "folds"]
 
 # A line for each drive that is left out or does not show.
 var problems = []
+# The clips of the file, as of clips.gd, so that flesh follows a smooth curve through their keys; null if they are unknown.
+var clips = null
+# The matrix to world space of what the file's scene stands below, for these: 16 numbers by columns.
+var root = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]
 var _drives = []
 var _found = {}
 # Of this frame, for the drives: what `weights` gets.
