@@ -16,7 +16,9 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 # Extensions are installed there.
@@ -212,6 +214,73 @@ def check_that_keys_have_the_ranges_of_the_schema() -> None:
     bpy.ops.wrinkle.unset_key(key="variation")
     assert set(addon.own_keys(tool)) == {"bumps", "width", "max_height", "clips", "material"}
     refused(lambda: bpy.ops.wrinkle.set_key(key="widht", text="3"), "widht is no key of a wrinkle")
+
+
+class Layout:
+    """Takes what a panel draws, and holds it to what Blender's layout knows."""
+
+    def __init__(self) -> None:
+        self.drawn: list[str] = []
+
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        known = bpy.types.UILayout.bl_rna.functions[name].parameters
+
+        def call(*places: Any, **words: Any) -> Any:
+            assert set(words) <= set(known.keys()), (name, words)
+            if "icon" in words:
+                assert words["icon"] in known["icon"].enum_items, words
+            if name == "operator":
+                assert hasattr(bpy.types, addon_class(places[0])), places
+                self.drawn.append(places[0])
+                return SimpleNamespace()
+            if name == "prop":
+                assert places[0].path_resolve(places[1]) is not None, places
+                self.drawn.append(places[1])
+            if name in ("label", "progress"):
+                self.drawn.append(words["text"])
+            return self
+
+        return call
+
+
+def addon_class(name: str) -> str:
+    """The type of an operator."""
+    room, _, rest = name.partition(".")
+    return f"{room.upper()}_OT_{rest}"
+
+
+def panel() -> list[str]:
+    """What the panel draws."""
+    drawn = SimpleNamespace(layout=Layout())
+    for each in ("_draw_keys", "_draw_bakes"):
+        setattr(drawn, each, partial(getattr(addon.Tools, each), drawn))
+    addon.Tools.draw(drawn, bpy.context)
+    return drawn.layout.drawn
+
+
+def check_that_the_panel_has_every_key_and_a_bar() -> None:
+    body = start("body")
+    assert "Pick vertices in edit mode" in panel()
+    pick(body, (0.205, 0.06, 1.368), (0.382, -0.05, 1.18))
+    for kind, points in (("tools", 2), ("muscles", 2), ("flesh", 1), ("touches", 1)):
+        pick(body, *((0.205, 0.06, 1.368), (0.382, -0.05, 1.18))[:points])
+        bpy.ops.wrinkle.add(kind=kind, name=kind)
+        drawn = panel()
+        for key in addon.keys_of(addon.schema(), kind):
+            is_set = {f'["{key}"]', f"wrinkle_{key}_choice"} & set(drawn)
+            assert len(is_set) == (key in addon.tool_at(bpy.context)), key
+            assert is_set or [each for each in drawn if each.startswith(f"{key}: ")], key
+    bpy.ops.wrinkle.select(name="tools")
+    bpy.ops.wrinkle.set_key(key="material", text="leather")
+    assert "wrinkle_material_choice" in panel()
+    assert "wrinkle.preview" in panel()
+    addon._job = addon.Job([sys.executable, "-c", "import sys; print('progress: sampling 50%', file=sys.stderr)"])
+    addon._job.wait()
+    drawn = panel()
+    addon._job = None
+    assert "sampling 50 %" in drawn
+    assert "wrinkle.cancel" in drawn
+    assert "wrinkle.preview" not in drawn
 
 
 def check_that_tools_are_mirrored_copied_renamed_and_deleted() -> None:
