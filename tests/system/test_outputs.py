@@ -57,6 +57,7 @@ KEPT_APART = {
     ("bake", "timings"): (BAKE + " -o out.glb --timings {}", TOOLS),
     ("bake", "depfile"): (BAKE + " -o out.glb --depfile {}", TOOLS),
     ("bake", "frames_dir"): (BAKE + " --clip fold --frames-dir {}", TOOLS),
+    ("bake", "maps_dir"): (BAKE + " -o out.glb --maps-dir {}", TOOLS),
     ("suggest", "output"): (
         "suggest limb.gltf --all --anim run.gltf --presets studio.yaml -o {}",
         (*CLIPS, "studio.yaml"),
@@ -105,7 +106,12 @@ def test_no_option_writes_over_what_another_reads(command: str, option: str, rea
     inputs = [*named, *(name for name in files(read) if name.endswith((".bin", ".png")))]
     (read / "here").symlink_to(".")
     # A folder of outputs gets the files of an earlier run, which are links here.
-    own = {"frames_dir": "fold_0001.obj", "folder": "run.gltf", "folder, of maps": "maps.json"}.get(option)
+    own = {
+        "frames_dir": "fold_0001.obj",
+        "folder": "run.gltf",
+        "folder, of maps": "maps.json",
+        "maps_dir": "maps.json",
+    }.get(option)
     for number, (each, kind) in enumerate(itertools.product(inputs, ("itself", "link", "hard link", "folder link"))):
         output = f"{number}{ending}"
         if own is not None:

@@ -2,6 +2,8 @@
 
 import io
 import json
+import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,11 +11,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from kit.command import Wrinkle
+from kit.command import Wrinkle, files
 from kit.places import ROOT
 from kit.player import Gltf
 from kit.samples import Editor, edited, sample
-from wrinklecli import bake, maps
+from wrinklecli import MapOptions, bake, maps
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.effects.effect import SamplingOptions, targets_of
@@ -79,6 +81,22 @@ def test_heights_and_drives_are_those_of_a_bake(tmp_path: Path) -> None:
     how = SamplingOptions(30.0, "morph", Memory(), no_progress)
     tallest = max(each.shape.tallest for each in targets_of(sample_effects(plan, [], how)[0]))
     assert 0.98 * tallest < heights.max() < 1.02 * tallest
+
+
+def test_a_bake_writes_maps_too_or_nothing(wrinkle: Wrinkle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    small = replace(MapOptions(), size=32)
+    monkeypatch.setattr("wrinklecli.texture.maps.MapOptions", lambda **options: replace(small, **options))
+    asset, tools = sample("wrist"), CONFIGS / "wrist.yaml"
+    ran = wrinkle("bake", asset, tools, "-o", "out.glb", "--maps-dir", "maps", "--max-levels", "0", "--draft")
+    assert ran.code == 0
+    assert re.fullmatch(r"maps: \d images of 1 material, 4 weights in \d sets?", ran.lines[-1])
+    assert wrinkle("maps", asset, tools, "-o", "alone", "--size", "32", "-q").code == 0
+    assert files(tmp_path / "maps") == files(tmp_path / "alone")
+    Path("taken").write_text("mine")
+    ran = wrinkle("bake", asset, tools, "-o", "new.glb", "--maps-dir", "taken", "--max-levels", "0", "--draft")
+    assert (ran.code, len(ran.lines)) == (1, 1)
+    assert not Path("new.glb").exists()
+    assert wrinkle("bake", "out.glb", tools, "-o", "new.glb", "--maps-dir", "more", "--replace").code == 2
 
 
 def test_the_same_input_gives_the_same_bytes(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from wrinklecli.choices import Engine, FrameFormat, Mode, Storage, Tracks
 from wrinklecli.cli import options as opt
 from wrinklecli.cli.output import Progress, say, say_findings
 from wrinklecli.cli.streams import command_outputs
-from wrinklecli.errors import WrinkleError
+from wrinklecli.errors import RefusedError, WrinkleError
 
 # Control characters, wildcards, and characters that end a list of files or have a meaning in Make or Ninja.
 _NOT_CARRIED = re.compile(r"[\x00-\x1f\x7f*?\[;|<>^`]")
@@ -75,6 +75,7 @@ _MODIFIERS = {"define", "export", "override", "private", "undefine", "unexport"}
 )
 @opt.file("--frames-dir", metavar="DIR", text="Also write a file for each frame into DIR.")
 @opt.choice("--frames-format", FrameFormat, "The format of the files in DIR.")
+@opt.file("--maps-dir", metavar="DIR", text="Also write wrinkle maps into DIR, with the defaults of wrinkle maps.")
 @opt.file("--report", metavar="FILE.json", text="Write what was made and how exact it is.")
 @opt.file("--timings", metavar="FILE.json", text="Write seconds by stage, frames per second, and memory.")
 @opt.file("--depfile", metavar="FILE.d", text="Write the files that OUT depends on, for Make and Ninja.")
@@ -93,6 +94,7 @@ def bake(
     report: str | None,
     timings: str | None,
     depfile: str | None,
+    maps_dir: str | None,
     progress: bool,
     quiet: bool,
     verbose: bool,
@@ -124,6 +126,8 @@ def bake(
     """  # noqa: D301
     if output is None and options["frames_dir"] is None:
         raise click.UsageError("Missing option '-o' (or '--frames-dir').")
+    if maps_dir is not None and options["replace"]:
+        raise click.UsageError("'--maps-dir' goes without '--replace': maps are made of an asset without wrinkles.")
     if output is None and depfile is not None:
         raise click.UsageError("'--depfile' needs '-o'.")
     if output is not None and not output.lower().endswith((".glb", ".gltf")):
@@ -138,6 +142,14 @@ def bake(
             outputs.claim(path)
         chosen = BakeOptions(details=report is not None, jobs=jobs or core_count(), **options)
         made = run(asset, tools, output, chosen, outputs=outputs, progress=shown.show)
+        mapped = None
+        if maps_dir is not None:
+            from wrinklecli.texture.maps import MapOptions, maps
+
+            shared = {name: getattr(chosen, name) for name in ("only", "anims", "allow_external", "max_memory")}
+            mapped = maps(asset, tools, maps_dir, MapOptions(**shared), outputs=outputs, progress=shown.show)
+            if chosen.strict and mapped.warnings:
+                raise RefusedError.of_all(RefusedError(line) for line in mapped.warnings)
         if report is not None:
             outputs.add_bytes(report, as_json(made.data).encode())
         if timings is not None:
@@ -147,10 +159,15 @@ def bake(
     if quiet:
         return
     say_findings(made.notes, made.warnings)
+    if mapped is not None:
+        own = set(made.notes), set(made.warnings)
+        say_findings([n for n in mapped.notes if n not in own[0]], [w for w in mapped.warnings if w not in own[1]])
     for tool in made.data["tools"] if verbose else ():
         moved, targets = tool["moved_vertices"], ", ".join(tool["targets"]) or "none"
         say(f"{tool['name']} on {tool['node']}: {moved} vertices, targets {targets}")
     say(f"{output or options['frames_dir']}: {made.summary}")
+    if mapped is not None:
+        say(f"{maps_dir}: {mapped.summary}")
 
 
 def dependencies(target: str, inputs: Iterable[str]) -> bytes:

@@ -8,7 +8,7 @@ from wrinklecli.choices import MapKind
 from wrinklecli.cli import options as opt
 from wrinklecli.cli.output import Progress, say, say_findings
 from wrinklecli.cli.streams import command_outputs
-from wrinklecli.errors import RefusedError, counted
+from wrinklecli.errors import RefusedError
 
 _SMALLEST = 16
 _LARGEST = 8192  # texels of a side, samples included: the most that common graphics cards take is 16,384
@@ -84,9 +84,4 @@ def maps(asset: str, tools: str, folder: str, strict: bool, quiet: bool, **optio
     if quiet:
         return
     say_findings(made.notes, made.warnings)
-    sets = sum(len(each["sets"]) for each in made.data["materials"])
-    weights = sum(len(part["weights"]) for each in made.data["materials"] for part in each["sets"])
-    say(
-        f"{folder}: {counted(len(made.paths) - 1, 'image')} of {counted(len(made.data['materials']), 'material')},"
-        f" {counted(weights, 'weight')} in {counted(sets, 'set')}"
-    )
+    say(f"{folder}: {made.summary}")

@@ -18,7 +18,7 @@ from wrinklecli.effects.effect import MeshPlan, SamplingOptions
 from wrinklecli.effects.sampling import sample_effects
 from wrinklecli.effects.wrinkle.bending import tallest_poses
 from wrinklecli.effects.wrinkle.effect import WrinkleEffect
-from wrinklecli.errors import AssetError, BakeError
+from wrinklecli.errors import AssetError, BakeError, counted
 from wrinklecli.files.outputs import Outputs, part_of
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.pixels import png_of
@@ -90,6 +90,15 @@ class Maps:
     inputs: tuple[str, ...]
     notes: tuple[str, ...]
     warnings: tuple[str, ...]
+
+    @property
+    def summary(self) -> str:
+        """What was written, in a line."""
+        materials = self.data["materials"]
+        sets = [part for each in materials for part in each["sets"]]
+        weights = counted(sum(len(part["weights"]) for part in sets), "weight")
+        images = counted(len(self.paths) - 1, "image")
+        return f"{images} of {counted(len(materials), 'material')}, {weights} in {counted(len(sets), 'set')}"
 
 
 def maps(
