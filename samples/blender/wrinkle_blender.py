@@ -333,6 +333,11 @@ def bake_command(command: str, asset: Path, tools: Path, out: Path, *, draft: bo
     return [command, "bake", str(asset), str(tools), "-o", str(out), "--progress", *(["--draft"] if draft else [])]
 
 
+def quiet_start() -> dict[str, Any]:
+    """How commands are started: they speak UTF-8, and open no console in Windows."""
+    return {"env": {**os.environ, "PYTHONUTF8": "1"}, "creationflags": getattr(subprocess, "CREATE_NO_WINDOW", 0)}
+
+
 def progress_of(line: str) -> tuple[str, float] | None:
     """The stage and its part done, 0 to 1, that a line of `wrinkle bake --progress` says; None for other lines."""
     found = re.fullmatch(r"progress: (.+) (\d+)%", line.strip())
@@ -352,7 +357,7 @@ class Job:
         self.lines: list[str] = []
         self._process = subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
-            encoding="utf-8", errors="replace",
+            encoding="utf-8", errors="replace", **quiet_start(),
         )  # fmt: skip
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
@@ -1123,7 +1128,7 @@ def schema() -> Mapping[str, Any]:
 
 @cache
 def _schema_of(program: str) -> Mapping[str, Any]:
-    ran = subprocess.run([program, "schema"], capture_output=True, check=True)
+    ran = subprocess.run([program, "schema"], capture_output=True, check=True, **quiet_start())
     found: Mapping[str, Any] = json.loads(ran.stdout)
     for key in {key for kind in KINDS for key, each in keys_of(found, kind).items() if choices(each)}:
         _offer_choices(found, key)
@@ -1136,7 +1141,8 @@ def read_tools(path: Path) -> dict[str, Any]:
     Raises:
         ValueError: `wrinkle` says what is wrong with it.
     """
-    ran = subprocess.run([command(), "schema", "--read", str(path)], capture_output=True, text=True, encoding="utf-8")
+    line = [command(), "schema", "--read", str(path)]
+    ran = subprocess.run(line, capture_output=True, text=True, encoding="utf-8", check=False, **quiet_start())
     if ran.returncode:
         raise ValueError(ran.stderr.strip())
     values: dict[str, Any] = json.loads(ran.stdout)
@@ -1666,7 +1672,7 @@ class Edit(_Operator):
             context.scene["wrinkle_folder"] = str(kept_path.parent)
             options = ["--no-browser", "--port", "0"] if bpy.app.background else []
             line = [program, "edit", str(asset), str(kept_path), *options]
-            _editor = subprocess.Popen(line, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+            _editor = subprocess.Popen(line, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, **quiet_start())
 
 
 def stop_all() -> None:
