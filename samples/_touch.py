@@ -45,13 +45,20 @@ def make_touch(hand: Character) -> Character:
         held=np.concatenate([mesh.held, own.held]),
         border=np.concatenate([mesh.border, own.border]),
     )
-    weights = np.zeros((len(joined.positions), hand.weights.shape[1] + 2))
-    weights[:count, :-2] = hand.weights
+    weights = np.zeros((len(joined.positions), hand.weights.shape[1] + 3))
+    weights[:count, 1:-2] = hand.weights
     weights[count:, -1] = 1.0
     x, y, z = (round(float(each), 6) for each in top + 0.9 * length * axis)
-    ends = Joint("other_hand", None, (x, y, z)), Joint("other_index", "other_hand", (top[0], top[1], top[2]))
+    # glTF wants joints to have a common root.
+    own_joints = [each if each.parent else replace(each, parent="bodies") for each in hand.joints]
+    joints = (
+        Joint("bodies", None, (0.0, 0.0, 0.0)),
+        *own_joints,
+        Joint("other_hand", "bodies", (x, y, z)),
+        Joint("other_index", "other_hand", (top[0], top[1], top[2])),
+    )
     clip = Clip("drag", *drag())
-    return replace(hand, name="touch", mesh=joined, weights=weights, joints=(*hand.joints, *ends), clips=(clip,))
+    return replace(hand, name="touch", mesh=joined, weights=weights, joints=joints, clips=(clip,))
 
 
 def drag() -> tuple[Floats, dict[str, Floats], dict[str, Floats]]:

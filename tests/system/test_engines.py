@@ -32,6 +32,7 @@ CASES: dict[str, tuple[str, str, Callable[[str], Gltf]]] = {
         lambda stored: bake_once(place(blendshape_limb(3)), tool(bumps=6), accessors=stored),
     ),
     "contact": ("limb", "fold", lambda stored: bake_fold(accessors=stored)),
+    "touch": ("touch", "drag", lambda stored: bake_config("touch", "touch", accessors=stored)),
     "face": ("head", "raise_brows", lambda stored: bake_config("head", "head", accessors=stored)),
 }
 
@@ -50,7 +51,7 @@ def played(file: Gltf, node: str, clip: str) -> Floats:
 
 
 @pytest.mark.quick(3)
-@bakes(("blendshapes", "idle_part", "skin", "contact", "face"), ("sparse", "dense"))
+@bakes(("blendshapes", "idle_part", "skin", "contact", "touch", "face"), ("sparse", "dense"))
 def test_babylon_plays_the_bake(case: str, stored: str) -> None:
     """Not based ones: it writes the first accessor's numbers into the zeros that all others stand on."""
     node, clip, bake = CASES[case]
@@ -60,7 +61,7 @@ def test_babylon_plays_the_bake(case: str, stored: str) -> None:
 
 
 @pytest.mark.quick(2)
-@bakes(("idle_part", "blendshapes", "skin", "contact", "face"), ("based", "dense"))
+@bakes(("idle_part", "blendshapes", "skin", "contact", "touch", "face"), ("based", "dense"))
 def test_three_plays_the_bake(case: str, stored: str) -> None:
     """Sparse ones are played in many other tests."""
     node, clip, bake = CASES[case]

@@ -13,7 +13,7 @@ from wrinklecli.effects.effect import Moves
 from wrinklecli.effects.muscle.attach import Bones, carried_by
 from wrinklecli.effects.touch.disc import Disc, disc_on
 from wrinklecli.effects.touch.rings import Rings, plan_rings
-from wrinklecli.effects.touch.skin import Hold, Place, hold_of, on_surface, slides_of
+from wrinklecli.effects.touch.skin import Hold, Place, hold_of, slides_of, slides_on_surface
 from wrinklecli.errors import BakeError, WrinkleError
 from wrinklecli.numeric.arrays import Floats, inverses, singular, smoothstep, unit
 from wrinklecli.numeric.membrane import stretches
@@ -35,9 +35,6 @@ _FAR = 0.5
 _LARGEST = 0.25
 # Radius of the dent over the pad's: skin bends over more than the tip's own width.
 _DENT = 1.5
-# Part of the way back to the surface, at the end of a slide, that its target takes: then a slide of any length and
-# direction is at most 0.09 g² / R off a surface of radius R, for the greatest slide g; a tangent is 0.5 g² / R off.
-_SECANT = 0.83
 # Radius round the middle in which the skin's bend is fitted, over the pad's.
 _BENT = 1.5
 # Intervals across the pad that the slide needs; rings are finer.
@@ -322,11 +319,10 @@ def _deltas(attached: AttachedTouch, fine: Refinement, slides: Floats | None = N
     found = slides_on(fine, place, attached.hold) if slides is None else slides
     positions, normals = fine.rest_positions, fine.rest_normals
     moving = np.any(found, axis=(0, 2))
-    ways = drive.grip * np.concatenate([found, -found])
     distances, _ = place.polar(positions)
     dent = smoothstep(np.clip(1.0 - distances / (_DENT * place.pad), 0.0, 1.0)) * np.clip(normals @ place.axes[2], 0, 1)
     parts = [
-        ways + _SECANT * (on_surface(positions, normals, ways) - ways),
+        slides_on_surface(positions, normals, drive.grip * found),
         (-drive.deepest * dent * moving)[None, :, None] * place.axes[2],
     ]
     if rings is not None:

@@ -6,6 +6,7 @@ as a straight slide would leave it there: else a slide on the back of a hand wou
 """
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +15,9 @@ from wrinklecli.effects.muscle.attach import Bones
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, unit
 from wrinklecli.numeric.membrane import Membrane
 from wrinklecli.surface.ground import Ground
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 FADED = 4.0
 """Lengths of decay beyond the pad at which the skin is held: of the slide, less than 1/50 would be left there."""
@@ -34,6 +38,9 @@ _CURVED = 4.0
 _LEAST_FACING = 0.05
 # Vertices near the end of a slide by which the surface is found there.
 _NEIGHBOURS = 8
+# Slides at which the four ways are fitted to the surface: their directions, and their lengths over the greatest, among
+# which long ones leave the surface most.
+_FITTED_DIRECTIONS, _FITTED_LENGTHS = 16, (0.4, 0.7, 1.0)
 # Least factor of a mask below which skin does not move.
 _LEAST_SOFT = 0.02
 
@@ -180,27 +187,48 @@ def slides_of(place: Place, positions: Floats, triangles: Ints, hold: Hold) -> F
     return found
 
 
-def on_surface(positions: Floats, normals: Floats, moves: Floats) -> Floats:
-    """(ways, vertices, 3) moves that end on the surface, whose tangent planes near each end say where it is there.
+def slides_on_surface(positions: Floats, normals: Floats, slides: Floats) -> Floats:
+    """(4, vertices, 3) moves forward, sideways, back and to the other side, whose sums stay near the surface.
 
-    (vertices, 3) `positions` and unit `normals` are the surface, and (ways, vertices, 3) `moves` lead nearly along it.
-    Skin that slides stays on what is below it, which a straight move along a tangent leaves.
+    A slide along a tangent leaves a surface of radius R by half its square over R, but moves add up linearly: a move
+    that ends on the surface is too low at a half of it, and beside another one. So each gets the part along the normals
+    that fits slides of all directions and lengths best, by least squares.
+
+    Args:
+        positions: (vertices, 3) of the skin.
+        normals: (vertices, 3) unit vectors.
+        slides: (2, vertices, 3) greatest slides forward and sideways, along the skin's tangents.
     """
     from scipy.spatial import cKDTree
 
-    tree, found = cKDTree(positions), moves.copy()
-    moving = np.flatnonzero(np.any(moves, axis=(0, 2)))
-    for move, into in zip(moves[:, moving], found, strict=True):
-        ends = positions[moving] + move
-        distances, near = (np.asarray(each) for each in tree.query(ends, k=min(_NEIGHBOURS, len(positions))))
-        weights = np.exp(-((distances / np.maximum(np.median(distances, axis=1, keepdims=True), 1e-12)) ** 2))
-        # Skin on the other side, or of the next finger, does not count.
-        weights *= np.maximum(np.einsum("vkx,vx->vk", normals[near], normals[moving]), 0.0) + 1e-9
-        weights /= weights.sum(axis=1, keepdims=True)
-        outward = unit(np.einsum("vk,vkx->vx", weights, normals[near]))
-        above = np.einsum("vk,vkx,vkx->v", weights, ends[:, None] - positions[near], normals[near])
-        into[moving] -= above[:, None] * outward
-    return found
+    angles = np.arange(_FITTED_DIRECTIONS) * (2.0 * np.pi / _FITTED_DIRECTIONS)
+    ways = np.multiply.outer(_FITTED_LENGTHS, np.stack([np.cos(angles), np.sin(angles)], axis=1)).reshape(-1, 2)
+    fit = np.linalg.pinv(np.maximum(np.concatenate([ways, -ways], axis=1), 0.0))
+    tree = cKDTree(positions)
+    moving = np.flatnonzero(np.any(slides, axis=(0, 2)))
+    moves = np.concatenate([slides, -slides])
+    still = _way_back(tree, positions, normals, moving, np.zeros(3))
+    for way, shares in zip(ways, fit.T, strict=True):
+        back = _way_back(tree, positions, normals, moving, np.tensordot(way, slides[:, moving], axes=1))
+        moves[:, moving] += shares[:, None, None] * (back - still)
+    return moves
+
+
+def _way_back(tree: "cKDTree", positions: Floats, normals: Floats, moving: Ints, slide: Floats) -> Floats:
+    """(moving, 3) ways back to the surface from the ends of a (moving, 3) slide of the (moving,) vertices.
+
+    The tangent planes of the (vertices, 3) positions near each end say where the surface is there, if what they say
+    without a slide is taken off: where vertices are sparse, these planes lie beside the surface.
+    """
+    ends = positions[moving] + slide
+    distances, near = (np.asarray(each) for each in tree.query(ends, k=min(_NEIGHBOURS, len(positions))))
+    weights = np.exp(-((distances / np.maximum(np.median(distances, axis=1, keepdims=True), 1e-12)) ** 2))
+    # Skin on the other side, or of the next finger, does not count.
+    weights *= np.maximum(np.einsum("vkx,vx->vk", normals[near], normals[moving]), 0.0) + 1e-9
+    weights /= weights.sum(axis=1, keepdims=True)
+    outward = unit(np.einsum("vk,vkx->vx", weights, normals[near]))
+    above = np.einsum("vk,vkx,vkx->v", weights, ends[:, None] - positions[near], normals[near])
+    return np.asarray(-above[:, None] * outward)
 
 
 def _tangential(axes: Floats, normals: Floats) -> Floats:
