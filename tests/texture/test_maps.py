@@ -143,6 +143,18 @@ def test_a_malformed_texture_is_one_line(wrinkle: Wrinkle, tmp_path: Path, textu
     assert not (tmp_path / "maps").exists()
 
 
+def test_joints_without_a_name_are_a_warning(wrinkle: Wrinkle, tmp_path: Path) -> None:
+    def unnamed(editor: Editor) -> None:
+        for node in editor.json["nodes"][1:]:
+            del node["name"]
+
+    asset = edited("wrist", unnamed)
+    ran = wrinkle("maps", asset, CONFIGS / "wrist.yaml", "-o", tmp_path / "maps", "--size", "16")
+    assert ran.code == 0
+    (line,) = (each for each in ran.lines if each.startswith("warning"))
+    assert "2 joints of tools have no name, and players look joints up by name" in line
+
+
 def test_a_mesh_without_texture_coordinates_gets_one_line(wrinkle: Wrinkle, tmp_path: Path) -> None:
     bare = edited("wrist", without_coordinates)
     ran = wrinkle("maps", bare, CONFIGS / "wrist.yaml", "-o", tmp_path / "maps", "--size", "32")

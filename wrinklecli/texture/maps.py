@@ -18,7 +18,7 @@ from wrinklecli.effects.effect import MeshPlan, SamplingOptions
 from wrinklecli.effects.sampling import sample_effects
 from wrinklecli.effects.wrinkle.bending import tallest_poses
 from wrinklecli.effects.wrinkle.effect import WrinkleEffect
-from wrinklecli.errors import AssetError, BakeError, counted
+from wrinklecli.errors import AssetError, BakeError, counted, listed
 from wrinklecli.files.outputs import Outputs, part_of
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.pixels import png_of
@@ -162,6 +162,7 @@ def maps(
             how = SamplingOptions(job.settings.sampling.fps, "morph", job.document.memory, progress)
             effects = [each for each in sample_effects(plan, [], how)[0] if isinstance(each, WrinkleEffect)]
             nodes.append(_drives(job.document.gltf, plan, effects))
+            warnings += _nameless(job.document, plan, effects)
             for layout in _layouts(job.document, plan):
                 made = _made(plan, effects, layout, options, warnings)
                 taken = {each["name"] for each in materials}
@@ -208,6 +209,19 @@ def _drives(gltf: Json, plan: MeshPlan, effects: Sequence[WrinkleEffect]) -> Jso
             "tools": [each.to_json(names, rig.morph_names) for each in drives],
         },
     }
+
+
+def _nameless(document: Document, plan: MeshPlan, effects: Sequence[WrinkleEffect]) -> list[str]:
+    """A warning if joints of drives have no names: the asset, which stays as it is, does not get any."""
+    nodes = document.items("nodes")
+    joints = sorted({node for each in effects if each.drive is not None for node in each.drive.nodes})
+    unnamed = [plan.rig.names[node] for node in joints if not nodes[node].get("name")]
+    if not unnamed:
+        return []
+    return [
+        f"{document.path}: {counted(len(unnamed), 'joint')} of tools have no name, and players look joints up by name;"
+        f" maps.json calls them {listed(unnamed)}"
+    ]
 
 
 @dataclass(frozen=True, slots=True)
