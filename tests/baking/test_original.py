@@ -43,7 +43,7 @@ from kit.variants import PNG, crowd, scattered
 from wrinklecli import cli
 from wrinklecli.baking import original as restore
 from wrinklecli.baking.track import track
-from wrinklecli.errors import BakeError, WrinkleError
+from wrinklecli.errors import AssetError, BakeError, WrinkleError
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.writer import write
@@ -470,6 +470,22 @@ def test_a_file_whose_json_was_only_written_anew_is_not(tmp_path: Path) -> None:
     path.write_bytes(pack_glb(json.dumps(gltf, indent=3).encode(), data))
     assert path.read_bytes() != earlier.read_bytes()
     assert_same(*(restore.original(read_document(each)) for each in (path, earlier)))
+
+
+def test_a_baked_file_without_its_extras_is_refused(tmp_path: Path) -> None:
+    """As Blender exports it unless told to keep custom properties: wrinkles would be baked over wrinkles."""
+    gltf, data = read_glb(baked_limb(tmp_path).read_bytes())
+    for node in gltf["nodes"]:
+        node.pop("extras", None)
+    path = tmp_path / "bare.glb"
+    path.write_bytes(pack_glb(json.dumps(gltf).encode(), data))
+    with pytest.raises(
+        BakeError, match=r"bare\.glb: has morph targets of a bake, 'wrinkle_.*Custom Properties.*original"
+    ):
+        bake(path, tmp_path / "b" / "out.glb", LIMB, replace=True)
+    with pytest.raises(AssetError, match=r"bare\.glb: has morph targets of a bake, 'wrinkle_.*Custom Properties"):
+        track(path, [path], tmp_path / "tracked")
+    assert not (tmp_path / "b" / "out.glb").exists()
 
 
 def test_a_file_that_an_optimiser_has_written_is_refused(tmp_path: Path) -> None:

@@ -10,12 +10,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wrinklecli.baking.parts import PARTS
-from wrinklecli.character.rig import read_rig
+from wrinklecli.character.rig import morph_target_names, read_rig
 from wrinklecli.drive.drive import LAYOUT, StoredDrive, stored_drives, wrinkle_entry
 from wrinklecli.errors import AssetError, listed
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats
+
+# The names that `bake` gives to morph targets.
+_BAKED = re.compile(r"wrinkle_.+_[0-9]+")
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,8 +144,25 @@ def read_bodies(document: Document) -> list[BakedBody]:
             )
         )
     if not any(body.drives for body in bodies):
+        if lost := lost_record(document):
+            raise AssetError(lost, where=document.path)
         raise AssetError("carries no wrinkles of `wrinkle bake` that anchors drive", where=document.path)
     return bodies
+
+
+def lost_record(document: Document) -> str | None:
+    """The fault of a file that has a bake's morph targets, by their names, but no extras of a bake; None without."""
+    nodes = document.items("nodes")
+    if any(wrinkle_entry(node) is not None for node in nodes):
+        return None
+    meshes = document.items("meshes")
+    names = [name for mesh in meshes for name in morph_target_names(mesh) if _BAKED.fullmatch(name)]
+    if not names:
+        return None
+    return (
+        f"has morph targets of a bake, {listed(dict.fromkeys(names))}, but no extras.wrinkle, which other software has"
+        " dropped: Blender's exporter keeps them if 'Custom Properties' is on"
+    )
 
 
 def part_nodes(document: Document, node: int) -> list[int]:

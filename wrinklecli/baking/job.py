@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
+from wrinklecli.baking.baked_body import lost_record
 from wrinklecli.baking.original import original
 from wrinklecli.baking.parts import PARTS
 from wrinklecli.character.clip import Clip, chosen_clips, unknown_clip
@@ -137,6 +138,9 @@ def read_job(
     settings = _overridden(load_merged(tools_paths(tools), external=options.allow_external), options)
     document = asset if isinstance(asset, Document) else _read(asset, options)
     if options.replace:
+        if lost := lost_record(document):
+            ways = "bake from the original asset, or without --replace if these targets are the asset's own"
+            raise BakeError(f"{lost}; {ways}", where=document.path)
         document = original(document)
     drafted = replace(
         settings,
