@@ -215,3 +215,14 @@ def test_names_of_tools_are_told_from_each_other() -> None:
     assert peak.owns("wrinkle_a__b_1")
     assert not peak.owns("wrinkle_a__b_1_1")
     assert not dataclasses.replace(peak, name="a").owns("wrinkle_a__b_1")
+
+
+def test_a_touch_says_how_far_it_slides() -> None:
+    """As far as its grip, which `check` says too; a displacement would count its rings and dent in."""
+    root = Path(__file__).parents[3]
+    asset, tools = root / "samples" / "touch.glb", root / "configs" / "touch.yaml"
+    (peak,) = peaks_of(asset, tools)
+    (touch,) = check(asset, tools).data["touches"]
+    assert f"slides by {touch['clips'][0]['largest_slide']:.3g}" in words(peak)
+    assert "dented by" in words(peak)
+    assert "tall" not in words(peak)

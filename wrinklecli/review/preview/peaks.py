@@ -17,6 +17,7 @@ from wrinklecli.drive.segment import Segment
 from wrinklecli.effects.body import BodyLayer, largest_moves, moves_at_rest
 from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.effects.sampling import moving_clips
+from wrinklecli.effects.touch.attach import AttachedTouch
 from wrinklecli.effects.wrinkle.activity import ClipActivity, activities
 from wrinklecli.effects.wrinkle.layer import carried_patches_of
 from wrinklecli.effects.wrinkle.weights import group_starts
@@ -104,7 +105,11 @@ def _body_peaks(plan: MeshPlan, played: Sequence[tuple[Clip, Floats]]) -> list[P
             for clip, times in played:
                 heights = largest_moves(attached.drive.weights_in(plan.rig.own, clip)(times), moves)
                 at = int(np.argmax(heights))
-                found.append({"name": clip.name, "height": float(heights[at]), "time": float(times[at])})
+                best: Json = {"name": clip.name, "height": float(heights[at]), "time": float(times[at])}
+                if isinstance(attached, AttachedTouch):
+                    (contact,) = attached.drive.contacts_in(plan.rig.own, clip)(times[at : at + 1])
+                    best |= {"slide": float(np.hypot(*contact[:2])), "depth": float(contact[2])}
+                found.append(best)
             peaks.append(_peak({"name": attached.tool.name}, plan.rig.node, found))
     return peaks
 
@@ -258,6 +263,11 @@ def _peak_facts(data: Json, best: Json | None) -> Iterator[Fact]:
         return
     if _shortest(best) > 0:
         yield Fact(f"{_percent(_shortest(best))} shorter")
+    if "slide" in best:
+        yield Fact(f"slides by {best['slide']:.3g}")
+        if best["depth"] > 0:
+            yield Fact(f"dented by {best['depth']:.3g}")
+        return
     limit = f" of {data['height_limit']:.3g}" if "height_limit" in data else ""
     yield Fact(f"{best['height']:.3g}{limit} tall")
     if "full" in data and data["full"] < _EQUAL * _shortest(best):
