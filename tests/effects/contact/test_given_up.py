@@ -129,17 +129,27 @@ def test_wrinkles_are_lowered_beside_effects_that_act_before_them(
     assert 0.0 < fold["heights"]["crease"] < 1.0
 
 
-def test_a_line_says_that_wrinkles_of_a_patch_keep_their_height(
+@pytest.mark.slow
+def test_wrinkles_that_are_projected_in_each_frame_are_lowered_too(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     few_steps(monkeypatch)
-    whole = {**TOOL, "name": "whole", "attachment": "patch"}
-    for tools, keeps in (([TOOL, whole], True), ([TOOL], False)):
-        file = write_tools(tmp_path / "tools.yaml", *(tool(**each, contact="resolve") for each in tools))
-        (line,) = (
-            line for line in wrinklecli.bake(folding_limb(), file, tmp_path / "out.glb").warnings if "contact" in line
-        )
-        assert line.endswith("; wrinkles with `attachment: patch` are not lowered: 'whole'") == keeps
+    whole = {"bumps": 3, "max_height": "25%", "name": "whole", "attachment": "patch"}
+    _, report = baked(folding_limb(), tmp_path, "resolve", like=whole)
+    baked(folding_limb(), tmp_path, "off", like=whole)
+    (fold,) = report.data["folds"]
+    assert 0.0 < fold["heights"]["whole"] < 1.0
+    off, lowered = (Gltf(tmp_path / f"{name}.glb").deltas("limb") for name in ("off", "resolve"))
+    sizes, lower = np.linalg.norm(off, axis=2), np.linalg.norm(lowered, axis=2)
+    assert (lower <= sizes + 1e-7).all()
+    # Each shape points the same way, and is lower by the same factor at a vertex.
+    assert np.sum(off * lowered, axis=2) == pytest.approx(sizes * lower, abs=1e-6)
+    factors = np.divide(lower, sizes, out=np.full_like(sizes, np.nan), where=sizes > 1e-3 * sizes.max())
+    shared = ~np.isnan(factors).any(axis=0)
+    assert shared.any()
+    assert np.ptp(factors[:, shared], axis=0).max() < 1e-3
+    totals = [crossings(tmp_path / f"{name}.glb").data["clips"][0]["totals"] for name in ("off", "resolve")]
+    assert totals[1][-1] < totals[0][-1]
 
 
 @pytest.mark.quick(1)

@@ -305,7 +305,4 @@ class FoldWithoutContact(Effect):
             hint += f"; its wrinkles are lowered to {mean:.0f} % in the mean, to cross no more than the skin does"
         else:
             hint += "; `contact: off` is the same without this line"
-        whole = [patch.tool.name for patch in self.fold.patches if patch.tool.attachment == "patch"]
-        if whole:
-            hint += f"; wrinkles with `attachment: patch` are not lowered: {listed(whole)}"
         return f"{', '.join(self.tools)}: contact is left out of this fold: it {found.reason}{where}{poses}; {hint}"

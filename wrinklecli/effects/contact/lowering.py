@@ -42,8 +42,8 @@ def with_lowered_wrinkles(plan: MeshPlan, effects: Sequence[Effect], motions: Se
             before = made[tool]
             assert isinstance(before, WrinkleEffect)
             heights[before.name] = float(np.abs(carried.magnitudes).sum() / np.abs(before.carried.magnitudes).sum())
-            same = replace(before.carried, places=carried.places, directions=carried.directions)
-            made[tool] = before.lowered(plan, same)
+            same = replace(before.carried, places=carried.places, directions=carried.directions, ring=carried.ring)
+            made[tool] = before.lowered(plan, same, motions, [motion.weights[tool] for motion in motions])
         made[number] = replace(effect, heights=heights)
     return made
 
@@ -55,7 +55,7 @@ def lowered(fold: Fold, clips: Sequence[Clip]) -> Mapping[int, CarriedPatch]:
         The tools that had to be lowered, by their numbers among those of the mesh.
     """
     own = [patch.tool.name for patch in fold.patches]
-    chosen = [number for number, each in enumerate(fold.carried) if each.patch.tool.name in own and each.ring is None]
+    chosen = [number for number, each in enumerate(fold.carried) if each.patch.tool.name in own]
     counting = np.isin(np.arange(len(fold.own)), _moved(fold, chosen))
     looks = [(clip, np.array([time])) for clip in clips for time in _moments(clip)]
     faint = fold.at_height(FAINT, chosen)

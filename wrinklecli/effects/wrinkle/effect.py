@@ -20,7 +20,7 @@ from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
 from wrinklecli.effects.wrinkle.lookup import tabulate_curve, tabulate_weights
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.effects.wrinkle.remix import Remix, Remixed, fewest, in_turn, turns, unit_weights
-from wrinklecli.effects.wrinkle.shapes import shapes_of
+from wrinklecli.effects.wrinkle.shapes import projected_shapes, shapes_of
 from wrinklecli.effects.wrinkle.warnings import tool_warnings
 from wrinklecli.effects.wrinkle.weights import weight_path, weights_of
 from wrinklecli.gltf.shape import Json
@@ -142,8 +142,21 @@ class WrinkleEffect(Effect):
         shapes, mixed = remixed
         return replace(self, targets=named_targets(self.identifier, shapes), remix=mixed)
 
-    def lowered(self, plan: MeshPlan, carried: CarriedPatch) -> "WrinkleEffect":
-        """The same tool, and the same weights, with the shapes of another height on the refined surface."""
+    def lowered(
+        self, plan: MeshPlan, carried: CarriedPatch, motions: Sequence[Motion], weights: Sequence[Floats]
+    ) -> "WrinkleEffect":
+        """The same tool, and the same (frames, shapes) weights in all clips, with the shapes of another height."""
+        if self.carried.ring is not None and carried.ring is not None:
+            # A frame's displacement is in proportion to the factor of its vertex, so each shape is, too.
+            before, after = self.carried.ring.kept, carried.ring.kept
+            factors = np.divide(after, before, out=np.zeros_like(after), where=before != 0.0)
+            deltas = np.zeros((len(self.targets), len(factors), 3))
+            for number, target in enumerate(self.targets):
+                if target is not None:
+                    rows = np.searchsorted(carried.vertices, target.shape.vertices)
+                    deltas[number, rows] = factors[rows, None] * target.shape.deltas
+            projected = projected_shapes(plan, carried.vertices, deltas, motions, weights)
+            return replace(self, targets=named_targets(self.identifier, projected), carried=carried)
         pose = tallest_poses([carried.patch], plan.rig, plan.rest)[0] if plan.has_normals else None
         shapes = shapes_of(carried, plan.fine, plan.rest, pose)
         return replace(self, targets=named_targets(self.identifier, shapes), carried=carried)

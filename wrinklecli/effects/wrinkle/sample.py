@@ -9,17 +9,17 @@ import numpy as np
 
 from wrinklecli.character.carried import pose_carriers
 from wrinklecli.character.clip import KEY_GAP, KEY_STEP, Clip, clip_grid, motion_breaks
-from wrinklecli.character.pose import Pose, pose_at
+from wrinklecli.character.pose import Pose
 from wrinklecli.drive.lag import SpringFilter
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, SamplingOptions, named_targets
 from wrinklecli.effects.sampling import KEYS_SHARE, SAMPLING_SHARE, driven_motion, duplicates_of, moves_of
 from wrinklecli.effects.sampling import most_overlaps as most_effects
-from wrinklecli.effects.shapes import Sample, Shape, fit_bytes, make_shapes
+from wrinklecli.effects.shapes import Shape, fit_bytes
 from wrinklecli.effects.wrinkle.activity import activities, points_of, springs_in
 from wrinklecli.effects.wrinkle.bending import tallest_poses
 from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
 from wrinklecli.effects.wrinkle.effect import WrinkleEffect, curve_weights
-from wrinklecli.effects.wrinkle.shapes import shapes_of
+from wrinklecli.effects.wrinkle.shapes import projected_shapes, shapes_of
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
 from wrinklecli.numeric.guard import Progress
 from wrinklecli.numeric.memory import Memory
@@ -252,20 +252,10 @@ def _compressed(
         return [], []
     together, deltas = compress_displacements(plan, carried, [(each.clip, each.times) for each in motions], memory)
     weights = np.split(together, np.cumsum([len(each.times) for each in motions])[:-1])
-    even = np.linspace(0, len(together) - 1, 16).astype(int)
-    rows = distinct_values(np.concatenate([even, np.argmax(together, axis=0)]))
-    moments = [(each.clip, time) for each in motions for time in each.times.tolist()]
     if plan.has_normals:
         what = f"the normals of {len(deltas):,} shapes of {len(carried.vertices):,} vertices"
         memory.check(fit_bytes(len(deltas), len(carried.vertices)), what, where=carried.patch.tool.where)
-    shapes = make_shapes(
-        plan.fine,
-        carried.vertices,
-        deltas,
-        tallest=plan.scale * np.sqrt(np.sum(deltas**2, axis=2)).max(axis=1, initial=0.0),
-        samples=[Sample(together[row], pose_at(plan.rig, *moments[row])) for row in rows] if plan.has_normals else [],
-    )
-    return shapes, weights
+    return projected_shapes(plan, carried.vertices, deltas, motions, weights), weights
 
 
 def compress_displacements(

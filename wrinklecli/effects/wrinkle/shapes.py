@@ -4,18 +4,24 @@ Source: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004, on m
 displaces each frame's vertices; here a shape in bind space times a weight does.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from wrinklecli.character.pose import Pose
+from wrinklecli.character.pose import Pose, pose_at
+from wrinklecli.effects.effect import MeshPlan, Motion
 from wrinklecli.effects.shapes import Sample, Shape, make_shapes
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.weights import weight_path
-from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.rest import Rest
 
 # Heights over the greatest at which true normals are sampled if a group's height has several weights.
 _FIT_HEIGHTS = (0.25, 0.5, 0.75, 1.0)
+# Frames, evenly spread, in which normals are to be right where displacements are projected, beside those with the
+# greatest weights.
+_FIT_FRAMES = 16
 REST_SHARE = 1 / 32
 """Weight of the rest pose beside the pose of the tallest wrinkles.
 
@@ -42,6 +48,31 @@ def shapes_of(carried: CarriedPatch, fine: Refinement, rest: Rest, pose: Pose | 
             samples=_samples(path[:, group], rest, pose) if pose is not None else [],
         )
     return shapes
+
+
+def projected_shapes(
+    plan: MeshPlan, vertices: Ints, deltas: Floats, motions: Sequence[Motion], weights: Sequence[Floats]
+) -> list[Shape | None]:
+    """Shapes that give what is projected in each frame (`attachment: patch`), with normals for some of the frames.
+
+    Args:
+        plan: The mesh.
+        vertices: (vertices,) fine welded vertices, sorted.
+        deltas: (shapes, vertices, 3) bind displacement at weight 1.
+        motions: All clips.
+        weights: (frames, shapes) weights of the shapes in each clip.
+    """
+    together = np.concatenate(weights)
+    even = np.linspace(0, len(together) - 1, _FIT_FRAMES).astype(int)
+    rows = distinct_values(np.concatenate([even, np.argmax(together, axis=0)]))
+    moments = [(each.clip, time) for each in motions for time in each.times.tolist()]
+    return make_shapes(
+        plan.fine,
+        vertices,
+        deltas,
+        tallest=plan.scale * np.sqrt(np.sum(deltas**2, axis=2)).max(axis=1, initial=0.0),
+        samples=[Sample(together[row], pose_at(plan.rig, *moments[row])) for row in rows] if plan.has_normals else [],
+    )
 
 
 def _samples(weights: Floats, rest: Rest, pose: Pose) -> list[Sample]:
