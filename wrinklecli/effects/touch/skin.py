@@ -40,7 +40,7 @@ _LEAST_FACING = 0.05
 _NEIGHBOURS = 8
 # Slides at which the four ways are fitted to the surface: their directions, and their lengths over the greatest, among
 # which long ones leave the surface most.
-_FITTED_DIRECTIONS, _FITTED_LENGTHS = 16, (0.4, 0.7, 1.0)
+_FITTED_DIRECTIONS, _FITTED_LENGTHS = 8, (0.5, 1.0)
 # Least factor of a mask below which skin does not move.
 _LEAST_SOFT = 0.02
 
