@@ -128,6 +128,11 @@ def test_each_region_has_its_tool(variant: str) -> None:
     assert CORNER < x < 0.05
     assert MOUTH - 0.01 < y < NOSE
     assert ways["nasolabial.L"][0] > 0.5
+    # It runs from beside the nose's wing to beside the mouth, and not below it.
+    half = 0.5 * tools["nasolabial.L"].tool.width.value / face.scale
+    reach = half * ways["nasolabial.L"][0] / np.hypot(*ways["nasolabial.L"][:2])
+    assert NOSE - 0.002 < y + reach < EYES - 0.02
+    assert abs(y - reach - MOUTH) < 0.006
     x, y, _ = places["neck.L"]
     assert x > 0.03
     assert y < CHIN

@@ -172,6 +172,8 @@ def _fit(
     )
     if region.round_eye:
         candidate = _round_eye(face, candidate, side)
+    if region.furrow:
+        candidate = _beside_mouth(face, candidate, max(width_of(candidate), region.width * face.size))
     return _fit_tool(face, region, candidate, side, clips)
 
 
@@ -263,6 +265,18 @@ def _round_eye(face: Face, candidate: Candidate, side: Side) -> Candidate:
         out = np.cos(angle) * sign * face.left + np.sin(angle) * face.up
         points.append(face.mesh.rest.foot(eye + radius * out + depth * face.ahead)[0])
     return replace(candidate, origin=points[0], between=np.array([points[1]]), target=points[2])
+
+
+def _beside_mouth(face: Face, candidate: Candidate, width: float) -> Candidate:
+    """A furrow moved up along itself until it ends beside the mouth, and so begins beside the nose.
+
+    A smile compresses the cheek most beside the corner of the mouth, the lower end of the line that a face has there.
+    """
+    crest = unit(np.cross(candidate.region.normal, candidate.target - candidate.origin))
+    crest = crest * np.sign(crest @ face.up or 1.0)
+    low = (candidate.origin + candidate.target) / 2.0 - width / 2.0 * crest
+    below = face.mouth * face.size - (low - face.middle) @ face.up
+    return _moved(face, candidate, float(np.clip(below, 0.0, width / 2.0)) * crest)
 
 
 def _fit_tool(
