@@ -7,10 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from click.testing import CliRunner, Result
 from numpy.typing import NDArray
 
 from kit.kept import identity, kept
+from kit.places import ROOT
 from wrinklecli.cli import cli
 from wrinklecli.numeric.arrays import unit
 from wrinklecli.review.suggest.fitted_tools import Suggestion
@@ -18,6 +20,14 @@ from wrinklecli.review.suggest.suggest import Suggestions, suggest
 from wrinklecli.tools.records import WrinkleTool
 
 Floats = NDArray[np.float64]
+
+
+def in_assets(name: str) -> Path:
+    """An asset of others in the folder beside the repository; the test is skipped where it is not there."""
+    path = ROOT.parent / "shared" / "assets" / name
+    if not path.exists():
+        pytest.skip(f"{path} is not here")
+    return path
 
 
 def suggest_once(asset: Path, **options: Any) -> Suggestions:

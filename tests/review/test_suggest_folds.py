@@ -9,7 +9,7 @@ import pytest
 from kit.characters import CHARACTERS
 from kit.limb import LENGTH, RADIUS, limb
 from kit.samples import sample
-from kit.suggested import along, ends, middle, suggest_once
+from kit.suggested import along, ends, in_assets, middle, suggest_once
 from wrinklecli import bake
 from wrinklecli.character.clip import read_clips
 from wrinklecli.character.rig import read_rig
@@ -26,16 +26,6 @@ from wrinklecli.tools.read import load_tools, parse_tools
 from wrinklecli.tools.records import Length, RestLengthMorph
 
 Json = dict[str, Any]
-
-
-ASSETS = Path(__file__).parents[3] / "shared" / "assets"
-
-
-def in_assets(name: str) -> Path:
-    path = ASSETS / name
-    if not path.exists():
-        pytest.skip(f"{path} is not here")
-    return path
 
 
 @pytest.mark.quick(1)
@@ -187,7 +177,7 @@ def test_the_sample_head_folds_on_its_forehead() -> None:
 @pytest.mark.slow
 def test_real_trousers_fold_behind_the_knees() -> None:
     path = in_assets("trousers.glb")
-    found = suggest(path)
+    found = suggest_once(path)
     knee = nearest_to(found, (0.098, -0.311, -0.023))
     behind = [each for each in found.tools[:3] if each.driver.startswith("lowerleg") and middle(each.tool)[2] < -0.02]
     # The folds of the two run across the back of the knee together: each leans by 45° at most, to its own side.
@@ -202,7 +192,7 @@ def test_real_trousers_fold_behind_the_knees() -> None:
 @pytest.mark.slow
 def test_a_real_wrist_folds_on_both_sides() -> None:
     path = in_assets("hand.glb")
-    found = suggest(path)
+    found = suggest_once(path)
     palm = nearest_to(found, (-0.4730, 0.24655, 0.1938))
     assert off(palm, (-0.4730, 0.24655, 0.1938)) < 0.012
     assert abs(along(palm.tool) @ unit(np.array([-0.0216, -0.0221, 0.0376]))) > 0.9
@@ -217,7 +207,7 @@ def test_a_real_wrist_folds_on_both_sides() -> None:
 @pytest.mark.slow
 def test_a_real_forehead_folds_across_its_middle() -> None:
     path = in_assets("head_male.glb")
-    found = suggest(path)
+    found = suggest_once(path)
     brow = found.tools[0]
     assert (brow.driver, brow.by_morph, brow.mirrored, brow.clip) == ("browsUp", True, False, "frown")
     assert brow.time == pytest.approx(0.5, abs=0.05)
@@ -231,7 +221,7 @@ def test_a_real_forehead_folds_across_its_middle() -> None:
 @pytest.mark.parametrize("name", ["cesium_man.glb", "simple_skin.gltf"])
 def test_other_real_assets_fold_at_joints(name: str) -> None:
     path = in_assets(name)
-    found = suggest(path)
+    found = suggest_once(path)
     rig = read_rig(
         read_document(path), next(i for i, n in enumerate(read_document(path).items("nodes")) if "mesh" in n)
     )

@@ -1,13 +1,13 @@
 """A file that `suggest` writes passes `check --strict`, on characters as others make them."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from kit import characters
-from kit.asset import Asset
+from kit.samples import sample
+from kit.suggested import in_assets, suggest_once
 from wrinklecli import check, suggest
 from wrinklecli.character.clip import read_clips
 from wrinklecli.gltf.document import read_document
@@ -16,21 +16,36 @@ from wrinklecli.review.suggest.unwarned import unwarned
 from wrinklecli.review.suggest.worth import Dropped, Worthwhile
 from wrinklecli.tools.records import Length, RefinementSettings
 
-BUILT: dict[str, Callable[[], Asset]] = {
-    "dressed": characters.dressed,
-    "avatar": characters.avatar,
-    "tubes": characters.tubes,
-}
+# The built characters that get tools; those of the dressed one in other colours are the same.
+BUILT = ("dressed", "avatar", "tubes", "cartoon", "knight_tabard", "low_poly_smooth")
+SAMPLES = ("wrist", "trousers", "head", "body")
+# The assets of others that get tools.
+REAL = ("cesium_man.glb", "hand.glb", "head_male.glb", "simple_skin.gltf", "trousers.glb")
+
+
+def unwarned_file(asset: Path, folder: Path) -> bool:
+    found = suggest_once(asset)
+    assert found.tools
+    (folder / "tools.yaml").write_text(found.text)
+    return check(asset, folder / "tools.yaml").warnings == ()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", BUILT)
 def test_a_suggested_file_has_no_warnings(name: str, tmp_path: Path) -> None:
-    asset = BUILT[name]().write(tmp_path / f"{name}.glb")
-    found = suggest(asset)
-    assert found.tools
-    (tmp_path / "tools.yaml").write_text(found.text)
-    assert check(asset, tmp_path / "tools.yaml").warnings == ()
+    assert unwarned_file(characters.CHARACTERS[name]().write(tmp_path / f"{name}.glb"), tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SAMPLES)
+def test_a_file_suggested_for_a_sample_has_no_warnings(name: str, tmp_path: Path) -> None:
+    assert unwarned_file(sample(name), tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", REAL)
+def test_a_file_suggested_for_a_real_asset_has_no_warnings(name: str, tmp_path: Path) -> None:
+    assert unwarned_file(in_assets(name), tmp_path)
 
 
 @pytest.mark.slow
