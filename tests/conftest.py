@@ -68,7 +68,7 @@ def signals_as_before() -> Iterator[None]:
 
 
 def _in_root() -> set[str]:
-    """What lies in the root of the repository, but for what git ignores and other programs may make meanwhile."""
+    """Names in the root of the repository, but for those that git ignores and other programs may make meanwhile."""
     return {
         name for name in os.listdir(ROOT) if name[0] != "." and name not in _BUILT and not name.endswith(".egg-info")
     }

@@ -334,7 +334,7 @@ def bake_command(command: str, asset: Path, tools: Path, out: Path, *, draft: bo
 
 
 def quiet_start() -> dict[str, Any]:
-    """How commands are started: they speak UTF-8, and open no console in Windows."""
+    """Start commands so that they speak UTF-8 and open no console in Windows."""
     return {"env": {**os.environ, "PYTHONUTF8": "1"}, "creationflags": getattr(subprocess, "CREATE_NO_WINDOW", 0)}
 
 
@@ -345,7 +345,7 @@ def progress_of(line: str) -> tuple[str, float] | None:
 
 
 def without_paths(said: str, tools: Path, out: Path) -> str:
-    """What a bake said, without the names and lines of temporary files."""
+    """Give what a bake said, without the names and lines of temporary files."""
     return re.sub(rf"{re.escape(str(tools))}:\d+: ", "", said).replace(f"{out}: ", "")
 
 
@@ -761,7 +761,7 @@ _drawn: dict[str, Any] = {}
 
 
 def _signature(tool: Any) -> Any:
-    """What the curve of a tool depends on."""
+    """Give all that the curve of a tool depends on."""
     places = [tuple(round(value, 6) for value in at_rest(each).translation) for each in points_of(tool)]
     return places, [str(tool.get(key)) for key in ("width", "bumps", "radius", "pad", "reach")]
 
@@ -1698,7 +1698,7 @@ def stop_editor() -> None:
 
 
 class Preferences(bpy.types.AddonPreferences):
-    """Where `wrinkle` is."""
+    """Find `wrinkle`."""
 
     bl_idname = __name__
     command: bpy.props.StringProperty(
@@ -1726,7 +1726,7 @@ class Tools(bpy.types.Panel):
     bl_region_type = "UI"
 
     def draw(self, context: Any) -> None:
-        """What can be added, the tools, and the keys of the active one."""
+        """Shows what can be added, the tools, and the keys of the active one."""
         layout = self.layout
         adding = layout.column(align=True)
         for kind, each in KINDS.items():

@@ -473,7 +473,7 @@ def test_a_file_whose_json_was_only_written_anew_is_not(tmp_path: Path) -> None:
 
 
 def test_a_baked_file_without_its_extras_is_refused(tmp_path: Path) -> None:
-    """As Blender exports it unless told to keep custom properties: wrinkles would be baked over wrinkles."""
+    """Blender exports no extras unless told to keep custom properties: wrinkles would be baked over wrinkles."""
     gltf, data = read_glb(baked_limb(tmp_path).read_bytes())
     for node in gltf["nodes"]:
         node.pop("extras", None)

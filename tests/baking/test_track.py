@@ -381,7 +381,7 @@ def with_other_targets(editor: Editor) -> None:
 
 
 def test_weights_of_other_targets_go_to_those_of_the_same_names(tmp_path: Path) -> None:
-    """As `bake --anim` matches them; what the body lacks stays in the file, behind its targets, and is named."""
+    """`bake --anim` matches them so too; what the body lacks stays in the file, behind its targets, and is named."""
     body = body_of("head")
     made, report = run(body, edited("head", with_other_targets), tmp_path)
     (warning,) = report.warnings

@@ -250,7 +250,7 @@ def addon_class(name: str) -> str:
 
 
 def panel() -> list[str]:
-    """What the panel draws."""
+    """Records what the panel draws."""
     drawn = SimpleNamespace(layout=Layout())
     for each in ("_draw_keys", "_draw_bakes"):
         setattr(drawn, each, partial(getattr(addon.Tools, each), drawn))

@@ -84,7 +84,7 @@ def compiled(name: str, *sources: str) -> Path:
 
 
 def run(command: str, package: str, *arguments: str | Path) -> str:
-    """What a program of Debian says; without it the test is skipped, and fails where `CI` is set."""
+    """Give what a program of Debian says; without it the test is skipped, and fails where `CI` is set."""
     if shutil.which(command) is None:
         give_up(f"{command} is not installed: apt-get install {package}")
     done = subprocess.run([command, *arguments], capture_output=True, text=True, check=False, timeout=120)
@@ -113,7 +113,7 @@ def test_the_vectors_are_those_of_the_program(name: str) -> None:
 
 
 def differences(wanted: Any, found: Any, tolerance: float) -> list[str]:
-    """Where two pieces of JSON differ by more than a ratio of their numbers, or of 1."""
+    """Find where two pieces of JSON differ by more than a ratio of their numbers, or of 1."""
     if isinstance(wanted, dict) and isinstance(found, dict) and wanted.keys() == found.keys():
         return [f"{key} {line}" for key in wanted for line in differences(wanted[key], found[key], tolerance)]
     if isinstance(wanted, list) and isinstance(found, list) and len(wanted) == len(found):

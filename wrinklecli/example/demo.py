@@ -25,7 +25,7 @@ _SHOT = PreviewOptions(
 
 @dataclass(frozen=True, slots=True)
 class Demo:
-    """What was made.
+    """Describes what was made.
 
     Attributes:
         paths: Paths of the files, in the order of work.

@@ -93,7 +93,7 @@ class Maps:
 
     @property
     def summary(self) -> str:
-        """What was written, in a line."""
+        """Say what was written, in a line."""
         materials = self.data["materials"]
         sets = [part for each in materials for part in each["sets"]]
         weights = counted(sum(len(part["weights"]) for part in sets), "weight")

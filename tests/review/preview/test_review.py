@@ -218,7 +218,7 @@ def test_names_of_tools_are_told_from_each_other() -> None:
 
 
 def test_a_touch_says_how_far_it_slides() -> None:
-    """As far as its grip, which `check` says too; a displacement would count its rings and dent in."""
+    """The card says the slide that `check` says too; a displacement would count its rings and dent in."""
     root = Path(__file__).parents[3]
     asset, tools = root / "samples" / "touch.glb", root / "configs" / "touch.yaml"
     (peak,) = peaks_of(asset, tools)

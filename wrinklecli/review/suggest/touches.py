@@ -247,7 +247,7 @@ def _tip(node: int, end: int, arm: frozenset[int], hierarchy: Hierarchy, skins: 
 
 
 def _contacts(tip: _Tip, skins: Sequence[_Skin], clip: Clip, fps: float) -> list[_Contact]:
-    """Where and when a tip comes to other skin in a clip."""
+    """Find where and when a tip comes to other skin in a clip."""
     count = int(np.clip(np.ceil((clip.end - clip.start) * fps), 1, _MOST_POSES))
     times = np.linspace(clip.start, clip.end, count + 1)
     rig = skins[0].ground.rig
