@@ -87,6 +87,7 @@ def test_a_finger_that_drags_skin_gives_a_touch_that_checks_strictly(
     assert "touch bone on skin" in ran.out
 
 
+@pytest.mark.slow
 def test_a_finger_that_presses_or_hovers(tmp_path: Path) -> None:
     """Skin that a tip presses does not slide; where an animator leaves a gap, the tip touches earlier."""
     pressing = np.array([[0, 0.08, 0], [0, LENGTH - 0.001, 0], [0, LENGTH - 0.001, 0], [0, 0.08, 0]])
@@ -120,6 +121,7 @@ def test_a_finger_does_not_touch_its_own_arm(tmp_path: Path) -> None:
     assert found.touches == ()
 
 
+@pytest.mark.slow
 def test_the_command_prints_a_file_and_json(drawn: Path, wrinkle: Wrinkle) -> None:
     listed = yaml.safe_load(wrinkle("suggest", drawn, "--touch", "-q").out)["touches"]
     data = json.loads(wrinkle("suggest", drawn, "--touch", "--json", "-q").out)["touches"]

@@ -186,3 +186,12 @@ def test_no_test_imports_another_test_module() -> None:
     for path in modules:
         wanted = {part for name in imports_of(path) for part in name.split(".")}
         assert not wanted & {*tests, "conftest"}, path
+
+
+def test_the_root_holds_what_the_project_says_it_does() -> None:
+    """A file that a test or a trial once left there would be committed with everything else."""
+    root = PACKAGE.parent
+    plain = {path.name for path in root.iterdir() if path.name[0] != "." and not path.name.endswith(".egg-info")}
+    made = {"build", "dist", "wrinkled.glb", "wrinkled.png"}  # by a release and by README's first command
+    wanted = {"CHANGELOG.md", "LICENSE", "README.md", "configs", "pyproject.toml", "samples", "tests", "wrinklecli"}
+    assert plain - made == wanted

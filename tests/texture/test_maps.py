@@ -67,6 +67,7 @@ def test_each_file_is_there_and_its_values_are_sound(tmp_path: Path) -> None:
     assert (masks.max(axis=2)[np.abs(heights) > 0.1] > 0).all()
 
 
+@pytest.mark.slow
 def test_heights_and_drives_are_those_of_a_bake(tmp_path: Path) -> None:
     found = made(tmp_path / "maps", size=512, kinds=["height"])
     bake(sample("wrist"), CONFIGS / "wrist.yaml", tmp_path / "out.glb")
@@ -184,6 +185,7 @@ def on_one_place(editor: Editor) -> None:
         primitive["attributes"]["TEXCOORD_0"] = editor.accessor(mirrored.astype(np.float32))
 
 
+@pytest.mark.slow
 def test_mirrored_charts_are_found_and_refused_if_strict(wrinkle: Wrinkle, tmp_path: Path) -> None:
     line = ("maps", edited("wrist", on_one_place), CONFIGS / "wrist.yaml", "-o", tmp_path / "maps", "--size", "128")
     ran = wrinkle(*line, "--strict")

@@ -217,6 +217,7 @@ def test_names_of_tools_are_told_from_each_other() -> None:
     assert not dataclasses.replace(peak, name="a").owns("wrinkle_a__b_1")
 
 
+@pytest.mark.slow
 def test_a_touch_says_how_far_it_slides() -> None:
     """The card says the slide that `check` says too; a displacement would count its rings and dent in."""
     root = Path(__file__).parents[3]
