@@ -43,7 +43,7 @@ class Page:
     """
 
     def __init__(self, connection: Any) -> None:
-        self._connection, self._sent = connection, 0
+        self._connection, self._sent, self._held = connection, 0, False
 
     def call(self, method: str, **parameters: object) -> dict[str, Any]:
         """What a method of the protocol answers."""
@@ -101,8 +101,10 @@ class Page:
         self.value("new Promise(drawn => requestAnimationFrame(() => requestAnimationFrame(drawn)))")
 
     def _mouse(self, kind: str, x: float, y: float) -> None:
-        button = {} if kind == "mouseMoved" else {"button": "left", "clickCount": 1}
-        self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, **button)
+        self._held = kind == "mousePressed" or (self._held and kind == "mouseMoved")
+        button = {"button": "left"} if self._held or kind == "mouseReleased" else {}
+        clicks = {} if kind == "mouseMoved" else {"clickCount": 1}
+        self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, buttons=int(self._held), **button, **clicks)
 
     def type(self, text: str) -> None:
         """Type text where the focus is, in place of what is selected."""

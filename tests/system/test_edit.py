@@ -48,20 +48,26 @@ def on_screen(page: Page, place: Floats) -> tuple[float, float]:
 def hold_end(tab: Tab, page: Page, session: Session, lower: Floats) -> None:
     """Drag the target of the only tool to a (3,) place and hold it there, once the session has it there.
 
-    A dot is drawn later than the text that speaks of its tool, and a busy tab hands over some moves only.
+    A dot is drawn later than the text that speaks of its tool. A busy tab hands over some moves only, and may let go
+    of the dot half-way: it is taken where it lies.
     """
+    dots = page._viewport._scene._dots
+    until(lambda: ("anchor", 1) in dots, "a dot on the target")
 
     def arrived() -> bool:
         tab.move(on_screen(page, lower))
         return abs(session.tools()[0].values["target"][1] - lower[1]) < 0.005
 
     for _ in range(10):
-        tab.hold([on_screen(page, place) for place in (KNEE[1], (KNEE[1] + lower) / 2, lower)])
+        dot = np.array(dots["anchor", 1].position)
+        tab.hold([on_screen(page, place) for place in (dot, (dot + lower) / 2, lower)])
         for _ in range(20):
             if arrived():
                 return
             time.sleep(0.1)
-        tab.release(on_screen(page, lower))  # there was no dot yet, and the view has turned
+        tab.release(on_screen(page, lower))  # the tab had not drawn the dot, and turned the view, or was late
+        (client,) = page.server.get_clients().values()
+        until(lambda: time.time() > client.camera.update_timestamp + 1.0, "a view that has come to rest")  # noqa: B023
     raise AssertionError("never: a dot that can be dragged")
 
 
