@@ -40,9 +40,11 @@ VARIANTS: dict[str, tuple[Face, Callable[[Face], Asset], list[str]]] = {
     "centimetres": (Face(scale=100.0, place=(0.0, 150.0, 0.0)), Face.asset, EVERY),
     "turned": (Face(turn=40.0, place=(0.3, 0.1, 0.0)), Face.asset, EVERY),
 }
-# The face of another variant, by other names: its tools are found anew, and not judged again, which takes longest.
-RENAMED = ("facs", "muscles", "vrm 0")
-SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in VARIANTS if name != "arkit"]
+# The face of another variant by other names, in other units or axes: its tools are found anew, and not judged again,
+# which takes longest.
+ALIKE = ("facs", "muscles", "vrm 0", "centimetres", "z up")
+QUICK = "facs"
+BY_TIME = [QUICK, *(pytest.param(name, marks=pytest.mark.slow) for name in VARIANTS if name != QUICK)]
 
 
 @pytest.mark.parametrize(
@@ -84,7 +86,7 @@ def test_a_name_says_a_motion_and_its_side(name: str, motions: str, side: str) -
 def suggested(variant: str) -> tuple[Face, Path, Suggestions]:
     face, make, _ = VARIANTS[variant]
     path = place(make(face))
-    if variant not in RENAMED:
+    if variant not in ALIKE:
         return face, path, suggest_once(path, face=True)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(f"{suggest.__module__}.worthwhile", lambda _, tools, by, **__: Worthwhile(tools, by, [], []))
@@ -92,8 +94,7 @@ def suggested(variant: str) -> tuple[Face, Path, Suggestions]:
         return face, path, suggest(path, face=True)
 
 
-@pytest.mark.quick(6)
-@pytest.mark.parametrize("variant", ["arkit", *SLOW])
+@pytest.mark.parametrize("variant", BY_TIME)
 def test_each_region_has_its_tool(variant: str) -> None:
     face, _, found = suggested(variant)
     *_, names = VARIANTS[variant]
@@ -175,8 +176,7 @@ def test_the_face_has_all_targets_of_arkit() -> None:
     assert {*Face(whole=True).deltas()} == names
 
 
-@pytest.mark.quick(6)
-@pytest.mark.parametrize("variant", ["arkit", *SLOW])
+@pytest.mark.parametrize("variant", BY_TIME)
 def test_patches_are_low_and_end_before_lids_and_lips(variant: str) -> None:
     face, path, found = suggested(variant)
     document = read_document(path)
@@ -196,7 +196,7 @@ def test_patches_are_low_and_end_before_lids_and_lips(variant: str) -> None:
 
 
 # Other names, units and axes change nothing that `check` looks at.
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("variant", ["arkit", "vrm 1", "big eyes", "turned"])
 def test_what_is_written_passes_a_strict_check(tmp_path: Path, variant: str) -> None:
     _, path, found = suggested(variant)

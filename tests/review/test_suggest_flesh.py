@@ -17,7 +17,7 @@ def person(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return dressed().write(tmp_path_factory.mktemp("person") / "dressed.glb")
 
 
-@pytest.mark.quick(8)
+@pytest.mark.slow
 def test_a_body_gets_regions_where_its_skin_is_thick(person: Path, tmp_path: Path) -> None:
     """Its chest is lean. The others lie where they should, those of two sides are mirrored, and the file bakes."""
     found = wrinklecli.suggest(person, flesh=True)
@@ -34,7 +34,7 @@ def test_a_body_gets_regions_where_its_skin_is_thick(person: Path, tmp_path: Pat
     assert len(report.data["flesh"]) == 7
 
 
-@pytest.mark.quick(4)
+@pytest.mark.slow
 def test_clothes_over_a_region_are_named(tmp_path: Path) -> None:
     """Shirt and trousers move with the flesh below them; what lies over a face does not."""
     found = wrinklecli.suggest(avatar().write(tmp_path / "avatar.glb"), flesh=True)
@@ -52,7 +52,7 @@ def test_flesh_of_one_side_is_left_out(wrinkle: Wrinkle, tmp_path: Path) -> None
     assert any(line == "note: cheek.L: left out, as the other side is" for line in ran.lines)
 
 
-@pytest.mark.quick(4)
+@pytest.mark.slow
 def test_the_command_prints_a_file_and_json(wrinkle: Wrinkle, person: Path) -> None:
     ran = wrinkle("suggest", person, "--flesh", "-q")
     listed = yaml.safe_load(ran.out)["flesh"]

@@ -63,7 +63,7 @@ def test_no_shape_fails(shape: Shape, everything: bool, folder: Path) -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=40)
+@settings(max_examples=15)
 @given(shape=shapes(MANY), everything=st.booleans())
 def test_no_fine_shape_fails(shape: Shape, everything: bool, folder: Path) -> None:
     reads_back(suggested(shape, folder, everything=everything))

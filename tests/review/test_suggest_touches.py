@@ -67,6 +67,7 @@ def drawn(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return pointing().write(tmp_path_factory.mktemp("pointing") / "pointing.glb")
 
 
+@pytest.mark.slow
 def test_a_finger_that_drags_skin_gives_a_touch_that_checks_strictly(
     drawn: Path, wrinkle: Wrinkle, tmp_path: Path
 ) -> None:

@@ -205,7 +205,7 @@ def test_mirrored_charts_are_found_and_refused_if_strict(wrinkle: Wrinkle, tmp_p
 )
 def test_normals_are_those_of_a_finely_refined_mesh(name: str, tool: str, most: float) -> None:
     """At 95 % of the texels with wrinkles, at full height, over all of a tool's weights."""
-    options = BakeOptions(only=[tool], edges_per_interval=24, max_levels=9, max_vertices=10**6, max_memory=4 * 10**9)
+    options = BakeOptions(only=[tool], edges_per_interval=12, max_levels=8, max_vertices=10**6, max_memory=4 * 10**9)
     job = read_job(sample(name), CONFIGS / f"{name}.yaml", options)
     (plan,) = plan_meshes(job)
     how = SamplingOptions(30.0, "morph", job.document.memory, no_progress)

@@ -85,7 +85,7 @@ def test_no_clip_crosses_whatever_its_keys_are() -> None:
         assert not weights[:, [names.index(name) for name in fold["targets"]]].any()
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("motions", [{"pose": [("joint_1", "z", CLOSED)]}, {"range_of_motion": True}, {"anims": True}])
 def test_a_baked_file_plays_contact_in_motions_that_are_added(motions: dict[str, Any], tmp_path: Path) -> None:
     body = bake_once(still_limb(), TOOL)
