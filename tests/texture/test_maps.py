@@ -12,9 +12,11 @@ import pytest
 from PIL import Image
 
 from kit.command import Wrinkle, files
+from kit.limb import limb_asset, tool, write_tools
 from kit.places import ROOT
 from kit.player import Gltf
 from kit.samples import Editor, edited, sample
+from kit.variants import PNG
 from wrinklecli import MapOptions, bake, maps
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.plan import plan_meshes
@@ -86,7 +88,7 @@ def test_heights_and_drives_are_those_of_a_bake(tmp_path: Path) -> None:
 
 def test_a_bake_writes_maps_too_or_nothing(wrinkle: Wrinkle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     small = replace(MapOptions(), size=32)
-    monkeypatch.setattr("wrinklecli.texture.maps.MapOptions", lambda **options: replace(small, **options))
+    monkeypatch.setattr("wrinklecli.texture.with_bake.MapOptions", lambda **options: replace(small, **options))
     asset, tools = sample("wrist"), CONFIGS / "wrist.yaml"
     ran = wrinkle("bake", asset, tools, "-o", "out.glb", "--maps-dir", "maps", "--max-levels", "0", "--draft")
     assert ran.code == 0
@@ -98,6 +100,48 @@ def test_a_bake_writes_maps_too_or_nothing(wrinkle: Wrinkle, tmp_path: Path, mon
     assert (ran.code, len(ran.lines)) == (1, 1)
     assert not Path("new.glb").exists()
     assert wrinkle("bake", "out.glb", tools, "-o", "new.glb", "--maps-dir", "more", "--replace").code == 2
+
+
+@pytest.mark.parametrize("command", ["bake", "maps"])
+def test_a_folder_that_has_an_input_is_refused_before_any_work(
+    command: str, wrinkle: Wrinkle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def begun(*_: Any, **__: Any) -> Any:
+        raise AssertionError("work has begun")
+
+    for module in ("baking.pipeline", "texture.maps"):
+        monkeypatch.setattr(f"wrinklecli.{module}.plan_meshes", begun)
+    asset = limb_asset(rings=7, sides=6)
+    asset.gltf["images"] = [{"uri": "made/skin_1_normal.png"}]
+    asset.write(tmp_path / "limb.gltf")
+    write_tools(tmp_path / "tools.yaml", tool(bumps=1))
+    for folder in ("made", "linked", "named", "listed"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "made" / "skin_1_normal.png").write_bytes(PNG)
+    (tmp_path / "linked" / "cloth_2_mask_1.png").symlink_to("../made/skin_1_normal.png")
+    (tmp_path / "named" / "skin_1_ao.png").hardlink_to(tmp_path / "limb.bin")
+    (tmp_path / "listed" / "maps.json").symlink_to("../tools.yaml")
+    before = files(tmp_path)
+    over = "is an input too and would be overwritten"
+    for folder, line in {
+        "made": f"made/skin_1_normal.png: {over}",
+        "linked": f"linked/cloth_2_mask_1.png: {over}",
+        "named": f"named/skin_1_ao.png: {over}",
+        "listed": f"listed/maps.json: {over}",
+        "limb.gltf": "limb.gltf: cannot be written: File exists",
+        "tools.yaml/maps": "tools.yaml: cannot be written: File exists",
+    }.items():
+        last = ("-o", folder) if command == "maps" else ("-o", "out.glb", "--maps-dir", folder)
+        ran = wrinkle(command, "limb.gltf", "tools.yaml", *last)
+        assert (ran.code, ran.lines) == (1, [line])
+        assert files(tmp_path) == before
+    # Other images of the asset may stand beside maps.
+    (tmp_path / "made" / "skin_1_normal.png").rename(tmp_path / "made" / "skin_01_normal.png")
+    asset.gltf["images"] = [{"uri": "made/skin_01_normal.png"}]
+    asset.write(tmp_path / "limb.gltf")
+    last = ("-o", "made") if command == "maps" else ("-o", "out.glb", "--maps-dir", "made")
+    ran = wrinkle(command, "limb.gltf", "tools.yaml", *last)
+    assert (ran.code, ran.lines[-2]) == (70, "AssertionError: work has begun")
 
 
 def test_the_same_input_gives_the_same_bytes(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from wrinklecli.choices import Engine, FrameFormat, Mode, Storage, Tracks
 from wrinklecli.cli import options as opt
 from wrinklecli.cli.output import Progress, say, say_findings
 from wrinklecli.cli.streams import command_outputs
-from wrinklecli.errors import RefusedError, WrinkleError
+from wrinklecli.errors import WrinkleError
 
 # Control characters, wildcards, and characters that end a list of files or have a meaning in Make or Ninja.
 _NOT_CARRIED = re.compile(r"[\x00-\x1f\x7f*?\[;|<>^`]")
@@ -133,23 +133,15 @@ def bake(
     if output is not None and not output.lower().endswith((".glb", ".gltf")):
         raise click.BadParameter(f"{output!r} ends neither in .glb nor .gltf", param_hint="-o")
     with command_outputs() as outputs, Progress(quiet=quiet, lines=progress) as shown:
-        from wrinklecli import bake as run
         from wrinklecli.baking.job import BakeOptions
         from wrinklecli.baking.report import as_json
         from wrinklecli.numeric.processes import core_count
+        from wrinklecli.texture.with_bake import bake_with_maps
 
         for path in filter(None, (report, timings, depfile)):
             outputs.claim(path)
         chosen = BakeOptions(details=report is not None, jobs=jobs or core_count(), **options)
-        made = run(asset, tools, output, chosen, outputs=outputs, progress=shown.show)
-        mapped = None
-        if maps_dir is not None:
-            from wrinklecli.texture.maps import MapOptions, maps
-
-            shared = {name: getattr(chosen, name) for name in ("only", "anims", "allow_external", "max_memory")}
-            mapped = maps(asset, tools, maps_dir, MapOptions(**shared), outputs=outputs, progress=shown.show)
-            if chosen.strict and mapped.warnings:
-                raise RefusedError.of_all(RefusedError(line) for line in mapped.warnings)
+        made, mapped = bake_with_maps(asset, tools, output, maps_dir, chosen, outputs=outputs, progress=shown.show)
         if report is not None:
             outputs.add_bytes(report, as_json(made.data).encode())
         if timings is not None:

@@ -5,6 +5,7 @@ import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, get_args
 
 import numpy as np
@@ -26,6 +27,7 @@ from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, unit
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.numeric.memory import MAX_MEMORY
+from wrinklecli.texture.map_files import MAPS_JSON, claim_folder, image_name
 from wrinklecli.texture.occlusion import REACH, occlusion
 from wrinklecli.texture.relief import ReliefOf, Textured
 from wrinklecli.texture.tangents import mikk_tangents
@@ -137,12 +139,36 @@ def maps(
         'skin_1_normal.png'
     """
     options = replace(options or MapOptions(), **named)
-    _refuse_without_pillow()
-    with part_of(outputs) as written, guarded(os.fspath(asset)):
-        path = os.fspath(folder)
-        written.make_folders(path)
-        written.claim(os.path.join(path, "maps.json"))
-        written.protect([asset, *tools_paths(tools), *options.anims])
+    path = os.fspath(folder)
+    with part_of(outputs) as written:
+        claim_maps(path, written)
+        return make_maps(asset, tools, path, options, written, progress)
+
+
+def claim_maps(folder: str, outputs: Outputs) -> None:
+    """Announce the maps of a folder before the work is done.
+
+    Raises:
+        BakeError: Pillow, which writes the images, is not installed, or the folder's files cannot be written.
+    """
+    try:
+        png_of(np.zeros((1, 1), np.uint8))
+    except ImportError as error:
+        raise BakeError(f"maps need Pillow ({error}): pip install 'wrinklecli[maps]'") from error
+    claim_folder(folder, outputs)
+
+
+def make_maps(
+    asset: str | os.PathLike[str],
+    tools: ToolsPaths,
+    folder: str,
+    options: MapOptions,
+    outputs: Outputs,
+    progress: Progress,
+) -> Maps:
+    """Make maps as `maps` does, in a folder that `claim_maps` has announced."""
+    with guarded(os.fspath(asset)):
+        outputs.protect([asset, *tools_paths(tools), *options.anims])
         reading = BakeOptions(
             only=options.only,
             anims=options.anims,
@@ -150,7 +176,7 @@ def maps(
             max_memory=options.max_memory,
         )
         job = read_job(asset, tools, reading)
-        written.protect([*job.inputs, *job.beside])
+        outputs.protect([*job.inputs, *job.beside])
         job = wrinkles_alone(job)
         pixels = f"maps of {options.size} by {options.size} texels"
         job.document.memory.check(_TEXEL_BYTES * options.size**2, pixels, where=job.document.path)
@@ -167,7 +193,7 @@ def maps(
                 made = _made(plan, effects, layout, options, warnings)
                 taken = {each["name"] for each in materials}
                 name = _file_name(layout.name, taken)
-                sets = [each.encoded(f"{name}_{number}", options, files) for number, each in enumerate(made, start=1)]
+                sets = [each.encoded(name, number, options, files) for number, each in enumerate(made, start=1)]
                 if sets:
                     described = {"name": name, "material": layout.material, "node": plan.rig.names[plan.rig.node]}
                     materials.append({**described, "texCoord": layout.texcoord, **layout.transform_json, "sets": sets})
@@ -182,19 +208,11 @@ def maps(
             "nodes": nodes,
         }
         for name, content in files.items():
-            written.add_bytes(os.path.join(path, name), content)
+            outputs.add_bytes(os.path.join(folder, name), content)
         text = json.dumps(data, indent=1, ensure_ascii=False) + "\n"
-        written.add_bytes(os.path.join(path, "maps.json"), text.encode(), last=True)
-        paths = tuple(os.path.join(path, name) for name in ("maps.json", *files))
+        outputs.add_bytes(os.path.join(folder, MAPS_JSON), text.encode(), last=True)
+        paths = tuple(os.path.join(folder, name) for name in (MAPS_JSON, *files))
         return Maps(data, paths, job.inputs, job.notes, tuple(warnings))
-
-
-def _refuse_without_pillow() -> None:
-    """Raise BakeError if Pillow, which writes the images, is not installed: all else may take long."""
-    try:
-        png_of(np.zeros((1, 1), np.uint8))
-    except ImportError as error:
-        raise BakeError(f"maps need Pillow ({error}): pip install 'wrinklecli[maps]'") from error
 
 
 def _drives(gltf: Json, plan: MeshPlan, effects: Sequence[WrinkleEffect]) -> Json:
@@ -430,18 +448,19 @@ class _Set:
     charts: Ints
     steps: Floats
 
-    def encoded(self, name: str, options: MapOptions, files: dict[str, bytes]) -> Json:
+    def encoded(self, owner: str, number: int, options: MapOptions, files: dict[str, bytes]) -> Json:
         """Write the images into `files`, and describe them."""
+        name = partial(image_name, owner, number)
         size = options.size
         heights, slopes = np.zeros(size**2), np.zeros((size**2, 2))
-        largest, owner = np.zeros(size**2), np.full(size**2, -1, np.int16)
+        largest, holder = np.zeros(size**2), np.full(size**2, -1, np.int16)
         filled = self.charts >= 0
-        for number, each in enumerate(self.shown):
+        for which, each in enumerate(self.shown):
             heights[each.texels] += each.heights
             slopes[each.texels] += each.slopes
             filled[each.texels] = True
             more = each.shares > largest[each.texels]
-            largest[each.texels[more]], owner[each.texels[more]] = each.shares[more], number
+            largest[each.texels[more]], holder[each.texels[more]] = each.shares[more], which
         beside, nearest = gutter(filled.reshape(size, size), _GUTTER)
 
         def image(values: Floats) -> Floats:
@@ -451,25 +470,25 @@ class _Set:
         said: Json = {}
         if "normal" in options.kinds:
             normals = unit(np.column_stack([slopes, np.ones(size**2)]))
-            files[f"{name}_normal.png"] = png_of(np.rint(image(127.5 + 127.5 * normals)).astype(np.uint8))
-            said["normal"] = f"{name}_normal.png"
+            files[name("normal")] = png_of(np.rint(image(127.5 + 127.5 * normals)).astype(np.uint8))
+            said["normal"] = name("normal")
         if "height" in options.kinds:
             limit = float(np.abs(heights).max())
             stored = np.rint(image(_ZERO + (_WHITE - _ZERO) * heights / limit)).astype(np.uint16)
-            files[f"{name}_height.png"] = png_of(stored)
+            files[name("height")] = png_of(stored)
             scale = limit * _WHITE / (_WHITE - _ZERO)
-            said["height"] = {"file": f"{name}_height.png", "zero": _ZERO / _WHITE, "scale": scale}
+            said["height"] = {"file": name("height"), "zero": _ZERO / _WHITE, "scale": scale}
         if "ao" in options.kinds:
-            files[f"{name}_ao.png"] = png_of(np.rint(255.0 * image(self._seen(heights, size))).astype(np.uint8))
-            said["ao"] = f"{name}_ao.png"
+            files[name("ao")] = png_of(np.rint(255.0 * image(self._seen(heights, size))).astype(np.uint8))
+            said["ao"] = name("ao")
         said["weights"] = []
         for start in range(0, len(self.shown), 4):
             part = self.shown[start : start + 4]
-            mask = f"{name}_mask_{1 + start // 4}.png"
+            mask = name(f"mask_{1 + start // 4}")
             if len(self.shown) > 1:
                 # A channel of transparency only where there are four: viewers show such images as nearly nothing.
                 channels = range(start, start + max(len(part), 3))
-                owned = np.column_stack([owner == channel for channel in channels])
+                owned = np.column_stack([holder == channel for channel in channels])
                 files[mask] = png_of(image(np.where(owned, 255.0, 0.0)).astype(np.uint8))
             for channel, each in zip("rgba", part, strict=False):
                 masked = {"mask": mask, "channel": channel} if len(self.shown) > 1 else {}

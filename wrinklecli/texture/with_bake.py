@@ -1,0 +1,38 @@
+"""A bake and its wrinkle maps in one step, as `wrinkle bake --maps-dir` and `wrinkle batch` do it."""
+
+import os
+
+from wrinklecli.baking.job import BakeOptions, ToolsPaths
+from wrinklecli.baking.pipeline import bake
+from wrinklecli.baking.report import Report
+from wrinklecli.errors import RefusedError
+from wrinklecli.files.outputs import Outputs
+from wrinklecli.numeric.guard import Progress, no_progress
+from wrinklecli.texture.maps import MapOptions, Maps, claim_maps, make_maps
+
+
+def bake_with_maps(
+    asset: str | os.PathLike[str],
+    tools: ToolsPaths,
+    out: str | os.PathLike[str] | None,
+    maps_dir: str | None,
+    options: BakeOptions,
+    *,
+    outputs: Outputs,
+    progress: Progress = no_progress,
+) -> tuple[Report, Maps | None]:
+    """Bake as `bake` does, and write maps into a folder with the defaults of `maps`; None for no folder.
+
+    Raises:
+        WrinkleError: As of `bake` and `maps`; what is wrong with the folder is found before the bake. With `strict`,
+            warnings of either are a RefusedError.
+    """
+    if maps_dir is None:
+        return bake(asset, tools, out, options, outputs=outputs, progress=progress), None
+    claim_maps(maps_dir, outputs)
+    baked = bake(asset, tools, out, options, outputs=outputs, progress=progress)
+    shared = {name: getattr(options, name) for name in ("only", "anims", "allow_external", "max_memory")}
+    mapped = make_maps(asset, tools, maps_dir, MapOptions(**shared), outputs, progress)
+    if options.strict and mapped.warnings:
+        raise RefusedError.of_all(RefusedError(line) for line in mapped.warnings)
+    return baked, mapped
