@@ -13,6 +13,7 @@ import wrinklecli
 from kit.limb import RADIUS, limb_asset, tool, write_tools
 from kit.muscles import arm, muscle
 from kit.pictures import BUMPY, draw, limb, near, picture
+from kit.touch import plate, touch
 from wrinklecli.baking.job import BakeOptions
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import Document, read_document
@@ -215,6 +216,36 @@ def test_names_of_tools_are_told_from_each_other() -> None:
     assert peak.owns("wrinkle_a__b_1")
     assert not peak.owns("wrinkle_a__b_1_1")
     assert not dataclasses.replace(peak, name="a").owns("wrinkle_a__b_1")
+
+
+def test_a_touch_is_seen_from_above_with_a_checker(tmp_path: Path) -> None:
+    """Before the bake and after it; without a slide in any clip, at its greatest slide."""
+    asset = plate().write(tmp_path / "plate.glb")
+    top: Json = {"version": 1, "refinement": {"max_levels": 0}}
+    tools, still = tmp_path / "tools.yaml", tmp_path / "still.yaml"
+    tools.write_text(json.dumps({**top, "touches": [touch()]}))
+    still.write_text(json.dumps({**top, "touches": [touch(keys={})]}))
+    wrinklecli.bake(asset, tools, tmp_path / "baked.glb")
+    for path, options in ((asset, {"tools": tools}), (tmp_path / "baked.glb", {}), (asset, {"tools": still})):
+        out = tmp_path / "a.png"
+        made = draw([path], out, review=True, size=(160, 120), **options)
+        assert [each.split(":")[1] for each in made.views] == ["89"]
+        shown = picture(out).astype(int)
+        row = int(np.flatnonzero((shown[:, 20] != shown[5, 20]).any(axis=1))[0])
+        before, after = (shown[row + 4 : row + 116, x : x + 150].sum(axis=2) for x in (16, 178))
+        # The cells are straight before: along the picture and across it, a line changes its tone often.
+        for lines in (before, before.T):
+            steps = (np.abs(np.diff(lines, axis=1)) > 60).sum(axis=1)
+            assert np.median(steps) >= 8
+        assert (np.abs(before - after) > 60).mean() > 0.1, "the cells have slid"
+    (peak,) = peaks_of(asset, still)
+    assert "no clip slides it" in words(peak)
+    shown, _ = read_shown(read_document(tmp_path / "baked.glb"), "", ())
+    (baked,) = baked_peaks(shown, shown.clips)
+    assert baked.forward == pytest.approx(peak.forward, abs=1e-6)
+    assert sum(weight > 1e-6 for weight in peak.forward.values()) == 1 + 3, (
+        "of slides one, and the rings that lie ahead"
+    )
 
 
 @pytest.mark.slow

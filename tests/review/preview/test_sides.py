@@ -4,7 +4,17 @@ import numpy as np
 import pytest
 
 from wrinklecli.numeric.arrays import Bools, Floats, unit
-from wrinklecli.review.preview.sides import ANGLES, LEVELS, Free, Place, Side, best_light, best_moment, best_side
+from wrinklecli.review.preview.sides import (
+    ANGLES,
+    LEVELS,
+    Free,
+    Place,
+    Side,
+    best_light,
+    best_moment,
+    best_side,
+    side_above,
+)
 
 HEIGHT = 0.02
 
@@ -79,3 +89,14 @@ def test_what_a_fold_hides_is_looked_at_earlier() -> None:
         return time, Side(side.angles, score, visible)
 
     assert best_moment(0.0, 1.0, look)[0] == pytest.approx(0.55)
+
+
+def test_a_place_is_seen_from_straight_above_unless_much_is_hidden_there() -> None:
+    place = sheet(0)
+    above = side_above(place, lambda ways: np.ones((len(ways), len(place.points)), np.bool_))
+    assert above.angles == (0, 0)
+    assert above.visible > 0.9
+    half = np.arange(len(place.points)) % 2 == 0
+    hidden = side_above(place, lambda ways: ~(ways[:, 2:] > 0.95) | half)
+    assert hidden.axes[2, 2] <= 0.95
+    assert hidden.visible > 0.6

@@ -2,7 +2,8 @@
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from wrinklecli.character.pose import joint_matrices, morph_weights
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.drive import Drive, StoredDrive, wrinkle_entry
 from wrinklecli.drive.segment import Segment
+from wrinklecli.drive.touch import TouchDrive
 from wrinklecli.effects.body import BodyLayer, largest_moves, moves_at_rest
 from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.effects.sampling import moving_clips
@@ -53,7 +55,8 @@ class Fact:
 class Peak:
     """A tool, on the mesh of a node, at the moment when its wrinkles are tallest.
 
-    If no clip has raised them, the moment is the stored pose, and they are shown at their full height. There is at
+    If no clip has raised them, the moment is the stored pose, and they are shown at their full height, a touch at its
+    greatest slide forward: `forward` has the weights of its targets then, by name, and is empty for others. There is at
     least one row of facts.
     """
 
@@ -62,6 +65,12 @@ class Peak:
     moment: Moment
     raised: bool
     facts: tuple[tuple[Fact, ...], ...]
+    forward: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def slides(self) -> bool:
+        """True for a touch, which slides the skin."""
+        return bool(self.forward)
 
     def owns(self, morph_target: str) -> bool:
         """True if a bake gives this name to a target of the tool."""
@@ -110,8 +119,26 @@ def _body_peaks(plan: MeshPlan, played: Sequence[tuple[Clip, Floats]]) -> list[P
                     (contact,) = attached.drive.contacts_in(plan.rig.own, clip)(times[at : at + 1])
                     best |= {"slide": float(np.hypot(*contact[:2])), "depth": float(contact[2])}
                 found.append(best)
-            peaks.append(_peak({"name": attached.tool.name}, plan.rig.node, found))
+            data: Json = {"name": attached.tool.name}
+            if isinstance(attached, AttachedTouch):
+                data["forward"] = _forward(attached.drive.targets, attached.drive.windows)
+            peaks.append(_peak(data, plan.rig.node, found))
     return peaks
+
+
+def _forward(targets: Sequence[str], windows: Floats) -> dict[str, float]:
+    """The weights of a touch's targets at its greatest slide forward, by name; `windows` are in radians."""
+    weights = np.concatenate([np.eye(TouchDrive.slides)[0], np.maximum(np.cos(windows), 0.0)])
+    return dict(zip(targets, weights.tolist(), strict=True))
+
+
+def _touches_on(asset: ShownAsset, node: int) -> dict[str, dict[str, float]]:
+    """What `_forward` gives of the touches that were baked into a node, by name; extras may be damaged."""
+    found = {}
+    for data in wrinkle_entry(asset.document.items("nodes")[node]).get("touches", ()):
+        with suppress(KeyError, TypeError, ValueError):
+            found[str(data["name"])] = _forward(data["targets"], np.array(data["windows"], np.float64).reshape(-1))
+    return found
 
 
 def baked_peaks(asset: ShownAsset, clips: Sequence[Clip]) -> list[Peak]:
@@ -126,6 +153,7 @@ def baked_peaks(asset: ShownAsset, clips: Sequence[Clip]) -> list[Peak]:
         grids = [clip_grid(clip, rig, fps=_FPS) for clip in tracked]
         played = list(zip(tracked, grids, strict=True))
         weights = [{part: morph_weights(each, *clip) for part, each in rigs.items()} for clip in played]
+        touches = _touches_on(asset, node)
         for name, targets in _tools_on(asset, node, rigs.values()):
             reaches = [(each, *_reaches(each, targets)) for each in shown]
             heights = [_heights(of, reaches, scale) for of in weights]
@@ -139,6 +167,8 @@ def baked_peaks(asset: ShownAsset, clips: Sequence[Clip]) -> list[Peak]:
             data = {"name": name}
             if (node, name) in driven:
                 data["rest_length"] = float(driven[node, name].data["rest_length"])
+            if name in touches:
+                data["forward"] = touches[name]
             peaks.append(_peak(data, node, found))
     return peaks
 
@@ -239,7 +269,8 @@ def _peak(data: Json, node: int, clips: Sequence[Json]) -> Peak:
     best = tallest_clip(clips)
     moment = Moment(None, 0.0) if best is None else Moment(best["name"], best["time"])
     further = [row for row in (tuple(_patch_facts(data)), tuple(_clip_facts(best, clips))) if row]
-    return Peak(data["name"], node, moment, best is not None, (tuple(_peak_facts(data, best)), *further))
+    rows = (tuple(_peak_facts(data, best)), *further)
+    return Peak(data["name"], node, moment, best is not None, rows, data.get("forward", {}))
 
 
 def tallest_clip(clips: Sequence[Json]) -> Json | None:
@@ -259,7 +290,8 @@ def _shortest(clip: Json) -> float:
 def _peak_facts(data: Json, best: Json | None) -> Iterator[Fact]:
     """The facts of a tool at its peak."""
     if best is None:
-        yield Fact("no clip raises it: shown at its full height", alarming=True)
+        shown = "slides it: shown at its greatest slide" if "forward" in data else "raises it: shown at its full height"
+        yield Fact(f"no clip {shown}", alarming=True)
         return
     if _shortest(best) > 0:
         yield Fact(f"{_percent(_shortest(best))} shorter")
@@ -269,7 +301,7 @@ def _peak_facts(data: Json, best: Json | None) -> Iterator[Fact]:
             yield Fact(f"dented by {best['depth']:.3g}")
         return
     limit = f" of {data['height_limit']:.3g}" if "height_limit" in data else ""
-    yield Fact(f"{best['height']:.3g}{limit} tall")
+    yield Fact(f"moves by {best['height']:.3g}" if "forward" in data else f"{best['height']:.3g}{limit} tall")
     if "full" in data and data["full"] < _EQUAL * _shortest(best):
         yield Fact(f"full from {_percent(data['full'])}")
     if best.get("unabsorbed", 0.0) > _VISIBLE:

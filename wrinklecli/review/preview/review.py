@@ -17,6 +17,7 @@ from wrinklecli.numeric.guard import Progress
 from wrinklecli.review.preview.apply import PlannedTools, apply_tools
 from wrinklecli.review.preview.camera import Camera, camera_axes, parse_view
 from wrinklecli.review.preview.cards import Card, CardSheet, Picture, cards_size
+from wrinklecli.review.preview.checker import checked
 from wrinklecli.review.preview.framing import NO_TRIANGLES, ONE_POINT, View, plan_views
 from wrinklecli.review.preview.misfits import RED, Misfit, find_misfits, misfit_overlay, misfit_points
 from wrinklecli.review.preview.moments import Moment
@@ -27,7 +28,7 @@ from wrinklecli.review.preview.rays import free_ways
 from wrinklecli.review.preview.render import Snapshot, render
 from wrinklecli.review.preview.sheet_layout import Drawn, refuse_large
 from wrinklecli.review.preview.shown import INKS, ShownAsset, read_shown, take_snapshot
-from wrinklecli.review.preview.sides import Free, Place, Side, best_light, best_moment, best_side
+from wrinklecli.review.preview.sides import Free, Place, Side, best_light, best_moment, best_side, side_above
 
 # The greatest number of tools on a sheet, which then has sixteen rows.
 MOST_REVIEWED = 48
@@ -147,8 +148,9 @@ def moments_and_views(after: ShownAsset, peak: Peak, options: PreviewOptions) ->
 
     def look(time: float) -> tuple[Moment, Side]:
         moment = replace(peak.moment, time=time)
-        return moment, best_side(*_place(alone, moment))
+        return moment, choose(*_place(alone, moment))
 
+    choose = side_above if peak.slides else best_side
     clip, time = alone.clip(peak.moment.clip), peak.moment.time
     start = time if clip is None else clip.start if clip.start < time else clip.end
     moment, side = best_moment(start, time, look)
@@ -213,11 +215,18 @@ def _cards(
         together.setdefault((shot.moment, -1 if shot.peak.raised else shot.ink), []).append(shot)
     for (moment, _), members in together.items():
         source = after if members[0].peak.raised else _alone(after, members[0].peak)
-        snapshots = [take_snapshot(each, moment, heat=options.heat) for each in (before, source)]
+        snapshots = tuple(take_snapshot(each, moment, heat=options.heat) for each in (before, source))
         for shot in members:
-            place, free = _place(_alone(after, shot.peak), moment)
-            key = best_light(place, shot.view.cameras[0].axes, free)
-            yield shot.number, _card(shot, snapshots, key, options)
+            alone = _alone(after, shot.peak)
+            place, free = _place(alone, moment)
+            axes = shot.view.cameras[0].axes
+            key = best_light(place, axes, free)
+            pair = snapshots
+            if shot.peak.slides and not options.heat:
+                # A checker needs the same triangles before and after.
+                plain, slid = (take_snapshot(each, moment, heat=False) for each in (alone.without_wrinkles(), alone))
+                pair = checked(plain, slid, axes)
+            yield shot.number, _card(shot, pair, key, options)
 
 
 def _layout(count: int, options: PreviewOptions) -> tuple[int, tuple[int, int]]:
@@ -228,7 +237,11 @@ def _layout(count: int, options: PreviewOptions) -> tuple[int, tuple[int, int]]:
 
 def _alone(after: ShownAsset, peak: Peak) -> ShownAsset:
     """The asset with the wrinkles of one tool; at their full height if no clip raises them."""
-    return after.of_targets(lambda node, name: node == peak.node and peak.owns(name), raised=not peak.raised)
+
+    def full(name: str) -> float:
+        return peak.forward.get(name, 1.0)
+
+    return after.of_targets(lambda node, name: node == peak.node and peak.owns(name), None if peak.raised else full)
 
 
 def _card(shot: _Shot, snapshots: Sequence[Snapshot], key: Floats, options: PreviewOptions) -> Card:

@@ -113,7 +113,7 @@ def _read_tools(
     def chosen(node: int, target: str) -> bool:
         return any(peak.node == node and peak.owns(target) for peak in peaks)
 
-    return [asset.of_targets(chosen, raised=False) for asset in shown], options, warnings
+    return [asset.of_targets(chosen) for asset in shown], options, warnings
 
 
 def _read_shown(

@@ -122,12 +122,14 @@ class ShownAsset:
             primitives.append(replace(shown, source=source) if len(rows) else shown)
         return replace(self, primitives=tuple(primitives))
 
-    def of_targets(self, chosen: Callable[[int, str], bool], *, raised: bool) -> "ShownAsset":
+    def of_targets(
+        self, chosen: Callable[[int, str], bool], weight: Callable[[str], float] | None = None
+    ) -> "ShownAsset":
         """The asset with the wrinkles of chosen morph targets only.
 
         Args:
             chosen: True for the node (a key of `wrinkled`) and the name of a morph target to keep.
-            raised: Set their stored weights to 1.
+            weight: The stored weight that a target gets, by its name; None if they stay.
         """
         bodies = bodies_of_parts(self.document)
         primitives = []
@@ -136,8 +138,8 @@ class ShownAsset:
             body = bodies.get(rig.node, rig.node)
             numbers = [number for number in shown.shape_numbers if chosen(body, rig.morph_names[number])]
             weights = rig.morph_weights.copy()
-            if raised:
-                weights[numbers] = 1.0
+            if weight is not None:
+                weights[numbers] = [weight(rig.morph_names[number]) for number in numbers]
             primitives.append(
                 replace(
                     shown,

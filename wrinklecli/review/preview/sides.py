@@ -35,6 +35,8 @@ _AT_ONCE = 2
 _SLANTS = (50.0, 70.0)
 # Directions of the light around the view.
 _AROUND = 16
+# Greatest elevation of a side above a place, degrees: at 90 an azimuth would have no meaning.
+_STEEPEST = 89
 # Part of its score that light from straight below loses: people take light to come from above, and see bumps as
 # hollows otherwise.
 _FROM_BELOW = 0.3
@@ -145,6 +147,20 @@ def best_side(place: Place, free: Free) -> Side:
         some = np.flatnonzero((backs @ backs[best] > _BESIDE) & (scores == 0.0))
     whole = FACES * float(weights.sum())
     return Side(ANGLES[best], float(scores[best]), min(float(scores[best]) / whole, 1.0) if whole > 0 else 0.0)
+
+
+def side_above(place: Place, free: Free) -> Side:
+    """Choose the side straight above a place, as wrinkles lie on it; where much is hidden from there, the best side."""
+    weights = place.areas * place.heights
+    back = unit(weights @ place.plain_normals)
+    azimuth, elevation = np.degrees([np.arctan2(back[0], back[2]), np.arcsin(np.clip(back[1], -1.0, 1.0))])
+    angles = (round(float(azimuth)), round(float(np.clip(elevation, -_STEEPEST, _STEEPEST))))
+    back = camera_axes(*angles)[2:]
+    shares = weights * np.clip(place.normals @ back[0], 0.0, FACES)
+    score, whole = float(shares @ free(back)[0]), FACES * float(weights.sum())
+    if score < _HIDDEN * whole:
+        return best_side(place, free)
+    return Side(angles, score, min(score / whole, 1.0))
 
 
 def best_light(place: Place, axes: Floats, free: Free) -> Floats:
