@@ -40,7 +40,7 @@ def complaints(name: str, text: str, **given: Any) -> list[str]:
 def test_jobs_have_the_options_of_bake() -> None:
     options = {each.opts[-1].strip("-").replace("-", "_"): each for each in cli.commands["bake"].params}
     # Of a job itself, or for one bake alone: the workers of a batch are its processes.
-    apart = {"asset", "tools", "output", "depfile", "jobs", "maps_dir", "progress", "quiet", "verbose"}
+    apart = {"asset", "tools", "output", "depfile", "jobs", "progress", "quiet", "verbose"}
     assert set(OPTION_KEYS) == {name for name in options if name not in apart}
     for name, values in OPTION_KEYS.items():
         option = options[name]
@@ -154,7 +154,9 @@ jobs:
 
 
 @pytest.mark.usefixtures("folder")
-@pytest.mark.parametrize("key", ["asset", "tools", "out", "report", "timings", "frames_dir", "anim", "anims"])
+@pytest.mark.parametrize(
+    "key", ["asset", "tools", "out", "report", "timings", "frames_dir", "maps_dir", "anim", "anims"]
+)
 @pytest.mark.parametrize("path", ["a\0.glb", "a\0/b.glb"])
 def test_a_path_that_no_file_has_is_refused(key: str, path: str) -> None:
     job = {"asset": "chars/a/a.glb", "tools": "t.yaml", "out": "o.glb", key: path}

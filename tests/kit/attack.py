@@ -23,6 +23,7 @@ from kit.hostile import MEGABYTES, SECONDS, bounded, corpus, packed
 from kit.killed import signal_at_line
 from kit.limb import limb_asset
 from kit.manifests import MANIFEST, NAMES, forged, placed, written
+from kit.small_maps import small_maps
 from kit.visits import visited, watched
 from wrinklecli.batch import jobs, stores, worker
 from wrinklecli.batch.manifest import read_manifest
@@ -247,6 +248,7 @@ def attack(case: Case, folder: Path) -> int:
         arguments = stack.enter_context(_served(case, folder))
         refused = stack.enter_context(only_within(folder, temporary))
         piped = stack.enter_context(_readers(pipes))
+        stack.enter_context(small_maps())
         stack.enter_context(bounded(seconds=SECONDS, megabytes=MEGABYTES))
         saved = _saved(case, folder)
         middle = _kill(case, folder)

@@ -188,7 +188,10 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
     yield command
     match command:
         case "bake":
-            yield from (asset, "tools.yaml", *some("--replace", share=0.6), *some("--report", report), *anims)
+            replaced = list(some("--replace", share=0.6))
+            yield from (asset, "tools.yaml", *replaced, *some("--report", report), *anims)
+            if not replaced:  # the two go not together
+                yield from some("--maps-dir", chance.choice(["maps", "maps", ".", "sub", "frames", asset]), share=0.1)
             yield from some("--mode", chance.choice(["frames", "frames", "weights"]))
             yield from some("--accessors", chance.choice(["dense", "based"]))
             yield from some("--tracks", "none")

@@ -54,7 +54,7 @@ _VALUES = [
 _KEYS = [
     "asset", "tools", "out", "anims", "tracked", "lods", "mode", "anim", "clip", "tool", "fps", "max_error",
     "max_levels", "edges_per_interval", "max_vertices", "accessors", "tracks", "draft", "split", "morph_tangents",
-    "engine", "frames_dir", "frames_format", "report", "timings", "allow_external", "max_memory", "replace",
+    "engine", "frames_dir", "frames_format", "maps_dir", "report", "timings", "allow_external", "max_memory", "replace",
     "strict", "depfile", "version", "jobs", "defaults", "<<",
 ]
 # fmt: on
@@ -95,7 +95,9 @@ def manifest_edits(chance: random.Random) -> Iterator[Edit]:
                 )
                 yield chance.choice(edits)
             case _:
-                outputs = ("asset", "out", "report", "timings", "frames_dir", "tracked", "tools", "anim", "anims")
+                outputs = (
+                    "asset", "out", "report", "timings", "frames_dir", "maps_dir", "tracked", "tools", "anim", "anims",
+                )  # fmt: skip
                 key = chance.choice(outputs if chance.random() < 0.6 else _KEYS)
                 yield ["set", "manifest", [*pointer, key], value]
 
@@ -143,7 +145,10 @@ _NAMED = [
     "sub", "cache/CACHEDIR.TAG", "sub/stray.glb", "stray.glb", "", ".", "..", "a\0b", "\ud800", "x" * 300,
     "x/" * 3000, "out.glb", "linked/x.glb", "~", "http://127.0.0.1:1/x", "memory://x",
 ]
-_ROOTS = ["out", "report", "timings", "frames_dir", "tracked", "", "none", "asset", "tools", 0, None, [], "../out"]
+_ROOTS = [
+    "out", "report", "timings", "frames_dir", "maps_dir", "tracked", "", "none", "asset", "tools", 0, None, [],
+    "../out",
+]
 _SAID = [None, 5, "NaN", float("nan"), float("inf"), -1e400, [], {}, [None], "\ud800", "\x1b[31m", "x" * 20000, 10**400]
 # fmt: on
 

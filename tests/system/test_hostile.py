@@ -62,8 +62,8 @@ def test_every_option_is_attacked() -> None:
         command, *arguments = make_case(number).arguments
         given[command].update(arguments)
     for name, command in cli.commands.items():
-        # Other processes and the home folder are for tests of their own, and a browser for nobody; `maps` has cases.
-        left_out = ("jobs", "scheduler", "dashboard", "allow_host", "install", "maps_dir")
+        # Other processes and the home folder are for tests of their own, and a browser for nobody.
+        left_out = ("jobs", "scheduler", "dashboard", "allow_host", "install")
         options = [each for each in command.params if isinstance(each, click.Option) and each.name not in left_out]
         assert [each.opts for each in options if not set(each.opts) & given[name]] == []
 

@@ -3,7 +3,6 @@
 import io
 import json
 import re
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +15,9 @@ from kit.limb import limb_asset, tool, write_tools
 from kit.places import ROOT
 from kit.player import Gltf
 from kit.samples import Editor, edited, sample
+from kit.small_maps import small_maps
 from kit.variants import PNG
-from wrinklecli import MapOptions, bake, maps
+from wrinklecli import bake, maps
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.effects.effect import SamplingOptions, targets_of
@@ -86,11 +86,10 @@ def test_heights_and_drives_are_those_of_a_bake(tmp_path: Path) -> None:
     assert 0.98 * tallest < heights.max() < 1.02 * tallest
 
 
-def test_a_bake_writes_maps_too_or_nothing(wrinkle: Wrinkle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    small = replace(MapOptions(), size=32)
-    monkeypatch.setattr("wrinklecli.texture.with_bake.MapOptions", lambda **options: replace(small, **options))
+def test_a_bake_writes_maps_too_or_nothing(wrinkle: Wrinkle, tmp_path: Path) -> None:
     asset, tools = sample("wrist"), CONFIGS / "wrist.yaml"
-    ran = wrinkle("bake", asset, tools, "-o", "out.glb", "--maps-dir", "maps", "--max-levels", "0", "--draft")
+    with small_maps(32):
+        ran = wrinkle("bake", asset, tools, "-o", "out.glb", "--maps-dir", "maps", "--max-levels", "0", "--draft")
     assert ran.code == 0
     assert re.fullmatch(r"maps: \d images of 1 material, 4 weights in \d sets?", ran.lines[-1])
     assert wrinkle("maps", asset, tools, "-o", "alone", "--size", "32", "-q").code == 0

@@ -2,13 +2,12 @@
 
 import hashlib
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
 from typing import Any
 
 from wrinklecli.baking.job import BakeOptions
-from wrinklecli.baking.pipeline import bake
 from wrinklecli.baking.report import Report, as_json
 from wrinklecli.baking.timings import peak_memory
 from wrinklecli.baking.track import track
@@ -22,6 +21,7 @@ from wrinklecli.errors import BakeError, WrinkleError
 from wrinklecli.files.outputs import Outputs
 from wrinklecli.gltf.files import path_beside, references
 from wrinklecli.numeric.memory import held
+from wrinklecli.texture.with_bake import bake_with_maps
 from wrinklecli.tools.records import parse_length
 
 # The manifest's keys that `BakeOptions` calls otherwise.
@@ -92,13 +92,14 @@ def build(
             for path in (job.report, job.timings):
                 if path is not None:
                     outputs.claim(path)
-            report = bake(job.asset, job.tools, job.out, options, outputs=outputs)
+            maps_dir = job.options.get("maps_dir")
+            report, mapped = bake_with_maps(job.asset, job.tools, job.out, maps_dir, options, outputs=outputs)
             if job.report is not None:
                 outputs.add_bytes(job.report, here.with_given_paths(as_json(report.data)).encode())
             if job.timings is not None:
                 outputs.add_bytes(job.timings, as_json(report.timings).encode())
         written = list(outputs.written)
-        warnings = list(report.warnings)
+        warnings = [*report.warnings, *(mapped.warnings if mapped else ())]
         if job.anims and job.tracked is not None:
             with open_outputs() as outputs:
                 protect(job, outputs)
@@ -118,17 +119,18 @@ def build(
         job,
         "built",
         peak_memory=peak_memory(),
-        summary=report.summary,
-        warnings=tuple(map(here.with_given_paths, warnings)),
+        summary=f"{report.summary}; maps: {mapped.summary}" if mapped else report.summary,
+        warnings=tuple(dict.fromkeys(map(here.with_given_paths, warnings))),
         residual=_residual(report),
         tallest=report.data["tallest_wrinkle"],
     )
-    return Built(outcome, _files_to_keep(here, written))
+    return Built(outcome, _files_to_keep(here, written, mapped.paths if mapped else ()))
 
 
 def bake_options(job: BatchJob) -> BakeOptions:
     """Convert the options of a job to those of `bake`."""
-    values: dict[str, Any] = {_NAMES.get(key, key): value for key, value in job.options.items()}
+    of_bake = {key: value for key, value in job.options.items() if key != "maps_dir"}
+    values: dict[str, Any] = {_NAMES.get(key, key): value for key, value in of_bake.items()}
     if "max_error" in values:
         values["max_error"] = parse_length(values["max_error"])
     values["max_memory"] = job.max_memory
@@ -155,8 +157,8 @@ def _residual(report: Report) -> float | None:
     return max(proven, default=None)
 
 
-def _files_to_keep(here: Staged, written: list[str]) -> list[tuple[str, str, str]]:
-    """List the files that the cache has to keep: the named outputs, the files that they refer to, and frames."""
+def _files_to_keep(here: Staged, written: list[str], maps: Sequence[str]) -> list[tuple[str, str, str]]:
+    """List the files that the cache has to keep: the named outputs, files that they refer to, maps, and frames."""
     job = here.job
     if not os.path.isfile(job.out):  # a pipe or a device, which cannot be read again
         return []
@@ -168,6 +170,7 @@ def _files_to_keep(here: Staged, written: list[str]) -> list[tuple[str, str, str
             uris = references(file)
         places = (path_beside(model, uri, external=False) for uri in uris)
         found += [(root, place) for place in places if place is not None]
+    found += [("maps_dir", path) for path in maps]
     found += models
     known = {os.path.abspath(path) for _, path in found}
     if "frames_dir" in job.options:

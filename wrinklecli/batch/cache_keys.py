@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 
 import wrinklecli
 from wrinklecli.batch import stores
-from wrinklecli.batch.jobs import BatchJob, References, uris_beside
+from wrinklecli.batch.jobs import OPEN_FOLDERS, BatchJob, References, uris_beside
 from wrinklecli.batch.manifest_schema import OPTION_KEYS
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.files import path_beside, references
@@ -21,9 +21,9 @@ Parts: TypeAlias = dict[str, Any]
 """Everything that a key depends on, by name, as JSON values."""
 
 _MISSING = "missing"  # stands for the digest of a missing file
-# Options that do not count by value: the contents of `anim` count, the names of `frames_dir` do not matter, and
-# `max_memory` only decides between a bake and an error.
-_IGNORED_OPTIONS = ("anim", "frames_dir", "max_memory")
+# Options that do not count by value: the contents of `anim` count, the names of folders do not matter, and `max_memory`
+# only decides between a bake and an error.
+_IGNORED_OPTIONS = ("anim", "max_memory", *OPEN_FOLDERS)
 _NAMED_OUTPUTS = ("out", "report", "timings")  # their file names count: outputs refer to each other
 
 
@@ -57,7 +57,7 @@ def parts_of(job: BatchJob, given: BatchJob) -> Parts:
         "tools": [_digests(path, uris_beside, external=external) for path in job.tools],
         "anim": [_digests(path, references, external=external) for path in job.options.get("anim", ())],
         "anims": [[os.path.basename(path), _digests(path, references, external=external)] for path in job.anims],
-        "options": {**options, "frames": "frames_dir" in job.options},
+        "options": {**options, "frames": "frames_dir" in job.options, "maps": "maps_dir" in job.options},
         "beside": [_are_beside(*paths) for paths in job.models],
         "names": {name: os.path.basename(getattr(job, name) or "") for name in _NAMED_OUTPUTS},
     }

@@ -18,6 +18,7 @@ from wrinklecli.batch.cache import ENTRIES, TAG
 from wrinklecli.batch.jobs import BatchJob, uris_beside
 from wrinklecli.files.claims import Claims, Clash, Identities, Identity
 from wrinklecli.gltf.files import path_beside, references
+from wrinklecli.texture.map_files import MAPS_JSON
 from wrinklecli.tools.yaml_tree import printable
 
 Owner: TypeAlias = int | str
@@ -115,9 +116,8 @@ class _Batch:
         # Folders in which, or below which, bakes write files whose names are not known yet.
         self._anything_below: set[Identity] = set()
         self._cached: set[Identity] = set()  # the folders of the cache
-        frames = (job.options.get("frames_dir") for job in jobs)
-        # By folder of frames, the files there; by folder and name of an OUT, buffers of earlier bakes.
-        self._in_frames = {self._places.of_folder(each): list[str]() for each in frames if each is not None}
+        # By folder of frames or maps, the files there; by folder and name of an OUT, buffers of earlier bakes.
+        self._in_folders = {self._places.of_folder(each): list[str]() for job in jobs for each in job.open_folders}
         self._buffers: defaultdict[tuple[Identity, str], list[str]] = defaultdict(list)
         self._references: dict[str, list[str]] = {}
         self._tools = {path for job in jobs for path in job.tools}
@@ -135,6 +135,9 @@ class _Batch:
         for number, job in enumerate(self._jobs):
             for path in _named_outputs(job):
                 self._write(path, number)
+            maps_dir = job.options.get("maps_dir")
+            if maps_dir is not None and self._write(maps_dir, number):
+                self._write(stores.join(maps_dir, MAPS_JSON), number)
             for folder in _open_folders(job):
                 self._anything_below.add(self._places.of_folder(folder))
                 self._add_above(stores.join(folder, "_"), self._written_below)
@@ -159,8 +162,8 @@ class _Batch:
     def others(self, number: int) -> tuple[str, ...]:
         """The files of other jobs, and of the batch, that a job would write or remove if a bake gave them as names."""
         job, found = self._jobs[number], list[str]()
-        if "frames_dir" in job.options:
-            found += self._in_frames[self._places.of_folder(job.options["frames_dir"])]
+        for each in job.open_folders:
+            found += self._in_folders[self._places.of_folder(each)]
         for asset, out in job.models:
             if not out.lower().endswith(".gltf"):
                 continue
@@ -184,17 +187,20 @@ class _Batch:
             if buffer:
                 self._buffers[folder, buffer[1]].append(path)
 
-    def _write(self, path: str, owner: Owner) -> None:
-        self._note(self._claims.add_output(path, owner))
+    def _write(self, path: str, owner: Owner) -> bool:
+        """Note that a file is written; False if it is in conflict with one that was noted before."""
+        clash = self._claims.add_output(path, owner)
+        self._note(clash)
         self._add(path, owner, self._written_below)
         if not path.lower().endswith(_MODELS):
             self._add_above(path, self._used_below)
+        return clash is None
 
     def _add(self, path: str, owner: Owner, below: set[Identity]) -> set[Identity]:
         """Note a file in its folders, and give them: two if the file is a link."""
         folders = {self._places.of_folder(each) for each in (stores.folder_of(path), self._places.look_up(path)[0])}
-        for folder in folders & self._in_frames.keys():
-            self._in_frames[folder].append(path)
+        for folder in folders & self._in_folders.keys():
+            self._in_folders[folder].append(path)
         if self._cached and owner != _CACHE and not self._cached.isdisjoint(self._above(path)):
             self._refuse(owner, path, "is inside the cache, which has files of its own")
         self._add_above(path, below)
@@ -265,7 +271,7 @@ def _is_external(job: BatchJob) -> bool:
 def _open_folders(job: BatchJob) -> Iterator[str]:
     """The folders in which, or below which, a job writes files whose names depend on the bake."""
     yield from (stores.folder_of(out) for _, out in job.models if out.lower().endswith(".gltf"))
-    yield from filter(None, (job.options.get("frames_dir"),))
+    yield from job.open_folders
 
 
 def _named_outputs(job: BatchJob) -> Iterator[str]:

@@ -10,12 +10,13 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from wrinklecli.batch.cache_keys import Parts
-from wrinklecli.batch.jobs import BatchJob
+from wrinklecli.batch.jobs import OPEN_FOLDERS, BatchJob
 from wrinklecli.files.outputs import Outputs
 from wrinklecli.gltf.files import files_named, leaves_folder, path_of
+from wrinklecli.texture.map_files import MAPS_JSON, is_map_file
 from wrinklecli.tools.files_beside import with_files_beside
 
-ROOTS = ("report", "timings", "frames_dir", "tracked", "out")
+ROOTS = ("report", "timings", *OPEN_FOLDERS, "tracked", "out")
 """The outputs of a job, each in a folder of its own or a shared one; the main output last."""
 
 
@@ -49,6 +50,9 @@ class JobFiles:
         self._models += [_Model("tracked", name, _by_path(digests)) for name, digests in parts["anims"]]
         self.named = {(each.root, each.name) for each in self._models}
         self.named |= {(key, names[key]) for key in ("report", "timings") if names[key]}
+        self._has_maps = bool(options["maps"])
+        if self._has_maps:
+            self.named.add(("maps_dir", MAPS_JSON))
         kind = re.escape(options.get("frames_format", "obj"))
         self._frame = re.compile(rf"[A-Za-z0-9_.-]+_[0-9]{{4,}}\.{kind}") if options["frames"] else None
 
@@ -60,6 +64,8 @@ class JobFiles:
             return True
         if root == "frames_dir":
             return self._frame is not None and self._frame.fullmatch(path) is not None
+        if root == "maps_dir":
+            return self._has_maps and is_map_file(path)
         return any(model.has_beside(root, path, digest) for model in self._models)
 
 

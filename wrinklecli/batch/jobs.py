@@ -11,6 +11,8 @@ from wrinklecli.tools.files_beside import files_beside
 
 Result: TypeAlias = Literal["hit", "built", "refused", "failed", "bug"]
 
+OPEN_FOLDERS = ("frames_dir", "maps_dir")
+"""The options that name a folder of outputs."""
 
 References: TypeAlias = Callable[[BinaryIO], list[str]]
 """Lists the files that an open file refers to, as URIs."""
@@ -67,8 +69,13 @@ class BatchJob:
     @property
     def outputs(self) -> tuple[str, ...]:
         """All files and folders that the job names to be written."""
-        named = (self.out, self.tracked, self.report, self.timings, self.options.get("frames_dir"))
+        named = (self.out, self.tracked, self.report, self.timings, *self.open_folders)
         return tuple(path for path in named if path)
+
+    @property
+    def open_folders(self) -> tuple[str, ...]:
+        """The folders of frames and of maps, whose files have names that depend on the bake."""
+        return tuple(self.options[key] for key in OPEN_FOLDERS if key in self.options)
 
     @property
     def max_memory(self) -> int:
@@ -91,8 +98,9 @@ class BatchJob:
         options = dict(self.options)
         if "anim" in options:
             options["anim"] = tuple(map(asset, options["anim"]))
-        if "frames_dir" in options:
-            options["frames_dir"] = folder(options["frames_dir"])
+        for key in OPEN_FOLDERS:
+            if key in options:
+                options[key] = folder(options[key])
         return replace(
             self,
             asset=asset(self.asset),

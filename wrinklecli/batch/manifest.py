@@ -24,7 +24,7 @@ from wrinklecli.tools.yaml_tree import Node, Problem, path_to, printable, read_t
 _FORMAT = Format(MANIFEST_SCHEMA, [Items("job", JOB_KEYS, OWN_KEYS)])
 _READERS = {".yaml": read_tree, ".yml": read_tree, ".csv": read_csv, ".jsonl": read_json_lines}
 _LISTS = ("tools", "anims", "anim", "clip", "tool")
-_PATHS = ("tools", "anims", "anim", "out", "tracked", "frames_dir", "report", "timings")
+_PATHS = ("tools", "anims", "anim", "out", "tracked", "frames_dir", "maps_dir", "report", "timings")
 _OUTPUT_ENDINGS = (".glb", ".gltf")
 _MAX_MANIFEST = 10**8  # bytes: as many jobs as there may be, of 1 kB
 
@@ -126,7 +126,10 @@ class _Jobs:
         half_tracked = ("anims" in values) != ("tracked" in values)
         if half_tracked:
             self._refuse(node.line, entry, "anims and tracked go together: files, and the folder for them")
-        if missing or half_tracked:
+        of_a_bake = bool(values.get("replace")) and "maps_dir" in values
+        if of_a_bake:
+            self._refuse(node.line, f"{entry}.maps_dir", "goes without replace: maps are of an asset without wrinkles")
+        if missing or half_tracked or of_a_bake:
             return
         if not is_path(values["asset"]):
             self._refuse(node.line, f"{entry}.asset", _no_path(values["asset"]))

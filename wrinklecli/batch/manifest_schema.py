@@ -48,6 +48,7 @@ OPTION_KEYS: dict[str, Schema] = {
     "engine": key_of(one_of(*get_args(Engine)), "Hold targets to what it plays, or refuse."),
     "frames_dir": key_of(TEXT, "Also write a file for each frame into this folder."),
     "frames_format": key_of(one_of(*get_args(FrameFormat)), "Of these files.", default="obj"),
+    "maps_dir": key_of(TEXT, "Also write wrinkle maps into this folder."),
     "report": key_of(TEXT, "Write what was made and how exact it is (JSON)."),
     "timings": key_of(TEXT, "Write what it took (JSON)."),
     "allow_external": key_of(FLAG, "Read files outside the asset's folder too.", default=False),

@@ -10,7 +10,7 @@ from functools import partial
 
 from wrinklecli.batch import stores
 from wrinklecli.batch.job_files import ROOTS
-from wrinklecli.batch.jobs import BatchJob, References, uris_beside
+from wrinklecli.batch.jobs import OPEN_FOLDERS, BatchJob, References, uris_beside
 from wrinklecli.errors import AssetError, BakeError, WrinkleError
 from wrinklecli.gltf.files import leaves_folder, path_of, references
 
@@ -19,12 +19,13 @@ from wrinklecli.gltf.files import leaves_folder, path_of, references
 class Staged:
     """A job with local paths.
 
-    `given` maps a local path to that of the manifest; `roots` has the manifest's folder and the local one of each of
-    `ROOTS` that the job names.
+    `given` maps a local path to that of the manifest; `fetched` has the URLs that were read; `roots` has the manifest's
+    folder and the local one of each of `ROOTS` that the job names.
     """
 
     job: BatchJob
     given: dict[str, str]
+    fetched: set[str]
     roots: dict[str, tuple[str, str]]
 
     def with_given_paths(self, text: str) -> str:
@@ -43,7 +44,7 @@ def staged(job: BatchJob) -> Iterator[Staged]:
         StoreError: A store does not answer.
     """
     if not any(map(stores.is_url, (*job.inputs, *job.outputs))):
-        yield Staged(job, {}, _roots(job, job))
+        yield Staged(job, {}, set(), _roots(job, job))
         return
     with stores.scratch() as folder:
         yield _Stager(folder, job.max_memory).staged(job)
@@ -59,6 +60,7 @@ class _Stager:
         self._folder, self._most = folder, most
         self._folders: dict[str, str] = {}
         self._given: dict[str, str] = {}
+        self._fetched: set[str] = set()
 
     def staged(self, job: BatchJob) -> Staged:
         external = bool(job.options.get("allow_external", False))
@@ -68,7 +70,7 @@ class _Stager:
             file=self._output,
             folder=partial(self._output, is_folder=True),
         )
-        return Staged(local, self._given, _roots(job, local))
+        return Staged(local, self._given, self._fetched, _roots(job, local))
 
     def _place(self, url: str, kind: str) -> str:
         """The local path of a URL; files of one folder stay together."""
@@ -80,6 +82,7 @@ class _Stager:
             return path
         local = self._place(path, "in ")
         self._given[local] = path
+        self._fetched.add(path)
         try:
             if not os.path.exists(local):
                 stores.fetch(path, local, self._most)
@@ -103,6 +106,7 @@ class _Stager:
             relative = os.path.normpath(path_of(uri))
             target = os.path.join(os.path.dirname(local), relative)
             self._given[target] = posixpath.join(posixpath.dirname(path), relative)
+            self._fetched.add(self._given[target])
             try:
                 if not os.path.exists(target):
                     stores.fetch(self._given[target], target, left)
@@ -134,9 +138,9 @@ def _roots(given: BatchJob, local: BatchJob) -> dict[str, tuple[str, str]]:
 
 
 def _folder(job: BatchJob, root: str) -> str | None:
-    """The folder that `frames_dir` or `tracked` names; for other outputs, the folder of the file."""
-    path: str | None = job.options.get(root) if root == "frames_dir" else getattr(job, root)
-    return path if path is None or root in ("frames_dir", "tracked") else stores.folder_of(path)
+    """The folder that a root names; for outputs that are files, the folder of the file."""
+    path: str | None = job.options.get(root) if root in OPEN_FOLDERS else getattr(job, root)
+    return path if path is None or root in ("tracked", *OPEN_FOLDERS) else stores.folder_of(path)
 
 
 def send(staged: Staged, files: list[tuple[str, str]], own: set[tuple[str, str]]) -> None:
@@ -145,7 +149,8 @@ def send(staged: Staged, files: list[tuple[str, str]], own: set[tuple[str, str]]
     A file is its root and its path in the root. The job may replace its `own` files, which it wrote earlier.
 
     Raises:
-        WrinkleError: A store does not take a file, or has another image of that name, or another job has the file.
+        WrinkleError: A store does not take a file, or has another image of that name, or the file is an input or
+            one of another job.
     """
     for root, path in files:
         given, local = staged.roots[root]
@@ -154,6 +159,8 @@ def send(staged: Staged, files: list[tuple[str, str]], own: set[tuple[str, str]]
         target = stores.join(given, path.replace(os.sep, "/"))
         if target in staged.job.others:
             raise BakeError("is a file of another job too and would be overwritten", where=target)
+        if root in OPEN_FOLDERS and target in staged.fetched:
+            raise BakeError("is an input too and would be overwritten", where=target)
         image = root == "out" and path != os.path.basename(staged.job.out) and not path.endswith(".bin")
         try:
             with open(os.path.join(local, path), "rb") as file:
