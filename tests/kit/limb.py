@@ -202,10 +202,15 @@ def blendshape_limb(count: int = 67, *, normals: bool = True) -> Asset:
     return asset
 
 
-def sleeved_limb(*, gap: float = 0.04, **options: Any) -> Asset:
-    """A limb within a wider tube, node `sleeve`, that the same joints move."""
+def sleeved_limb(*, gap: float = 0.04, every: int = 1, **options: Any) -> Asset:
+    """A limb within a wider tube, node `sleeve`, that the same joints move, with every so many of the rings."""
     asset = limb_asset(**options)
     (primitive,) = asset.gltf["meshes"][0]["primitives"]
+    if every > 1:
+        rings, sides = options["rings"], options["sides"]
+        ring, side = np.divmod(_faces((rings - 1) // every + 1, sides, True, "triangles")[0], sides + 1)
+        faces = asset.accessor(every * ring * (sides + 1) + side, "u2", target=ELEMENT_ARRAY_BUFFER)
+        primitive = {**primitive, "indices": faces}
     positions = attribute(asset, 0, "POSITION").astype(np.float64) * [1.0, 1.0 + gap / RADIUS, 1.0 + gap / RADIUS]
     worn = {**primitive["attributes"], "POSITION": asset.accessor(positions, bounds=True, target=ARRAY_BUFFER)}
     asset.append("meshes", {"primitives": [{**primitive, "attributes": worn}]})

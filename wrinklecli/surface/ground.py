@@ -15,7 +15,7 @@ from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.looks import looks_of
 from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints, distinct_values
-from wrinklecli.numeric.nearest import nearest_on_mesh
+from wrinklecli.numeric.nearest import nearest_on_mesh, ray_hits
 from wrinklecli.surface.rest import Rest, rest_pose
 from wrinklecli.tools.records import ONE_PERCENT, EffectTool, Length, ToolsFile
 
@@ -23,7 +23,7 @@ from wrinklecli.tools.records import ONE_PERCENT, EffectTool, Length, ToolsFile
 _POSES = 33
 # Matrices of all clips and joints at most, which take half a gigabyte: there are fewer poses where there would be more.
 _MOST_MATRICES = 2**22
-# Vertices that another mesh has at least over this one, if it is part of what one wears.
+# Vertices that another mesh has at least over this one, or this one below it, if it is part of what one wears.
 _FEW = 4
 
 
@@ -84,19 +84,29 @@ class Ground:
         if not len(below):
             return ()
         reach, skin = float(reaches.max()), places[distinct_values(below)]
-        low, high = skin.min(axis=0) - reach, skin.max(axis=0) + reach
+        box = skin.min(axis=0) - reach, skin.max(axis=0) + reach
+        rising = np.flatnonzero(reaches)
+        rays = self.rest.normals_at(rising) * reaches[rising, None]
         found = []
-        for node, positions in self.neighbours.near(self.rig.node, low, high):
-            near = positions[((positions >= low) & (positions <= high)).all(axis=1)]
-            feet, shares = nearest_on_mesh(near, places, below)
-            corners = below[feet]
-            one, two, three = np.moveaxis(places[corners], 1, 0)
-            away = near - np.einsum("vc,vcx->vx", shares, places[corners])
-            outside = np.einsum("vx,vx->v", away, np.cross(two - one, three - one)) > 0
-            within = (away**2).sum(axis=1) < (shares * reaches[corners]).sum(axis=1) ** 2
-            if (outside & within).sum() >= _FEW:
+        others = self.neighbours.near(self.rig.node, *box), self.neighbours.triangles_near(self.rig.node, *box)
+        for (node, points), corners in zip(*others, strict=True):
+            # Clothes may have few vertices, and so may the skin: those of both count.
+            over = self._within(points, below, reaches, box)
+            if over >= _FEW or _meeting(places[rising], rays, corners, box) >= _FEW:
                 found.append(self.rig.names[node])
         return tuple(found)
+
+    def _within(self, points: Floats, below: Ints, reaches: Floats, box: tuple[Floats, Floats]) -> int:
+        """Count the (points, 3) over (below, 3) triangles of this mesh, within the reaches of their vertices."""
+        places, (low, high) = self.rest.positions, box
+        points = points[((points >= low) & (points <= high)).all(axis=1)]
+        feet, shares = nearest_on_mesh(points, places, below)
+        corners = below[feet]
+        one, two, three = np.moveaxis(places[corners], 1, 0)
+        away = points - np.einsum("vc,vcx->vx", shares, places[corners])
+        outside = np.einsum("vx,vx->v", away, np.cross(two - one, three - one)) > 0
+        within = (away**2).sum(axis=1) < (shares * reaches[corners]).sum(axis=1) ** 2
+        return int((outside & within).sum())
 
     def moved_by(self, drives: Sequence[DrivenTargets], deltas: Floats) -> "Ground":
         """The mesh as effects move it too, by (their targets, vertices, 3) deltas, bind space; the same at rest."""
@@ -127,6 +137,14 @@ def read_ground(
     surface = read_surface(document, rig)
     rest = rest_pose(surface, rig, settings, clips, tools)
     return Ground(document, rig, surface, rest, clips, neighbours or Neighbours(document))
+
+
+def _meeting(starts: Floats, rays: Floats, corners: Floats, box: tuple[Floats, Floats]) -> int:
+    """Count the (starts, 3) whose (starts, 3) rays meet triangles of (triangles, 3, 3) corners within their length."""
+    low, high = box
+    near = (corners.min(axis=1) <= high).all(axis=1) & (corners.max(axis=1) >= low).all(axis=1)
+    numbers, _, distances = ray_hits(starts, rays, corners[near])
+    return len(distinct_values(numbers[distances < 1.0]))
 
 
 def poses_of(rig: Rig, clips: Sequence[Clip], joints: Ints | None = None) -> Floats:

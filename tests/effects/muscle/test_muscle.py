@@ -194,8 +194,14 @@ def test_tracks_are_those_of_the_bake(tmp_path: Path) -> None:
 
 
 def test_an_arm_without_clips_gets_its_targets() -> None:
-    file = bake_once(arm(clip=None), top={"muscles": [muscle()]})
-    assert drive_of(file)["targets"] == file.mesh("limb")["extras"]["targetNames"]
+    """A line says that only a driver raises them, but not of a muscle that nothing can ever shorten."""
+    idle = muscle(name="idle", insertion=[-0.2, 0.1, 0.0])
+    file = bake_once(arm(clip=None), top={"muscles": [muscle(), idle]})
+    drives = file.json["nodes"][file.node("limb")]["extras"]["wrinkle"]["muscles"]
+    assert [name for each in drives for name in each["targets"]] == file.mesh("limb")["extras"]["targetNames"]
+    said = report_of(file).data["warnings"]
+    line = "biceps: there is no clip that moves the body: muscles swell only in a player with a driver"
+    assert [each for each in said if "there is no clip" in each] == [line]
 
 
 def test_a_morph_target_activates_a_muscle() -> None:
@@ -247,6 +253,7 @@ def test_a_muscle_that_no_joint_shortens_is_warned_of(wrinkle: Wrinkle, tmp_path
     tools.write_text(json.dumps(text))
     ran = wrinkle("check", ARM(), tools)
     assert "both ends are on 'joint_0', so no joint shortens it" in ran.out
+    assert "bulges by up to 0, skin gains 0 of volume" in ran.out
 
 
 @pytest.mark.slow
@@ -340,14 +347,20 @@ def test_a_muscle_below_clothes_is_as_thick_as_the_body_leaves_room(gap: float, 
 
 
 @pytest.mark.parametrize(
-    ("gap", "nodes", "warned"),
-    [(0.02, ["limb"], True), (0.65, ["limb"], False), (0.02, ["sleeve"], False), (0.02, ["limb", "sleeve"], False)],
+    ("gap", "every", "nodes", "warned"),
+    [
+        (0.02, 1, ["limb"], True),
+        (0.02, 20, ["limb"], True),
+        (0.65, 1, ["limb"], False),
+        (0.02, 1, ["sleeve"], False),
+        (0.02, 1, ["limb", "sleeve"], False),
+    ],
 )
 def test_clothes_that_a_muscle_reaches_and_that_do_not_swell_are_warned_of(
-    gap: float, nodes: list[str], warned: bool
+    gap: float, every: int, nodes: list[str], warned: bool
 ) -> None:
-    """A sleeve near the skin of a biceps; not a wide one, nor the body below the sleeve's own muscle."""
-    asset = place(sleeved_limb(gap=gap, rings=41, sides=24, angle=90.0))
+    """A sleeve near the skin of a biceps, even of three rings; not a wide one, nor the body below the sleeve's own."""
+    asset = place(sleeved_limb(gap=gap, every=every, rings=41, sides=24, angle=90.0))
     muscles = [muscle(name=node, node=node) for node in nodes]
     said = report_of(bake_once(asset, top={"muscles": muscles})).data["warnings"]
     assert [line for line in said if " over it " in line] == warned * [

@@ -77,6 +77,11 @@ class AttachedMuscle:
     covers: tuple[str, ...]
 
     @property
+    def idle(self) -> bool:
+        """True if nothing ever changes its length: one bone carries both ends, and it has no activation."""
+        return self.bones[0] == self.bones[1] and self.tool.activation is None
+
+    @property
     def greatest_height(self) -> float:
         """The largest move of the skin, scene units."""
         return float(np.abs(self.heights).max())

@@ -26,6 +26,8 @@ from wrinklecli.tools.records import in_axes
 _CONTACT = "folds"
 # Part of a muscle's greatest bulge below which nobody sees that it passes through other skin.
 _LEAST_DEEP = 0.1
+# Decimal places of a thickness gained: those that follow are rounding errors of a muscle at rest.
+_DIGITS = 12
 # Change of a muscle's length over that at rest below which it does nothing that one would see.
 _LEAST_CHANGE = 1e-3
 
@@ -134,8 +136,8 @@ class MuscleEffect(BodyEffect[AttachedMuscle]):
             return None
         lengths = state.distances[state.active]
         response = self.attached.response
-        bulge = (response.thicknesses(lengths) - 1.0) * self._height_of_thickness
-        volumes = (response.thicknesses(lengths) - 1.0) * self._volume_of_thickness
+        gains = np.round(response.thicknesses(lengths) - 1.0, _DIGITS) + 0.0
+        bulge, volumes = gains * self._height_of_thickness, gains * self._volume_of_thickness
         return {
             "name": self.name,
             "length": [significant(float(end / response.rest_length)) for end in (lengths.min(), lengths.max())],
@@ -156,11 +158,11 @@ class MuscleEffect(BodyEffect[AttachedMuscle]):
     def warnings(self, plan: MeshPlan, motions: Sequence[tuple[Motion, Any, Floats]], *, up: str) -> list[str]:
         """Warnings about a muscle that nothing moves, or that is asked to shorten further than it can."""
         attached, response, warnings = self.attached, self.attached.response, []
-        one, other = attached.bones
-        if one == other and attached.tool.activation is None:
+        if attached.idle:
             place = ", ".join(f"{x:.4g}" for x in in_axes(attached.belly.insertion.tolist(), up))
+            bone = plan.rig.names[attached.bones[0]]
             warnings.append(
-                f"{self.name}: both ends are on {plan.rig.names[one]!r}, so no joint shortens it; its insertion"
+                f"{self.name}: both ends are on {bone!r}, so no joint shortens it; its insertion"
                 f" [{place}] belongs on the bone that it moves, for instance by {{joint: NAME, offset: …}}"
             )
             return warnings

@@ -44,9 +44,12 @@ class MuscleLayer(BodyLayer[AttachedMuscle]):
         targets = body_targets(plan, identifier, deltas, knots[chosen])
         return MuscleEffect(identifier, targets, attached, deltas, *_fullest(plan, deltas, knots[-1]))
 
-    def warnings(self, _plan: MeshPlan, _clips: Sequence[Clip]) -> list[str]:
-        """Nothing: each muscle speaks for itself."""
-        return []
+    def warnings(self, _plan: MeshPlan, clips: Sequence[Clip]) -> list[str]:
+        """A line if there is no clip; with clips, each muscle speaks for itself."""
+        names = ", ".join(each.tool.name for each in self.attached if not each.idle)
+        if clips or not names:
+            return []
+        return [f"{names}: there is no clip that moves the body: muscles swell only in a player with a driver"]
 
 
 class MuscleKind:
