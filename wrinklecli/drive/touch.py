@@ -32,7 +32,7 @@ from wrinklecli.character.pose import LEAST_SCALE
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.point import point_json, read_point
 from wrinklecli.drive.table import Json, stored
-from wrinklecli.numeric.arrays import Floats, determinants
+from wrinklecli.numeric.arrays import Bools, Floats, determinants
 from wrinklecli.numeric.piecewise import Signal
 from wrinklecli.numeric.spring import Spring
 
@@ -91,16 +91,31 @@ class TouchDrive:
     def tip_in(self, rig: Rig, clip: Clip | None, times: Floats) -> Floats:
         """(frames, 3) the tip's place forward, sideways and above the skin, at (frames,) seconds, scene units."""
         assert self.tip is not None
-        points = [*self.anchors, self.tip]
-        carriers = pose_carriers(points, rig, clip, times)
-        middle, *ends, tip = (carried_places(each, carriers, len(times))[0].T for each in points)
-        axes = np.stack([end - middle for end in ends], axis=2)
-        shown = np.abs(determinants(axes)) > LEAST_SCALE * self.pad**3
-        axes = np.where(shown[:, None, None], axes, np.eye(3))
+        carriers = pose_carriers([self.tip], rig, clip, times)
+        tip = carried_places(self.tip, carriers, len(times))[0].T
+        middle, axes, shown = self.axes_in(rig, clip, times)
         found = self.pad * np.linalg.solve(axes, (tip - middle)[:, :, None])[:, :, 0]
         forward, sideways = found[:, 0], found[:, 1]
         found[:, 2] -= self.bend @ np.stack([forward**2, forward * sideways, sideways**2])
         return np.where(shown[:, None], found, np.inf)
+
+    def axes_in(self, rig: Rig, clip: Clip | None, times: Floats) -> tuple[Floats, Floats, Bools]:
+        """The place at (frames,) seconds: its middle, its axes, and if it is shown.
+
+        Returns:
+            (frames, 3) world space, (frames, 3, 3) columns forward, sideways and above, `pad` long at rest, and
+            (frames,) False where joints are scaled to nothing.
+        """
+        carriers = pose_carriers(self.anchors, rig, clip, times)
+        middle, *ends = (carried_places(each, carriers, len(times))[0].T for each in self.anchors)
+        axes = np.stack([end - middle for end in ends], axis=2)
+        shown = np.abs(determinants(axes)) > LEAST_SCALE * self.pad**3
+        return middle, np.where(shown[:, None, None], axes, np.eye(3)), shown
+
+    def remaining(self, seconds: Floats) -> Floats:
+        """(…,) what is left of a slide (…,) seconds after the tip has let go, over the slide then."""
+        cosine, sine = self.release.decay(self.release.speed * np.maximum(seconds, 0.0))
+        return np.asarray(cosine + self.release.damping * sine)
 
     def strokes_in(self, rig: Rig, clip: Clip | None) -> tuple[Floats, ...]:
         """The contacts of a clip, in order: (keys, 4) seconds, slides forward and sideways, and depths."""
@@ -178,8 +193,7 @@ class TouchDrive:
             since = times >= (rows[0, 0] if number else -np.inf)
             at = times[since]
             own = np.stack([np.interp(at, rows[:, 0], column) for column in rows[:, 1:].T], axis=1)
-            cosine, sine = self.release.decay(self.release.speed * np.maximum(at - rows[-1, 0], 0.0))
-            own *= (cosine + self.release.damping * sine)[:, None]
+            own *= self.remaining(at - rows[-1, 0])[:, None]
             found[since] = own
         found[:, 2] = np.maximum(found[:, 2], 0.0)
         return found

@@ -4,7 +4,7 @@ A mesh is put together from the asset's own triangles and from the parts that gr
 part can be exchanged without touching the rest.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeAlias
@@ -156,10 +156,18 @@ class PlayableMesh:
         shifts: list[int] = np.cumsum([0, *counts])[:-1].tolist()
         return shifts
 
-    def posed(self, clip: Clip | None, time: float, *, wrinkled: bool = True) -> Floats:
-        """(vertices, 3) in world space at a time of a clip, seconds, or in the stored pose if there is no clip."""
+    def posed(
+        self, clip: Clip | None, time: float, *, wrinkled: bool = True, held: Mapping[int, float] | None = None
+    ) -> Floats:
+        """(vertices, 3) in world space at a time of a clip, seconds, or in the stored pose if there is no clip.
+
+        `held` are weights of morph targets, by number, that replace those of the clip.
+        """
         rig, old = self.driven.rig, len(self.ground.surface.positions)
         matrices, weights = self.cache.pose(self.ground, self.driven, clip, time)
+        if held:
+            weights = weights.copy()
+            weights[0, list(held)] = list(held.values())
         skins = (self.skin, *(each.skin for each in self.clusters))
         ends = np.cumsum([0, *(each.weights.shape[1] for each in skins)])
         offsets = np.zeros((1, 3, int(ends[-1])))

@@ -18,10 +18,12 @@ from wrinklecli.editor.attached import AttachedBelow, AttachedTool, AttachedTool
 from wrinklecli.editor.clip_cache import RecentResults, frame_times
 from wrinklecli.editor.edits import Draft, Edits, Step, length_of
 from wrinklecli.editor.free_pose import POSE, FreePose
+from wrinklecli.editor.hand import Hand, slide_to
 from wrinklecli.editor.proposals import Proposal, proposals_of, proposed_keys, to_axes
 from wrinklecli.editor.raised import RaisedTool, raised_tool
 from wrinklecli.editor.store import Store
 from wrinklecli.effects.muscle.attach import below_skin
+from wrinklecli.effects.touch.attach import AttachedTouch
 from wrinklecli.errors import ConfigError, WrinkleError
 from wrinklecli.files.watched import Watched
 from wrinklecli.gltf.document import Document
@@ -81,6 +83,7 @@ class Session(Edits):
 
     The tools file need not exist; without `tools` it is the asset's path with the ending .yaml. A draft is shown at
     once, on the triangles that are there. `pose` is that of the clip `POSE`, which may be named wherever a clip may.
+    A `hand` slides the skin of a touch, whatever the clip does there.
     `notes` are lines about the asset's motions and about changes of the files, the newest last.
 
     Raises:
@@ -98,6 +101,7 @@ class Session(Edits):
         path = os.path.splitext(self.asset)[0] + ".yaml" if tools is None else os.fspath(tools)
         super().__init__(Store(path, external=self.read_options.allow_external))
         self.pose = FreePose()
+        self.hand: Hand | None = None
         self._pose_clip: Clip | None = None
         self._watched_asset = Watched([self.asset, *self.read_options.anims])
         self._loaded = self._load()
@@ -402,7 +406,41 @@ class Session(Edits):
             self.refine()
         with self._guarded():
             found = self._clip(clip)
-            return [ShownMesh(each, each.posed(found, time, wrinkled=wrinkled)) for each in self._attached().meshes]
+            attached, hand = self._attached(), self.hand
+            touched = None if hand is None else attached.below.get(hand.name)
+            node, held = -1, {}
+            # An edit of the touch takes the hand away.
+            if hand is not None and touched is not None and touched.attached.drive is hand.drive:
+                node, held = touched.ground.rig.node, dict(zip(touched.columns.tolist(), hand.weights, strict=True))
+            return [
+                ShownMesh(
+                    each,
+                    each.posed(found, time, wrinkled=wrinkled, held=held if each.ground.rig.node == node else None),
+                )
+                for each in attached.meshes
+            ]
+
+    def hold(self, name: str, clip: str | None, time: float, origin: Floats, direction: Floats) -> Hand | None:
+        """Press a hand on the skin of a touch, and slide it to where a ray meets the skin at a time of a clip.
+
+        `origin` and `direction` are (3,), world space. None, and nothing changes, if the ray goes away from the skin.
+        """
+        with self._guarded():
+            found = self._attached().below.get(name)
+            if found is None or not isinstance(found.attached, AttachedTouch):
+                return None
+            rig, drive = found.ground.rig.own, found.attached.drive
+            slide = slide_to(drive, rig, self._clip(clip), time, origin, direction)
+            if slide is None:
+                return None
+            self.hand = Hand(name, drive, np.append(slide, drive.deepest))
+            return self.hand
+
+    def is_touch(self, name: str) -> bool:
+        """True if the name is that of a touch that fits."""
+        with self._guarded():
+            found = self._attached().below.get(name)
+            return found is not None and isinstance(found.attached, AttachedTouch)
 
     def curve(self, tool: str, clip: str | None, time: float) -> Floats | None:
         """(points, 2) of a tool's control curve at a moment, scene units; None if the tool does not fit."""

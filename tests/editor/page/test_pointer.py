@@ -13,6 +13,7 @@ import yaml
 
 from kit.browser import until
 from kit.limb import limb
+from kit.touch import GRIP, PAD, plate, touch
 from wrinklecli.editor.free_pose import POSE
 from wrinklecli.editor.page.page import _SLIDE_SECONDS, Page
 from wrinklecli.editor.page.viewpoints import clear_time
@@ -298,3 +299,35 @@ def test_a_touch_needs_no_clip(tmp_path: Path) -> None:
     session.add_touch([-0.6, 0.25, 0.0], [-0.5, 0.25, 0.0])
     (entry,) = yaml.safe_load(session.text)["touches"]
     assert "keys" not in entry
+
+
+def test_the_dot_of_a_touch_drags_its_skin_which_springs_back(tmp_path: Path) -> None:
+    (tmp_path / "tools.yaml").write_text(
+        yaml.safe_dump({"version": 1, "refinement": {"max_levels": 0}, "touches": [touch(keys={})]})
+    )
+    page = Page(Session(plate().write(tmp_path / "plate.glb"), tmp_path / "tools.yaml"))
+    try:
+        page.stop_work()
+        page.player.go(None, 0.0)
+        assert not page._viewport._scene._dots, "of a touch that is not chosen"
+        page.choose("spot", look=True)
+        assert "Drag its dot: the skin slides" in said(page)
+        (dot,) = page._viewport._scene._dots.values()
+        assert np.linalg.norm(dot.position) < 0.1 * PAD
+        still = page._viewport.shown[0].positions
+        do(page, lambda: page._pointer._hold("spot", np.array([0.5 * GRIP, 1.0, 0.0]), DOWN))
+        assert "spot slides by 0.005 forward and 0 sideways" in said(page)
+        moved = page._viewport.shown[0].positions - still
+        assert 0.5 * GRIP < moved[:, 0].max() < 0.75 * GRIP
+        assert dot.position[0] == pytest.approx(moved[:, 0].max(), rel=0.1), "it goes with the skin"
+        page._pointer.drag("skin", 0, np.array([0.0, 1.0, -GRIP]), DOWN, "end")
+        sideways = []
+        while page.work._asked:
+            page.work._asked.pop(next(iter(page.work._asked)))()
+            sideways.append((page._viewport.shown[0].positions - still)[:, 2].min())
+        assert min(sideways) < -GRIP, "the skin goes where the mouse lets it go"
+        until(lambda: (page.work._due["let go"][1](), page.session.hand is None)[1], "the skin comes to rest")
+        assert page._viewport.shown[0].positions == pytest.approx(still, abs=1e-12)
+        assert not page.session.changed
+    finally:
+        page.close()

@@ -12,8 +12,10 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from wrinklecli.editor.attached import AttachedBelow, AttachedTool, PlayableMesh
+from wrinklecli.effects.touch.attach import AttachedTouch
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, among, distinct, distinct_values, face_normals, unit
 from wrinklecli.numeric.intersections import edges_of
+from wrinklecli.numeric.nearest import closest_point
 from wrinklecli.review.preview.paints import Paint
 
 _NORMAL_STEP = 1 / 127  # difference of stored normals that counts as none: the step of an 8-bit normal
@@ -82,7 +84,8 @@ class ToolOutline:
         segments: (segments, 2) lines between `points`: the border of the patch and the line along it.
         anchors: (anchors,) numbers of `points`, from origin to target.
         edges: (edges,) numbers of `points` at the sides of the patch, by which its width is dragged.
-        lift: Height above the surface, scene units, so that lines do not sink into it between their points.
+        skins: (skins,) numbers of `points` by which the skin of a touch is dragged.
+        length: Of the tool, by which dots are sized, scene units.
     """
 
     name: str
@@ -91,7 +94,13 @@ class ToolOutline:
     segments: Ints
     anchors: Ints
     edges: Ints
-    lift: float
+    skins: Ints
+    length: float
+
+    @property
+    def lift(self) -> float:
+        """Height above the surface, scene units, so that lines do not sink into it between their points."""
+        return _LIFT * self.length
 
 
 def body_of(mesh: PlayableMesh, paints: Sequence[Paint]) -> Body:
@@ -187,14 +196,15 @@ def outline_of(tool: AttachedTool, mesh: PlayableMesh, body: int, colour: tuple[
         segments=segments,
         anchors=np.arange(lines.size, int(outwards[0, 0])),
         edges=np.array(edges, np.intp),
-        lift=_LIFT * patch.span,
+        skins=np.zeros(0, np.intp),
+        length=patch.span,
     )
 
 
 def outline_below(
     below: AttachedBelow, mesh: PlayableMesh, body: int, colour: tuple[float, float, float]
 ) -> ToolOutline:
-    """Outline the skin that a muscle or flesh moves, on its mesh, the body of a number."""
+    """Outline the skin that a muscle, flesh or a touch moves, on its mesh, the body of a number."""
     faces = np.flatnonzero(below.outlined[mesh.parents])
     # Sides of triangles on which no other one of them lies.
     corners = mesh.faces[faces]
@@ -203,14 +213,22 @@ def outline_below(
     border = np.flatnonzero(counts[numbers.reshape(-1)] == 1)
     first, triangles = border // len(faces), faces[border % len(faces)]
     ends = np.stack([first, (first + 1) % 3], axis=1).reshape(-1)
+    found, barycentrics, length = np.repeat(triangles, 2), np.eye(3)[ends], below.span
+    skins = np.zeros(0, np.intp)
+    if isinstance(below.attached, AttachedTouch):
+        place = below.attached.place
+        triangle, shares, _ = closest_point(mesh.rest_positions, mesh.faces, place.at)
+        skins, length = np.array([len(found)]), place.pad + place.reach
+        found, barycentrics = np.append(found, triangle), np.concatenate([barycentrics, shares[None]])
     return ToolOutline(
         name="",
         colour=colour,
-        points=SurfacePoints(body, np.repeat(triangles, 2), np.eye(3)[ends]),
+        points=SurfacePoints(body, found, barycentrics),
         segments=np.arange(len(ends)).reshape(-1, 2),
         anchors=np.zeros(0, np.intp),
         edges=np.zeros(0, np.intp),
-        lift=_LIFT * below.span,
+        skins=skins,
+        length=length,
     )
 
 

@@ -29,7 +29,7 @@ _LINE = 1.5  # pixels
 _CHOSEN_LINE = 3.0  # pixels
 
 Drag = Callable[[str, int, Floats, Floats, str], None]
-"""Called with `anchor` or `edge`, its number, a ray's origin and direction, and `start`, `update` or `end`."""
+"""Called with `anchor`, `edge` or `skin`, its number, a ray's origin and direction, and `start`, `update` or `end`."""
 
 
 @dataclass(slots=True)
@@ -149,7 +149,7 @@ class DrawnScene:
             else:
                 line.points, line.thickness = ends, thickness
                 line.colors = np.array(colour, np.uint8)
-            if outline.name == chosen and len(outline.anchors):
+            if outline.name == chosen:
                 self._show_dots(outline, places)
 
     def show_cut(self, segments: Floats | None) -> None:
@@ -175,9 +175,7 @@ class DrawnScene:
             self._highlight = spot, dot
 
     def _show_dots(self, outline: ToolOutline, places: Floats) -> None:
-        ends = places[outline.anchors]
-        length = float(np.sqrt(np.sum((ends[-1] - ends[0]) ** 2)))
-        radius = float(np.clip(_DOT * length, _MIN_DOT * self._size, _MAX_DOT * self._size))
+        radius = float(np.clip(_DOT * outline.length, _MIN_DOT * self._size, _MAX_DOT * self._size))
         target = ("anchor", len(outline.anchors) - 1)
         for key, spot in _dots_of(outline):
             kind, number = key
@@ -231,7 +229,7 @@ class DrawnScene:
 
 def _dots_of(outline: ToolOutline) -> list[tuple[tuple[str, int], int]]:
     """The kind and number of each dot of a tool, and its point of the outline."""
-    kinds = (("anchor", outline.anchors), ("edge", outline.edges))
+    kinds = (("anchor", outline.anchors), ("edge", outline.edges), ("skin", outline.skins))
     return [((kind, number), spot) for kind, spots in kinds for number, spot in enumerate(spots.tolist())]
 
 

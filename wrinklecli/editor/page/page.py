@@ -59,6 +59,8 @@ _START = "Choose a tool in the list: it is shown where it is tallest. B shows it
 _START_EMPTY = "Find places proposes tools, or New tool draws one with two clicks. Then move its sliders."
 _NO_WARNINGS = "no warnings"
 _NO_CONTACT = "It is edited without its contact, which Resolve contact shows."
+_TURN = "Pose turns joints by hand."
+_DRAG_DOT = "Drag its dot: the skin slides."
 _HINT = (
     "None yet. New tool takes two clicks on the mesh, across the wrinkles to be; Find places looks for folds. "
     "Drag turns the view, with the right button it moves, the wheel comes closer."
@@ -186,6 +188,11 @@ class Page:
     def shown_clip(self) -> str | None:
         """Name of the clip that is shown, or of the pose; None at rest."""
         return self.player.clip
+
+    @property
+    def shown_time(self) -> float:
+        """Shown time of the clip, seconds."""
+        return self.player.time
 
     def say(self, text: str, colour: str = GOOD) -> None:
         """Show a message, or remove it. It has room for two lines, so that nothing below moves."""
@@ -335,14 +342,15 @@ class Page:
         if self.player.clip != POSE and self.chosen in self.session.attached_below():
             greatest = self.session.greatest_move(self.chosen)
             if greatest is None:
-                self.say(f"{self.chosen}: no clip moves it. Pose turns joints by hand.", ASKS)
+                touch = self.session.is_touch(self.chosen)
+                self.say(f"{self.chosen}: no clip moves it. {_DRAG_DOT if touch else _TURN}", ASKS)
             else:
                 self.player.go(*greatest)
                 self.say(f"{self.chosen} moves the skin most at {greatest[1]:.2f} s of {greatest[0]}")
         elif self.player.clip != POSE and self.chosen in self.session.attached_tools():
             raised = self.session.raised(self.chosen)
             if raised is None:
-                self.say(f"{self.chosen}: no clip raises it. Pose turns joints by hand.", ASKS)
+                self.say(f"{self.chosen}: no clip raises it. {_TURN}", ASKS)
             else:
                 time = clear_time(raised)
                 self.player.go(raised.clip.name, time)

@@ -1,5 +1,6 @@
-"""The mouse on the mesh: it clicks the two ends of a new tool, chooses tools, and drags their dots."""
+"""The mouse on the mesh: it clicks the two ends of a new tool, chooses tools, and drags their dots and touched skin."""
 
+import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
@@ -19,6 +20,9 @@ _WIDTH = next(control for control in key_controls() if control.key == "width")
 _MIN_WIDTH = 1.0  # per cent of a tool's length, the least width that a drag gives it
 # Distance of two points over that from the eye, below which a hand means one: 5 pixels of a page of 800.
 _SAME_SPOT = 0.004
+_FRAME = 1 / 30  # seconds between two pictures of skin that springs back
+# Seconds without a move after which a hand lets go, which says itself when it does unless its tab is closed.
+_HELD_SECONDS = 20.0
 _BEGIN = {
     "tool": "Click where the tool begins. It runs across the wrinkles.",
     "muscle": "Click the skin above where the muscle begins.",
@@ -28,7 +32,7 @@ _BEGIN = {
 _MOVED = {
     "muscle": "play a clip that bends its joint",
     "flesh": "play a clip that moves the body",
-    "touch": "play the clip",
+    "touch": "play the clip, or drag its dot: the skin slides",
 }
 _END = "Now click where it ends."
 _AGAIN = "Click another place where it ends, or Cancel."
@@ -140,9 +144,41 @@ class Pointer:
         name = self._page.chosen
         if name is None or phase == "start":
             return
+        if kind == "skin":
+            self._work.put((kind, number), lambda: self._hold(name, origin, direction))
+            if phase == "end":
+                self._work.put_event(self._let_go)
+            return
         self._work.put((kind, number), lambda: self._move(name, kind, number, origin, direction))
         if phase == "end":
             self._work.put_event(self._page.commit)  # behind the last move
+
+    def _hold(self, name: str, origin: Floats, direction: Floats) -> None:
+        """Slide the skin of a touch to where a ray meets it."""
+        hand = self._session.hold(name, self._page.shown_clip, self._page.shown_time, origin, direction)
+        if hand is None:
+            return
+        # What springs back from an earlier drag is held again.
+        self._work.put_later("let go", _HELD_SECONDS, self._let_go)
+        # Finer than a hand is; adding 0 takes the sign of 0 away.
+        step = hand.drive.grip / 100.0
+        forward, sideways = (np.round(hand.contact[:2] / step) * step + 0.0).tolist()
+        slips = ", where it slips" if hand.slips else ""
+        self._page.say(f"{name} slides by {forward:.3g} forward and {sideways:.3g} sideways{slips}")
+        self._page.show()
+
+    def _let_go(self) -> None:
+        """Let skin that is held spring back."""
+        hand, since = self._session.hand, time.monotonic()
+
+        def back() -> None:
+            self._session.hand = None if hand is None else hand.let_go(time.monotonic() - since)
+            if self._session.hand is not None:
+                self._work.put_later("let go", _FRAME, back)
+            self._page.show()
+
+        self._work.drop("let go")
+        back()
 
     def _move(self, name: str, kind: str, number: int, origin: Floats, direction: Floats) -> None:
         hit, attached = self._viewport.hit(origin, direction), self._session.attached_tools().get(name)

@@ -98,6 +98,11 @@ class PageHost(Protocol):
         """Name of the clip that is shown, or of the pose; None at rest."""
         ...
 
+    @property
+    def shown_time(self) -> float:
+        """Shown time of the clip, seconds."""
+        ...
+
     def say(self, text: str, colour: str = GOOD) -> None:
         """Show a message."""
 
