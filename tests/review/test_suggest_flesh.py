@@ -7,6 +7,7 @@ import pytest
 import yaml
 
 import wrinklecli
+from kit.asset import stored
 from kit.characters import avatar, cartoon, dressed
 from kit.command import Wrinkle
 from kit.limb import limb
@@ -45,9 +46,23 @@ def test_clothes_over_a_region_are_named(tmp_path: Path) -> None:
     assert 'meshes: ["mesh_1", "mesh_2"]' in found.text
 
 
+def test_both_sides_of_a_coarse_body_hold_flesh(tmp_path: Path) -> None:
+    """A cartoon's cheeks have one vertex each; the middle of the right one is nearest to a corner beyond the region."""
+    (cheek,) = wrinklecli.suggest(cartoon().write(tmp_path / "cartoon.glb"), flesh=True).flesh
+    assert cheek.region.name == "cheek.L"
+    assert cheek.mirrored
+
+
 def test_flesh_of_one_side_is_left_out(wrinkle: Wrinkle, tmp_path: Path) -> None:
-    """A cartoon's right cheek holds none, as its triangles are large: the left one alone would look like a fault."""
-    ran = wrinkle("suggest", cartoon().write(tmp_path / "cartoon.glb"), "--flesh")
+    """A cartoon that lacks the skin of its right cheek: the left one alone would look like a fault."""
+    asset = cartoon()
+    for primitive in asset.gltf["meshes"][0]["primitives"]:
+        positions = stored(asset, primitive["attributes"]["POSITION"])
+        triangles = stored(asset, primitive["indices"]).reshape(-1, 3)
+        x, y, z = positions[triangles].mean(axis=1).T
+        cheek = (x < -0.05) & (y > 1.5) & (z > 0.05)
+        primitive["indices"] = asset.accessor(triangles[~cheek].reshape(-1), "u4")
+    ran = wrinkle("suggest", asset.write(tmp_path / "cartoon.glb"), "--flesh")
     assert ran.code == 1
     assert any(line == "note: cheek.L: left out, as the other side is" for line in ran.lines)
 

@@ -287,9 +287,9 @@ def _moving(ground: Ground, place: Place) -> Bools:
     near = ((rest.positions - place.at) ** 2).sum(axis=1) < place.radius**2
     edges = np.concatenate([rest.triangles[:, [one, two]] for one, two in ((0, 1), (1, 2), (2, 0))])
     labels = components(edges[near[edges].all(axis=1)], len(near))
-    triangle, shares, _ = rest.blocks.closest_point(place.at)
-    seed = int(rest.triangles[triangle][np.argmax(shares)])
-    own = near & (labels == labels[seed])
+    # Of large triangles, perhaps one corner alone lies within the region.
+    triangle, _, _ = rest.blocks.closest_point(place.at)
+    own = near & np.isin(labels, labels[rest.triangles[triangle]])
     weights = surface.dense_weights(np.flatnonzero(near), len(ground.rig.joints))
     joints = weights[own[near]].mean(axis=0) > _CARRIES if own.any() else np.zeros(len(weights.T), np.bool_)
     alike = np.bincount(labels[near], weights[:, joints].sum(axis=1), int(labels.max()) + 1)
