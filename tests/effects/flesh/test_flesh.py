@@ -121,6 +121,22 @@ def test_the_driver_plays_a_motion_of_the_player(bodies: dict[int, Path], fps: i
         assert_alike(found, swung(still, motion)(times), 0, 0.02)
 
 
+def test_twice_the_keys_of_an_unknown_clip_leave_a_quarter_of_the_error(bodies: dict[int, Path]) -> None:
+    """It sees a body on straight lines: each corner is a blow, and the corners get flatter."""
+    still, times = baked(bodies[0], region(limit=0.026)).path, frame_times(144)
+    wanted, errors = swung(still, jump)(times), []
+    for keys in (30, 60):
+        at = np.linspace(0.0, SECONDS, round(SECONDS * keys) + 1)
+        places = np.stack([np.interp(times, at, axis) for axis in jump(at).T], axis=1)
+        elapsed = np.diff(times, prepend=-1 / 144).tolist()
+        steps = {"times": times.tolist(), "elapsed": elapsed, "places": places.tolist()}
+        found = drive(still, node="trunk", clip=None, driver=True, **steps)
+        played = np.stack([found[f"wrinkle_belly_{number + 1}"][:, 0] for number in range(wanted.shape[1])], axis=1)
+        errors.append(np.abs(played - wanted).max() / wanted.max())
+    assert 0.02 < errors[0] < 0.05
+    assert errors[1] == pytest.approx(errors[0] / 4.0, rel=0.2)
+
+
 def assert_alike(found: dict[str, Array], wanted: Array, first: int, error: float) -> None:
     """The weights of each frame, from the first that counts."""
     for number, column in enumerate(wanted.T, start=1):
