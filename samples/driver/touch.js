@@ -74,7 +74,7 @@ export function touchWeights(
   jointMatrixOf,
   { morphWeightOf = () => 0, clip, time = 0, state = {}, elapsed, hand } = {},
 ) {
-  const { grip, deepest, windows, rises } = touchExtras;
+  const { grip, deepest, windows, rises, turn = 0 } = touchExtras;
   const how = { jointMatrixOf, morphWeightOf, clip, time, state, elapsed, hand };
   const { slide, depth } = contact(touchExtras, how);
   const far = Math.max(Math.hypot(...slide) / grip, 1);
@@ -83,6 +83,8 @@ export function touchWeights(
   const [steps, heights] = [0, 1].map((k) => rises.map((row) => row[k]));
   const height = length > 0 ? between(steps, heights, length) / length : 0;
   const rings = windows.map((angle) => height * Math.max(f * Math.cos(angle) + s * Math.sin(angle), 0));
-  const ways = [f, s, -f, -s].map((x) => Math.max(x, 0));
+  const [c, n] = [Math.cos(turn), Math.sin(turn)];
+  const [along, across] = [c * f + n * s, c * s - n * f];
+  const ways = [along, across, -along, -across].map((x) => Math.max(x, 0));
   return [...ways, Math.min(Math.max(depth / deepest, 0), 1), ...rings];
 }

@@ -119,9 +119,11 @@ def _lagging() -> Gltf:
     return bake_once(place(limb_asset(rings=12, sides=8)), swings, stiff, tracks="none", max_levels=0)
 
 
-def _touched(tip: Array | None = None, **keys: Any) -> Gltf:
+def _touched(tip: Array | None = None, bend: float = 0.0, **keys: Any) -> Gltf:
     return bake_once(
-        place(plate(tip=tip)), top={"touches": [touch(**keys)], "refinement": {"max_levels": 0}}, tracks="none"
+        place(plate(tip=tip, bend=bend)),
+        top={"touches": [touch(**keys)], "refinement": {"max_levels": 0}},
+        tracks="none",
     )
 
 
@@ -192,7 +194,12 @@ CASES: dict[str, Case] = {
         {"drag": (60, 1)},
         BETWEEN_FRAMES,
     ),
-    "hand": Case("a touch by the player", lambda: _touched(keys={}), {"drag": (12, 1)}, hand=_stroke),
+    "hand": Case(
+        "a touch by the player, whose ways are turned from forward to the skin's curvatures",
+        lambda: _touched(keys={}, bend=25.0, towards=[0.05, 0.0, 0.03]),
+        {"drag": (12, 1)},
+        hand=_stroke,
+    ),
 }
 
 

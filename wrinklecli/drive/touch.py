@@ -1,23 +1,25 @@
 """The drive of a touch: how far a tip has slid the skin, and the weights of slide, dent and rings that follow from it.
 
 The slide d has a part forward and a part sideways. Its shapes are those of an elastic skin, which is linear, so their
-weights are d / `grip`; each of the four ways has a target of its own, so that no weight is below 0. The dent's weight
-is the depth of the tip below the skin over `deepest`. A ring rises with f(|d| / grip) · cos(angle of d - angle of its
-window), where f is a table that starts like a square root, as all wrinkles do.
+weights are d / `grip`; each of the four ways has a target of its own, so that no weight is below 0. Moves add up
+linearly, but a surface that is curved otherwise forward than sideways is left least by ways along its main
+curvatures: `turn` is the angle from forward to the first way. The dent's weight is the depth of the tip below the
+skin over `deepest`. A ring rises with f(|d| / grip) · cos(angle of d - angle of its window), where f is a table that
+starts like a square root, as all wrinkles do.
 
-Slides and depths are keyed in some clips, straight between keys, and held before the first one. After the last one the
-tip lets go, and the skin springs back: x'' = -ω² x - 2 ζ ω x'.
+Slides and depths are keyed in some clips, straight between keys, and held before the first one. After the last one
+the tip lets go, and the skin springs back: x'' = -ω² x - 2 ζ ω x'.
 
 In other clips a node may touch. Its coordinates are those in the axes from the place's middle to the points before,
-beside and above it, times `pad`; its height is the third less that of the skin, which `bend` gives: a f² + b f s + c s²
-at f forward and s sideways. It touches once it is nearer than `deepest` and less than `pad` from the middle, sticks
-to the skin and takes it along until the slide is `grip`, then slips, and lets go once it is farther than `deepest` or
-than `pad` + `grip` from the middle.
+beside and above it, times `pad`; its height is the third less that of the skin, which `bend` gives: a f² + b f s + c
+s² at f forward and s sideways. It touches once it is nearer than `deepest` and less than `pad` from the middle,
+sticks to the skin and takes it along until the slide is `grip`, then slips, and lets go once it is farther than
+`deepest` or than `pad` + `grip` from the middle.
 
 In extras, a drive has the `anchors` of its place (the middle, and the points before, beside and above it), `pad`,
 `grip` and `deepest` in scene units, `bend`, the tip `by` if there is one, `release` with `frequency` and `damping`,
-`windows` in radians, `rises` (rows of slide over grip and weight), and by clip `keys`: rows of seconds, slide forward
-and sideways, and depth, scene units.
+`windows` in radians, `turn` in radians unless it is 0, `rises` (rows of slide over grip and weight), and by clip
+`keys`: rows of seconds, slide forward and sideways, and depth, scene units.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -57,11 +59,12 @@ class TouchDrive:
         release: The spring by which the skin comes back.
         windows: (windows,) directions of the rings' windows, radians.
         rises: (rows, 2) slides over the greatest, and weights of the rings; sorted.
-        targets: Names of the morph targets: slides forward, sideways, back and to the other side, the dent, and the
-            windows.
+        targets: Names of the morph targets: slides forward, sideways, back and to the other side, each turned by
+            `turn`, the dent, and the windows.
         keys: By clip, (keys, 4) seconds, slides forward and sideways, and depths, scene units.
         bend: (3,) the skin's height round the middle, one over scene units.
         tip: The node that touches; None if there is none.
+        turn: Angle from forward to the first slide, radians.
     """
 
     name: str
@@ -76,6 +79,7 @@ class TouchDrive:
     keys: Mapping[str, Floats] = field(default_factory=dict)
     bend: Floats = field(default_factory=lambda: np.zeros(3))
     tip: CarriedPoint | None = None
+    turn: float = 0.0
     _strokes: dict[bytes, tuple[Floats, ...]] = field(default_factory=dict, init=False, repr=False)
 
     own: ClassVar[tuple[str, ...]] = ()
@@ -208,6 +212,7 @@ class TouchDrive:
         ways = slides / np.maximum(lengths, 1e-12)[:, None]
         ahead = ways @ np.stack([np.cos(self.windows), np.sin(self.windows)])
         rings = np.interp(lengths, *self.rises.T)[:, None] * np.maximum(ahead, 0.0)
+        slides = slides @ turned(self.turn).T
         return np.concatenate(
             [np.maximum(slides, 0.0), np.maximum(-slides, 0.0), np.clip(depths, 0.0, 1.0)[:, None], rings], axis=1
         )
@@ -232,6 +237,7 @@ class TouchDrive:
                 "damping": stored(self.release.damping),
             },
             "windows": stored(self.windows),
+            **({"turn": stored(self.turn)} if self.turn else {}),
             "rises": stored(self.rises, 5),
             **({"keys": {clip: stored(keys) for clip, keys in self.keys.items()}} if self.keys else {}),
             "targets": list(self.targets),
@@ -247,13 +253,13 @@ def read_touch(data: Json, nodes: Mapping[str, int], morph_names: Sequence[str])
     pad, grip, deepest = (float(data[key]) for key in ("pad", "grip", "deepest"))
     frequency, damping = (float(data["release"][key]) for key in ("frequency", "damping"))
     bend = np.array(data["bend"], np.float64).reshape(3)
-    windows = np.array(data["windows"], np.float64).reshape(-1)
+    windows, turn = np.array(data["windows"], np.float64).reshape(-1), float(data.get("turn", 0.0))
     rises = np.array(data["rises"], np.float64).reshape(-1, 2)
     keys = {clip: np.array(each, np.float64).reshape(-1, 4) for clip, each in data.get("keys", {}).items()}
     targets = tuple(str(name) for name in data["targets"])
     positive = min(pad, grip, deepest) > 0 and 0 < frequency < _MOST and 0 < damping < _MOST
     rising = all(len(each) and (np.diff(each[:, 0]) > 0).all() for each in keys.values())
-    finite = all(np.isfinite(each).all() for each in (windows, rises, bend, *keys.values()))
+    finite = all(np.isfinite(each).all() for each in (windows, rises, bend, np.array(turn), *keys.values()))
     if not (positive and rising and finite) or len(targets) != TouchDrive.slides + len(windows):
         raise ValueError
     if not len(rises) or not (np.diff(rises[:, 0]) > 0).all():
@@ -263,4 +269,12 @@ def read_touch(data: Json, nodes: Mapping[str, int], morph_names: Sequence[str])
     if len(anchors) != 4:
         raise ValueError
     spring = Spring(2.0 * np.pi * frequency, damping)
-    return TouchDrive(str(data["name"]), anchors, pad, grip, deepest, spring, windows, rises, targets, keys, bend, tip)
+    return TouchDrive(
+        str(data["name"]), anchors, pad, grip, deepest, spring, windows, rises, targets, keys, bend, tip, turn
+    )
+
+
+def turned(turn: float) -> Floats:
+    """(2, 2) axes of the slides' targets, each forward and sideways, at an angle in radians from forward."""
+    cosine, sine = np.cos(turn), np.sin(turn)
+    return np.array([[cosine, sine], [-sine, cosine]])

@@ -229,7 +229,7 @@ namespace Wrinkles
     {
         readonly Anchor[] anchors;
         readonly Anchor by;
-        readonly double pad, grip, deepest;
+        readonly double pad, grip, deepest, turn;
         readonly double[] bend, windows;
         readonly Spring release;
         readonly Rows rises;
@@ -245,6 +245,7 @@ namespace Wrinkles
             by = data.TryGetValue("by", out var point) ? new Anchor(point) : null;
             (pad, grip, deepest) = (Read.Number(data["pad"]), Read.Number(data["grip"]), Read.Number(data["deepest"]));
             (bend, windows) = (Read.Numbers(data["bend"]), Read.Numbers(data["windows"]));
+            turn = data.TryGetValue("turn", out var angle) ? Read.Number(angle) : 0;
             (release, rises, keys) = (new Spring(data["release"]), Rows.OfPoints(data["rises"]), Read.Keys(data, "keys"));
         }
 
@@ -258,7 +259,8 @@ namespace Wrinkles
             var (f, s) = (forward / grip / far, sideways / grip / far);
             var length = Math.Sqrt(f * f + s * s);
             var height = length > 0 ? rises.At(length)[0] / length : 0;
-            var ways = new[] { f, s, -f, -s }.Select(x => Math.Max(x, 0)).Append(V.Clamp(depth / deepest, 0, 1));
+            var (along, across) = (Math.Cos(turn) * f + Math.Sin(turn) * s, Math.Cos(turn) * s - Math.Sin(turn) * f);
+            var ways = new[] { along, across, -along, -across }.Select(x => Math.Max(x, 0)).Append(V.Clamp(depth / deepest, 0, 1));
             return ways.Concat(windows.Select(a => height * Math.Max(f * Math.Cos(a) + s * Math.Sin(a), 0))).ToArray();
         }
 

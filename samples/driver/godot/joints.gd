@@ -218,7 +218,10 @@ static func touch(body, data, state, hand):
 	var length = Numbers.length(slide)
 	var height = Numbers.point(data["rises"], length) / length if length > 0 else 0.0
 	var found = []
-	for way in [slide[0], slide[1], -slide[0], -slide[1]]:
+	var turn = data["turn"] if data.has("turn") else 0.0
+	var along = cos(turn) * slide[0] + sin(turn) * slide[1]
+	var across = cos(turn) * slide[1] - sin(turn) * slide[0]
+	for way in [along, across, -along, -across]:
 		found.append(Numbers.larger(way, 0.0))
 	found.append(Numbers.held(contact[2] / data["deepest"], 0.0, 1.0))
 	for window in data["windows"]:

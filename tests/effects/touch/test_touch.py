@@ -61,10 +61,14 @@ def test_the_skin_slides_with_the_pad_and_fades(skin: Path) -> None:
     assert_valid(file.path)
 
 
-@pytest.mark.parametrize("part", [0.5, 1.0])
-def test_the_skin_stays_on_a_curved_surface(part: float) -> None:
-    """On a cylinder of 40 mm, slides of any direction leave it by 1/20 of the greatest slide; straight ones by 1/6."""
-    file = baked(place(plate(bend=25.0, cells=48)), {**touch(), "wrinkles": "none"}, levels=2)
+@pytest.mark.parametrize(("part", "aslant"), [(0.5, 0.0), (1.0, 0.0), (1.0, 0.05), (0.5, -0.03)])
+def test_the_skin_stays_on_a_curved_surface(part: float, aslant: float) -> None:
+    """On a cylinder of 40 mm, slides of any direction leave it by 1/20 of the greatest slide; straight ones by 1/6.
+
+    Whatever direction is forward: the targets slide along its main curvatures.
+    """
+    spot = touch(towards=[0.05, 0.0, aslant])
+    file = baked(place(plate(bend=25.0, cells=48)), {**spot, "wrinkles": "none"}, levels=2)
     for angle in np.arange(8) * np.pi / 4:
         slide = part * GRIP * np.array([np.cos(angle), np.sin(angle)])
         positions, moved = moves(file, (slide[0], slide[1], 0.0))
@@ -75,9 +79,10 @@ def test_the_skin_stays_on_a_curved_surface(part: float) -> None:
 
 
 @pytest.mark.slow
-def test_the_skin_stays_on_the_back_of_a_hand() -> None:
-    """A slide of 10 mm leaves it by half a millimetre, of what moves 99 %."""
-    spot = touch(at=[0.042, 0.0178, 0.0], towards=[0.0, 0.0178, 0.0], keys={})
+@pytest.mark.parametrize("aslant", [0.0, 0.042, -0.1])
+def test_the_skin_stays_on_the_back_of_a_hand(aslant: float) -> None:
+    """A slide of 10 mm leaves it by half a millimetre, of what moves 99 %, whatever direction is forward."""
+    spot = touch(at=[0.042, 0.0178, 0.0], towards=[0.0, 0.0178, aslant], keys={})
     file = baked("wrist", {**spot, "wrinkles": "none"}, levels=3)
     triangles = file.triangles("wrist")
     for angle in np.arange(8) * np.pi / 4:
@@ -87,6 +92,21 @@ def test_the_skin_stays_on_the_back_of_a_hand() -> None:
         faces, shares = nearest_on_mesh(ends, positions, triangles)
         off = np.linalg.norm(np.einsum("pk,pkx->px", shares, positions[triangles[faces]]) - ends, axis=1)
         assert np.percentile(off, 99) < 0.0005
+
+
+@pytest.mark.parametrize("aslant", [0.04, -0.03])
+def test_a_turned_touch_slides_where_it_is_asked(aslant: float) -> None:
+    """Forward is where `towards` says, though the targets slide along the curvature of a cylinder, which is along x."""
+    spot = touch(towards=[0.05, 0.0, aslant])
+    file = baked(place(plate(bend=25.0, cells=48)), {**spot, "wrinkles": "none"}, levels=2)
+    (stored,) = read_bodies(read_document(file.path))[0].drives
+    assert stored.data["turn"] == pytest.approx(np.arctan2(aslant, 0.05), abs=0.02)
+    forward = np.array([0.05, 0.0, aslant]) / np.hypot(0.05, aslant)
+    for slide, way in (((GRIP, 0.0), forward), ((0.0, GRIP), np.cross([0.0, 1.0, 0.0], forward))):
+        positions, moved = moves(file, (*slide, 0.0))
+        mean = moved[np.linalg.norm(positions, axis=1) < PAD].mean(axis=0)
+        assert mean @ way == pytest.approx(GRIP, rel=0.06)
+        assert abs(mean @ np.cross(way, [0.0, 1.0, 0.0])) < 0.06 * GRIP
 
 
 def test_rings_stand_in_front_and_thin_out_to_the_sides(skin: Path) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from wrinklecli.character.carried import CarriedPoint
 from wrinklecli.character.surface import influence_count
-from wrinklecli.drive.touch import TouchDrive
+from wrinklecli.drive.touch import TouchDrive, turned
 from wrinklecli.effects.effect import Moves
 from wrinklecli.effects.muscle.attach import Bones, carried_by
 from wrinklecli.effects.touch.disc import Disc, disc_on
@@ -37,6 +37,8 @@ _LARGEST = 0.25
 _DENT = 1.5
 # Radius round the middle in which the skin's bend is fitted, over the pad's.
 _BENT = 1.5
+# Height of the skin beyond that by the parts of a slide, over the slide, from which on ways are turned.
+_ASLANT = 0.01
 # Intervals across the pad that the slide needs; rings are finer.
 _ACROSS = 6.0
 # Directions in which the strain is looked at.
@@ -127,6 +129,7 @@ def _attach(tool: Touch, ground: Ground, settings: ToolsFile) -> AttachedTouch:
     slides = slides_on(fine, place, hold)
     if not slides.any(axis=(1, 2)).all():
         raise BakeError("does not move the skin there: nothing of it is free to slide", where=tool.place_of(0))
+    bend = _bend(fine, place)
     drive = TouchDrive(
         name=tool.name,
         anchors=_anchors(ground, place),
@@ -138,8 +141,9 @@ def _attach(tool: Touch, ground: Ground, settings: ToolsFile) -> AttachedTouch:
         rises=np.array([[0.0, 0.0], [1.0, 1.0]]),
         targets=_names(tool, 0),
         keys={clip: np.array(keys) for clip, keys in tool.keys.items()},
-        bend=_bend(fine, place),
+        bend=bend,
         tip=_tip(tool, ground),
+        turn=_turn(bend, grip),
     )
     rings = None
     if tool.wrinkles is not None:
@@ -256,6 +260,18 @@ def _bend(fine: Refinement, place: Place) -> Floats:
     return np.asarray(np.linalg.lstsq(columns, height, rcond=None)[0], np.float64)
 
 
+def _turn(bend: Floats, grip: float) -> float:
+    """The angle from forward to the nearest main curvature of (3,) a quadric, radians; 0 where forward is good enough.
+
+    Along the main curvatures, the height of the skin is a sum of a part that one way has and a part that the other has.
+    """
+    if abs(bend[1]) * grip / 2.0 < _ASLANT:
+        return 0.0
+    quarter = np.pi / 2.0
+    turn = 0.5 * float(np.arctan2(bend[1], bend[0] - bend[2]))
+    return round(turn - quarter * round(turn / quarter), 4)
+
+
 def _main_direction(drive: TouchDrive, ground: Ground) -> float:
     """The direction in which the skin slides farthest in any clip, radians from forward."""
     strokes = [rows for clip in ground.clips for rows in drive.strokes_in(ground.rig.own, clip)]
@@ -317,12 +333,13 @@ def _deltas(attached: AttachedTouch, fine: Refinement, slides: Floats | None = N
     """(targets, fine vertices, 3) displacements at weight 1 on the refined skin, bind space."""
     place, drive, rings = attached.place, attached.drive, attached.rings
     found = slides_on(fine, place, attached.hold) if slides is None else slides
+    ways = np.tensordot(turned(drive.turn), found, axes=1) if drive.turn else found
     positions, normals = fine.rest_positions, fine.rest_normals
     moving = np.any(found, axis=(0, 2))
     distances, _ = place.polar(positions)
     dent = smoothstep(np.clip(1.0 - distances / (_DENT * place.pad), 0.0, 1.0)) * np.clip(normals @ place.axes[2], 0, 1)
     parts = [
-        slides_on_surface(positions, normals, drive.grip * found),
+        slides_on_surface(positions, normals, drive.grip * ways),
         (-drive.deepest * dent * moving)[None, :, None] * place.axes[2],
     ]
     if rings is not None:

@@ -15,7 +15,7 @@ from wrinklecli.character.pose import joint_matrices, morph_weights
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.drive import Drive, StoredDrive, wrinkle_entry
 from wrinklecli.drive.segment import Segment
-from wrinklecli.drive.touch import TouchDrive
+from wrinklecli.drive.touch import turned
 from wrinklecli.effects.body import BodyLayer, largest_moves, moves_at_rest
 from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.effects.sampling import moving_clips
@@ -121,14 +121,16 @@ def _body_peaks(plan: MeshPlan, played: Sequence[tuple[Clip, Floats]]) -> list[P
                 found.append(best)
             data: Json = {"name": attached.tool.name}
             if isinstance(attached, AttachedTouch):
-                data["forward"] = _forward(attached.drive.targets, attached.drive.windows)
+                drive = attached.drive
+                data["forward"] = _forward(drive.targets, drive.windows, drive.turn)
             peaks.append(_peak(data, plan.rig.node, found))
     return peaks
 
 
-def _forward(targets: Sequence[str], windows: Floats) -> dict[str, float]:
-    """The weights of a touch's targets at its greatest slide forward, by name; `windows` are in radians."""
-    weights = np.concatenate([np.eye(TouchDrive.slides)[0], np.maximum(np.cos(windows), 0.0)])
+def _forward(targets: Sequence[str], windows: Floats, turn: float) -> dict[str, float]:
+    """The weights of a touch's targets at its greatest slide forward, by name; see `TouchDrive`."""
+    along = turned(turn)[:, 0]
+    weights = np.maximum(np.concatenate([along, -along, [0.0], np.cos(windows)]), 0.0)
     return dict(zip(targets, weights.tolist(), strict=True))
 
 
@@ -137,7 +139,8 @@ def _touches_on(asset: ShownAsset, node: int) -> dict[str, dict[str, float]]:
     found = {}
     for data in wrinkle_entry(asset.document.items("nodes")[node]).get("touches", ()):
         with suppress(KeyError, TypeError, ValueError):
-            found[str(data["name"])] = _forward(data["targets"], np.array(data["windows"], np.float64).reshape(-1))
+            windows, turn = np.array(data["windows"], np.float64).reshape(-1), float(data.get("turn", 0.0))
+            found[str(data["name"])] = _forward(data["targets"], windows, turn)
     return found
 
 
