@@ -26,9 +26,9 @@ export class Body {
     const all = (wrinkle.layout ?? LAYOUT) > LAYOUT ? [] : Object.keys(KINDS);
     this.drives = all.flatMap((kind) => (wrinkle[kind] ?? []).map((drive) => ({ kind, drive, state: {} })));
     this.drives = this.drives.filter(({ drive }) => {
-      const { name, joint, parent = joint, targets, by } = drive;
+      const { name, joint, parent = joint, targets, by, limb = [] } = drive;
       const called = name ?? `the fold of ${quoted([joint])}`;
-      const anchors = joint === undefined ? [...anchorsOf(drive), ...(by ? [by] : [])] : [];
+      const anchors = joint === undefined ? [...anchorsOf(drive), ...(by ? [by] : []), ...limb] : [];
       const joints = joint === undefined ? anchors.flatMap((each) => each.joints) : [joint, parent];
       const absent = joints.filter((each) => !hasJoint(each));
       const lost = targets.filter((target) => !hasTarget(target));

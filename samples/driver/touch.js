@@ -21,6 +21,17 @@ export function placeOnSkin({ anchors, bend, pad }, place, jointMatrixOf, morphW
   return [f, s, h - bend[0] * f * f - bend[1] * f * s - bend[2] * s * s];
 }
 
+/** The sine of the bend of the limb beyond a touch's joint, towards the skin. */
+function bendOf({ anchors, limb }, jointMatrixOf, morphWeightOf) {
+  const placed = (each) => anchor(each, jointMatrixOf, morphWeightOf).place;
+  const [middle, ...ends] = anchors.map(placed);
+  const [a, b, c] = ends.map((end) => end.map((x, i) => x - middle[i]));
+  const [from, to] = limb.map(placed);
+  const volume = dot(a, cross(b, c));
+  const sine = volume && dot(to.map((x, i) => x - from[i]), cross(a, b)) / volume;
+  return Math.min(Math.max(sine, -1), 1);
+}
+
 /** What is left of a slide so many seconds after the tip has let go. */
 function remaining({ frequency, damping }, seconds) {
   const [c, s] = decay(damping, 2 * Math.PI * frequency * Math.max(seconds, 0));
@@ -74,7 +85,7 @@ export function touchWeights(
   jointMatrixOf,
   { morphWeightOf = () => 0, clip, time = 0, state = {}, elapsed, hand } = {},
 ) {
-  const { grip, deepest, windows, rises, turn = 0 } = touchExtras;
+  const { grip, deepest, windows, rises, turn = 0, limb } = touchExtras;
   const how = { jointMatrixOf, morphWeightOf, clip, time, state, elapsed, hand };
   const { slide, depth } = contact(touchExtras, how);
   const far = Math.max(Math.hypot(...slide) / grip, 1);
@@ -86,5 +97,8 @@ export function touchWeights(
   const [c, n] = [Math.cos(turn), Math.sin(turn)];
   const [along, across] = [c * f + n * s, c * s - n * f];
   const ways = [along, across, -along, -across].map((x) => Math.max(x, 0));
-  return [...ways, Math.min(Math.max(depth / deepest, 0), 1), ...rings];
+  const sine = limb ? bendOf(touchExtras, jointMatrixOf, morphWeightOf) : 0;
+  const sides = limb ? [Math.max(sine, 0), Math.max(-sine, 0)] : [];
+  const changes = sides.flatMap((side) => ways.map((way) => side * way));
+  return [...ways, Math.min(Math.max(depth / deepest, 0), 1), ...rings, ...changes];
 }

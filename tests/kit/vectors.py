@@ -127,6 +127,19 @@ def _touched(tip: Array | None = None, bend: float = 0.0, **keys: Any) -> Gltf:
     )
 
 
+def _touched_limb() -> Gltf:
+    keys = {"fold": [[0.2, 0, 0], [0.8, 0.05, 0.02, 0.01], [1.4, -0.03, 0.04, 0.01]]}
+    spots = [
+        {"name": name, "at": [0.45, y, 0.0], "towards": [0.0, y, 0.0], "pad": 0.1, "reach": 0.2, "keys": keys}
+        for name, y in (("inside", RADIUS), ("outside", -RADIUS))
+    ]
+    return bake_once(
+        place(limb_asset(rings=24, sides=16)),
+        top={"touches": spots, "refinement": {"max_levels": 0}},
+        tracks="none",
+    )
+
+
 def _stroke(times: Array) -> Array:
     """A finger that presses, slides beyond its grip and lets go twice."""
     turn = np.pi * times
@@ -188,6 +201,7 @@ CASES: dict[str, Case] = {
     "activation": Case("a muscle that a morph target activates", _activated, {"fold": (8, 1)}),
     "flesh": Case("flesh, on a clip that goes ahead", _swinging, {"jump": (60, 2)}, SWINGING),
     "touch": Case("a touch with keys", lambda: _touched(), {"drag": (12, 1)}),
+    "bent": Case("touches beside a joint that bends, inside and outside", _touched_limb, {"fold": (12, 1)}),
     "tip": Case(
         "a touch by a node that comes near",
         lambda: _touched(_WAYS, by="tip", keys={}, release=_CRITICAL),
@@ -234,7 +248,11 @@ def vectors(case: Case) -> Json:
         steps[len(once) :: len(once)] = clip.end - once[-1]  # where it begins anew
         hands = None if case.hand is None else case.hand(once)
         (touch,) = driven.drives if hands is not None else (None,)
-        weights = driven.weights_in(clip)(once) if hands is None else touch.weights(_let_go(touch, once, hands))
+        weights = (
+            driven.weights_in(clip)(once)
+            if hands is None
+            else touch.weights(_let_go(touch, once, hands), touch.bends_in(driven.rig, clip, once))
+        )
         matrices = (
             node_matrices(driven.rig, clip, once, joints.values()).transpose(0, 1, 3, 2).reshape(len(once), -1, 16)
         )

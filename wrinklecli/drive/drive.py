@@ -178,7 +178,7 @@ class StoredDrive:
         if "joint" in data:
             joints = [data["joint"], *([] if data.get("parent") is None else [data["parent"]])]
         else:
-            points = [*anchors_of(data), *([data["by"]] if "by" in data else [])]
+            points = [*anchors_of(data), *([data["by"]] if "by" in data else []), *data.get("limb", ())]
             joints = [joint for point in points for joint in point["joints"]]
         names = tuple(dict.fromkeys(str(joint) for joint in joints))
         targets = tuple(str(name) for name in data["targets"])

@@ -10,6 +10,10 @@ starts like a square root, as all wrinkles do.
 Slides and depths are keyed in some clips, straight between keys, and held before the first one. After the last one
 the tip lets go, and the skin springs back: x'' = -ω² x - 2 ζ ω x'.
 
+Where a joint bends the skin, eight more targets change the slides: their weights are those of the four ways times the
+sine of the bend towards the skin, and then away from it. The sine is the third coordinate of the way between the two
+points `limb`, which the other side of the joint carries, in the axes from the place's middle.
+
 In other clips a node may touch. Its coordinates are those in the axes from the place's middle to the points before,
 beside and above it, times `pad`; its height is the third less that of the skin, which `bend` gives: a f² + b f s + c
 s² at f forward and s sideways. It touches once it is nearer than `deepest` and less than `pad` from the middle,
@@ -18,8 +22,8 @@ sticks to the skin and takes it along until the slide is `grip`, then slips, and
 
 In extras, a drive has the `anchors` of its place (the middle, and the points before, beside and above it), `pad`,
 `grip` and `deepest` in scene units, `bend`, the tip `by` if there is one, `release` with `frequency` and `damping`,
-`windows` in radians, `turn` in radians unless it is 0, `rises` (rows of slide over grip and weight), and by clip
-`keys`: rows of seconds, slide forward and sideways, and depth, scene units.
+`limb` if there is one, `windows` in radians, `turn` in radians unless it is 0, `rises` (rows of slide over grip and
+weight), and by clip `keys`: rows of seconds, slide forward and sideways, and depth, scene units.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -60,11 +64,13 @@ class TouchDrive:
         windows: (windows,) directions of the rings' windows, radians.
         rises: (rows, 2) slides over the greatest, and weights of the rings; sorted.
         targets: Names of the morph targets: slides forward, sideways, back and to the other side, each turned by
-            `turn`, the dent, and the windows.
+            `turn`, the dent, the windows, and with a `limb` the changes of the four slides in a bend towards the skin,
+            and in one away from it.
         keys: By clip, (keys, 4) seconds, slides forward and sideways, and depths, scene units.
         bend: (3,) the skin's height round the middle, one over scene units.
         tip: The node that touches; None if there is none.
         turn: Angle from forward to the first slide, radians.
+        limb: Two points, a pad apart along the limb at rest, beyond the joint that bends the skin; None if none does.
     """
 
     name: str
@@ -80,16 +86,19 @@ class TouchDrive:
     bend: Floats = field(default_factory=lambda: np.zeros(3))
     tip: CarriedPoint | None = None
     turn: float = 0.0
+    limb: tuple[CarriedPoint, CarriedPoint] | None = None
     _strokes: dict[bytes, tuple[Floats, ...]] = field(default_factory=dict, init=False, repr=False)
 
     own: ClassVar[tuple[str, ...]] = ()
     slides: ClassVar[int] = 5
     """Targets before those of the rings."""
+    bent: ClassVar[int] = 8
+    """Targets behind those of the rings, if a joint bends the skin."""
 
     @property
     def nodes(self) -> frozenset[int]:
         """The nodes that carry the place and the tip."""
-        points = [*self.anchors, *([] if self.tip is None else [self.tip])]
+        points = [*self.anchors, *([] if self.tip is None else [self.tip]), *(self.limb or ())]
         return frozenset(node for point in points for node in point.nodes.tolist())
 
     def tip_in(self, rig: Rig, clip: Clip | None, times: Floats) -> Floats:
@@ -202,8 +211,21 @@ class TouchDrive:
         found[:, 2] = np.maximum(found[:, 2], 0.0)
         return found
 
-    def weights(self, contacts: Floats) -> Floats:
-        """(frames, targets) weights for (frames, 3) slides forward and sideways and depths, scene units."""
+    def bends_in(self, rig: Rig, clip: Clip | None, times: Floats) -> Floats:
+        """(frames,) sines of the bend of the limb against the place, towards the skin, at (frames,) seconds."""
+        if self.limb is None:
+            return np.zeros(len(times))
+        carriers = pose_carriers(self.limb, rig, clip, times)
+        one, other = (carried_places(each, carriers, len(times))[0].T for each in self.limb)
+        _, axes, shown = self.axes_in(rig, clip, times)
+        heights = np.linalg.solve(axes, (other - one)[:, :, None])[:, 2, 0]
+        return np.where(shown, np.clip(heights, -1.0, 1.0), 0.0)
+
+    def weights(self, contacts: Floats, bends: Floats | None = None) -> Floats:
+        """(frames, targets) weights for (frames, 3) slides forward and sideways and depths, scene units.
+
+        `bends` are (frames,) sines of the limb's bend; None at rest.
+        """
         slides, depths = contacts[:, :2] / self.grip, contacts[:, 2] / self.deepest
         lengths = np.sqrt((slides**2).sum(axis=1))
         # Beyond its grip the tip slips.
@@ -213,14 +235,18 @@ class TouchDrive:
         ahead = ways @ np.stack([np.cos(self.windows), np.sin(self.windows)])
         rings = np.interp(lengths, *self.rises.T)[:, None] * np.maximum(ahead, 0.0)
         slides = slides @ turned(self.turn).T
-        return np.concatenate(
-            [np.maximum(slides, 0.0), np.maximum(-slides, 0.0), np.clip(depths, 0.0, 1.0)[:, None], rings], axis=1
-        )
+        parts = [np.maximum(slides, 0.0), np.maximum(-slides, 0.0), np.clip(depths, 0.0, 1.0)[:, None], rings]
+        if self.limb is not None:
+            sines = np.zeros(len(slides)) if bends is None else bends
+            for side in (np.maximum(sines, 0.0), np.maximum(-sines, 0.0)):
+                changes = side[:, None] * slides
+                parts += [np.maximum(changes, 0.0), np.maximum(-changes, 0.0)]
+        return np.concatenate(parts, axis=1)
 
     def weights_in(self, rig: Rig, clip: Clip | None) -> Signal:
         """A function from (frames,) seconds of a clip to (frames, targets) weights; None is the stored pose."""
         contacts = self.contacts_in(rig, clip)
-        return lambda times: self.weights(contacts(times))
+        return lambda times: self.weights(contacts(times), self.bends_in(rig, clip, times))
 
     def to_json(self, names: Sequence[str], morph_names: Sequence[str]) -> Json:
         """The drive as extras store it, by the names of all nodes and of the rig's morph targets."""
@@ -232,6 +258,7 @@ class TouchDrive:
             "deepest": stored(self.deepest),
             "bend": stored(self.bend),
             **({} if self.tip is None else {"by": point_json(self.tip, names, morph_names)}),
+            **({} if self.limb is None else {"limb": [point_json(each, names, morph_names) for each in self.limb]}),
             "release": {
                 "frequency": stored(self.release.speed / (2.0 * np.pi)),
                 "damping": stored(self.release.damping),
@@ -260,7 +287,9 @@ def read_touch(data: Json, nodes: Mapping[str, int], morph_names: Sequence[str])
     positive = min(pad, grip, deepest) > 0 and 0 < frequency < _MOST and 0 < damping < _MOST
     rising = all(len(each) and (np.diff(each[:, 0]) > 0).all() for each in keys.values())
     finite = all(np.isfinite(each).all() for each in (windows, rises, bend, np.array(turn), *keys.values()))
-    if not (positive and rising and finite) or len(targets) != TouchDrive.slides + len(windows):
+    limb = tuple(read_point(each, nodes, morph_names) for each in data.get("limb", ()))
+    count = TouchDrive.slides + len(windows) + (TouchDrive.bent if limb else 0)
+    if not (positive and rising and finite) or len(targets) != count or len(limb) not in (0, 2):
         raise ValueError
     if not len(rises) or not (np.diff(rises[:, 0]) > 0).all():
         raise ValueError
@@ -270,7 +299,20 @@ def read_touch(data: Json, nodes: Mapping[str, int], morph_names: Sequence[str])
         raise ValueError
     spring = Spring(2.0 * np.pi * frequency, damping)
     return TouchDrive(
-        str(data["name"]), anchors, pad, grip, deepest, spring, windows, rises, targets, keys, bend, tip, turn
+        name=str(data["name"]),
+        anchors=anchors,
+        pad=pad,
+        grip=grip,
+        deepest=deepest,
+        release=spring,
+        windows=windows,
+        rises=rises,
+        targets=targets,
+        keys=keys,
+        bend=bend,
+        tip=tip,
+        turn=turn,
+        limb=(limb[0], limb[1]) if limb else None,
     )
 
 

@@ -29,10 +29,10 @@ class Hand:
     drive: TouchDrive
     contact: Floats
 
-    @property
-    def weights(self) -> list[float]:
-        """The weights of the drive's targets."""
-        found: list[float] = self.drive.weights(self.contact[None])[0].tolist()
+    def weights_in(self, rig: Rig, clip: Clip | None, time: float) -> list[float]:
+        """The weights of the drive's targets at a time of a clip."""
+        bends = self.drive.bends_in(rig, clip, np.array([time]))
+        found: list[float] = self.drive.weights(self.contact[None], bends)[0].tolist()
         return found
 
     @property

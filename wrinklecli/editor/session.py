@@ -411,7 +411,9 @@ class Session(Edits):
             node, held = -1, {}
             # An edit of the touch takes the hand away.
             if hand is not None and touched is not None and touched.attached.drive is hand.drive:
-                node, held = touched.ground.rig.node, dict(zip(touched.columns.tolist(), hand.weights, strict=True))
+                rig = touched.ground.rig
+                weights = hand.weights_in(rig.own, found, time)
+                node, held = rig.node, dict(zip(touched.columns.tolist(), weights, strict=True))
             return [
                 ShownMesh(
                     each,

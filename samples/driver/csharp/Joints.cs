@@ -229,6 +229,7 @@ namespace Wrinkles
     {
         readonly Anchor[] anchors;
         readonly Anchor by;
+        readonly Anchor[] limb = new Anchor[0];
         readonly double pad, grip, deepest, turn;
         readonly double[] bend, windows;
         readonly Spring release;
@@ -243,6 +244,7 @@ namespace Wrinkles
         {
             anchors = Read.List(data["anchors"]).Select(each => new Anchor(each)).ToArray();
             by = data.TryGetValue("by", out var point) ? new Anchor(point) : null;
+            if (data.TryGetValue("limb", out var points)) limb = Read.List(points).Select(each => new Anchor(each)).ToArray();
             (pad, grip, deepest) = (Read.Number(data["pad"]), Read.Number(data["grip"]), Read.Number(data["deepest"]));
             (bend, windows) = (Read.Numbers(data["bend"]), Read.Numbers(data["windows"]));
             turn = data.TryGetValue("turn", out var angle) ? Read.Number(angle) : 0;
@@ -250,7 +252,7 @@ namespace Wrinkles
         }
 
         public override IEnumerable<string> Joints =>
-            (by == null ? anchors : anchors.Append(by)).SelectMany(each => each.Joints);
+            (by == null ? anchors : anchors.Append(by)).Concat(limb).SelectMany(each => each.Joints);
 
         public override double[] Weights(Frame frame, Func<string, double> morph)
         {
@@ -260,8 +262,22 @@ namespace Wrinkles
             var length = Math.Sqrt(f * f + s * s);
             var height = length > 0 ? rises.At(length)[0] / length : 0;
             var (along, across) = (Math.Cos(turn) * f + Math.Sin(turn) * s, Math.Cos(turn) * s - Math.Sin(turn) * f);
-            var ways = new[] { along, across, -along, -across }.Select(x => Math.Max(x, 0)).Append(V.Clamp(depth / deepest, 0, 1));
-            return ways.Concat(windows.Select(a => height * Math.Max(f * Math.Cos(a) + s * Math.Sin(a), 0))).ToArray();
+            var ways = new[] { along, across, -along, -across }.Select(x => Math.Max(x, 0)).ToArray();
+            var rings = windows.Select(a => height * Math.Max(f * Math.Cos(a) + s * Math.Sin(a), 0));
+            var sine = limb.Length > 0 ? Bend(frame, morph) : 0;
+            var sides = limb.Length > 0 ? new[] { Math.Max(sine, 0), Math.Max(-sine, 0) } : new double[0];
+            var changes = sides.SelectMany(side => ways.Select(way => side * way));
+            return ways.Append(V.Clamp(depth / deepest, 0, 1)).Concat(rings).Concat(changes).ToArray();
+        }
+
+        /// <summary>The sine of the bend of the limb beyond the joint, towards the skin.</summary>
+        double Bend(Frame frame, Func<string, double> morph)
+        {
+            var middle = anchors[0].Place(frame, morph);
+            var (a, b, c) = (Way(1, middle, frame, morph), Way(2, middle, frame, morph), Way(3, middle, frame, morph));
+            var volume = V.Dot(a, V.Cross(b, c));
+            var way = V.Minus(limb[1].Place(frame, morph), limb[0].Place(frame, morph));
+            return volume != 0 ? V.Clamp(V.Dot(way, V.Cross(a, b)) / volume, -1, 1) : 0;
         }
 
         /// <summary>Where a place of the world is: forward, sideways and above the skin, scene units at rest.</summary>

@@ -221,12 +221,29 @@ static func touch(body, data, state, hand):
 	var turn = data["turn"] if data.has("turn") else 0.0
 	var along = cos(turn) * slide[0] + sin(turn) * slide[1]
 	var across = cos(turn) * slide[1] - sin(turn) * slide[0]
+	var ways = []
 	for way in [along, across, -along, -across]:
-		found.append(Numbers.larger(way, 0.0))
+		ways.append(Numbers.larger(way, 0.0))
+	found += ways
 	found.append(Numbers.held(contact[2] / data["deepest"], 0.0, 1.0))
 	for window in data["windows"]:
 		found.append(height * Numbers.larger(slide[0] * cos(window) + slide[1] * sin(window), 0.0))
+	if data.has("limb"):
+		var sine = _bend(body, data)
+		for side in [sine, -sine]:
+			found += Numbers.times(Numbers.larger(side, 0.0), ways)
 	return found
+
+
+# The sine of the bend of the limb beyond the joint, towards the skin.
+static func _bend(body, data):
+	var middle = body.placed(data["anchors"][0])[0]
+	var axes = []
+	for k in [1, 2, 3]:
+		axes.append(Numbers.sum(body.placed(data["anchors"][k])[0], middle, -1.0))
+	var volume = Numbers.dot(axes[0], Numbers.cross(axes[1], axes[2]))
+	var way = Numbers.sum(body.placed(data["limb"][1])[0], body.placed(data["limb"][0])[0], -1.0)
+	return Numbers.held(Numbers.dot(way, Numbers.cross(axes[0], axes[1])) / volume, -1.0, 1.0) if volume != 0 else 0.0
 
 
 # Where a place of the world is: forward, sideways and above the skin, scene units at rest.

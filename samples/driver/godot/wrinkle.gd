@@ -93,7 +93,7 @@ static func joints_of(drive):
 	if drive.has("joint"):
 		return [drive["joint"], drive["parent"]] if drive.has("parent") else [drive["joint"]]
 	var found = []
-	for anchor in _anchors(drive) + ([drive["by"]] if drive.has("by") else []):
+	for anchor in _anchors(drive) + ([drive["by"]] if drive.has("by") else []) + drive.get("limb", []):
 		found += anchor["joints"]
 	return found
 

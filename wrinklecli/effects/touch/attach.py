@@ -11,9 +11,10 @@ from wrinklecli.character.surface import influence_count
 from wrinklecli.drive.touch import TouchDrive, turned
 from wrinklecli.effects.effect import Moves
 from wrinklecli.effects.muscle.attach import Bones, carried_by
+from wrinklecli.effects.touch.bending import LEAST_CHANGE, Bending, bending_of
 from wrinklecli.effects.touch.disc import Disc, disc_on
 from wrinklecli.effects.touch.rings import Rings, plan_rings
-from wrinklecli.effects.touch.skin import Hold, Place, hold_of, slides_of, slides_on_surface
+from wrinklecli.effects.touch.skin import Hold, Place, hold_of, slides_on, slides_on_surface
 from wrinklecli.errors import BakeError, WrinkleError
 from wrinklecli.numeric.arrays import Floats, inverses, singular, smoothstep, unit
 from wrinklecli.numeric.membrane import stretches
@@ -53,6 +54,7 @@ class AttachedTouch:
         tool: The touch of the tools file.
         place: Where it is.
         hold: How the coarse skin is held.
+        bending: The joint that bends its skin; None if none does.
         drive: The names of the targets, and their weights.
         rings: The rings; None for a slide alone.
         disc: The region that is refined.
@@ -64,6 +66,7 @@ class AttachedTouch:
     tool: Touch
     place: Place
     hold: Hold
+    bending: Bending | None
     drive: TouchDrive
     rings: Rings | None
     disc: Disc
@@ -106,7 +109,8 @@ def attach_touches(touches: Sequence[Touch], ground: Ground, settings: ToolsFile
 
 def _attach(tool: Touch, ground: Ground, settings: ToolsFile) -> AttachedTouch:
     place = _place(tool, ground, settings)
-    hold = hold_of(ground, place, _softness(tool, ground))
+    soft = _softness(tool, ground)
+    hold = hold_of(ground, place, soft)
     grip, deepest = tool.grip.resolve(tool.pad), tool.press.resolve(tool.pad)
     radius, intervals, height = _size(tool, place)
     disc = disc_on(ground.rest, place, radius, intervals, height, hold.still)
@@ -126,9 +130,13 @@ def _attach(tool: Touch, ground: Ground, settings: ToolsFile) -> AttachedTouch:
         poses=ground.poses[:1],
         tolerance=np.inf,
     )
-    slides = slides_on(fine, place, hold)
+    slides = slides_on(fine, fine.rest_positions, place, hold)
     if not slides.any(axis=(1, 2)).all():
         raise BakeError("does not move the skin there: nothing of it is free to slide", where=tool.place_of(0))
+    bending = bending_of(ground, place, hold, soft, slides[:, : len(ground.rest.positions)])
+    changes = None if bending is None else bending.changes(fine, slides)
+    if changes is None or np.sqrt((changes**2).sum(axis=3)).max() < LEAST_CHANGE:
+        bending = changes = None
     bend = _bend(fine, place)
     drive = TouchDrive(
         name=tool.name,
@@ -139,17 +147,20 @@ def _attach(tool: Touch, ground: Ground, settings: ToolsFile) -> AttachedTouch:
         release=Spring(2.0 * np.pi * tool.release.frequency, tool.release.damping),
         windows=np.zeros(0),
         rises=np.array([[0.0, 0.0], [1.0, 1.0]]),
-        targets=_names(tool, 0),
+        targets=_names(tool, 0, bending),
         keys={clip: np.array(keys) for clip, keys in tool.keys.items()},
         bend=bend,
         tip=_tip(tool, ground),
         turn=_turn(bend, grip),
+        limb=None if bending is None else bending.limb,
     )
     rings = None
     if tool.wrinkles is not None:
         main = _main_direction(drive, ground)
         rings = plan_rings(tool, tool.wrinkles, place, grip, main, slides, fine.rest_positions, fine.rest_normals)
-        drive = replace(drive, windows=rings.angles, rises=rings.rises, targets=_names(tool, len(rings.angles)))
+        drive = replace(
+            drive, windows=rings.angles, rises=rings.rises, targets=_names(tool, len(rings.angles), bending)
+        )
     strain = _strain(fine, slides * grip)
     if strain < TURNED:
         raise BakeError(
@@ -159,8 +170,8 @@ def _attach(tool: Touch, ground: Ground, settings: ToolsFile) -> AttachedTouch:
         )
     touched = tuple(clip.name for clip in ground.clips if drive.strokes_in(ground.rig.own, clip))
     still = np.zeros((0, *ground.rest.positions.shape))
-    bare = AttachedTouch(tool, place, hold, drive, rings, disc, touched, strain, still)
-    return replace(bare, deltas=_deltas(bare, fine, slides)[:, : len(ground.rest.positions)])
+    bare = AttachedTouch(tool, place, hold, bending, drive, rings, disc, touched, strain, still)
+    return replace(bare, deltas=_deltas(bare, fine, slides, changes)[:, : len(ground.rest.positions)])
 
 
 def _size(tool: Touch, place: Place) -> tuple[float, float, float]:
@@ -236,9 +247,10 @@ def _limb(ground: Ground, at: Floats) -> Floats:
     return np.asarray(bones.ends[number] - bones.starts[number])
 
 
-def _names(tool: Touch, windows: int) -> tuple[str, ...]:
+def _names(tool: Touch, windows: int, bending: Bending | None) -> tuple[str, ...]:
     """The names of the targets."""
-    return tuple(f"wrinkle_{tool.identifier}_{number}" for number in range(1, TouchDrive.slides + windows + 1))
+    count = TouchDrive.slides + windows + (0 if bending is None else TouchDrive.bent)
+    return tuple(f"wrinkle_{tool.identifier}_{number}" for number in range(1, count + 1))
 
 
 def _tip(tool: Touch, ground: Ground) -> CarriedPoint | None:
@@ -312,13 +324,6 @@ def _anchors(ground: Ground, place: Place) -> tuple[CarriedPoint, ...]:
     return tuple(found)
 
 
-def slides_on(fine: Refinement, place: Place, hold: Hold) -> Floats:
-    """(2, fine vertices, 3) slides forward and sideways on the refined skin, as `slides_of`."""
-    spread = fine.subdivision.interpolate(np.column_stack([hold.tethers, hold.still, hold.normals]))
-    spread_hold = Hold(spread[:, 0], spread[:, 1], unit(spread[:, 2:]))
-    return slides_of(place, fine.rest_positions, fine.triangles, spread_hold)
-
-
 def _strain(fine: Refinement, slides: Floats) -> float:
     """The greatest compression of the refined skin at (2, fine vertices, 3) greatest slides in any direction."""
     chosen = np.flatnonzero(np.any(slides, axis=(0, 2))[fine.triangles].any(axis=1))
@@ -329,10 +334,12 @@ def _strain(fine: Refinement, slides: Floats) -> float:
     return float(stretches(before, before + moved).min(initial=1.0)) - 1.0
 
 
-def _deltas(attached: AttachedTouch, fine: Refinement, slides: Floats | None = None) -> Floats:
+def _deltas(
+    attached: AttachedTouch, fine: Refinement, slides: Floats | None = None, changes: Floats | None = None
+) -> Floats:
     """(targets, fine vertices, 3) displacements at weight 1 on the refined skin, bind space."""
     place, drive, rings = attached.place, attached.drive, attached.rings
-    found = slides_on(fine, place, attached.hold) if slides is None else slides
+    found = slides_on(fine, fine.rest_positions, place, attached.hold) if slides is None else slides
     ways = np.tensordot(turned(drive.turn), found, axes=1) if drive.turn else found
     positions, normals = fine.rest_positions, fine.rest_normals
     moving = np.any(found, axis=(0, 2))
@@ -344,6 +351,11 @@ def _deltas(attached: AttachedTouch, fine: Refinement, slides: Floats | None = N
     ]
     if rings is not None:
         parts.append(rings.displacements(place, found, positions, normals) * moving[:, None])
+    if attached.bending is not None:
+        changed = attached.bending.changes(fine, found) if changes is None else changes
+        for change in drive.grip * changed:
+            along = np.tensordot(turned(drive.turn), change, axes=1) if drive.turn else change
+            parts += [along, -along]
     whole = np.concatenate(parts)
     chosen = np.flatnonzero(np.any(whole, axis=(0, 2)) & ~singular(fine.blended))
     deltas = np.zeros(whole.shape)

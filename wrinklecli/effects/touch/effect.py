@@ -31,7 +31,7 @@ class TouchEffect(BodyEffect[AttachedTouch]):
         """The slide of the tip, and the targets that are written."""
         drive, columns = self.attached.drive, self.columns
         rings = columns[columns >= TouchDrive.slides] - TouchDrive.slides
-        return replace(drive, windows=drive.windows[rings], targets=self.target_names)
+        return replace(drive, windows=drive.windows[rings[rings < len(drive.windows)]], targets=self.target_names)
 
     def stored_weights(self, _rig: Rig) -> Floats:
         """(targets,) zeros: nothing touches the stored pose."""

@@ -17,6 +17,8 @@ from wrinklecli.tools.records import EffectTool, ToolsFile
 
 # Slides over the greatest at which normals are fitted, in as many directions.
 _FITTED, _DIRECTIONS = (0.4, 0.8), 8
+# Sine of the bend at which the normals of its changes are fitted.
+_BENT = 0.7
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +48,9 @@ class TouchLayer(BodyLayer[AttachedTouch]):
         slid = np.concatenate([part * drive.grip * np.pad(ways, ((0, 0), (0, 1))) for part in _FITTED])
         dented = slid + np.array([0.0, 0.0, _FITTED[-1] * drive.deepest])
         rows = drive.weights(np.concatenate([slid, dented, [[0.0, 0.0, drive.deepest]]]))
+        if drive.limb is not None:
+            bent = slid[-len(ways) :]
+            rows = np.concatenate([rows, *(drive.weights(bent, np.full(len(bent), bend)) for bend in (-_BENT, _BENT))])
         identifier = attached.tool.identifier
         return TouchEffect(identifier, body_targets(plan, identifier, deltas, rows), attached, deltas)
 

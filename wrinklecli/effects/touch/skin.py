@@ -15,6 +15,7 @@ from wrinklecli.effects.muscle.attach import Bones
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, unit
 from wrinklecli.numeric.membrane import Membrane
 from wrinklecli.surface.ground import Ground
+from wrinklecli.surface.refine import Refinement
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -88,15 +89,16 @@ class Hold:
     normals: Floats
 
 
-def hold_of(ground: Ground, place: Place, soft: Floats | None) -> Hold:
+def hold_of(ground: Ground, place: Place, soft: Floats | None, still: Floats | None = None) -> Hold:
     """Find how the coarse skin is held.
 
     Args:
-        ground: The mesh at rest.
+        ground: The mesh at rest, or in another pose.
         place: The place of the touch.
         soft: (vertices,) factors from 0 to 1 of a mask; None without one.
+        still: (vertices,) as found at rest, for another pose; None at rest.
     """
-    rest, surface = ground.rest, ground.surface
+    rest = ground.rest
     positions, triangles = rest.positions, rest.triangles
     starts, ends = (
         np.concatenate([triangles, triangles[:, ::-1]]).reshape(-1),
@@ -115,16 +117,25 @@ def hold_of(ground: Ground, place: Place, soft: Floats | None) -> Hold:
         depths = bone_distances(positions, segments)
         (own,) = bone_distances(place.at[None], segments)
         tethers *= np.clip((own / np.maximum(depths, 1e-12)) ** 2, *_BONES)
+    held = _still(ground, place, soft) if still is None else still > 0
+    if soft is not None:
+        tethers /= np.maximum(soft, _LEAST_SOFT) ** 2
+    return Hold(tethers, held.astype(np.float64), _smooth_normals(positions, triangles, rest.normals, ~held, place))
+
+
+def _still(ground: Ground, place: Place, soft: Floats | None) -> Bools:
+    """(vertices,) True for those that do not move: of other meshes, materials, limbs, and hard ones of a mask."""
+    rest, surface = ground.rest, ground.surface
+    triangles = rest.triangles
     still = ground.contacts.copy()
     looks = ground.looks[surface.primitives]
     triangle, _, _ = rest.blocks.closest_point(place.at)
     other = looks != looks[triangle]
     still[triangles[other]] = True
-    still |= ~_joined(positions, triangles[~other], int(triangles[triangle][0]), place)
+    still |= ~_joined(rest.positions, triangles[~other], int(triangles[triangle][0]), place)
     if soft is not None:
         still |= soft < _LEAST_SOFT
-        tethers /= np.maximum(soft, _LEAST_SOFT) ** 2
-    return Hold(tethers, still.astype(np.float64), _smooth_normals(positions, triangles, rest.normals, ~still, place))
+    return still
 
 
 def _smooth_normals(positions: Floats, triangles: Ints, normals: Floats, moving: Bools, place: Place) -> Floats:
@@ -185,6 +196,12 @@ def slides_of(place: Place, positions: Floats, triangles: Ints, hold: Hold) -> F
         mean = float(weights @ (slide @ axis)) / float(weights.sum())
         into[used] = slide / mean if mean > 0 else 0.0
     return found
+
+
+def slides_on(fine: Refinement, positions: Floats, place: Place, hold: Hold) -> Floats:
+    """(2, fine vertices, 3) slides on the refined skin at (fine vertices, 3) positions, as `slides_of`."""
+    spread = fine.subdivision.interpolate(np.column_stack([hold.tethers, hold.still, hold.normals]))
+    return slides_of(place, positions, fine.triangles, Hold(spread[:, 0], spread[:, 1], unit(spread[:, 2:])))
 
 
 def slides_on_surface(positions: Floats, normals: Floats, slides: Floats) -> Floats:

@@ -15,7 +15,7 @@ from wrinklecli.character.pose import joint_matrices, morph_weights
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.drive import Drive, StoredDrive, wrinkle_entry
 from wrinklecli.drive.segment import Segment
-from wrinklecli.drive.touch import turned
+from wrinklecli.drive.touch import TouchDrive, turned
 from wrinklecli.effects.body import BodyLayer, largest_moves, moves_at_rest
 from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.effects.sampling import moving_clips
@@ -131,7 +131,7 @@ def _forward(targets: Sequence[str], windows: Floats, turn: float) -> dict[str, 
     """The weights of a touch's targets at its greatest slide forward, by name; see `TouchDrive`."""
     along = turned(turn)[:, 0]
     weights = np.maximum(np.concatenate([along, -along, [0.0], np.cos(windows)]), 0.0)
-    return dict(zip(targets, weights.tolist(), strict=True))
+    return {name: float(weight) for name, weight in zip(targets, np.pad(weights, (0, TouchDrive.bent)), strict=False)}
 
 
 def _touches_on(asset: ShownAsset, node: int) -> dict[str, dict[str, float]]:
