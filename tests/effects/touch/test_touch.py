@@ -1,5 +1,6 @@
 """Touch from the tools file to the player: slide, rings, proof, and what is refused."""
 
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -81,13 +82,14 @@ def test_the_skin_stays_on_a_curved_surface(part: float, aslant: float) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("aslant", [0.0, 0.042, -0.1])
 def test_the_skin_stays_on_the_back_of_a_hand(aslant: float) -> None:
-    """A slide of 10 mm leaves it by half a millimetre, of what moves 99 %, whatever direction is forward."""
+    """Slides of up to 10 mm leave it by half a millimetre, of what moves 99 %, whatever direction is forward."""
     spot = touch(at=[0.042, 0.0178, 0.0], towards=[0.0, 0.0178, aslant], keys={})
     file = baked("wrist", {**spot, "wrinkles": "none"}, levels=3)
     triangles = file.triangles("wrist")
-    for angle in np.arange(8) * np.pi / 4:
-        positions, moved = moves(file, (GRIP * np.cos(angle), GRIP * np.sin(angle), 0.0), "wrist")
-        moving = np.flatnonzero(np.linalg.norm(moved, axis=1) > 0.01 * GRIP)
+    for angle, part in product(np.arange(8) * np.pi / 4, (0.5, 1.0)):
+        slide = part * GRIP * np.array([np.cos(angle), np.sin(angle)])
+        positions, moved = moves(file, (slide[0], slide[1], 0.0), "wrist")
+        moving = np.flatnonzero(np.linalg.norm(moved, axis=1) > 0.01 * part * GRIP)
         ends = positions[moving] + moved[moving]
         faces, shares = nearest_on_mesh(ends, positions, triangles)
         off = np.linalg.norm(np.einsum("pk,pkx->px", shares, positions[triangles[faces]]) - ends, axis=1)

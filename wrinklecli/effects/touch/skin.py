@@ -39,9 +39,9 @@ _CURVED = 4.0
 _LEAST_FACING = 0.05
 # Vertices near the end of a slide by which the surface is found there.
 _NEIGHBOURS = 8
-# Slides at which the four ways are fitted to the surface: their directions, and their lengths over the greatest, among
-# which long ones leave the surface most.
-_FITTED_DIRECTIONS, _FITTED_LENGTHS = 8, (0.5, 1.0)
+# Directions of the greatest slides to which the four ways are fitted: on a real hand slides of up to 10 mm are at most
+# 0.48 mm off at 99 %. Fitted to 8 directions, and to slides of half the length as well, they were 0.55.
+_FITTED_DIRECTIONS = 16
 # Least factor of a mask below which skin does not move.
 _LEAST_SOFT = 0.02
 
@@ -209,7 +209,7 @@ def slides_on_surface(positions: Floats, normals: Floats, slides: Floats) -> Flo
 
     A slide along a tangent leaves a surface of radius R by half its square over R, but moves add up linearly: a move
     that ends on the surface is too low at a half of it, and beside another one. So each gets the part along the normals
-    that fits slides of all directions and lengths best, by least squares.
+    that fits the greatest slides of all directions best, by least squares.
 
     Args:
         positions: (vertices, 3) of the skin.
@@ -219,7 +219,7 @@ def slides_on_surface(positions: Floats, normals: Floats, slides: Floats) -> Flo
     from scipy.spatial import cKDTree
 
     angles = np.arange(_FITTED_DIRECTIONS) * (2.0 * np.pi / _FITTED_DIRECTIONS)
-    ways = np.multiply.outer(_FITTED_LENGTHS, np.stack([np.cos(angles), np.sin(angles)], axis=1)).reshape(-1, 2)
+    ways = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     fit = np.linalg.pinv(np.maximum(np.concatenate([ways, -ways], axis=1), 0.0))
     tree = cKDTree(positions)
     moving = np.flatnonzero(np.any(slides, axis=(0, 2)))
