@@ -9,6 +9,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout, suppress
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from threading import Event, Thread
@@ -362,7 +363,6 @@ def _check_killed(before: dict[str, bytes], middle: dict[str, bytes], after: dic
 
 def _kill(case: Case, folder: Path) -> dict[str, bytes] | None:
     """Run a command in a process that a signal ends in the middle, if a case has one; the files that are left."""
-    action = _save if case.arguments[0] == "edit" else run
     for name, _, line in [edit for edit in case.edits if edit[1] == "kill"]:
         child = os.fork()
         if child == 0:
@@ -373,7 +373,10 @@ def _kill(case: Case, folder: Path) -> dict[str, bytes] | None:
                 for sign in (signal.SIGTERM, signal.SIGINT):
                     signal.signal(sign, signal.SIG_DFL)
                 signal_at_line(line, signal.Signals[name], nowhere)
-                action(case.arguments, folder)
+                if case.arguments[0] == "edit":
+                    _save(case.arguments, folder)
+                else:
+                    _run(replace(case, edits=[]), case.arguments, folder)  # what watches files ends by itself
             finally:
                 os._exit(0)
         os.waitpid(child, 0)
