@@ -31,7 +31,7 @@ def test_the_answer_is_the_equation_s(damping: float) -> None:
     fine = np.linspace(0.0, 1.5, 24_001)
     given_there = signal.signal()(fine)[:, 0]
     assert given_there == pytest.approx(np.maximum(fitted.signal()(fine)[:, 0], 0.0), abs=1e-12)
-    found = respond(Spring(SPEED, damping), signal, periodic=False).at(fine)
+    found = respond(Spring(SPEED, damping), signal, periodic=False).at(fine)[:, 0]
     step = fine[1]
     slope = (found[2:] - found[:-2]) / (2.0 * step)
     bend = (found[2:] - 2.0 * found[1:-1] + found[:-2]) / step**2
@@ -64,7 +64,7 @@ def test_without_overshoot_from_a_damping_of_1_on(signal: list[float], damping: 
     """Whatever it follows, however sudden: the answer stays between the least and the greatest."""
     times = np.cumsum([0.0] + [gap if k % 2 else 0.04 for k in range(len(signal) - 1)])
     above = np.maximum(signal, 0.0)
-    found = answer(np.array(signal), times, damping).at(np.linspace(0.0, times[-1] + 1.0, 300))
+    found = answer(np.array(signal), times, damping).at(np.linspace(0.0, times[-1] + 1.0, 300))[:, 0]
     assert found.min() >= above.min() - 1e-6
     assert found.max() <= above.max() + 1e-6
 

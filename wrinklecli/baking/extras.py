@@ -34,7 +34,7 @@ def name_joints(edited: EditedDocument, plan: MeshPlan, effects: Sequence[Effect
     Indices would do for this file alone: optimisers number nodes anew, and players keep names.
     """
     rig, gltf = plan.rig, edited.gltf
-    joints = sorted({node for effect in effects if effect.drive is not None for node in effect.drive.nodes})
+    joints = sorted({node for drive in [each.drive for each in effects] if drive is not None for node in drive.nodes})
     if not isinstance(gltf["nodes"][rig.node].get("extras", {}), dict):
         return JointNames()
     unnamed = [node for node in joints if not gltf["nodes"][node].get("name")]
@@ -65,10 +65,10 @@ def encode_extras(edited: EditedDocument, plan: MeshPlan, effects: Sequence[Effe
         return
     sections: dict[str, list[Json]] = {_TOOLS: []}
     undriven: list[str] = []
-    nodes = {node for effect in effects if effect.drive is not None for node in effect.drive.nodes}
+    drives = [each.drive for each in effects]
+    nodes = {node for drive in drives if drive is not None for node in drive.nodes}
     names = player_names(edited.gltf, rig, nodes)
-    for effect in effects:
-        drive = effect.drive
+    for effect, drive in zip(effects, drives, strict=True):
         if drive is None:
             undriven += [target.name for target in targets_of([effect])]
         else:

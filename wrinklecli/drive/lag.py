@@ -44,7 +44,7 @@ class SpringFilter:
             distances: (frames,) distances of the ends, scene units; infinite while the tool is inactive.
             rest_lengths: (frames,) scene units.
         """
-        shares = np.minimum(self.response.at(times), TAUT)
+        shares = np.minimum(self.response.at(times)[:, 0], TAUT)
         # While nothing is to rise, the distance of a stretched segment stays as it is.
         slack = np.maximum(distances, TAUT * rest_lengths)
         return np.where((shares > 0) & np.isfinite(distances), (TAUT - shares) * rest_lengths, slack)

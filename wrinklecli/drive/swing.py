@@ -86,11 +86,11 @@ class Mode:
 class Swing:
     """Flesh over one clip: each mode's springs along x, y and z of the world."""
 
-    responses: tuple[tuple[SpringResponse, ...], ...]
+    responses: tuple[SpringResponse, ...]
 
     def at(self, times: Floats) -> Floats:
         """(frames, modes, 3) vectors r at (frames,) seconds."""
-        return np.stack([np.stack([each.at(times) for each in axes], axis=1) for axes in self.responses], axis=1)
+        return np.stack([each.at(times) for each in self.responses], axis=1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,9 +122,9 @@ class SwingDrive:
         """The nodes whose matrices the drive needs."""
         return frozenset({self.node})
 
-    def carried(self, rig: Rig, clip: Clip | None, times: Floats) -> Carried:
-        """The joint at (frames,) seconds of a clip; in the stored pose if `clip` is None."""
-        (rows,) = node_rows(rig, clip, times, [self.node])
+    def carried(self, rig: Rig, clip: Clip | None, times: Floats, known: dict[int, Floats] | None = None) -> Carried:
+        """The joint at (frames,) seconds of a clip, or in the stored pose; `known` is as in `node_rows`."""
+        (rows,) = node_rows(rig, clip, times, [self.node], known)
         matrices = np.broadcast_to(rows, (3, 4, len(times))).transpose(2, 0, 1)
         places = matrices[:, :, :3] @ self.at + matrices[:, :, 3]
         lengths = np.sqrt((matrices[:, :, :3] ** 2).sum(axis=1, keepdims=True))
@@ -153,19 +153,20 @@ class SwingDrive:
         accelerations, pulls_between = (_spline(times, each, periodic=periodic) for each in (places, pulls))
         spans = np.diff(times)
         forces = pulls_between - _bent(accelerations, spans)
-        responses = []
-        for mode in self.modes:
-            powers = forces / mode.spring.speed**2
-            signals = [Quartics(times[:-1], spans, powers[:, :, axis, None]) for axis in range(3)]
-            responses.append(tuple(respond(mode.spring, each, periodic=periodic) for each in signals))
-        return Swing(tuple(responses))
+        signals = [Quartics(times[:-1], spans, forces / mode.spring.speed**2) for mode in self.modes]
+        pairs = zip(self.modes, signals, strict=True)
+        return Swing(tuple(respond(mode.spring, each, periodic=periodic) for mode, each in pairs))
 
     def weights_in(self, rig: Rig, clip: Clip | None) -> Signal:
         """A function from (frames,) seconds of a clip to (frames, targets) weights; None is the stored pose."""
         if clip is None:
             return lambda times: nonnegative(self.numbers(*self._settled(rig, times)))
-        swing = self.swing(rig, clip)
-        return lambda times: nonnegative(self.numbers(swing.at(times), self.carried(rig, clip, times)))
+        return lambda times: self.weights_at(rig, clip, times)
+
+    def weights_at(self, rig: Rig, clip: Clip, times: Floats, known: dict[int, Floats] | None = None) -> Floats:
+        """(frames, targets) weights at (frames,) seconds of a clip; `known` is as in `node_rows`."""
+        carried = self.carried(rig, clip, times, known)
+        return nonnegative(self.numbers(self.swing(rig, clip).at(times), carried))
 
     def _settled(self, rig: Rig, times: Floats) -> tuple[Floats, Carried]:
         """(frames, modes, 3) vectors of a body that stands in its stored pose, and its joint."""

@@ -119,6 +119,7 @@ class BodyLayer(ABC, Generic[AttachedType]):
 
     section: ClassVar[str]
     drives_alone: ClassVar[bool] = True
+    samples_anew: ClassVar[bool] = True
     named_clips: ClassVar[frozenset[str]] = frozenset()
     projected: ClassVar[int] = 0
 

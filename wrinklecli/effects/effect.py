@@ -301,6 +301,11 @@ class Layer(Protocol):
         ...
 
     @property
+    def samples_anew(self) -> bool:
+        """True if it samples the effects before it again, with its own, and does not look at their motions."""
+        ...
+
+    @property
     def moved(self) -> Sequence[Ints]:
         """The fine welded vertices that each effect may move."""
         ...

@@ -32,8 +32,11 @@ def sample_effects(plan: MeshPlan, clips: Sequence[Clip], how: SamplingOptions) 
     moving = list(clips) if how.mode == "frames" else moving_clips(plan, clips)
     effects: list[Effect] = []
     motions: list[Motion] = []
-    for layer in plan.layers:
-        effects, motions = layer.sample(plan, moving, effects, motions, how)
+    anew = [number for number, layer in enumerate(plan.layers) if layer.samples_anew]
+    for number, layer in enumerate(plan.layers):
+        # Nobody looks at motions before the last layer that samples all effects so far: a half of the time with flesh.
+        clips_of = moving if number >= max(anew, default=0) else []
+        effects, motions = layer.sample(plan, clips_of, effects, motions, how)
     return effects, motions
 
 

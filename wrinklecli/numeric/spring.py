@@ -58,14 +58,14 @@ class Spring:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SpringResponse:
-    """The response of a spring to a signal, at any time.
+    """The response of a spring to each value of a signal, at any time.
 
     Attributes:
         begins: (pieces,) sorted seconds.
         spans: (pieces,) seconds.
-        powers: (pieces, 5) coefficients of the polynomial solution, the constant first, of the elapsed fraction of the
-            piece.
-        states: (pieces, 2) difference y of the state from this solution where a piece begins, and y'/ω.
+        powers: (pieces, 5, values) coefficients of the polynomial solution, the constant first, of the elapsed fraction
+            of the piece.
+        states: (pieces, 2, values) difference y of the state from this solution where a piece begins, and y'/ω.
     """
 
     spring: Spring
@@ -75,25 +75,31 @@ class SpringResponse:
     states: Floats
 
     def at(self, times: Floats) -> Floats:
-        """(times,) x at seconds, held before the first piece and after the last."""
+        """(times, values) x at seconds, held before the first piece and after the last."""
         held = np.clip(times, self.begins[0], self.begins[-1] + self.spans[-1])
         which = np.clip(np.searchsorted(self.begins, held, side="right") - 1, 0, len(self.begins) - 1)
         elapsed = held - self.begins[which]
-        y, u = self.states[which].T
-        cosine, sine = self.spring.decay(self.spring.speed * elapsed)
-        answer = _polynomial(self.powers[which], elapsed / self.spans[which])
+        y, u = self.states[which].transpose(1, 0, 2)
+        cosine, sine = (each[:, None] for each in self.spring.decay(self.spring.speed * elapsed))
+        answer = _polynomial(self.powers[which], (elapsed / self.spans[which])[:, None])
         found: Floats = answer + cosine * y + sine * (u + self.spring.damping * y)
         return found
 
 
 def respond(spring: Spring, signal: Quartics, *, periodic: bool) -> SpringResponse:
-    """Let a spring follow a signal of one value.
+    """Let a spring follow each value of a signal.
 
     If the signal is `periodic`, the state at the end is that at the beginning. Otherwise the spring begins at rest, at
     the signal's first value.
     """
-    powers = signal.powers[:, :, 0]
     turns = spring.speed * signal.spans
+    every = [_respond(spring, powers, turns, periodic=periodic) for powers in signal.powers.transpose(2, 0, 1)]
+    answers, states = (np.stack(each, axis=2) for each in zip(*every, strict=True))
+    return SpringResponse(spring, signal.begins, signal.spans, answers, states)
+
+
+def _respond(spring: Spring, powers: Floats, turns: Floats, *, periodic: bool) -> tuple[Floats, Floats]:
+    """The `powers` and `states` of the response to (pieces, 5) powers of one value, on pieces of (pieces,) `turns`."""
     short = turns < _STRAIGHT
     powers = np.where(short[:, None], _straight(powers), powers)
     answers = _answers(powers, turns, spring.damping)
@@ -108,7 +114,7 @@ def respond(spring: Spring, signal: Quartics, *, periodic: bool) -> SpringRespon
         whole = np.concatenate([[0.0], np.cumsum(turns)])
         left = _transitions(*spring.decay(whole), spring.damping)
         states = states + left[:-1] @ np.linalg.solve(np.eye(2) - left[-1], last)
-    return SpringResponse(spring, signal.begins, signal.spans, answers, states - begins)
+    return answers, states - begins
 
 
 def _straight(powers: Floats) -> Floats:
@@ -149,7 +155,7 @@ def _transitions(cosines: Floats, sines: Floats, damping: float) -> Floats:
 
 
 def _polynomial(powers: Floats, fractions: Floats) -> Floats:
-    """(pieces,) values of (pieces, 5) polynomials at (pieces,) fractions of the pieces."""
+    """(pieces, values) values of (pieces, 5, values) polynomials at (pieces, 1) fractions of the pieces."""
     value = powers[:, 4]
     for power in range(3, -1, -1):
         value = value * fractions + powers[:, power]

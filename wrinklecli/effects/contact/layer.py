@@ -33,6 +33,7 @@ class ContactLayer:
 
     section: ClassVar[str] = "folds"  # as ContactEffect's, which other bakes do not import
     drives_alone: ClassVar[bool] = False
+    samples_anew: ClassVar[bool] = False
     named_clips: ClassVar[frozenset[str]] = frozenset()
     keyed_clips: ClassVar[frozenset[str]] = frozenset()
     sampled_numbers: ClassVar[int] = 0

@@ -2,10 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from wrinklecli.character.rig import Rig
 from wrinklecli.drive.swing import SwingDrive
 from wrinklecli.effects.body import BodyEffect
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, targets_of
@@ -42,6 +43,12 @@ class FleshEffect(BodyEffect[AttachedFlesh]):
         """Count the regions, and their targets."""
         regions = counted(len(effects), "region of flesh", "regions of flesh")
         return f"{regions} in {counted(len(targets_of(effects)), 'morph target')}"
+
+    @classmethod
+    def observe(cls, effects: Sequence[Self], rig: Rig, motion: Motion, times: Floats, _known: Sequence[Any]) -> Any:
+        """The weights of each at all times; the joints of all are posed once."""
+        rows: dict[int, Floats] = {}
+        return [each.drive.weights_at(rig.own, motion.clip, times, rows) for each in effects]
 
     def describe(self, plan: MeshPlan) -> Json:
         """The region's entry in the report; lengths are scene units."""

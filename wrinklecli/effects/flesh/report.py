@@ -55,8 +55,9 @@ def region_warnings(attached: AttachedFlesh, rig: Rig, clips: Sequence[tuple[Cli
             f"{name}: {listed(attached.covers)} over it {stay} in place: the skin may come through; `meshes` lets"
             " clothes move along"
         )
-    told = any(in_place(rig, clip) for clip, _ in clips)
-    if clips and not told and all(_moves(weights).max(initial=0.0) < _SEEN for _, weights in clips):
+    still = bool(clips) and all(_moves(weights).max(initial=0.0) < _SEEN for _, weights in clips)
+    # Of clips in place, the layer has told.
+    if still and not any(in_place(rig, clip) for clip, _ in clips):
         warnings.append(
             f"{name}: hardly moves in {listed([clip.name for clip, _ in clips])}, where {rig.names[node]!r} keeps its"
             " place: a clip in place holds no motion of the root, which only a player adds, and a driver in the player"

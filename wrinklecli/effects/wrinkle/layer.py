@@ -42,6 +42,7 @@ class WrinkleLayer:
 
     section: ClassVar[str] = WrinkleEffect.section
     drives_alone: ClassVar[bool] = False
+    samples_anew: ClassVar[bool] = True
 
     @property
     def moved(self) -> Sequence[Ints]:
