@@ -37,6 +37,7 @@ def plan_mesh(
     influences: int | None = None,
     max_vertices: int = MAX_VERTICES,
     neighbours: Neighbours | None = None,
+    stored: bool = True,
 ) -> MeshPlan:
     """Attach tools to the mesh of a node and refine it: the part of a bake that depends on mesh and tools only.
 
@@ -50,13 +51,16 @@ def plan_mesh(
         influences: Most joints of a new vertex; by default as many as the asset's sets of joints can hold.
         max_vertices: Most vertices that refinement may add.
         neighbours: The neighbours in the document, if several meshes are planned.
+        stored: False if no file has to hold the new vertices: they may have any joints then.
 
     Raises:
         WrinkleError: Tools do not fit, a line for each.
     """
     ground = read_ground(document, node, tools, settings, clips, neighbours=neighbours)
     ground, attached = attach_effects(replace(ground, max_error=max_error), tools, settings)
-    return plan_on(ground, attached, settings, max_error, influences=influences, max_vertices=max_vertices)
+    return plan_on(
+        ground, attached, settings, max_error, influences=influences, max_vertices=max_vertices, stored=stored
+    )
 
 
 def attach_effects(
@@ -95,6 +99,7 @@ def plan_on(
     *,
     influences: int | None = None,
     max_vertices: int = MAX_VERTICES,
+    stored: bool = True,
 ) -> MeshPlan:
     """Plan tools that are attached already, as `plan_mesh` does."""
     document, rig, rest = ground.document, ground.rig, ground.rest
@@ -103,6 +108,8 @@ def plan_on(
         for kind in {type(each) for each in attached}
     )
     bound = max(max_error.resolve(tallest), _float32_error(rest))
+    # A new vertex is mixed from three of the asset's.
+    most = influence_count(document, rig) * (1 if stored else 3)
     fine = refine(
         ground.surface,
         rest,
@@ -110,7 +117,7 @@ def plan_on(
         rig,
         settings=settings.refinement,
         contacts=ground.contacts,
-        influences=min(influence_count(document, rig), influences or sys.maxsize),
+        influences=min(most, influences or sys.maxsize),
         poses=ground.poses,
         tolerance=_PRUNING_SHARE * bound,
         max_vertices=max_vertices,

@@ -3,7 +3,7 @@
 import json
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, get_args
@@ -11,25 +11,25 @@ from typing import Any, get_args
 import numpy as np
 
 from wrinklecli.baking.extras import METHOD, player_names
-from wrinklecli.baking.job import BakeOptions, ToolsPaths, read_job, tools_paths, wrinkles_alone
+from wrinklecli.baking.job import BakeOptions, Job, ToolsPaths, read_job, tools_paths, wrinkles_alone
 from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.baking.refined_mesh import RefinedPrimitive, old_values, primitives_of
+from wrinklecli.character.contacts import Neighbours
 from wrinklecli.choices import MapKind
 from wrinklecli.effects.effect import MeshPlan, SamplingOptions
 from wrinklecli.effects.sampling import sample_effects
-from wrinklecli.effects.wrinkle.bending import tallest_poses
 from wrinklecli.effects.wrinkle.effect import WrinkleEffect
 from wrinklecli.errors import AssetError, BakeError, counted, listed
 from wrinklecli.files.outputs import Outputs, part_of
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.pixels import png_of
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, unit
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, flags_of, unit
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.numeric.memory import MAX_MEMORY
 from wrinklecli.texture.map_files import MAPS_JSON, claim_folder, image_name
 from wrinklecli.texture.occlusion import REACH, occlusion
-from wrinklecli.texture.relief import ReliefOf, Textured
+from wrinklecli.texture.relief import Relief, Textured, plan_finely
 from wrinklecli.texture.tangents import mikk_tangents
 from wrinklecli.texture.texels import charted, covered, gutter, texture_steps
 
@@ -42,10 +42,15 @@ _GUTTER = 8
 _PRESENT = 0.02
 # Texels on which another shape may be without the two being kept apart: a line between two bumps.
 _TOUCHING = 0.02
+# Texels of two places that nobody sees, over those under wrinkles: charts that touch share some on their borders.
+_FEW = 1e-4
 # Part of the size of the mesh by which places on one texel may differ, such as on both sides of a seam.
 _SAME_PLACE = 1e-4
 # Bytes that a texel takes at most while the maps of a material are made, as measured at 1024 to 4096 texels a side.
 _TEXEL_BYTES = 145
+# Texels that a bump must be wide: with fewer, the linear filter turns normals of a bump of 45° by more than 2° between
+# texels, by 45° · (2π / texels)² / 8.
+_LEAST_TEXELS = 10
 # The values of 16 bits that stand for no height, and for white.
 _ZERO, _WHITE = 32768, 65535
 
@@ -84,7 +89,7 @@ class Maps:
         paths: The files, maps.json first.
         inputs: All files that were read.
         notes: A line for each effect that maps leave out.
-        warnings: A line for each fault of the texture's layout.
+        warnings: A line for each fault of the texture's layout, and for each tool that has too few texels.
     """
 
     data: Json
@@ -182,6 +187,7 @@ def make_maps(
         job.document.memory.check(_TEXEL_BYTES * options.size**2, pixels, where=job.document.path)
         materials: list[Json] = []
         nodes: list[Json] = []
+        neighbours = Neighbours(job.document)
         warnings: list[str] = list(job.warnings)
         files: dict[str, bytes] = {}
         for plan in plan_meshes(job):
@@ -189,8 +195,17 @@ def make_maps(
             effects = [each for each in sample_effects(plan, [], how)[0] if isinstance(each, WrinkleEffect)]
             nodes.append(_drives(job.document.gltf, plan, effects))
             warnings += _nameless(job.document, plan, effects)
-            for layout in _layouts(job.document, plan):
-                made = _made(plan, effects, layout, options, warnings)
+            layouts = _layouts(job.document, plan)
+            shown: dict[int | None, list[_Shown]] = {}
+            # One after another, as the finely refined meshes of all tools at once would take the memory of all.
+            for done, effect in enumerate(effects):
+                progress("refine", done, len(effects))
+                texel = _texel_size(plan, effect, layouts, options.size)
+                warnings += _too_few_texels(effect, texel)
+                for material, found in _shown_finely(job, plan, effect, neighbours, options, how, texel):
+                    shown.setdefault(material, []).extend(found)
+            for layout in layouts:
+                made = _made(plan, effects, layout, shown.get(layout.material, []), options, warnings)
                 taken = {each["name"] for each in materials}
                 name = _file_name(layout.name, taken)
                 sets = [each.encoded(name, number, options, files) for number, each in enumerate(made, start=1)]
@@ -507,34 +522,88 @@ class _Set:
         return seen.reshape(-1)
 
 
+def _texel_size(plan: MeshPlan, effect: WrinkleEffect, layouts: Sequence[_Layout], size: int) -> float:
+    """The side of a texel on the surface at rest, scene units: the median under a tool; 0 if it has no texel."""
+    moved = flags_of(effect.carried.vertices, len(plan.fine.positions))
+    sides = [np.zeros(0)]
+    for layout in layouts:
+        textured = _textured(plan, layout, size)
+        under = np.flatnonzero(any_of(moved, textured.triangles))
+        corners = plan.fine.rest_positions[textured.triangles[under]]
+        right, down = np.einsum("fdk,fkx->dfx", textured.steps[under], corners)
+        sides.append(np.sqrt(np.linalg.norm(np.cross(right, down), axis=1)))
+    every = np.concatenate(sides)
+    return float(np.median(every[every > 0.0])) if every.any() else 0.0
+
+
+def _too_few_texels(effect: WrinkleEffect, texel: float) -> list[str]:
+    """A warning if a tool's bumps have too few texels for their normals."""
+    patch = effect.carried.patch
+    width = 2.0 * patch.span / patch.curve.interval_count
+    if not texel or width >= _LEAST_TEXELS * texel:
+        return []
+    return [
+        f"{effect.name}: a bump is {width / texel:.2g} texels wide, and normals between fewer than {_LEAST_TEXELS} are"
+        " off by more than 2°: raise --size, or give the place more of the texture"
+    ]
+
+
+def _shown_finely(
+    job: Job,
+    plan: MeshPlan,
+    effect: WrinkleEffect,
+    neighbours: Neighbours,
+    options: MapOptions,
+    how: SamplingOptions,
+    texel: float,
+) -> Iterator[tuple[int | None, list[_Shown]]]:
+    """The shapes of a tool, with the number of each material that shows them."""
+    if not texel:
+        return
+    patch, side = effect.carried.patch, options.size * options.supersample
+    samples = patch.span / patch.intervals / texel * options.supersample
+    fine, own = plan_finely(job, plan.rig.node, patch.tool, neighbours, how, most_edges=samples)
+    relief = Relief.of(own, fine.fine)
+    for layout in _layouts(job.document, fine):
+        textured = _textured(fine, layout, side)
+        faces = np.flatnonzero(relief.covers(textured.triangles))
+        yield layout.material, _shown(effect, relief, textured, layout.uvs, faces, options)
+
+
 def _made(
-    plan: MeshPlan, effects: Sequence[WrinkleEffect], layout: _Layout, options: MapOptions, warnings: list[str]
+    plan: MeshPlan,
+    effects: Sequence[WrinkleEffect],
+    layout: _Layout,
+    shown: Sequence[_Shown],
+    options: MapOptions,
+    warnings: list[str],
 ) -> list[_Set]:
     """The sets of one material; a warning for wrinkles on texels that several places share."""
-    size, side = options.size, options.size * options.supersample
-    textured = _textured(plan, layout, side)
-    shown: list[_Shown] = []
-    wrinkled = np.zeros(len(layout.faces), np.bool_)
-    poses = tallest_poses([each.carried.patch for each in effects], plan.rig, plan.rest)
-    for effect, pose in zip(effects, poses, strict=True):
-        relief = ReliefOf(plan, effect.carried, pose)
-        under = relief.covers(textured.triangles, len(plan.fine.positions))
-        wrinkled |= under
-        shown += _shown(effect, relief, textured, layout.uvs, np.flatnonzero(under), options)
     if not shown:
         return []
-    charts, pairs = charted(layout.uvs, size)
+    textured = _textured(plan, layout, options.size)
+    moved = np.concatenate([each.carried.vertices for each in effects])
+    wrinkled = any_of(flags_of(moved, len(plan.fine.positions)), textured.triangles)
+    charts, pairs = charted(layout.uvs, options.size)
     warnings += _overlaps(plan, layout, pairs, wrinkled, int(wrinkled[charts[charts >= 0]].sum()))
     corners = plan.fine.rest_positions[textured.triangles]
-    steps = options.supersample * np.einsum("fdk,fkx->fdx", textured.steps, corners)
-    groups = [[each] for each in shown] if options.separate else _packed(shown, size)
+    steps = np.einsum("fdk,fkx->fdx", textured.steps, corners)
+    groups = [[each] for each in shown] if options.separate else _packed(shown, options.size)
     return [_Set(each, charts, steps) for each in groups]
 
 
 def _shown(
-    effect: WrinkleEffect, relief: ReliefOf, textured: Textured, uvs: Floats, faces: Ints, options: MapOptions
+    effect: WrinkleEffect,
+    relief: Relief,
+    textured: Textured,
+    uvs: Floats,
+    faces: Ints,
+    options: MapOptions,
 ) -> list[_Shown]:
-    """The shapes of a tool on the triangles that it knows, each texel the mean of its samples."""
+    """The shapes of a tool's targets on the triangles that it moves, each texel the mean of its samples.
+
+    The relief has a shape for each target, whether the bake's own mesh shows it or not.
+    """
     size, factor = options.size, options.supersample
     side = size * factor
     seen = np.zeros(side**2, np.bool_)
@@ -546,10 +615,10 @@ def _shown(
         seen[hits[first]] = True
         if not len(first):
             continue
-        found = relief.at(textured, faces[triangles[first]], shares[first])
+        found, turned = relief.at(textured, faces[triangles[first]], shares[first])
         rows, columns = np.divmod(hits[first], side)
-        slopes = found.slopes.transpose(1, 0, 2).reshape(len(first), -1)
-        values = np.concatenate([np.ones((len(first), 1)), found.heights.T, slopes], axis=1)
+        slopes = turned.transpose(1, 0, 2).reshape(len(first), -1)
+        values = np.concatenate([np.ones((len(first), 1)), found.T, slopes], axis=1)
         parts.append(_summed((rows // factor) * size + columns // factor, values))
     if not parts:
         return []
@@ -600,7 +669,7 @@ def _overlaps(plan: MeshPlan, layout: _Layout, pairs: Ints, wrinkled: Bools, cou
     middles = plan.fine.rest_positions[plan.fine.triangles[layout.faces]].mean(axis=1)
     apart = np.linalg.norm(middles[first] - middles[second], axis=1) > _SAME_PLACE * plan.fine.rest_size
     shared = len(np.unique(texels[apart]))
-    if not shared:
+    if shared <= _FEW * count:
         return []
     e1, e2 = layout.uvs[:, 1] - layout.uvs[:, 0], layout.uvs[:, 2] - layout.uvs[:, 0]
     turned = np.sign(e1[:, 0] * e2[:, 1] - e1[:, 1] * e2[:, 0])
