@@ -8,9 +8,10 @@ import pytest
 import yaml
 
 import wrinklecli
-from kit.characters import avatar, dressed, tubes
+from kit.characters import avatar, cartoon, dressed, tubes
 from kit.command import Wrinkle
 from kit.limb import limb
+from kit.player import Gltf
 from wrinklecli.review.check import check
 from wrinklecli.tools.records import JointPoint
 
@@ -39,6 +40,17 @@ def test_muscles_lie_on_the_sides_of_their_bones(tmp_path: Path) -> None:
         sides[each.muscle.name] = z if abs(z) > 1e-9 else y
     signs = [np.sign(sides[f"{name}.L"]) for name in NAMES]
     assert signs == [1.0, -1.0, -1.0, 1.0, -1.0, -1.0]
+
+
+def test_hamstrings_begin_right_below_the_buttock(tmp_path: Path) -> None:
+    """From 0.77 m down they leave a hollow below the buttock, of which the crease is at 0.83 m, as they swell."""
+    asset = cartoon().write(tmp_path / "cartoon.glb")
+    (tmp_path / "muscles.yaml").write_text(wrinklecli.suggest(asset, muscles=True).text)
+    wrinklecli.bake(asset, tmp_path / "muscles.yaml", tmp_path / "out.glb", only=["hamstrings.L"])
+    file = Gltf(tmp_path / "out.glb")
+    moves = np.linalg.norm(file.deltas("Toon")[0], axis=1)
+    heights = file.attribute("Toon", "POSITION")[moves > 0.02 * moves.max(), 1]
+    assert 0.80 < heights.max() < 0.84
 
 
 @pytest.mark.slow

@@ -26,9 +26,9 @@ from wrinklecli.numeric.arrays import Floats, unit
 from wrinklecli.review.suggest.anatomy import forwards_of
 from wrinklecli.review.suggest.text import entry, quoted
 from wrinklecli.surface.ground import Ground, read_ground
-from wrinklecli.tools.body import Muscle
+from wrinklecli.tools.body import TENDONS, Muscle
 from wrinklecli.tools.mirror import exchange_sides, split_side
-from wrinklecli.tools.records import JointPoint, Length, Position, ToolsFile
+from wrinklecli.tools.records import JointPoint, Length, Position, ToolsFile, parse_length
 from wrinklecli.tools.yaml_tree import printable
 
 # Thickness of a guessed belly over the distance from bone to skin: three fifths of what a muscle gets by itself.
@@ -58,6 +58,7 @@ class _Place:
         side: The inside of the joint below that bone, to which it bends, or the outside.
         begin: Distance of the origin from the bone's own joint, over the bone's length.
         end: Distance of the insertion beyond the joint below, over the next bone's length, negative on this side of it.
+        tendons: Per cent of the muscle that both tendons take together; None for the usual ones.
     """
 
     limb: Literal["arm", "leg"]
@@ -65,6 +66,7 @@ class _Place:
     side: _Side
     begin: float
     end: float
+    tendons: float | None = None
 
 
 # The parts of each limb from its root on, and the way that its two lower joints bend on a human.
@@ -77,7 +79,8 @@ _MUSCLES: Mapping[str, _Place] = {
     "triceps": _Place("arm", 0, "outside", 0.10, 0.02),
     "forearm_flexors": _Place("arm", 1, "inside", 0.05, 0.15),
     "quadriceps": _Place("leg", 0, "outside", 0.12, 0.08),
-    "hamstrings": _Place("leg", 0, "inside", 0.12, 0.10),
+    # Their bellies begin below the buttock: from 0.12 on, with usual tendons, they leave a hollow there, 5 mm deep.
+    "hamstrings": _Place("leg", 0, "inside", 0.04, 0.10, 20.0),
     "calf": _Place("leg", 1, "outside", 0.04, 0.10),
 }
 
@@ -302,6 +305,8 @@ def _attached(
     muscle = Muscle(
         name=name, node=nodes[ground.rig.node], origin=points[0], insertion=points[1], where=ground.document.path
     )
+    if place.tendons is not None:
+        muscle = replace(muscle, tendon=Length(place.tendons, percent=True))
     (found,) = attach_muscles([muscle], ground)
     return found
 
@@ -331,6 +336,7 @@ def muscles_text(muscles: Sequence[SuggestedMuscle], document: Document) -> str:
             "origin": _written(each.joints[0], each.offsets[0]),
             "insertion": _written(each.joints[1], each.offsets[1]),
             "mirror": "x" if each.mirrored else None,
+            "tendon": f"{muscle.tendon.value:.3g}%" if muscle.tendon != parse_length(TENDONS) else None,
             "thickness": f"{muscle.thickness.value:.3g}   # a guess, and low: skin and bone are {each.depth:.3g} apart",
         }
         lines += entry(muscle.name, keys)
