@@ -293,11 +293,11 @@ def mapped_normals(asset: Path, tools: Path, tool: str, folder: Path, size: int)
     ("name", "tool", "edges", "share"),
     [
         ("head", "brow", 16, 95),
-        ("wrist", "back_side", 24, 95),
-        ("trousers", "knee_in.L", 24, 95),
+        ("wrist", "back_side", 16, 95),
+        ("trousers", "knee_in.L", 16, 95),
         # Triangles of the asset are as long as a fold here, and where they turn away, heights change from one to the
         # next within an edge of the refined mesh, however short.
-        ("trousers", "knee_out.L", 24, 90),
+        ("trousers", "knee_out.L", 16, 90),
     ],
 )
 def test_normals_are_those_of_a_finely_refined_mesh(
