@@ -149,6 +149,7 @@ def test_the_sample_trousers_fold_behind_the_knees() -> None:
     measured(sample("trousers"), found)
 
 
+@pytest.mark.slow
 def test_the_sample_wrist_folds_on_both_sides() -> None:
     found = suggest_once(sample("wrist"))
     for place, clip in (((-0.002, -0.021, 0.0), "flex"), ((0.0, 0.0208, 0.0), "extend")):

@@ -171,6 +171,7 @@ def test_an_end_that_is_dragged_to_where_the_tool_does_not_fit_is_dragged_back(p
     assert page.session.tools()[0].problem is None
 
 
+@pytest.mark.slow
 def test_a_drag_that_pauses_is_one_step_to_undo(tmp_path: Path) -> None:
     (tmp_path / "limb.yaml").write_text(TOOLS)
     page = Page(Session(limb(tmp_path / "limb.glb", rings=8, sides=6)))

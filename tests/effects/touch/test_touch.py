@@ -111,6 +111,7 @@ def test_a_turned_touch_slides_where_it_is_asked(aslant: float) -> None:
         assert abs(mean @ np.cross(way, [0.0, 1.0, 0.0])) < 0.06 * GRIP
 
 
+@pytest.mark.slow
 def test_rings_stand_in_front_and_thin_out_to_the_sides(skin: Path) -> None:
     """Heights along y: in front rings, a cosine of them to the sides, and none behind."""
     file = baked(skin, touch(wrinkles={"bumps": 3, "directions": 16}), levels=3)
