@@ -102,7 +102,7 @@ def test_libraries_start_one_thread_whatever_the_cores() -> None:
 
 def test_a_small_bake_imports_no_more_than_it_uses(tmp_path: Path) -> None:
     write_tools(tmp_path / "tools.yaml", PALM)
-    rarely_needed = {"scipy", "trimesh", "matplotlib", "PIL", "DracoPy", "numpy.ma"}
+    rarely_needed = {"scipy", "trimesh", "matplotlib", "PIL", "DracoPy", "numpy.ma", "wrinklecli.texture.maps"}
     code = (
         "import sys, numpy; before = set(sys.modules); from wrinklecli.cli import main\n"
         "try: main()\n"

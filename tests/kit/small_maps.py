@@ -10,4 +10,4 @@ from wrinklecli.texture.maps import MapOptions
 
 def small_maps(size: int = 16) -> AbstractContextManager[Any]:
     """A block in which a bake's maps have so many texels a side."""
-    return mock.patch("wrinklecli.texture.with_bake.MapOptions", partial(MapOptions, size=size))
+    return mock.patch("wrinklecli.texture.maps.MapOptions", partial(MapOptions, size=size))

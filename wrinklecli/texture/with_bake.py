@@ -1,6 +1,7 @@
 """A bake and its wrinkle maps in one step, as `wrinkle bake --maps-dir` and `wrinkle batch` do it."""
 
 import os
+from typing import TYPE_CHECKING
 
 from wrinklecli.baking.job import BakeOptions, ToolsPaths
 from wrinklecli.baking.pipeline import bake
@@ -8,7 +9,9 @@ from wrinklecli.baking.report import Report
 from wrinklecli.errors import RefusedError
 from wrinklecli.files.outputs import Outputs
 from wrinklecli.numeric.guard import Progress, no_progress
-from wrinklecli.texture.maps import MapOptions, Maps, claim_maps, make_maps
+
+if TYPE_CHECKING:
+    from wrinklecli.texture.maps import Maps
 
 
 def bake_with_maps(
@@ -20,7 +23,7 @@ def bake_with_maps(
     *,
     outputs: Outputs,
     progress: Progress = no_progress,
-) -> tuple[Report, Maps | None]:
+) -> "tuple[Report, Maps | None]":
     """Bake as `bake` does, and write maps into a folder with the defaults of `maps`; None for no folder.
 
     Raises:
@@ -29,6 +32,8 @@ def bake_with_maps(
     """
     if maps_dir is None:
         return bake(asset, tools, out, options, outputs=outputs, progress=progress), None
+    from wrinklecli.texture.maps import MapOptions, claim_maps, make_maps
+
     claim_maps(maps_dir, outputs)
     baked = bake(asset, tools, out, options, outputs=outputs, progress=progress)
     shared = {name: getattr(options, name) for name in ("only", "anims", "allow_external", "max_memory")}
