@@ -104,26 +104,28 @@ class TouchDrive:
     def tip_in(self, rig: Rig, clip: Clip | None, times: Floats) -> Floats:
         """(frames, 3) the tip's place forward, sideways and above the skin, at (frames,) seconds, scene units."""
         assert self.tip is not None
-        carriers = pose_carriers([self.tip], rig, clip, times)
-        tip = carried_places(self.tip, carriers, len(times))[0].T
-        middle, axes, shown = self.axes_in(rig, clip, times)
+        middle, axes, shown, (tip,) = self.axes_in(rig, clip, times, [self.tip])
         found = self.pad * np.linalg.solve(axes, (tip - middle)[:, :, None])[:, :, 0]
         forward, sideways = found[:, 0], found[:, 1]
         found[:, 2] -= self.bend @ np.stack([forward**2, forward * sideways, sideways**2])
         return np.where(shown[:, None], found, np.inf)
 
-    def axes_in(self, rig: Rig, clip: Clip | None, times: Floats) -> tuple[Floats, Floats, Bools]:
-        """The place at (frames,) seconds: its middle, its axes, and if it is shown.
+    def axes_in(
+        self, rig: Rig, clip: Clip | None, times: Floats, others: Sequence[CarriedPoint] = ()
+    ) -> tuple[Floats, Floats, Bools, list[Floats]]:
+        """The place at (frames,) seconds: its middle, its axes, if it is shown, and where other points are.
 
         Returns:
-            (frames, 3) world space, (frames, 3, 3) columns forward, sideways and above, `pad` long at rest, and
-            (frames,) False where joints are scaled to nothing.
+            (frames, 3) world space, (frames, 3, 3) columns forward, sideways and above, `pad` long at rest, (frames,)
+            False where joints are scaled to nothing, and for each of the others (frames, 3) world space.
         """
-        carriers = pose_carriers(self.anchors, rig, clip, times)
-        middle, *ends = (carried_places(each, carriers, len(times))[0].T for each in self.anchors)
+        points = [*self.anchors, *others]
+        carriers = pose_carriers(points, rig, clip, times)
+        places = [carried_places(each, carriers, len(times))[0].T for each in points]
+        middle, *ends = places[: len(self.anchors)]
         axes = np.stack([end - middle for end in ends], axis=2)
         shown = np.abs(determinants(axes)) > LEAST_SCALE * self.pad**3
-        return middle, np.where(shown[:, None, None], axes, np.eye(3)), shown
+        return middle, np.where(shown[:, None, None], axes, np.eye(3)), shown, places[len(self.anchors) :]
 
     def remaining(self, seconds: Floats) -> Floats:
         """(…,) what is left of a slide (…,) seconds after the tip has let go, over the slide then."""
@@ -215,9 +217,7 @@ class TouchDrive:
         """(frames,) sines of the bend of the limb against the place, towards the skin, at (frames,) seconds."""
         if self.limb is None:
             return np.zeros(len(times))
-        carriers = pose_carriers(self.limb, rig, clip, times)
-        one, other = (carried_places(each, carriers, len(times))[0].T for each in self.limb)
-        _, axes, shown = self.axes_in(rig, clip, times)
+        _, axes, shown, (one, other) = self.axes_in(rig, clip, times, self.limb)
         heights = np.linalg.solve(axes, (other - one)[:, :, None])[:, 2, 0]
         return np.where(shown, np.clip(heights, -1.0, 1.0), 0.0)
 
@@ -227,21 +227,8 @@ class TouchDrive:
         `bends` are (frames,) sines of the limb's bend; None at rest.
         """
         slides, depths = contacts[:, :2] / self.grip, contacts[:, 2] / self.deepest
-        lengths = np.sqrt((slides**2).sum(axis=1))
-        # Beyond its grip the tip slips.
-        slides = slides / np.maximum(lengths, 1.0)[:, None]
-        lengths = np.minimum(lengths, 1.0)
-        ways = slides / np.maximum(lengths, 1e-12)[:, None]
-        ahead = ways @ np.stack([np.cos(self.windows), np.sin(self.windows)])
-        rings = np.interp(lengths, *self.rises.T)[:, None] * np.maximum(ahead, 0.0)
-        slides = slides @ turned(self.turn).T
-        parts = [np.maximum(slides, 0.0), np.maximum(-slides, 0.0), np.clip(depths, 0.0, 1.0)[:, None], rings]
-        if self.limb is not None:
-            sines = np.zeros(len(slides)) if bends is None else bends
-            for side in (np.maximum(sines, 0.0), np.maximum(-sines, 0.0)):
-                changes = side[:, None] * slides
-                parts += [np.maximum(changes, 0.0), np.maximum(-changes, 0.0)]
-        return np.concatenate(parts, axis=1)
+        sines = np.zeros(len(slides)) if bends is None else bends
+        return weights_of(slides, depths, self.windows, self.rises, self.turn, None if self.limb is None else sines)
 
     def weights_in(self, rig: Rig, clip: Clip | None) -> Signal:
         """A function from (frames,) seconds of a clip to (frames, targets) weights; None is the stored pose."""
@@ -314,6 +301,28 @@ def read_touch(data: Json, nodes: Mapping[str, int], morph_names: Sequence[str])
         turn=turn,
         limb=(limb[0], limb[1]) if limb else None,
     )
+
+
+def weights_of(
+    slides: Floats, depths: Floats, windows: Floats, rises: Floats, turn: float, bends: Floats | None
+) -> Floats:
+    """(frames, targets) weights for (frames, 2) slides over the grip, and (frames,) depths over the deepest.
+
+    `bends` are (frames,) sines of a limb's bend; None without a limb. The rest is as in `TouchDrive`.
+    """
+    lengths = np.sqrt((slides**2).sum(axis=1))
+    # Beyond its grip the tip slips.
+    slides = slides / np.maximum(lengths, 1.0)[:, None]
+    lengths = np.minimum(lengths, 1.0)
+    ways = slides / np.maximum(lengths, 1e-12)[:, None]
+    ahead = ways @ np.stack([np.cos(windows), np.sin(windows)])
+    rings = np.interp(lengths, *rises.T)[:, None] * np.maximum(ahead, 0.0)
+    slides = slides @ turned(turn).T
+    parts = [np.maximum(slides, 0.0), np.maximum(-slides, 0.0), np.clip(depths, 0.0, 1.0)[:, None], rings]
+    for side in () if bends is None else (np.maximum(bends, 0.0), np.maximum(-bends, 0.0)):
+        changes = side[:, None] * slides
+        parts += [np.maximum(changes, 0.0), np.maximum(-changes, 0.0)]
+    return np.concatenate(parts, axis=1)
 
 
 def turned(turn: float) -> Floats:

@@ -41,7 +41,7 @@ class Hand:
         return bool(np.hypot(*self.contact[:2]) > (1.0 - _LEAST) * self.drive.grip)
 
     def let_go(self, seconds: float) -> "Hand | None":
-        """What is left so many seconds after the hand has let go; None once nobody sees it."""
+        """The hand so many seconds after it has let go, with the slide that is left; None once nobody sees it."""
         left = float(self.drive.remaining(np.array(seconds)))
         # Beyond the time in which it decays to the least part, the skin may only pass through rest.
         slow = self.drive.release.speed * min(self.drive.release.damping, 1.0) * seconds
@@ -66,7 +66,7 @@ def slide_to(
         origin: World space.
         direction: World space.
     """
-    (middle,), (axes,), (shown,) = drive.axes_in(rig, clip, np.array([time]))
+    (middle,), (axes,), (shown,), _ = drive.axes_in(rig, clip, np.array([time]))
     start = drive.pad * np.linalg.solve(axes, origin - middle)
     way = drive.pad * np.linalg.solve(axes, direction)
     if not shown or start[2] <= 0 or way[2] >= 0:

@@ -13,6 +13,7 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip, clip_named
 from wrinklecli.character.scene import deforming_nodes
+from wrinklecli.drive.touch import TouchDrive
 from wrinklecli.editor.asset import LoadedAsset, ReadOptions
 from wrinklecli.editor.attached import AttachedBelow, AttachedTool, AttachedTools, PlayableMesh, ShownMesh
 from wrinklecli.editor.clip_cache import RecentResults, frame_times
@@ -406,21 +407,30 @@ class Session(Edits):
             self.refine()
         with self._guarded():
             found = self._clip(clip)
-            attached, hand = self._attached(), self.hand
-            touched = None if hand is None else attached.below.get(hand.name)
-            node, held = -1, {}
-            # An edit of the touch takes the hand away.
-            if hand is not None and touched is not None and touched.attached.drive is hand.drive:
-                rig = touched.ground.rig
-                weights = hand.weights_in(rig.own, found, time)
-                node, held = rig.node, dict(zip(touched.columns.tolist(), weights, strict=True))
+            held = self._held(found, time)
             return [
-                ShownMesh(
-                    each,
-                    each.posed(found, time, wrinkled=wrinkled, held=held if each.ground.rig.node == node else None),
-                )
-                for each in attached.meshes
+                ShownMesh(each, each.posed(found, time, wrinkled=wrinkled, held=held.get(each.ground.rig.node)))
+                for each in self._attached().meshes
             ]
+
+    def _held(self, clip: Clip | None, time: float) -> dict[int, dict[int, float]]:
+        """The weights, by node and number of the morph target, that the hand holds at a time of a clip."""
+        if self.hand is None:
+            return {}
+        touched, drive = self._touched(self.hand.name)
+        # An edit of the touch takes the hand away.
+        if touched is None or drive is not self.hand.drive:
+            return {}
+        rig = touched.ground.rig
+        weights = self.hand.weights_in(rig.own, clip, time)
+        return {rig.node: dict(zip(touched.columns.tolist(), weights, strict=True))}
+
+    def _touched(self, name: str) -> tuple[AttachedBelow, TouchDrive] | tuple[None, None]:
+        """The touch of a name, on its mesh, and its drive; None twice if there is none that fits."""
+        found = self._attached().below.get(name)
+        if found is None or not isinstance(found.attached, AttachedTouch):
+            return None, None
+        return found, found.attached.drive
 
     def hold(self, name: str, clip: str | None, time: float, origin: Floats, direction: Floats) -> Hand | None:
         """Press a hand on the skin of a touch, and slide it to where a ray meets the skin at a time of a clip.
@@ -428,11 +438,10 @@ class Session(Edits):
         `origin` and `direction` are (3,), world space. None, and nothing changes, if the ray goes away from the skin.
         """
         with self._guarded():
-            found = self._attached().below.get(name)
-            if found is None or not isinstance(found.attached, AttachedTouch):
+            found, drive = self._touched(name)
+            if found is None or drive is None:
                 return None
-            rig, drive = found.ground.rig.own, found.attached.drive
-            slide = slide_to(drive, rig, self._clip(clip), time, origin, direction)
+            slide = slide_to(drive, found.ground.rig.own, self._clip(clip), time, origin, direction)
             if slide is None:
                 return None
             self.hand = Hand(name, drive, np.append(slide, drive.deepest))
@@ -441,8 +450,7 @@ class Session(Edits):
     def is_touch(self, name: str) -> bool:
         """True if the name is that of a touch that fits."""
         with self._guarded():
-            found = self._attached().below.get(name)
-            return found is not None and isinstance(found.attached, AttachedTouch)
+            return self._touched(name)[0] is not None
 
     def curve(self, tool: str, clip: str | None, time: float) -> Floats | None:
         """(points, 2) of a tool's control curve at a moment, scene units; None if the tool does not fit."""

@@ -31,7 +31,7 @@ BACK: Json = touch(at=[0.042, 0.0178, 0.0], towards=[0.0, 0.0178, 0.0], keys={},
 
 
 def errors(asset: Path, spot: Json, clip: str, time: float) -> tuple[float, float]:
-    """How far slides of any direction are off ones that are solved in a pose, at 99 % of the skin, over the slide.
+    """The distance of slides of any direction from ones that are solved in a pose, at 99 % of the skin, over the slide.
 
     Returns:
         By the shapes of the rest pose alone, and with their changes in a bend.

@@ -340,13 +340,17 @@ def _deltas(
     """(targets, fine vertices, 3) displacements at weight 1 on the refined skin, bind space."""
     place, drive, rings = attached.place, attached.drive, attached.rings
     found = slides_on(fine, fine.rest_positions, place, attached.hold) if slides is None else slides
-    ways = np.tensordot(turned(drive.turn), found, axes=1) if drive.turn else found
+
+    def along_ways(slid: Floats) -> Floats:
+        """(2, vertices, 3) parts forward and sideways, as parts along the drive's ways."""
+        return np.tensordot(turned(drive.turn), slid, axes=1) if drive.turn else slid
+
     positions, normals = fine.rest_positions, fine.rest_normals
     moving = np.any(found, axis=(0, 2))
     distances, _ = place.polar(positions)
     dent = smoothstep(np.clip(1.0 - distances / (_DENT * place.pad), 0.0, 1.0)) * np.clip(normals @ place.axes[2], 0, 1)
     parts = [
-        slides_on_surface(positions, normals, drive.grip * ways),
+        slides_on_surface(positions, normals, drive.grip * along_ways(found)),
         (-drive.deepest * dent * moving)[None, :, None] * place.axes[2],
     ]
     if rings is not None:
@@ -354,7 +358,7 @@ def _deltas(
     if attached.bending is not None:
         changed = attached.bending.changes(fine, found) if changes is None else changes
         for change in drive.grip * changed:
-            along = np.tensordot(turned(drive.turn), change, axes=1) if drive.turn else change
+            along = along_ways(change)
             parts += [along, -along]
     whole = np.concatenate(parts)
     chosen = np.flatnonzero(np.any(whole, axis=(0, 2)) & ~singular(fine.blended))

@@ -15,7 +15,7 @@ from wrinklecli.character.pose import joint_matrices, morph_weights
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.drive import Drive, StoredDrive, wrinkle_entry
 from wrinklecli.drive.segment import Segment
-from wrinklecli.drive.touch import TouchDrive, turned
+from wrinklecli.drive.touch import weights_of
 from wrinklecli.effects.body import BodyLayer, largest_moves, moves_at_rest
 from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.effects.sampling import moving_clips
@@ -129,13 +129,14 @@ def _body_peaks(plan: MeshPlan, played: Sequence[tuple[Clip, Floats]]) -> list[P
 
 def _forward(targets: Sequence[str], windows: Floats, turn: float) -> dict[str, float]:
     """The weights of a touch's targets at its greatest slide forward, by name; see `TouchDrive`."""
-    along = turned(turn)[:, 0]
-    weights = np.maximum(np.concatenate([along, -along, [0.0], np.cos(windows)]), 0.0)
-    return {name: float(weight) for name, weight in zip(targets, np.pad(weights, (0, TouchDrive.bent)), strict=False)}
+    slide, none = np.array([[1.0, 0.0]]), np.zeros(1)
+    (weights,) = weights_of(slide, none, windows, np.array([[0.0, 0.0], [1.0, 1.0]]), turn, none)
+    # Without a limb, there are no targets of its bends.
+    return {name: float(weight) for name, weight in zip(targets, weights, strict=False)}
 
 
 def _touches_on(asset: ShownAsset, node: int) -> dict[str, dict[str, float]]:
-    """What `_forward` gives of the touches that were baked into a node, by name; extras may be damaged."""
+    """The weights that `_forward` gives for each touch that was baked into a node, by name; extras may be damaged."""
     found = {}
     for data in wrinkle_entry(asset.document.items("nodes")[node]).get("touches", ()):
         with suppress(KeyError, TypeError, ValueError):
