@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from kit.asset import Asset, attribute
+from kit.asset import Asset, attribute, stored
 from kit.carried import ROOTS, carry_patch, placed
 from kit.limb import limb_asset, tool
 from kit.prepared import prepare
@@ -115,3 +115,25 @@ def test_a_morph_target_that_only_squeezes_the_skin_makes_no_crease() -> None:
     """Wrinkles rise side by side then, along normals that it does not turn."""
     _, _, before, after = lowered(limb_asset(morphs=1, skinned=False, clip=None), tool(**TALL))
     assert after is before
+
+
+def test_each_joint_of_two_that_share_a_tool_lowers_its_wrinkles_in_its_own_fold() -> None:
+    """As two thighs below a skirt: each carries half of the tool's lower end, and the skin on its own side."""
+    asset = limb_with(SHARP, joints=3)
+    nodes = asset.gltf["nodes"]
+    nodes[2].pop("children")
+    nodes[1]["children"].append(3)
+    nodes[3]["translation"] = nodes[2]["translation"]
+    attribute(asset, 0, "JOINTS_0")[:] = [0, 1, 2, 0]
+    binds = stored(asset, asset.gltf["skins"][0]["inverseBindMatrices"])
+    binds[2] = binds[1]
+    weights, positions = attribute(asset, 0, "WEIGHTS_0"), attribute(asset, 0, "POSITION")
+    side = np.clip(0.5 + positions[:, 2] / SHARP, 0.0, 1.0)
+    weights[:, 1:3] = weights[:, 1:2] * np.stack([1.0 - side, side], axis=1)
+    made, fine, before, after = lowered(asset, tool(**TALL))
+    us, ratios = factors(before, after)
+    (moving,) = np.nonzero(np.abs(before.magnitudes) > 1e-9)
+    v = before.patch.coordinates(fine.rest_positions[before.vertices[moving]])[1]
+    near = np.abs(us - made.patch.path.locate(np.zeros(3)).u) < 0.02
+    for place in (-v, v):
+        assert ratios[near & (place > 0.2) & (place < 0.7)].max() < 0.4

@@ -165,6 +165,15 @@ def turns_of(patch: Patch, rig: Rig, node: int) -> tuple[Clip, Clip]:
 
 def bent_node(patch: Patch, rig: Rig) -> int | None:
     """The joint that bends a tool: the one nearest to its middle of those that carry one end more than the other."""
+    return next(iter(bent_nodes(patch, rig)), None)
+
+
+def bent_nodes(patch: Patch, rig: Rig) -> list[int]:
+    """The joints that bend a tool, each by itself, the nearest to its middle first.
+
+    There are several where limbs share what hangs over them: each thigh bends the middle of a skirt. Joints of one limb
+    bend it at one place, so the nearest of them stands for all.
+    """
     carried = [carried_by(anchor, rig) for anchor in patch.anchors]
     shares = {
         node: [each.get(node, 0.0) for each in carried]
@@ -174,11 +183,23 @@ def bent_node(patch: Patch, rig: Rig) -> int | None:
     differences = {node: max(each) - min(each) for node, each in shares.items()}
     most = max(differences.values(), default=0.0)
     if most < _LEAST_CARRIED:
-        return None
+        return []
     likely = [node for node, difference in differences.items() if difference > most - _LEAST_CARRIED]
     places = node_matrices(rig, None, np.zeros(1), likely)[0, :, :3, 3]
     middle = sum((anchor.position for anchor in patch.anchors), np.zeros(3)) / len(patch.anchors)
-    return likely[int(np.argmin(np.linalg.norm(places - middle, axis=1)))]
+    found: list[int] = []
+    for number in np.argsort(np.linalg.norm(places - middle, axis=1), kind="stable"):
+        node = likely[int(number)]
+        if not any(hangs_on(rig, node, other) or hangs_on(rig, other, node) for other in found):
+            found.append(node)
+    return found
+
+
+def hangs_on(rig: Rig, node: int, above: int) -> bool:
+    """True if a node is another one, or below it in the hierarchy."""
+    while node >= 0 and node != above:
+        node = int(rig.parents[node])
+    return node == above
 
 
 def carried_by(anchor: Anchor, rig: Rig) -> dict[int, float]:

@@ -2,7 +2,7 @@
 
 On the inside of a fold, normals lean towards each other. Vertices that rise along them by h come nearer to each other
 by a fraction κh of their distance, where κ is the curvature of the folded surface. From κh = 1 on, triangles turn over,
-which shows as teeth and dark tiles. So wrinkles are lower where κh becomes large while the tool's joint bends, whatever
+which shows as teeth and dark tiles. So wrinkles are lower where κh becomes large while a joint bends the tool, whatever
 clips there are, and rise again over half a bump to either side: a crease keeps low, clean wrinkles. Morph targets bend
 no normals, so they make no crease.
 
@@ -15,7 +15,7 @@ import numpy as np
 
 from wrinklecli.character.pose import blend
 from wrinklecli.character.rig import Rig
-from wrinklecli.effects.wrinkle.bending import bent_node, carried_by
+from wrinklecli.effects.wrinkle.bending import bent_nodes, carried_by, hangs_on
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.numeric.arrays import Floats, Ints, children, cross, dot, inverses
@@ -69,7 +69,7 @@ class _Points:
 
 
 def creased(carried: CarriedPatch, fine: Refinement, rest: Rest, rig: Rig) -> CarriedPatch:
-    """Lower the wrinkles of a tool in creases; the tool itself if its joint makes none.
+    """Lower the wrinkles of a tool in creases; the tool itself if no joint makes one.
 
     Strengths, masks and keys have nothing to do with it: they multiply or raise what is left.
     """
@@ -137,14 +137,22 @@ def _nearer(carried: CarriedPatch, fine: Refinement, rest: Rest, rig: Rig, share
 
 
 def _folds(patch: Patch, fine: Refinement, rest: Rest, rig: Rig, vertices: Ints) -> Floats:
-    """(angles, vertices, 3, 4) bind to world space while the tool's joint brings its ends together; empty without."""
-    none = np.zeros((0, len(vertices), 3, 4))
-    node = None if isinstance(patch.tool.rest_length, RestLengthMorph) else bent_node(patch, rig)
-    if node is None or node not in rig.joints:
-        return none
+    """(folds, vertices, 3, 4) bind to world space while each joint that bends the tool brings its ends together."""
+    bent = [] if isinstance(patch.tool.rest_length, RestLengthMorph) else bent_nodes(patch, rig)
+    turned = [_turned(patch, rest, rig, node) for node in bent if node in rig.joints]
+    matrices = np.concatenate([np.zeros((0, *rest.matrices.shape)), *turned])
+    if not len(matrices):
+        return np.zeros((0, len(vertices), 3, 4))
+    weights = fine.surface.dense_weights(vertices, len(rig.joints))
+    acting = np.flatnonzero(weights.any(axis=0))
+    return blend(weights[:, acting], matrices[:, acting])
+
+
+def _turned(patch: Patch, rest: Rest, rig: Rig, node: int) -> Floats:
+    """(angles, joints, 3, 4) joints' matrices while one brings the tool's ends together; empty if it does not."""
     number = int(np.flatnonzero(rig.joints == node)[0])
     centre = (rest.matrices[number] @ np.linalg.inv(rig.inverse_binds[number]))[:3, 3]
-    below = np.array([_hangs_on(rig, int(joint), node) for joint in rig.joints])
+    below = np.array([hangs_on(rig, int(joint), node) for joint in rig.joints])
     shares = [carried_by(anchor, rig).get(node, 0.0) for anchor in patch.anchors]
     ends = np.array([anchor.position for anchor in patch.anchors])
     axis = np.stack(cross(patch.along, patch.normal))
@@ -154,20 +162,10 @@ def _folds(patch: Patch, fine: Refinement, rest: Rest, rig: Rig, vertices: Ints)
         moved = ends + np.array(shares)[:, None] * (turned - ends)
         lengths.append(float(np.linalg.norm(np.diff(moved, axis=0), axis=1).sum()))
     if min(lengths) >= patch.span:
-        return none
+        return np.zeros((0, *rest.matrices.shape))
     turns = np.stack([_turn(axis if lengths[0] <= lengths[1] else -axis, angle) for angle in _ANGLES])
     turns[:, :3, 3] = centre - turns[:, :3, :3] @ centre
-    matrices = np.where(below[None, :, None, None], turns[:, None] @ rest.matrices, rest.matrices)
-    weights = fine.surface.dense_weights(vertices, len(rig.joints))
-    acting = np.flatnonzero(weights.any(axis=0))
-    return blend(weights[:, acting], matrices[:, acting])
-
-
-def _hangs_on(rig: Rig, node: int, above: int) -> bool:
-    """True if a node is another one, or below it in the hierarchy."""
-    while node >= 0 and node != above:
-        node = int(rig.parents[node])
-    return node == above
+    return np.where(below[None, :, None, None], turns[:, None] @ rest.matrices, rest.matrices)
 
 
 def _turn(axis: Floats, angle: float) -> Floats:
