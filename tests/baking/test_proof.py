@@ -174,8 +174,8 @@ def test_a_clip_without_wrinkles_that_plays_otherwise_is_refused(
     """A joint of the written file turns otherwise, or its weights raise wrinkles that the method lacks."""
     encode_morphs = encode.encode_morphs
 
-    def wrong(edited: EditedDocument, *arguments: Any, **options: Any) -> None:
-        encode_morphs(edited, *arguments, **options)
+    def wrong(edited: EditedDocument, *arguments: Any, **options: Any) -> Any:
+        names = encode_morphs(edited, *arguments, **options)
         (clip,) = (each for each in edited.gltf["animations"] if each["name"] == "extend")
         (number, *_) = (each["sampler"] for each in clip["channels"] if each["target"]["path"] == path)
         sampler = clip["samplers"][number]
@@ -190,6 +190,7 @@ def test_a_clip_without_wrinkles_that_plays_otherwise_is_refused(
         else:
             values[len(values) // 2] += 0.1
         sampler["output"] = edited.add(values.astype(np.float32), replaces=sampler["output"])
+        return names
 
     monkeypatch.setattr(pipeline, "encode_morphs", wrong)
     assert "extend" in refused(tmp_path, sample("wrist"), PALM, clips=["extend"])

@@ -28,41 +28,29 @@ class JointNames:
     shared: tuple[str, ...] = ()
 
 
-def name_joints(edited: EditedDocument, plan: MeshPlan, effects: Sequence[Effect]) -> JointNames:
-    """Give names to the joints of drives that have none, as extras name joints, and players look them up by name.
-
-    Indices would do for this file alone: optimisers number nodes anew, and players keep names.
-    """
-    rig, gltf = plan.rig, edited.gltf
-    joints = sorted({node for drive in [each.drive for each in effects] if drive is not None for node in drive.nodes})
-    if not isinstance(gltf["nodes"][rig.node].get("extras", {}), dict):
-        return JointNames()
-    unnamed = [node for node in joints if not gltf["nodes"][node].get("name")]
-    for node in unnamed:
-        gltf["nodes"][node]["name"] = rig.names[node]
-    named = NamedNodes.of_body(gltf, rig.node, skinned=rig.skinned)
-    shared = [rig.names[node] for node in joints if named.called(node) is None]
-    return JointNames(tuple(rig.names[node] for node in unnamed), tuple(dict.fromkeys(shared)))
-
-
 def player_names(gltf: Json, rig: Rig, nodes: Collection[int]) -> tuple[str, ...]:
     """Names for all nodes of a rig: of some of them those by which players find them, paths where a name is shared."""
     named = NamedNodes.of_body(gltf, rig.node, skinned=rig.skinned)
     return tuple((named.called(node) if node in nodes else None) or name for node, name in enumerate(rig.names))
 
 
-def encode_extras(edited: EditedDocument, plan: MeshPlan, effects: Sequence[Effect], *, draft: bool = False) -> None:
+def encode_extras(
+    edited: EditedDocument, plan: MeshPlan, effects: Sequence[Effect], *, draft: bool = False
+) -> JointNames:
     """Write the drives into the node's extras, enough to play the effects in a clip that was never baked.
 
     `tools` and `folds` hold drives, as module `drive.drive` describes them. `undriven` names targets without a
     drive: those of vertices that are projected in each frame, and those of contact for one clip alone. `draft` says
     that the bake was not proven, and less refined. `parts` names the nodes with the other parts of a split mesh;
     targets of one name must have the same weight in all parts.
+
+    Returns:
+        The names of the drives' joints: those that have none get one.
     """
     rig = plan.rig
     node = edited.gltf["nodes"][rig.node]
     if not isinstance(node.setdefault("extras", {}), dict):
-        return
+        return JointNames()
     sections: dict[str, list[Json]] = {_TOOLS: []}
     undriven: list[str] = []
     drives = [each.drive for each in effects]
@@ -79,3 +67,18 @@ def encode_extras(edited: EditedDocument, plan: MeshPlan, effects: Sequence[Effe
         **sections,
         **({"undriven": undriven} if undriven else {}),
     }
+    return _name_joints(edited, rig, nodes)
+
+
+def _name_joints(edited: EditedDocument, rig: Rig, joints: Collection[int]) -> JointNames:
+    """Give names to the joints of drives that have none, as extras name joints, and players look them up by name.
+
+    Indices would do for this file alone: optimisers number nodes anew, and players keep names.
+    """
+    gltf = edited.gltf
+    unnamed = [node for node in sorted(joints) if not gltf["nodes"][node].get("name")]
+    for node in unnamed:
+        gltf["nodes"][node]["name"] = rig.names[node]
+    named = NamedNodes.of_body(gltf, rig.node, skinned=rig.skinned)
+    shared = [rig.names[node] for node in sorted(joints) if named.called(node) is None]
+    return JointNames(tuple(rig.names[node] for node in unnamed), tuple(dict.fromkeys(shared)))

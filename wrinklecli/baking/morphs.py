@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrinklecli.baking.extras import encode_extras
+from wrinklecli.baking.extras import JointNames, encode_extras
 from wrinklecli.baking.refined_mesh import (
     Key,
     RefinedPrimitive,
@@ -62,11 +62,14 @@ def encode_morphs(
     tangents: bool = False,
     draft: bool = False,
     idle: bool = False,
-) -> None:
+) -> JointNames:
     """Put the mesh, targets, extras, and tracks for motions into the edited document.
 
     With `tangents`, a base that has TANGENT gets targets of it. With `draft`, the extras say that the bake is a draft.
     With `idle`, the mesh stays as it is, and its targets do nothing: something else takes their weights.
+
+    Returns:
+        The names by which players find the joints of the drives.
     """
     targets, rig = targets_of(effects), plan.rig.own
     stored = np.concatenate([each.stored_weights(plan.rig) for each in effects])
@@ -79,8 +82,9 @@ def encode_morphs(
     else:
         groups = shared_vertices(edited.source, rig.mesh, plan.fine)
         encode_mesh(edited, rig, plan.fine, targets, stored=stored, tangents=tangents, groups=groups)
-    encode_extras(edited, plan, effects, draft=draft)
+    joint_names = encode_extras(edited, plan, effects, draft=draft)
     _encode_tracks(edited, rig, effects, motions, stored)
+    return joint_names
 
 
 def _encode_tracks(

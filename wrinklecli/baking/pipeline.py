@@ -8,7 +8,6 @@ from typing import Any
 
 from wrinklecli.baking.budget import BUDGETS, fit_budget, storage
 from wrinklecli.baking.estimate import refuse_too_much
-from wrinklecli.baking.extras import name_joints
 from wrinklecli.baking.frame_files import export_frames
 from wrinklecli.baking.frames import encode_frames
 from wrinklecli.baking.job import BakeOptions, Job, ToolsPaths, read_job, tools_paths, wrinkles_alone
@@ -148,8 +147,9 @@ def _add_morph_targets(
     tracked = motions if options.tracks == "all" else []
     with clock.stage("encode"):
         idle = options.mode == "weights"
-        encode_morphs(edited, plan, effects, tracked, tangents=options.morph_tangents, draft=options.draft, idle=idle)
-        names = name_joints(edited, plan, effects)
+        names = encode_morphs(
+            edited, plan, effects, tracked, tangents=options.morph_tangents, draft=options.draft, idle=idle
+        )
     residuals = {}
     if options.tracks == "all" and not options.draft and not idle:
         with clock.stage("prove"):

@@ -1,8 +1,7 @@
 """Touches attached to a body at rest: the place, the slide of its skin, the dent, and the rings of wrinkles."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from functools import partial
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from wrinklecli.effects.effect import Moves
 from wrinklecli.effects.muscle.attach import Bones, carried_by
 from wrinklecli.effects.touch.bending import LEAST_CHANGE, Bending, bending_of
 from wrinklecli.effects.touch.disc import Disc, disc_on
+from wrinklecli.effects.touch.patch import Patch
 from wrinklecli.effects.touch.rings import Rings, plan_rings
 from wrinklecli.effects.touch.skin import Hold, Place, hold_of, slides_on, slides_on_surface
 from wrinklecli.errors import BakeError, WrinkleError
@@ -60,7 +60,8 @@ class AttachedTouch:
         disc: The region that is refined.
         touched: Names of the clips in which its node touches.
         strain: The greatest compression at the greatest slide, from 0 to -1 and below.
-        deltas: (targets, vertices, 3) of the coarse surface, bind space, at weight 1.
+        patch: The skin on which it was fitted.
+        fitted: (targets, vertices of the patch, 3) displacements at weight 1, bind space.
     """
 
     tool: Touch
@@ -72,11 +73,25 @@ class AttachedTouch:
     disc: Disc
     touched: tuple[str, ...]
     strain: float
-    deltas: Floats
-    moves: Moves = field(init=False)
+    patch: Patch
+    fitted: Floats
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "moves", Moves(self.drive, self.deltas, partial(_deltas, self)))
+    @property
+    def deltas(self) -> Floats:
+        """(targets, vertices, 3) displacements at weight 1 on the coarse skin, bind space."""
+        return self.patch.spread(self.fitted, len(self.hold.still))
+
+    @property
+    def moves(self) -> Moves:
+        """The targets on the coarse skin, and on refined skin."""
+        return Moves(self.drive, self.deltas, self.deltas_on)
+
+    def deltas_on(self, fine: Refinement) -> Floats:
+        """(targets, fine vertices, 3) displacements at weight 1 on refined skin, bind space."""
+        patch = Patch.of(fine, self.hold)
+        if not patch.equals(self.patch):
+            return _deltas(self, fine)
+        return patch.spread(self.fitted, len(fine.positions))
 
     @property
     def regions(self) -> tuple[Disc, ...]:
@@ -169,9 +184,9 @@ def _attach(tool: Touch, ground: Ground, settings: ToolsFile) -> AttachedTouch:
             where=tool.place("grip"),
         )
     touched = tuple(clip.name for clip in ground.clips if drive.strokes_in(ground.rig.own, clip))
-    still = np.zeros((0, *ground.rest.positions.shape))
-    bare = AttachedTouch(tool, place, hold, bending, drive, rings, disc, touched, strain, still)
-    return replace(bare, deltas=_deltas(bare, fine, slides, changes)[:, : len(ground.rest.positions)])
+    patch = Patch.of(fine, hold)
+    bare = AttachedTouch(tool, place, hold, bending, drive, rings, disc, touched, strain, patch, np.zeros((0, 0, 3)))
+    return replace(bare, fitted=_deltas(bare, fine, slides, changes)[:, patch.vertices])
 
 
 def _size(tool: Touch, place: Place) -> tuple[float, float, float]:
