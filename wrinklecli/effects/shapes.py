@@ -158,20 +158,25 @@ def displaced_normals(
     moved, rows = np.searchsorted(around, vertices), np.searchsorted(around, touched)
     weights, base = fine.dense_weights(around, fine.weights.shape[1]), fine.normals_at(touched)
     normals = np.zeros((len(displacements), len(touched), 3))
+    shown_in: Pose | None = None
     for number, (into, displacement, pose) in enumerate(zip(normals, displacements, poses, strict=True)):
-        # Poses of the asset's own rig say nothing of the targets of effects.
-        deltas = fine.morph_deltas[: len(pose.morph_weights), around]
-        bind = fine.positions[around] + np.tensordot(pose.morph_weights, deltas, axes=1)
-        blended = blend(weights, pose.matrices[None])[0]
-        # A mirrored pose turns the winding inside out.
-        outward = np.sign(determinants(blended[rows, :, :3]))[:, None]
-        smooth = outward * vertex_normals(transform(blended[None], bind)[0], local)[rows]
+        if pose is not shown_in:
+            shown_in = pose
+            # Poses of the asset's own rig say nothing of the targets of effects.
+            raised = np.flatnonzero(pose.morph_weights)
+            deltas = fine.morph_deltas[raised[:, None], around]
+            plain = fine.positions[around] + np.tensordot(pose.morph_weights[raised], deltas, axes=1)
+            blended = blend(weights, pose.matrices[None])[0]
+            # A mirrored pose turns the winding inside out.
+            outward = np.sign(determinants(blended[rows, :, :3]))[:, None]
+            smooth = outward * vertex_normals(transform(blended[None], plain)[0], local)[rows]
+            shown = carried_normals(blended[rows], base)
+        bind = plain.copy()
         bind[moved] += displacement
         for shape, weight in beneath[number] if beneath else ():
             _, here, others = np.intersect1d(around, shape.vertices, assume_unique=True, return_indices=True)
             bind[here] += weight * shape.deltas[others]
         true = outward * vertex_normals(transform(blended[None], bind)[0], local)[rows]
-        shown = carried_normals(blended[rows], base)
         back = unit(np.einsum("vji,vj->vi", blended[rows, :, :3], turn_to(smooth, shown, true)))
         into += np.where(shown.any(axis=1, keepdims=True), back, base)  # a singular pose shows nothing
     return touched, normals
