@@ -172,6 +172,19 @@ def test_facets_that_refinement_bends_leave_a_tool_out_and_the_command_says_why(
     assert run(flat, "--all", "-q").exit_code == 0
 
 
+def test_a_limb_of_so_few_faces_that_one_sees_it_get_rounder_gets_no_tool(tmp_path: Path) -> None:
+    coarse, fine = (
+        limb(tmp_path / f"{sides}.glb", rings=rings, sides=sides, angle=110.0) for rings, sides in ((7, 8), (60, 24))
+    )
+    assert suggest(fine, count=1).tools
+    result = run(coarse, "--json", "-v")
+    assert result.exit_code == 1
+    (dropped,) = json.loads(result.stdout)["dropped"]
+    assert dropped["reason"] == "rounded"
+    assert "left out joint_1: one sees how refinement rounds the surface, not its wrinkles" in result.stderr
+    assert run(coarse, "--all", "-q").exit_code == 0
+
+
 def test_a_twin_that_rises_as_far_must_be_seen_too(tmp_path: Path) -> None:
     pair = replace(suggestion("fold.L", start=0.05, stop=0.4, height=8.0), mirrored=True, twin_moment=("squeeze", 1.0))
     half_covered = sheet(tmp_path / "a.glb", FLAT, line(-3.0, 0.0, 0.1))
@@ -192,6 +205,7 @@ def test_skin_that_comes_through_clothes_is_measured() -> None:
     place = np.arange(len(cloth) + 1) < len(cloth)
     staged = StagedTool(
         flat_positions=over,
+        flat_normals=np.zeros_like(over),
         plain=over,
         wrinkled=half,
         triangles=np.concatenate([cloth, [[len(x), len(x) + 1, len(x) + 2]]]),

@@ -64,12 +64,14 @@ class Seen:
         crests: What one sees of its crests.
         shown: (pixels,) triangles that are seen with wrinkles at pixels of the place.
         pictures: (2, side, side) lightness without and with wrinkles; 0 where nothing is.
+        rounding: Change of lightness that refinement alone makes at the place, over the lightness, root mean square.
     """
 
     side: Side
     crests: "Crests"
     shown: Ints
     pictures: Floats
+    rounding: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -318,31 +320,43 @@ def look_at(staged: StagedTool, sight: Sight, side: Side) -> Seen:
     axes, place = side.axes, sight.place
     key = best_light(place, axes, sight.free) @ axes
     triangles = staged.triangles
-    places = [_places(positions, place.centre, axes, sight.reach) for positions in staged.poses]
-    moved = any_of((staged.plain != staged.wrinkled).any(axis=1), triangles)
-    still = _DepthBuffer.empty().drawn(places[0], triangles, ~moved)
+    places = [_places(positions, place.centre, axes, sight.reach) for positions in staged.states]
+    coarse, plain, wrinkled = staged.states
+    moved = any_of((coarse != plain).any(axis=1) | (plain != wrinkled).any(axis=1), triangles)
+    still = _DepthBuffer.empty().drawn(places[1], triangles, ~moved)
     drawn = [still.drawn(each, triangles, moved).picture(each, triangles) for each in places]
-    normals = [_normals(staged, positions, each, axes[2]) for positions, each in zip(staged.poses, drawn, strict=True)]
+    shading = (staged.flat_normals, vertex_normals(plain, triangles), vertex_normals(wrinkled, triangles))
+    normals = [
+        _normals(staged, each, picture, axes[2], smooth)
+        for each, picture, smooth in zip(staged.states, drawn, shading, strict=True)
+    ]
     # Shadows of the body are the same without and with wrinkles.
-    lit = _softened(sight, staged.wrinkled[staged.triangles], drawn[1], normals[1], key)
-    pictures = np.zeros((2, SIDE, SIDE))
-    taken = np.zeros((2, SIDE, SIDE), np.bool_)
+    lit = _softened(sight, wrinkled[triangles], drawn[2], normals[2], key)
+    pictures = np.zeros((3, SIDE, SIDE))
+    taken = np.zeros((3, SIDE, SIDE), np.bool_)
     for number, (each, towards) in enumerate(zip(drawn, normals, strict=True)):
         hit = each.numbers >= 0
         light = _KEY * lit * np.maximum(towards @ key, 0.0) + _FILL * (towards @ axes[2]) + _SKY
         pictures[number, hit] = light[hit]
         taken[number, hit] = staged.place[each.numbers[hit]]
-    wrinkled, there = drawn[1], taken[1]
-    crests = Crests(0.0, 0.0)
-    both = taken[0] & taken[1]
+    there = taken[2]
+    crests, rounding = Crests(0.0, 0.0), 0.0
+    both = taken[1] & taken[2]
     if both.any():
-        before, after = pictures[:, both]
-        us, vs = wrinkled.interpolate(staged.places, triangles)[both].T
+        us, vs = drawn[2].interpolate(staged.places, triangles)[both].T
         known = np.isfinite(us)
-        changes = (after - before) / np.maximum(before, before.mean())
+        changes = _changes(*pictures[1:, both])
         crests = Crests.of(changes[known], us[known], vs[known], staged.bumps)
+        if (taken[0] & both).any():
+            rounding = float(np.sqrt(np.mean(_changes(*pictures[:2, taken[0] & both]) ** 2)))
     # What hides a place may lie so near to it that its points seemed visible.
-    return Seen(side if there.any() else UNSEEN, crests, wrinkled.numbers[there], pictures)
+    return Seen(side if there.any() else UNSEEN, crests, drawn[2].numbers[there], pictures[1:], rounding)
+
+
+def _changes(before: Floats, after: Floats) -> Floats:
+    """(pixels,) changes of lightness over the lightness before; deep shade counts as the mean."""
+    changes: Floats = (after - before) / np.maximum(before, before.mean())
+    return changes
 
 
 def _softened(sight: Sight, corners: Floats, drawn: _Drawn, normals: Floats, key: Floats) -> Floats:
@@ -359,13 +373,16 @@ def _softened(sight: Sight, corners: Floats, drawn: _Drawn, normals: Floats, key
     return soft
 
 
-def _normals(staged: StagedTool, positions: Floats, drawn: _Drawn, towards: Floats) -> Floats:
-    """(side, side, 3) unit normals of what is drawn, on the side of (3,) the view; 0 where nothing is."""
+def _normals(staged: StagedTool, positions: Floats, drawn: _Drawn, towards: Floats, smooth: Floats) -> Floats:
+    """(side, side, 3) unit normals of what is drawn, on the side of (3,) the view; 0 where nothing is.
+
+    `smooth` are (vertices, 3) normals of smooth shading.
+    """
     normals = np.zeros((SIDE, SIDE, 3))
     hit = drawn.numbers >= 0
     if staged.shaded_flat:
         found = unit(face_normals(positions, staged.triangles[drawn.numbers[hit]]))
     else:
-        found = unit(drawn.interpolate(vertex_normals(positions, staged.triangles), staged.triangles)[hit])
+        found = unit(drawn.interpolate(smooth, staged.triangles)[hit])
     normals[hit] = found * np.where(found @ towards < 0, -1.0, 1.0)[:, None]
     return normals

@@ -48,6 +48,7 @@ class StagedTool:
 
     Attributes:
         flat_positions: (vertices, 3) without wrinkles, new vertices in the planes of the coarse triangles.
+        flat_normals: (vertices, 3) of the coarse surface, as its shading interpolates them; not of unit length.
         plain: (vertices, 3) world space, without wrinkles.
         wrinkled: (vertices, 3) with them.
         triangles: (triangles, 3) of the mesh, then those of other meshes.
@@ -60,6 +61,7 @@ class StagedTool:
     """
 
     flat_positions: Floats
+    flat_normals: Floats
     plain: Floats
     wrinkled: Floats
     triangles: Ints
@@ -71,9 +73,9 @@ class StagedTool:
     bumps: int
 
     @property
-    def poses(self) -> tuple[Floats, Floats]:
-        """The positions without and with wrinkles."""
-        return self.plain, self.wrinkled
+    def states(self) -> tuple[Floats, Floats, Floats]:
+        """The positions as the asset has them, refined, and with wrinkles."""
+        return self.flat_positions, self.plain, self.wrinkled
 
     @cached_property
     def height(self) -> float:
@@ -178,11 +180,14 @@ class Stage:
         beside = len(used) + np.arange(len(corners)).reshape(-1, 3)
         old = len(fine.surface.positions)
         flat = fine.subdivision.interpolate(plain[:old])
+        normals = fine.subdivision.interpolate(vertex_normals(plain[:old], fine.surface.triangles))
+        across_others = np.repeat(face_normals(corners, np.arange(len(corners)).reshape(-1, 3)), 3, axis=0)
         places = np.full((len(plain), 2), np.nan)
         _, across = carried.patch.coordinates(fine.posed_at(carried.patch.pose, chosen)[0])
         places[chosen] = np.stack([carried.us, across], axis=1)
         return StagedTool(
             flat_positions=np.concatenate([flat[used], corners]),
+            flat_normals=np.concatenate([normals[used], across_others]),
             plain=np.concatenate([plain[used], corners]),
             wrinkled=np.concatenate([wrinkled[used], corners]),
             triangles=np.concatenate([numbers[faces[near]], beside]),

@@ -36,6 +36,9 @@ _AS_TALL = 0.5
 # Lines of faces and hands are looked at from nearer.
 _LEAST_CONTRAST = {"near": 0.015, "body": 0.035}
 _LOOKED_AT_NEAR: tuple[Part, ...] = ("neck", "head", "hand", "palm", "finger")
+# Least contrast of crests over the change of light that refinement makes by itself: below, one sees a rounder limb in
+# place of wrinkles. Elbows of low-poly arms have 0.3 to 0.4 and look so, tools that one sees have 0.45 and more.
+_LEAST_BESIDE_ROUNDING = 0.4
 # Least part of the change of light that follows the crests: those of wrists, elbows and brows have 0.75 and more, folds
 # that wander, join and cross 0.56 and more, and dents, dirt and specks 0.3 to 0.52.
 _LEAST_CRESTS = 0.55
@@ -105,6 +108,7 @@ REASONS = {
     "turns": "it would turn triangles over, which show as teeth on {} of the place",
     "bared": "what lies beneath would come through on {} of the place",
     "unseen": "its wrinkles are hardly seen: they change the light by {}",
+    "rounded": "one sees how refinement rounds the surface, not its wrinkles: these change the light by {} of that",
     "no crests": "what one sees of it is lumps or specks: {} of the change of light follows its crests",
     "warned": "`check` would warn: {}",
 }
@@ -234,6 +238,14 @@ def _judge(stage: Stage, suggestion: Suggestion, placed: dict[str, Placement]) -
         for look in looks
     ]
     faults = sorted((fault for side in sides for fault in side), key=lambda fault: list(REASONS).index(fault[0]))
+    # A pair is kept for the side on which one sees its wrinkles better. Morph targets bend no limb that becomes round.
+    rounded = [] if suggestion.by_morph else [look.seen for look in looks]
+    if (
+        rounded
+        and not faults
+        and all(seen.crests.contrast < _LEAST_BESIDE_ROUNDING * seen.rounding for seen in rounded)
+    ):
+        faults = [("rounded", max(seen.crests.contrast / seen.rounding for seen in rounded))]
     if faults:
         reason, value = faults[0]
         on_one_side = sum(map(bool, sides)) < len(looks)
