@@ -12,12 +12,14 @@ import wrinklecli
 from kit.asset import Json
 from kit.bakes import bake_once, place, report_of
 from kit.clients import assert_valid, compare_with_three, drive
+from kit.places import ROOT
 from kit.player import Gltf
 from kit.touch import GRIP, PAD, SECONDS, plate, touch
 from wrinklecli.baking.baked_body import read_bodies
 from wrinklecli.baking.track import track
 from wrinklecli.character.clip import read_clips
 from wrinklecli.character.rig import read_rig
+from wrinklecli.drive.touch import TouchDrive
 from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import read_document
 from wrinklecli.numeric.nearest import nearest_on_mesh
@@ -149,7 +151,7 @@ def test_a_clip_of_another_file_is_tracked(skin: Path, tmp_path: Path) -> None:
     bare = place(plate())
     (made,) = track(whole.path, [bare], tmp_path)
     times, values = Gltf(Path(made.path)).keys("drag", "skin")
-    assert np.abs(values - whole.weights("skin", "drag", times)).max() < 0.02
+    assert np.abs(values - whole.weights("skin", "drag", times)).max() < 0.01
 
 
 def drawn(*ways: tuple[float, float, float]) -> Path:
@@ -191,7 +193,7 @@ def test_the_distance_is_that_of_the_posed_skin() -> None:
 
 @pytest.mark.slow
 def test_the_driver_plays_keys_and_tips_as_the_bake_does() -> None:
-    """About 1 % of the greatest weight off, at 30 and 144 frames a second."""
+    """1 % of the greatest weight off at most, slides 0.3 %, at 30 and 144 frames a second."""
     ways = (
         (-0.005, 0.03, 0),
         (-0.005, 0.0, 0),
@@ -201,7 +203,7 @@ def test_the_driver_plays_keys_and_tips_as_the_bake_does() -> None:
         (0, 0.03, 0),
     )
     asset = place(plate(tip=np.array(ways)))
-    for keys, fps, error in ((touch()["keys"], 30, 0.01), ({}, 144, 0.012)):
+    for keys, fps in ((touch()["keys"], 30), ({}, 144)):
         bare, whole = (baked(asset, touch(by="tip", keys=keys), tracks=tracks) for tracks in ("none", "all"))
         times = np.arange(int(SECONDS * fps)) / fps
         elapsed = np.full(len(times), 1 / fps)
@@ -209,7 +211,26 @@ def test_the_driver_plays_keys_and_tips_as_the_bake_does() -> None:
         wanted = whole.weights("skin", "drag", times)
         assert wanted.max() > 0.9
         found = np.stack([played[name][:, 0] for name in whole.mesh("skin")["extras"]["targetNames"]], axis=1)
-        assert np.abs(found - wanted).max() < error
+        assert np.abs(found - wanted).max() < 0.01
+        assert np.abs(found - wanted)[:, : TouchDrive.slides - 1].max() < 0.003
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("fps", "error"), [(30, 0.016), (60, 0.004), (90, 0.004), (144, 0.004)])
+@pytest.mark.parametrize("begins", [0.0, 0.37, 0.75])
+def test_the_driver_follows_the_sample_s_finger_as_the_bake_does(fps: int, error: float, begins: float) -> None:
+    """Slides; what is off at 30 frames a second is the moment within a frame at which the finger lets go."""
+    tools = yaml.safe_load((ROOT / "configs" / "touch.yaml").read_text())
+    top = {"touches": tools["touches"], "refinement": {"max_levels": 0}}
+    bare, whole = (bake_once("touch", top=top, tracks=tracks) for tracks in ("none", "all"))
+    times = (np.arange(int(3 * fps)) + begins) / fps
+    elapsed = np.full(len(times), 1 / fps)
+    played = drive(bare.path, node="touch", clip="drag", times=times.tolist(), elapsed=elapsed.tolist(), driver=True)
+    wanted = whole.weights("touch", "drag", times)[:, : TouchDrive.slides - 1]
+    names = whole.mesh("touch")["extras"]["targetNames"][: TouchDrive.slides - 1]
+    found = np.stack([played[name][:, 0] for name in names], axis=1)
+    assert wanted.max() > 0.9
+    assert np.abs(found - wanted).max() < error
 
 
 def test_one_direction_takes_one_target(skin: Path) -> None:
