@@ -39,6 +39,13 @@ def raising(rig: Rig, weights: Mapping[int, float], times: Floats = _FROM_START_
     return Channel(0, rig.node, "weights", times, values, "LINEAR")
 
 
+def held_at(clip: Clip, time: Floats) -> list[Channel]:
+    """The channels of a clip, each held for a second where it is at a (1,) time, seconds."""
+    values = [np.repeat(sample(each, time), 2, axis=0) for each in clip.channels]
+    pairs = zip(clip.channels, values, strict=True)
+    return [replace(each, times=_FROM_START_TO_END, values=held, interpolation="LINEAR") for each, held in pairs]
+
+
 def quaternion_product(turns: Floats, stored: Floats) -> Floats:
     """(n, 4) products of (n, 4) quaternions, x, y, z and w, with a (4,) one, which acts first."""
     vectors, reals = turns[:, :3], turns[:, 3:]

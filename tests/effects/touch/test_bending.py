@@ -126,6 +126,24 @@ def test_the_bend_is_the_sine_of_the_joints_angle(limb: tuple[Path, dict[str, To
     assert abs(bends["inside"][0]) < 1e-6
 
 
+def test_the_bend_is_counted_from_the_rest_pose_of_a_clip() -> None:
+    """Laid where the joint is bent by 30°, the same place of the skin has the same bends, less those 30°."""
+    turn = np.radians(30.0)
+    at = [0.45 * np.cos(turn) - RADIUS * np.sin(turn), 0.45 * np.sin(turn) + RADIUS * np.cos(turn), 0.0]
+    spot = {"name": "laid", "at": at, "towards": [0.0, 0.0, 0.0], "pad": 0.1, "reach": 0.2, "wrinkles": "none"}
+    top = {"touches": [spot], "rest": {"clip": "fold", "time": 0.3}, "refinement": {"max_levels": 0}}
+    document = read_document(bake_once(place(limb_asset(rings=24, sides=16)), top=top).path)
+    nodes = {each.get("name"): number for number, each in enumerate(document.items("nodes"))}
+    (stored,) = read_bodies(document)[0].drives
+    drive = stored.on(nodes, [])
+    assert isinstance(drive, TouchDrive)
+    times = np.array([0.0, 0.3, 0.6, 0.9])
+    bends = drive.bends_in(read_rig(document, 0), read_clips(document)[0], times)
+    assert bends == pytest.approx(np.sin(np.radians(100.0 * times) - turn) * np.sign(bends[-1]), abs=0.02)
+    assert abs(bends[1]) < 1e-6
+    assert len(drive.targets) == TouchDrive.slides + TouchDrive.bent
+
+
 def test_weights_of_changes_are_those_of_slides_times_the_bend(limb: tuple[Path, dict[str, TouchDrive]]) -> None:
     _, drives = limb
     drive = drives["inside"]

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wrinklecli.character.carried import CarriedPoint
-from wrinklecli.character.motion import motion_clip, turning
+from wrinklecli.character.motion import held_at, motion_clip, turning
 from wrinklecli.character.pose import joint_matrices, node_matrices
 from wrinklecli.effects.muscle.attach import carried_by
 from wrinklecli.effects.touch.skin import Hold, Place, hold_of, slides_on
@@ -90,17 +90,17 @@ def bending_of(ground: Ground, place: Place, hold: Hold, soft: Floats | None, sl
         slides: (2, vertices, 3) on the coarse skin at rest.
 
     Returns:
-        None if there is no such joint, or if the tools file has another rest pose than the stored one.
+        None if there is no such joint, and in the rest pose `bind`, in which no joint is where the rig has it.
     """
     rest, rig = ground.rest, ground.rig
-    if not rig.skinned or not np.array_equal(rest.matrices, joint_matrices(rig, None, np.zeros(1))[0]):
+    if not rig.skinned or not np.array_equal(rest.matrices, joint_matrices(rig, rest.clip, rest.time)[0]):
         return None
     triangle, corners, _ = rest.blocks.closest_point(place.at)
     vertices, moving = rest.triangles[triangle], np.flatnonzero(np.any(slides, axis=(0, 2)))
     below, count = _below(ground), len(rig.joints)
     own = corners @ ground.surface.dense_weights(vertices, count) @ below.T
     shares = ground.surface.dense_weights(moving, count) @ below.T
-    places = node_matrices(rig, None, np.zeros(1), rig.joints.tolist())[0, :, :3, 3]
+    places = node_matrices(rig, rest.clip, rest.time, rig.joints.tolist())[0, :, :3, 3]
     ways = place.at - places
     ways -= (ways @ place.axes[2])[:, None] * place.axes[2]
     alongs = unit(ways)
@@ -123,7 +123,7 @@ def bending_of(ground: Ground, place: Place, hold: Hold, soft: Floats | None, sl
     node, along = int(rig.joints[number]), alongs[number]
     far = int(rig.parents[node]) if own[number] > _HALF else node
     joint = _Joint(node, far, along, vertices, corners)
-    if singular(node_matrices(rig, None, np.zeros(1), [far])[0, :, :3]).any():
+    if singular(node_matrices(rig, rest.clip, rest.time, [far])[0, :, :3]).any():
         return None
     one, other = (_bent(ground, place, hold, soft, joint, turn) for turn in (_SOLVED, -_SOLVED))
     one, other = sorted((one, other), key=lambda each: -each.bend)
@@ -170,10 +170,13 @@ def _below(ground: Ground) -> Bools:
 def _bent(ground: Ground, place: Place, hold: Hold, soft: Floats | None, joint: _Joint, turn: float) -> Bent:
     """The touch where a joint is turned by an angle about the axis across the limb, in the skin's tangent plane."""
     rig, rest = ground.rig, ground.rest
-    (above,) = node_matrices(rig, None, np.zeros(1), [int(rig.parents[joint.node])])[0]
+    (above,) = node_matrices(rig, rest.clip, rest.time, [int(rig.parents[joint.node])])[0]
     axis = unit(np.linalg.pinv(above[:3, :3]) @ np.cross(place.axes[2], joint.along))
-    stored = unit_quaternions(np.array(rig.locals[joint.node]["rotation"], np.float64))
-    clip = motion_clip(f"bend {joint.node} {turn} {axis.tolist()}", [turning(joint.node, stored, axis, turn)])
+    held = {} if rest.clip is None else {(each.node, each.path): each for each in held_at(rest.clip, rest.time)}
+    own = held.pop((joint.node, "rotation"), None)
+    unbent = np.array(rig.locals[joint.node]["rotation"] if own is None else own.values[0], np.float64)
+    channels = [turning(joint.node, unit_quaternions(unbent), axis, turn), *held.values()]
+    clip = motion_clip(f"bend {joint.node} {turn} {axis.tolist()}", channels)
     pose = clip_pose(rest, ground.surface, rig, clip, 1.0)
     before, after = (
         (joint.corners @ each.blended[joint.vertices].reshape(3, 12)).reshape(3, 4)[:, :3] for each in (rest, pose)
@@ -185,9 +188,8 @@ def _bent(ground: Ground, place: Place, hold: Hold, soft: Floats | None, joint: 
     sideways = np.cross(normal, forward) * np.sign(np.linalg.det(place.axes))
     at = joint.corners @ pose.positions[joint.vertices]
     there = Place(at, np.stack([forward, sideways, normal]), place.pad, place.reach)
-    (stored_far,), (turned_far,) = (
-        node_matrices(rig, each, np.ones(1), [joint.far])[0, :, :3, :3] for each in (None, clip)
-    )
-    limb = turned_far @ np.linalg.solve(stored_far, joint.along)
+    poses = (rest.clip, rest.time), (clip, np.ones(1))
+    (far,), (turned_far,) = (node_matrices(rig, *each, [joint.far])[0, :, :3, :3] for each in poses)
+    limb = turned_far @ np.linalg.solve(far, joint.along)
     bend = float(np.linalg.solve(turned @ place.axes.T, limb)[2])
     return Bent(pose, there, hold_of(replace(ground, rest=pose), there, soft, hold.still), bend)
