@@ -129,7 +129,8 @@ def test_the_bend_is_the_sine_of_the_joints_angle(limb: tuple[Path, dict[str, To
 def test_the_bend_is_counted_from_the_rest_pose_of_a_clip() -> None:
     """Laid where the joint is bent by 30°, the same place of the skin has the same bends, less those 30°."""
     turn = np.radians(30.0)
-    at = [0.45 * np.cos(turn) - RADIUS * np.sin(turn), 0.45 * np.sin(turn) + RADIUS * np.cos(turn), 0.0]
+    cosine, sine = float(np.cos(turn)), float(np.sin(turn))
+    at = [0.45 * cosine - RADIUS * sine, 0.45 * sine + RADIUS * cosine, 0.0]
     spot = {"name": "laid", "at": at, "towards": [0.0, 0.0, 0.0], "pad": 0.1, "reach": 0.2, "wrinkles": "none"}
     top = {"touches": [spot], "rest": {"clip": "fold", "time": 0.3}, "refinement": {"max_levels": 0}}
     document = read_document(bake_once(place(limb_asset(rings=24, sides=16)), top=top).path)

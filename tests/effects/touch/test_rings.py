@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from kit.bakes import place
+from kit.bakes import bake_once, place
 from kit.touch import GRIP, plate, touch
 from wrinklecli.character.clip import read_clips
 from wrinklecli.effects.plan import attach_effects
@@ -56,6 +56,32 @@ def test_heights_are_those_of_the_control_curve_on_each_ray(directions: int, err
             wanted = rings.profile.amplitudes(absorbed, (spans - absorbed) / 2.0, np.inf)[:, 0]
             wanted = np.multiply.outer(wanted, np.maximum(np.cos(rays - angle), 0.0))
             assert np.sqrt(((played - wanted) ** 2).mean()) < error * wanted.max()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("directions", "error"), [(16, 0.03), (8, 0.12)])
+def test_the_skin_rises_as_the_control_curve_does(directions: int, error: float) -> None:
+    """The vertices themselves, root mean square over those that lie on rings, relative to the tallest."""
+    values = {"touches": [touch(wrinkles={"bumps": 5, "directions": directions})], "refinement": {"max_levels": 3}}
+    file = bake_once(place(plate()), top=values)
+    found = attached(directions)
+    rings, drive = found.rings, found.drive
+    assert rings is not None
+    positions, deltas = file.attribute("skin", "POSITION"), file.deltas("skin")[drive.slides :, :, 1]
+    distances, rays = found.place.polar(positions)
+    u = (distances - rings.start) / rings.length
+    on = (u > 0) & (u < 1)
+    assert on.sum() > 2000
+    for angle, part in ((0.0, 1.0), (np.pi / 8, 1.0), (2.0, 0.4)):
+        weights = drive.weights(part * GRIP * np.array([[np.cos(angle), np.sin(angle), 0.0]]))[0, drive.slides :]
+        played = weights @ deltas[: len(weights)]
+        spans = rings.length * np.diff(rings.edges)
+        absorbed = (1.0 - rings.compressible) * rings.shares * GRIP * part
+        amplitudes = rings.profile.amplitudes(absorbed, (spans - absorbed) / 2.0, np.inf)[:, 0]
+        which = np.clip(np.searchsorted(rings.edges, u, "right") - 1, 0, len(spans) - 1)
+        shape = rings.profile.shapes(np.clip((u - rings.edges[which]) / np.diff(rings.edges)[which], 0.0, 1.0))[0]
+        wanted = amplitudes[which] * shape * np.maximum(np.cos(rays - angle), 0.0)
+        assert np.sqrt(((played - wanted)[on] ** 2).mean()) < error * wanted[on].max()
 
 
 def test_windows_share_every_direction() -> None:

@@ -98,6 +98,21 @@ def test_the_skin_stays_on_the_back_of_a_hand(aslant: float) -> None:
         assert np.percentile(off, 99) < 0.0005
 
 
+@pytest.mark.slow
+def test_the_palm_stays_where_it_is() -> None:
+    """Skin of the other side moves by 1 % of a slide on the hand's back at most, in any direction, pressed or not."""
+    spot = touch(at=[0.042, 0.0178, 0.0], towards=[0.0, 0.0178, 0.0], keys={})
+    file = baked("wrist", spot, levels=1)
+    normals = file.attribute("wrist", "NORMAL")
+    for angle in np.arange(8) * np.pi / 4:
+        positions, moved = moves(file, (GRIP * np.cos(angle), GRIP * np.sin(angle), 0.003), "wrist")
+        palm = (positions[:, 1] < 0) & (normals[:, 1] < -0.3)
+        assert palm.sum() > 200
+        assert np.linalg.norm(moved[palm], axis=1).max() < 0.01 * GRIP
+        assert np.linalg.norm(moved, axis=1).max() > GRIP
+    assert not np.any(file.json["nodes"][file.node("wrist")].get("weights", file.mesh("wrist")["weights"]))
+
+
 @pytest.mark.parametrize("aslant", [0.04, -0.03])
 def test_a_turned_touch_slides_where_it_is_asked(aslant: float) -> None:
     """Forward is where `towards` says, though the targets slide along the curvature of a cylinder, which is along x."""
