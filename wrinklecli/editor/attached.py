@@ -14,6 +14,7 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import moving_nodes
 from wrinklecli.character.skin import Skin, pose, prepare
+from wrinklecli.drive.touch import TouchDrive
 from wrinklecli.editor.clip_cache import ClipCache
 from wrinklecli.effects.body import largest_moves, moves_at_rest
 from wrinklecli.effects.effect import MeshPlan, SamplingOptions
@@ -139,6 +140,11 @@ class PlayableMesh:
         new = [each.plan.fine.rest_positions[each.old_count :] for each in self.clusters]
         return np.concatenate([self.ground.rest.positions, *new])
 
+    def smooth(self, values: Floats) -> Floats:
+        """(vertices,) values from (coarse vertices,) ones, as smooth as the surface is refined."""
+        new = [each.plan.fine.subdivision.positions(values[:, None])[each.old_count :, 0] for each in self.clusters]
+        return np.concatenate([values, *new])
+
     def positions_in(self, pose: Rest) -> Floats:
         """(vertices, 3) in a pose of the coarse mesh, without wrinkles."""
         if pose is self.ground.rest:
@@ -262,9 +268,16 @@ class AttachedBelow:
 
     @cached_property
     def outlined(self) -> Bools:
-        """(triangles,) True for those of the coarse mesh that move by a good part of the largest move."""
-        moved = np.sqrt((self.deltas**2).sum(axis=2)).max(axis=0)
-        return np.asarray((moved[self.ground.surface.triangles] > _OUTLINED * moved.max()).all(axis=1))
+        """(triangles,) True for those of the coarse mesh that are inside the outline."""
+        return np.asarray((self.excess[self.ground.surface.triangles] > 0).all(axis=1))
+
+    @cached_property
+    def excess(self) -> Floats:
+        """(vertices,) of the coarse mesh, how far they move over what the outline does, over the largest move."""
+        # The slides of a touch are round, its rings are not.
+        first = TouchDrive.slides - 1 if isinstance(self.attached, AttachedTouch) else len(self.deltas)
+        moved = np.sqrt((self.deltas[:first] ** 2).sum(axis=2)).max(axis=0)
+        return np.asarray(moved / max(float(moved.max(initial=0.0)), 1e-30) - _OUTLINED)
 
     @property
     def deltas(self) -> Floats:

@@ -4,11 +4,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from kit.forehead import BROWS, forehead
 from kit.limb import write_tools
 from kit.places import ROOT
-from wrinklecli.editor.page.drawing import _LINE_POINTS, Body, outline_of
+from kit.touch import plate, touch
+from wrinklecli.editor.page.drawing import _LINE_POINTS, Body, outline_below, outline_of
 from wrinklecli.editor.session import Session
 
 # In front of the left thigh, just below the crotch, and so wide that the other leg is as near in space.
@@ -43,3 +45,36 @@ def test_an_outline_is_a_rectangle_in_the_pose_in_which_the_tool_is_laid(laid: s
     straight, bent = (0.0, 0.75) if laid == "stored" else (0.75, 0.0)
     assert bends[straight] < 0.03
     assert bends[bent] > 3.0 * bends[straight]
+
+
+@pytest.mark.parametrize("refined", [False, True])
+def test_the_outline_of_a_touch_is_round_on_a_coarse_mesh(refined: bool, tmp_path: Path) -> None:
+    """It crosses triangles half as long as its radius, and does not follow their sides."""
+    settings = {"version": 1, "refinement": {"max_levels": 2}, "touches": [touch()]}
+    (tmp_path / "tools.yaml").write_text(yaml.safe_dump(settings))
+    session = Session(plate(cells=16).write(tmp_path / "plate.glb"), tmp_path / "tools.yaml")
+    if refined:
+        session.refine()
+    (shown,) = session.meshes("drag", 0.0, wait=refined)
+    outline = outline_below(session.attached_below()["spot"], shown.source, 0, (1.0, 0.0, 0.0))
+    places = outline.points.positions(Body(shown.faces, ()), shown.source.rest_positions)
+    ends = places[outline.segments]
+    radii = np.linalg.norm(ends, axis=2)
+    assert radii.mean() > 0.02
+    assert radii.std() < (0.03 if refined else 0.06) * radii.mean()
+    # One closed line: each end is that of another line, too.
+    _, counts = np.unique(ends.reshape(-1, 3).round(7), axis=0, return_counts=True)
+    assert (counts == 2).all()
+
+
+def test_the_outline_of_a_touch_at_a_border_is_closed_along_it(tmp_path: Path) -> None:
+    (tmp_path / "tools.yaml").write_text(
+        yaml.safe_dump({"version": 1, "touches": [touch(at=[0.118, 0.0, 0.0], towards=[0, 0, 0])]})
+    )
+    session = Session(plate(cells=16).write(tmp_path / "plate.glb"), tmp_path / "tools.yaml")
+    (shown,) = session.meshes("drag", 0.0, wait=False)
+    outline = outline_below(session.attached_below()["spot"], shown.source, 0, (1.0, 0.0, 0.0))
+    ends = outline.points.positions(Body(shown.faces, ()), shown.source.rest_positions)[outline.segments]
+    along = (ends[:, :, 0] > 0.1199).all(axis=1)
+    assert along.sum() >= 2
+    assert (~along).sum() > 6

@@ -205,16 +205,8 @@ def outline_below(
     below: AttachedBelow, mesh: PlayableMesh, body: int, colour: tuple[float, float, float]
 ) -> ToolOutline:
     """Outline the skin that a muscle, flesh or a touch moves, on its mesh, the body of a number."""
-    faces = np.flatnonzero(below.outlined[mesh.parents])
-    # Sides of triangles on which no other one of them lies.
-    corners = mesh.faces[faces]
-    sides = np.concatenate([corners[:, [one, (one + 1) % 3]] for one in range(3)])
-    _, numbers, counts = np.unique(np.sort(sides, axis=1), axis=0, return_inverse=True, return_counts=True)
-    border = np.flatnonzero(counts[numbers.reshape(-1)] == 1)
-    first, triangles = border // len(faces), faces[border % len(faces)]
-    ends = np.stack([first, (first + 1) % 3], axis=1).reshape(-1)
-    found, barycentrics, length = np.repeat(triangles, 2), np.eye(3)[ends], below.span
-    skins = np.zeros(0, np.intp)
+    found, barycentrics = _border(mesh.smooth(below.excess), mesh.faces)
+    lines, length, skins = len(found) // 2, below.span, np.zeros(0, np.intp)
     if isinstance(below.attached, AttachedTouch):
         place = below.attached.place
         triangle, shares, _ = closest_point(mesh.rest_positions, mesh.faces, place.at)
@@ -224,12 +216,34 @@ def outline_below(
         name="",
         colour=colour,
         points=SurfacePoints(body, found, barycentrics),
-        segments=np.arange(len(ends)).reshape(-1, 2),
+        segments=np.arange(2 * lines).reshape(-1, 2),
         anchors=np.zeros(0, np.intp),
         edges=np.zeros(0, np.intp),
         skins=skins,
         length=length,
     )
+
+
+def _border(values: Floats, faces: Ints) -> tuple[Ints, Floats]:
+    """The lines round the part of (triangles, 3) faces where (vertices,) values are above 0, as a contour is drawn.
+
+    Returns:
+        (ends,) triangles and (ends, 3) barycentric coordinates, two ends for each line: across triangles on which the
+        values pass 0, and along the mesh's own border.
+    """
+    corners = values[faces]
+    above = corners > 0
+    triangles, sides = np.nonzero(above != np.roll(above, -1, axis=1))
+    here, there = corners[triangles, sides], corners[triangles, (sides + 1) % 3]
+    crossing = np.zeros((len(triangles), 3))
+    crossing[np.arange(len(triangles)), sides] = there / (there - here)
+    crossing[np.arange(len(triangles)), (sides + 1) % 3] = here / (here - there)
+    pairs = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+    _, numbers, counts = np.unique(pairs, axis=0, return_inverse=True, return_counts=True)
+    open_sides = (counts[numbers.reshape(-1)] == 1).reshape(-1, 3) & above & np.roll(above, -1, axis=1)
+    open_faces, first = np.nonzero(open_sides)
+    ends = np.eye(3)[np.stack([first, (first + 1) % 3], axis=1).reshape(-1)]
+    return np.concatenate([triangles, np.repeat(open_faces, 2)]), np.concatenate([crossing, ends])
 
 
 class _Ways:

@@ -249,7 +249,7 @@ class Viewport:
         outlines = []
         edited: dict[str, AttachedTool | AttachedBelow] = {}
         if not self._is_baked:
-            below = {name: each for name, each in self._session.attached_below().items() if each.outlined.any()}
+            below = {name: each for name, each in self._session.attached_below().items() if (each.excess > 0).any()}
             edited = {**self._session.attached_tools(), **below}
         for number, (name, tool) in enumerate(edited.items()):
             outlines.append(self._outline(name, tool, INKS[number % len(INKS)]))
