@@ -14,7 +14,6 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import moving_nodes
 from wrinklecli.character.skin import Skin, pose, prepare
-from wrinklecli.drive.touch import TouchDrive
 from wrinklecli.editor.clip_cache import ClipCache
 from wrinklecli.effects.body import largest_moves, moves_at_rest
 from wrinklecli.effects.effect import MeshPlan, SamplingOptions
@@ -274,9 +273,7 @@ class AttachedBelow:
     @cached_property
     def excess(self) -> Floats:
         """(vertices,) of the coarse mesh, how far they move over what the outline does, over the largest move."""
-        # The slides of a touch are round, its rings are not.
-        first = TouchDrive.slides - 1 if isinstance(self.attached, AttachedTouch) else len(self.deltas)
-        moved = np.sqrt((self.deltas[:first] ** 2).sum(axis=2)).max(axis=0)
+        moved = np.sqrt((self.deltas**2).sum(axis=2)).max(axis=0)
         return np.asarray(moved / max(float(moved.max(initial=0.0)), 1e-30) - _OUTLINED)
 
     @property

@@ -162,7 +162,7 @@ def mesh_warnings(plan: MeshPlan, settings: ToolsFile, clips: Sequence[Clip]) ->
     if plan.fine.subdivision.limited:
         warnings.append(
             f"{where}: {plan.fine.subdivision.limited} edges are still too long for the wrinkles at max_levels"
-            f" {settings.refinement.max_levels}"
+            f" {settings.refinement.max_levels} (a key of `refinement`)"
         )
     return warnings
 

@@ -52,6 +52,8 @@ _REACH, _BUMPS = 150.0, 4
 _ROUND = 0.75
 # Levels of refinement that may be asked for.
 _MOST_LEVELS = 8
+# What to do where nothing is found.
+_BY_HAND = "a touch may name any node in `by`, or key its slide in `keys`, and `wrinkle edit` draws one with two clicks"
 # Digits of a length over the body's size: a tenth of a millimetre of a human.
 _DIGITS = 4
 
@@ -156,15 +158,15 @@ def suggest_touches(
     hierarchy, bones = read_hierarchy(document), read_bones(document)
     looked_at = chosen_clips(read_clips(document), clips, where=document.path)
     if not looked_at:
-        return [], [], "it has no clip in which a fingertip could come near"
+        return [], [], f"it has no clip in which a fingertip could come near; {_BY_HAND}"
     settings = ToolsFile(path=document.path)
     skins = [_Skin.of(read_ground(document, node, [], settings, looked_at)) for node in nodes]
     fingers = _fingers(hierarchy, bones, skins)
     if not fingers:
-        return [], [], "no joints are named as fingers"
+        return [], [], f"no joints are named as fingers; {_BY_HAND}"
     tips = _tips(fingers, hierarchy, bones, skins)
     if not tips:
-        return [], [], "no mesh has skin at the ends of its fingers"
+        return [], [], f"no mesh has skin at the ends of its fingers; {_BY_HAND}"
     found: dict[str, SuggestedTouch] = {}
     notes: list[str] = []
     for tip in tips:
@@ -180,7 +182,11 @@ def suggest_touches(
                 own.append(made)
                 found[name] = made
     chosen = sorted(found.values(), key=lambda each: -each.slide)[:count]
-    return chosen, list(dict.fromkeys(notes)), "" if chosen else "in no clip does a fingertip come to other skin"
+    return (
+        chosen,
+        list(dict.fromkeys(notes)),
+        "" if chosen else f"in no clip does a fingertip come to the skin of another limb; {_BY_HAND}",
+    )
 
 
 def _fingers(hierarchy: Hierarchy, bones: Bones, skins: Sequence[_Skin]) -> list[int]:
