@@ -1,4 +1,4 @@
-"""Draws pictures/touch.webp: a finger drags the skin of a hand's back, with a checked texture and without.
+"""Draws pictures/touch.webp: a finger drags the skin of a hand's back, from three sides, as skin and as a checker.
 
 `python samples/touch_picture.py [FILE]`. The program itself bakes and draws the sample `touch`. A second argument is a
 folder that keeps what was baked. Needs the extra `preview`.
@@ -8,6 +8,7 @@ import io
 import json
 import struct
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +23,8 @@ from wrinklecli.example.characters import to_glb
 
 HERE = Path(__file__).resolve().parent
 TOOLS = HERE.parent / "configs" / "touch.yaml"
-VIEWS = ("-35:50", "40:22")
-SIZE = (260, 200)  # pixels of each picture
+VIEWS = ("-35:50", "40:22", "-90:75")
+SIZE = (250, 175)  # pixels of each picture
 FPS = 12
 
 
@@ -48,6 +49,20 @@ def textured(glb: bytes, image: Image.Image) -> bytes:
     return head + struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(data), b"BIN\0") + data
 
 
+def skin() -> Image.Image:
+    """A texture of skin: blotches, pores and freckles, so that one sees it slide."""
+    rng, size = np.random.default_rng(7), 1024
+    shade = np.ones((size, size))
+    for cells, depth in ((16, 0.05), (64, 0.05), (256, 0.07), (1024, 0.06)):
+        noise = Image.fromarray(rng.random((cells, cells)).astype(np.float32))
+        shade += depth * (np.asarray(noise.resize((size, size), Image.Resampling.BICUBIC)) - 0.5)
+    freckles = np.zeros((size // 2, size // 2), np.float32)
+    freckles[tuple(rng.integers(0, size // 2, (2, 900)))] = rng.random(900)
+    shade -= 0.5 * np.asarray(Image.fromarray(freckles).resize((size, size), Image.Resampling.BICUBIC))
+    colours = np.array([224.0, 172.0, 146.0]) * np.clip(shade, 0.6, 1.1)[..., None] ** [0.9, 1.1, 1.2]
+    return Image.fromarray(np.clip(colours, 0, 255).astype(np.uint8))
+
+
 def checks() -> Image.Image:
     """A checked texture in two colours of skin."""
     cells = np.add.outer(np.arange(128), np.arange(128)) % 2
@@ -57,18 +72,20 @@ def checks() -> Image.Image:
 
 def main(out: Path, folder: Path) -> None:
     """Draw the picture."""
-    hand, panels = to_glb(make_touch(make_wrist())), []
-    for name, glb in (("skin", hand), ("checked", textured(hand, checks()))):
+    hand, drawn = to_glb(make_touch(make_wrist())), []
+    for name, image in (("skin", skin()), ("checker", checks())):
         asset, baked = folder / f"{name}.glb", folder / f"{name}_baked.glb"
-        asset.write_bytes(glb)
+        asset.write_bytes(textured(hand, image))
         for warning in bake(asset, TOOLS, baked, BakeOptions()).warnings:
             print(warning)
-        for number, view in enumerate(VIEWS):
-            options = PreviewOptions(
-                clips=("drag",), fps=FPS, views=(view,), focus=(0.045, 0.015, 0.0), radius=0.034, size=SIZE
-            )
-            panels.append(frames_of([baked], folder / f"{name}_{number}.webp", options))
-    save_panels(panels, out, fps=FPS, quality=70)
+        look = PreviewOptions(
+            clips=("drag",), fps=FPS, focus=(0.045, 0.015, 0.0), radius=0.034, size=SIZE, labels=(name,)
+        )
+        views = enumerate(VIEWS)
+        drawn.append(
+            [frames_of([baked], folder / f"{name}_{k}.webp", replace(look, views=(each,))) for k, each in views]
+        )
+    save_panels([panel for side in zip(*drawn, strict=True) for panel in side], out, fps=FPS, quality=65)
 
 
 if __name__ == "__main__":
