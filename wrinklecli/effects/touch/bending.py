@@ -14,15 +14,15 @@ from wrinklecli.character.carried import CarriedPoint
 from wrinklecli.character.motion import held_at, motion_clip, turning
 from wrinklecli.character.pose import joint_matrices, node_matrices
 from wrinklecli.effects.muscle.attach import carried_by
-from wrinklecli.effects.touch.skin import Hold, Place, hold_of, slides_on
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, inverses, singular, unit, unit_quaternions
+from wrinklecli.effects.touch.skin import Hold, Place, hold_of, joints_below, slides_on
+from wrinklecli.numeric.arrays import Floats, Ints, inverses, singular, unit, unit_quaternions
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.rest import Rest, clip_pose
 
-# Angle of the bends, to either side, in which slides are solved, radians: with 45° they were 3.3 % off where a wrist is
-# bent back by 60°, with 65° 4.2 % off at 36°, and with 55° 2.1 % at most.
-_SOLVED = np.radians(55.0)
+# Angle of the bends, to either side, in which slides are solved, radians: with 46° they were 3.2 % off where a wrist is
+# bent back by 60°, with 65° 4.2 % off at 36°, and with 54° 1.9 % at most.
+_SOLVED = np.radians(54.0)
 _HALF = 0.5
 # Part of the slide that a joint must carry otherwise than the place does, along the limb, to change it: with less, the
 # change was below 2 % of the slide on the hands that were tried.
@@ -97,7 +97,7 @@ def bending_of(ground: Ground, place: Place, hold: Hold, soft: Floats | None, sl
         return None
     triangle, corners, _ = rest.blocks.closest_point(place.at)
     vertices, moving = rest.triangles[triangle], np.flatnonzero(np.any(slides, axis=(0, 2)))
-    below, count = _below(ground), len(rig.joints)
+    below, count = joints_below(ground), len(rig.joints)
     own = corners @ ground.surface.dense_weights(vertices, count) @ below.T
     shares = ground.surface.dense_weights(moving, count) @ below.T
     places = node_matrices(rig, rest.clip, rest.time, rig.joints.tolist())[0, :, :3, 3]
@@ -151,20 +151,6 @@ class _Joint:
     along: Floats
     vertices: Ints
     corners: Floats
-
-
-def _below(ground: Ground) -> Bools:
-    """(joints, joints) True where the second is the first or below it."""
-    rig = ground.rig
-    numbers = {node: number for number, node in enumerate(rig.joints.tolist())}
-    below = np.zeros((len(numbers), len(numbers)), np.bool_)
-    for node, number in numbers.items():
-        above = node
-        while above >= 0:
-            if above in numbers:
-                below[numbers[above], number] = True
-            above = int(rig.parents[above])
-    return below
 
 
 def _bent(ground: Ground, place: Place, hold: Hold, soft: Floats | None, joint: _Joint, turn: float) -> Bent:
