@@ -74,3 +74,19 @@ def test_a_triangle_that_faces_away_from_all_its_neighbours_is_a_tear() -> None:
     assert not tearing.tears(places, np.concatenate([0.5 * inner, places[3:]]), nothing)
     assert tearing.tears(places, over, nothing)
     assert not tearing.tears(over, over, nothing)
+
+
+def test_a_fine_mesh_may_be_pressed_as_far_as_a_coarse_one() -> None:
+    """A plane with edges of two of the solver's units, of which one, so many edges from what crosses, is pressed."""
+    x, y = (each.ravel() for each in np.meshgrid(2.0 * np.arange(21), 2.0 * np.arange(5)))
+    rest = np.stack([x, y, 0.0 * x], axis=1)
+    corners = np.add.outer(21 * np.arange(4), np.arange(20)).reshape(-1, 1)
+    triangles = (corners + np.array([0, 1, 22, 0, 22, 21])).reshape(-1, 3)
+    tearing = Tearing.of(rest, triangles, np.ones(len(rest), bool), np.zeros(len(rest), bool))
+
+    def torn(place: int) -> bool:
+        pressed = rest - 1.4 * (np.arange(len(rest)) == 42 + place)[:, None] * [1.0, 0.0, 0.0]
+        return tearing.tears(rest, pressed, lambda _given: rest[:, 0] == 0.0)
+
+    assert [torn(place) for place in (3, 5, 8)] == [False, False, False]
+    assert [torn(place) for place in (10, 14)] == [True, True]

@@ -13,15 +13,18 @@ import numpy as np
 
 from wrinklecli.numeric.arrays import Bools, Floats, Ints
 from wrinklecli.numeric.intersections import edges_of, widened
+from wrinklecli.numeric.nearest import nearest_of
 
 # Greatest length of an edge, relative to the longer of its lengths at rest and as skinned. In folds that look right
 # it is 1.2, and 1.6 in the sleeve of a limb that is pressed by half of its radius; in torn ones it is 2 to 10.
 _LONGEST = 2.0
 # Least length of an edge, relative to the shorter of its lengths at rest and as skinned,
 _SHORTEST = 0.5
-# further than so many edges from what crosses as skinned: nearer, in a crease, whole folds
-# have 0.1 to 0.5.
+# further than so many edges from what crosses as skinned: nearer, in a crease, whole folds have 0.1 to 0.5;
 _PRESSED_RINGS = 3
+# and further than this at rest, solver's units: a quarter of the limb's radius, as limbs are pressed by half of it.
+# Knees on a fine mesh have edges of 0.25 to 0.5 up to 12 units away.
+_PRESSED = 17.5
 # Farthest move of a vertex, solver's units: the radius of the limb, by which nothing can press it in.
 _FARTHEST = 70.0
 # Edges count as this long at least where they are lengthened, and become shorter by more than this, solver's units: a
@@ -39,6 +42,7 @@ class Tearing:
     """The part of a surface that may tear.
 
     Attributes:
+        rest: (vertices, 3) at rest, solver's units.
         edges: (edges, 2) vertices.
         lengths: (edges,) at rest.
         triangles: (triangles, 3) vertices.
@@ -47,6 +51,7 @@ class Tearing:
         beside: and (inner, 3) these neighbours.
     """
 
+    rest: Floats
     edges: Ints
     lengths: Floats
     triangles: Ints
@@ -67,7 +72,7 @@ class Tearing:
         others[order[same]], others[order[same + 1]] = owners[order[same + 1]], owners[order[same]]
         beside = others.reshape(3, -1).T
         inner = np.flatnonzero((beside >= 0).all(axis=1))
-        return cls(edges, _lengths(rest, edges), triangles, pressed, inner, beside[inner])
+        return cls(rest, edges, _lengths(rest, edges), triangles, pressed, inner, beside[inner])
 
     def tears(self, given: Floats, shown: Floats, crossing: Callable[[Floats], Bools | None]) -> bool:
         """True if (vertices, 3) positions are torn relative to the given ones; both in solver's units.
@@ -87,11 +92,16 @@ class Tearing:
         if not len(short):
             return False
         # The bottom of a crease is pressed together, and ends that passed through the surface come back to it.
-        through, near = crossing(given), self.pressed
-        near = near if through is None else near | through
+        through, pressed = crossing(given), self.pressed
+        pressed = pressed if through is None else pressed | through
+        near = pressed
         for _ in range(_PRESSED_RINGS):
             near = widened(self.edges, near)
-        return not near[short].any(axis=1).all()
+        short = short[~near[short].any(axis=1)]
+        if not len(short) or not pressed.any():
+            return len(short) > 0
+        apart, _ = nearest_of(self.rest[pressed], self.rest[short.ravel()])
+        return bool((apart.reshape(-1, 2).min(axis=1) > _PRESSED).any())
 
     def _turned(self, positions: Floats) -> Bools:
         """(inner,) True for triangles that face away from all of their neighbours."""
