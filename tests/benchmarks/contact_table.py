@@ -40,7 +40,7 @@ from kit.limb import limb_asset, nose, sleeved_limb  # noqa: E402
 from kit.limb import tool as limb_tool  # noqa: E402
 from kit.looked_up import lookup_gaps  # noqa: E402
 from kit.player import Gltf  # noqa: E402
-from kit.torn import moments, treated_crossings  # noqa: E402
+from kit.torn import LEAVES, LEFT_OUT, moments, treated_crossings  # noqa: E402
 from wrinklecli.review.crossings import crossings  # noqa: E402
 
 RESULTS, README = HERE / "contact.csv", HERE / "README.md"
@@ -81,7 +81,7 @@ class Measured:
         folds_before: Those in the folds; likewise
         folds_wrinkled: without contact,
         folds_contact: and with it.
-        silent: Those with contact in folds of which no line says that contact is left out.
+        silent: Those with contact in folds of which no line says that contact is left out, or leaves crossings.
         targets: Morph targets of contact.
         volume_lost: Greatest volume that a fold's shapes take, relative to a limb as long as it is thick.
         seconds: Of the bake with contact, and
@@ -109,7 +109,7 @@ class Measured:
 
     @property
     def held(self) -> bool:
-        """True if nothing crosses in the folds, those given up aside, and in all no more than without contact."""
+        """True if nothing crosses in the folds without a line that says so, and in all no more than without contact."""
         return self.silent == 0 and self.contact <= self.wrinkled
 
 
@@ -203,8 +203,8 @@ def measured(state: str, name: str, case: Case, program: Path, folder: Path) -> 
     times = moments(off, case.clip, 13)
     mesh = off.node(case.node)
     counts = [
-        int(treated_crossings(file, mesh, case.clip, times, reports[1], resolved, silent=silent).sum())
-        for file, silent in ((Gltf(asset), False), (off, False), (resolved, False), (resolved, True))
+        int(treated_crossings(file, mesh, case.clip, times, reports[1], resolved, said=said).sum())
+        for file, said in ((Gltf(asset), ()), (off, ()), (resolved, ()), (resolved, (LEFT_OUT, LEAVES)))
     ]
     folds = reports[1]["folds"]
     return Measured(

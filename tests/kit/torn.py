@@ -1,6 +1,6 @@
 """Faults that contact must not make in a surface: two bakes, with contact and without, as a player shows them."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 from kit.player import Gltf, Json
 from wrinklecli.baking.report import Report
 from wrinklecli.numeric.intersections import Crossings, edges_of, widened
+
+LEFT_OUT, LEAVES = "contact is left", "contact leaves crossings"
+"""Words of a line about a fold: it has no contact; or contact leaves crossings there, and how many."""
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -45,7 +48,7 @@ def moments(file: Gltf, clip: str, count: int) -> Floats:
 
 
 def treated_crossings(
-    file: Gltf, mesh: str | int, clip: str, times: Floats, report: Json, resolved: Gltf, *, silent: bool
+    file: Gltf, mesh: str | int, clip: str, times: Floats, report: Json, resolved: Gltf, *, said: Sequence[str]
 ) -> NDArray[np.int64]:
     """(times,) edges through triangles at vertices that tools or contact move in a bake, as another file has them.
 
@@ -58,9 +61,9 @@ def treated_crossings(
         times: Seconds of the clip.
         report: The report of the bake with contact.
         resolved: The bake with contact.
-        silent: Leave out folds of which a line says that contact is left out.
+        said: Leave out folds of which a line says one of these.
     """
-    treated = _treated(resolved, report, mesh, silent=silent)
+    treated = _treated(resolved, report, mesh, said)
     # Vertices of the asset keep their numbers in each primitive, and new ones follow.
     counts = [
         [each.json["accessors"][part["attributes"]["POSITION"]]["count"] for part in each.mesh(mesh)["primitives"]]
@@ -153,17 +156,18 @@ def _counts(trees: Crossings, rest: Floats, shown: Floats, marked: NDArray[np.bo
     return np.array(found)
 
 
-def _treated(file: Gltf, report: Json, mesh: str | int, *, silent: bool = True) -> NDArray[np.bool_]:
-    """(vertices,) True for those that tools or contact move, but not where a line says that contact is left out."""
+def _treated(file: Gltf, report: Json, mesh: str | int, said: Sequence[str] = (LEFT_OUT,)) -> NDArray[np.bool_]:
+    """(vertices,) True for those that tools or contact move, but not in folds of which a line says one of these."""
     names, deltas = file.mesh(mesh).get("extras", {}).get("targetNames", []), file.deltas(mesh)
 
     def moved(parts: Iterable[Json]) -> NDArray[np.bool_]:
         columns = [names.index(name) for part in parts for name in part["targets"]]
         return np.asarray(deltas[columns].any(axis=(0, 2)))
 
-    lines = [line.partition(": ")[0].split(", ") for line in report["warnings"] if "contact is left" in line]
-    without = {name for line in lines for name in line} if silent else set()
+    lines = [line.partition(": ") for line in report["warnings"] if any(words in line for words in said)]
+    without = {name for tools, _, _ in lines for name in tools.split(", ")}
     tools, folds = report["tools"], [fold for fold in report["folds"] if fold["targets"]]
+    folds = [fold for fold in folds if without.isdisjoint(fold["tools"])]
     treated = moved(tool for tool in tools if tool["name"] not in without) | moved(folds)
     return treated & ~moved(tool for tool in tools if tool["name"] in without)
 
