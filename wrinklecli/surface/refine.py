@@ -7,7 +7,7 @@ with one. Edges are not split where hardly any of the displacement remains.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -123,17 +123,28 @@ class Refinement:
         return carried_normals(self.blended[vertices], self.normals_at(vertices))
 
     def posed_at(self, pose: Rest, vertices: Ints) -> tuple[Floats, Floats]:
-        """(chosen, 3) positions and unit normals in a pose of the coarse surface, world space."""
+        """(chosen, 3) positions and unit normals in a pose of the coarse surface, world space.
+
+        The normals are mixed from those of the coarse vertices, so they turn evenly. Normals of refined triangles jump
+        from facet to facet where the surface is not rounded, and so would heights that depend on them.
+        """
+        normals = self._mixed_normals(pose, vertices)
         if pose is self.rest:
-            return self.rest_positions[vertices], self.rest_normals_at(vertices)
+            return self.rest_positions[vertices], normals
         raised = np.flatnonzero(pose.morph_weights)
-        bind = self.positions + np.tensordot(pose.morph_weights[raised], self.morph_deltas[raised], axes=1)
+        bind = self.positions[vertices]
+        bind = bind + np.tensordot(pose.morph_weights[raised], self.morph_deltas[raised][:, vertices], axes=1)
         blended = self.blended
         if pose.blended is not self.rest.blended:
             blended = self.subdivision.interpolate(pose.blended.reshape(-1, 12)).reshape(-1, 3, 4)
-        blended = blended[vertices]
-        normals = carried_normals(blended, self.around.normals_at(bind, vertices))
-        return transform(blended[None], bind[vertices])[0], normals
+        return transform(blended[vertices][None], bind)[0], normals
+
+    def _mixed_normals(self, pose: Rest, vertices: Ints) -> Floats:
+        if self.subdivision.linear is None:
+            return pose.normals_at(vertices)
+        rows = self.subdivision.linear.chosen(vertices)
+        used, columns = np.unique(rows.columns, return_inverse=True)
+        return unit(replace(rows, columns=columns, column_count=len(used)) @ pose.normals_at(used))
 
     @cached_property
     def rest_balls(self) -> tuple[Floats, Floats]:

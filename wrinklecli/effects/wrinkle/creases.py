@@ -76,8 +76,9 @@ def creased(carried: CarriedPatch, fine: Refinement, rest: Rest, rig: Rig) -> Ca
     patch, vertices = carried.patch, carried.vertices
     if not patch.shape_strength:
         return carried
-    u, v = patch.coordinates(fine.rest_positions[vertices])
-    nearer = _nearer(carried, fine, rest, rig, patch.share(u, v, patch.cosines(u, fine.rest_normals_at(vertices))))
+    positions, normals = fine.posed_at(rest, vertices)
+    u, v = patch.coordinates(positions)
+    nearer = _nearer(carried, fine, rest, rig, patch.share(u, v, patch.cosines(u, normals)))
     losses = 1.0 - np.maximum((1.0 + (nearer / _MOST_NEARER) ** 4) ** -0.25, _LEAST_FACTOR)
     if losses.max() < _LEAST_LOSS:
         return carried
