@@ -28,6 +28,22 @@ TOOL = tool(bumps=3, max_height="10%", contact="resolve")
 def test_a_fold_about_its_axis_looks_alike_in_player_and_bake() -> None:
     (gap,) = lookup_gaps(bake_fold(), "fold").values()
     assert gap.share < CLOSE
+    (fold,) = report_of(bake_fold()).data["folds"]
+    assert fold["player_error"] == pytest.approx(gap.share, abs=0.03)  # at the times of the bake alone
+
+
+@pytest.mark.slow
+def test_a_line_says_where_players_cannot_show_what_the_bake_shows(tmp_path: Path) -> None:
+    """Two joints fold an armpit of the cartoon figure, and players look contact up by one."""
+    armpit = {"name": "armpit", "node": "Toon", "origin": [-0.16, 1.28, 0.0], "target": [-0.28, 1.34, 0.0],
+              "width": 0.08, "contact": "resolve"}  # fmt: skip
+    tools = write_tools(tmp_path / "tools.yaml", armpit, refinement={"max_levels": 1})
+    report = wrinklecli.bake(place(CHARACTERS["cartoon"]()), tools, tmp_path / "out.glb", clips=["wave"])
+    (gap,), (fold,) = lookup_gaps(Gltf(tmp_path / "out.glb"), "wave").values(), report.data["folds"]
+    assert gap.share > CLOSE
+    assert fold["player_error"] == pytest.approx(gap.share, abs=0.05)
+    (line,) = (each for each in report.warnings if "players" in each)
+    assert f"up to {100 * fold['player_error']:.0f} % of its greatest move off" in line
 
 
 def test_a_pose_looks_alike_however_the_clip_gets_there() -> None:

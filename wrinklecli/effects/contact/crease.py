@@ -322,6 +322,13 @@ class Crease:
             rows = sorted({*rows, int(further[errors[further].argmax()])}) if len(further) else []
         return replace(self, response=found)
 
+    def player_error(self, clip: Clip, times: Floats, followed: "Followed") -> float:
+        """Greatest error of what players look up at (frames,) seconds, over the greatest move in the clip."""
+        largest = float(np.max(self._lengths(followed.weights), initial=0.0))
+        if not largest:
+            return 0.0
+        return float(self._lengths(self._looked_up(clip, times) - followed.weights).max()) / largest
+
     def _lengths(self, weights: Floats) -> Floats:
         """(frames,) greatest moves of a vertex, bind units, under (frames, shapes) weights."""
         moves = (np.sum(combined(row, self.shapes) ** 2, axis=1).max(initial=0.0) for row in weights)

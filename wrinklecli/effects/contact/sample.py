@@ -418,7 +418,10 @@ def _followed(
         ]
         for each in marches.values():
             crease = crease.with_path(each.clip, each.times, each.followed)
-        made.append(_effect(plan, crease, [*effects, *made], followed, remaining, given_up))
+        errors = {
+            each.clip.name: crease.player_error(each.clip, each.times, each.followed) for each in marches.values()
+        }
+        made.append(_effect(plan, crease, [*effects, *made], followed, remaining, given_up, errors))
     sizes = np.concatenate([plan.scale * crease.sizes for crease, _ in spanned])
     after: list[Motion] = []
     for motion, first in zip(motions, firsts, strict=True):
@@ -497,8 +500,12 @@ def _effect(
     followed: "Sequence[Followed]",
     remaining: Sequence[Remaining | None],
     given_up: Sequence[str],
+    player_errors: Mapping[str, float],
 ) -> ContactEffect:
-    """The effect of a fold, with the intersections that remain in each clip, and the names of clips without contact."""
+    """The effect of a fold, with the intersections that remain in each clip, and the names of clips without contact.
+
+    `player_errors` says by clips' names how far players are off, relative to contact's greatest move.
+    """
     from wrinklecli.effects.contact.fitting import MOST_WEIGHT
 
     basis = NonNegativeBasis(len(crease.shapes), MOST_WEIGHT)
@@ -520,6 +527,7 @@ def _effect(
         followed=tuple(followed),
         remaining=tuple(each for each in remaining if each is not None),
         given_up=tuple(given_up),
+        player_errors=player_errors,
         scale=plan.scale,
     )
 
