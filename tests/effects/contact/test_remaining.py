@@ -80,6 +80,7 @@ def test_a_clip_that_would_cross_more_with_contact_is_left_without_and_a_line_sa
         followed=(given_up,),
         remaining=(left,),
         given_up=("fold",),
+        player_errors={"fold": 0.05},
         scale=1.0,
     )
     (line,) = found.warnings(plan, [], up="y")
