@@ -3,6 +3,7 @@
 import { anchorsOf } from './anchor.js';
 import { fleshWeights } from './flesh.js';
 import { foldWeights } from './fold.js';
+import { settling } from './spring.js';
 import { touchWeights } from './touch.js';
 import { wrinkleWeights } from './wrinkle.js';
 
@@ -10,6 +11,9 @@ import { wrinkleWeights } from './wrinkle.js';
 const KINDS = { muscles: wrinkleWeights, flesh: fleshWeights, touches: touchWeights, tools: wrinkleWeights, folds: foldWeights };
 /** The layout of the extras that this driver reads; extras that name none have it. */
 export const LAYOUT = 1;
+/** Of a loop that begins at rest so much of a swing is left when it is shown; and rounds that it plays unseen at most. */
+const LEFT = 0.001;
+const MOST_ROUNDS = 100;
 
 /** Names for a message. */
 export const quoted = (names) => [...new Set(names)].map((name) => JSON.stringify(name)).join(', ');
@@ -41,6 +45,16 @@ export class Body {
   /** The touches that are driven. */
   get touches() {
     return this.drives.flatMap(({ kind, drive }) => (kind === 'touches' ? [drive] : []));
+  }
+
+  /**
+   * How often a clip of so many seconds that loops is to be played unseen, from rest, before it is shown: then it begins as
+   * it ends, as it does in a bake. 0 without springs.
+   */
+  unseenRounds(duration) {
+    const springs = this.drives.flatMap(({ drive: { lag, modes = [] } }) => (lag ? [lag] : modes));
+    const rounds = springs.map((spring) => Math.ceil(-Math.log(LEFT) / (settling(spring) * duration)));
+    return Math.min(Math.max(0, ...rounds), MOST_ROUNDS);
   }
 
   /**

@@ -9,6 +9,9 @@ import { jointFinder, morphMeshes, named, nameOf } from './joints.js';
 import { placeOnSkin, touchWeights } from './touch.js';
 import { wrinkleWeights } from './wrinkle.js';
 
+/** Frames of a second of a clip that is played unseen. */
+const FPS = 60;
+
 export { Body, fleshWeights, foldWeights, placeOnSkin, touchWeights, wrinkleWeights };
 
 /**
@@ -45,6 +48,21 @@ export class WrinkleDriver {
   /** Dents the skin of a touch by a depth, scene units. */
   press(name, depth) {
     this.hands[name] = { slide: this.hands[name]?.slide ?? [0, 0], depth };
+  }
+
+  /**
+   * Brings springs to the beginning of a clip that loops, which begins as it ends: plays it unseen as often as they need.
+   * Call it when the loop starts, with its name and seconds, and what poses the object at a time of the clip, such as
+   * `(time) => mixer.setTime(time)`.
+   */
+  settle(clip, duration, pose) {
+    const rounds = Math.max(0, ...this.bodies.map(({ body }) => body.unseenRounds(duration)));
+    const frames = Math.max(Math.ceil(FPS * duration), 1);
+    for (let frame = 0; frame <= rounds * frames; frame++) {
+      const time = ((frame % frames) / frames) * duration;
+      pose(time);
+      this.update(clip, time, frame ? duration / frames : NaN); // at first all is at rest
+    }
   }
 
   update(clip, time, elapsed = Math.max(time - this.time, 0)) {

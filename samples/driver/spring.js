@@ -14,6 +14,12 @@ export function decay(damping, turns) {
   return [fading * (1 + faster / 2), (-fading * faster) / (2 * swing)];
 }
 
+/** How fast a spring settles: what is left of a swing fades at least like e to the minus this, times seconds. */
+export function settling({ frequency, damping }) {
+  const slower = damping > 1 ? damping + Math.sqrt(damping ** 2 - 1) : 1 / damping;
+  return (2 * Math.PI * frequency) / slower;
+}
+
 /** The state after so many radians in which d runs straight from `from` to `to`: place and speed per radian. */
 function passed({ x, speed }, damping, from, to, turns) {
   const slope = (to - from) / turns;

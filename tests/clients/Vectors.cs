@@ -39,7 +39,8 @@ static class Vectors
         var later = new Dictionary<string, object>(wrinkle) { ["layout"] = 2.0 };
         var problems = new Body(wrinkle, name => name != (string)List(found["joints"])[0],
             name => name != (string)List(found["targets"])[0]).Problems.Concat(new Body(later).Problems);
-        return $"{{\"runs\":{Joined(Runs(found))},\"problems\":{Joined(problems.Select(Quoted))}}}";
+        var unseen = List(found["runs"]).Select(run => new Body(wrinkle).UnseenRounds((double)((Dictionary<string, object>)run)["seconds"]).ToString());
+        return $"{{\"runs\":{Joined(Runs(found))},\"unseen\":{Joined(unseen)},\"problems\":{Joined(problems.Select(Quoted))}}}";
     }
 
     static IEnumerable<string> Runs(Dictionary<string, object> found)

@@ -14,11 +14,12 @@ import { load } from './load.mjs';
  * node   name of the node with the mesh
  * drive  whether the page's driver sets the weights each frame
  * elapsed seconds since the time before, for each; left out, the times' own
+ * loops  whether the driver brings springs to the beginning of a loop first
  * places  for each time where the player has put the body, [x, y, z]; left out, at the origin
  *
  * Gives {weights: for each time and part of the mesh those of the targets, targets: names}.
  */
-export async function drive({ file, anim, clip, times, node, drive: driven, elapsed = [], places = [] }) {
+export async function drive({ file, anim, clip, times, node, drive: driven, elapsed = [], loops = false, places = [] }) {
   const body = await load(file);
   const clips = (anim ? await load(anim) : body).gltf.animations;
   const found = clips.find(({ name }) => name === clip);
@@ -37,9 +38,13 @@ export async function drive({ file, anim, clip, times, node, drive: driven, elap
   const named = meshesOf(({ userData }) => userData.name === node);
   // gltfpack puts a mesh below its node, without a name.
   const parts = named.length ? named : meshesOf(({ userData }) => userData.wrinkle !== undefined);
-  const weights = times.map((time, frame) => {
+  const pose = (time) => {
     if (action) action.time = time;
     mixer.update(0);
+  };
+  if (loops) driver.settle(clip, found.duration, pose);
+  const weights = times.map((time, frame) => {
+    pose(time);
     if (places[frame]) root.position.set(...places[frame]);
     driver?.update(clip, time, elapsed[frame]);
     return parts.map((part) => [...part.morphTargetInfluences]);

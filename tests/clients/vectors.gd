@@ -21,8 +21,10 @@ func _init():
 	for label in cases:
 		var each = cases[label]
 		var runs = []
+		var unseen = []
 		for run in each["runs"]:
 			runs.append(played(Body.new(each["wrinkle"]), each, run))
+			unseen.append(Body.new(each["wrinkle"]).unseen_rounds(run["seconds"]))
 		var joints = each["joints"].duplicate()
 		var targets = each["targets"].duplicate()
 		joints.pop_front()
@@ -30,7 +32,7 @@ func _init():
 		var problems = Body.new(each["wrinkle"], joints, targets).problems
 		var later = each["wrinkle"].duplicate()
 		later["layout"] = 2
-		found[label] = {"runs": runs, "problems": problems + Body.new(later).problems}
+		found[label] = {"runs": runs, "unseen": unseen, "problems": problems + Body.new(later).problems}
 	var file = File.new()
 	file.open("res://played.json", File.WRITE)
 	file.store_string(written(found))

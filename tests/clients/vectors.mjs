@@ -4,15 +4,18 @@ import { readFile } from 'node:fs/promises';
 import { Body } from '../../samples/driver/body.js';
 
 /**
- * By case `runs`, for each frame of each run the weights of the case's targets, and `problems`, what the driver says of a
+ * By case `runs`, for each frame of each run the weights of the case's targets, `unseen`, how often each run is played
+ * before it is shown, and `problems`, what the driver says of a
  * file that lacks the first joint and the first target, and of one of a later layout.
  */
 export async function play(path) {
   const cases = Object.entries(JSON.parse(await readFile(path)));
   return Object.fromEntries(
-    cases.map(([name, each]) => [name, { runs: each.runs.map((run) => weightsOf(each, run)), problems: problemsOf(each) }]),
+    cases.map(([name, each]) => [name, { runs: each.runs.map((run) => weightsOf(each, run)), unseen: unseenOf(each), problems: problemsOf(each) }]),
   );
 }
+
+const unseenOf = ({ wrinkle, runs }) => runs.map(({ seconds }) => new Body(wrinkle).unseenRounds(seconds));
 
 function problemsOf({ wrinkle, joints, targets }) {
   const problems = [];

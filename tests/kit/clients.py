@@ -272,6 +272,7 @@ def drive(
     anim: Path | None = None,
     driver: bool = False,
     elapsed: Sequence[float] = (),
+    loops: bool = False,
     places: Sequence[Sequence[float]] = (),
 ) -> dict[str, Floats]:
     """Morph weights of a node's mesh while three.js plays a clip.
@@ -284,6 +285,7 @@ def drive(
         anim: The file with the clip, where it is not the body's.
         driver: Let the page in `samples/driver` set the weights each frame.
         elapsed: Seconds since the time before, for each, for tools that lag; left out, the times' own.
+        loops: Let the page bring springs to the beginning of a loop first.
         places: Where the player has put the body, for each time; left out, at the origin.
 
     Returns:
@@ -291,6 +293,7 @@ def drive(
     """
     request = {"file": str(file), "node": node, "clip": clip, "times": [float(time) for time in times], "drive": driver}
     request |= {"elapsed": list(elapsed)} if elapsed else {}
+    request |= {"loops": True} if loops else {}
     request |= {"places": [list(each) for each in places]} if places else {}
     request |= {} if anim is None else {"anim": str(anim)}
     answer = ask("drive", "drive", request)

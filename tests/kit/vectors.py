@@ -47,8 +47,8 @@ class Case:
     Attributes:
         shows: What it covers, in words.
         make: Bakes it.
-        frames: By clip, the frames of a second; of a pair the second is the number of rounds: all but the last round
-            are not compared, as springs of a loop are swinging already where its bake begins.
+        frames: By clip, the frames of a second, and True for a loop: the rounds before the last are not compared, as
+            springs of a loop are swinging already where its bake begins.
         tolerance: Of a weight.
         hand: (frames, 3) slides forward and sideways and depths of the player's own tip on the one touch, scene units,
             from (frames,) seconds; not a number while it does not touch.
@@ -57,7 +57,7 @@ class Case:
 
     shows: str
     make: Callable[[], Gltf]
-    frames: dict[str, tuple[float, int]]
+    frames: dict[str, tuple[float, bool]]
     tolerance: float = EXACT
     hand: Callable[[Array], Array] | None = None
     change: Callable[[Json], None] | None = None
@@ -119,6 +119,11 @@ def _lagging() -> Gltf:
     return bake_once(place(limb_asset(rings=12, sides=8)), swings, stiff, tracks="none", max_levels=0)
 
 
+def _soft() -> Gltf:
+    swings = tool(bumps=3, lag={"frequency": 1, "damping": 0.1})
+    return bake_once(place(limb_asset(rings=12, sides=8)), swings, tracks="none", max_levels=0)
+
+
 def _touched(tip: Array | None = None, bend: float = 0.0, **keys: Any) -> Gltf:
     return bake_once(
         place(plate(tip=tip, bend=bend)),
@@ -178,43 +183,56 @@ _BUMPS = {
 _KEYED = {"keys": {"think": [[0.0, "100%"], [1.4, "118%"], [3.0, "100%"]], "raise_brows": [[0, "110%"]]}}
 
 CASES: dict[str, Case] = {
-    "wrist": Case("wrinkles, two tools", lambda: _sample("wrist"), {"flex": (8, 1), "extend": (4, 1)}),
-    "path": Case("a path", lambda: bake_once("wrist", BENT, tracks="none"), {"flex": (8, 1)}),
-    "unnamed": Case("joints without names, a scaled root, strengths", _unnamed, {"fold": (8, 1)}),
-    "hidden": Case("a hidden body, targets of one clip, strength", _unnamed, {"fold": (8, 1)}, change=_hide),
-    "lag": Case("lag, below and above critical damping", _lagging, {"fold": (24, 2)}, BETWEEN_FRAMES),
+    "wrist": Case("wrinkles, two tools", lambda: _sample("wrist"), {"flex": (8, False), "extend": (4, False)}),
+    "path": Case("a path", lambda: bake_once("wrist", BENT, tracks="none"), {"flex": (8, False)}),
+    "unnamed": Case("joints without names, a scaled root, strengths", _unnamed, {"fold": (8, False)}),
+    "hidden": Case("a hidden body, targets of one clip, strength", _unnamed, {"fold": (8, False)}, change=_hide),
+    "lag": Case("lag, below and above critical damping", _lagging, {"fold": (24, True)}, BETWEEN_FRAMES),
+    "loop": Case("a loop whose spring swings for several rounds", _soft, {"fold": (24, True)}, BETWEEN_FRAMES),
     "rest_length_morph": Case(
         "anchors that a morph target moves, and a rest length that it changes; the polyline; strengths",
         lambda: _brow(**_BUMPS, rest_length=_MORPH, clips={"raise_brows": 0.5}),
-        {"raise_brows": (8, 1), "think": (4, 1)},
+        {"raise_brows": (8, False), "think": (4, False)},
     ),
     "rest_length_keys": Case(
         "a rest length with keys",
         lambda: _brow(rest_length=_KEYED, strategy="both_ends", bumps=4),
-        {"raise_brows": (8, 1), "think": (4, 1)},
+        {"raise_brows": (8, False), "think": (4, False)},
     ),
-    "fold": Case("contact with leaning, paths and null", lambda: _fold("one_sided"), {"bend": (12, 1)}),
-    "nose": Case("contact that no joint bends", _nose, {"sneer": (12, 1)}),
+    "fold": Case("contact with leaning, paths and null", lambda: _fold("one_sided"), {"bend": (12, False)}),
+    "nose": Case("contact that no joint bends", _nose, {"sneer": (12, False)}),
     "muscles": Case(
-        "bellies that travel, activated, with weights of one sign; a tool on them", _travelling, {"fold": (12, 1)}
+        "bellies that travel, activated, with weights of one sign; a tool on them", _travelling, {"fold": (12, False)}
     ),
-    "activation": Case("a muscle that a morph target activates", _activated, {"fold": (8, 1)}),
-    "flesh": Case("flesh, on a clip that goes ahead", _swinging, {"jump": (60, 2)}, SWINGING),
-    "touch": Case("a touch with keys", lambda: _touched(), {"drag": (12, 1)}),
-    "bent": Case("touches beside a joint that bends, inside and outside", _touched_limb, {"fold": (12, 1)}),
+    "activation": Case("a muscle that a morph target activates", _activated, {"fold": (8, False)}),
+    "flesh": Case("flesh, on a clip that goes ahead", _swinging, {"jump": (60, True)}, SWINGING),
+    "touch": Case("a touch with keys", lambda: _touched(), {"drag": (12, False)}),
+    "bent": Case("touches beside a joint that bends, inside and outside", _touched_limb, {"fold": (12, False)}),
     "tip": Case(
         "a touch by a node that comes near",
         lambda: _touched(_WAYS, by="tip", keys={}, release=_CRITICAL),
-        {"drag": (60, 1)},
+        {"drag": (60, False)},
         BETWEEN_FRAMES,
     ),
     "hand": Case(
         "a touch by the player, whose ways are turned from forward to the skin's curvatures",
         lambda: _touched(keys={}, bend=25.0, towards=[0.05, 0.0, 0.03]),
-        {"drag": (12, 1)},
+        {"drag": (12, False)},
         hand=_stroke,
     ),
 }
+
+
+def unseen_rounds(entry: Json, seconds: float) -> int:
+    """How often a loop is played before it is shown, as the specification has it."""
+    springs = [each["lag"] for each in entry["tools"] if "lag" in each]
+    springs += [mode for each in entry.get("flesh", []) for mode in each["modes"]]
+    # The roots of z² + 2 ζ ω z + ω² are what swings fade by.
+    rates = [
+        -np.roots([1.0, 4.0 * np.pi * each["damping"] * each["frequency"], (2.0 * np.pi * each["frequency"]) ** 2]).real
+        for each in springs
+    ]
+    return int(min(max((np.ceil(np.log(1000.0) / (rate.min() * seconds)) for rate in rates), default=0), 100))
 
 
 def vectors(case: Case) -> Json:
@@ -240,8 +258,9 @@ def vectors(case: Case) -> Json:
         "runs": [],
     }
     clips = {clip.name: clip for clip in read_clips(document)}
-    for name, (fps, rounds) in case.frames.items():
+    for name, (fps, loops) in case.frames.items():
         clip = _with_own_weights(clips[name], node, body, body.targets)
+        rounds = 1 + unseen_rounds(entry, clip.end - clip.start) if loops else 1
         once = clip.start + np.arange(int(np.ceil((clip.end - clip.start) * fps - 1e-6)) + (rounds == 1)) / fps
         steps = np.full(len(once) * rounds, 1 / fps)
         steps[0] = 0.0
@@ -260,6 +279,7 @@ def vectors(case: Case) -> Json:
         run = {
             "clip": name,
             "rounds": rounds,
+            "seconds": clip.end - clip.start,
             "times": once,
             "elapsed": steps,
             "matrices": matrices,

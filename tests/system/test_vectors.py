@@ -137,6 +137,19 @@ def test_a_driver_gives_the_weights_due(language: str, name: str) -> None:
         assert error.max() < case["tolerance"], (run["clip"], run["times"][frame], case["targets"][target], error.max())
 
 
+@pytest.mark.parametrize("language", DRIVERS)
+def test_a_driver_knows_how_often_a_loop_is_played_unseen(language: str) -> None:
+    rounds = {}
+    for name, case in due().items():
+        for run, unseen in zip(case["runs"], DRIVERS[language]()[name]["unseen"], strict=True):
+            if run["rounds"] > 1:
+                rounds[name] = run["rounds"] - 1
+                assert unseen == rounds[name], name
+            elif not any(each.get("lag") for each in case["wrinkle"]["tools"]):
+                assert unseen == 0, name
+    assert rounds == {"lag": 1, "loop": 6, "flesh": 1}
+
+
 @pytest.mark.parametrize("language", [each for each in DRIVERS if each != "javascript"])
 def test_all_languages_do_and_say_the_same(language: str) -> None:
     """In each frame of springs too, and where a joint and a morph target are lost."""
@@ -171,7 +184,7 @@ def test_flesh_knows_the_clips_of_a_file(
     """The keys of both are 30 a second, which kick flesh by 4 and 20 % where the driver does not know them."""
     trunk = {"flesh": [region(limit=0.026)]}
     baked = bake_config("body", "body") if name == "body" else bake_once(place(body(keys=30)), top=trunk)
-    case = vectors(Case("", lambda: baked, {clip: (fps, 2)}))
+    case = vectors(Case("", lambda: baked, {clip: (fps, True)}))
     poses = tmp_path / "poses.json"
     poses.write_text(json.dumps({"flesh": case}))
     found = play(poses, baked.path)["flesh"]["runs"][0]

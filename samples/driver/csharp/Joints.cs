@@ -127,6 +127,7 @@ namespace Wrinkles
         }
 
         public override IEnumerable<string> Joints => new[] { joint };
+        public override IEnumerable<Spring> Springs => springs;
 
         public override double[] Weights(Frame frame, Func<string, double> morph)
         {

@@ -39,6 +39,8 @@ namespace Wrinkles
     public sealed class Body
     {
         public const int Layout = 1;
+        // Of a loop that begins at rest so much of a swing is left when it is shown; and rounds that it plays unseen at most.
+        const double Left = 0.001, MostRounds = 100;
         /// <summary>A line for each drive that is left out or does not show.</summary>
         public readonly List<string> Problems = new List<string>();
         readonly List<Drive> drives = new List<Drive>();
@@ -62,6 +64,14 @@ namespace Wrinkles
                     if (lost.Count > 0) Problems.Add($"{drive.Name} does not show, as there is no morph target {Quoted(lost)}");
                     if (absent.Count == 0) drives.Add(drive);
                 }
+        }
+
+        /// <summary>How often a clip of so many seconds that loops is to be played unseen, from rest, before it is shown.
+        /// Then it begins as it ends, as it does in a bake. 0 without springs.</summary>
+        public int UnseenRounds(double seconds)
+        {
+            var rounds = drives.SelectMany(drive => drive.Springs).Select(spring => Math.Ceiling(-Math.Log(Left) / (spring.Settling * seconds)));
+            return (int)Math.Min(rounds.DefaultIfEmpty(0).Max(), MostRounds);
         }
 
         static string Quoted(IEnumerable<string> names) => string.Join(", ", names.Select(name => $"\"{name}\""));
@@ -143,6 +153,7 @@ namespace Wrinkles
         readonly Dictionary<string, double> strengths;
         readonly double strength;
         public abstract IEnumerable<string> Joints { get; }
+        public virtual IEnumerable<Spring> Springs => new Spring[0];
         /// <summary>A weight for each target, without the strength.</summary>
         public abstract double[] Weights(Frame frame, Func<string, double> morph);
         public double StrengthIn(string clip) => strengths.TryGetValue(clip ?? "", out var factor) ? factor : strength;
@@ -207,6 +218,9 @@ namespace Wrinkles
             var data = (Json)value;
             (Omega, Damping) = (2 * Math.PI * Read.Number(data["frequency"]), Read.Number(data["damping"]));
         }
+
+        /// <summary>What is left of a swing fades at least like e to the minus this, times seconds.</summary>
+        public double Settling => Omega / (Damping > 1 ? Damping + Math.Sqrt(Damping * Damping - 1) : 1 / Damping);
 
         static double Expm1(double x) => Math.Abs(x) < 1e-5 ? x + x * x / 2 : Math.Exp(x) - 1;
 
@@ -277,6 +291,7 @@ namespace Wrinkles
         }
 
         public override IEnumerable<string> Joints => anchors.SelectMany(each => each.Joints);
+        public override IEnumerable<Spring> Springs => lag != null ? new[] { lag } : new Spring[0];
 
         public override double[] Weights(Frame frame, Func<string, double> morph)
         {

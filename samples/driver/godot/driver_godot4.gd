@@ -6,6 +6,8 @@ extends Node
 
 const Wrinkle = preload("wrinkle.gd")
 const Clips = preload("clips.gd")
+# Of a clip that is played unseen.
+const FRAMES_PER_SECOND = 60
 
 @export_file("*.glb", "*.gltf") var gltf = ""
 # Where the player's own tips touch: {TOUCH: {"slide": [forward, sideways], "depth": depth}}, scene units.
@@ -37,6 +39,22 @@ func _process(delta):
 			drive(str(player.current_animation), player.current_animation_position, delta)
 			return
 	drive("", 0.0, delta)
+
+
+# Brings springs to the beginning of a clip that loops, which begins as it ends: plays it unseen as often as they need. Call it
+# when the loop starts.
+func settle(player, clip):
+	var seconds = player.get_animation(clip).length
+	var rounds = 0
+	for each in bodies:
+		rounds = int(max(rounds, each["body"].unseen_rounds(seconds)))
+	var frames = int(max(ceil(FRAMES_PER_SECOND * seconds), 1))
+	player.play(clip)
+	for frame in range(rounds * frames + 1):
+		var time = seconds * (frame % frames) / frames
+		player.seek(time, true)
+		# At first all is at rest.
+		drive(clip, time, seconds / frames if frame > 0 else NAN)
 
 
 # The weights of a frame, from the pose in which the bones are: a clip's name, its seconds, and those since the last frame.

@@ -8,6 +8,9 @@
 const Numbers = preload("numbers.gd")
 const Joints = preload("joints.gd")
 const LAYOUT = 1
+# Of a loop that begins at rest so much of a swing is left when it is shown; and rounds that it plays unseen at most.
+const LEFT = 0.001
+const MOST_ROUNDS = 100
 # The lists of drives in the order in which they act.
 const KINDS = ["muscles", "flesh", "touches", "tools", "folds"]
 
@@ -78,6 +81,20 @@ func weights(joint_matrices, own_morphs = {}, clip_name = "", seconds = 0.0, sin
 		for k in range(values.size()):
 			_found[data["targets"][k]] = factor * values[k]
 	return _found
+
+
+# How often a clip of so many seconds that loops is to be played unseen, from rest, before it is shown: then it begins as it
+# ends, as it does in a bake. 0 without springs.
+func unseen_rounds(seconds):
+	var rounds = 0
+	for each in _drives:
+		var data = each["data"]
+		for spring in [data["lag"]] if data.has("lag") else data.get("modes", []):
+			var damping = spring["damping"]
+			var slower = damping + sqrt(damping * damping - 1.0) if damping > 1 else 1.0 / damping
+			var fading = 2.0 * PI * spring["frequency"] / slower
+			rounds = Numbers.larger(rounds, ceil(-log(LEFT) / (fading * seconds)))
+	return int(Numbers.smaller(rounds, MOST_ROUNDS))
 
 
 # The names of all morph targets that it sets.

@@ -20,6 +20,8 @@ namespace Wrinkles
         public readonly Dictionary<string, Hand> hands = new Dictionary<string, Hand>();
         readonly List<Driven> bodies = new List<Driven>();
         GltfClips clips;
+        // Of a clip that is played unseen.
+        const float FramesPerSecond = 60;
 
         sealed class Driven
         {
@@ -69,10 +71,30 @@ namespace Wrinkles
         void LateUpdate()
         {
             FindClip();
+            Drive(Time.deltaTime);
+        }
+
+        /// <summary>Brings springs to the beginning of a clip that loops, which begins as it ends: plays it unseen as often as
+        /// they need. Call it when the loop starts, with what poses this object at a time of the clip, such as
+        /// `seconds => clip.SampleAnimation(gameObject, seconds)`.</summary>
+        public void Settle(string name, float length, Action<float> pose)
+        {
+            var rounds = bodies.Select(each => each.body.UnseenRounds(length)).DefaultIfEmpty(0).Max();
+            var frames = Math.Max((int)Math.Ceiling(FramesPerSecond * length), 1);
+            for (var frame = 0; frame <= rounds * frames; frame++)
+            {
+                (clip, time) = (name, frame % frames * length / frames);
+                pose(time);
+                Drive(frame > 0 ? length / frames : double.NaN); // at first all is at rest
+            }
+        }
+
+        void Drive(double elapsed)
+        {
             foreach (var each in bodies)
             {
                 var first = each.renderers[0];
-                var frame = new Frame { Clip = clip, Time = time, Elapsed = Time.deltaTime, Clips = clips, Root = Matrix(transform) };
+                var frame = new Frame { Clip = clip, Time = time, Elapsed = elapsed, Clips = clips, Root = Matrix(transform) };
                 foreach (var hand in hands) frame.Hands[hand.Key] = hand.Value;
                 frame.JointMatrix = name => Matrix(each.joints[name]);
                 frame.MorphWeight = name =>
