@@ -181,3 +181,18 @@ def test_a_pose_keeps_its_volume_where_its_shapes_do_not_span_it() -> None:
     held = (found.volume_gradient / 0.0025)[None]
     (kept,) = project(wanted[None], shares, shapes[:1], held)
     assert found.volume_loss(kept * shapes[0]) < found.volume_loss(nearest * shapes[0])
+
+
+def test_a_pose_that_is_not_demanded_keeps_its_volume_too() -> None:
+    """It goes further the way in which the shapes of the others take a little volume away."""
+    across, sideways, free = np.zeros((POINTS, 3)), np.zeros((POINTS, 3)), np.full(POINTS, np.inf)
+    across[:, 0], sideways[0, 1], sideways[:, 2] = 1.0, 1.0, 8e-4
+    solved: list[Any] = [
+        Wall(size * across + part * sideways, free) for size in np.linspace(0.1, 1.0, 10) for part in (-1.0, 0.0, 1.0)
+    ]
+    further: Any = Wall(across + 3.0 * sideways * [1.0, 1.0, 0.0], free)
+    demanded = np.arange(len(solved) + 1) < len(solved)
+    weights, shapes, _ = fit_poses([*solved, further], share=0.5, least=2, most=2, demanded=demanded)
+    (nearest,) = project(further.moved[None], further.error_weights[None], shapes)
+    assert further.volume_loss(combined(nearest, shapes)) > 0.01
+    assert further.volume_loss(combined(weights[-1], shapes)) < 0.01

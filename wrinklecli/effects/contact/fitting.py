@@ -46,7 +46,8 @@ def fit_poses(
             demanded.
 
     Returns:
-        (poses, shapes) weights in [-1, 1], (shapes, free, 3), and the number of poses in which they leave crossings.
+        (poses, shapes) weights in [-1, 1], or up to `MOST_WEIGHT` where a pose that is not demanded is fitted again to
+        keep its volume; (shapes, free, 3); and the number of poses in which they leave crossings.
     """
     every = np.arange(len(solved)) if demanded is None else np.flatnonzero(demanded)
     asked = [solved[number] for number in every.tolist()]
@@ -66,7 +67,11 @@ def fit_poses(
             if count == most:
                 break
     assert found is not None
-    return found
+    weights, shapes, crossings = found
+    for number in np.setdiff1d(np.arange(len(solved)), every).tolist():
+        if solved[number].volume_loss(combined(weights[number], shapes)) > MOST_LOST:
+            weights[number], _, _ = fit_pose(solved[number], shapes)
+    return weights, shapes, crossings
 
 
 def _fitted(
