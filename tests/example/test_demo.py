@@ -3,6 +3,7 @@
 import io
 import json
 import struct
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +18,16 @@ from kit.command import Wrinkle, files
 from wrinklecli import CheckOptions, check
 from wrinklecli.errors import WrinkleError
 from wrinklecli.example import demo as module
-from wrinklecli.example.figure import base_colour
+from wrinklecli.example.characters import to_glb
+from wrinklecli.example.figure import base_colour, make_figure
 from wrinklecli.example.png import encode_png
+
+
+def test_a_character_has_one_root() -> None:
+    figure = make_figure()
+    apart = tuple(replace(joint, parent=None) if joint is figure.joints[-1] else joint for joint in figure.joints)
+    with pytest.raises(ValueError, match=f"a root: {figure.joints[0].name}, {figure.joints[-1].name}$"):
+        to_glb(replace(figure, joints=apart))
 
 
 @given(arrays(np.uint8, st.tuples(st.integers(1, 9), st.integers(1, 9), st.just(3))))

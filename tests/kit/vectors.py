@@ -24,13 +24,12 @@ from kit.player import Gltf
 from kit.samples import BENT, BROW
 from kit.touch import plate, touch
 from wrinklecli.baking.baked_body import BakedBody, read_bodies
-from wrinklecli.baking.track import _driven, _joints_of, _with_own_weights, present_drives
+from wrinklecli.baking.driven_body import DrivenBody, joints_of, present_drives, with_own_weights
 from wrinklecli.character.clip import read_clips
 from wrinklecli.character.pose import morph_weights, node_matrices
 from wrinklecli.drive.drive import StoredDrive
 from wrinklecli.drive.touch import TouchDrive
 from wrinklecli.gltf.document import Document, read_document
-from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.numeric.arrays import significant
 
 # Differences of a weight that the file's nine digits add, some 1e-8, grow where a wrinkle starts like a square root.
@@ -242,7 +241,7 @@ def vectors(case: Case) -> Json:
     node = next(number for number, each in enumerate(document.items("nodes")) if each.get("name") == body.node)
     drives, warnings = present_drives(body, document.gltf)
     assert not warnings, warnings
-    driven = _driven(EditedDocument(document), node, body, drives)
+    driven = DrivenBody.of(document, node, body, drives)
     joints = {
         joint: named for each in drives for joint, named in zip(each.joints, _nodes(document, body, each), strict=True)
     }
@@ -259,7 +258,7 @@ def vectors(case: Case) -> Json:
     }
     clips = {clip.name: clip for clip in read_clips(document)}
     for name, (fps, loops) in case.frames.items():
-        clip = _with_own_weights(clips[name], node, body, body.targets)
+        clip = with_own_weights(clips[name], node, body, body.targets)
         rounds = 1 + unseen_rounds(entry, clip.end - clip.start) if loops else 1
         once = clip.start + np.arange(int(np.ceil((clip.end - clip.start) * fps - 1e-6)) + (rounds == 1)) / fps
         steps = np.full(len(once) * rounds, 1 / fps)
@@ -307,7 +306,7 @@ def _let_go(touch: TouchDrive, times: Array, hands: Array) -> Array:
 
 
 def _nodes(document: Document, body: BakedBody, drive: StoredDrive) -> list[int]:
-    named = _joints_of(body, document.gltf)
+    named = joints_of(body, document.gltf)
     return [joint for joint in map(named.joint, drive.joints) if joint is not None]
 
 

@@ -154,8 +154,12 @@ def to_glb(character: Character) -> bytes:
     """Encode a character.
 
     Raises:
-        ValueError: A vertex has more than four joints, or indices do not fit 16 bits.
+        ValueError: A vertex has more than four joints, indices do not fit 16 bits, or the first joint is not the only
+            root, as glTF wants one above all joints of a skin.
     """
+    roots = [joint.name for joint in character.joints if joint.parent is None]
+    if roots != [character.joints[0].name]:
+        raise ValueError(f"{character.name}: not its first joint alone is a root: {', '.join(roots)}")
     triangles, corner_uvs = triangulate(character.mesh)
     owners, uvs, indices = split_corners(triangles, corner_uvs)
     if len(owners) >= 0xFFFF or np.count_nonzero(character.weights, axis=1).max() > 4:

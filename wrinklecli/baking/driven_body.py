@@ -1,0 +1,174 @@
+"""A baked body on the joints of a file with clips: which of its drives act there, and what weights they give a clip."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from wrinklecli.baking.baked_body import BakedBody
+from wrinklecli.character.anims import NamedNodes
+from wrinklecli.character.clip import KEY_GAP, KEY_STEP, Clip, clip_grid
+from wrinklecli.character.rig import Rig, moving_nodes, read_rig
+from wrinklecli.drive.drive import Drive, StoredDrive
+from wrinklecli.drive.segment import Segment
+from wrinklecli.drive.swing import SwingDrive
+from wrinklecli.drive.touch import TouchDrive
+from wrinklecli.errors import listed, nearest
+from wrinklecli.gltf.document import Document
+from wrinklecli.gltf.shape import Json
+from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.piecewise import Signal, key_times
+
+# The error bound leaves this much beside the table's own error: a part for samples and a part for dropped keys.
+_SAMPLING_SHARE = 2 / 3
+_KEYS_SHARE = 1 / 3
+
+
+def present_drives(body: BakedBody, gltf: Json) -> tuple[list[StoredDrive], list[str]]:
+    """The drives whose joints are all there, and a warning for each tool of which a joint is missing or ambiguous.
+
+    Without any of the segments that the body has, there are no drives: a fold alone has nothing to move.
+    """
+    names = joints_of(body, gltf)
+    present, warnings = [], []
+    for drive in body.drives:
+        missing = [joint for joint in drive.joints if names.joint(joint) is None]
+        several = [joint for joint in drive.joints if joint in names.shared]
+        if not missing:
+            present.append(drive)
+        if not drive.acts_alone:
+            continue  # its tool's warning says it
+        if missing:
+            hint = nearest(missing[0], names.joints) if len(missing) == 1 else ""
+            warnings.append(f"{drive.name}: left out, as there is no joint {listed(missing)}{hint}")
+        elif several:
+            warnings.append(f"{drive.name}: several nodes are named {listed(several)}; the first is taken")
+    wanted, found = (any(each.acts_alone for each in drives) for drives in (body.drives, present))
+    return present if found or not wanted else [], warnings
+
+
+def joints_of(body: BakedBody, gltf: Json) -> NamedNodes:
+    """The nodes of a document by the names of a body's joints."""
+    nodes = gltf.get("nodes", [])
+    named = [index for index, node in enumerate(nodes) if node.get("name") == body.node]
+    node = next((index for index in named if "mesh" in nodes[index]), None if body.skinned or not named else named[0])
+    return NamedNodes.of_body(gltf, node, skinned=body.skinned)
+
+
+def with_own_weights(clip: Clip, node: int, body: BakedBody, there: Sequence[str] | None) -> Clip:
+    """The clip with a weights channel of the targets that no drive sets, or none if there are no such targets.
+
+    Of the names of the targets that are `there` in the file, those of the body count; the others of the body are as
+    stored. Without a mesh, the channel has the body's targets, or those that the asset had before it was baked.
+    """
+    channel = clip.channel(node, "weights")
+    if channel is None:
+        return clip
+    values = np.zeros((*channel.values.shape[:-1], len(body.kept)))
+    points = values if values.ndim == 2 else values[:, 1]  # of a cubic, between its tangents
+    points[:] = body.stored(body.kept)
+    if there is None:
+        there = body.targets if channel.values.shape[-1] == len(body.targets) else body.original
+    for column, name in enumerate(body.kept):
+        if name in there:
+            values[..., column] = channel.values[..., there.index(name)]
+    kept = (replace(channel, values=values),) if body.kept else ()
+    return replace(clip, channels=tuple(c for c in clip.channels if c is not channel) + kept)
+
+
+@dataclass(frozen=True, slots=True)
+class DrivenBody:
+    """Morph targets of a body, driven by the joints of another file.
+
+    Attributes:
+        drives: The drives whose joints are all there.
+        keyed: Names of the clips that key a rest length.
+        rig: The joints of the drives, and the morph targets that nothing drives, of the node that gets the tracks;
+            then the driven ones that carry anchors.
+        stored: (driven targets,) weights in the stored pose, for all drives of the body.
+        columns: For each drive, the numbers of its targets among the driven ones.
+    """
+
+    drives: tuple[Drive | SwingDrive | TouchDrive, ...]
+    keyed: frozenset[str]
+    rig: Rig
+    stored: Floats
+    columns: tuple[list[int], ...]
+
+    @classmethod
+    def of(cls, document: Document, node: int, body: BakedBody, drives: Sequence[StoredDrive]) -> "DrivenBody":
+        """Find a body's joints in the file that has the node for its tracks."""
+        whole = read_rig(document, node)
+        named = joints_of(body, document.gltf)
+        wanted = {joint: named.joint(joint) for each in drives for joint in each.joints}
+        joints = {joint: node for joint, node in wanted.items() if node is not None}
+        kept, driven = body.kept, body.driven
+        # Drives whose targets carry the anchors of others, as muscles do under wrinkles, act first.
+        carrying = {name for each in drives for name in each.carrying_targets}
+        moving = [each.on(joints, kept) for each in drives if carrying.intersection(each.targets)]
+        rig = replace(
+            whole,
+            joints=np.array(list(joints.values()), np.intp),
+            inverse_binds=np.tile(np.eye(4), (len(joints), 1, 1)),
+            morph_names=kept,
+            morph_weights=whole.morph_weights[[body.targets.index(name) for name in kept]],
+        ).driven_by(moving)
+        numbers = {name: number for number, name in enumerate(driven)}
+        columns = tuple([numbers[name] for name in each.targets] for each in drives)
+        keyed = frozenset(clip for each in drives for clip in each.keyed)
+        on_rig = tuple(each.on(joints, rig.morph_names) for each in drives)
+        return cls(on_rig, keyed, rig, body.stored(driven), columns)
+
+    def moved_by(self, clip: Clip) -> bool:
+        """True if a clip moves a joint, or keys a rest length."""
+        moving = moving_nodes(self.rig)
+        return any(c.node in moving for c in clip.channels) or clip.name in self.keyed
+
+    def weights_in(self, clip: Clip) -> Signal:
+        """(frames,) seconds of a clip to (frames, driven targets) weights; those of absent drives as stored."""
+        pairs = zip(self.drives, self.columns, strict=True)
+        every = [(columns, each.weights_in(self.rig, clip)) for each, columns in pairs if not self._has_own(each, clip)]
+
+        def weights(times: Floats) -> Floats:
+            found = np.tile(self.stored, (len(times), 1))
+            for columns, each in every:
+                found[:, columns] = each(times)
+            return found
+
+        return weights
+
+    def flat(self, clip: Clip, times: Floats, weights: Floats) -> Iterator[str]:
+        """A line for each tool whose (frames, driven targets) weights are 0 at (frames,) seconds of a clip."""
+        for drive, columns in zip(self.drives, self.columns, strict=True):
+            if isinstance(drive, SwingDrive | TouchDrive) or weights[:, columns].any() or self._has_own(drive, clip):
+                continue
+            if not isinstance(drive.signal, Segment):
+                continue
+            lengths = drive.signal.lengths(self.rig, clip, times)
+            least = float(np.min(lengths.distances / lengths.rest_lengths))
+            if drive.strengths.get(clip.name, drive.strength) == 0:
+                yield f"{drive.name} stays flat, as its strength is 0 in this clip"
+            elif np.isinf(least):
+                yield f"{drive.name} stays flat, as the body is scaled to nothing"
+            else:
+                yield f"{drive.name} stays flat, as its ends come no closer than {100 * least:.4g} % of its rest length"
+
+    def _has_own(self, drive: Drive | SwingDrive | TouchDrive, clip: Clip) -> bool:
+        """True if a clip moves targets that belong to it alone, as in the file of its bake."""
+        channel = clip.channel(self.rig.node, "weights")
+        columns = [number for number, name in enumerate(self.rig.morph_names) if name in drive.own]
+        return channel is not None and bool(channel.points[:, columns].any())
+
+    def key_times(self, clip: Clip, *, fps: float, tolerance: float) -> Floats:
+        """(keys,) seconds between which straight lines are right to a ratio of the greatest weight."""
+        weights = self.weights_in(clip)
+        times, keys = key_times(
+            clip_grid(clip, self.rig, fps=fps),
+            lambda _stretch: weights,
+            width=len(self.stored),
+            tolerance=_SAMPLING_SHARE * tolerance,
+            thinning=_KEYS_SHARE * tolerance,
+            gap=KEY_GAP,
+            step=KEY_STEP,
+        )
+        return times[keys]
