@@ -31,7 +31,7 @@ from wrinklecli.gltf.document import read_document
 from wrinklecli.numeric.arrays import unit
 from wrinklecli.numeric.guard import no_progress
 from wrinklecli.numeric.memory import Memory
-from wrinklecli.texture.maps import _layouts
+from wrinklecli.texture.layout import layouts_of
 from wrinklecli.texture.texels import covered
 
 CONFIGS = ROOT / "configs"
@@ -258,7 +258,7 @@ def drawn_normals(asset: Path, tools: Path, tool: str, edges: int, side: int) ->
     plan = plan_mesh(job.document, node, own, settings, job.every_clip, job.options.max_error, **limits)
     how = SamplingOptions(30.0, "morph", job.document.memory, no_progress)
     (effect,) = [each for each in sample_effects(plan, [], how)[0] if isinstance(each, WrinkleEffect)]
-    (layout,) = _layouts(job.document, plan)
+    (layout,) = layouts_of(job.document, plan)
     moved, turned = np.zeros(len(plan.fine.positions)), np.zeros((len(plan.fine.positions), 3))
     for target in filter(None, effect.targets):
         moved[target.shape.vertices] += np.linalg.norm(target.shape.deltas, axis=1)
@@ -284,7 +284,7 @@ def mapped_normals(asset: Path, tools: Path, tool: str, folder: Path, size: int)
         x, y, z = (pixels(folder / part["normal"]).reshape(-1, 3) / 127.5 - 1.0).T
         slopes += np.column_stack([x, y]) / z[:, None]
     (plan,) = plan_meshes(wrinkles_alone(read_job(asset, tools, BakeOptions(only=[tool]))))
-    (layout,) = _layouts(read_document(asset), plan)
+    (layout,) = layouts_of(read_document(asset), plan)
     normals = np.zeros((size**2, 3))
     for texels, faces, shares in covered(layout.uvs, size):
         base, along = (unit(np.einsum("tk,tkx->tx", shares, each[faces])) for each in (layout.normals, layout.tangents))

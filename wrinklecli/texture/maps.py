@@ -4,8 +4,7 @@ import json
 import os
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
-from functools import partial
+from dataclasses import dataclass, replace
 from typing import Any, get_args
 
 import numpy as np
@@ -13,35 +12,28 @@ import numpy as np
 from wrinklecli.baking.extras import METHOD, player_names
 from wrinklecli.baking.job import BakeOptions, Job, ToolsPaths, read_job, tools_paths, wrinkles_alone
 from wrinklecli.baking.plan import plan_meshes
-from wrinklecli.baking.refined_mesh import RefinedPrimitive, old_values, primitives_of
 from wrinklecli.character.contacts import Neighbours
 from wrinklecli.choices import MapKind
 from wrinklecli.effects.effect import MeshPlan, SamplingOptions
 from wrinklecli.effects.sampling import sample_effects
 from wrinklecli.effects.wrinkle.effect import WrinkleEffect
-from wrinklecli.errors import AssetError, BakeError, counted, listed
+from wrinklecli.errors import BakeError, counted, listed
 from wrinklecli.files.outputs import Outputs, part_of
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.pixels import png_of
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, flags_of, unit
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, flags_of
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.numeric.memory import MAX_MEMORY
-from wrinklecli.texture.map_files import MAPS_JSON, claim_folder, image_name
-from wrinklecli.texture.occlusion import REACH, occlusion
+from wrinklecli.texture.layout import Layout, layouts_of
+from wrinklecli.texture.map_files import MAPS_JSON, claim_folder
+from wrinklecli.texture.map_set import MapSet, Shown, packed
 from wrinklecli.texture.relief import Relief, Textured, plan_finely
-from wrinklecli.texture.tangents import mikk_tangents
-from wrinklecli.texture.texels import charted, covered, gutter, texture_steps
+from wrinklecli.texture.texels import charted, covered
 
 VERSION = 1
 """The version of maps.json; a change that a reader would misunderstand raises it."""
 
-# Texels by which charts are widened: bilinear filters and the first mip levels read beyond borders.
-_GUTTER = 8
-# Share of a shape's greatest height below which it does not count as being at a texel: where bumps meet, both are 0.
-_PRESENT = 0.02
-# Texels on which another shape may be without the two being kept apart: a line between two bumps.
-_TOUCHING = 0.02
 # Texels of two places that nobody sees, over those under wrinkles: charts that touch share some on their borders.
 _FEW = 1e-4
 # Part of the size of the mesh by which places on one texel may differ, such as on both sides of a seam.
@@ -51,8 +43,6 @@ _TEXEL_BYTES = 145
 # Texels that a bump must be wide: with fewer, the linear filter turns normals of a bump of 45° by more than 2° between
 # texels, by 45° · (2π / texels)² / 8.
 _LEAST_TEXELS = 10
-# The values of 16 bits that stand for no height, and for white.
-_ZERO, _WHITE = 32768, 65535
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,8 +185,8 @@ def make_maps(
             effects = [each for each in sample_effects(plan, [], how)[0] if isinstance(each, WrinkleEffect)]
             nodes.append(_drives(job.document.gltf, plan, effects))
             warnings += _nameless(job.document, plan, effects)
-            layouts = _layouts(job.document, plan)
-            shown: dict[int | None, list[_Shown]] = {}
+            layouts = layouts_of(job.document, plan)
+            shown: dict[int | None, list[Shown]] = {}
             # One after another, as the finely refined meshes of all tools at once would take the memory of all.
             for done, effect in enumerate(effects):
                 progress("refine", done, len(effects))
@@ -208,7 +198,10 @@ def make_maps(
                 made = _made(plan, effects, layout, shown.get(layout.material, []), options, warnings)
                 taken = {each["name"] for each in materials}
                 name = _file_name(layout.name, taken)
-                sets = [each.encoded(name, number, options, files) for number, each in enumerate(made, start=1)]
+                sets = [
+                    each.encoded(name, number, options.size, options.kinds, files)
+                    for number, each in enumerate(made, start=1)
+                ]
                 if sets:
                     described = {"name": name, "material": layout.material, "node": plan.rig.names[plan.rig.node]}
                     materials.append({**described, "texCoord": layout.texcoord, **layout.transform_json, "sets": sets})
@@ -228,6 +221,16 @@ def make_maps(
         outputs.add_bytes(os.path.join(folder, MAPS_JSON), text.encode(), last=True)
         paths = tuple(os.path.join(folder, name) for name in (MAPS_JSON, *files))
         return Maps(data, paths, job.inputs, job.notes, tuple(warnings))
+
+
+def _file_name(name: str, taken: set[str]) -> str:
+    """Letters, digits and `_` of a name, different from others whatever the case."""
+    plain = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_") or "material"
+    lower, found, number = {each.lower() for each in taken}, plain, 1
+    while found.lower() in lower:
+        number += 1
+        found = f"{plain}_{number}"
+    return found
 
 
 def _drives(gltf: Json, plan: MeshPlan, effects: Sequence[WrinkleEffect]) -> Json:
@@ -257,277 +260,12 @@ def _nameless(document: Document, plan: MeshPlan, effects: Sequence[WrinkleEffec
     ]
 
 
-@dataclass(frozen=True, slots=True)
-class _Layout:
-    """The fine triangles of one material with their texture coordinates.
-
-    Attributes:
-        name: The material's, or the mesh's.
-        material: Its number; None for primitives without one.
-        texcoord: The number of the set of texture coordinates.
-        transform: KHR_texture_transform of the texture whose coordinates are used; empty without.
-        faces: (triangles,) numbers among the fine triangles.
-        uvs: (triangles, 3, 2) after the transform.
-        normals: (triangles, 3, 3) bind space.
-        tangents: (triangles, 3, 3).
-        hands: (triangles,).
-    """
-
-    name: str
-    material: int | None
-    texcoord: int
-    transform: Json
-    faces: Ints
-    uvs: Floats
-    normals: Floats
-    tangents: Floats
-    hands: Floats
-
-    @property
-    def transform_json(self) -> Json:
-        """The transform for maps.json."""
-        return {"KHR_texture_transform": self.transform} if self.transform else {}
-
-
-@dataclass(frozen=True, slots=True)
-class _Transform:
-    """KHR_texture_transform: coordinates are scaled, turned and moved, in this order.
-
-    Attributes:
-        stored: The extension as the asset has it; empty without.
-        turn: Radians.
-    """
-
-    stored: Json = field(default_factory=dict)
-    scale: tuple[float, float] = (1.0, 1.0)
-    turn: float = 0.0
-    offset: tuple[float, float] = (0.0, 0.0)
-
-    @classmethod
-    def of(cls, stored: Json) -> "_Transform":
-        """Read the extension; TypeError or ValueError if it is malformed."""
-        (across, down), (right, below) = stored.get("scale", (1.0, 1.0)), stored.get("offset", (0.0, 0.0))
-        scale, offset = (float(across), float(down)), (float(right), float(below))
-        return cls(stored, scale, float(stored.get("rotation", 0.0)), offset)
-
-    def applied(self, uvs: Floats) -> Floats:
-        """(vertices, 2) transformed coordinates."""
-        c, s = np.cos(self.turn), np.sin(self.turn)
-        scaled = uvs * self.scale
-        turned = np.column_stack([c * scaled[:, 0] + s * scaled[:, 1], c * scaled[:, 1] - s * scaled[:, 0]])
-        return np.asarray(turned + self.offset)
-
-
-def _layouts(document: Document, plan: MeshPlan) -> list[_Layout]:
-    """The materials of a mesh with texture coordinates; primitives without them are left out."""
-    primitives = document.items("meshes")[plan.rig.mesh]["primitives"]
-    parts: dict[int | None, list[_Layout]] = {}
-    for refined in primitives_of(plan.fine):
-        primitive = primitives[refined.index]
-        attributes = primitive.get("attributes", {})
-        material = _material_of(document, primitive)
-        texcoord, transform = _texture_of(document, material)
-        key = f"TEXCOORD_{texcoord}"
-        if key not in attributes or not len(refined.triangles):
-            continue
-        where = document.where("meshes", plan.rig.mesh, "primitives", refined.index)
-        uvs = transform.applied(old_values(document, attributes, key, refined, size=2, where=where))
-        old = np.arange(len(refined.old))
-        if "NORMAL" in attributes:
-            normals = unit(old_values(document, attributes, "NORMAL", refined, size=3, where=where))
-        else:
-            normals = plan.fine.normals_at(refined.weld[old])
-        if "TANGENT" in attributes:
-            tangents = old_values(document, attributes, "TANGENT", refined, size=4, where=where)
-        else:
-            surface = plan.fine.surface
-            own = surface.corners[surface.primitives == refined.index] - refined.old[0]
-            tangents = mikk_tangents(surface.positions[refined.weld[old]], normals, uvs, own)
-        parts.setdefault(material, []).append(
-            _Layout(
-                name=_name_of(document, material, plan),
-                material=material,
-                texcoord=texcoord,
-                transform=transform.stored,
-                faces=np.flatnonzero(plan.fine.triangle_primitives == refined.index),
-                uvs=_on_corners(refined, uvs),
-                normals=_on_corners(refined, normals),
-                tangents=_on_corners(refined, tangents[:, :3]),
-                hands=np.where(_on_corners(refined, tangents[:, 3:])[..., 0].sum(axis=1) < 0, -1.0, 1.0),
-            )
-        )
-    return [_joined(each) for each in parts.values()]
-
-
-def _on_corners(refined: RefinedPrimitive, values: Floats) -> Floats:
-    """(triangles, 3, …) of (old vertices, …) values of a primitive."""
-    found: Floats = np.concatenate([values, refined.mix(values)])[refined.triangles]
-    return found
-
-
-def _joined(parts: Sequence[_Layout]) -> _Layout:
-    """The primitives of one material as one."""
-    return replace(
-        parts[0],
-        faces=np.concatenate([each.faces for each in parts]),
-        uvs=np.concatenate([each.uvs for each in parts]),
-        normals=np.concatenate([each.normals for each in parts]),
-        tangents=np.concatenate([each.tangents for each in parts]),
-        hands=np.concatenate([each.hands for each in parts]),
-    )
-
-
-def _material_of(document: Document, primitive: Json) -> int | None:
-    """The number of a primitive's material; None without one, or if there is none of that number."""
-    number = primitive.get("material")
-    return number if isinstance(number, int) and 0 <= number < len(document.items("materials")) else None
-
-
-def _texture_of(document: Document, material: int | None) -> tuple[int, _Transform]:
-    """The set of coordinates and the transform that a map takes: the normal map's, or else the base colour's.
-
-    Raises:
-        AssetError: An entry is malformed.
-    """
-    if material is None:
-        return 0, _Transform()
-    where = document.where("materials", material)
-    try:
-        known = document.items("materials")[material]
-        base = known.get("pbrMetallicRoughness", {}).get("baseColorTexture")
-        texture = known.get("normalTexture") or base or {}
-        stored = texture.get("extensions", {}).get("KHR_texture_transform", {})
-        return int(stored.get("texCoord", texture.get("texCoord", 0))), _Transform.of(stored)
-    except (TypeError, ValueError, AttributeError) as error:
-        raise AssetError(f"its texture is malformed: {error}", where=where) from error
-
-
-def _name_of(document: Document, material: int | None, plan: MeshPlan) -> str:
-    named = document.items("materials")[material].get("name") if material is not None else None
-    return str(named or plan.rig.names[plan.rig.node])
-
-
-def _file_name(name: str, taken: set[str]) -> str:
-    """Letters, digits and `_` of a name, different from others whatever the case."""
-    plain = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_") or "material"
-    lower, found, number = {each.lower() for each in taken}, plain, 1
-    while found.lower() in lower:
-        number += 1
-        found = f"{plain}_{number}"
-    return found
-
-
-@dataclass(frozen=True, slots=True)
-class _Shown:
-    """One weight's shape on a texture.
-
-    Attributes:
-        target: The name of its weight.
-        tool: The name of its tool.
-        texels: (texels,) sorted numbers of the texels that it moves.
-        heights: (texels,) scene units at weight 1.
-        slopes: (texels, 2) as those of a `Relief`.
-    """
-
-    target: str
-    tool: str
-    texels: Ints
-    heights: Floats
-    slopes: Floats
-
-    @property
-    def shares(self) -> Floats:
-        """(texels,) heights over the tallest."""
-        sizes = np.abs(self.heights)
-        found: Floats = sizes / sizes.max()
-        return found
-
-    @property
-    def present(self) -> Ints:
-        """The texels where it counts as being there."""
-        found: Ints = self.texels[self.shares > _PRESENT]
-        return found
-
-
-@dataclass(frozen=True, slots=True)
-class _Set:
-    """Shapes that share maps, as no texel has two of them.
-
-    Attributes:
-        shown: The shapes.
-        charts: (size²,) the triangle under each texel, −1 for none.
-        steps: (triangles, 2, 3) steps of a texel to the right and down on the surface, scene units.
-    """
-
-    shown: list[_Shown]
-    charts: Ints
-    steps: Floats
-
-    def encoded(self, owner: str, number: int, options: MapOptions, files: dict[str, bytes]) -> Json:
-        """Write the images into `files`, and describe them."""
-        name = partial(image_name, owner, number)
-        size = options.size
-        heights, slopes = np.zeros(size**2), np.zeros((size**2, 2))
-        largest, holder = np.zeros(size**2), np.full(size**2, -1, np.int16)
-        filled = self.charts >= 0
-        for which, each in enumerate(self.shown):
-            heights[each.texels] += each.heights
-            slopes[each.texels] += each.slopes
-            filled[each.texels] = True
-            more = each.shares > largest[each.texels]
-            largest[each.texels[more]], holder[each.texels[more]] = each.shares[more], which
-        beside, nearest = gutter(filled.reshape(size, size), _GUTTER)
-
-        def image(values: Floats) -> Floats:
-            values[beside] = values[nearest]
-            return values.reshape(size, size, *values.shape[1:])
-
-        said: Json = {}
-        if "normal" in options.kinds:
-            normals = unit(np.column_stack([slopes, np.ones(size**2)]))
-            files[name("normal")] = png_of(np.rint(image(127.5 + 127.5 * normals)).astype(np.uint8))
-            said["normal"] = name("normal")
-        if "height" in options.kinds:
-            limit = float(np.abs(heights).max())
-            stored = np.rint(image(_ZERO + (_WHITE - _ZERO) * heights / limit)).astype(np.uint16)
-            files[name("height")] = png_of(stored)
-            scale = limit * _WHITE / (_WHITE - _ZERO)
-            said["height"] = {"file": name("height"), "zero": _ZERO / _WHITE, "scale": scale}
-        if "ao" in options.kinds:
-            files[name("ao")] = png_of(np.rint(255.0 * image(self._seen(heights, size))).astype(np.uint8))
-            said["ao"] = name("ao")
-        said["weights"] = []
-        for start in range(0, len(self.shown), 4):
-            part = self.shown[start : start + 4]
-            mask = name(f"mask_{1 + start // 4}")
-            if len(self.shown) > 1:
-                # A channel of transparency only where there are four: viewers show such images as nearly nothing.
-                channels = range(start, start + max(len(part), 3))
-                owned = np.column_stack([holder == channel for channel in channels])
-                files[mask] = png_of(image(np.where(owned, 255.0, 0.0)).astype(np.uint8))
-            for channel, each in zip("rgba", part, strict=False):
-                masked = {"mask": mask, "channel": channel} if len(self.shown) > 1 else {}
-                said["weights"].append({"target": each.target, "tool": each.tool, **masked})
-        return said
-
-    def _seen(self, heights: Floats, size: int) -> Floats:
-        """(size²,) the occlusion of (size²,) heights."""
-        seen = np.ones((size, size))
-        rows, columns = np.divmod(np.flatnonzero(heights), size)
-        # Beyond the reach of the wrinkles all is seen.
-        window = tuple(slice(max(int(each.min()) - REACH, 0), int(each.max()) + REACH + 1) for each in (rows, columns))
-        charts = self.charts.reshape(size, size)[window]
-        raised = heights.reshape(size, size)[window]
-        seen[window] = occlusion(raised, self.steps[charts], charts >= 0)
-        return seen.reshape(-1)
-
-
-def _texel_size(plan: MeshPlan, effect: WrinkleEffect, layouts: Sequence[_Layout], size: int) -> float:
+def _texel_size(plan: MeshPlan, effect: WrinkleEffect, layouts: Sequence[Layout], size: int) -> float:
     """The side of a texel on the surface at rest, scene units: the median under a tool; 0 if it has no texel."""
     moved = flags_of(effect.carried.vertices, len(plan.fine.positions))
     sides = [np.zeros(0)]
     for layout in layouts:
-        textured = _textured(plan, layout, size)
+        textured = layout.textured(plan, size)
         under = np.flatnonzero(any_of(moved, textured.triangles))
         corners = plan.fine.rest_positions[textured.triangles[under]]
         right, down = np.einsum("fdk,fkx->dfx", textured.steps[under], corners)
@@ -556,7 +294,7 @@ def _shown_finely(
     options: MapOptions,
     how: SamplingOptions,
     texel: float,
-) -> Iterator[tuple[int | None, list[_Shown]]]:
+) -> Iterator[tuple[int | None, list[Shown]]]:
     """The shapes of a tool, with the number of each material that shows them."""
     if not texel:
         return
@@ -564,8 +302,8 @@ def _shown_finely(
     samples = patch.span / patch.intervals / texel * options.supersample
     fine, own = plan_finely(job, plan.rig.node, patch.tool, neighbours, how, most_edges=samples)
     relief = Relief.of(own, fine.fine)
-    for layout in _layouts(job.document, fine):
-        textured = _textured(fine, layout, side)
+    for layout in layouts_of(job.document, fine):
+        textured = layout.textured(fine, side)
         faces = np.flatnonzero(relief.covers(textured.triangles))
         yield layout.material, _shown(effect, relief, textured, layout.uvs, faces, options)
 
@@ -573,23 +311,23 @@ def _shown_finely(
 def _made(
     plan: MeshPlan,
     effects: Sequence[WrinkleEffect],
-    layout: _Layout,
-    shown: Sequence[_Shown],
+    layout: Layout,
+    shown: Sequence[Shown],
     options: MapOptions,
     warnings: list[str],
-) -> list[_Set]:
+) -> list[MapSet]:
     """The sets of one material; a warning for wrinkles on texels that several places share."""
     if not shown:
         return []
-    textured = _textured(plan, layout, options.size)
+    textured = layout.textured(plan, options.size)
     moved = np.concatenate([each.carried.vertices for each in effects])
     wrinkled = any_of(flags_of(moved, len(plan.fine.positions)), textured.triangles)
     charts, pairs = charted(layout.uvs, options.size)
     warnings += _overlaps(plan, layout, pairs, wrinkled, int(wrinkled[charts[charts >= 0]].sum()))
     corners = plan.fine.rest_positions[textured.triangles]
     steps = np.einsum("fdk,fkx->fdx", textured.steps, corners)
-    groups = [[each] for each in shown] if options.separate else _packed(shown, options.size)
-    return [_Set(each, charts, steps) for each in groups]
+    groups = [[each] for each in shown] if options.separate else packed(shown, options.size)
+    return [MapSet(each, charts, steps) for each in groups]
 
 
 def _shown(
@@ -599,7 +337,7 @@ def _shown(
     uvs: Floats,
     faces: Ints,
     options: MapOptions,
-) -> list[_Shown]:
+) -> list[Shown]:
     """The shapes of a tool's targets on the triangles that it moves, each texel the mean of its samples.
 
     The relief has a shape for each target, whether the bake's own mesh shows it or not.
@@ -629,7 +367,7 @@ def _shown(
         heights, slopes = means[:, number], means[:, count + 2 * number : count + 2 * number + 2]
         moved = np.flatnonzero(heights)
         if target is not None and len(moved):
-            made.append(_Shown(target.name, effect.name, texels[moved], heights[moved], slopes[moved]))
+            made.append(Shown(target.name, effect.name, texels[moved], heights[moved], slopes[moved]))
     return made
 
 
@@ -640,30 +378,7 @@ def _summed(texels: Ints, values: Floats) -> tuple[Ints, Floats]:
     return found, np.add.reduceat(values[order], starts, axis=0) if len(found) else values
 
 
-def _textured(plan: MeshPlan, layout: _Layout, side: int) -> Textured:
-    """The corners of a material's triangles, for a texture with so many samples of a side."""
-    triangles, steps = plan.fine.triangles[layout.faces], texture_steps(layout.uvs, side)
-    return Textured(triangles, layout.normals, layout.tangents, layout.hands, steps)
-
-
-def _packed(shown: Sequence[_Shown], size: int) -> list[list[_Shown]]:
-    """Put shapes into as few groups as first fit finds, so that those of a group meet on lines at most."""
-    groups: list[tuple[list[_Shown], Bools]] = []
-    for each in shown:
-        present = each.present
-        for group, taken in groups:
-            if taken[present].sum() <= _TOUCHING * len(present):
-                group.append(each)
-                taken[present] = True
-                break
-        else:
-            taken = np.zeros(size**2, np.bool_)
-            taken[present] = True
-            groups.append(([each], taken))
-    return [group for group, _ in groups]
-
-
-def _overlaps(plan: MeshPlan, layout: _Layout, pairs: Ints, wrinkled: Bools, count: int) -> list[str]:
+def _overlaps(plan: MeshPlan, layout: Layout, pairs: Ints, wrinkled: Bools, count: int) -> list[str]:
     """A warning if other places of the mesh have some of the `count` texels of wrinkles."""
     texels, first, second = pairs[wrinkled[pairs[:, 1]] | wrinkled[pairs[:, 2]]].T
     middles = plan.fine.rest_positions[plan.fine.triangles[layout.faces]].mean(axis=1)

@@ -1,0 +1,171 @@
+"""The materials of a mesh on their textures: which set of coordinates maps take, and what its triangles have there."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from wrinklecli.baking.refined_mesh import RefinedPrimitive, old_values, primitives_of
+from wrinklecli.effects.effect import MeshPlan
+from wrinklecli.errors import AssetError
+from wrinklecli.gltf.document import Document
+from wrinklecli.gltf.shape import Json
+from wrinklecli.numeric.arrays import Floats, Ints, unit
+from wrinklecli.texture.relief import Textured
+from wrinklecli.texture.tangents import mikk_tangents
+from wrinklecli.texture.texels import texture_steps
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """The fine triangles of one material with their texture coordinates.
+
+    Attributes:
+        name: The material's, or the mesh's.
+        material: Its number; None for primitives without one.
+        texcoord: The number of the set of texture coordinates.
+        transform: KHR_texture_transform of the texture whose coordinates are used; empty without.
+        faces: (triangles,) numbers among the fine triangles.
+        uvs: (triangles, 3, 2) after the transform.
+        normals: (triangles, 3, 3) bind space.
+        tangents: (triangles, 3, 3).
+        hands: (triangles,).
+    """
+
+    name: str
+    material: int | None
+    texcoord: int
+    transform: Json
+    faces: Ints
+    uvs: Floats
+    normals: Floats
+    tangents: Floats
+    hands: Floats
+
+    @property
+    def transform_json(self) -> Json:
+        """The transform for maps.json."""
+        return {"KHR_texture_transform": self.transform} if self.transform else {}
+
+    def textured(self, plan: MeshPlan, side: int) -> Textured:
+        """The corners of its triangles, for a texture with so many samples of a side."""
+        triangles, steps = plan.fine.triangles[self.faces], texture_steps(self.uvs, side)
+        return Textured(triangles, self.normals, self.tangents, self.hands, steps)
+
+
+@dataclass(frozen=True, slots=True)
+class _Transform:
+    """KHR_texture_transform: coordinates are scaled, turned and moved, in this order.
+
+    Attributes:
+        stored: The extension as the asset has it; empty without.
+        turn: Radians.
+    """
+
+    stored: Json = field(default_factory=dict)
+    scale: tuple[float, float] = (1.0, 1.0)
+    turn: float = 0.0
+    offset: tuple[float, float] = (0.0, 0.0)
+
+    @classmethod
+    def of(cls, stored: Json) -> "_Transform":
+        """Read the extension; TypeError or ValueError if it is malformed."""
+        (across, down), (right, below) = stored.get("scale", (1.0, 1.0)), stored.get("offset", (0.0, 0.0))
+        scale, offset = (float(across), float(down)), (float(right), float(below))
+        return cls(stored, scale, float(stored.get("rotation", 0.0)), offset)
+
+    def applied(self, uvs: Floats) -> Floats:
+        """(vertices, 2) transformed coordinates."""
+        c, s = np.cos(self.turn), np.sin(self.turn)
+        scaled = uvs * self.scale
+        turned = np.column_stack([c * scaled[:, 0] + s * scaled[:, 1], c * scaled[:, 1] - s * scaled[:, 0]])
+        return np.asarray(turned + self.offset)
+
+
+def layouts_of(document: Document, plan: MeshPlan) -> list[Layout]:
+    """The materials of a mesh with texture coordinates; primitives without them are left out."""
+    primitives = document.items("meshes")[plan.rig.mesh]["primitives"]
+    parts: dict[int | None, list[Layout]] = {}
+    for refined in primitives_of(plan.fine):
+        primitive = primitives[refined.index]
+        attributes = primitive.get("attributes", {})
+        material = _material_of(document, primitive)
+        texcoord, transform = _texture_of(document, material)
+        key = f"TEXCOORD_{texcoord}"
+        if key not in attributes or not len(refined.triangles):
+            continue
+        where = document.where("meshes", plan.rig.mesh, "primitives", refined.index)
+        uvs = transform.applied(old_values(document, attributes, key, refined, size=2, where=where))
+        old = np.arange(len(refined.old))
+        if "NORMAL" in attributes:
+            normals = unit(old_values(document, attributes, "NORMAL", refined, size=3, where=where))
+        else:
+            normals = plan.fine.normals_at(refined.weld[old])
+        if "TANGENT" in attributes:
+            tangents = old_values(document, attributes, "TANGENT", refined, size=4, where=where)
+        else:
+            surface = plan.fine.surface
+            own = surface.corners[surface.primitives == refined.index] - refined.old[0]
+            tangents = mikk_tangents(surface.positions[refined.weld[old]], normals, uvs, own)
+        parts.setdefault(material, []).append(
+            Layout(
+                name=_name_of(document, material, plan),
+                material=material,
+                texcoord=texcoord,
+                transform=transform.stored,
+                faces=np.flatnonzero(plan.fine.triangle_primitives == refined.index),
+                uvs=_on_corners(refined, uvs),
+                normals=_on_corners(refined, normals),
+                tangents=_on_corners(refined, tangents[:, :3]),
+                hands=np.where(_on_corners(refined, tangents[:, 3:])[..., 0].sum(axis=1) < 0, -1.0, 1.0),
+            )
+        )
+    return [_joined(each) for each in parts.values()]
+
+
+def _on_corners(refined: RefinedPrimitive, values: Floats) -> Floats:
+    """(triangles, 3, …) of (old vertices, …) values of a primitive."""
+    found: Floats = np.concatenate([values, refined.mix(values)])[refined.triangles]
+    return found
+
+
+def _joined(parts: Sequence[Layout]) -> Layout:
+    """The primitives of one material as one."""
+    return replace(
+        parts[0],
+        faces=np.concatenate([each.faces for each in parts]),
+        uvs=np.concatenate([each.uvs for each in parts]),
+        normals=np.concatenate([each.normals for each in parts]),
+        tangents=np.concatenate([each.tangents for each in parts]),
+        hands=np.concatenate([each.hands for each in parts]),
+    )
+
+
+def _material_of(document: Document, primitive: Json) -> int | None:
+    """The number of a primitive's material; None without one, or if there is none of that number."""
+    number = primitive.get("material")
+    return number if isinstance(number, int) and 0 <= number < len(document.items("materials")) else None
+
+
+def _texture_of(document: Document, material: int | None) -> tuple[int, _Transform]:
+    """The set of coordinates and the transform that a map takes: the normal map's, or else the base colour's.
+
+    Raises:
+        AssetError: An entry is malformed.
+    """
+    if material is None:
+        return 0, _Transform()
+    where = document.where("materials", material)
+    try:
+        known = document.items("materials")[material]
+        base = known.get("pbrMetallicRoughness", {}).get("baseColorTexture")
+        texture = known.get("normalTexture") or base or {}
+        stored = texture.get("extensions", {}).get("KHR_texture_transform", {})
+        return int(stored.get("texCoord", texture.get("texCoord", 0))), _Transform.of(stored)
+    except (TypeError, ValueError, AttributeError) as error:
+        raise AssetError(f"its texture is malformed: {error}", where=where) from error
+
+
+def _name_of(document: Document, material: int | None, plan: MeshPlan) -> str:
+    named = document.items("materials")[material].get("name") if material is not None else None
+    return str(named or plan.rig.names[plan.rig.node])

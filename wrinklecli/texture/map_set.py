@@ -1,0 +1,145 @@
+"""Shapes on a texture that share maps, as no texel has two of them, and the images that hold them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from wrinklecli.choices import MapKind
+from wrinklecli.gltf.pixels import png_of
+from wrinklecli.gltf.shape import Json
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, unit
+from wrinklecli.texture.map_files import image_name
+from wrinklecli.texture.occlusion import REACH, occlusion
+from wrinklecli.texture.texels import gutter
+
+# Texels by which charts are widened: bilinear filters and the first mip levels read beyond borders.
+_GUTTER = 8
+# Share of a shape's greatest height below which it does not count as being at a texel: where bumps meet, both are 0.
+_PRESENT = 0.02
+# Texels on which another shape may be without the two being kept apart: a line between two bumps.
+_TOUCHING = 0.02
+# The values of 16 bits that stand for no height, and for white.
+_ZERO, _WHITE = 32768, 65535
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """One weight's shape on a texture.
+
+    Attributes:
+        target: The name of its weight.
+        tool: The name of its tool.
+        texels: (texels,) sorted numbers of the texels that it moves.
+        heights: (texels,) scene units at weight 1.
+        slopes: (texels, 2) as those of a `Relief`.
+    """
+
+    target: str
+    tool: str
+    texels: Ints
+    heights: Floats
+    slopes: Floats
+
+    @property
+    def shares(self) -> Floats:
+        """(texels,) heights over the tallest."""
+        sizes = np.abs(self.heights)
+        found: Floats = sizes / sizes.max()
+        return found
+
+    @property
+    def present(self) -> Ints:
+        """The texels where it counts as being there."""
+        found: Ints = self.texels[self.shares > _PRESENT]
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class MapSet:
+    """Shapes that share maps, as no texel has two of them.
+
+    Attributes:
+        shown: The shapes.
+        charts: (size²,) the triangle under each texel, −1 for none.
+        steps: (triangles, 2, 3) steps of a texel to the right and down on the surface, scene units.
+    """
+
+    shown: list[Shown]
+    charts: Ints
+    steps: Floats
+
+    def encoded(self, owner: str, number: int, size: int, kinds: Sequence[MapKind], files: dict[str, bytes]) -> Json:
+        """Write the images into `files`, and describe them."""
+        name = partial(image_name, owner, number)
+        heights, slopes = np.zeros(size**2), np.zeros((size**2, 2))
+        largest, holder = np.zeros(size**2), np.full(size**2, -1, np.int16)
+        filled = self.charts >= 0
+        for which, each in enumerate(self.shown):
+            heights[each.texels] += each.heights
+            slopes[each.texels] += each.slopes
+            filled[each.texels] = True
+            more = each.shares > largest[each.texels]
+            largest[each.texels[more]], holder[each.texels[more]] = each.shares[more], which
+        beside, nearest = gutter(filled.reshape(size, size), _GUTTER)
+
+        def image(values: Floats) -> Floats:
+            values[beside] = values[nearest]
+            return values.reshape(size, size, *values.shape[1:])
+
+        said: Json = {}
+        if "normal" in kinds:
+            normals = unit(np.column_stack([slopes, np.ones(size**2)]))
+            files[name("normal")] = png_of(np.rint(image(127.5 + 127.5 * normals)).astype(np.uint8))
+            said["normal"] = name("normal")
+        if "height" in kinds:
+            limit = float(np.abs(heights).max())
+            stored = np.rint(image(_ZERO + (_WHITE - _ZERO) * heights / limit)).astype(np.uint16)
+            files[name("height")] = png_of(stored)
+            scale = limit * _WHITE / (_WHITE - _ZERO)
+            said["height"] = {"file": name("height"), "zero": _ZERO / _WHITE, "scale": scale}
+        if "ao" in kinds:
+            files[name("ao")] = png_of(np.rint(255.0 * image(self._seen(heights, size))).astype(np.uint8))
+            said["ao"] = name("ao")
+        said["weights"] = []
+        for start in range(0, len(self.shown), 4):
+            part = self.shown[start : start + 4]
+            mask = name(f"mask_{1 + start // 4}")
+            if len(self.shown) > 1:
+                # A channel of transparency only where there are four: viewers show such images as nearly nothing.
+                channels = range(start, start + max(len(part), 3))
+                owned = np.column_stack([holder == channel for channel in channels])
+                files[mask] = png_of(image(np.where(owned, 255.0, 0.0)).astype(np.uint8))
+            for channel, each in zip("rgba", part, strict=False):
+                masked = {"mask": mask, "channel": channel} if len(self.shown) > 1 else {}
+                said["weights"].append({"target": each.target, "tool": each.tool, **masked})
+        return said
+
+    def _seen(self, heights: Floats, size: int) -> Floats:
+        """(size²,) the occlusion of (size²,) heights."""
+        seen = np.ones((size, size))
+        rows, columns = np.divmod(np.flatnonzero(heights), size)
+        # Beyond the reach of the wrinkles all is seen.
+        window = tuple(slice(max(int(each.min()) - REACH, 0), int(each.max()) + REACH + 1) for each in (rows, columns))
+        charts = self.charts.reshape(size, size)[window]
+        raised = heights.reshape(size, size)[window]
+        seen[window] = occlusion(raised, self.steps[charts], charts >= 0)
+        return seen.reshape(-1)
+
+
+def packed(shown: Sequence[Shown], size: int) -> list[list[Shown]]:
+    """Put shapes into as few groups as first fit finds, so that those of a group meet on lines at most."""
+    groups: list[tuple[list[Shown], Bools]] = []
+    for each in shown:
+        present = each.present
+        for group, taken in groups:
+            if taken[present].sum() <= _TOUCHING * len(present):
+                group.append(each)
+                taken[present] = True
+                break
+        else:
+            taken = np.zeros(size**2, np.bool_)
+            taken[present] = True
+            groups.append(([each], taken))
+    return [group for group, _ in groups]
