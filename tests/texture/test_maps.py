@@ -230,6 +230,46 @@ def on_one_place(editor: Editor) -> None:
         primitive["attributes"]["TEXCOORD_0"] = editor.accessor(mirrored.astype(np.float32))
 
 
+def laid_elsewhere(transform: dict[str, Any], tile: float) -> Any:
+    """A change of the wrist: its coordinates lie elsewhere, and the transform takes them to where they were."""
+
+    def change(editor: Editor) -> None:
+        (primitive,) = editor.json["meshes"][0]["primitives"]
+        stored = read_document(sample("wrist")).accessor(primitive["attributes"]["TEXCOORD_0"])
+        offset, scale, turn = (
+            transform.get(key, plain) for key, plain in (("offset", 0), ("scale", 1), ("rotation", 0))
+        )
+        c, s = np.cos(turn), np.sin(turn)
+        laid = (stored - offset) @ np.array([[c, s], [-s, c]]) / scale + tile
+        primitive["attributes"]["TEXCOORD_0"] = editor.accessor(laid.astype(np.float32))
+        if transform:
+            info = {"index": 0, "extensions": {"KHR_texture_transform": transform}}
+            editor.json["materials"][0]["normalTexture"] = info
+
+    return change
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("transform", "tile"),
+    [({}, 3.0), ({"offset": [0.25, -0.5]}, 0.0), ({"offset": [0.1, 0.3], "rotation": 0.4, "scale": [2.0, 0.5]}, 0.0)],
+    ids=["a tile", "an offset", "all"],
+)
+def test_tiles_and_transforms_of_a_texture_lead_to_the_same_texels(
+    transform: dict[str, Any], tile: float, tmp_path: Path
+) -> None:
+    """A tile of UDIM has a material of its own in glTF, with coordinates beyond 1."""
+    asset = edited("wrist", laid_elsewhere(transform, tile))
+    found = maps(asset, CONFIGS / "wrist.yaml", tmp_path / "there", size=128, kinds=["normal"])
+    made(tmp_path / "here", kinds=["normal"])
+    assert found.data["materials"][0].get("KHR_texture_transform", {}) == transform
+    for path in sorted((tmp_path / "here").glob("*.png")):
+        apart = np.abs(pixels(path).astype(int) - pixels(tmp_path / "there" / path.name))
+        # Rounded coordinates put the middle of a texel on the other side of a border here and there.
+        assert (apart > 1).mean() < 0.001
+        assert pixels(path).std() > 1
+
+
 @pytest.mark.slow
 def test_mirrored_charts_are_found_and_refused_if_strict(wrinkle: Wrinkle, tmp_path: Path) -> None:
     line = ("maps", edited("wrist", on_one_place), CONFIGS / "wrist.yaml", "-o", tmp_path / "maps", "--size", "256")
