@@ -167,20 +167,24 @@ class Crease:
         """
         looked = self._looked_up(marched.clip, marched.times)
         if self._about_as_good(marched, looked):
-            followed = self._fitted(marched, looked, keep=True)
-            if not followed.unspanned:
-                return followed
-        return self._fitted(marched, looked, keep=False)
+            weights, crossing = self._weights(marched, looked, keep=True)
+            if not crossing:
+                followed = self._fitted(marched, looked, weights, crossing)
+                if not followed.unspanned:
+                    return followed
+        return self._fitted(marched, np.zeros_like(looked), *self._weights(marched, looked, keep=False))
 
-    def _fitted(self, marched: "MarchedClip", looked: Floats, *, keep: bool) -> "Followed":
-        """Fit the shapes to the solutions, and `keep` (frames, shapes) weights that are looked up if possible."""
-        known = np.where(keep, looked, 0.0)
-        weights = known.copy()
+    def _weights(self, marched: "MarchedClip", looked: Floats, *, keep: bool) -> tuple[Floats, list[int]]:
+        """Fit (frames, shapes) weights to the solutions, frame by frame, and find the frames that they leave crossing.
+
+        Weights that are `looked` up are kept where possible, if asked: then the first frame that crosses ends the fit.
+        """
+        weights = np.where(keep, looked, 0.0)
         urgent: Floats | None = None
         crossing: list[int] = []
         for frame in marched.touching:
-            found = marched.solution(frame)
-            weights[frame], urgent, crosses = fit_pose(found, self.shapes, urgent, known=known[frame] if keep else None)
+            found, known = marched.solution(frame), looked[frame] if keep else None
+            weights[frame], urgent, crosses = fit_pose(found, self.shapes, urgent, known=known)
             if crosses:
                 urgent = None
                 # The weights of the fold's own motion, or those with which the shapes were made, may leave no crossing.
@@ -191,6 +195,13 @@ class Crease:
                         break
             if crosses:
                 crossing.append(frame)
+                if keep:
+                    break
+        return weights, crossing
+
+    def _fitted(self, marched: "MarchedClip", known: Floats, weights: Floats, crossing: Sequence[int]) -> "Followed":
+        """The fit with (frames, shapes) weights that leave some frames crossing; they come from `known` ones, or 0."""
+        weights = weights.copy()
         fresh = self._brought_together(marched, weights, known, crossing)
         error, remaining = 0.0, 0  # vertices that cross
         unspanned = list(crossing)
