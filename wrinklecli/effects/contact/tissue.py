@@ -13,8 +13,8 @@ import numpy as np
 from wrinklecli.effects.contact.crumpling import Crumpling
 from wrinklecli.effects.contact.response import Pieces, Response, stiffness_of
 from wrinklecli.effects.contact.tearing import Tearing
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, flags_of
-from wrinklecli.numeric.intersections import edges_of, pass_through
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values
+from wrinklecli.numeric.intersections import Crossings, edges_of
 
 UNITS = 70.0
 """Solver's units in a limb's radius: one is about a millimetre of a knee."""
@@ -115,7 +115,7 @@ class Tissue:
 
     def again(self) -> "Tissue":
         """A copy that nothing has touched yet: its solutions depend on no others, not even in the last bits."""
-        once = self.mesh, self.barrier, self.pressures, self._tearing  # for all copies
+        once = self.mesh, self.barrier, self.pressures, self._crossings, self._tearing  # for all copies
         fresh = copy(self)
         fresh.__dict__.update(self.__dict__, response=self.response.again())
         assert fresh.mesh is once[0]
@@ -190,6 +190,11 @@ class Tissue:
     def placed(self, positions: Floats) -> Floats:
         """(touching, 3) of (vertices, 3), in the layout that ipctk asks for."""
         return np.asfortranarray(positions[self.rows])
+
+    @cached_property
+    def _crossings(self) -> Crossings:
+        """The trees of `mesh`."""
+        return Crossings.of(self.rest[self.rows], np.searchsorted(self.rows, self.triangles[self.colliding]))
 
     @cached_property
     def _tearing(self) -> Tearing:
@@ -290,19 +295,10 @@ class Tissue:
 
     def crossing_vertices(self, positions: Floats) -> Bools:
         """(vertices,) True for the corners of edges and triangles that cross at (vertices, 3) positions."""
-        import ipctk
-
-        placed, mesh = self.placed(positions), self.mesh
-        # A scale of 0 hides parts in one point, where they cross nothing but their boxes would all meet.
-        edges = mesh.edges[(placed[mesh.edges[:, 0]] != placed[mesh.edges[:, 1]]).any(axis=1)]
-        tree = ipctk.LBVH()
-        tree.can_vertices_collide = mesh.can_collide
-        tree.build(placed, np.asfortranarray(edges), mesh.faces)
-        pairs = [(each.edge_id, each.face_id) for each in tree.detect_edge_face_candidates()]
-        numbers = np.array(pairs, np.intp).reshape(-1, 2)
-        ends, corners = edges[numbers[:, 0]], mesh.faces[numbers[:, 1]]
-        crossing = pass_through(placed[ends], placed[corners])
-        return flags_of(self.rows[np.concatenate([ends, corners], axis=1)[crossing]], len(positions))
+        counting = (self.free & self.own)[self.rows]
+        marked = np.zeros(len(positions), bool)
+        marked[self.rows] = self._crossings.vertices_at(positions[self.rows], counting)
+        return marked
 
     def tears(self, given: Floats, shown: Floats) -> bool:
         """True if (vertices, 3) positions are torn relative to the given ones."""
