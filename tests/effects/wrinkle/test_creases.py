@@ -9,6 +9,7 @@ from kit.asset import Asset, attribute, stored
 from kit.carried import ROOTS, carry_patch, placed
 from kit.limb import limb_asset, tool
 from kit.prepared import prepare
+from wrinklecli.effects.wrinkle.bending import turns_of
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.creases import creased
 from wrinklecli.effects.wrinkle.turned import count_turned_over
@@ -117,7 +118,7 @@ def test_a_morph_target_that_only_squeezes_the_skin_makes_no_crease() -> None:
     assert after is before
 
 
-def test_each_joint_of_two_that_share_a_tool_lowers_its_wrinkles_in_its_own_fold() -> None:
+def test_two_joints_that_share_a_tool_lower_its_wrinkles_in_the_folds_of_both() -> None:
     """As two thighs below a skirt: each carries half of the tool's lower end, and the skin on its own side."""
     asset = limb_with(SHARP, joints=3)
     nodes = asset.gltf["nodes"]
@@ -137,3 +138,5 @@ def test_each_joint_of_two_that_share_a_tool_lowers_its_wrinkles_in_its_own_fold
     near = np.abs(us - made.patch.path.locate(np.zeros(3)).u) < 0.02
     for place in (-v, v):
         assert ratios[near & (place > 0.2) & (place < 0.7)].max() < 0.4
+    # Where wrinkles are tall, too, both have turned.
+    assert [{channel.node for channel in each.channels} for each in turns_of(made.patch, made.rig)] == [{2, 3}] * 2

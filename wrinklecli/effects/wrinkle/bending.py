@@ -138,29 +138,26 @@ def _shrinking(surface: Surface, number: int) -> float:
 
 def _jaw_share(patch: Patch, rig: Rig, before: float) -> float:
     """The fraction by which a tool's ends approach while the joint between them turns by 30° to the better side."""
-    node = bent_node(patch, rig)
-    if node is None:
-        return 0.0
     time = np.array([_JAW_TURN / _MOST_TURN])
-    after = min(float(patch.segment.lengths(rig, turn, time).distances[0]) for turn in turns_of(patch, rig, node))
-    return 1.0 - after / before
+    after = [float(patch.segment.lengths(rig, turn, time).distances[0]) for turn in turns_of(patch, rig)]
+    return 1.0 - min(after, default=before) / before
 
 
 def own_motions(patch: Patch, rig: Rig) -> Iterator[Clip]:
     """Motions of a second that may bring a tool's ends together: its joint turning either way, then morph targets."""
     morphed = patch.tool.rest_length.morph if isinstance(patch.tool.rest_length, RestLengthMorph) else None
-    node = None if morphed else bent_node(patch, rig)
-    if node is not None:
-        yield from turns_of(patch, rig, node)
+    if not morphed:
+        yield from turns_of(patch, rig)
     for number, name in enumerate(rig.morph_names):
         if _moves(patch, number) if morphed is None else name == morphed:
             yield motion_clip("", [raising(rig, {number: 1.0})])
 
 
-def turns_of(patch: Patch, rig: Rig, node: int) -> tuple[Clip, Clip]:
-    """Motions of a second in which a node turns by 150° about a patch's v axis, either way."""
+def turns_of(patch: Patch, rig: Rig) -> list[Clip]:
+    """Motions of a second in which all joints that bend a tool turn by 150° about its v axis, either way; or none."""
+    bent = bent_nodes(patch, rig)
     axis = np.stack(cross(patch.along, patch.normal))
-    return _turning(rig, node, axis), _turning(rig, node, -axis)
+    return [motion_clip("", [_turning(rig, node, way) for node in bent]) for way in (axis, -axis) if bent]
 
 
 def bent_node(patch: Patch, rig: Rig) -> int | None:
@@ -169,7 +166,7 @@ def bent_node(patch: Patch, rig: Rig) -> int | None:
 
 
 def bent_nodes(patch: Patch, rig: Rig) -> list[int]:
-    """The joints that bend a tool, each by itself, the nearest to its middle first.
+    """The joints that bend a tool, the nearest to its middle first.
 
     There are several where limbs share what hangs over them: each thigh bends the middle of a skirt. Joints of one limb
     bend it at one place, so the nearest of them stands for all.
@@ -212,11 +209,11 @@ def carried_by(anchor: Anchor, rig: Rig) -> dict[int, float]:
     return shares
 
 
-def _turning(rig: Rig, node: int, axis: Floats) -> Clip:
-    """A motion in which a node turns steadily about a (3,) axis in world space at rest."""
+def _turning(rig: Rig, node: int, axis: Floats) -> Channel:
+    """The channel of a node that turns steadily about a (3,) axis in world space at rest."""
     parent = int(rig.parents[node])
     world = np.eye(4) if parent < 0 else node_matrices(rig, None, np.zeros(1), [parent])[0, 0]
     # The axis in the parent's space that the parent takes to the wanted one.
     local = unit(np.linalg.pinv(world[:3, :3]) @ axis)
     stored = unit_quaternions(rig.locals[node]["rotation"])
-    return motion_clip("", [turning(node, stored, local, _MOST_TURN, np.linspace(0.0, 1.0, MOMENTS))])
+    return turning(node, stored, local, _MOST_TURN, np.linspace(0.0, 1.0, MOMENTS))

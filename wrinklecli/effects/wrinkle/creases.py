@@ -138,19 +138,22 @@ def _nearer(carried: CarriedPatch, fine: Refinement, rest: Rest, rig: Rig, share
 
 
 def _folds(patch: Patch, fine: Refinement, rest: Rest, rig: Rig, vertices: Ints) -> Floats:
-    """(folds, vertices, 3, 4) bind to world space while each joint that bends the tool brings its ends together."""
+    """(angles, vertices, 3, 4) bind to world space while all joints that bend a tool turn together; empty without.
+
+    Both thighs below a skirt are raised when someone sits down; one alone folds less of it.
+    """
     bent = [] if isinstance(patch.tool.rest_length, RestLengthMorph) else bent_nodes(patch, rig)
-    turned = [_turned(patch, rest, rig, node) for node in bent if node in rig.joints]
-    matrices = np.concatenate([np.zeros((0, *rest.matrices.shape)), *turned])
-    if not len(matrices):
+    matrices = np.repeat(rest.matrices[None], len(_ANGLES), axis=0)
+    turned = [_turned(matrices, patch, rest, rig, node) for node in bent if node in rig.joints]
+    if not any(turned):
         return np.zeros((0, len(vertices), 3, 4))
     weights = fine.surface.dense_weights(vertices, len(rig.joints))
     acting = np.flatnonzero(weights.any(axis=0))
     return blend(weights[:, acting], matrices[:, acting])
 
 
-def _turned(patch: Patch, rest: Rest, rig: Rig, node: int) -> Floats:
-    """(angles, joints, 3, 4) joints' matrices while one brings the tool's ends together; empty if it does not."""
+def _turned(matrices: Floats, patch: Patch, rest: Rest, rig: Rig, node: int) -> bool:
+    """Turn a joint and what hangs on it in (angles, joints, 4, 4) matrices, if that brings the tool's ends together."""
     number = int(np.flatnonzero(rig.joints == node)[0])
     centre = (rest.matrices[number] @ np.linalg.inv(rig.inverse_binds[number]))[:3, 3]
     below = np.array([hangs_on(rig, int(joint), node) for joint in rig.joints])
@@ -163,10 +166,11 @@ def _turned(patch: Patch, rest: Rest, rig: Rig, node: int) -> Floats:
         moved = ends + np.array(shares)[:, None] * (turned - ends)
         lengths.append(float(np.linalg.norm(np.diff(moved, axis=0), axis=1).sum()))
     if min(lengths) >= patch.span:
-        return np.zeros((0, *rest.matrices.shape))
+        return False
     turns = np.stack([_turn(axis if lengths[0] <= lengths[1] else -axis, angle) for angle in _ANGLES])
     turns[:, :3, 3] = centre - turns[:, :3, :3] @ centre
-    return np.where(below[None, :, None, None], turns[:, None] @ rest.matrices, rest.matrices)
+    matrices[:, below] = turns[:, None] @ rest.matrices[below]
+    return True
 
 
 def _turn(axis: Floats, angle: float) -> Floats:

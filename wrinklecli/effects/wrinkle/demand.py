@@ -64,7 +64,7 @@ def demand_of(patch: Patch, surface: Surface, rest: Rest, rig: Rig) -> Floats | 
     if not _BETWEEN[0] < path.locate(place).u < _BETWEEN[1]:
         return None
     line = _Line.of_path(patch, path, surface, rest, len(rig.joints))
-    return None if line is None else _demand(patch, line, rig, node)
+    return None if line is None else _demand(patch, line, rig)
 
 
 def demanding(carried: CarriedPatch, fine: Refinement, rig: Rig) -> CarriedPatch:
@@ -74,19 +74,18 @@ def demanding(carried: CarriedPatch, fine: Refinement, rig: Rig) -> CarriedPatch
     tool's bumps.
     """
     patch = carried.patch
-    node = bent_node(patch, rig)
-    if patch.curve.demand is None or node is None or carried.ring is not None:
+    if patch.curve.demand is None or carried.ring is not None:
         return carried
     line = _Line.of_mesh(carried, fine, len(rig.joints))
-    demand = None if line is None else _demand(patch, line, rig, node)
+    demand = None if line is None else _demand(patch, line, rig)
     if demand is None:
         return carried
     return replace(carried, patch=replace(patch, curve=replace(patch.curve, demand=demand)))
 
 
-def _demand(patch: Patch, line: "_Line", rig: Rig, node: int) -> Floats | None:
-    """(2, rows) demand of a line while a node turns; None if there is none."""
-    times, motion, shares = _bend(patch, rig, node)
+def _demand(patch: Patch, line: "_Line", rig: Rig) -> Floats | None:
+    """(2, rows) demand of a line in the tool's bend; None if there is none."""
+    times, motion, shares = _bend(patch, rig)
     if not len(times):
         return None
     curve = _unlimited(patch.curve)
@@ -112,14 +111,14 @@ def _unlimited(curve: ControlCurve) -> ControlCurve:
     return replace(curve, compressible=0.0, max_height=height, demand=None)
 
 
-def _bend(patch: Patch, rig: Rig, node: int) -> tuple[Floats, Clip, Floats]:
+def _bend(patch: Patch, rig: Rig) -> tuple[Floats, Clip, Floats]:
     """The turn that brings a tool's ends together, as far as it does.
 
     Returns:
         (rows,) times, the motion, and (rows,) sorted fractions of the rest length by which the ends approach.
     """
     times = np.linspace(0.0, 1.0, MOMENTS)
-    turns = turns_of(patch, rig, node)
+    turns = turns_of(patch, rig)
     every = []
     for motion in turns:
         distances, lengths = patch.segment.lengths(rig, motion, times)
