@@ -16,8 +16,10 @@ from kit.suggested import run, squeezed
 from wrinklecli.character.clip import read_clips
 from wrinklecli.gltf.document import read_document
 from wrinklecli.review.check import check
+from wrinklecli.review.preview.sides import Side
 from wrinklecli.review.suggest import worth
 from wrinklecli.review.suggest.fitted_tools import Suggestion
+from wrinklecli.review.suggest.look import Crests, Seen
 from wrinklecli.review.suggest.stage import StagedTool
 from wrinklecli.review.suggest.suggest import suggest
 from wrinklecli.review.suggest.text import tools_text
@@ -218,6 +220,16 @@ def test_skin_that_comes_through_clothes_is_measured() -> None:
     )
     assert staged.bared() == pytest.approx(0.45, abs=0.06)
     assert replace(staged, flat_positions=half).bared() == 0.0
+
+
+@pytest.mark.parametrize(("contrast", "turned"), [(0.06, True), (0.04, False)])
+def test_crests_that_are_seen_better_from_beside_count_as_seen_from_there(contrast: float, turned: bool) -> None:
+    def sight(side: Side) -> Seen:
+        crests = Crests(0.05, 0.4) if side.angles != (45, 30) else Crests(contrast, 0.7)
+        return Seen(side, crests, np.zeros(0, np.intp), np.zeros((2, 1, 1)), 0.0)
+
+    found = worth._from_beside(sight(Side((30, 30), 1.0, 0.8)), sight)
+    assert found.side.angles == ((45, 30) if turned else (30, 30))
 
 
 @pytest.mark.slow

@@ -5,7 +5,7 @@ rays, which need an optional library, and `suggest` draws depth buffers.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -127,6 +127,18 @@ class Side:
     def axes(self) -> Floats:
         """(3, 3) rows: right, up and backwards."""
         return camera_axes(*self.angles)
+
+    @property
+    def beside(self) -> "list[Side]":
+        """The sides next to it, of which about as much is visible."""
+        azimuth, elevation = self.angles
+        turned = [
+            (azimuth - 15, elevation),
+            (azimuth + 15, elevation),
+            (azimuth, elevation - 15),
+            (azimuth, elevation + 15),
+        ]
+        return [replace(self, angles=each) for each in turned if abs(each[1]) <= _STEEPEST]
 
 
 UNSEEN = Side((0.0, 0.0), 0.0, 0.0)

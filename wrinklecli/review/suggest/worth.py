@@ -4,7 +4,7 @@ A tool is looked at where it is tallest, or a little before, if the fold hides i
 """
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import islice
@@ -301,6 +301,8 @@ def _look(stage: Stage, placement: Placement, name: str, peak: float) -> _Look |
     best, side = best_moment(start, peak, lambda time: (tallest, side_then) if time == peak else look(time))
     best = best or tallest
     seen = look_at(*best, side)
+    if seen.crests.share < _LEAST_CRESTS:
+        seen = _from_beside(seen, partial(look_at, *best))
     over = tallest[0].turned_over()
     if over.any():
         at_peak = seen if best is tallest else look_at(*tallest, side_then)
@@ -308,6 +310,19 @@ def _look(stage: Stage, placement: Placement, name: str, peak: float) -> _Look |
     shown = float(over.mean()) if len(over) else 0.0
     teeth = count_teeth(placement.plan, placement.carried, clip, peak) / max(int(tallest[0].place.sum()), 1)
     return _Look(placement.carried.patch.tool, best[0], seen, tallest[0], max(shown, teeth))
+
+
+def _from_beside(seen: Seen, look: Callable[[Side], Seen]) -> Seen:
+    """The sight of a place from a side next to the best one, if more of what one sees there follows the crests.
+
+    The best side shows most of the wrinkles, and may look along some of them: people turn the view.
+    """
+    others = [look(side) for side in seen.side.beside]
+    return max([seen, *(each for each in others if each.crests.contrast >= seen.crests.contrast)], key=_crest_share)
+
+
+def _crest_share(seen: Seen) -> float:
+    return seen.crests.share
 
 
 def _has_slit(staged: StagedTool) -> bool:
