@@ -223,7 +223,7 @@ CASES: dict[str, Case] = {
 
 
 def unseen_rounds(entry: Json, seconds: float) -> int:
-    """How often a loop is played before it is shown, as the specification has it."""
+    """The number of times that a loop is played before it is shown, as the specification has it."""
     springs = [each["lag"] for each in entry["tools"] if "lag" in each]
     springs += [mode for each in entry.get("flesh", []) for mode in each["modes"]]
     # The roots of z² + 2 ζ ω z + ω² are what swings fade by.

@@ -5,7 +5,7 @@ An unskinned mesh counts as skinned to its own node with weight 1, so that all l
 Source: glTF 2.0 specification, §3.5 (nodes), §3.7.3 (skins).
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, count
 from typing import Any, Protocol
@@ -15,7 +15,7 @@ import numpy as np
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Floats, Ints, affine_rows, unit_quaternions
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, affine_rows, unit_quaternions
 
 # Most levels of a hierarchy and most joints of a skin: time and memory grow with them, and no real asset has as many.
 _MOST_LEVELS = 4096
@@ -40,6 +40,12 @@ class Hierarchy:
     locals: tuple[dict[str, Floats], ...]
     rows: Floats
     names: tuple[str, ...]
+
+    def upwards(self, node: int) -> Iterator[int]:
+        """Give a node and all above it, up to its root."""
+        while node >= 0:
+            yield node
+            node = int(self.parents[node])
 
 
 class DrivenTargets(Protocol):
@@ -77,6 +83,15 @@ class Rig(Hierarchy):
     morph_names: tuple[str, ...]
     morph_weights: Floats
     drives: tuple[DrivenTargets, ...] = ()
+
+    @property
+    def joints_below(self) -> Bools:
+        """(joints, joints) True where the second is the first or below it."""
+        numbers = {node: number for number, node in enumerate(self.joints.tolist())}
+        below = np.zeros((len(self.joints), len(self.joints)), np.bool_)
+        for node, number in numbers.items():
+            below[[numbers[above] for above in self.upwards(node) if above in numbers], number] = True
+        return below
 
     @property
     def own(self) -> "Rig":

@@ -271,10 +271,7 @@ def keys_per_second(rig: Rig, clip: Clip, node: int) -> float:
 
 def _moving_channels(rig: Rig, clip: Clip, node: int) -> list[Any]:
     """The channels of a clip that turn, shift or scale a node or one above it, and that change at all."""
-    above = set()
-    while node >= 0:
-        above.add(node)
-        node = int(rig.parents[node])
+    above = set(rig.upwards(node))
     return [
         each
         for each in clip.channels

@@ -83,7 +83,7 @@ def attach_effects(
             problems.append(error)
             continue
         attached += own
-        moves = [each.moves for each in own if each.moves is not None]
+        moves = [moved for each in own if (moved := each.moves) is not None]
         if moves:
             ground = ground.moved_by([each.drive for each in moves], np.concatenate([each.deltas for each in moves]))
     if problems:
@@ -146,7 +146,7 @@ def plan_on(
 
 def _with_moves(fine: Refinement, attached: Sequence[Attached], names: Sequence[str]) -> Refinement:
     """The refined surface with deltas of effects that find them there, by the names of targets, not interpolated."""
-    moves = [each.moves for each in attached if each.moves is not None]
+    moves = [moved for each in attached if (moved := each.moves) is not None]
     deltas = fine.morph_deltas
     for each in moves:
         if each.refined is not None:

@@ -1,4 +1,4 @@
-"""What was fitted to the skin of a touch holds for skin that is refined alike, and for no other."""
+"""A fit to the skin of a touch holds for skin that is refined alike, and for no other."""
 
 from typing import Any
 

@@ -119,7 +119,7 @@ def test_a_morph_target_that_only_squeezes_the_skin_makes_no_crease() -> None:
 
 
 def test_two_joints_that_share_a_tool_lower_its_wrinkles_in_the_folds_of_both() -> None:
-    """As two thighs below a skirt: each carries half of the tool's lower end, and the skin on its own side."""
+    """Each of them carries half of the tool's lower end, and the skin on its own side, as thighs do below a skirt."""
     asset = limb_with(SHARP, joints=3)
     nodes = asset.gltf["nodes"]
     nodes[2].pop("children")

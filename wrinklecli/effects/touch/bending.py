@@ -14,7 +14,7 @@ from wrinklecli.character.carried import CarriedPoint
 from wrinklecli.character.motion import held_at, motion_clip, turning
 from wrinklecli.character.pose import joint_matrices, node_matrices
 from wrinklecli.effects.muscle.attach import carried_by
-from wrinklecli.effects.touch.skin import Hold, Place, hold_of, joints_below, slides_on
+from wrinklecli.effects.touch.skin import Hold, Place, hold_of, slides_on
 from wrinklecli.numeric.arrays import Floats, Ints, inverses, singular, unit, unit_quaternions
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.refine import Refinement
@@ -97,7 +97,7 @@ def bending_of(ground: Ground, place: Place, hold: Hold, soft: Floats | None, sl
         return None
     triangle, corners, _ = rest.blocks.closest_point(place.at)
     vertices, moving = rest.triangles[triangle], np.flatnonzero(np.any(slides, axis=(0, 2)))
-    below, count = joints_below(ground), len(rig.joints)
+    below, count = rig.joints_below, len(rig.joints)
     own = corners @ ground.surface.dense_weights(vertices, count) @ below.T
     shares = ground.surface.dense_weights(moving, count) @ below.T
     places = node_matrices(rig, rest.clip, rest.time, rig.joints.tolist())[0, :, :3, 3]

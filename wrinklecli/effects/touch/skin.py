@@ -131,20 +131,6 @@ def hold_of(ground: Ground, place: Place, soft: Floats | None, still: Floats | N
     return Hold(tethers, held.astype(np.float64), _smooth_normals(positions, triangles, rest.normals, ~held, place))
 
 
-def joints_below(ground: Ground) -> Bools:
-    """(joints, joints) True where the second is the first or below it."""
-    rig = ground.rig
-    numbers = {node: number for number, node in enumerate(rig.joints.tolist())}
-    below = np.zeros((len(numbers), len(numbers)), np.bool_)
-    for node, number in numbers.items():
-        above = node
-        while above >= 0:
-            if above in numbers:
-                below[numbers[above], number] = True
-            above = int(rig.parents[above])
-    return below
-
-
 def _carried_beyond(ground: Ground, place: Place) -> Floats:
     """(vertices,) part of the skin that joints beyond the place carry: those below the one that carries it most."""
     surface, rest, count = ground.surface, ground.rest, len(ground.rig.joints)
@@ -152,7 +138,7 @@ def _carried_beyond(ground: Ground, place: Place) -> Floats:
         return np.zeros(len(surface.positions))
     triangle, corners, _ = rest.blocks.closest_point(place.at)
     own = corners @ surface.dense_weights(rest.triangles[triangle], count)
-    below = joints_below(ground)
+    below = ground.rig.joints_below
     beyond = np.flatnonzero(below[int(np.argmax(own))] & (below @ own < _BEYOND))
     found: Floats = surface.dense_weights(np.arange(len(surface.positions)), count)[:, beyond].sum(axis=1)
     return found

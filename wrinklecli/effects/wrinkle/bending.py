@@ -187,25 +187,17 @@ def bent_nodes(patch: Patch, rig: Rig) -> list[int]:
     found: list[int] = []
     for number in np.argsort(np.linalg.norm(places - middle, axis=1), kind="stable"):
         node = likely[int(number)]
-        if not any(hangs_on(rig, node, other) or hangs_on(rig, other, node) for other in found):
+        if not any(node in rig.upwards(other) or other in rig.upwards(node) for other in found):
             found.append(node)
     return found
-
-
-def hangs_on(rig: Rig, node: int, above: int) -> bool:
-    """True if a node is another one, or below it in the hierarchy."""
-    while node >= 0 and node != above:
-        node = int(rig.parents[node])
-    return node == above
 
 
 def carried_by(anchor: Anchor, rig: Rig) -> dict[int, float]:
     """The fraction of an anchor's weights that each node carries, directly or through its children."""
     shares: dict[int, float] = {}
     for node, weight in zip(anchor.carried.nodes.tolist(), anchor.carried.weights, strict=True):
-        while node >= 0:
-            shares[node] = shares.get(node, 0.0) + float(weight)
-            node = int(rig.parents[node])
+        for above in rig.upwards(node):
+            shares[above] = shares.get(above, 0.0) + float(weight)
     return shares
 
 

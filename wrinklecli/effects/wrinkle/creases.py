@@ -15,7 +15,7 @@ import numpy as np
 
 from wrinklecli.character.pose import blend
 from wrinklecli.character.rig import Rig
-from wrinklecli.effects.wrinkle.bending import bent_nodes, carried_by, hangs_on
+from wrinklecli.effects.wrinkle.bending import bent_nodes, carried_by
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.numeric.arrays import Floats, Ints, children, cross, dot, inverses
@@ -156,7 +156,7 @@ def _turned(matrices: Floats, patch: Patch, rest: Rest, rig: Rig, node: int) -> 
     """Turn a joint and what hangs on it in (angles, joints, 4, 4) matrices, if that brings the tool's ends together."""
     number = int(np.flatnonzero(rig.joints == node)[0])
     centre = (rest.matrices[number] @ np.linalg.inv(rig.inverse_binds[number]))[:3, 3]
-    below = np.array([hangs_on(rig, int(joint), node) for joint in rig.joints])
+    below = rig.joints_below[number]
     shares = [carried_by(anchor, rig).get(node, 0.0) for anchor in patch.anchors]
     ends = np.array([anchor.position for anchor in patch.anchors])
     axis = np.stack(cross(patch.along, patch.normal))

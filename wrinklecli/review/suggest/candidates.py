@@ -239,7 +239,7 @@ def _driver_of(candidate: Candidate) -> tuple[str, bool]:
             alone = [span(None, np.where(np.arange(len(stored)) == k, weights, stored)) for k in moving]
             return rig.morph_names[moving[int(np.argmin(alone))]], True
     joint_weights = _joint_weights(mesh, region)
-    beyond = _descends(rig) @ joint_weights
+    beyond = rig.joints_below @ joint_weights
     merits = beyond * (1.0 - beyond) * _turns(rig, clip, times)
     joint = int(merits.argmax()) if merits.max() > _LEAST_MERIT else int(joint_weights.argmax())
     return rig.names[rig.joints[joint]], False
@@ -253,19 +253,6 @@ def _joint_weights(mesh: MeasuredMesh, region: CompressedRegion) -> Floats:
     by_joint = np.asarray(mesh.gauge.influences.T @ vertices)
     weights: Floats = by_joint / by_joint.sum()
     return weights
-
-
-def _descends(rig: Rig) -> Floats:
-    """(joints, joints) 1 where the second is the first or descends from it."""
-    numbers = {int(joint): k for k, joint in enumerate(rig.joints)}
-    descends = np.zeros((len(rig.joints),) * 2)
-    for k, joint in enumerate(rig.joints):
-        node = int(joint)
-        while node >= 0:
-            if node in numbers:
-                descends[numbers[node], k] = 1.0
-            node = int(rig.parents[node])
-    return descends
 
 
 def _turns(rig: Rig, clip: Clip, times: Floats) -> Floats:

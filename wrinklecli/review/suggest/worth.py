@@ -239,13 +239,9 @@ def _judge(stage: Stage, suggestion: Suggestion, placed: dict[str, Placement]) -
     ]
     faults = sorted((fault for side in sides for fault in side), key=lambda fault: list(REASONS).index(fault[0]))
     # A pair is kept for the side on which one sees its wrinkles better. Morph targets bend no limb that becomes round.
-    rounded = [] if suggestion.by_morph else [look.seen for look in looks]
-    if (
-        rounded
-        and not faults
-        and all(seen.crests.contrast < _LEAST_BESIDE_ROUNDING * seen.rounding for seen in rounded)
-    ):
-        faults = [("rounded", max(seen.crests.contrast / seen.rounding for seen in rounded))]
+    seen = [] if faults or suggestion.by_morph else [look.seen for look in looks]
+    if seen and all(each.crests.contrast < _LEAST_BESIDE_ROUNDING * each.rounding for each in seen):
+        faults = [("rounded", max(each.crests.contrast / each.rounding for each in seen))]
     if faults:
         reason, value = faults[0]
         on_one_side = sum(map(bool, sides)) < len(looks)
@@ -318,11 +314,10 @@ def _from_beside(seen: Seen, look: Callable[[Side], Seen]) -> Seen:
     The best side shows most of the wrinkles, and may look along some of them: people turn the view.
     """
     others = [look(side) for side in seen.side.beside]
-    return max([seen, *(each for each in others if each.crests.contrast >= seen.crests.contrast)], key=_crest_share)
-
-
-def _crest_share(seen: Seen) -> float:
-    return seen.crests.share
+    return max(
+        [seen, *(each for each in others if each.crests.contrast >= seen.crests.contrast)],
+        key=lambda each: each.crests.share,
+    )
 
 
 def _has_slit(staged: StagedTool) -> bool:
