@@ -40,7 +40,7 @@ function remaining({ frequency, damping }, seconds) {
 
 /** The slide and the depth now: keyed, asked for, of the tip, or what is left of the last. */
 function contact(extras, { jointMatrixOf, morphWeightOf, clip, time, state, elapsed, hand }) {
-  const { keys, by, pad, grip, deepest, release } = extras;
+  const { keys, by, ends = {}, pad, grip, deepest, release } = extras;
   const rows = keys?.[clip];
   if (rows && !hand) {
     const [times, ...columns] = [0, 1, 2, 3].map((k) => rows.map((row) => row[k]));
@@ -55,6 +55,9 @@ function contact(extras, { jointMatrixOf, morphWeightOf, clip, time, state, elap
   // Within a frame the tip comes or goes where it passes that height.
   const passed = tip && Boolean(held) !== Boolean(state.held) ? (before[2] - deepest) / (before[2] - tip[2] || 1) : 0;
   const part = Math.min(Math.max(passed, 0), 1);
+  // When that is, a clip that was baked knows better than the heights at both ends of the frame.
+  const end = clip === state.clip ? ends[clip]?.findLast((each) => state.time < each && each <= time) : undefined;
+  const gone = end === undefined ? part : (end - state.time) / (time - state.time);
   const edge = tip && tip.map((x, i) => before[i] + part * (x - before[i]));
   let slide = state.slide ?? [0, 0];
   const [from, to] = held ? [state.held ? before : edge, tip] : [before, edge];
@@ -62,11 +65,11 @@ function contact(extras, { jointMatrixOf, morphWeightOf, clip, time, state, elap
   else if (held || (state.held && tip)) slide = slide.map((x, i) => x + to[i] - from[i]);
   // Beyond its grip the tip slips.
   const slip = Math.min(1, grip / (Math.hypot(...slide) || 1));
-  if (held || state.held) Object.assign(state, { left: slide.map((x) => x * slip), since: tip && !held ? -part * elapsed : 0 });
+  if (held || state.held) Object.assign(state, { left: slide.map((x) => x * slip), since: tip && !held ? -gone * elapsed : 0 });
   state.since = (state.since ?? 0) + (held ? 0 : elapsed || 0);
   const left = held ? 1 : remaining(release, state.since);
   const depth = held ? Math.min(Math.max(hand ? hand.depth : -tip[2], 0), deepest) : 0;
-  return Object.assign(state, { tip, held, depth, slide: (state.left ?? [0, 0]).map((x) => left * x) });
+  return Object.assign(state, { clip, time, tip, held, depth, slide: (state.left ?? [0, 0]).map((x) => left * x) });
 }
 
 /**

@@ -167,7 +167,7 @@ def _hide(found: Json) -> None:
 
 
 _WAYS = np.array(
-    [(-0.005, 0.03, 0), (-0.005, 0, 0), (0, -0.001, 0.003), (0.009, -0.001, 0.005), (0.009, 0.03, 0), (0, 0.03, 0)]
+    [(-0.005, 0.03, 0), (-0.005, 0, 0), (0, -0.001, 0.003), (0.009, 0.0028, 0.005), (0.009, 0.03, 0), (0, 0.03, 0)]
 )
 _CRITICAL = {"frequency": 4, "damping": 1}
 _MORPH = {"morph": "browsUp", "full": "115%"}
@@ -208,9 +208,9 @@ CASES: dict[str, Case] = {
     "touch": Case("a touch with keys", lambda: _touched(), {"drag": (12, False)}),
     "bent": Case("touches beside a joint that bends, inside and outside", _touched_limb, {"fold": (12, False)}),
     "tip": Case(
-        "a touch by a node that comes near",
+        "a touch by a node that comes near, and lets go between two frames, just after a key",
         lambda: _touched(_WAYS, by="tip", keys={}, release=_CRITICAL),
-        {"drag": (60, False)},
+        {"drag": (32, False)},
         BETWEEN_FRAMES,
     ),
     "hand": Case(

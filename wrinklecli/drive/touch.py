@@ -18,12 +18,14 @@ In other clips a node may touch. Its coordinates are those in the axes from the 
 beside and above it, times `pad`; its height is the third less that of the skin, which `bend` gives: a f² + b f s + c
 s² at f forward and s sideways. It touches once it is nearer than `deepest` and less than `pad` from the middle,
 sticks to the skin and takes it along until the slide is `grip`, then slips, and lets go once it is farther than
-`deepest` or than `pad` + `grip` from the middle.
+`deepest` or than `pad` + `grip` from the middle. A player that knows the tip at its frames alone reads in `ends`
+when it lets go between them.
 
 In extras, a drive has the `anchors` of its place (the middle, and the points before, beside and above it), `pad`,
 `grip` and `deepest` in scene units, `bend`, the tip `by` if there is one, `release` with `frequency` and `damping`,
 `limb` if there is one, `windows` in radians, `turn` in radians unless it is 0, `rises` (rows of slide over grip and
-weight), and by clip `keys`: rows of seconds, slide forward and sideways, and depth, scene units.
+weight), by clip `keys`: rows of seconds, slide forward and sideways, and depth, scene units; and by clip `ends`, the
+seconds at which the tip lets go.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -69,6 +71,7 @@ class TouchDrive:
         keys: By clip, (keys, 4) seconds, slides forward and sideways, and depths, scene units.
         bend: (3,) the skin's height round the middle, one over scene units.
         tip: The node that touches; None if there is none.
+        ends: By clip in which the node touches, the sorted seconds at which it lets go; the last may be the clip's end.
         turn: Angle from forward to the first slide, radians.
         limb: Two points, a pad apart along the limb at rest, beyond the joint that bends the skin; None if none does.
     """
@@ -85,6 +88,7 @@ class TouchDrive:
     keys: Mapping[str, Floats] = field(default_factory=dict)
     bend: Floats = field(default_factory=lambda: np.zeros(3))
     tip: CarriedPoint | None = None
+    ends: Mapping[str, Floats] = field(default_factory=dict)
     turn: float = 0.0
     limb: tuple[CarriedPoint, CarriedPoint] | None = None
     _strokes: dict[bytes, tuple[Floats, ...]] = field(default_factory=dict, init=False, repr=False)
@@ -146,6 +150,11 @@ class TouchDrive:
             self._strokes[clip.motion] = self._touched(rig, clip)
         return self._strokes[clip.motion]
 
+    def ends_in(self, rig: Rig, clips: Sequence[Clip]) -> dict[str, Floats]:
+        """By clip in which its node touches, the sorted seconds at which it lets go."""
+        strokes = {clip.name: self.strokes_in(rig, clip) for clip in clips if clip.name not in self.keys}
+        return {name: np.array([rows[-1, 0] for rows in each]) for name, each in strokes.items() if each}
+
     def _touched(self, rig: Rig, clip: Clip) -> tuple[Floats, ...]:
         """The strokes of the tip in a clip."""
         count = int(np.clip(np.ceil((clip.end - clip.start) * _SAMPLES), 1, _MOST_SAMPLES))
@@ -194,7 +203,7 @@ class TouchDrive:
         """(4,) the key at a second, after the tip has gone a (3,) way since the last (4,) key."""
         slide = last[1:3] + way[:2]
         slide = slide * min(1.0, self.grip / max(float(np.hypot(*slide)), 1e-30))
-        return np.array([time, *slide, min(max(depth, 0.0), self.deepest)])
+        return np.array([time, *slide, depth])
 
     def contacts_in(self, rig: Rig, clip: Clip | None) -> Callable[[Floats], Floats]:
         """A function from (frames,) seconds of a clip to (frames, 3) slides forward and sideways and depths."""
@@ -208,6 +217,7 @@ class TouchDrive:
             since = times >= (rows[0, 0] if number else -np.inf)
             at = times[since]
             own = np.stack([np.interp(at, rows[:, 0], column) for column in rows[:, 1:].T], axis=1)
+            own[:, 2] = np.clip(own[:, 2], 0.0, self.deepest)
             own *= self.remaining(at - rows[-1, 0])[:, None]
             found[since] = own
         found[:, 2] = np.maximum(found[:, 2], 0.0)
@@ -254,6 +264,7 @@ class TouchDrive:
             **({"turn": stored(self.turn)} if self.turn else {}),
             "rises": stored(self.rises, 5),
             **({"keys": {clip: stored(keys) for clip, keys in self.keys.items()}} if self.keys else {}),
+            **({"ends": {clip: stored(each) for clip, each in self.ends.items()}} if self.ends else {}),
             "targets": list(self.targets),
         }
 
@@ -270,10 +281,13 @@ def read_touch(data: Json, nodes: Mapping[str, int], morph_names: Sequence[str])
     windows, turn = np.array(data["windows"], np.float64).reshape(-1), float(data.get("turn", 0.0))
     rises = np.array(data["rises"], np.float64).reshape(-1, 2)
     keys = {clip: np.array(each, np.float64).reshape(-1, 4) for clip, each in data.get("keys", {}).items()}
+    ends = {clip: np.array(each, np.float64).reshape(-1) for clip, each in data.get("ends", {}).items()}
     targets = tuple(str(name) for name in data["targets"])
     positive = min(pad, grip, deepest) > 0 and 0 < frequency < _MOST and 0 < damping < _MOST
     rising = all(len(each) and (np.diff(each[:, 0]) > 0).all() for each in keys.values())
-    finite = all(np.isfinite(each).all() for each in (windows, rises, bend, np.array(turn), *keys.values()))
+    finite = all(
+        np.isfinite(each).all() for each in (windows, rises, bend, np.array(turn), *keys.values(), *ends.values())
+    )
     limb = tuple(read_point(each, nodes, morph_names) for each in data.get("limb", ()))
     count = TouchDrive.slides + len(windows) + (TouchDrive.bent if limb else 0)
     if not (positive and rising and finite) or len(targets) != count or len(limb) not in (0, 2):
@@ -298,6 +312,7 @@ def read_touch(data: Json, nodes: Mapping[str, int], morph_names: Sequence[str])
         keys=keys,
         bend=bend,
         tip=tip,
+        ends=ends,
         turn=turn,
         limb=(limb[0], limb[1]) if limb else None,
     )

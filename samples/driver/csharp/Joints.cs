@@ -236,10 +236,12 @@ namespace Wrinkles
         readonly Spring release;
         readonly Rows rises;
         readonly Dictionary<string, Rows> keys;
+        readonly Dictionary<string, double[]> ends;
         // Of a tip: its place at the last frame, whether it held the skin, the slide when it let go, and seconds since.
         double[] tip, slide = { 0, 0 }, left = { 0, 0 };
         bool held;
-        double since;
+        double since, time;
+        string clip;
 
         public Touch(Json data) : base(data)
         {
@@ -250,6 +252,8 @@ namespace Wrinkles
             (bend, windows) = (Read.Numbers(data["bend"]), Read.Numbers(data["windows"]));
             turn = data.TryGetValue("turn", out var angle) ? Read.Number(angle) : 0;
             (release, rises, keys) = (new Spring(data["release"]), Rows.OfPoints(data["rises"]), Read.Keys(data, "keys"));
+            var moments = data.ContainsKey("ends") ? (Json)data["ends"] : new Json();
+            ends = moments.ToDictionary(each => each.Key, each => Read.Numbers(each.Value));
         }
 
         public override IEnumerable<string> Joints =>
@@ -309,6 +313,10 @@ namespace Wrinkles
             // Within a frame the tip comes or goes where it passes that height.
             var passed = now != null && touches != held && before[2] != now[2] ? (before[2] - deepest) / (before[2] - now[2]) : 0;
             var part = V.Clamp(passed, 0, 1);
+            // When that is, a clip that was baked knows better than the heights at both ends of the frame.
+            var known = clip == frame.Clip && ends.TryGetValue(clip ?? "", out var moments) ? moments : new double[0];
+            var within = known.Where(each => time < each && each <= frame.Time).Select(each => (each - time) / (frame.Time - time));
+            var gone = within.DefaultIfEmpty(part).Last();
             var edge = now?.Select((x, i) => before[i] + part * (x - before[i])).ToArray();
             var asked = slide;
             var (from, to) = touches ? (held ? before : edge, now) : (before, edge);
@@ -317,10 +325,11 @@ namespace Wrinkles
             // Beyond its grip the tip slips.
             var slip = Math.Min(1, grip / Math.Max(V.Length(asked), 1e-30));
             if (touches || held)
-                (left, since) = (asked.Select(x => x * slip).ToArray(), now != null && !touches ? -part * frame.Elapsed : 0);
+                (left, since) = (asked.Select(x => x * slip).ToArray(), now != null && !touches ? -gone * frame.Elapsed : 0);
             if (!touches && frame.Elapsed > 0) since += frame.Elapsed;
             var remaining = touches ? 1 : release.Remaining(since);
             var depth = touches ? V.Clamp(hand != null ? hand.Depth : -now[2], 0, deepest) : 0;
+            (clip, time) = (frame.Clip, frame.Time);
             (tip, held, slide) = (now, touches, left.Select(x => remaining * x).ToArray());
             return (slide[0], slide[1], depth);
         }

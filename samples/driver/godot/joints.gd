@@ -282,6 +282,12 @@ static func _contact(body, data, state, hand):
 	var part = 0.0
 	if now != null and touches != held and before[2] != now[2]:
 		part = Numbers.held((before[2] - deepest) / (before[2] - now[2]), 0.0, 1.0)
+	# When that is, a clip that was baked knows better than the heights at both ends of the frame.
+	var gone = part
+	if state.get("clip") == body.clip:
+		for end in data.get("ends", {}).get(body.clip, []):
+			if state["time"] < end and end <= body.time:
+				gone = (end - state["time"]) / (body.time - state["time"])
 	var asked = state.get("slide", [0.0, 0.0])
 	if hand != null:
 		asked = hand["slide"]
@@ -294,13 +300,15 @@ static func _contact(body, data, state, hand):
 		# Beyond its grip the tip slips.
 		var slip = data["grip"] / Numbers.larger(Numbers.length(asked), 1e-30)
 		state["left"] = Numbers.times(Numbers.smaller(1.0, slip), asked)
-		state["since"] = -part * body.elapsed if now != null and not touches else 0.0
+		state["since"] = -gone * body.elapsed if now != null and not touches else 0.0
 	if not touches and body.elapsed > 0:
 		state["since"] = state.get("since", 0.0) + body.elapsed
 	var remaining = 1.0 if touches else Numbers.remaining(data["release"], state.get("since", 0.0))
 	var pressed = 0.0
 	if touches:
 		pressed = Numbers.held(hand["depth"] if hand != null else -now[2], 0.0, deepest)
+	state["clip"] = body.clip
+	state["time"] = body.time
 	state["tip"] = now
 	state["held"] = touches
 	state["slide"] = Numbers.times(remaining, state.get("left", [0.0, 0.0]))

@@ -231,21 +231,28 @@ def test_the_driver_plays_keys_and_tips_as_the_bake_does() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("fps", "error"), [(30, 0.016), (60, 0.004), (90, 0.004), (144, 0.004)])
-@pytest.mark.parametrize("begins", [0.0, 0.37, 0.75])
-def test_the_driver_follows_the_sample_s_finger_as_the_bake_does(fps: int, error: float, begins: float) -> None:
-    """Slides; what is off at 30 frames a second is the moment within a frame at which the finger lets go."""
+@pytest.mark.parametrize("fps", [24, 30, 60, 144])
+@pytest.mark.parametrize("begins", [0.0, 0.125, 0.375, 0.75])
+def test_the_driver_follows_the_sample_s_finger_as_the_bake_does(fps: int, begins: float) -> None:
+    """Weights are 0.2 % off the method's, and 1 % off the bake's, of grip, deepest dent and tallest ring."""
     tools = yaml.safe_load((ROOT / "configs" / "touch.yaml").read_text())
     top = {"touches": tools["touches"], "refinement": {"max_levels": 0}}
     bare, whole = (bake_once("touch", top=top, tracks=tracks) for tracks in ("none", "all"))
     times = (np.arange(int(3 * fps)) + begins) / fps
     elapsed = np.full(len(times), 1 / fps)
     played = drive(bare.path, node="touch", clip="drag", times=times.tolist(), elapsed=elapsed.tolist(), driver=True)
-    wanted = whole.weights("touch", "drag", times)[:, : TouchDrive.slides - 1]
-    names = whole.mesh("touch")["extras"]["targetNames"][: TouchDrive.slides - 1]
-    found = np.stack([played[name][:, 0] for name in names], axis=1)
-    assert wanted.max() > 0.9
-    assert np.abs(found - wanted).max() < error
+    found = np.stack([played[name][:, 0] for name in whole.mesh("touch")["extras"]["targetNames"]], axis=1)
+    document = read_document(whole.path)
+    (stored,) = read_bodies(document)[0].drives
+    nodes = {each["name"]: number for number, each in enumerate(whole.json["nodes"])}
+    exact = stored.on(nodes, []).weights_in(read_rig(document, 0), read_clips(document)[0])(times)
+    assert exact.max() > 0.9
+    assert np.abs(found - exact).max() < 0.002
+    sizes = np.linalg.norm(whole.deltas("touch"), axis=2).max(axis=1)
+    dent = TouchDrive.slides - 1
+    for some in (slice(dent), slice(dent, dent + 1), slice(dent + 1, None)):
+        off = np.abs(found - whole.weights("touch", "drag", times))[:, some] * sizes[some]
+        assert off.max() < 0.01 * sizes[some].max()
 
 
 def test_one_direction_takes_one_target(skin: Path) -> None:

@@ -58,7 +58,6 @@ class AttachedTouch:
         drive: The names of the targets, and their weights.
         rings: The rings; None for a slide alone.
         disc: The region that is refined.
-        touched: Names of the clips in which its node touches.
         strain: The greatest compression at the greatest slide, from 0 to -1 and below.
         patch: The skin on which it was fitted.
         fitted: (targets, vertices of the patch, 3) displacements at weight 1, bind space.
@@ -71,7 +70,6 @@ class AttachedTouch:
     drive: TouchDrive
     rings: Rings | None
     disc: Disc
-    touched: tuple[str, ...]
     strain: float
     patch: Patch
     fitted: Floats
@@ -169,6 +167,7 @@ def _attach(tool: Touch, ground: Ground, settings: ToolsFile) -> AttachedTouch:
         turn=_turn(bend, grip),
         limb=None if bending is None else bending.limb,
     )
+    drive = replace(drive, ends=drive.ends_in(ground.rig.own, ground.clips))
     rings = None
     if tool.wrinkles is not None:
         main = _main_direction(drive, ground)
@@ -183,9 +182,8 @@ def _attach(tool: Touch, ground: Ground, settings: ToolsFile) -> AttachedTouch:
             f" over; up to {grip * -FOLDED / -strain:.3g} it looks well",
             where=tool.place("grip"),
         )
-    touched = tuple(clip.name for clip in ground.clips if drive.strokes_in(ground.rig.own, clip))
     patch = Patch.of(fine, hold)
-    bare = AttachedTouch(tool, place, hold, bending, drive, rings, disc, touched, strain, patch, np.zeros((0, 0, 3)))
+    bare = AttachedTouch(tool, place, hold, bending, drive, rings, disc, strain, patch, np.zeros((0, 0, 3)))
     return replace(bare, fitted=_deltas(bare, fine, slides, changes)[:, patch.vertices])
 
 

@@ -30,7 +30,7 @@ class TouchLayer(BodyLayer[AttachedTouch]):
     @property
     def keyed_clips(self) -> frozenset[str]:
         """The clips that key a touch, or in which a node touches."""
-        return frozenset(clip for each in self.attached for clip in (*each.drive.keys, *each.touched))
+        return frozenset(clip for each in self.attached for clip in (*each.drive.keys, *each.drive.ends))
 
     @property
     def sampled_numbers(self) -> int:

@@ -366,7 +366,7 @@ def _fitted(
             (attached,) = attach_touches([touch], ground, settings)
     except WrinkleError as error:
         return left_out + error.lines[0].removeprefix(f"{ground.document.path}: ")
-    if contact.clip.name not in attached.touched:
+    if contact.clip.name not in attached.drive.ends:
         return left_out + "it comes from the side, and stays above the skin"
     return SuggestedTouch(touch, contact.clip.name, contact.time, _slide(attached, contact))
 
