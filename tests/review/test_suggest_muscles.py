@@ -87,8 +87,9 @@ def test_a_limb_without_names_gets_none(wrinkle: Wrinkle, tmp_path: Path) -> Non
 def test_the_command_prints_a_file_and_json(wrinkle: Wrinkle, tmp_path: Path) -> None:
     asset = tubes().write(tmp_path / "tubes.glb")
     ran = wrinkle("suggest", asset, "--muscles")
-    assert (ran.code, ran.lines) == (0, [])
     listed = yaml.safe_load(ran.out)["muscles"]
+    assert ran.code == 0
+    assert [line.split()[0] for line in ran.lines] == ["muscle", *(each["name"] for each in listed)]
     data = json.loads(wrinkle("suggest", asset, "--muscles", "--json").out)
     assert [each["name"] for each in data["muscles"]] == [each["name"] for each in listed]
     assert data["muscles"][0]["origin"] == listed[0]["origin"]

@@ -126,9 +126,13 @@ def test_a_finger_does_not_touch_its_own_arm(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_command_prints_a_file_and_json(drawn: Path, wrinkle: Wrinkle) -> None:
-    listed = yaml.safe_load(wrinkle("suggest", drawn, "--touch", "-q").out)["touches"]
+    ran = wrinkle("suggest", drawn, "--touch")
+    listed = yaml.safe_load(ran.out)["touches"]
     data = json.loads(wrinkle("suggest", drawn, "--touch", "--json", "-q").out)["touches"]
     assert [each["name"] for each in data] == [each["name"] for each in listed] == ["touch bone"]
     assert data[0]["by"]["joint"] == listed[0]["by"]["joint"] == "index.R"
+    head, row = ran.lines
+    assert head.split() == ["touch", "by", "clip", "from", "slides", "by"]
+    assert row.split()[:3] == ["touch", "bone", "index.R"]
     ran = wrinkle("suggest", drawn, "--touch", "--flesh")
     assert (ran.code, "one or the other" in ran.lines[-1]) == (2, True)

@@ -152,16 +152,24 @@ def _flesh_rows(region: dict[str, Any]) -> list[str]:
 
 def _touch_rows(touch: dict[str, Any]) -> list[str]:
     """The lines of a touch, and a table of its clips."""
+    from wrinklecli.effects.touch.attach import FOLDED
+
     width = max((len(each["name"]) for each in touch["clips"]), default=0)
     rings = [f"{each:.3g}" for each in touch.get("ring_heights", ())]
     return [
         f"joints   {', '.join(touch['joints'])}",
-        f"slide    up to {touch['grip']:.3g}, with a strain of {touch['strain']:.2f}",
-        *([f"rings    {', '.join(rings)} high, {counted(touch['directions'], 'direction')}"] if rings else []),
+        f"slide    up to {touch['grip']:.3g}, with a strain of {touch['strain']:.2f}; below {FOLDED} it looks folded",
+        *(
+            [f"rings    {', '.join(rings)} high from the pad outwards, {counted(touch['directions'], 'direction')}"]
+            if rings
+            else []
+        ),
         f"mesh     {touch['moved_vertices']} vertices move",
         *(
             f"{each['name']:{width}}  from {each['times'][0]:.4g} to {each['times'][1]:.4g} s: slides by up to"
-            f" {each['largest_slide']:.3g}, strain {each['strain']:.2f}, rings {each['height']:.3g} high"
+            f" {each['largest_slide']:.3g}, strain {each['strain']:.2f}"
+            + (f", rings {each['height']:.3g} high" if rings else "")
+            + (f", dented by {each['depth']:.3g}" if each["depth"] else "")
             + (f"; slips, as {each['asked_slide']:.3g} is asked" if each["asked_slide"] > each["largest_slide"] else "")
             for each in touch["clips"]
         ),

@@ -3,6 +3,7 @@
 import math
 import os
 import re
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -151,8 +152,9 @@ def suggest(asset: str, output: str | None, as_json: bool, verbose: bool, quiet:
             raise AssetError(f"nothing to suggest: {found.reason}", where=asset)
         if to_file or not as_json:
             write_text(output, found.text, outputs)
-    if not quiet and found.tools:
-        _say_table(found.tools)
+    if not quiet:
+        for table, numbers in _tables(found):
+            _say_table(table, numbers)
 
 
 def _json(asset: str, found: "Suggestions") -> dict[str, Any]:
@@ -254,12 +256,43 @@ def _short(value: float) -> float:
     return significant(value, 9)
 
 
-def _say_table(tools: "tuple[Suggestion, ...]") -> None:
+def _tables(found: "Suggestions") -> Iterator[tuple[list[list[str]], int]]:
+    """For each kind of suggestions a table with a heading, and the number of its last columns that have numbers."""
+    if found.tools:
+        yield _tool_rows(found.tools), 4
+    muscles = [[_sided(each.muscle.name, each.mirrored), each.bone, f"{each.depth:.3g}"] for each in found.muscles]
+    regions = [
+        [
+            _sided(each.region.name, each.mirrored),
+            f"{each.region.frequency:g} Hz",
+            f"{each.region.radius:.3g}",
+            f"{each.depth:.3g}",
+        ]
+        for each in found.flesh
+    ]
+    touches = [
+        [each.touch.name, each.touch.by.joint, each.clip, f"{each.time:.2f} s", f"{each.slide:.3g}"]
+        for each in found.touches
+        if each.touch.by is not None
+    ]
+    if muscles:
+        yield [["muscle", "along", "bone to skin"], *muscles], 1
+    if regions:
+        yield [["region of flesh", "swings at", "radius", "bone to skin"], *regions], 3
+    if touches:
+        yield [["touch", "by", "clip", "from", "slides by"], *touches], 2
+
+
+def _sided(name: str, mirrored: bool) -> str:
+    return name + (" + mirror" if mirrored else "")
+
+
+def _tool_rows(tools: "tuple[Suggestion, ...]") -> list[list[str]]:
     rows = [["tool", "mesh", "by", "clip", "at", "shortens", "from", "to"]]
     for each in tools:
         rows.append(
             [
-                each.tool.name + (" + mirror" if each.mirrored else ""),
+                _sided(each.tool.name, each.mirrored),
                 each.mesh,
                 each.driver,
                 each.clip,
@@ -271,8 +304,12 @@ def _say_table(tools: "tuple[Suggestion, ...]") -> None:
         )
     if len({each.mesh for each in tools}) == 1:
         rows = [row[:1] + row[2:] for row in rows]
+    return rows
+
+
+def _say_table(rows: list[list[str]], numbers: int) -> None:
     rows = [[shortened(cell, _WIDEST) for cell in row] for row in rows]
-    heading, *lines = aligned(rows, texts=len(rows[0]) - 4)
+    heading, *lines = aligned(rows, texts=len(rows[0]) - numbers)
     say(heading, style={"bold": True})
     for line in lines:
         say(line)

@@ -17,12 +17,14 @@ from wrinklecli.character.sparse_targets import SparseDeltas
 from wrinklecli.drive.drive import Drive
 from wrinklecli.drive.swing import SwingDrive
 from wrinklecli.drive.touch import TouchDrive
-from wrinklecli.effects.effect import Effect, MeshPlan, Motion, SamplingOptions, Target, named_targets
+from wrinklecli.effects.effect import Effect, MeshPlan, Motion, SamplingOptions, Target, named_targets, targets_of
 from wrinklecli.effects.sampling import sample_driven
 from wrinklecli.effects.shapes import Sample, make_shapes
+from wrinklecli.errors import counted
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, nonzero_rows
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.tools.body import Flesh, Muscle, Touch
+from wrinklecli.tools.records import ToolsFile
 
 # Vertices of each target by whose moves the largest move in a frame is found.
 _LARGEST = 8
@@ -65,6 +67,12 @@ class BodyEffect(Effect, Generic[AttachedType]):
     def shape_weights(self, sampled: Floats) -> Floats:
         """The weights as sampled."""
         return sampled
+
+    @classmethod
+    def count_targets(cls, effects: Sequence[Effect]) -> str:
+        """Count the effects, and their targets."""
+        every = counted(len(effects), *ToolsFile.LISTS[cls.section])
+        return f"{every} in {counted(len(targets_of(effects)), 'morph target')}"
 
     def stored_weights(self, rig: Rig) -> Floats:
         """(targets,) weights in the stored pose: zeros, unless the tools file has another rest pose."""

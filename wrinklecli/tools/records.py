@@ -762,8 +762,13 @@ class ToolsFile:
     merged_paths: tuple[str, ...] = ()
     preset_files: tuple[str, ...] = ()
 
-    LISTS: ClassVar[tuple[str, ...]] = ("tools", "muscles", "flesh", "touches")
-    """The fields that are lists of effects, one for each kind."""
+    LISTS: ClassVar[Mapping[str, tuple[str, str]]] = {
+        "tools": ("tool", "tools"),
+        "muscles": ("muscle", "muscles"),
+        "flesh": ("region of flesh", "regions of flesh"),
+        "touches": ("touch", "touches"),
+    }
+    """The fields that are lists of effects, one for each kind, with the words for one and for many."""
 
     @property
     def effects(self) -> tuple[EffectTool, ...]:

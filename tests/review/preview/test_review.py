@@ -124,7 +124,7 @@ def test_of_many_tools_the_first_are_shown_and_the_others_named(
     monkeypatch.setattr(reviewing, "MOST_REVIEWED", 1)
     made = draw([tmp_path / "baked.glb"], tmp_path / "a.png", **SMALL)
     assert made.shown == "1 tool"
-    assert made.warnings == (f"1 of 2 tools are not shown: {UNDER['name']}; --tool NAME shows one",)
+    assert made.warnings == (f"1 of 2 tools is not shown: {UNDER['name']}; --tool NAME shows one",)
     made = draw([tmp_path / "baked.glb"], tmp_path / "a.png", review=True, only=[UNDER["name"]], **SMALL)
     assert (made.shown, made.warnings) == ("1 tool", ())
     with pytest.raises(AssetError, match="has no tool 'fo'; did you mean 'fold'"):
@@ -208,7 +208,7 @@ def test_muscles_alone_are_shown_at_their_greatest_move(tmp_path: Path) -> None:
     assert peak.moment == planned.moment
     for asset, options in ((arm(), {"tools": tools}), (tmp_path / "baked.glb", {})):
         made = draw([asset], tmp_path / "a.png", review=True, views=["top"], **options, **SMALL)
-        assert made.shown == "1 tool"
+        assert made.shown == "1 muscle"
 
 
 def test_names_of_tools_are_told_from_each_other() -> None:
@@ -230,6 +230,7 @@ def test_a_touch_is_seen_from_above_with_a_checker(tmp_path: Path) -> None:
         out = tmp_path / "a.png"
         made = draw([path], out, review=True, size=(160, 120), **options)
         assert [each.split(":")[1] for each in made.views] == ["89"]
+        assert made.shown == "1 touch"
         shown = picture(out).astype(int)
         row = int(np.flatnonzero((shown[:, 20] != shown[5, 20]).any(axis=1))[0])
         before, after = (shown[row + 4 : row + 116, x : x + 150].sum(axis=2) for x in (16, 178))

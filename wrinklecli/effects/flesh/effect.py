@@ -9,10 +9,9 @@ import numpy as np
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.swing import SwingDrive
 from wrinklecli.effects.body import BodyEffect
-from wrinklecli.effects.effect import Effect, MeshPlan, Motion, targets_of
+from wrinklecli.effects.effect import MeshPlan, Motion
 from wrinklecli.effects.flesh.attach import AttachedFlesh
 from wrinklecli.effects.flesh.report import describe_swing, region_warnings
-from wrinklecli.errors import counted
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, significant
 
@@ -37,12 +36,6 @@ class FleshEffect(BodyEffect[AttachedFlesh]):
         """The error that the tools file allows this region; None if it says nothing."""
         asked = self.attached.tool.max_error
         return None if asked == "auto" else max(asked.resolve(self.attached.limit), _LEAST_ERROR * self.attached.limit)
-
-    @classmethod
-    def count_targets(cls, effects: Sequence[Effect]) -> str:
-        """Count the regions, and their targets."""
-        regions = counted(len(effects), "region of flesh", "regions of flesh")
-        return f"{regions} in {counted(len(targets_of(effects)), 'morph target')}"
 
     @classmethod
     def observe(cls, effects: Sequence[Self], rig: Rig, motion: Motion, times: Floats, _known: Sequence[Any]) -> Any:

@@ -12,12 +12,12 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.drive.drive import Drive
 from wrinklecli.drive.segment import Contraction, Lengths
 from wrinklecli.effects.body import BodyEffect
-from wrinklecli.effects.effect import Effect, MeshPlan, Motion, named_targets, targets_of
+from wrinklecli.effects.effect import MeshPlan, Motion, named_targets
 from wrinklecli.effects.muscle.attach import AttachedMuscle
 from wrinklecli.effects.muscle.meeting import passes_through
 from wrinklecli.effects.muscle.volume import SHORTEST, THINNEST, ConstantVolume
 from wrinklecli.effects.shapes import summed
-from wrinklecli.errors import counted, listed
+from wrinklecli.errors import listed
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools, Floats, significant
 from wrinklecli.tools.records import in_axes
@@ -54,11 +54,6 @@ class MuscleEffect(BodyEffect[AttachedMuscle]):
         if self.split is None:
             return self.attached.drive
         return replace(self.attached.drive, targets=self.target_names, response=self.split)
-
-    @classmethod
-    def count_targets(cls, effects: Sequence[Effect]) -> str:
-        """Count the muscles, and their targets."""
-        return f"{counted(len(effects), 'muscle')} in {counted(len(targets_of(effects)), 'morph target')}"
 
     def shape_weights(self, sampled: Floats) -> Floats:
         """The weights as sampled, or split so that none is below 0."""

@@ -9,9 +9,8 @@ import numpy as np
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.touch import TouchDrive
 from wrinklecli.effects.body import BodyEffect
-from wrinklecli.effects.effect import Effect, MeshPlan, Motion, targets_of
+from wrinklecli.effects.effect import MeshPlan, Motion
 from wrinklecli.effects.touch.attach import FOLDED, AttachedTouch
-from wrinklecli.errors import counted
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, significant
 
@@ -36,12 +35,6 @@ class TouchEffect(BodyEffect[AttachedTouch]):
     def stored_weights(self, _rig: Rig) -> Floats:
         """(targets,) zeros: nothing touches the stored pose."""
         return np.zeros(len(self.target_names))
-
-    @classmethod
-    def count_targets(cls, effects: Sequence[Effect]) -> str:
-        """Count the touches, and their targets."""
-        touches = counted(len(effects), "touch", "touches")
-        return f"{touches} in {counted(len(targets_of(effects)), 'morph target')}"
 
     def describe(self, plan: MeshPlan) -> Json:
         """The touch's entry in the report; lengths are scene units."""

@@ -32,6 +32,16 @@ from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.preview.shown import ShownAsset, ShownPrimitive
 from wrinklecli.tools.records import ToolsFile, identifier
 
+TOOLS = "tools"
+"""The list of tools files and extras with the tools that make wrinkles."""
+
+# What each of the other lists does to the skin, in words before a length and after "no clip", and then how it is shown.
+_ACTS = {
+    TOOLS: ("", "raises it: shown at its full height"),
+    "muscles": ("bulges by ", "bulges it: shown at its full height"),
+    "flesh": ("moves by ", "moves it: shown at its greatest move"),
+    "touches": ("moves by ", "slides it: shown at its greatest slide"),
+}
 # Frames per second of the grid on which the peaks of a baked file are found.
 _FPS = 30.0
 # Heights of at least this part of the greatest are equal to it: the bumps are at their limit, and the greatest
@@ -53,11 +63,12 @@ class Fact:
 
 @dataclass(frozen=True, slots=True)
 class Peak:
-    """A tool, on the mesh of a node, at the moment when its wrinkles are tallest.
+    """A tool, on the mesh of a node, at the moment when its wrinkles are tallest, or that moves the skin most.
 
-    If no clip has raised them, the moment is the stored pose, and they are shown at their full height, a touch at its
-    greatest slide forward: `forward` has the weights of its targets then, by name, and is empty for others. There is at
-    least one row of facts.
+    `section` is its list in the tools file, which says if it is a tool, a muscle, a region of flesh or a touch. If no
+    clip has raised them, the moment is the stored pose, and they are shown at their full height, a touch at its
+    greatest slide forward: `forward` has the weights of its targets then, by name, and is empty for others. There is
+    at least one row of facts.
     """
 
     name: str
@@ -65,6 +76,7 @@ class Peak:
     moment: Moment
     raised: bool
     facts: tuple[tuple[Fact, ...], ...]
+    section: str = TOOLS
     forward: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -98,6 +110,7 @@ def planned_peaks(plans: Sequence[MeshPlan], clips: Sequence[Clip], *, fps: floa
         for number, found in enumerate(done):
             data = describe_tool(plan, number, "y")
             curve = carried_patches_of(plan)[number].patch.curve
+            data["section"] = TOOLS
             data["full"] = float(group_starts(curve, curve.rest_length)[-1])
             peaks.append(_peak(data, plan.rig.node, found))
         peaks += _body_peaks(plan, [(clip, clip_grid(clip, plan.rig, fps=fps)) for clip in moving])
@@ -119,7 +132,7 @@ def _body_peaks(plan: MeshPlan, played: Sequence[tuple[Clip, Floats]]) -> list[P
                     (contact,) = attached.drive.contacts_in(plan.rig.own, clip)(times[at : at + 1])
                     best |= {"slide": float(np.hypot(*contact[:2])), "depth": float(contact[2])}
                 found.append(best)
-            data: Json = {"name": attached.tool.name}
+            data: Json = {"name": attached.tool.name, "section": layer.section}
             if isinstance(attached, AttachedTouch):
                 drive = attached.drive
                 data["forward"] = _forward(drive.targets, drive.windows, drive.turn)
@@ -158,7 +171,7 @@ def baked_peaks(asset: ShownAsset, clips: Sequence[Clip]) -> list[Peak]:
         played = list(zip(tracked, grids, strict=True))
         weights = [{part: morph_weights(each, *clip) for part, each in rigs.items()} for clip in played]
         touches = _touches_on(asset, node)
-        for name, targets in _tools_on(asset, node, rigs.values()):
+        for section, name, targets in _tools_on(asset, node, rigs.values()):
             reaches = [(each, *_reaches(each, targets)) for each in shown]
             heights = [_heights(of, reaches, scale) for of in weights]
             found = []
@@ -168,7 +181,7 @@ def baked_peaks(asset: ShownAsset, clips: Sequence[Clip]) -> list[Peak]:
                 if (node, name) in driven and data["height"] >= top > 0:
                     data |= _shortening(driven[node, name], asset, rig, clip, times[each >= top])
                 found.append(data)
-            data = {"name": name}
+            data = {"name": name, "section": section}
             if (node, name) in driven:
                 data["rest_length"] = float(driven[node, name].data["rest_length"])
             if name in touches:
@@ -217,20 +230,20 @@ def _driven_tools(asset: ShownAsset) -> dict[tuple[int, str], StoredDrive]:
     return found
 
 
-def _tools_on(asset: ShownAsset, node: int, rigs: Iterable[Rig]) -> Iterator[tuple[str, list[str]]]:
-    """The names of the tools that were baked into a node, with the names of their morph targets in these rigs."""
+def _tools_on(asset: ShownAsset, node: int, rigs: Iterable[Rig]) -> Iterator[tuple[str, str, list[str]]]:
+    """The list, the name, and the names of morph targets in these rigs, of each tool that was baked into a node."""
     there = {name for rig in rigs for name in rig.morph_names}
     entry = wrinkle_entry(asset.document.items("nodes")[node])
-    for tool in (each for section in ToolsFile.LISTS for each in entry.get(section, ())):
+    for section, tool in ((key, each) for key in ToolsFile.LISTS for each in entry.get(key, ())):
         targets = [name for name in tool["targets"] if name in there]
         if targets:
-            yield str(tool.get("name")), targets
+            yield section, str(tool.get("name")), targets
     undriven: dict[str, list[str]] = {}
     for name in entry.get("undriven", ()):
         found = re.fullmatch(r"wrinkle_(.*)_\d+", name) if name in there else None
         if found:
             undriven.setdefault(found[1], []).append(name)
-    yield from undriven.items()
+    yield from ((TOOLS, name, targets) for name, targets in undriven.items())
 
 
 def _heights(
@@ -274,7 +287,7 @@ def _peak(data: Json, node: int, clips: Sequence[Json]) -> Peak:
     moment = Moment(None, 0.0) if best is None else Moment(best["name"], best["time"])
     further = [row for row in (tuple(_patch_facts(data)), tuple(_clip_facts(best, clips))) if row]
     rows = (tuple(_peak_facts(data, best)), *further)
-    return Peak(data["name"], node, moment, best is not None, rows, data.get("forward", {}))
+    return Peak(data["name"], node, moment, best is not None, rows, data["section"], data.get("forward", {}))
 
 
 def tallest_clip(clips: Sequence[Json]) -> Json | None:
@@ -293,9 +306,9 @@ def _shortest(clip: Json) -> float:
 
 def _peak_facts(data: Json, best: Json | None) -> Iterator[Fact]:
     """The facts of a tool at its peak."""
+    moves, not_moved = _ACTS[data["section"]]
     if best is None:
-        shown = "slides it: shown at its greatest slide" if "forward" in data else "raises it: shown at its full height"
-        yield Fact(f"no clip {shown}", alarming=True)
+        yield Fact(f"no clip {not_moved}", alarming=True)
         return
     if _shortest(best) > 0:
         yield Fact(f"{_percent(_shortest(best))} shorter")
@@ -305,7 +318,7 @@ def _peak_facts(data: Json, best: Json | None) -> Iterator[Fact]:
             yield Fact(f"dented by {best['depth']:.3g}")
         return
     limit = f" of {data['height_limit']:.3g}" if "height_limit" in data else ""
-    yield Fact(f"moves by {best['height']:.3g}" if "forward" in data else f"{best['height']:.3g}{limit} tall")
+    yield Fact(f"{moves}{best['height']:.3g}" if moves else f"{best['height']:.3g}{limit} tall")
     if "full" in data and data["full"] < _EQUAL * _shortest(best):
         yield Fact(f"full from {_percent(data['full'])}")
     if best.get("unabsorbed", 0.0) > _VISIBLE:

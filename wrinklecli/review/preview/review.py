@@ -22,13 +22,14 @@ from wrinklecli.review.preview.framing import NO_TRIANGLES, ONE_POINT, View, pla
 from wrinklecli.review.preview.misfits import RED, Misfit, find_misfits, misfit_overlay, misfit_points
 from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.preview.overlay import placed_words
-from wrinklecli.review.preview.peaks import Fact, Peak, baked_peaks_of, planned_peaks
+from wrinklecli.review.preview.peaks import TOOLS, Fact, Peak, baked_peaks_of, planned_peaks
 from wrinklecli.review.preview.preview_options import PreviewOptions, Style
 from wrinklecli.review.preview.rays import free_ways
 from wrinklecli.review.preview.render import Snapshot, render
 from wrinklecli.review.preview.sheet_layout import Drawn, refuse_large
 from wrinklecli.review.preview.shown import INKS, ShownAsset, read_shown, take_snapshot
 from wrinklecli.review.preview.sides import Free, Place, Side, best_light, best_moment, best_side, side_above
+from wrinklecli.tools.records import ToolsFile
 
 # The greatest number of tools on a sheet, which then has sixteen rows.
 MOST_REVIEWED = 48
@@ -118,7 +119,8 @@ def review(
     before, after, peaks, warnings = _read(document, planned, options, progress)
     misfits = [] if planned is None else find_misfits(planned, document)[:MOST_REVIEWED]
     shown = peaks[: MOST_REVIEWED - len(misfits)]
-    warnings += _left_out(peaks[len(shown) :], len(peaks))
+    warnings += _left_out(peaks[len(shown) :], peaks)
+    sections = [*(each.section for each in shown), *(TOOLS for _ in misfits)]
     count = len(shown) * max(len(options.views), 1) + len(misfits)
     columns, size = _layout(count, options)
     rows = max(len(facts) for facts in (*map(card_facts, shown), *map(_refusal, misfits)))
@@ -130,13 +132,13 @@ def review(
         for moment, view in moments_and_views(after, peak, options):
             shots.append(_Shot(len(shots), peak, ink, moment, view))
         progress("looking", ink + 1, len(shown))
-    sheet = CardSheet(*cells, size, rows, _title(document, planned, len(shown) + len(misfits)))
+    sheet = CardSheet(*cells, size, rows, _title(document, planned, sections))
     cards = chain(_cards(before, after, shots, options), enumerate(_misfit_cards(before, misfits, options), len(shots)))
     for done, (number, card) in enumerate(cards):
         sheet.put(number, card)
         progress("drawing", done + 1, count)
     sides = dict.fromkeys([*(shot.view.name for shot in shots), *(misfit.view for misfit in misfits)])
-    return Drawn((sheet.image,), counted(len(shown) + len(misfits), "tool"), tuple(sides), warnings=tuple(warnings))
+    return Drawn((sheet.image,), _counted(sections), tuple(sides), warnings=tuple(warnings))
 
 
 def moments_and_views(after: ShownAsset, peak: Peak, options: PreviewOptions) -> Iterator[tuple[Moment, View]]:
@@ -171,12 +173,18 @@ def _place(alone: ShownAsset, moment: Moment) -> tuple[Place, Free]:
     return place, free_ways(everything, place.points, place.normals)
 
 
-def _left_out(missed: Sequence[Peak], count: int) -> list[str]:
-    """A warning if some of the tools, `count` in all, are not shown."""
+def _counted(sections: Sequence[str]) -> str:
+    """Count tools by their lists: `2 muscles, 1 touch`."""
+    return ", ".join(counted(sections.count(key), *words) for key, words in ToolsFile.LISTS.items() if key in sections)
+
+
+def _left_out(missed: Sequence[Peak], peaks: Sequence[Peak]) -> list[str]:
+    """A warning if some of all peaks are not shown."""
     if not missed:
         return []
     names = f"{missed[0].name}, … {missed[-1].name}" if len(missed) > 2 else ", ".join(each.name for each in missed)
-    return [f"{len(missed)} of {count} tools are not shown: {names}; --tool NAME shows one"]
+    every = _counted([each.section for each in peaks])
+    return [f"{len(missed)} of {every} {'is' if len(missed) == 1 else 'are'} not shown: {names}; --tool NAME shows one"]
 
 
 def _read(
@@ -198,11 +206,12 @@ def _read(
     return before, after, peaks, [*left_out, *warnings]
 
 
-def _title(document: Document, planned: PlannedTools | None, count: int) -> str:
-    """The sheet's title."""
+def _title(document: Document, planned: PlannedTools | None, sections: Sequence[str]) -> str:
+    """The sheet's title, of tools in these lists."""
     of = "" if planned is None else f" with {Path(planned.settings.path).name}"
-    each = "where" if count == 1 else "each where"
-    return f"{Path(document.path).name}{of}: {counted(count, 'tool')}, {each} its wrinkles are tallest; scene units"
+    each = "where" if len(sections) == 1 else "each where"
+    most = "its wrinkles are tallest" if set(sections) <= {TOOLS} else "it moves the skin most"
+    return f"{Path(document.path).name}{of}: {_counted(sections)}, {each} {most}; scene units"
 
 
 def _cards(
