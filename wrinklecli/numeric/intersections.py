@@ -1,22 +1,36 @@
 """Finds the edges of a moving surface that pass through its triangles.
 
-Candidates come from trees of bounding boxes, which are built once at rest and refitted to each pose.
+Candidates come from trees of bounding boxes, which are built once at rest and refitted to each pose. The sides of boxes
+are rounded to whole cells, so that three of them are compared as one integer.
 
 Source: C. Ericson, *Real-Time Collision Detection*, 2005, §6.3 (descent of two hierarchies) and §5.3.4 (segments and
 triangles by signed volumes). Differs: all pairs of a level of the trees are compared at once.
 """
 
 from dataclasses import dataclass
+from functools import reduce
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, cross, distinct, dot, flags_of
 
-# Pairs of boxes that are compared at once, as many as a cache holds: with sixteen times as many a search takes a tenth
-# longer.
+# Pairs of boxes that are compared at once, as many as a cache holds: with twice or half as many a search takes a tenth
+# to a quarter longer.
 _PAIRS = 2**15
+# Bits of each coordinate of a box. With a guard bit for each, three of them fill an integer of 64 bits, and a
+# subtraction compares all three at once.
+_BITS = 20
+# Cells along the longest side of the surface; two numbers beyond the cells are left for boxes that meet nothing.
+_CELLS = 2**_BITS - 3
+_GUARDS = np.int64(sum(1 << (_BITS + k * (_BITS + 1)) for k in range(3)))
+# Level of the trees at which a search begins, with all pairs of its boxes: above it few pairs are told apart.
+_TOP = 5
 # Bits of each coordinate in the Morton order of the leaves.
-_BITS = 10
+_MORTON_BITS = 10
+
+Codes: TypeAlias = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,43 +59,15 @@ class Crossings:
         """Find what crosses in a pose.
 
         Args:
-            positions: (vertices, 3).
+            positions: (vertices, 3), finite.
             counting: (vertices,) True for those of which a crossing must have at least one; None if all count.
 
         Returns:
             (crossings,) edges and (crossings,) the triangles that they pass through, sorted by edge, then triangle.
             Pairs that only touch or share a vertex do not count.
         """
-        depth = max(len(self.triangles), len(self.edges), 1).bit_length()
-        trees = [_tree(positions[corners[order]], depth) for corners, order in self._leaves]
-        # A box of a tree counts if something in it does.
-        counts = (
-            [_any_tree(np.asarray(counting[corners[order]].any(axis=1)), depth) for corners, order in self._leaves]
-            if counting is not None
-            else []
-        )
-        found = []
-        stack = [(0, np.zeros(1, np.intp), np.zeros(1, np.intp))]
-        while stack:
-            level, edges, triangles = stack.pop()
-            if counts:
-                counted = np.flatnonzero(counts[0][level].take(edges) | counts[1][level].take(triangles))
-                edges, triangles = edges.take(counted), triangles.take(counted)
-            (low, high), (other_low, other_high) = (tree[level] for tree in trees)
-            for k in range(3):
-                meets = low[k].take(edges) <= other_high[k].take(triangles)
-                meets &= high[k].take(edges) >= other_low[k].take(triangles)
-                meeting = np.flatnonzero(meets)
-                edges, triangles = edges.take(meeting), triangles.take(meeting)
-            if level == depth:
-                found.append(self._crossing(positions, self.edge_order[edges], self.triangle_order[triangles]))
-                continue
-            edges = (2 * edges[:, None] + np.array([0, 0, 1, 1])).reshape(-1)
-            triangles = (2 * triangles[:, None] + np.array([0, 1, 0, 1])).reshape(-1)
-            stack += [
-                (level + 1, edges[k : k + _PAIRS], triangles[k : k + _PAIRS]) for k in range(0, len(edges), _PAIRS)
-            ]
-        crossing = np.concatenate([np.zeros((0, 2), np.intp), *found])
+        pairs = self._split(positions, *self._near(positions, counting))
+        crossing = np.stack(self._passing(positions, *pairs), axis=1)
         edges, triangles = crossing[np.lexsort(crossing.T[::-1])].T
         return edges, triangles
 
@@ -107,13 +93,70 @@ class Crossings:
         """The corners and the order of the leaves, of both trees."""
         return (self.edges, self.edge_order), (self.triangles, self.triangle_order)
 
-    def _crossing(self, positions: Floats, edges: Ints, triangles: Ints) -> Ints:
-        """(crossings, 2) the pairs of (pairs,) edges and (pairs,) triangles that cross."""
+    def _near(self, positions: Floats, counting: Bools | None) -> tuple[Ints, Ints]:
+        """(pairs,) edges and (pairs,) triangles whose boxes meet at (vertices, 3) positions, and that count."""
+        depth = max(len(self.triangles), len(self.edges), 1).bit_length()
+        low = positions.min(axis=0, initial=np.inf)
+        size = float((positions - low).max(initial=0.0)) or 1.0
+        cells = (positions - low).T / size * _CELLS + 1.0
+        trees = [_tree(cells, corners[order], depth) for corners, order in self._leaves]
+        # A box of a tree counts if something in it does.
+        counts = (
+            [_any_tree(np.asarray(counting[corners[order]].any(axis=1)), depth) for corners, order in self._leaves]
+            if counting is not None
+            else []
+        )
+        top = min(_TOP, depth)
+        found, stack = [np.zeros((2, 0), np.intp)], [(top, *np.indices((2**top, 2**top)).reshape(2, -1))]
+        while stack:
+            level, edges, triangles = stack.pop()
+            if counts:
+                counted = np.flatnonzero(counts[0][level].take(edges) | counts[1][level].take(triangles))
+                edges, triangles = edges.take(counted), triangles.take(counted)
+            (low_edge, high_edge), (low_triangle, high_triangle) = (tree[level] for tree in trees)
+            # A difference takes a guard bit away where a low side lies above the other box's high side.
+            guards = high_triangle.take(triangles) - low_edge.take(edges)
+            guards &= high_edge.take(edges) - low_triangle.take(triangles)
+            meeting = np.flatnonzero(guards & _GUARDS == _GUARDS)
+            edges, triangles = edges.take(meeting), triangles.take(meeting)
+            if level == depth:
+                found.append(np.stack([self.edge_order.take(edges), self.triangle_order.take(triangles)]))
+                continue
+            edges, triangles = 2 * edges, 2 * triangles
+            edges = np.concatenate([edges, edges, edges + 1, edges + 1])
+            triangles = np.concatenate([triangles, triangles + 1, triangles, triangles + 1])
+            stack += [
+                (level + 1, edges[k : k + _PAIRS], triangles[k : k + _PAIRS]) for k in range(0, len(edges), _PAIRS)
+            ]
+        edges, triangles = np.concatenate(found, axis=1)
+        return edges, triangles
+
+    def _split(self, positions: Floats, edges: Ints, triangles: Ints) -> tuple[Ints, Ints]:
+        """The pairs of (pairs,) edges and (pairs,) triangles with an end of the edge on each side of the triangle."""
+        places = positions.T
+        ends = [places.take(corners, axis=1) for corners in self.edges.T]
+        a, b, c = (places.take(corners, axis=1) for corners in self.triangles.T)
+        normals = np.stack(cross(b - a, c - a))
+        found = []
+        for k in range(0, len(edges), _PAIRS):
+            some, through = edges[k : k + _PAIRS], triangles[k : k + _PAIRS]
+            corner, normal = ([row.take(through) for row in rows] for rows in (a, normals))
+            one, two = (dot([row.take(some) - at for row, at in zip(end, corner, strict=True)], normal) for end in ends)
+            found.append(k + np.flatnonzero(((one < 0) & (two > 0)) | ((one > 0) & (two < 0))))
+        split = np.concatenate([np.zeros(0, np.intp), *found])
+        return edges.take(split), triangles.take(split)
+
+    def _passing(self, positions: Floats, edges: Ints, triangles: Ints) -> tuple[Ints, Ints]:
+        """The pairs of (pairs,) edges and (pairs,) triangles, which have no vertex in common, that cross.
+
+        The ends of each edge are on both sides of the triangle.
+        """
         ends, corners = self.edges.T.take(edges, axis=1), self.triangles.T.take(triangles, axis=1)
         apart = np.flatnonzero(np.logical_and.reduce([end != corner for end in ends for corner in corners]))
-        edges, triangles = edges.take(apart), triangles.take(apart)
-        crosses = pass_through(positions[self.edges[edges]], positions[self.triangles[triangles]])
-        return np.stack([edges[crosses], triangles[crosses]], axis=1)
+        places = positions.T
+        start, stop, a, b, c = (places.take(each.take(apart), axis=1) for each in (*ends, *corners))
+        crosses = apart[_turn_alike(start, stop, a, b, c)]
+        return edges.take(crosses), triangles.take(crosses)
 
 
 def sides_of(triangles: Ints) -> Ints:
@@ -142,25 +185,42 @@ def pass_through(ends: Floats, corners: Floats) -> Bools:
     a, b, c = (corners[:, k].T for k in range(3))
     normal = cross(b - a, c - a)
     passing = np.flatnonzero(np.sign(dot(start - a, normal)) * np.sign(dot(stop - a, normal)) < 0)
-    start, ray = start[:, passing], (stop - start)[:, passing]
-    a, b, c = (each[:, passing] - start for each in (a, b, c))
+    alike = _turn_alike(*(each[:, passing] for each in (start, stop, a, b, c)))
+    return flags_of(passing[alike], len(ends))
+
+
+def _turn_alike(start: Floats, stop: Floats, a: Floats, b: Floats, c: Floats) -> Bools:
+    """(pairs,) True where the line from a start to a stop passes within a triangle's corners; all are (3, pairs)."""
+    ray = stop - start
+    a, b, c = a - start, b - start, c - start
     turns = [np.sign(dot(ray, cross(one, other))) for one, other in ((a, b), (b, c), (c, a))]
     # A segment through an edge that two triangles share must cross exactly one of them: rounding decides which.
-    return flags_of(passing[np.abs(turns[0] + turns[1] + turns[2]) == 3], len(ends))
+    return np.asarray(np.abs(turns[0] + turns[1] + turns[2]) == 3)
 
 
-def _tree(corners: Floats, depth: int) -> list[tuple[Floats, Floats]]:
-    """(3, boxes) least and greatest coordinates for each level, root first, of a tree over (things, n, 3) corners."""
-    low, high = np.full((3, 2**depth), np.inf), np.full((3, 2**depth), -np.inf)
-    low[:, : len(corners)], high[:, : len(corners)] = corners.min(axis=1).T, corners.max(axis=1).T
+def _tree(cells: Floats, corners: Ints, depth: int) -> list[tuple[Codes, Codes]]:
+    """(boxes,) codes of the low and of the high sides, for each level, root first, of a tree over (things, n) corners.
+
+    `cells` are the (3, vertices) coordinates, from 1 to `_CELLS` + 1. The codes of high sides have guard bits.
+    """
+    places = [cells.take(each, axis=1) for each in corners.T]
+    least, greatest = reduce(np.minimum, places), reduce(np.maximum, places)
+    low, high = np.full((3, 2**depth), _CELLS + 2, np.int64), np.zeros((3, 2**depth), np.int64)
+    low[:, : len(corners)], high[:, : len(corners)] = least, greatest
     # A scale of 0 hides parts in one point, where they cross nothing but their boxes would all meet.
-    hidden = (low == high).all(axis=0)
-    low[:, hidden], high[:, hidden] = np.inf, -np.inf
+    hidden = np.flatnonzero((least == greatest).all(axis=0))
+    low[:, hidden], high[:, hidden] = _CELLS + 2, 0
     levels = [(low, high)]
     for _ in range(depth):
         low, high = np.minimum(low[:, ::2], low[:, 1::2]), np.maximum(high[:, ::2], high[:, 1::2])
         levels.append((low, high))
-    return levels[::-1]
+    return [(_packed(low), _packed(high) | _GUARDS) for low, high in levels[::-1]]
+
+
+def _packed(cells: Ints) -> Codes:
+    """(boxes,) codes of (3, boxes) whole coordinates, one bit above each of which is free."""
+    code: Codes = cells[0] | cells[1] << (_BITS + 1) | cells[2] << 2 * (_BITS + 1)
+    return code
 
 
 def _any_tree(leaves: Bools, depth: int) -> list[Bools]:
@@ -178,9 +238,9 @@ def _morton_order(points: Floats) -> Ints:
     """(points,) the order along a Morton curve, which interleaves the bits of the coordinates."""
     low = points.min(axis=0, initial=np.inf)
     size = float((points - low).max(initial=0.0)) or 1.0
-    cells = np.minimum((points - low) / size * 2**_BITS, 2**_BITS - 1).astype(np.int64)
+    cells = np.minimum((points - low) / size * 2**_MORTON_BITS, 2**_MORTON_BITS - 1).astype(np.int64)
     codes = np.zeros(len(points), np.int64)
-    for bit in range(_BITS):
+    for bit in range(_MORTON_BITS):
         for k in range(3):
             codes |= (cells[:, k] >> bit & 1) << (3 * bit + k)
     return np.argsort(codes, kind="stable")
