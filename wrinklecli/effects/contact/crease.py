@@ -32,7 +32,6 @@ from wrinklecli.effects.contact.hinge import Hinge
 from wrinklecli.effects.contact.rise import Rise
 from wrinklecli.effects.contact.solution import (
     Solution,
-    crossing_count,
     free_rows,
     is_clear,
     last_state,
@@ -209,7 +208,7 @@ class Crease:
             found, moved = marched.solution(frame), combined(weights[frame], self.shapes)
             error = max(error, found.greatest_error(moved))
             if frame in crossing:
-                remaining += crossing_count(found.tissue, found.positions_under(moved))
+                remaining += found.crossing_count(moved)
             elif _loses_volume(found, moved):
                 unspanned.append(frame)
         given_up = bool(crossing) and not _cross_anyway(marched, remaining)
@@ -549,7 +548,7 @@ def _sweep(fold: Fold, tissue: Tissue, sweep: tuple[int, float]) -> tuple[list[S
     steps, poses = Steps(), list[SolvedPose]()
     for folded, time, found in zip(way, times, solutions_in(fold, tissue.again(), clip, times), strict=True):
         solved = SolvedPose(clip, float(time), found.settled_in(tissue), float(folded), number)
-        reason = _failure(steps, found)
+        reason = _failure(steps, solved.found)
         if reason is not None:
             return poses, _refused(fold, [solved], reason)
         if found.touches:
@@ -638,7 +637,7 @@ def _chosen(weights: Floats) -> list[int]:
 def _cross_anyway(marched: MarchedClip, least: int) -> bool:
     """True if at least so many vertices cross in all frames of a clip together without contact."""
     without = map(marched.solution, marched.touching)
-    return any(count >= least for count in accumulate(crossing_count(each.tissue, each.positions) for each in without))
+    return any(count >= least for count in accumulate(each.skinned_crossing_count for each in without))
 
 
 def _loses_volume(found: Solution, moved: Floats) -> bool:

@@ -131,14 +131,31 @@ class Solution:
         wanted[rows] += np.einsum("vij,vj->vi", inverses(self.matrices[rows]), further)
         return wanted
 
+    def crossing_count(self, moved: Floats) -> int:
+        """Number of vertices that cross under another move."""
+        marked = self.tissue.crossing(self.positions_under(moved))
+        return 0 if marked is None else int(marked.sum())
+
+    @property
+    def skinned_crossing_count(self) -> int:
+        """Number of vertices that cross without contact."""
+        return 0 if self.skinned_crossings is None else int(self.skinned_crossings.sum())
+
     def tears(self, moved: Floats) -> bool:
         """True if another move tears the surface."""
-        return self.tissue.tears(self.positions, self.positions_under(moved))
+        return self.tissue.tears(
+            self.positions, self.positions_under(moved), crossing=lambda _skinned: self.skinned_crossings
+        )
 
     def settled_in(self, tissue: Tissue) -> "Solution":
         """The same solution, of another copy of the tissue, from which no pose starts any more."""
         state = replace(self.state, posed=SkinnedPose(self.positions, self.matrices), near=None)
         return replace(self, tissue=tissue, state=state)
+
+    @cached_property
+    def skinned_crossings(self) -> Bools | None:
+        """(vertices,) vertices that cross without contact; None if none do."""
+        return self.tissue.crossing(self.positions)
 
     @cached_property
     def _own_crossings(self) -> Bools | None:
@@ -178,12 +195,6 @@ def _error_weights(tissue: Tissue, touching: Bools) -> Floats:
 def free_rows(tissue: Tissue) -> Ints:
     """(free,) sorted vertices of the fold's own mesh that the solver may move."""
     return np.flatnonzero(tissue.free & tissue.own)
-
-
-def crossing_count(tissue: Tissue, positions: Floats) -> int:
-    """Number of vertices that cross at (vertices, 3) positions, solver's units."""
-    marked = tissue.crossing(positions)
-    return 0 if marked is None else int(marked.sum())
 
 
 def skinned_positions(fold: Fold, tissue: Tissue, clip: Clip | None, times: Floats) -> Iterator[Floats]:

@@ -3,6 +3,7 @@
 Collisions are found by the library ipctk. All lengths are in solver's units: a limb's radius is 70 of them.
 """
 
+from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -300,9 +301,12 @@ class Tissue:
         marked[self.rows] = self._crossings.vertices_at(positions[self.rows], counting)
         return marked
 
-    def tears(self, given: Floats, shown: Floats) -> bool:
-        """True if (vertices, 3) positions are torn relative to the given ones."""
-        return self._tearing.tears(given, shown, self.crossing)
+    def tears(self, given: Floats, shown: Floats, *, crossing: Callable[[Floats], Bools | None] | None = None) -> bool:
+        """True if (vertices, 3) positions are torn relative to the given ones.
+
+        `crossing` finds what crosses at these in place of the method of that name.
+        """
+        return self._tearing.tears(given, shown, crossing or self.crossing)
 
     def crumples(self, given: Floats, shown: Floats) -> bool:
         """True if (vertices, 3) positions are crumpled relative to the given ones."""
