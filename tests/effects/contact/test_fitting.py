@@ -39,7 +39,7 @@ class Wall:
     def crosses(self, moved: np.ndarray) -> bool:
         return self.crossing(moved) is not None
 
-    def crossing(self, moved: np.ndarray) -> np.ndarray | None:
+    def crossing(self, moved: np.ndarray, *, likely: bool = False) -> np.ndarray | None:
         through = self.crossing_vertices(moved)
         return through if through.any() else None
 

@@ -189,7 +189,7 @@ class Crease:
                 # The weights of the fold's own motion, or those with which the shapes were made, may leave no crossing.
                 made = self.clip_weights.get((marched.clip.index, float(marched.times[frame])), looked[frame])
                 for other in (looked[frame], made):
-                    if found.crossing(combined(other, self.shapes)) is None:
+                    if found.crossing(combined(other, self.shapes), likely=True) is None:
                         weights[frame], crosses = other, False
                         break
             if crosses:

@@ -175,7 +175,7 @@ def fit_pose(
         along = np.sqrt(shares.sum()) / _MORE**number * held
         (weights,) = np.clip(project(target[None], shares[None], shapes, along[None]), -MOST_WEIGHT, MOST_WEIGHT)
         moved = combined(weights, shapes)
-        marked = found.crossing(moved)
+        marked = found.crossing(moved, likely=bool(tries))
         if marked is None:
             return weights, urgent, False
         tries.append((int(marked.sum()), weights, urgent))

@@ -98,9 +98,12 @@ class Solution:
         """True if anything crosses in the solution, for example where another mesh leaves no room."""
         return self._own_crossings is not None
 
-    def crossing(self, moved: Floats) -> Bools | None:
-        """(free,) vertices that cross under another move and not in the solution; None if none do."""
-        if not self.tissue.crosses(self.positions_under(moved)):
+    def crossing(self, moved: Floats, *, likely: bool = False) -> Bools | None:
+        """(free,) vertices that cross under another move and not in the solution; None if none do.
+
+        Where it is likely that some do, they are looked for at once.
+        """
+        if not likely and not self.tissue.crosses(self.positions_under(moved)):
             return None
         fresh = self.crossing_vertices(moved)
         return fresh if fresh.any() else None
