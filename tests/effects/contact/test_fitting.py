@@ -40,7 +40,7 @@ class Wall:
         return self.crossing(moved) is not None
 
     def crossing(self, moved: np.ndarray, *, likely: bool = False) -> np.ndarray | None:
-        through = self.crossing_vertices(moved)
+        through = Wall.crossing_vertices(self, moved) if likely else self.crossing_vertices(moved)
         return through if through.any() else None
 
     def crossing_vertices(self, moved: np.ndarray) -> np.ndarray:
