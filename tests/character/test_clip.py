@@ -263,3 +263,22 @@ def test_clips_of_the_same_motion_have_one_digest() -> None:
     ]
     assert not any(clip(channel).moves_as(clip(each)) for each in others)
     assert not clip(channel, others[0]).moves_as(clip(channel))
+
+
+@pytest.mark.parametrize(
+    ("path", "interpolation", "values", "held"),
+    [
+        ("translation", "LINEAR", np.tile([1.0, -0.0, 3.0], (4, 1)), True),
+        ("scale", "STEP", np.ones((4, 3)), True),
+        ("translation", "LINEAR", np.eye(4, 3), False),
+        # Tangents move it between equal keys, and normalised rotations differ in the last digit.
+        ("translation", "CUBICSPLINE", np.ones((4, 3, 3)), False),
+        ("rotation", "LINEAR", np.tile([0.0, 0.6, 0.0, 0.8], (4, 1)), False),
+    ],
+)
+def test_held_values_are_the_samples_to_the_bit(path: str, interpolation: str, values: Floats, held: bool) -> None:
+    each = channel(values, interpolation, path=path)
+    found = Clip(0, "clip", (each,), KEYS[0], KEYS[-1]).held
+    assert list(found) == ([(0, path)] if held else [])
+    for value in found.values():
+        assert sample(each, TIMES).tobytes() == np.tile(value, (len(TIMES), 1)).tobytes()

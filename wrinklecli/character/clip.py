@@ -79,6 +79,17 @@ class Clip:
         return {(channel.node, channel.path): channel for channel in self.channels}
 
     @cached_property
+    def held(self) -> dict[tuple[int, str], Floats]:
+        """The value of each translation and scale whose channel has the same one at all keys, as exporters write."""
+        return {
+            place: channel.values[0] + 0.0
+            for place, channel in self.by_target.items()
+            if channel.path in ("translation", "scale")
+            and channel.interpolation != "CUBICSPLINE"
+            and (channel.values == channel.values[0]).all()
+        }
+
+    @cached_property
     def nodes(self) -> frozenset[int]:
         """The nodes that have a channel."""
         return frozenset(channel.node for channel in self.channels)

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrinklecli.character.clip import Channel, Clip, sample
+from wrinklecli.character.clip import Clip, sample
 from wrinklecli.character.rig import TRANSFORM_DEFAULTS, Hierarchy, Rig
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, affine_rows, unit_quaternions
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, affine_rows, composed_rows, unit_quaternions
 
 # Least scale of a node or an anchor relative to rest. Below it a character is hidden, and distances are meaningless.
 LEAST_SCALE = 1e-6
@@ -72,44 +72,40 @@ def node_rows(
     `known` has the rows of nodes at these times of this clip, and gets those of others.
     """
     known = {} if known is None else known
-    channels = clip.by_target if clip else {}
+    moved: frozenset[int] = clip.nodes if clip else frozenset()
+    still = {-1}
 
     def world(node: int) -> Floats:
         chain = []
         while node >= 0 and node not in known:
             chain.append(node)
             node = int(hierarchy.parents[node])
-        matrix = known.get(node)
         for each in reversed(chain):
-            local = _local_rows(hierarchy, channels, times, each)
-            matrix = local if matrix is None else _composed(matrix, local)
-            known[each] = matrix
-        assert matrix is not None
-        return matrix
+            if node in still and each not in moved:
+                still.add(each)
+                known[each] = hierarchy.world_rows(each)
+            else:
+                local = _local_rows(hierarchy, clip, times, each)
+                known[each] = composed_rows(known[node], local) if node >= 0 else local
+            node = each
+        return known[node]
 
     return [world(node) for node in nodes]
 
 
-def _composed(outer: Floats, inner: Floats) -> Floats:
-    """(3, 4, frames) products of affine matrices."""
-    product: Floats = outer[:, 0, None] * inner[0]
-    product = product + outer[:, 1, None] * inner[1]
-    product += outer[:, 2, None] * inner[2]
-    product[:, 3] += outer[:, 3]
-    return product
-
-
-def _local_rows(hierarchy: Hierarchy, channels: dict[tuple[int, str], Channel], times: Floats, node: int) -> Floats:
-    """(3, 4, frames) upper rows of a node's local matrices, or (3, 4, 1) if no channel, by node and path, moves it."""
+def _local_rows(hierarchy: Hierarchy, clip: Clip | None, times: Floats, node: int) -> Floats:
+    """(3, 4, frames) upper rows of a node's local matrices, or (3, 4, 1) if the clip does not change them."""
     stored = hierarchy.locals[node]
+    channels = clip.by_target if clip else {}
     moved = [path for path in TRANSFORM_DEFAULTS if (node, path) in channels and path in stored]
-    if not moved:
+    if clip is None or not moved:
         return hierarchy.rows[:, :, node, None]
     parts = {path: value[:, None] for path, value in stored.items()}
     parts["rotation"] = unit_quaternions(stored["rotation"])[:, None]
-    return affine_rows(
-        *(sample(channels[node, path], times).T if path in moved else parts[path] for path in TRANSFORM_DEFAULTS)
-    )
+    for path in moved:
+        held = clip.held.get((node, path))
+        parts[path] = sample(channels[node, path], times).T if held is None else held[:, None]
+    return affine_rows(*(parts[path] for path in TRANSFORM_DEFAULTS))
 
 
 def morph_weights(rig: Rig, clip: Clip | None, times: Floats, wanted: Bools | None = None) -> Floats:

@@ -6,7 +6,7 @@ Source: glTF 2.0 specification, §3.5 (nodes), §3.7.3 (skins).
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import chain, count
 from typing import Any, Protocol
 
@@ -15,7 +15,7 @@ import numpy as np
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, affine_rows, unit_quaternions
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, affine_rows, composed_rows, unit_quaternions
 
 # Most levels of a hierarchy and most joints of a skin: time and memory grow with them, and no real asset has as many.
 _MOST_LEVELS = 4096
@@ -40,6 +40,15 @@ class Hierarchy:
     locals: tuple[dict[str, Floats], ...]
     rows: Floats
     names: tuple[str, ...]
+    _world_rows: dict[int, Floats] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    def world_rows(self, node: int) -> Floats:
+        """(3, 4, 1) upper rows of a node's stored world matrix."""
+        if node not in self._world_rows:
+            # Callers ask for parents first, so this does not call itself deeply.
+            parent, rows = int(self.parents[node]), self.rows[:, :, node, None]
+            self._world_rows[node] = composed_rows(self.world_rows(parent), rows) if parent >= 0 else rows
+        return self._world_rows[node]
 
     def upwards(self, node: int) -> Iterator[int]:
         """Give a node and all above it, up to its root."""

@@ -191,6 +191,15 @@ def affine_rows(translations: Floats, rotations: Floats, scales: Floats) -> Floa
     return matrices
 
 
+def composed_rows(outer: Floats, inner: Floats) -> Floats:
+    """(3, 4, frames) upper rows of the products of affine matrices; each argument may have one frame for all."""
+    product: Floats = outer[:, 0, None] * inner[0]
+    product = product + outer[:, 1, None] * inner[1]
+    product += outer[:, 2, None] * inner[2]
+    product[:, 3] += outer[:, 3]
+    return product
+
+
 def float32_values(values: Floats) -> Floats:
     """The nearest float32 values, as a file holds them."""
     return values.astype(np.float32).astype(np.float64)
