@@ -20,6 +20,8 @@ FACES = 0.7
 # Factor of a side's score, by its elevation: a view from straight above or below loses a quarter.
 LEVELS = 1 - 0.25 + 0.25 * np.cos(np.radians([elevation for _, elevation in ANGLES]))
 
+# (sides, 3) directions to the eye.
+_BACKS = np.array([camera_axes(*angles)[2] for angles in ANGLES])
 # Every second azimuth and elevation: the sides around the best of them are looked at then.
 _COARSE = np.array([k for k, angles in enumerate(ANGLES) if not any(angle % 30 for angle in angles)])
 # Cosine of the angle between sides that are beside each other.
@@ -147,16 +149,15 @@ UNSEEN = Side((0.0, 0.0), 0.0, 0.0)
 
 def best_side(place: Place, free: Free) -> Side:
     """Choose the side from which most of the wrinkles of a place are visible."""
-    backs = np.array([camera_axes(*angles)[2] for angles in ANGLES])
     weights = place.areas * place.heights
-    shares = weights * np.clip(backs @ place.normals.T, 0.0, FACES)
+    shares = weights * np.clip(_BACKS @ place.normals.T, 0.0, FACES)
     scores = np.zeros(len(ANGLES))
     some = _COARSE
     for _ in range(2):  # the coarse sides, then those beside the best
         floor = float(np.max(LEVELS * scores))
-        scores[some] = _seen(shares[some], LEVELS[some], backs[some], free, floor=floor)
+        scores[some] = _seen(shares[some], LEVELS[some], _BACKS[some], free, floor=floor)
         best = int(np.argmax(LEVELS * scores))
-        some = np.flatnonzero((backs @ backs[best] > _BESIDE) & (scores == 0.0))
+        some = np.flatnonzero((_BACKS @ _BACKS[best] > _BESIDE) & (scores == 0.0))
     whole = FACES * float(weights.sum())
     return Side(ANGLES[best], float(scores[best]), min(float(scores[best]) / whole, 1.0) if whole > 0 else 0.0)
 

@@ -229,9 +229,9 @@ class _Drawn:
     numbers: Ints
     shares: Floats
 
-    def interpolate(self, values: Floats, triangles: Ints) -> Floats:
-        """(side, side, k) values at the pixels, of (vertices, k) ones on the (triangles, 3) that are drawn."""
-        found: Floats = np.einsum("yxk,yxka->yxa", self.shares, values[triangles[self.numbers]])
+    def interpolate(self, values: Floats, triangles: Ints, chosen: Bools) -> Floats:
+        """(pixels, k) values at the chosen pixels, of (vertices, k) ones on the (triangles, 3) that are drawn."""
+        found: Floats = np.einsum("pk,pka->pa", self.shares[chosen], values[triangles[self.numbers[chosen]]])
         return found
 
 
@@ -343,7 +343,7 @@ def look_at(staged: StagedTool, sight: Sight, side: Side) -> Seen:
     crests, rounding = Crests(0.0, 0.0), 0.0
     both = taken[1] & taken[2]
     if both.any():
-        us, vs = drawn[2].interpolate(staged.places, triangles)[both].T
+        us, vs = drawn[2].interpolate(staged.places, triangles, both).T
         known = np.isfinite(us)
         changes = _changes(*pictures[1:, both])
         crests = Crests.of(changes[known], us[known], vs[known], staged.bumps)
@@ -383,6 +383,6 @@ def _normals(staged: StagedTool, positions: Floats, drawn: _Drawn, towards: Floa
     if staged.shaded_flat:
         found = unit(face_normals(positions, staged.triangles[drawn.numbers[hit]]))
     else:
-        found = unit(drawn.interpolate(smooth, staged.triangles)[hit])
+        found = unit(drawn.interpolate(smooth, staged.triangles, hit))
     normals[hit] = found * np.where(found @ towards < 0, -1.0, 1.0)[:, None]
     return normals

@@ -4,7 +4,7 @@ A tool is looked at where it is tallest, or a little before, if the fold hides i
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import islice
@@ -230,12 +230,12 @@ def _judge(stage: Stage, suggestion: Suggestion, placed: dict[str, Placement]) -
     tallest = max((look.staged.height for look in looks), default=0.0)
     near = suggestion.by_morph or suggestion.part in _LOOKED_AT_NEAR
     contrast = _LEAST_CONTRAST["near" if near else "body"]
+    harms = [list(_faults(look, resolved=resolved)) for look in looks]
+    # What harms the surface is dropped from whatever side one looks.
+    looks = [look if harm else look.from_beside() for look, harm in zip(looks, harms, strict=True)]
     sides = [
-        [
-            *_faults(look, resolved=resolved),
-            *(_sight(look.seen, contrast) if look.staged.height > _AS_TALL * tallest else ()),
-        ]
-        for look in looks
+        [*harm, *(_sight(look.seen, contrast) if look.staged.height > _AS_TALL * tallest else ())]
+        for look, harm in zip(looks, harms, strict=True)
     ]
     faults = sorted((fault for side in sides for fault in side), key=lambda fault: list(REASONS).index(fault[0]))
     # A pair is kept for the side on which one sees its wrinkles better. Morph targets bend no limb that becomes round.
@@ -259,16 +259,32 @@ class _Look:
     Attributes:
         tool: What is looked at.
         staged: The tool where one sees it best.
-        seen: The sight of it then.
+        sight: What may hide it then.
+        seen: What one sees of it then.
         tallest: The tool at its peak, where a fold may hide it.
         turned: Part of it at its peak that is turned over: of what is seen of it, or of all if `check` would warn.
     """
 
     tool: WrinkleTool
     staged: StagedTool
+    sight: Sight
     seen: Seen
     tallest: StagedTool
     turned: float
+
+    def from_beside(self) -> "_Look":
+        """The look from a side next to the best one, if more of what one sees there follows the crests.
+
+        The best side shows most of the wrinkles, and may look along some of them: people turn the view.
+        """
+        if self.seen.crests.share >= _LEAST_CRESTS:
+            return self
+        others = [look_at(self.staged, self.sight, each) for each in self.seen.side.beside]
+        seen = max(
+            [self.seen, *(each for each in others if each.crests.contrast >= self.seen.crests.contrast)],
+            key=lambda each: each.crests.share,
+        )
+        return replace(self, seen=seen)
 
 
 def _look(stage: Stage, placement: Placement, name: str, peak: float) -> _Look | float | None:
@@ -297,27 +313,13 @@ def _look(stage: Stage, placement: Placement, name: str, peak: float) -> _Look |
     best, side = best_moment(start, peak, lambda time: (tallest, side_then) if time == peak else look(time))
     best = best or tallest
     seen = look_at(*best, side)
-    if seen.crests.share < _LEAST_CRESTS:
-        seen = _from_beside(seen, partial(look_at, *best))
     over = tallest[0].turned_over()
     if over.any():
         at_peak = seen if best is tallest else look_at(*tallest, side_then)
         over = over[at_peak.shown]
     shown = float(over.mean()) if len(over) else 0.0
     teeth = count_teeth(placement.plan, placement.carried, clip, peak) / max(int(tallest[0].place.sum()), 1)
-    return _Look(placement.carried.patch.tool, best[0], seen, tallest[0], max(shown, teeth))
-
-
-def _from_beside(seen: Seen, look: Callable[[Side], Seen]) -> Seen:
-    """The sight of a place from a side next to the best one, if more of what one sees there follows the crests.
-
-    The best side shows most of the wrinkles, and may look along some of them: people turn the view.
-    """
-    others = [look(side) for side in seen.side.beside]
-    return max(
-        [seen, *(each for each in others if each.crests.contrast >= seen.crests.contrast)],
-        key=lambda each: each.crests.share,
-    )
+    return _Look(placement.carried.patch.tool, *best, seen, tallest[0], max(shown, teeth))
 
 
 def _has_slit(staged: StagedTool) -> bool:
