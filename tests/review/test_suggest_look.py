@@ -69,7 +69,7 @@ def test_a_pixel_shows_the_nearest_triangle_that_its_middle_lies_in() -> None:
         depths[nearer], numbers[nearer] = deep[nearer], number
     assert np.array_equal(drawn.numbers, numbers)
     hit = numbers >= 0
-    at = drawn.interpolate(places.T, triangles)[hit]
+    at = drawn.interpolate(places.T, triangles, hit)
     assert at == pytest.approx(np.stack([columns, rows, depths], axis=-1)[hit], abs=1e-6)
     # A part is drawn into a copy of the picture of the other part.
     some = rng.random(300) < 0.5

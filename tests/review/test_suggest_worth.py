@@ -4,6 +4,7 @@ import json
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -223,13 +224,18 @@ def test_skin_that_comes_through_clothes_is_measured() -> None:
 
 
 @pytest.mark.parametrize(("contrast", "turned"), [(0.06, True), (0.04, False)])
-def test_crests_that_are_seen_better_from_beside_count_as_seen_from_there(contrast: float, turned: bool) -> None:
-    def sight(side: Side) -> Seen:
+def test_crests_that_are_seen_better_from_beside_count_as_seen_from_there(
+    contrast: float, turned: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def look_at(_staged: object, _sight: object, side: Side) -> Seen:
         crests = Crests(0.05, 0.4) if side.angles != (45, 30) else Crests(contrast, 0.7)
         return Seen(side, crests, np.zeros(0, np.intp), np.zeros((2, 1, 1)), 0.0)
 
-    found = worth._from_beside(sight(Side((30, 30), 1.0, 0.8)), sight)
-    assert found.side.angles == ((45, 30) if turned else (30, 30))
+    monkeypatch.setattr(worth, "look_at", look_at)
+    nothing: Any = None
+    seen = look_at(nothing, nothing, Side((30, 30), 1.0, 0.8))
+    found = worth._Look(nothing, nothing, nothing, seen, nothing, 0.0).from_beside()
+    assert found.seen.side.angles == ((45, 30) if turned else (30, 30))
 
 
 @pytest.mark.slow
