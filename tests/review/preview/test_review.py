@@ -211,6 +211,17 @@ def test_muscles_alone_are_shown_at_their_greatest_move(tmp_path: Path) -> None:
         assert made.shown == "1 muscle"
 
 
+def test_a_vertex_that_moves_alone_is_seen_with_what_is_around_it(tmp_path: Path) -> None:
+    """A region of flesh smaller than the triangles; "all is at one point" is not true of the asset."""
+    tools = tmp_path / "tools.yaml"
+    region = {"name": "dot", "at": [0.25, 0.2, 0.0], "radius": 0.1, "frequency": 4}
+    tools.write_text(json.dumps({"version": 1, "flesh": [region]}))
+    asset = limb(tmp_path, rings=9, sides=8)
+    (found,) = check(asset, tools).data["flesh"]
+    assert found["moved_vertices"] == 1
+    assert draw([asset], tmp_path / "a.png", tools=tools, review=True, **SMALL).shown == "1 region of flesh"
+
+
 def test_names_of_tools_are_told_from_each_other() -> None:
     peak = Peak("a.(b", 0, None, raised=True, facts=())  # type: ignore[arg-type]
     assert peak.owns("wrinkle_a__b_1")

@@ -151,6 +151,9 @@ def _points_to_frame(assets: Sequence[ShownAsset], moment: Moment, wrinkles: _Wr
             used[posed.triangles] = True
             if wrinkles is not None and wrinkles.known:
                 used &= wrinkles.masks[number][posed.number]
+                # Of a vertex that moves alone one sees the triangles around it.
+                if used.any() and not np.ptp(posed.positions[used], axis=0).any():
+                    used[posed.triangles[used[posed.triangles].any(axis=1)]] = True
             points.append(posed.positions[used])
     found = np.concatenate(points)
     if not len(found):

@@ -17,7 +17,7 @@ from wrinklecli.character.pose import stored_positions
 from wrinklecli.character.rig import Hierarchy, read_hierarchy
 from wrinklecli.choices import Part
 from wrinklecli.effects.flesh.attach import attach_flesh
-from wrinklecli.errors import WrinkleError
+from wrinklecli.errors import WrinkleError, counted
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, unit
 from wrinklecli.numeric.nearest import distances_along
@@ -27,6 +27,9 @@ from wrinklecli.surface.ground import Ground, read_ground
 from wrinklecli.tools.body import Flesh
 from wrinklecli.tools.records import Length, ToolsFile
 from wrinklecli.tools.yaml_tree import printable
+
+LEAST_VERTICES = 5
+"""Least vertices that a region moves: one and the four around it on a grid. Fewer stand out as spikes as they swing."""
 
 # Limit of a guessed region over its radius: two thirds of what a region gets by itself.
 _LIMIT = 8.0
@@ -136,7 +139,7 @@ def suggest_flesh(document: Document, nodes: Mapping[int, str | None]) -> tuple[
             found.append(SuggestedFlesh(fitted[0].region, True, fitted[0].depth))
         else:
             found += fitted
-    return found, notes, "" if found else "nowhere is the skin far enough from the bones"
+    return found, notes, "" if found else "nowhere is the skin far enough from the bones, and its mesh fine enough"
 
 
 def _sides(spot: _Spot, hierarchy: Hierarchy, bones: Bones, size: float) -> dict[str, tuple[Floats, Floats]]:
@@ -219,6 +222,12 @@ def _fitted(
         (attached,) = attach_flesh([region], ground, ToolsFile(path=ground.document.path))
     except WrinkleError as error:
         return f"{called}: left out: {error.lines[0].removeprefix(f'{ground.document.path}: ')}"
+    moved = int(np.any(attached.deltas, axis=(0, 2)).sum())
+    if moved < LEAST_VERTICES:
+        return (
+            f"{called}: left out, as the mesh is too coarse there: {counted(moved, 'vertex', 'vertices')} would move,"
+            f" fewer than {LEAST_VERTICES}"
+        )
     # What lies over a face, such as glasses or hair, does not move with it.
     worn = () if spot.part == "head" else tuple(each for each in attached.covers if each in clothes)
     return SuggestedFlesh(replace(region, meshes=worn), False, depth)
