@@ -6,7 +6,7 @@ const PROPERTIES = ['position', 'quaternion', 'scale'];
 const FASTEST = 4;
 /** Keys by which a loop goes on at both ends: what lies farther bends the curve by less than a 10,000th as much. */
 const AROUND = 8;
-/** Pieces of a clip at least, and samples a second of one that is smooth between its keys, as the bake has them. */
+/** Pieces of a clip of few keys, and samples a second of one that is smooth between its keys, as the bake has them. */
 const PIECES = 4;
 const SAMPLES = 60;
 /** Part of a clip below which two keys are a jump of the pose, which no curve follows: the later one counts. */
@@ -77,9 +77,12 @@ function curveOf(clip, root, joint, at) {
   const { placeAt, moving } = carriedBy(clip, root, joint, at);
   if (!moving.length) return null;
   const [start, end] = [Math.min(...clip.tracks.map(({ times }) => times[0])), clip.duration];
-  const pieces = moving.every(isSmooth) ? Math.max(PIECES, Math.ceil(SAMPLES * (end - start))) : PIECES;
-  const every = Array.from({ length: pieces + 1 }, (_, k) => start + (k / pieces) * (end - start));
-  for (const track of moving) every.push(...track.times);
+  const smooth = moving.every(isSmooth);
+  const pieces = smooth ? Math.max(PIECES, Math.ceil(SAMPLES * (end - start))) : PIECES;
+  const every = [...new Set([start, end, ...moving.flatMap(({ times }) => [...times])])];
+  // A place on a straight line between keys lies beside the smooth curve.
+  if (smooth || every.length <= PIECES)
+    every.push(...Array.from({ length: pieces + 1 }, (_, k) => start + (k / pieces) * (end - start)));
   every.sort((a, b) => a - b);
   let times = every.filter((time, k) => k === every.length - 1 || every[k + 1] - time > APART * (end - start));
   let points = times.map(placeAt);

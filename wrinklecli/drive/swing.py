@@ -243,17 +243,21 @@ def signed(weights: Floats) -> Floats:
 
 
 def key_times(rig: Rig, clip: Clip, node: int) -> Floats:
-    """(keys,) sorted seconds of all keys of a clip that move a node, with the clip's ends and a few times between.
+    """(keys,) sorted seconds of all keys of a clip that move a node, with the clip's ends, and where keys are few more.
 
-    Where all channels are smooth between their keys, there are as many times as the spline needs.
+    Where all channels are smooth between their keys, there are as many times as the spline needs. Others get none
+    between their keys: a place on a straight line lies beside the smooth curve, and would kick the spring.
     """
     moving = _moving_channels(rig, clip, node)
     end = max(clip.end, float(np.nextafter(np.float32(clip.start), np.float32(np.inf))))
-    pieces = _LEAST_PIECES
-    if moving and all(each.interpolation == "CUBICSPLINE" for each in moving):
-        pieces = max(pieces, int(np.ceil(_SAMPLES * (end - clip.start))))
-    keys = np.concatenate([np.linspace(clip.start, end, pieces + 1), *(each.times for each in moving)])
+    keys = np.concatenate([[clip.start, end], *(each.times for each in moving)])
     inside = distinct_values(keys[(keys >= clip.start) & (keys <= end)])
+    pieces = _LEAST_PIECES
+    smooth = bool(moving) and all(each.interpolation == "CUBICSPLINE" for each in moving)
+    if smooth:
+        pieces = max(pieces, int(np.ceil(_SAMPLES * (end - clip.start))))
+    if smooth or len(inside) <= _LEAST_PIECES:
+        inside = distinct_values(np.concatenate([np.linspace(clip.start, end, pieces + 1), inside]))
     # Two keys a float32 step apart are a jump of the pose, which no spline follows: the later one counts.
     apart = np.append(np.diff(inside) > 1e-4 * (end - clip.start) / pieces, True)
     apart[0] = True

@@ -22,7 +22,7 @@ namespace Wrinkles
         const double Fastest = 4;
         /// <summary>Keys by which a loop goes on at both ends: what lies farther bends the curve by next to nothing.</summary>
         const int Around = 8;
-        /// <summary>Pieces of a clip at least, and samples a second of one that is smooth between its keys, as a bake has.</summary>
+        /// <summary>Pieces of a clip of few keys, and samples a second of one that is smooth between its keys, as a bake has.</summary>
         const int Pieces = 4, Samples = 60;
         /// <summary>Part of a clip below which two keys are a jump of the pose, which no curve follows.</summary>
         const double Apart = 3e-5;
@@ -101,8 +101,12 @@ namespace Wrinkles
             var moving = chain.SelectMany(node => tracks[node]).Where(track => track.Times.Select((_, k) => track.Value(k)).Any(value => !value.SequenceEqual(track.Value(0)))).ToList();
             if (moving.Count == 0) return null;
             double start = every.Min(each => each.Value.Times[0]), end = every.Max(each => each.Value.Times.Last()), span = end - start;
-            var pieces = moving.All(track => track.Smooth) ? Math.Max(Pieces, (int)Math.Ceiling(Samples * span)) : Pieces;
-            var all = Enumerable.Range(0, pieces + 1).Select(k => start + span * k / pieces).Concat(moving.SelectMany(track => track.Times)).OrderBy(x => x).ToArray();
+            var smooth = moving.All(track => track.Smooth);
+            var pieces = smooth ? Math.Max(Pieces, (int)Math.Ceiling(Samples * span)) : Pieces;
+            var keys = new[] { start, end }.Concat(moving.SelectMany(track => track.Times)).Distinct().ToArray();
+            // A place on a straight line between keys lies beside the smooth curve.
+            var between = smooth || keys.Length <= Pieces ? Enumerable.Range(0, pieces + 1).Select(k => start + span * k / pieces) : new double[0];
+            var all = keys.Concat(between).OrderBy(x => x).ToArray();
             var times = all.Where((time, k) => k == all.Length - 1 || all[k + 1] - time > Apart * span).ToArray();
             var points = times.Select(shown).ToArray();
             var last = times.Length - 1;

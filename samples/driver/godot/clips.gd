@@ -6,7 +6,7 @@ const Numbers = preload("numbers.gd")
 const FASTEST = 4.0
 # Keys by which a loop goes on at both ends: what lies farther bends the curve by next to nothing.
 const AROUND = 8
-# Pieces of a clip at least, and samples a second of one that is smooth between its keys, as a bake has them.
+# Pieces of a clip of few keys, and samples a second of one that is smooth between its keys, as a bake has them.
 const PIECES = 4
 const SAMPLES = 60.0
 # Part of a clip below which two keys are a jump of the pose, which no curve follows: the later one counts.
@@ -92,14 +92,18 @@ func _curve(joint, at, clip):
 	var span = end - start
 	var smooth = true
 	var loops = true
-	var every = []
+	var every = [start, end]
 	for track in moving:
 		smooth = smooth and track["smooth"]
 		loops = loops and (track["path"] == "translation" or _closes(track))
-		every += track["times"]
-	var pieces = int(Numbers.larger(PIECES, ceil(SAMPLES * span))) if smooth else PIECES
-	for k in range(pieces + 1):
-		every.append(start + span * k / pieces)
+		for time in track["times"]:
+			if not every.has(time):
+				every.append(time)
+	# A place on a straight line between keys lies beside the smooth curve.
+	if smooth or every.size() <= PIECES:
+		var pieces = int(Numbers.larger(PIECES, ceil(SAMPLES * span))) if smooth else PIECES
+		for k in range(pieces + 1):
+			every.append(start + span * k / pieces)
 	every.sort()
 	var curve = {"chain": chain, "tracks": tracks, "at": at, "seconds": span if loops else 0.0}
 	var times = []
