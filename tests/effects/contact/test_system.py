@@ -9,8 +9,6 @@ pytest.importorskip("ipctk", reason="needs the extra `contact`")
 
 import wrinklecli
 from kit.folds import FOLDS
-from kit.limb import tool, write_tools
-from kit.samples import sample
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.character.clip import Clip
@@ -43,17 +41,14 @@ def folds_of(kind: str, folder: Path) -> tuple[tuple[Fold, ...], list[Clip]]:
 @pytest.mark.slow
 def test_both_hips_over_one_pelvis_are_resolved_together(tmp_path: Path) -> None:
     """Solved alone, each had the other in its way: pieces of belly and thighs lay apart."""
-    hips = [
-        tool(name=name, origin=[x, 0.955, 0.1], target=[1.05 * x, 0.80, 0.09], width=0.15, bumps=3, contact="resolve")
-        for name, x in (("left", 0.1), ("right", -0.1))
-    ]
-    report = wrinklecli.bake(sample("trousers"), write_tools(tmp_path / "tools.yaml", *hips), tmp_path / "out.glb")
+    report = wrinklecli.bake(*FOLDS["groin"]().write(tmp_path, contact="resolve"), tmp_path / "out.glb")
     assert not any("contact" in line for line in report.warnings), report.warnings
+    assert len(report.data["folds"]) == 2
     for fold in report.data["folds"]:
         assert fold["crossing_frames"] == 0
         assert len(fold["targets"]) <= 10
-    squat, _ = crossings(tmp_path / "out.glb").data["clips"]
-    assert squat["totals"][0] > squat["totals"][1] == 0
+    (clip,) = crossings(tmp_path / "out.glb").data["clips"]
+    assert clip["totals"][0] > clip["totals"][1] == 0
 
 
 @pytest.mark.slow
