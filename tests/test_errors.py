@@ -4,10 +4,11 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from kit.drawn import CHARACTERS
 from wrinklecli.errors import AssetError, RefusedError, WrinkleError, counted, listed, nearest, shortened
 
 
-@given(st.text(max_size=60), st.integers(2, 40))
+@given(st.text(CHARACTERS, max_size=60), st.integers(2, 40))
 @example("a" * 10, 10)
 def test_a_long_text_keeps_its_two_ends(text: str, longest: int) -> None:
     cut = shortened(text, longest)

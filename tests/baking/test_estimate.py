@@ -107,6 +107,7 @@ def test_a_tool_that_slides_in_too_many_ways_is_refused_at_once(
     assert sum(frames) < 32 + 5 * 16 + 128 + 256 + 8
 
 
+@pytest.mark.slow
 def test_more_vertices_are_not_projected_than_may_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asset = limb(tmp_path / "limb.glb")
     tools = write_tools(tmp_path / "tools.yaml", ANEW, tool(name="other", attachment="patch"), tool(name="still"))

@@ -6,12 +6,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from kit.drawn import CHARACTERS
 from wrinklecli.cli.output import Progress, aligned, printable
 
 WORDS = st.text("abc de", max_size=6).map(str.strip)
 
 
-@given(st.text(max_size=40))
+@given(st.text(CHARACTERS, max_size=40))
 def test_a_line_cannot_command_the_terminal(text: str) -> None:
     shown = printable(text)
     assert shown.isprintable()

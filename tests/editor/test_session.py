@@ -381,6 +381,7 @@ def test_a_tool_with_a_partner_names_its_side(session: Session) -> None:
     assert session.text == TOOLS
 
 
+@pytest.mark.slow
 def test_what_suggest_finds_is_accepted_one_by_one(session: Session, tmp_path: Path) -> None:
     offers = session.proposals()
     assert offers
@@ -426,6 +427,7 @@ def test_a_place_that_has_a_tool_is_taken_for_what_runs_the_same_way(tmp_path: P
     assert not session.is_taken(offers[0])
 
 
+@pytest.mark.slow
 def test_places_are_found_in_the_pose_that_is_set(tmp_path: Path) -> None:
     session = Session(limb(tmp_path / "limb.glb", rings=20, sides=12), tmp_path / "tools.yaml")
     clip = session.clips[0]

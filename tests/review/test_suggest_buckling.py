@@ -96,6 +96,7 @@ def test_a_hip_of_trousers_has_more_folds_than_a_squat_hides(tmp_path: Path) -> 
     assert (found.tools[0].tool.material, found.tools[0].tool.bumps) == ("trouser_hip", 7)
 
 
+@pytest.mark.slow
 def test_half_a_tube_is_no_limb(tmp_path: Path) -> None:
     asset = limb_of("Trousers")
     for primitive in asset.gltf["meshes"][0]["primitives"]:
@@ -146,6 +147,7 @@ def test_a_fold_that_does_not_cross_has_no_contact(tmp_path: Path) -> None:
     assert "contact" not in found.text
 
 
+@pytest.mark.slow
 def test_a_preset_of_a_file_is_taken_for_its_parts_of_a_body(tmp_path: Path) -> None:
     """The text names the file from where it will stand, reads as the tools are, and bakes."""
     (tmp_path / "in").mkdir()

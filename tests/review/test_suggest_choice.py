@@ -148,6 +148,7 @@ def test_what_is_under_another_mesh_where_it_folds_is_left_out(tmp_path: Path) -
 # Sides
 
 
+@pytest.mark.slow
 def test_the_twin_of_a_fold_is_suggested_though_no_clip_folds_it(tmp_path: Path) -> None:
     asset = limb_asset(joints=3, angle=200.0)
     channels = asset.gltf["animations"][0]["channels"]
@@ -183,6 +184,7 @@ def forehead(*targets: str) -> Asset:
     return asset
 
 
+@pytest.mark.slow
 def test_two_brows_that_rise_make_one_tool_across_the_forehead(tmp_path: Path) -> None:
     (tool,) = (each.tool for each in suggested(tmp_path, forehead("browsUp")).tools)
     assert np.abs(np.array(ends(tool))[:, 0]).max() < 1e-3
@@ -190,6 +192,7 @@ def test_two_brows_that_rise_make_one_tool_across_the_forehead(tmp_path: Path) -
     assert tool.rest_length.morph == "browsUp"
 
 
+@pytest.mark.slow
 def test_targets_of_two_sides_are_looked_at_raised_together(tmp_path: Path) -> None:
     found = suggested(tmp_path, forehead("browUpLeft", "browUpRight"))
     assert [each.clip for each in found.tools] == ["browUpLeft + browUpRight"]
@@ -251,6 +254,7 @@ def test_joints_of_a_body_go_as_far_as_before(tmp_path: Path, golden: Golden) ->
     golden(turns, "body_limits.json")
 
 
+@pytest.mark.slow
 def test_a_fold_of_a_finger_ends_within_its_bones(tmp_path: Path) -> None:
     asset = limb_asset(rings=31, sides=8, joints=6, angle=300.0)
     spans = []
@@ -281,6 +285,7 @@ def hand(*names: str) -> Asset:
     return asset
 
 
+@pytest.mark.slow
 def test_fingers_that_fold_along_one_line_get_a_tool_each(tmp_path: Path) -> None:
     fingers, tentacles = (
         suggested(tmp_path, hand(*(f"{name} {k}" for k in "abc")), everything=True).tools

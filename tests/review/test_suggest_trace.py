@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from kit.asset import Asset
 from kit.limb import limb
@@ -39,6 +40,7 @@ def corner() -> Asset:
     return asset
 
 
+@pytest.mark.slow
 def test_a_path_follows_the_strongest_compression_round_a_corner(tmp_path: Path) -> None:
     (found,) = suggest(corner().write(tmp_path / "face.glb"), everything=True).tools
     tool = found.tool

@@ -132,6 +132,7 @@ def test_a_lower_wrinkle_that_is_seen_is_worth_more_than_none(tmp_path: Path) ->
     assert [each.tool for each in found.tools] == [low.tool]
 
 
+@pytest.mark.slow
 def test_a_pair_of_which_one_side_is_harmed_gets_a_seed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def faults(look: worth._Look, **_named: object) -> Iterator[tuple[str, float]]:
         if look.tool.name == "fold.R" and look.tool.seed != 2:
@@ -175,6 +176,7 @@ def test_facets_that_refinement_bends_leave_a_tool_out_and_the_command_says_why(
     assert run(flat, "--all", "-q").exit_code == 0
 
 
+@pytest.mark.slow
 def test_a_limb_of_so_few_faces_that_one_sees_it_get_rounder_gets_no_tool(tmp_path: Path) -> None:
     coarse, fine = (
         limb(tmp_path / f"{sides}.glb", rings=rings, sides=sides, angle=110.0) for rings, sides in ((7, 8), (60, 24))
@@ -188,6 +190,7 @@ def test_a_limb_of_so_few_faces_that_one_sees_it_get_rounder_gets_no_tool(tmp_pa
     assert run(coarse, "--all", "-q").exit_code == 0
 
 
+@pytest.mark.slow
 def test_a_twin_that_rises_as_far_must_be_seen_too(tmp_path: Path) -> None:
     pair = replace(suggestion("fold.L", start=0.05, stop=0.4, height=8.0), mirrored=True, twin_moment=("squeeze", 1.0))
     half_covered = sheet(tmp_path / "a.glb", FLAT, line(-3.0, 0.0, 0.1))

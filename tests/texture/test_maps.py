@@ -46,7 +46,7 @@ def made(folder: Path, name: str = "wrist", **options: Any) -> Any:
 
 
 def test_each_file_is_there_and_its_values_are_sound(tmp_path: Path) -> None:
-    found = made(tmp_path / "maps", size=512)
+    found = made(tmp_path / "maps", size=256)
     assert sorted(map(str, (tmp_path / "maps").iterdir())) == sorted(found.paths)
     data = json.loads((tmp_path / "maps" / "maps.json").read_text())
     assert data == found.data
@@ -64,7 +64,7 @@ def test_each_file_is_there_and_its_values_are_sound(tmp_path: Path) -> None:
     assert seen.max() == 255
     assert 60 < seen.min() < 220
     masks = pixels(tmp_path / "maps" / one["weights"][0]["mask"])
-    assert masks.shape == (512, 512, 4)
+    assert masks.shape == (256, 256, 4)
     assert masks.astype(int).sum(axis=2).max() <= 256
     heights = pixels(tmp_path / "maps" / one["height"]["file"]) / 65535 - one["height"]["zero"]
     assert (masks.max(axis=2)[np.abs(heights) > 0.1] > 0).all()

@@ -17,6 +17,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 from kit.browser import until
+from kit.drawn import CHARACTERS
 from kit.limb import limb
 from wrinklecli.editor.page import server, work_queue
 from wrinklecli.editor.page.messages import is_sent
@@ -182,7 +183,9 @@ def messages(draw: st.DrawFn, kinds: list[type]) -> dict[str, Any]:
         st.one_of(
             numbers, st.none(), st.booleans(), st.sampled_from(["", "a", "start", "click", "x" * 9999, "\ud7ff"])
         ),
-        lambda parts: st.one_of(st.lists(parts, max_size=4), st.dictionaries(st.text(max_size=3), parts, max_size=2)),
+        lambda parts: st.one_of(
+            st.lists(parts, max_size=4), st.dictionaries(st.text(CHARACTERS, max_size=3), parts, max_size=2)
+        ),
         max_leaves=6,
     )
     kind = draw(st.sampled_from(kinds))

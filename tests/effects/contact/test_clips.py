@@ -103,6 +103,7 @@ def test_a_baked_file_plays_contact_in_motions_that_are_added(motions: dict[str,
     assert [clip["name"] for clip in wrinkled] == [clip["name"] for clip in found]
 
 
+@pytest.mark.slow
 def test_a_clip_without_contact_is_sampled_as_ever(tmp_path: Path) -> None:
     """At further times the proof finds what it has not looked at otherwise, and crossing tools were refused there."""
     times = []

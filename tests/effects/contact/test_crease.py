@@ -59,6 +59,7 @@ def test_errors_count_less_with_each_ring_around_what_touches() -> None:
     assert weights == pytest.approx(np.array([1.0, 0.4, 0.16, 0.064, 0.01])[np.minimum(steps[first], 4).astype(int)])
 
 
+@pytest.mark.slow
 def test_all_that_is_near_what_crosses_may_move(tmp_path: Path) -> None:
     """A limb that swells away from its joint touches far from it: where it is held there, it breaks at the border."""
     asset = limb_asset(rings=12, sides=6)

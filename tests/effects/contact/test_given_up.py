@@ -110,6 +110,7 @@ def test_a_preview_of_tools_resolves_no_contact(monkeypatch: pytest.MonkeyPatch,
     assert (shown.notes[-1:], shown.warnings) == ((line,), ())
 
 
+@pytest.mark.slow
 def test_a_fold_that_takes_too_many_steps_ends_at_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     few_steps(monkeypatch)
     bytes_of, report = baked(folding_limb(), tmp_path, "resolve")
@@ -119,6 +120,7 @@ def test_a_fold_that_takes_too_many_steps_ends_at_once(monkeypatch: pytest.Monke
     assert_no_higher(tmp_path, baked(folding_limb(), tmp_path, "off")[0], bytes_of, line, fold)
 
 
+@pytest.mark.slow
 def test_wrinkles_are_lowered_beside_effects_that_act_before_them(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

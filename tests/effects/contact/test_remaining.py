@@ -27,6 +27,7 @@ TOOL = tool(bumps=3, max_height="0.1%")
 TIMES = np.linspace(0.0, 1.0, 16)
 
 
+@pytest.mark.slow
 def test_a_clip_that_would_cross_more_with_contact_is_left_without_and_a_line_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -171,6 +171,7 @@ def test_a_clip_of_another_file_is_tracked(bodies: dict[int, Path], tmp_path: Pa
     assert np.abs(values - whole.weights("trunk", "jump", times)).max() < 0.02
 
 
+@pytest.mark.slow
 def test_regions_that_touch_add_up(bodies: dict[int, Path]) -> None:
     """Each alone moves the skin as both together do; where they meet, moves are as smooth as in the middle."""
     left, right = (region(name=name, at=[x, -0.05, 0.17], radius=0.1) for name, x in (("l", 0.06), ("r", -0.06)))

@@ -131,6 +131,7 @@ def test_of_many_tools_the_first_are_shown_and_the_others_named(
         draw([tmp_path / "baked.glb"], tmp_path / "a.png", review=True, only=["fo"], **SMALL)
 
 
+@pytest.mark.slow
 def test_a_tool_of_a_baked_file_is_shown_at_its_own_moments(tmp_path: Path) -> None:
     asset, tools = two_ways(tmp_path)
     baked = tmp_path / "baked.glb"
