@@ -17,11 +17,12 @@ export { Body, fleshWeights, foldWeights, placeOnSkin, touchWeights, wrinkleWeig
 /**
  * Drives every body below a three.js object. Call `update` each frame, after the mixer and before rendering, with the
  * clip's name and time, and the seconds since the last call: without these, time's own, which stop where a clip loops.
- * The console says what is left out, and why. With the file's `clips`, flesh follows a smooth curve through their keys.
+ * The console says what is left out, and why. With the file's `clips`, flesh follows a smooth curve through their keys;
+ * while clips blend, `others` names those beside the first: `{ CLIP: { time, share } }`, where 1 is all of the motion.
  */
 export class WrinkleDriver {
   constructor(root, clips = root.animations) {
-    Object.assign(this, { root, curves: new KeyCurves(root, clips), bodies: [], hands: {} });
+    Object.assign(this, { root, curves: new KeyCurves(root, clips), bodies: [], hands: {}, times: {} });
     root.traverse((object) => object.userData.wrinkle && this.add(object, object.userData.wrinkle));
     if (!this.bodies.length) console.warn('wrinkle: nothing to drive: no object has extras.wrinkle and morph targets');
   }
@@ -65,16 +66,20 @@ export class WrinkleDriver {
     }
   }
 
-  update(clip, time, elapsed = Math.max(time - this.time, 0)) {
-    const before = this.clip === clip ? this.time : NaN;
-    Object.assign(this, { clip, time });
+  update(clip, time, elapsed = Math.max(time - this.time, 0), others = {}) {
+    const rest = Object.values(others).reduce((sum, { share }) => sum - share, 1);
+    const playing = Object.entries({ [clip]: { time, share: rest }, ...others }).map(([name, each]) => ({
+      ...{ clip: name, before: this.times[name] ?? NaN },
+      ...each,
+    }));
+    Object.assign(this, { time, times: Object.fromEntries(playing.map((each) => [each.clip, each.time])) });
     this.root.updateMatrixWorld();
     for (const { body, meshes, jointOf, jointMatrixOf } of this.bodies) {
       const { morphTargetDictionary: numbers, morphTargetInfluences: influences } = meshes[0];
       const found = body.weights(jointMatrixOf, {
         ...{ clip, time, elapsed, hands: this.hands },
         morphWeightOf: (name) => influences[numbers[name]] ?? 0,
-        during: ({ joint, at }) => this.curves.during(jointOf(joint), at, clip, time, before, elapsed),
+        during: ({ joint, at }) => this.curves.blended(jointOf(joint), at, playing, elapsed),
       });
       for (const { morphTargetDictionary: places, morphTargetInfluences: all } of meshes)
         for (const [name, place] of Object.entries(places))

@@ -17,7 +17,8 @@ const STRAIGHT = 0.01;
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const AXES = [0, 1, 2];
 const NONE = [0, 0, 0];
-const UNKNOWN = { path: [NONE, NONE, NONE, NONE], beside: NONE, back: NONE };
+/** What is known of the motion of a joint without its clip: see `KeyCurves.during`. */
+export const UNKNOWN = { path: [NONE, NONE, NONE, NONE], beside: NONE, back: NONE };
 
 /** A joint's place in the world, its axes of unit length, and its scale over that at rest. */
 function carried({ at, scale }, m) {

@@ -1,5 +1,7 @@
 // Straight lines between a clip's keys kick flesh at each key. A bake lets it follow a smooth curve through the keys.
 
+import { UNKNOWN } from './flesh.js';
+
 const AXES = [0, 1, 2];
 const PROPERTIES = ['position', 'quaternion', 'scale'];
 /** Seconds of a clip in a second beyond which it has been put to another time. */
@@ -130,5 +132,13 @@ export class KeyCurves {
     const path = [1, 2 / 3, 1 / 3, 0].map((part) => turned(curve.curveAt(time - (runs ? part * ran : 0))));
     const back = turned(curve.whole.map((x) => (anew && runs ? -x : 0)));
     return { path, beside: turned(here.map((x, i) => x - shown[i])), back };
+  }
+
+  /** The same while clips blend, `playing`: a list of `{ clip, time, before, share }` whose shares add up to 1. */
+  blended(joint, at, playing, elapsed) {
+    const found = playing.map(({ clip, time, before }) => ({ ...UNKNOWN, ...this.during(joint, at, clip, time, before, elapsed) }));
+    const mean = (placeOf) => AXES.map((i) => found.reduce((sum, known, k) => sum + playing[k].share * placeOf(known)[i], 0));
+    const path = [0, 1, 2, 3].map((k) => mean((known) => known.path[k]));
+    return { path, beside: mean(({ beside }) => beside), back: mean(({ back }) => back) };
   }
 }

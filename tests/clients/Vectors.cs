@@ -64,6 +64,12 @@ static class Vectors
                     var touch = (Dictionary<string, object>)List(((Dictionary<string, object>)found["wrinkle"])["touches"])[0];
                     frame.Hands[(string)touch["name"]] = new Hand { Forward = hand[0], Sideways = hand[1], Depth = hand[2] };
                 }
+                if (run.TryGetValue("others", out var others))
+                    foreach (var other in (Dictionary<string, object>)List(others)[k])
+                    {
+                        var playing = (Dictionary<string, object>)other.Value;
+                        frame.Others[other.Key] = ((double)playing["time"], (double)playing["share"]);
+                    }
                 frame.JointMatrix = name => matrices[k][joints.IndexOf(name)];
                 frame.MorphWeight = name => morphs.Contains(name) ? rows[k][morphs.IndexOf(name)] : 0;
                 var weights = body.Weights(frame);

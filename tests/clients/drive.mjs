@@ -16,10 +16,11 @@ import { load } from './load.mjs';
  * elapsed seconds since the time before, for each; left out, the times' own
  * loops  whether the driver brings springs to the beginning of a loop first
  * places  for each time where the player has put the body, [x, y, z]; left out, at the origin
+ * into    {clip, shares}: for each time the share of another clip that is faded into; left out, there is none
  *
  * Gives {weights: for each time and part of the mesh those of the targets, targets: names}.
  */
-export async function drive({ file, anim, clip, times, node, drive: driven, elapsed = [], loops = false, places = [] }) {
+export async function drive({ file, anim, clip, times, node, drive: driven, elapsed = [], loops = false, places = [], into }) {
   const body = await load(file);
   const clips = (anim ? await load(anim) : body).gltf.animations;
   const found = clips.find(({ name }) => name === clip);
@@ -27,6 +28,7 @@ export async function drive({ file, anim, clip, times, node, drive: driven, elap
   const root = body.gltf.scene;
   const mixer = new AnimationMixer(root);
   const action = found && mixer.clipAction(found).play();
+  const next = into && mixer.clipAction(clips.find(({ name }) => name === into.clip)).play();
   const driver = driven ? new WrinkleDriver(root, clips) : null;
   const meshesOf = (isOne) => {
     const parts = [];
@@ -40,13 +42,16 @@ export async function drive({ file, anim, clip, times, node, drive: driven, elap
   const parts = named.length ? named : meshesOf(({ userData }) => userData.wrinkle !== undefined);
   const pose = (time) => {
     if (action) action.time = time;
+    if (next) next.time = time;
     mixer.update(0);
   };
   if (loops) driver.settle(clip, found.duration, pose);
   const weights = times.map((time, frame) => {
+    const share = into?.shares[frame];
+    if (into) [action, next].forEach((each, k) => each.setEffectiveWeight(k ? share : 1 - share));
     pose(time);
     if (places[frame]) root.position.set(...places[frame]);
-    driver?.update(clip, time, elapsed[frame]);
+    driver?.update(clip, time, elapsed[frame], into ? { [into.clip]: { time, share } } : {});
     return parts.map((part) => [...part.morphTargetInfluences]);
   });
   return { weights, targets: Object.keys(parts[0].morphTargetDictionary) };

@@ -63,6 +63,7 @@ func played(body, each, run):
 		if run.get("hands", [null])[k if run.has("hands") else 0] != null:
 			var hand = run["hands"][k]
 			hands[each["wrinkle"]["touches"][0]["name"]] = {"slide": [hand[0], hand[1]], "depth": hand[2]}
+		body.others = run.get("others", [{}])[k if run.has("others") else 0]
 		var weights = body.weights(matrices, morphs, run["clip"], run["times"][k], run["elapsed"][number], hands)
 		var row = []
 		for target in each["targets"]:

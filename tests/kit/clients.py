@@ -274,6 +274,7 @@ def drive(
     elapsed: Sequence[float] = (),
     loops: bool = False,
     places: Sequence[Sequence[float]] = (),
+    into: tuple[str, Sequence[float]] | None = None,
 ) -> dict[str, Floats]:
     """Morph weights of a node's mesh while three.js plays a clip.
 
@@ -287,6 +288,7 @@ def drive(
         elapsed: Seconds since the time before, for each, for tools that lag; left out, the times' own.
         loops: Let the page bring springs to the beginning of a loop first.
         places: Where the player has put the body, for each time; left out, at the origin.
+        into: Another clip, and its share of the motion at each time.
 
     Returns:
         By target, (times, parts of the mesh) weights.
@@ -296,6 +298,7 @@ def drive(
     request |= {"loops": True} if loops else {}
     request |= {"places": [list(each) for each in places]} if places else {}
     request |= {} if anim is None else {"anim": str(anim)}
+    request |= {} if into is None else {"into": {"clip": into[0], "shares": list(into[1])}}
     answer = ask("drive", "drive", request)
     weights = np.array(answer["weights"], np.float64)
     return {name: weights[:, :, k] for k, name in enumerate(answer["targets"])}

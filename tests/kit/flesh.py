@@ -30,8 +30,25 @@ def jump(times: Array) -> Array:
     return np.stack([0 * times, height, 0.3 * ahead**3 * (10.0 - 15.0 * ahead + 6.0 * ahead**2)], axis=1)
 
 
-def body(move: Callable[[Array], Array] | None = jump, *, keys: int = 60, normals: bool = True) -> Asset:
-    """A trunk on one joint, which a clip `jump` moves with so many keys a second; without `move` there is no clip."""
+def bob(times: Array) -> Array:
+    """(times, 3) places of a joint that goes round and round."""
+    turn = 2 * np.pi * times
+    return np.stack([0.06 * np.sin(turn), 0.04 * (1.0 - np.cos(2 * turn)), 0 * times], axis=1)
+
+
+def bob_share(times: Array) -> Array:
+    """(times,) the share of `bob` in a motion that goes from `jump` into it between 0.7 and 1.3 s."""
+    part = np.clip((times - 0.7) / 0.6, 0.0, 1.0)
+    return np.asarray(part**3 * (10.0 - 15.0 * part + 6.0 * part**2))
+
+
+def body(
+    move: Callable[[Array], Array] | None = jump, *, keys: int = 60, normals: bool = True, bobs: bool = False
+) -> Asset:
+    """A trunk on one joint, which a clip `jump` moves with so many keys a second; without `move` there is no clip.
+
+    With `bobs` there is another clip, `bob`.
+    """
     asset = Asset()
     skin, _ = trunk(20, 24)
     positions, triangles = skin.positions, skin.triangles
@@ -50,9 +67,10 @@ def body(move: Callable[[Array], Array] | None = jump, *, keys: int = 60, normal
     asset.append("skins", {"joints": [1]})
     asset.append("scenes", {"nodes": [0, 1]})
     asset.gltf["scene"] = 0
-    if move is not None:
-        times = np.linspace(0.0, SECONDS, round(SECONDS * keys) + 1)
-        animation: Json = {"name": "jump"}
-        asset.channel(animation, 1, "translation", times, move(times))
-        asset.append("animations", animation)
+    for name, motion in (("jump", move), ("bob", bob if bobs else None)):
+        if motion is not None:
+            times = np.linspace(0.0, SECONDS, round(SECONDS * keys) + 1)
+            animation: Json = {"name": name}
+            asset.channel(animation, 1, "translation", times, motion(times))
+            asset.append("animations", animation)
     return asset

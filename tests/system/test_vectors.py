@@ -14,8 +14,8 @@ import pytest
 
 from kit.bakes import bake_config, bake_once, place
 from kit.clients import HERE as CLIENTS
-from kit.clients import ask, give_up
-from kit.flesh import body, region
+from kit.clients import ask, drive, give_up
+from kit.flesh import SECONDS, bob, bob_share, body, jump, region
 from kit.places import FOLDER, ROOT
 from kit.vectors import CASES, Case, vectors
 
@@ -194,6 +194,30 @@ def test_flesh_knows_the_clips_of_a_file(
         due = wanted[:, columns]
         assert due.max() > 0.05
         assert np.abs(np.array(found)[-len(due) :, columns] - due).max() < 0.01 * due.max(), each["name"]
+
+
+@pytest.mark.parametrize("play", [csharp, gdscript])
+def test_flesh_knows_clips_that_blend(play: Callable[..., dict[str, Any]], tmp_path: Path) -> None:
+    """As the driver of three.js does, which is held to a motion that blends the curves of both."""
+    baked = bake_once(place(body(keys=30, bobs=True)), top={"flesh": [region(limit=0.026)]})
+    case = vectors(Case("", lambda: baked, {"jump": (60, False)}))
+    (run,) = case["runs"]
+    times = np.array(run["times"])
+    shares, keys = bob_share(times), np.linspace(0.0, SECONDS, round(30 * SECONDS) + 1)
+    ways = [np.stack([np.interp(times, keys, axis) for axis in motion(keys).T], axis=1) for motion in (jump, bob)]
+    run["others"] = [
+        {"bob": {"time": time, "share": share}} for time, share in zip(run["times"], shares.tolist(), strict=True)
+    ]
+    for (matrix,), moved in zip(
+        run["matrices"], (1.0 - shares)[:, None] * ways[0] + shares[:, None] * ways[1], strict=True
+    ):
+        matrix[12:15] = moved.tolist()
+    poses = tmp_path / "poses.json"
+    poses.write_text(json.dumps({"flesh": case}))
+    found = np.array(play(poses, baked.path)["flesh"]["runs"][0])
+    steps = {"times": run["times"], "elapsed": run["elapsed"], "into": ("bob", shares.tolist())}
+    wanted = drive(baked.path, node="trunk", clip="jump", driver=True, **steps)
+    assert np.abs(found - np.stack([wanted[name][:, 0] for name in case["targets"]], axis=1)).max() < 1e-3
 
 
 def test_the_component_of_unity_compiles() -> None:

@@ -83,6 +83,14 @@ namespace Wrinkles
             };
         }
 
+        /// <summary>The same while clips blend: by clip seconds, those at the last frame, and a share; shares add up to 1.</summary>
+        public Known Blended(string joint, double[] at, IEnumerable<(string clip, double time, double before, double share)> playing, double elapsed, double[] root)
+        {
+            var found = playing.Select(each => (share: each.share, known: During(joint, at, each.clip, each.time, each.before, elapsed, root))).Where(each => each.known != null).ToArray();
+            Func<Func<Known, double[]>, double[]> mean = placeOf => new[] { 0, 1, 2 }.Select(i => found.Sum(each => each.share * placeOf(each.known)[i])).ToArray();
+            return new Known { Path = new[] { 0, 1, 2, 3 }.Select(k => mean(known => known.Path[k])).ToArray(), Beside = mean(known => known.Beside), Back = mean(known => known.Back) };
+        }
+
         Curve CurveOf(string clip, string joint, double[] at)
         {
             var animation = Read.List(gltf, "animations").Cast<Json>().FirstOrDefault(each => each.TryGetValue("name", out var name) && (string)name == clip);

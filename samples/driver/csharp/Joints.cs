@@ -115,6 +115,8 @@ namespace Wrinkles
         double[] place, pull;
         string clip;
         double time;
+        // By clip its seconds at the last frame.
+        Dictionary<string, double> times = new Dictionary<string, double>();
 
         public Flesh(Json data) : base(data)
         {
@@ -134,7 +136,11 @@ namespace Wrinkles
             var matrix = frame.JointMatrix(joint);
             var (shown, turn, ratio) = (V.Moved(matrix, at), V.Turn(matrix), V.Scale(matrix) / scale);
             var before = clip == frame.Clip ? time : double.NaN;
-            var known = frame.Clips?.During(joint, at, frame.Clip, frame.Time, before, frame.Elapsed, frame.Root) ?? Unknown;
+            var playing = frame.Others.Select(each => (name: each.Key, time: each.Value.time, share: each.Value.share)).ToList();
+            playing.Add((frame.Clip ?? "", frame.Time, 1 - playing.Sum(each => each.share)));
+            var blended = playing.Select(each => (each.name, each.time, times.TryGetValue(each.name, out var last) ? last : double.NaN, each.share));
+            var known = frame.Clips?.Blended(joint, at, blended, frame.Elapsed, frame.Root) ?? Unknown;
+            times = playing.ToDictionary(each => each.name, each => each.time);
             var now = shown.Select((x, i) => x + known.Beside[i]).ToArray();
             // Gravity as it was at rest is in the mesh already.
             var g = new[] { 0, 1, 2 }.Select(i => -turn[0][i] * gravity[0] - turn[1][i] * gravity[1] - turn[2][i] * gravity[2]).ToArray();

@@ -29,6 +29,8 @@ namespace Wrinkles
         public double Elapsed = double.NaN;
         /// <summary>The clips of the file, so that flesh follows a smooth curve through their keys; may be null.</summary>
         public GltfClips Clips;
+        /// <summary>While clips blend, the seconds and the shares of those beside `Clip`; 1 is all of the motion.</summary>
+        public readonly Dictionary<string, (double time, double share)> Others = new Dictionary<string, (double time, double share)>();
         /// <summary>The matrix to world space of what the file's scene stands below, for `Clips`.</summary>
         public double[] Root = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1 };
         /// <summary>By touch, what the player's own tips do.</summary>

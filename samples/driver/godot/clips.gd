@@ -58,6 +58,19 @@ func during(joint, at, clip, time, before, elapsed, root):
 	return {"path": path, "beside": _turned(root, beside), "back": _turned(root, back)}
 
 
+# The same while clips blend: `playing` has rows of a clip, its seconds, those at the last frame, and a share; shares add up to 1.
+func blended(joint, at, playing, elapsed, root):
+	var found = {"path": [NONE, NONE, NONE, NONE], "beside": NONE, "back": NONE}
+	for each in playing:
+		var known = during(joint, at, each[0], each[1], each[2], elapsed, root)
+		if known != null:
+			for k in range(4):
+				found["path"][k] = Numbers.sum(found["path"][k], known["path"][k], each[3])
+			found["beside"] = Numbers.sum(found["beside"], known["beside"], each[3])
+			found["back"] = Numbers.sum(found["back"], known["back"], each[3])
+	return found
+
+
 func _turned(root, v):
 	return Numbers.sum(Numbers.moved(root, v), Numbers.moved(root, NONE), -1.0)
 

@@ -86,11 +86,21 @@ static func fold(body, data):
 static func flesh(body, data, state):
 	var matrix = body.matrices[data["joint"]]
 	var before = state["time"] if state.get("clip") == body.clip else NAN
-	var known = null
+	var known = UNKNOWN
 	if body.clips != null:
-		known = body.clips.during(data["joint"], data["at"], body.clip, body.time, before, body.elapsed, body.root)
-	if known == null:
-		known = UNKNOWN
+		var last = state.get("times", {})
+		var times = {}
+		var playing = []
+		var rest = 1.0
+		for other in body.others:
+			var share = body.others[other]["share"]
+			rest -= share
+			times[other] = body.others[other]["time"]
+			playing.append([other, times[other], last.get(other, NAN), share])
+		playing.append([body.clip, body.time, last.get(body.clip, NAN), rest])
+		times[body.clip] = body.time
+		state["times"] = times
+		known = body.clips.blended(data["joint"], data["at"], playing, body.elapsed, body.root)
 	var place = Numbers.sum(Numbers.moved(matrix, data["at"]), known["beside"])
 	var turn = Numbers.turn(matrix)
 	var ratio = Numbers.scale(matrix) / data["scale"]

@@ -18,6 +18,8 @@ const KINDS = ["muscles", "flesh", "touches", "tools", "folds"]
 var problems = []
 # The clips of the file, as of clips.gd, so that flesh follows a smooth curve through their keys; null if they are unknown.
 var clips = null
+# While clips blend, those beside the one that `weights` gets: {CLIP: {"time": seconds, "share": 1 is all of the motion}}.
+var others = {}
 # The matrix to world space of what the file's scene stands below, for these: 16 numbers by columns.
 var root = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]
 var _drives = []

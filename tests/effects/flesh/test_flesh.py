@@ -11,7 +11,7 @@ import wrinklecli
 from kit.asset import Array, Asset, Json
 from kit.bakes import bake_once, place, report_of
 from kit.clients import assert_valid, compare_with_three, drive
-from kit.flesh import SECONDS, body, jump, region
+from kit.flesh import SECONDS, bob, bob_share, body, jump, region
 from kit.player import Gltf
 from truth.flesh import compare, trunk
 from wrinklecli.baking.baked_body import read_bodies
@@ -122,6 +122,29 @@ def test_the_driver_plays_a_motion_of_the_player(bodies: dict[int, Path], fps: i
     both = drive(jumps, clip="jump", places=sway(times).tolist(), **steps)
     for found, motion in ((own, jump), (both, lambda at: jump(at) + sway(at))):
         assert_alike(found, swung(still, motion)(times), 0, 0.02)
+
+
+@pytest.mark.parametrize("fps", [30, 60, 144, None])
+def test_the_driver_plays_clips_that_blend(bodies: dict[int, Path], fps: int | None) -> None:
+    """It follows both curves, each by its share; without both it would be 4 % off."""
+    times = frame_times(fps)
+    shares = bob_share(times)
+    file = baked(place(body(keys=30, bobs=True)), region(limit=0.026)).path
+    found = drive(
+        file,
+        node="trunk",
+        clip="jump",
+        driver=True,
+        times=times.tolist(),
+        elapsed=np.diff(times, prepend=-1 / 60).tolist(),
+        into=("bob", shares.tolist()),
+    )
+
+    def blend(at: Array) -> Array:
+        share = bob_share(at)[:, None]
+        return (1.0 - share) * jump(at) + share * bob(at)
+
+    assert_alike(found, swung(baked(bodies[0], region(limit=0.026)).path, blend)(times), 0, 0.02)
 
 
 def test_twice_the_keys_of_an_unknown_clip_leave_a_quarter_of_the_error(bodies: dict[int, Path]) -> None:
