@@ -52,7 +52,7 @@ export class Body {
    * it ends, as it does in a bake. 0 without springs.
    */
   unseenRounds(duration) {
-    const springs = this.drives.flatMap(({ drive: { lag, modes = [] } }) => (lag ? [lag] : modes));
+    const springs = this.drives.flatMap(({ drive: { lag, by, release, modes = [] } }) => (lag ? [lag] : by ? [release] : modes));
     const rounds = springs.map((spring) => Math.ceil(-Math.log(LEFT) / (settling(spring) * duration)));
     return Math.min(Math.max(0, ...rounds), MOST_ROUNDS);
   }

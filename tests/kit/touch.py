@@ -29,7 +29,13 @@ def touch(**keys: Any) -> Json:
 
 
 def plate(
-    size: float = 0.24, cells: int = 24, *, bend: float = 0.0, clips: bool = True, tip: Array | None = None
+    size: float = 0.24,
+    cells: int = 24,
+    *,
+    bend: float = 0.0,
+    clips: bool = True,
+    tip: Array | None = None,
+    turns: bool = True,
 ) -> Asset:
     """A square of skin in the plane y = 0 that faces +y, on a joint that a clip `drag` turns.
 
@@ -39,6 +45,7 @@ def plate(
         bend: Curvature along x, one over metres: above 0 the plate is the top of a cylinder.
         clips: False for an asset without a clip.
         tip: (keys, 3) places of a node `tip` before the joint, evenly in the clip `drag`; there is none without.
+        turns: False for a joint that keeps still, so that the clip may loop.
     """
     asset = Asset()
     line = np.linspace(-size / 2, size / 2, cells + 1)
@@ -72,7 +79,8 @@ def plate(
     if clips:
         animation: Json = {"name": "drag"}
         turn: Array = np.array([[0, 0, 0, 1.0], [0, 0.3826834, 0, 0.9238795]])
-        asset.channel(animation, 1, "rotation", np.array([0.0, SECONDS]), turn)
+        if turns:
+            asset.channel(animation, 1, "rotation", np.array([0.0, SECONDS]), turn)
         if tip is not None:
             asset.channel(animation, 2, "translation", np.linspace(0.0, SECONDS, len(tip)), tip)
         asset.append("animations", animation)

@@ -123,9 +123,9 @@ def _soft() -> Gltf:
     return bake_once(place(limb_asset(rings=12, sides=8)), swings, tracks="none", max_levels=0)
 
 
-def _touched(tip: Array | None = None, bend: float = 0.0, **keys: Any) -> Gltf:
+def _touched(tip: Array | None = None, bend: float = 0.0, turns: bool = True, **keys: Any) -> Gltf:
     return bake_once(
-        place(plate(tip=tip, bend=bend)),
+        place(plate(tip=tip, bend=bend, turns=turns)),
         top={"touches": [touch(**keys)], "refinement": {"max_levels": 0}},
         tracks="none",
     )
@@ -168,6 +168,9 @@ def _hide(found: Json) -> None:
 
 _WAYS = np.array(
     [(-0.005, 0.03, 0), (-0.005, 0, 0), (0, -0.001, 0.003), (0.009, 0.0028, 0.005), (0.009, 0.03, 0), (0, 0.03, 0)]
+)
+_RUBS = np.array(
+    [(-0.005, -0.001, 0), (0.009, -0.001, 0), (0, -0.001, 0.009), (-0.009, -0.001, 0), (-0.005, -0.001, 0)]
 )
 _CRITICAL = {"frequency": 4, "damping": 1}
 _MORPH = {"morph": "browsUp", "full": "115%"}
@@ -213,6 +216,12 @@ CASES: dict[str, Case] = {
         {"drag": (32, False)},
         BETWEEN_FRAMES,
     ),
+    "rub": Case(
+        "a touch by a node that never lets go, in a loop: the skin begins where it ends",
+        lambda: _touched(_RUBS, by="tip", keys={}, turns=False),
+        {"drag": (24, True)},
+        BETWEEN_FRAMES,
+    ),
     "hand": Case(
         "a touch by the player, whose ways are turned from forward to the skin's curvatures",
         lambda: _touched(keys={}, bend=25.0, towards=[0.05, 0.0, 0.03]),
@@ -226,6 +235,7 @@ def unseen_rounds(entry: Json, seconds: float) -> int:
     """The number of times that a loop is played before it is shown, as the specification has it."""
     springs = [each["lag"] for each in entry["tools"] if "lag" in each]
     springs += [mode for each in entry.get("flesh", []) for mode in each["modes"]]
+    springs += [each["release"] for each in entry.get("touches", []) if "by" in each]
     # The roots of z² + 2 ζ ω z + ω² are what swings fade by.
     rates = [
         -np.roots([1.0, 4.0 * np.pi * each["damping"] * each["frequency"], (2.0 * np.pi * each["frequency"]) ** 2]).real

@@ -19,7 +19,7 @@ beside and above it, times `pad`; its height is the third less that of the skin,
 s² at f forward and s sideways. It touches once it is nearer than `deepest` and less than `pad` from the middle,
 sticks to the skin and takes it along until the slide is `grip`, then slips, and lets go once it is farther than
 `deepest` or than `pad` + `grip` from the middle. A player that knows the tip at its frames alone reads in `ends`
-when it lets go between them.
+when it lets go between them. A clip that loops begins as it ends.
 
 In extras, a drive has the `anchors` of its place (the middle, and the points before, beside and above it), `pad`,
 `grip` and `deepest` in scene units, `bend`, the tip `by` if there is one, `release` with `frequency` and `damping`,
@@ -48,6 +48,11 @@ from wrinklecli.numeric.spring import Spring
 _MOST = 1e4
 # Samples per second of the tip's way, at least; most of a clip; and halvings between two in which a contact begins.
 _SAMPLES, _MOST_SAMPLES, _HALVINGS = 240.0, 100_000, 12
+# Part of the pad by which a tip that ends where it began may be elsewhere, and of the time between two samples.
+_SAME = 1e-3
+# Part of the grip by which the skin may jump where a clip loops: rings start like a square root, and jump by 0.3 % of
+# their height. And rounds of a loop at most until it comes round: a tip that rubs the skin slips in the first one.
+_LEAST_LEFT, _ROUNDS = 1e-5, 4
 # Clips whose contacts a drive keeps: the same motion is asked for at many times.
 _MOST_KEPT = 64
 
@@ -153,17 +158,41 @@ class TouchDrive:
     def ends_in(self, rig: Rig, clips: Sequence[Clip]) -> dict[str, Floats]:
         """By clip in which its node touches, the sorted seconds at which it lets go."""
         strokes = {clip.name: self.strokes_in(rig, clip) for clip in clips if clip.name not in self.keys}
-        return {name: np.array([rows[-1, 0] for rows in each]) for name, each in strokes.items() if each}
+        starts = {clip.name: clip.start for clip in clips}
+        return {
+            name: np.array([rows[-1, 0] for rows in each if rows[-1, 0] >= starts[name]])
+            for name, each in strokes.items()
+            if each
+        }
 
     def _touched(self, rig: Rig, clip: Clip) -> tuple[Floats, ...]:
-        """The strokes of the tip in a clip."""
+        """The strokes of the tip in a clip. A loop begins where the last stroke of the round before leaves the skin."""
         count = int(np.clip(np.ceil((clip.end - clip.start) * _SAMPLES), 1, _MOST_SAMPLES))
         times = np.linspace(clip.start, clip.end, count + 1)
         breaks = [each.times for each in clip.channels if each.path != "weights"]
         times = np.unique(np.concatenate([times, *(b[(b > clip.start) & (b < clip.end)] for b in breaks)]))
         tips = self.tip_in(rig, clip, times)
+        strokes = self._strokes_of(rig, clip, times, tips, np.zeros((0, 4)))
+        if not strokes or not clip.loops or not float(np.abs(tips[-1] - tips[0]).max()) < _SAME * self.pad:
+            return strokes
+        for _ in range(_ROUNDS):
+            first, last = self._released(strokes, np.array([clip.start, clip.end]))[:, :2]
+            if float(np.hypot(*(last - first))) < _LEAST_LEFT * self.grip:
+                break
+            earlier = strokes[-1] - [clip.end - clip.start, 0.0, 0.0, 0.0]
+            strokes = self._strokes_of(rig, clip, times, tips, earlier)
+        return strokes
+
+    def _strokes_of(self, rig: Rig, clip: Clip, times: Floats, tips: Floats, earlier: Floats) -> tuple[Floats, ...]:
+        """The strokes of (frames, 3) tips at (frames,) seconds of a clip, after (keys, 4) those of an earlier one."""
         strokes: list[Floats] = []
         rows: list[Floats] = []
+        if len(earlier):
+            # At the clip's end the tip still held the skin, or had let go.
+            if earlier[-1, 0] >= clip.start - _SAME / _SAMPLES:
+                rows = [np.array([clip.start, *earlier[-1, 1:]])]
+            else:
+                strokes = [earlier]
         before = tips[0]
         for number, (time, tip) in enumerate(zip(times.tolist(), tips, strict=True)):
             held = self._touches(tip, held=bool(rows))

@@ -264,6 +264,7 @@ namespace Wrinkles
 
         public override IEnumerable<string> Joints =>
             (by == null ? anchors : anchors.Append(by)).Concat(limb).SelectMany(each => each.Joints);
+        public override IEnumerable<Spring> Springs => by != null ? new[] { release } : new Spring[0];
 
         public override double[] Weights(Frame frame, Func<string, double> morph)
         {

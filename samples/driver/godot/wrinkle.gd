@@ -91,7 +91,8 @@ func unseen_rounds(seconds):
 	var rounds = 0
 	for each in _drives:
 		var data = each["data"]
-		for spring in [data["lag"]] if data.has("lag") else data.get("modes", []):
+		var springs = [data["release"]] if data.has("by") else data.get("modes", [])
+		for spring in [data["lag"]] if data.has("lag") else springs:
 			var damping = spring["damping"]
 			var slower = damping + sqrt(damping * damping - 1.0) if damping > 1 else 1.0 / damping
 			var fading = 2.0 * PI * spring["frequency"] / slower

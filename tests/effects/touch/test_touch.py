@@ -192,6 +192,23 @@ def test_a_node_that_comes_near_drags_the_skin_and_slips() -> None:
     assert warned(file) == []
 
 
+@pytest.mark.parametrize(
+    "ways",
+    [
+        [(-0.005, -0.001, 0), (0.009, -0.001, 0), (0, -0.001, 0.009), (-0.009, -0.001, 0), (-0.005, -0.001, 0)],
+        [(-0.005, 0.03, 0), (-0.005, -0.001, 0), *[(0.002 * k, -0.001, 0) for k in range(6)], (-0.005, 0.03, 0)],
+    ],
+    ids=["held", "let go"],
+)
+def test_a_loop_ends_as_it_begins(ways: list[tuple[float, float, float]]) -> None:
+    """A tip that rubs the skin slips, and one that lets go late leaves the skin slid where the clip begins anew."""
+    asset = place(plate(tip=np.array(ways, np.float64), turns=False))
+    file = baked(asset, touch(by="tip", keys={}, release={"frequency": 1, "damping": 0.7}), levels=0)
+    start, end = file.weights("skin", "drag", np.array([0.0, SECONDS]))
+    assert start[:4].max() > 0.1
+    assert start == pytest.approx(end, abs=0.003)
+
+
 def test_the_distance_is_that_of_the_posed_skin() -> None:
     """On a bent plate that turns, the tip's height is right to a part of a millimetre within the pad."""
     angles = np.array([-0.25, 0.0, 0.2])
