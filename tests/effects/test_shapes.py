@@ -11,10 +11,13 @@ from numpy.typing import NDArray
 from kit.carried import carry_patch, moved, placed, scattered
 from kit.limb import limb_asset, tool
 from kit.prepared import prepare
+from wrinklecli.character.pose import blend, pose_at, transform
 from wrinklecli.effects.shapes import displaced_normals, turn_to
 from wrinklecli.effects.wrinkle.activity import activity
 from wrinklecli.effects.wrinkle.shapes import shapes_of
 from wrinklecli.effects.wrinkle.weights import weights_of
+from wrinklecli.numeric.arrays import vertex_normals
+from wrinklecli.surface.rest import carried_normals
 
 Floats = NDArray[np.float64]
 
@@ -99,6 +102,23 @@ def test_normals_of_undisplaced_vertices_are_the_surface_s() -> None:
         fine, carried.vertices, np.zeros((1, len(carried.vertices), 3)), [prepared.rest.pose]
     )
     assert normals[0] == pytest.approx(fine.normals[touched], abs=1e-14)
+
+
+def test_normals_of_what_undoes_a_fold_are_true_where_the_pose_folds_the_surface_over() -> None:
+    """Skinning turns the two sides of a fold into each other there, and says nothing of what is displaced."""
+    prepared = prepare(limb_asset(rings=25, sides=24, angle=130))
+    carried, fine = carry_patch(prepared)
+    pose = pose_at(prepared.rig, prepared.clip, 1.0)
+    still = np.zeros((1, len(carried.vertices), 3))
+    touched, normals = displaced_normals(fine, carried.vertices, still, [pose], folded=True)
+    blended = blend(fine.dense_weights(np.arange(len(fine.positions)), fine.weights.shape[1]), pose.matrices[None])
+    true = vertex_normals(transform(blended, fine.positions)[0], fine.triangles)[touched]
+    shown = carried_normals(blended[0, touched], fine.normals[touched])
+    alike = np.sum(true * shown, axis=1)
+    folded, whole = alike < 0.5, alike > 0.9
+    assert min(folded.sum(), whole.sum()) > 10, "the case is one"
+    assert carried_normals(blended[0, touched], normals[0])[folded] == pytest.approx(true[folded], abs=1e-12)
+    assert normals[0, whole] == pytest.approx(fine.normals[touched][whole], abs=1e-12)
 
 
 unit_vectors = (

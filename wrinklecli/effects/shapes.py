@@ -11,7 +11,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from wrinklecli.character.pose import Pose, blend, transform
-from wrinklecli.numeric.arrays import Floats, Ints, determinants, distinct_values, unit, vertex_normals
+from wrinklecli.numeric.arrays import (
+    Floats,
+    Ints,
+    determinants,
+    distinct_values,
+    dot,
+    smoothstep,
+    unit,
+    vertex_normals,
+)
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.rest import carried_normals
 
@@ -20,6 +29,12 @@ LEAST_SHARE = 1e-6
 
 LEAST_COSINE = 0.1
 """Least cosine of true and base normal that the fit follows, as NORMAL deltas cannot turn a normal over."""
+
+# Cosine of a skinned normal and the true one of the surface as skinned up to which that surface counts as folded over:
+# it does not say there how a normal of what is displaced differs from the true one, and turned it to the inside.
+_FOLDED_COSINE = 0.5
+# Cosine from which on what the two differ by counts wholly: skinning is off by up to 25° outside of folds.
+_WHOLE_COSINE = 0.9
 
 # Arrays of vertices by pairs of shapes that the fit of normals holds at once.
 _FIT_COPIES = 2
@@ -61,7 +76,13 @@ class Sample:
 
 
 def make_shapes(
-    fine: Refinement, vertices: Ints, deltas: Floats, *, tallest: Floats, samples: Sequence[Sample]
+    fine: Refinement,
+    vertices: Ints,
+    deltas: Floats,
+    *,
+    tallest: Floats,
+    samples: Sequence[Sample],
+    folded: bool = False,
 ) -> list[Shape | None]:
     """Morph targets that act together, with NORMAL deltas fitted over samples of their weights.
 
@@ -71,13 +92,16 @@ def make_shapes(
         deltas: (shapes, vertices, 3) bind displacement at weight 1.
         tallest: (shapes,) largest world displacement at weight 1, scene units.
         samples: The states of the fit; empty if the mesh has no normals.
+        folded: As `displaced_normals` takes it.
     """
     lengths = np.abs(deltas).max(axis=2)
     moving = lengths > LEAST_SHARE * lengths.max(initial=0.0)
     normal_vertices, normal_deltas = np.zeros(0, np.intp), np.zeros((len(deltas), 0, 3))
     if samples and moving.any():
         together = moving.any(axis=0)
-        normal_vertices, normal_deltas = _fit_normals(fine, vertices[together], deltas[:, together], samples)
+        normal_vertices, normal_deltas = _fit_normals(
+            fine, vertices[together], deltas[:, together], samples, folded=folded
+        )
     shapes: list[Shape | None] = []
     for shape, moves in enumerate(moving):
         changed = np.abs(normal_deltas[shape]).max(axis=1) > LEAST_SHARE
@@ -100,7 +124,9 @@ def fit_bytes(shapes: int, vertices: int) -> int:
     return _FIT_COPIES * 8 * vertices * shapes**2
 
 
-def _fit_normals(fine: Refinement, vertices: Ints, deltas: Floats, samples: Sequence[Sample]) -> tuple[Ints, Floats]:
+def _fit_normals(
+    fine: Refinement, vertices: Ints, deltas: Floats, samples: Sequence[Sample], *, folded: bool
+) -> tuple[Ints, Floats]:
     """(touched,) vertices and (shapes, touched, 3) deltas of their unit normals at weight 1.
 
     An engine adds w ΔN to the base normal N and renormalises, so only directions must be right. The true unit normal t
@@ -110,7 +136,12 @@ def _fit_normals(fine: Refinement, vertices: Ints, deltas: Floats, samples: Sequ
     weights, shares = np.stack([each.weights for each in samples]), np.array([each.share for each in samples])
     displacements = np.einsum("fs,svx->fvx", weights, deltas)
     touched, true = displaced_normals(
-        fine, vertices, displacements, [each.pose for each in samples], [each.beneath for each in samples]
+        fine,
+        vertices,
+        displacements,
+        [each.pose for each in samples],
+        [each.beneath for each in samples],
+        folded=folded,
     )
     base = fine.normals_at(touched)
     cosines = np.maximum(np.sum(true * base, axis=2), LEAST_COSINE)
@@ -134,6 +165,8 @@ def displaced_normals(
     displacements: Floats,
     poses: Sequence[Pose],
     beneath: Sequence[Sequence[tuple[Shape, float]]] = (),
+    *,
+    folded: bool = False,
 ) -> tuple[Ints, Floats]:
     """Bind normals around displaced vertices that a pose takes to true ones.
 
@@ -146,6 +179,7 @@ def displaced_normals(
         displacements: (samples, vertices, 3) bind space.
         poses: One for each sample.
         beneath: For each sample other shapes that displace vertices too, and their weights.
+        folded: True if the displacements undo what poses fold over: there the true normals count themselves.
 
     Returns:
         (touched,) vertices of every triangle that has a displaced vertex, and (samples, touched, 3) unit vectors, bind
@@ -177,7 +211,12 @@ def displaced_normals(
             _, here, others = np.intersect1d(around, shape.vertices, assume_unique=True, return_indices=True)
             bind[here] += weight * shape.deltas[others]
         true = outward * vertex_normals(transform(blended[None], bind)[0], local)[rows]
-        back = unit(np.einsum("vji,vj->vi", blended[rows, :, :3], turn_to(smooth, shown, true)))
+        turned = turn_to(smooth, shown, true)
+        if folded:
+            alike = (dot(smooth.T, shown.T)[:, None] - _FOLDED_COSINE) / (_WHOLE_COSINE - _FOLDED_COSINE)
+            kept = smoothstep(np.clip(alike, 0.0, 1.0))
+            turned = kept * turned + (1.0 - kept) * true
+        back = unit(np.einsum("vji,vj->vi", blended[rows, :, :3], turned))
         into += np.where(shown.any(axis=1, keepdims=True), back, base)  # a singular pose shows nothing
     return touched, normals
 

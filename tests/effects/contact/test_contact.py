@@ -171,6 +171,24 @@ def test_nothing_moves_at_rest_nor_beyond_the_fold_nor_where_nothing_touches(fol
     assert not gaps[:, still].any()
 
 
+def test_normals_of_a_fold_are_those_of_what_is_shown() -> None:
+    """Of the surface that moves, less than a thousandth of the area is shaded as if it faced elsewhere by over 60°.
+
+    Where normals followed those of the skinned surface, which passes through itself, it was 0.15 % here, and seen as a
+    black slit in knees that begin to touch, where it was 1.5 %.
+    """
+    file, times = bake_fold(), np.linspace(0.0, 2.0, 13)
+    triangles = file.triangles("limb")
+    triangles = triangles[file.deltas("limb").any(axis=(0, 2))[triangles].any(axis=1)]
+    for positions, normals in zip(file.pose("limb", "fold", times), file.normals("limb", "fold", times), strict=True):
+        a, b, c = (positions[triangles[:, k]] for k in range(3))
+        facing = np.cross(b - a, c - a)
+        areas = np.linalg.norm(facing, axis=1)
+        cosines = np.einsum("tj,tkj->tk", facing, normals[triangles]) / areas[:, None]
+        elsewhere = np.degrees(np.arccos(np.clip(cosines, -1.0, 1.0))).mean(axis=1) > 60.0
+        assert areas[elsewhere].sum() < 1e-3 * areas.sum()
+
+
 def test_what_asks_for_no_contact_is_baked_as_ever(folded: Baked, tmp_path: Path) -> None:
     bytes_of = {}
     for name, more in {"out": {"contact": "off"}, "none": {}}.items():

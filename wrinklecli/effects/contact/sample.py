@@ -515,6 +515,7 @@ def _effect(
         crease.shapes,
         tallest=plan.scale * crease.sizes,
         samples=_samples(plan, crease, effects) if plan.has_normals else [],
+        folded=True,
     )
     name = _identifier(plan, crease.fold, effects)
     return ContactEffect(
