@@ -12,7 +12,7 @@ pytest.importorskip("ipctk", reason="needs the extra `contact`")
 from kit.limb import limb, tool, write_tools
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.plan import plan_meshes
-from wrinklecli.effects.contact.crease import distances_from_crossings, resolve
+from wrinklecli.effects.contact.crease import PlayerError, distances_from_crossings, resolve
 from wrinklecli.effects.contact.effect import ContactEffect, NonNegativeBasis
 from wrinklecli.effects.contact.fitting import fit_pose
 from wrinklecli.effects.contact.given_up import UnresolvedError
@@ -46,6 +46,12 @@ def test_a_clip_that_would_cross_more_with_contact_is_left_without_and_a_line_sa
     followed = crease.follow(crease.march(clip, TIMES))
     assert not followed.given_up
     assert remaining_in(crease, clip, TIMES, followed) is None
+    shown = crease.player_error(clip, TIMES, followed, scale=1.0)
+    assert shown.share < 0.1
+    assert not shown.silent
+    # Where other joints keep the sides apart, players are nearer to the bake without contact.
+    apart = replace(followed, weights=np.zeros_like(followed.weights))
+    assert crease.player_error(clip, TIMES, apart, scale=1.0) == PlayerError(0.0, 0.0, silent=True)
 
     # A fit that presses what touches further in.
     worse = replace(crease, response=crease.response.mapped(lambda weights: 0.0 * weights))
@@ -77,13 +83,14 @@ def test_a_clip_that_would_cross_more_with_contact_is_left_without_and_a_line_sa
         crease=worse,
         patch=fold.patches[0],
         tools=("crease",),
-        basis=NonNegativeBasis(1, 1.5),
+        basis=NonNegativeBasis(len(worse.shapes), 1.5),
         followed=(given_up,),
         remaining=(left,),
-        given_up=("fold",),
-        player_errors={"fold": 0.05},
+        player_errors={"fold": PlayerError(0.0, 0.0, silent=True)},
         scale=1.0,
     )
+    assert found.drive is not None
+    assert found.drive.strengths == {"fold": 0.0}
     (line,) = found.warnings(plan, [], up="y")
     assert line == (
         f"crease: contact is left out of 'fold', where it would leave more: {left.wrinkled} edges pass through"

@@ -111,6 +111,26 @@ class Moves:
     shapes: Floats
 
 
+@dataclass(frozen=True, slots=True)
+class PlayerError:
+    """How far what players show of contact in a clip is from what the bake shows.
+
+    Attributes:
+        length: Greatest distance between the two, scene units.
+        greatest: Greatest move by contact in the clip, as baked, scene units.
+        silent: True if players show no contact in the clip, as what they look up is further off.
+    """
+
+    length: float
+    greatest: float
+    silent: bool = False
+
+    @property
+    def share(self) -> float:
+        """The distance relative to the greatest move; 0 where contact moves nothing."""
+        return self.length / self.greatest if self.greatest else 0.0
+
+
 @dataclass(frozen=True)
 class Crease:
     """A fold whose contact is resolved.
@@ -333,12 +353,18 @@ class Crease:
             rows = sorted({*rows, int(further[errors[further].argmax()])}) if len(further) else []
         return replace(self, response=found)
 
-    def player_error(self, clip: Clip, times: Floats, followed: "Followed") -> float:
-        """Greatest error of what players look up at (frames,) seconds, over the greatest move in the clip."""
-        largest = float(np.max(self._lengths(followed.weights), initial=0.0))
-        if not largest:
-            return 0.0
-        return float(self._lengths(self._looked_up(clip, times) - followed.weights).max()) / largest
+    def player_error(self, clip: Clip, times: Floats, followed: "Followed", *, scale: float) -> PlayerError:
+        """The error of what players look up at (frames,) seconds of a clip; `scale` is world over bind units.
+
+        A joint may fold as in the sweeps while others keep its sides apart, or the clip is given up: then players show
+        less that is wrong without contact.
+        """
+        greatest, apart = (
+            scale * float(np.max(self._lengths(each), initial=0.0))
+            for each in (followed.weights, self._looked_up(clip, times) - followed.weights)
+        )
+        silent = followed.given_up or apart > greatest + _AS_NEAR * self.fold.radius / UNITS
+        return PlayerError(greatest if silent else apart, greatest, silent)
 
     def _lengths(self, weights: Floats) -> Floats:
         """(frames,) greatest moves of a vertex, bind units, under (frames, shapes) weights."""

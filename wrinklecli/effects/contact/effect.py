@@ -21,7 +21,7 @@ from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, Ints, interpolated, matches, significant
 
 if TYPE_CHECKING:
-    from wrinklecli.effects.contact.crease import Crease, Followed
+    from wrinklecli.effects.contact.crease import Crease, Followed, PlayerError
     from wrinklecli.effects.contact.fold import Fold
 
 
@@ -78,9 +78,7 @@ class ContactEffect(Effect):
         basis: The relation of the targets' shapes to the crease's.
         followed: The weights of the shapes in each clip in which they act.
         remaining: The intersections that remain there.
-        given_up: Names of the clips that get no contact, since there would be more intersections with it.
-        player_errors: How far players that look contact up are off in each clip, by its name, relative to contact's
-            greatest move.
+        player_errors: How far players that look contact up are off in each clip, by its name.
         scale: World over bind units.
     """
 
@@ -90,8 +88,7 @@ class ContactEffect(Effect):
     basis: NonNegativeBasis
     followed: "tuple[Followed, ...]"
     remaining: tuple[Remaining, ...]
-    given_up: tuple[str, ...]
-    player_errors: Mapping[str, float]
+    player_errors: "Mapping[str, PlayerError]"
     scale: float
 
     section: ClassVar[str] = "folds"
@@ -106,12 +103,12 @@ class ContactEffect(Effect):
     def drive(self) -> Drive | None:
         """Weights by the joint's angle, or by the tool's shortening if no joint bends the fold.
 
-        They are 0 in clips that the bake has given up, so that players show no more than the bake.
+        They are 0 in clips that the bake has given up, and where they would be further off than none.
         """
         null = self.basis.null[self.columns]
         response = self.crease.response.mapped(lambda signed: self.written(self.shape_weights(signed)), null)
         hinge = self.crease.fold.hinge
-        silent = dict.fromkeys(self.given_up, 0.0)
+        silent = {name: 0.0 for name, error in self.player_errors.items() if error.silent}
         if isinstance(hinge, Hinge):
             return Drive("", hinge.signal, self.target_names, response, strengths=silent)
         drive = tool_drive(self.patch, self.target_names, response)
@@ -177,7 +174,7 @@ class ContactEffect(Effect):
             "clips_given_up": sum(each.given_up for each in self.followed),
             "left": [asdict(each) | {"time": significant(each.time)} for each in self.remaining],
             "clip_error": significant(max((each.error for each in self.followed), default=0.0)),
-            "player_error": significant(max(self.player_errors.values(), default=0.0)),
+            "player_error": significant(max((each.share for each in self.player_errors.values()), default=0.0)),
             "targets": list(self.target_names),
         }
 
@@ -193,12 +190,15 @@ class ContactEffect(Effect):
             warnings.append(
                 f"{name}: {nodes} goes through itself there: contact leaves that, and what has no room beneath"
             )
-        worst = max(self.player_errors, key=self.player_errors.__getitem__, default=None)
-        if worst is not None and self.player_errors[worst] > _MOST_APART:
-            apart = f"{100 * self.player_errors[worst]:.0f} % of its greatest move"
+        worst = max(self.player_errors, key=lambda clip: self.player_errors[clip].share, default=None)
+        if worst is not None and self.player_errors[worst].share > _MOST_APART:
+            error = self.player_errors[worst]
+            what = (
+                "show none of it" if error.silent else f"are up to {100 * error.share:.0f} % of its greatest move off"
+            )
             warnings.append(
                 f"{name}: more than one joint folds the surface in {worst!r}: the baked clip is right, but `track` and"
-                f" players that compute contact are up to {apart} off"
+                f" players that compute contact {what}, by {error.length:.2g}"
             )
         return warnings
 

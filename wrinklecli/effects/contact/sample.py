@@ -24,7 +24,7 @@ from wrinklecli.numeric.memory import leave_room, start_blas
 from wrinklecli.numeric.processes import in_processes
 
 if TYPE_CHECKING:
-    from wrinklecli.effects.contact.crease import Crease, Followed, MarchedClip, Moves, SolvedPose
+    from wrinklecli.effects.contact.crease import Crease, Followed, MarchedClip, Moves, PlayerError, SolvedPose
     from wrinklecli.effects.contact.fold import Fold
 
 # Most shapes of a fold, whatever their error: with the shape that `NonNegativeBasis` adds, eight morph targets.
@@ -413,15 +413,14 @@ def _followed(
                 left = remaining_in(crease, each.clip, each.times, each.followed, others)
             remaining.append(left)
         followed = [each.followed for each in marches.values()]
-        given_up = [
-            each.clip.name for each, first in zip(motions, firsts, strict=True) if marches[first].followed.given_up
-        ]
         for each in marches.values():
             crease = crease.with_path(each.clip, each.times, each.followed)
         errors = {
-            each.clip.name: crease.player_error(each.clip, each.times, each.followed) for each in marches.values()
+            first: crease.player_error(each.clip, each.times, each.followed, scale=plan.scale)
+            for first, each in marches.items()
         }
-        made.append(_effect(plan, crease, [*effects, *made], followed, remaining, given_up, errors))
+        of_clips = {motion.clip.name: errors[first] for motion, first in zip(motions, firsts, strict=True)}
+        made.append(_effect(plan, crease, [*effects, *made], followed, remaining, of_clips))
     sizes = np.concatenate([plan.scale * crease.sizes for crease, _ in spanned])
     after: list[Motion] = []
     for motion, first in zip(motions, firsts, strict=True):
@@ -499,13 +498,9 @@ def _effect(
     effects: Sequence[Effect],
     followed: "Sequence[Followed]",
     remaining: Sequence[Remaining | None],
-    given_up: Sequence[str],
-    player_errors: Mapping[str, float],
+    player_errors: "Mapping[str, PlayerError]",
 ) -> ContactEffect:
-    """The effect of a fold, with the intersections that remain in each clip, and the names of clips without contact.
-
-    `player_errors` says by clips' names how far players are off, relative to contact's greatest move.
-    """
+    """The effect of a fold, with the intersections that remain, and how far players are off, by clips' names."""
     from wrinklecli.effects.contact.fitting import MOST_WEIGHT
 
     basis = NonNegativeBasis(len(crease.shapes), MOST_WEIGHT)
@@ -527,7 +522,6 @@ def _effect(
         basis=basis,
         followed=tuple(followed),
         remaining=tuple(each for each in remaining if each is not None),
-        given_up=tuple(given_up),
         player_errors=player_errors,
         scale=plan.scale,
     )
