@@ -208,6 +208,38 @@ def test_the_crests_of_bumps_that_merge_come_together_and_are_one_from_there_on(
     assert np.abs(np.diff(heights, axis=1)).max() < 0.05 * heights.max()
 
 
+@given(cases())
+def test_joined_bumps_end_as_one_where_the_surface_turns_away(case: Case) -> None:
+    u, v = lattice(case.variation)
+    places, turned = case.variation.places(u, v)
+    if places.joined is not None:
+        on_both = (places.joined[1:] > 0) & (places.joined[:-1] > 0)
+        assert not np.diff(turned, axis=0)[on_both & (np.diff(places.joined_us, axis=0) > 0)].any()
+
+
+@pytest.mark.parametrize("profile", ["skin", "cloth", "polyline"])
+def test_a_furrow_that_fills_up_is_nowhere_steeper_than_an_open_one(profile: Any) -> None:
+    """The furrow between two merging crests of nearly ruled bumps ends softly, not like a cut."""
+    drawn_so = plan_variation("soft", 1e-6, 1.0, bumps=2, gap=0, aspect=4.0, kind="bell")
+    (merger,) = drawn_so.mergers
+    curve = plan_curve(
+        bumps=2,
+        gap=0,
+        strategy="everywhere",
+        details=(),
+        profile=profile,
+        max_height=0.1,
+        rest_length=1.0,
+        widths=drawn_so.bumps.widths,
+        peaks=drawn_so.peaks,
+    )
+    u, v = np.meshgrid(np.linspace(0.0, 1.0, 2001), merger.side * np.linspace(merger.start, 0.99, 80))
+    places = drawn_so.places(u.reshape(-1), v.reshape(-1))[0]
+    heights = (places.factors * places.shapes(curve)[0, 0]).reshape(u.shape)
+    open_before, *filling = np.abs(np.diff(heights, axis=1)).max(axis=1)
+    assert max(filling) < 1.01 * open_before
+
+
 @pytest.mark.parametrize(("strategy", "pairs"), [("everywhere", {0, 2}), ("origin", set()), ("both_ends", {1})])
 def test_only_bumps_that_rise_together_merge(strategy: Any, pairs: set[int]) -> None:
     made = plan_variation("any", 0.5, 1.0, bumps=4, gap=0, aspect=1.0, kind="bell", strategy=strategy)
@@ -250,7 +282,6 @@ def test_a_furrow_breaks_for_a_stretch_and_is_open_on_both_sides_of_it() -> None
     middle = (merger.start + merger.over + merger.until) / 2.0
     lines = merger.side * np.array([0.0, merger.start, middle, merger.until + merger.over, 0.99])
     assert merger.share(lines) == pytest.approx([0, 0, 1, 0, 0], abs=1e-12)
-    assert merger.together(lines) == pytest.approx([0, 0, 1, 0, 0], abs=1e-12)
     # Between the two crests the skin is nearly as high there as on them.
     us = np.linspace(0.05, 0.95, 181)
     places, _ = drawn_so.places(us, np.full(181, merger.side * middle))

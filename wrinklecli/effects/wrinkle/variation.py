@@ -76,10 +76,11 @@ _BROKEN_HEIGHT = 1.0
 _SHORTER_OUTSIDE = 0.4
 # and by up to this one at random.
 _STAGGERED = 0.3
-# Merging crests lean towards each other by this, as `_SWAY`.
-_TOGETHER = 0.7
-# The furrow between them, narrow by then, fills up from this fraction of the way on.
-_FILLED_FROM = 0.25
+# Merging crests lean towards each other by this, c, as `_SWAY`. A fraction τ of the way makes the furrow between them
+# narrower by the factor (1 − cτ) / (1 + cτ), and fills it up to 1 − τ of its depth. Its flanks are thus (1 − τ)(1 + cτ) /
+# (1 − cτ) times as steep as elsewhere: 1/2 is the greatest c for which that exceeds 1 nowhere. A furrow that is steeper
+# there ends in a dark, hard line like a cut.
+_TOGETHER = 0.5
 # Fraction of a gap between them that they close.
 _CLOSED = 0.9
 
@@ -103,7 +104,7 @@ def attenuation(kind: Attenuation, v: Floats) -> Floats:
 class Merger:
     """Two neighbouring bumps that merge on one side of the patch: their crests bend towards each other and meet.
 
-    First the furrow between them becomes narrow. Then they fade into one bump as wide as both, which fills it.
+    The furrow between them becomes narrow and fills up, as they fade into one bump as wide as both.
 
     Attributes:
         left: Index of the first of the two.
@@ -123,19 +124,11 @@ class Merger:
     until: float = math.inf
     height: float = _MERGED_HEIGHT
 
-    def together(self, v: Floats) -> Floats:
-        """(…,) fraction, at (…,) v, of the way that the crests have come towards each other."""
-        return smoothstep(np.clip(self._way(v), 0.0, 1.0))
-
     def share(self, v: Floats) -> Floats:
-        """(…,) fraction of the height, at (…,) v, that the joined bump has."""
-        filled = (self._way(v) - _FILLED_FROM) / (1.0 - _FILLED_FROM)
-        return smoothstep(np.clip(filled, 0.0, 1.0))
-
-    def _way(self, v: Floats) -> Floats:
-        """(…,) way from apart, 0, to one, 1, at (…,) v; below 0 and above 1 beyond."""
+        """(…,) fraction, at (…,) v, of the way that the crests have come, and of the height that the joined bump has."""
         towards: Floats = (self.side * v - self.start) / self.over
-        return np.minimum(towards, 1.0 + (self.until - self.side * v) / self.over)
+        way = np.minimum(towards, 1.0 + (self.until - self.side * v) / self.over)
+        return smoothstep(np.clip(way, 0.0, 1.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -206,7 +199,7 @@ class Variation:
         taper = self.tapers[bumps] * np.minimum(self._spread(bumps, lines) ** 2, 1.0)
         for merger in self.mergers:
             towards = np.select([bumps == merger.left, bumps == merger.left + 1], [-_TOGETHER, _TOGETHER])
-            share = merger.together(lines) * (towards != 0.0)
+            share = merger.share(lines) * (towards != 0.0)
             sway, taper = sway + share * (towards - sway), taper * (1.0 - share)
         side = (side + sway) / (1.0 + side * sway)
         side = side * (1.0 + taper) / (1.0 + taper * side * side)
@@ -243,7 +236,7 @@ class Variation:
         moves = _waving(self.wander, lines)
         starts, ends = self.bumps.starts[:, None] + moves[:-1], self.bumps.ends[:, None] + moves[1:]
         for merger in self.mergers:
-            closed = _CLOSED / 2.0 * merger.together(lines) * (starts[merger.left + 1] - ends[merger.left])
+            closed = _CLOSED / 2.0 * merger.share(lines) * (starts[merger.left + 1] - ends[merger.left])
             ends[merger.left] += closed
             starts[merger.left + 1] -= closed
         return starts, ends
@@ -295,9 +288,12 @@ def plan_variation(
         outside = np.abs(starts + ends - 1.0)  # 0 in the middle of the segment, and 1 at its ends
         staggered = _STAGGERED * (1.0 + drawn(seed, "ends", 2, bumps)) / 2.0
         reaches = reaches * (1.0 - broken * (_SHORTER_OUTSIDE * outside + staggered * (0.3 + 0.7 * outside)))
+    turns = _TURNED * amount * (1.0 + drawn(seed, "facing", 2, bumps)) / 2.0
     for merger in mergers:
         half, pair = int(merger.side > 0), slice(merger.left, merger.left + 2)
         reaches[half, pair] = reaches[half, pair].max() if broken else 1.0
+        # The joined crest lies where the two met, and would have a step along it.
+        turns[half, pair] = turns[half, merger.wider]
     share, turn, phase = drawn(seed, "swells", 3, bumps)
     low, high = _SWELLINGS
     return Variation(
@@ -306,7 +302,7 @@ def plan_variation(
         wander=_wandering(drawn(seed, "furrows", bumps + 1, 4), amount, starts, ends, aspect),
         sway=_swaying(drawn(seed, "crests", bumps, 4), amount, ends - starts, aspect),
         reaches=reaches,
-        turns=_TURNED * amount * (1.0 + drawn(seed, "facing", 2, bumps)) / 2.0,
+        turns=turns,
         swells=np.stack(
             [_SWELL * amount * np.abs(share), 2.0 * np.pi * (low + (high - low) * np.abs(turn)), np.pi * phase]
         ),
