@@ -22,7 +22,8 @@ from wrinklecli.surface.refine import Refinement
 from wrinklecli.tools.records import WrinkleTool
 
 # Edges on half a bump, tried in this order. With 12, normals are within 1.4° of those of 24 at 95 % of a tool on the
-# samples' wrist, head and trousers.
+# samples' wrist, head and trousers. Where a clip folds a low-poly leg along the edges of its own triangles, its surface
+# has a kink that no number of edges rounds: there those of 12 and 24 are 2.6° apart, and 1.0° with the leg unfolded.
 _EDGES = (12, 8, 6)
 # Times that an edge of the asset is halved at most, as a tools file may ask for.
 _LEVELS = 8
