@@ -148,7 +148,8 @@ class Trial:
 
     def fine_enough(self, suggestions: Sequence[Suggestion]) -> "tuple[Trial, dict[str, Placement]]":
         """Find the least levels, these or more, that make edges short enough, or else the most; and place them so."""
-        if not self._must_be_finer(suggestions):
+        # One alone is a variant of a tool that was fine enough, as a rule.
+        if len(suggestions) == 1 or not self._must_be_finer(suggestions):
             placed = self.placements(suggestions)
             finest = self.refinement.max_levels >= _MOST_LEVELS
             if finest or not any(each.coarse for each in placed.values()):
