@@ -18,7 +18,7 @@ from wrinklecli import CheckOptions, check
 from wrinklecli.errors import WrinkleError
 from wrinklecli.example import demo as module
 from wrinklecli.example.characters import Character, Joint, to_glb
-from wrinklecli.example.figure import base_colour
+from wrinklecli.example.figure import base_colour, make_figure
 from wrinklecli.example.png import encode_png
 from wrinklecli.example.shapes import Mesh
 

@@ -77,9 +77,9 @@ _SHORTER_OUTSIDE = 0.4
 # and by up to this one at random.
 _STAGGERED = 0.3
 # Merging crests lean towards each other by this, c, as `_SWAY`. A fraction τ of the way makes the furrow between them
-# narrower by the factor (1 − cτ) / (1 + cτ), and fills it up to 1 − τ of its depth. Its flanks are thus (1 − τ)(1 + cτ) /
-# (1 − cτ) times as steep as elsewhere: 1/2 is the greatest c for which that exceeds 1 nowhere. A furrow that is steeper
-# there ends in a dark, hard line like a cut.
+# narrower by the factor (1 − cτ) / (1 + cτ), and fills it up to 1 − τ of its depth. Its flanks are thus
+# (1 − τ)(1 + cτ) / (1 − cτ) times as steep as elsewhere: 1/2 is the greatest c for which that exceeds 1 nowhere. A
+# furrow that is steeper there ends in a dark, hard line like a cut.
 _TOGETHER = 0.5
 # Fraction of a gap between them that they close.
 _CLOSED = 0.9
@@ -125,7 +125,7 @@ class Merger:
     height: float = _MERGED_HEIGHT
 
     def share(self, v: Floats) -> Floats:
-        """(…,) fraction, at (…,) v, of the way that the crests have come, and of the height that the joined bump has."""
+        """(…,) fraction of the way that the crests have come at (…,) v, and of the joined bump's height there."""
         towards: Floats = (self.side * v - self.start) / self.over
         way = np.minimum(towards, 1.0 + (self.until - self.side * v) / self.over)
         return smoothstep(np.clip(way, 0.0, 1.0))
