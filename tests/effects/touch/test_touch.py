@@ -91,7 +91,8 @@ def test_the_skin_stays_on_the_back_of_a_hand(aslant: float) -> None:
     for angle, part in product(np.arange(8) * np.pi / 4, (0.5, 1.0)):
         slide = part * GRIP * np.array([np.cos(angle), np.sin(angle)])
         positions, moved = moves(file, (slide[0], slide[1], 0.0), "wrist")
-        moving = np.flatnonzero(np.linalg.norm(moved, axis=1) > 0.01 * part * GRIP)
+        moving = np.flatnonzero(np.linalg.norm(moved, axis=1) > 0.01 * part * GRIP)[::3]
+        assert len(moving) > 300
         ends = positions[moving] + moved[moving]
         faces, shares = nearest_on_mesh(ends, positions, triangles)
         off = np.linalg.norm(np.einsum("pk,pkx->px", shares, positions[triangles[faces]]) - ends, axis=1)
