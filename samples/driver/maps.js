@@ -35,7 +35,10 @@ export class WrinkleMaps {
       object.traverse((each) => each.isMesh && meshes.push(each));
       const jointOf = jointFinder(root, object, meshes, console.warn);
       const uniforms = materials.filter((each) => each.node === node).map((each) => this.blend(each, meshes, images));
-      return { tools: wrinkle.tools, states: wrinkle.tools.map(() => ({})), jointOf, uniforms };
+      // The first has the asset's own morph targets, which raise brows and move the anchors of tools.
+      const [{ morphTargetDictionary: numbers = {}, morphTargetInfluences: influences = [] }] = meshes;
+      const morphWeightOf = (target) => influences[numbers[target]] ?? 0;
+      return { tools: wrinkle.tools, states: wrinkle.tools.map(() => ({})), jointOf, morphWeightOf, uniforms };
     });
   }
 
@@ -77,11 +80,11 @@ export class WrinkleMaps {
 
   /** As `WrinkleDriver.update`. */
   update(clip, time, elapsed = 0) {
-    for (const { tools, states, jointOf, uniforms } of this.bodies) {
+    for (const { tools, states, jointOf, morphWeightOf, uniforms } of this.bodies) {
       const jointMatrixOf = (name) => jointOf(name).matrixWorld.elements;
       const found = new Map();
       tools.forEach((tool, k) => {
-        const weights = wrinkleWeights(tool, jointMatrixOf, { clip, time, state: states[k], elapsed });
+        const weights = wrinkleWeights(tool, jointMatrixOf, { morphWeightOf, clip, time, state: states[k], elapsed });
         tool.targets.forEach((target, i) => found.set(target, weights[i]));
       });
       for (const { targets, value } of uniforms.flat())

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from kit.bakes import bake_config
-from kit.clients import assert_valid, compare_with_three
+from kit.clients import assert_valid, compare_with_three, map_weights
 from kit.command import Wrinkle
 from kit.places import ROOT
 from kit.player import Gltf
@@ -30,13 +30,23 @@ def test_clips_have_the_weights_of_a_whole_bake_and_the_mesh_is_as_it_was(name: 
     assert made.path.stat().st_size - sample(name).stat().st_size < 20_000  # bytes: keys, and one entry of zeros
 
 
-def test_targets_have_the_names_of_the_maps_weights(tmp_path: Path) -> None:
+def test_targets_have_the_names_and_the_weights_of_maps(tmp_path: Path) -> None:
+    """A morph target of the asset raises the brows, which the page that plays maps follows as well."""
     made = bake_config("head", "head", mode="weights")
     data = maps(sample("head"), ROOT / "configs" / "head.yaml", tmp_path / "maps", size=16).data
     named = {weight["target"] for each in data["materials"] for part in each["sets"] for weight in part["weights"]}
     assert named <= set(made.mesh("head")["extras"]["targetNames"])
     extras = made.json["nodes"][0]["extras"]["wrinkle"]["tools"]
     assert [each["targets"] for each in extras] == [each["targets"] for each in data["nodes"][0]["wrinkle"]["tools"]]
+    times = [0.0, 0.4, 0.7, 1.0]
+    weights = made.weights("head", "raise_brows", np.array(times))
+    assert weights.max() > 0.9
+    order = made.mesh("head")["extras"]["targetNames"]
+    for found, wanted in zip(
+        map_weights(sample("head"), tmp_path / "maps", "raise_brows", times), weights, strict=True
+    ):
+        assert found.keys() == named
+        assert max(abs(weight - wanted[order.index(name)]) for name, weight in found.items()) < 0.02
 
 
 def test_what_moves_the_mesh_is_left_out_and_the_bake_can_be_replaced(wrinkle: Wrinkle) -> None:

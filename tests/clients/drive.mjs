@@ -1,8 +1,16 @@
 // What three.js has of a clip: morph weights while it plays, and its tracks.
 
 import { AnimationMixer } from 'three';
+import { readFile } from 'node:fs/promises';
+import { register } from 'node:module';
 import { WrinkleDriver } from '../../samples/driver/driver.js';
 import { load } from './load.mjs';
+
+// Modules of the page get their three.js from here.
+const resolve = `(name, context, next) =>
+  next(name, name.startsWith('three') ? { ...context, parentURL: ${JSON.stringify(import.meta.url)} } : context)`;
+register(`data:text/javascript,export const resolve = ${encodeURIComponent(resolve)}`);
+const { WrinkleMaps } = await import('../../samples/driver/maps.js');
 
 /**
  * Plays a clip.
@@ -55,6 +63,21 @@ export async function drive({ file, anim, clip, times, node, drive: driven, elap
     return parts.map((part) => [...part.morphTargetInfluences]);
   });
   return { weights, targets: Object.keys(parts[0].morphTargetDictionary) };
+}
+
+/** The weights, by target, that the page gives to the maps of a folder at times of a clip. */
+export async function mapped(file, folder, clip, times) {
+  const { gltf } = await load(file);
+  const mixer = new AnimationMixer(gltf.scene);
+  mixer.clipAction(gltf.animations.find(({ name }) => name === clip)).play();
+  const maps = new WrinkleMaps(JSON.parse(await readFile(`${folder}/maps.json`)), gltf.scene, new Map());
+  return times.map((time) => {
+    mixer.setTime(time);
+    gltf.scene.updateMatrixWorld();
+    maps.update(clip, time);
+    const vectors = maps.bodies.flatMap(({ uniforms }) => uniforms.flat());
+    return Object.fromEntries(vectors.flatMap(({ targets, value }) => targets.map((target, k) => [target, value.toArray()[k]])));
+  });
 }
 
 /** What the driver says on the console of a file. */

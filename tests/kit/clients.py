@@ -304,6 +304,12 @@ def drive(
     return {name: weights[:, :, k] for k, name in enumerate(answer["targets"])}
 
 
+def map_weights(file: Path, folder: Path, clip: str, times: Sequence[float]) -> list[dict[str, float]]:
+    """For each time of a clip the weights, by target, that the page in `samples/driver` gives to a folder's maps."""
+    found: list[dict[str, float]] = ask("drive", "mapped", str(file), str(folder), clip, list(times))
+    return found
+
+
 def driver_warnings(file: Path) -> list[str]:
     """The lines on the console that the driver of the page in `samples/driver` writes for a file."""
     said: list[str] = ask("drive", "warnings", str(file))
