@@ -221,14 +221,14 @@ def sample(channel: Channel, times: Floats) -> Floats:
     turning = channel.path == "rotation"
     if len(keys) == 1:
         return np.tile((unit_quaternions(points) if turning else points).T, (len(times), 1))
-    before = np.clip(np.searchsorted(keys, times, side="right") - 1, 0, len(keys) - 2)
+    before = np.minimum(np.maximum(keys.searchsorted(times, side="right") - 1, 0), len(keys) - 2)
     # A few times of a long clip need only the keys around them.
     part = slice(int(before.min(initial=len(keys) - 2)), int(before.max(initial=0)) + 2)
     keys, values, points, before = keys[part], values[part], points[:, part], before - part.start
     if turning and channel.interpolation != "CUBICSPLINE":
         points = unit_quaternions(points)
-    spans = np.diff(keys)
-    t = np.clip((times - _at(keys, before)) / _at(spans, before), 0.0, 1.0)
+    spans = keys[1:] - keys[:-1]
+    t = np.minimum(np.maximum((times - _at(keys, before)) / _at(spans, before), 0.0), 1.0)
     if channel.interpolation == "STEP":
         return _at(points, before + (t >= 1.0)).T
     if channel.interpolation == "CUBICSPLINE":
@@ -241,7 +241,7 @@ def sample(channel: Channel, times: Floats) -> Floats:
         return (unit_quaternions(blended) if turning else blended).T
     if turning:
         return _slerp(points, before, t).T
-    return (_at(points, before) + _at(np.diff(points), before) * t).T
+    return (_at(points, before) + _at(points[:, 1:] - points[:, :-1], before) * t).T
 
 
 def _at(values: Floats, places: Ints) -> Floats:

@@ -100,12 +100,16 @@ def _local_rows(hierarchy: Hierarchy, clip: Clip | None, times: Floats, node: in
     moved = [path for path in TRANSFORM_DEFAULTS if (node, path) in channels and path in stored]
     if clip is None or not moved:
         return hierarchy.rows[:, :, node, None]
-    parts = {path: value[:, None] for path, value in stored.items()}
-    parts["rotation"] = unit_quaternions(stored["rotation"])[:, None]
-    for path in moved:
-        held = clip.held.get((node, path))
-        parts[path] = sample(channels[node, path], times).T if held is None else held[:, None]
-    return affine_rows(*(parts[path] for path in TRANSFORM_DEFAULTS))
+    parts = []
+    for path in TRANSFORM_DEFAULTS:
+        if path not in moved:
+            value = stored[path]
+            parts.append((unit_quaternions(value) if path == "rotation" else value)[:, None])
+        elif (node, path) in clip.held:
+            parts.append(clip.held[node, path][:, None])
+        else:
+            parts.append(sample(channels[node, path], times).T)
+    return affine_rows(*parts)
 
 
 def morph_weights(rig: Rig, clip: Clip | None, times: Floats, wanted: Bools | None = None) -> Floats:
