@@ -98,10 +98,15 @@ class TriedAsset:
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """The asset on which suggestions are tried, and the settings with which it is refined."""
+    """The asset on which suggestions are tried, and the settings with which it is refined.
+
+    Attributes:
+        variants: True for variants of tools for which this refinement is fine enough: it is not asked again.
+    """
 
     asset: TriedAsset
     refinement: RefinementSettings
+    variants: bool = False
 
     def placements(self, suggestions: Sequence[Suggestion]) -> dict[str, Placement]:
         """Place suggestions and their twins on refined meshes, by the tool's name; empty if a bake would refuse."""
@@ -148,8 +153,7 @@ class Trial:
 
     def fine_enough(self, suggestions: Sequence[Suggestion]) -> "tuple[Trial, dict[str, Placement]]":
         """Find the least levels, these or more, that make edges short enough, or else the most; and place them so."""
-        # One alone is a variant of a tool that was fine enough, as a rule.
-        if len(suggestions) == 1 or not self._must_be_finer(suggestions):
+        if not self._must_be_finer(suggestions):
             placed = self.placements(suggestions)
             finest = self.refinement.max_levels >= _MOST_LEVELS
             if finest or not any(each.coarse for each in placed.values()):
@@ -164,7 +168,7 @@ class Trial:
     def _must_be_finer(self, suggestions: Sequence[Suggestion]) -> bool:
         """True if an edge of the mesh as it is stays too long for a suggestion, however evenly it is halved."""
         levels = self.refinement.max_levels
-        if levels >= _MOST_LEVELS:
+        if self.variants or levels >= _MOST_LEVELS:
             return False
         steps = self.refinement.edges_per_interval / 2**levels
         unrefined = replace(self.refinement, max_levels=0, edges_per_interval=steps)
@@ -172,7 +176,7 @@ class Trial:
 
 
 def try_on_refined_meshes(
-    asset: TriedAsset, suggestions: Sequence[Suggestion], refinement: RefinementSettings
+    asset: TriedAsset, suggestions: Sequence[Suggestion], refinement: RefinementSettings, *, variants: bool = False
 ) -> TrialResult:
     """Make suggestions as narrow as they need to be; those that cross a fold at any width stay as they were.
 
@@ -180,9 +184,9 @@ def try_on_refined_meshes(
     even a finer refinement than usual shows no wrinkles.
 
     The refinement is what the file has for other tools; that of the result is finer, or without rounding, where these
-    tools need it.
+    tools need it. `variants` is as in `Trial`.
     """
-    usual = Trial(asset, refinement)
+    usual = Trial(asset, refinement, variants)
     trial, placed = usual.fine_enough(suggestions)
     if any(each.departs for each in placed.values()) and refinement.scheme != "midpoint":
         usual = replace(usual, refinement=replace(refinement, scheme="midpoint"))

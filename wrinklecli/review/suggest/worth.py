@@ -189,7 +189,7 @@ def _judged(stage: Stage, trial: TrialResult, asset: TriedAsset, suggestion: Sug
     judged = _judge(stage, suggestion, trial.placed)
     if isinstance(judged, Dropped):
         for other in _others(suggestion, judged):
-            again = try_on_refined_meshes(asset, [other], trial.refinement)
+            again = try_on_refined_meshes(asset, [other], trial.refinement, variants=True)
             found = next((_judge(stage, one, again.placed) for one in again.tools), judged)
             if isinstance(found, Suggestion):
                 return found
