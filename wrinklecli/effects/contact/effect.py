@@ -197,8 +197,9 @@ class ContactEffect(Effect):
                 "show none of it" if error.silent else f"are up to {100 * error.share:.0f} % of its greatest move off"
             )
             warnings.append(
-                f"{name}: more than one joint folds the surface in {worst!r}: the baked clip is right, but `track` and"
-                f" players that compute contact {what}, by {error.length:.2g}"
+                f"{name}: contact depends on more than the turn of its joint in {worst!r}, as where other joints fold"
+                " the surface or skin slides: the baked clip is right, but `track` and players that compute contact"
+                f" {what}, by {error.length:.2g}"
             )
         return warnings
 
