@@ -106,6 +106,7 @@ def test_frames_are_what_morph_targets_show(asset: str, config: str) -> None:
     assert np.array_equal(coordinates, morphed.attribute(asset, "TEXCOORD_0"))
 
 
+@pytest.mark.slow
 def test_frames_of_patch_attachment_are_its_own_method() -> None:
     """Morph targets compress all frames together, to --max-error; frames take the same shapes."""
     tool = {**PALM, "attachment": "patch", "bumps": 2, "clips": {"extend": 0}}
@@ -166,6 +167,7 @@ def test_frames_of_a_mesh_without_any_clip_are_refused() -> None:
         bake_once(edited("wrist", without_animations), PALM, mode="frames")
 
 
+@pytest.mark.slow
 def test_two_meshes_of_which_a_clip_moves_one() -> None:
     """The still one is shown as it is stored."""
     asset, tools = edited("wrist", one_moves), ({**PALM, "node": "wrist"}, aside(BACK))

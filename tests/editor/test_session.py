@@ -464,6 +464,7 @@ def test_warnings_are_beside_the_tool_that_they_are_about(session: Session) -> N
     assert sorted(line for lines in found.values() for line in lines) == sorted(checked.warnings)
 
 
+@pytest.mark.slow
 def test_warnings_are_beside_the_muscle_or_flesh_that_they_are_about(tmp_path: Path) -> None:
     """A muscle on one bone, one that bulges through the folded limb, one that fits, and flesh that hardly moves."""
     asset = limb(tmp_path / "limb.glb", rings=20, sides=12, angle=125.0)
@@ -542,6 +543,7 @@ def test_muscles_are_shown_as_they_are_baked(tmp_path: Path) -> None:
             assert cKDTree(others).query(some)[0].max() < report.data["meshes"][0]["max_error"]
 
 
+@pytest.mark.slow
 def test_two_places_make_a_muscle(session: Session, tmp_path: Path) -> None:
     (shown,) = session.meshes("fold", 1.0)
     count = len(shown.source.ground.surface.positions)
@@ -573,6 +575,7 @@ def test_a_muscle_is_the_first_entry_of_a_new_file(tmp_path: Path) -> None:
     wrinklecli.bake(tmp_path / "limb.glb", tmp_path / "new.yaml", tmp_path / "out.glb")
 
 
+@pytest.mark.slow
 def test_two_places_make_flesh(tmp_path: Path) -> None:
     """The second is how far it reaches. It plays as it is baked."""
     (tmp_path / "body.glb").write_bytes(body(keys=20, normals=False).glb())

@@ -86,6 +86,7 @@ def test_the_file_says_what_wrinkles(tmp_path: Path, material: Json, kind: str) 
     assert any(note.startswith(f"limb: {kind}, ") for note in found.notes)
 
 
+@pytest.mark.slow
 def test_the_coat_of_an_animal_is_no_cloth(tmp_path: Path) -> None:
     blue = {"pbrMetallicRoughness": {"baseColorFactor": [0.1, 0.2, 0.6, 1.0]}}
     for name, kind in ((None, "skin"), ("Saddle cloth", "cloth")):

@@ -94,6 +94,7 @@ def suggested(variant: str) -> tuple[Face, Path, Suggestions]:
         return face, path, suggest(path, face=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variant", BY_TIME)
 def test_each_region_has_its_tool(variant: str) -> None:
     face, _, found = suggested(variant)

@@ -304,6 +304,7 @@ def test_layers_have_substances_of_their_own(places_of: Callable[..., list[Candi
     assert kinds == {("mesh_0", "skin"), ("mesh_1", "cloth"), ("mesh_2", "cloth")}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "words"), [("knight", ["body is rigid", "Hand.L is metal"]), ("robot", ["Cube.007 is rigid"])]
 )

@@ -71,6 +71,7 @@ def median_angle(points: object, width: float) -> float:
     return float(angles[order[np.searchsorted(total, total[-1] / 2.0)]])
 
 
+@pytest.mark.slow
 def test_a_limb_that_bends_in_a_plane_gets_straight_tools(tmp_path: Path) -> None:
     found = suggest(limb(tmp_path / "limb.glb", rings=41, sides=24))
     assert found.tools

@@ -160,6 +160,7 @@ def test_the_twin_of_a_one_sided_clip_stays_and_the_file_says_so(tmp_path: Path,
     ) is (one_sided)
 
 
+@pytest.mark.slow
 def test_facets_that_refinement_bends_leave_a_tool_out_and_the_command_says_why(tmp_path: Path) -> None:
     flat, smooth = (
         limb(tmp_path / f"{normals}.glb", rings=16, sides=10, angle=50.0, normals=normals) for normals in (False, True)

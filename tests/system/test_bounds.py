@@ -71,6 +71,7 @@ def test_size_that_is_none_is_wrong_usage(wrinkle: Wrinkle, tmp_path: Path, size
     assert "such as 500MB or 4GB" in ran.lines[-1]
 
 
+@pytest.mark.slow
 def test_more_memory_is_given_to_those_who_ask(wrinkle: Wrinkle, tmp_path: Path) -> None:
     path = bombs.values(tmp_path, 1_000_000)
     assert wrinkle("inspect", path, "--max-memory", "100MB").code == 1

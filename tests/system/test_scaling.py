@@ -111,6 +111,7 @@ def test_instances_that_move_alike_are_measured_once(monkeypatch: pytest.MonkeyP
     assert len({where for _, where in tools}) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [partial(crowd_asset, skinned=True), troop_asset], ids=["one skeleton", "their own"])
 def test_layers_are_posed_once_in_a_pose(
     make: Callable[[int], Asset], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
@@ -141,6 +142,7 @@ def elsewhere(asset: Asset) -> Asset:
     return asset
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [partial(crowd_asset, skinned=True), troop_asset], ids=["one skeleton", "their own"])
 def test_a_comparison_takes_as_many_calls_for_each_instance(make: Callable[[int], Asset], tmp_path: Path) -> None:
     calls = []

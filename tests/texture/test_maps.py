@@ -151,6 +151,7 @@ def test_the_same_input_gives_the_same_bytes(tmp_path: Path) -> None:
         assert path.read_bytes() == (tmp_path / "two" / path.name).read_bytes()
 
 
+@pytest.mark.slow
 def test_separate_maps_have_no_masks(tmp_path: Path) -> None:
     found = made(tmp_path / "maps", size=64, kinds=["normal"], separate=True)
     sets = found.data["materials"][0]["sets"]
@@ -165,6 +166,7 @@ def without_coordinates(editor: Editor) -> None:
             primitive["attributes"].pop("TEXCOORD_0", None)
 
 
+@pytest.mark.slow
 def test_a_material_that_is_not_there_counts_as_none(wrinkle: Wrinkle, tmp_path: Path) -> None:
     def lost(editor: Editor) -> None:
         editor.json["meshes"][0]["primitives"][0]["material"] = 7
@@ -188,6 +190,7 @@ def test_a_malformed_texture_is_one_line(wrinkle: Wrinkle, tmp_path: Path, textu
     assert not (tmp_path / "maps").exists()
 
 
+@pytest.mark.slow
 def test_joints_without_a_name_are_a_warning(wrinkle: Wrinkle, tmp_path: Path) -> None:
     def unnamed(editor: Editor) -> None:
         for node in editor.json["nodes"][1:]:
@@ -282,6 +285,7 @@ def test_mirrored_charts_are_found_and_refused_if_strict(wrinkle: Wrinkle, tmp_p
     assert not any("two places" in each for each in made(tmp_path / "others").warnings)
 
 
+@pytest.mark.slow
 def test_bumps_of_few_texels_are_a_warning(tmp_path: Path) -> None:
     few = made(tmp_path / "few", size=64, kinds=["normal"]).warnings
     assert [line.split(": ")[0] for line in few] == ["palm_side", "back_side"]

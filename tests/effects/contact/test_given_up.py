@@ -154,7 +154,7 @@ def test_wrinkles_that_are_projected_in_each_frame_are_lowered_too(
     assert totals[1][-1] < totals[0][-1]
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("in_clip", [True, False])
 def test_a_fold_that_tears_is_given_up_in_its_own_motion_or_in_a_clip(
     in_clip: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
@@ -172,7 +172,7 @@ def test_a_fold_that_tears_is_given_up_in_its_own_motion_or_in_a_clip(
 FAULTS = ["doubled", "sliver", "coincident", "noise"]
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS)
 def test_degenerate_geometry_ends_no_bake(fault: str, tmp_path: Path) -> None:
     bake_damaged(fault, 0.5, 1, tmp_path)

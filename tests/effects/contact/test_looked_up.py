@@ -67,7 +67,7 @@ def test_a_finer_elbow_looks_alike_in_player_and_bake() -> None:
     assert gap.share < CLOSE
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["one_sided", "elbow"])
 def test_a_fold_with_shapes_of_clips_looks_alike_in_player_and_bake(name: str) -> None:
     """Several joints bend an elbow; a fold whose sides are of one joint turns beyond where its sweep ends."""
@@ -125,6 +125,7 @@ def test_clips_about_leaning_axes_look_alike_in_player_and_bake() -> None:
     assert max(gap.share * gap.largest for gap in gaps.values()) < 0.01 * fold["largest_move"], gaps
 
 
+@pytest.mark.slow
 def test_a_clip_that_the_bake_gives_up_is_given_up_in_the_extras(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -149,6 +149,7 @@ def test_the_ends_of_a_limb_get_to_their_pose_in_few_steps() -> None:
     assert np.median(touching) <= 5  # 7 if no vertex moves by more than 4 units in a step
 
 
+@pytest.mark.slow
 def test_what_cannot_collide_is_not_in_the_way() -> None:
     """Another limb of the same mesh folds through itself: its vertices belong to no triangle that collides."""
     rest, triangles = tube(60.0)

@@ -15,7 +15,7 @@ from wrinklecli.review.crossings import crossings
 TOP = {"refinement": {"max_levels": 1}}
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "more",
     [

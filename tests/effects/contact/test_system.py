@@ -108,6 +108,7 @@ def test_a_fold_holds_what_it_meets_in_a_clip_however_far_from_the_joint(tmp_pat
     assert holding_contacts(fold, distances_from_crossings(fold), [])[0] is fold
 
 
+@pytest.mark.slow
 def test_a_fold_that_only_a_clip_closes_has_shapes_of_the_clip_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -204,6 +204,7 @@ def test_regions_that_touch_add_up(bodies: dict[int, Path]) -> None:
     assert np.allclose(both.deltas("trunk"), deltas, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_mirrored_regions_are_mirror_images(bodies: dict[int, Path]) -> None:
     file = baked(bodies[60], region(name="side.L", at=[0.08, -0.05, 0.15], radius=0.1, mirror="x"))
     first, second = np.linalg.norm(file.deltas("trunk"), axis=2).max(axis=1).reshape(2, 7)
@@ -292,6 +293,7 @@ def stepping(ahead: float, lift: float, *, swings: bool = True) -> Asset:
     return asset
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("asset", "lines"),
     [

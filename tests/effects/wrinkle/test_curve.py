@@ -209,6 +209,7 @@ def test_the_modes_rebuild_the_knots(curve):
     assert np.abs(rebuilt - heights).max() <= 2e-4 * heights.max()
 
 
+@pytest.mark.slow
 @given(curves())
 def test_points_of_their_own_in_each_frame_are_as_high_as_shared_ones(curve):
     distances, rest = frames_of(curve)

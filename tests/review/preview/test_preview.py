@@ -94,6 +94,7 @@ def test_tools_show_what_their_bake_would(tmp_path: Path) -> None:
     assert np.abs(shown - smooth).mean() > 3
 
 
+@pytest.mark.slow
 def test_tools_are_drawn_on_the_right_side_and_named(tmp_path: Path) -> None:
     asset, tools, _ = baked(tmp_path)
     counts = {}
