@@ -198,7 +198,7 @@ def test_flesh_knows_the_clips_of_a_file(
 
 @pytest.mark.parametrize("play", [csharp, gdscript])
 def test_flesh_knows_clips_that_blend(play: Callable[..., dict[str, Any]], tmp_path: Path) -> None:
-    """As the driver of three.js does, which is held to a motion that blends the curves of both."""
+    """Each driver gives the weights of that of three.js, which is held to a motion that blends the curves of both."""
     baked = bake_once(place(body(keys=30, bobs=True)), top={"flesh": [region(limit=0.026)]})
     case = vectors(Case("", lambda: baked, {"jump": (60, False)}))
     (run,) = case["runs"]

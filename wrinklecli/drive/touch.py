@@ -156,7 +156,7 @@ class TouchDrive:
         return self._strokes[clip.motion]
 
     def ends_in(self, rig: Rig, clips: Sequence[Clip]) -> dict[str, Floats]:
-        """By clip in which its node touches, the sorted seconds at which it lets go."""
+        """The sorted seconds at which the node lets go, by each clip in which it touches."""
         strokes = {clip.name: self.strokes_in(rig, clip) for clip in clips if clip.name not in self.keys}
         starts = {clip.name: clip.start for clip in clips}
         return {

@@ -172,7 +172,7 @@ def test_nothing_moves_at_rest_nor_beyond_the_fold_nor_where_nothing_touches(fol
 
 
 def test_normals_of_a_fold_are_those_of_what_is_shown() -> None:
-    """Of the surface that moves, less than a thousandth of the area is shaded as if it faced elsewhere by over 60°.
+    """Less than a thousandth of the moving surface is shaded as if it faced elsewhere by over 60°.
 
     Where normals followed those of the skinned surface, which passes through itself, it was 0.15 % here, and seen as a
     black slit in knees that begin to touch, where it was 1.5 %.

@@ -171,17 +171,8 @@ def test_a_seed_has_the_mirror_image_on_the_other_side() -> None:
     assert not np.array_equal(other.bumps.widths, left.bumps.widths)
 
 
-@pytest.mark.parametrize(
-    ("profile", "gap"),
-    [("smooth", 0), ("cloth", 0), ("polyline", 0), ("skin", 1)],
-)
-def test_the_crests_of_bumps_that_merge_come_together_and_are_one_from_there_on(profile: Any, gap: int) -> None:
-    from scipy.signal import find_peaks  # here, as collecting tests would take a second longer
-
-    drawn_so = plan_variation("seven", 0.6, 1.0, bumps=2, gap=gap, aspect=1.0, kind="bell")
-    (merger,) = drawn_so.mergers
-    lines = np.linspace(0.0, 0.95, 200)
-    u, v = np.meshgrid(np.linspace(0.0, 1.0, 801), merger.side * lines)
+def heights_of_two(drawn_so: Variation, u: Floats, v: Floats, *, profile: Any, gap: int) -> Floats:
+    """The heights of two irregular bumps at places (lines, points) of u and v."""
     curve = plan_curve(
         bumps=2,
         gap=gap,
@@ -194,7 +185,21 @@ def test_the_crests_of_bumps_that_merge_come_together_and_are_one_from_there_on(
         peaks=drawn_so.peaks,
     )
     places = drawn_so.places(u.reshape(-1), v.reshape(-1))[0]
-    heights = (places.factors * places.shapes(curve)[0, 0]).reshape(u.shape)
+    return np.asarray((places.factors * places.shapes(curve)[0, 0]).reshape(u.shape))
+
+
+@pytest.mark.parametrize(
+    ("profile", "gap"),
+    [("smooth", 0), ("cloth", 0), ("polyline", 0), ("skin", 1)],
+)
+def test_the_crests_of_bumps_that_merge_come_together_and_are_one_from_there_on(profile: Any, gap: int) -> None:
+    from scipy.signal import find_peaks  # here, as collecting tests would take a second longer
+
+    drawn_so = plan_variation("seven", 0.6, 1.0, bumps=2, gap=gap, aspect=1.0, kind="bell")
+    (merger,) = drawn_so.mergers
+    lines = np.linspace(0.0, 0.95, 200)
+    u, v = np.meshgrid(np.linspace(0.0, 1.0, 801), merger.side * lines)
+    heights = heights_of_two(drawn_so, u, v, profile=profile, gap=gap)
     crests = [find_peaks(row, prominence=0.02 * row.max())[0] for row in heights]
     counts = np.array([len(each) for each in crests])
     assert (counts[lines <= merger.start] == 2).all()
@@ -222,20 +227,8 @@ def test_a_furrow_that_fills_up_is_nowhere_steeper_than_an_open_one(profile: Any
     """The furrow between two merging crests of nearly ruled bumps ends softly, not like a cut."""
     drawn_so = plan_variation("soft", 1e-6, 1.0, bumps=2, gap=0, aspect=4.0, kind="bell")
     (merger,) = drawn_so.mergers
-    curve = plan_curve(
-        bumps=2,
-        gap=0,
-        strategy="everywhere",
-        details=(),
-        profile=profile,
-        max_height=0.1,
-        rest_length=1.0,
-        widths=drawn_so.bumps.widths,
-        peaks=drawn_so.peaks,
-    )
     u, v = np.meshgrid(np.linspace(0.0, 1.0, 2001), merger.side * np.linspace(merger.start, 0.99, 80))
-    places = drawn_so.places(u.reshape(-1), v.reshape(-1))[0]
-    heights = (places.factors * places.shapes(curve)[0, 0]).reshape(u.shape)
+    heights = heights_of_two(drawn_so, u, v, profile=profile, gap=0)
     open_before, *filling = np.abs(np.diff(heights, axis=1)).max(axis=1)
     assert max(filling) < 1.01 * open_before
 
