@@ -126,16 +126,16 @@ FULL = Sizes(
     folds=("elbow", "elbow_off_axis", "sleeve", "nose", "knee", "hand"),
     drawn=60,
 )
-# Where some are as many as many, they run once.
+# Counts that are the same run once.
 TINY = Sizes(
     workloads=(("wrist", 0, 188.0), ("trousers", 0, 17.0)),
     frames=4,
     longer=60,
     most_repeats=1,
     growth=(10, 20, 20),
-    tools=(1, 2, 2),
-    instances=(1, 4, 4),
-    shown=(2, 3, 3),
+    tools=(2, 2, 2),
+    instances=(4, 4, 4),
+    shown=(3, 3, 3),
     clips=2,
     edits=1,
     small_assets=4,
@@ -367,29 +367,30 @@ def growth(places: Places) -> Iterator[Row]:
     folder, (few, some, many) = places.folder, places.sizes.growth
     tools, asset = one_clip(places, "trousers"), ROOT / "samples" / "trousers.glb"
     clips = {count: longer(asset, folder / f"trousers_{count}.glb", count / FPS) for count in (few, some, many)}
+    added, tracks = {}, {}
     # A .glb holds 4 GiB, and 10,000 frames of the refined mesh take more.
-    for mode, options in (("morph", ()), ("frames", ("--max-levels", "0"))):
+    for mode, counts, options in (
+        ("morph", sorted({few, some, many}), ()),
+        ("frames", [few, many], ("--max-levels", "0")),
+    ):
         peaks, seconds = {}, {}
-        for count in (few, many):
+        for count in counts:
             out = folder / f"{mode}_{count}.glb"
             command: Command = ("bake", clips[count], tools, "-o", out, "-q", "--mode", mode, *options)
             runs = [watched(*command, code=WRINKLE) for _ in range(places.repeats(3))]
             peaks[count] = statistics.median(peak for _, peak in runs)
             seconds[count] = statistics.median(each for each, _ in runs)
+            if mode == "morph":
+                added[count], tracks[count] = out.stat().st_size - clips[count].stat().st_size, track_bytes(out)
             out.unlink()
         what, over = f"trousers, --mode {mode}, {many:,} frames", f"{few:,} frames"
         yield Row(f"memory_{mode}", f"peak memory, {what}", over, peaks[many] / peaks[few], f"{peaks[many]:.0f} MB")
         pace, before = (seconds[count] / count for count in (many, few))
         yield Row(f"pace_{mode}", f"time per frame, {what}", over, pace / before, f"{1e3 * pace:.2f} ms")
-    grown, tracks = [], []
-    for count in (few if some == many else some, many):
-        out = folder / f"growth_{count}.glb"
-        bake(clips[count], tools, out)
-        grown.append(out.stat().st_size - clips[count].stat().st_size)
-        tracks.append(track_bytes(out))
+    fewer = few if some == many else some
+    grown = added[many] - added[fewer]
     what, over = "bytes that ten times the frames add, trousers", "those that they add to the weight tracks"
-    ratio = (grown[1] - grown[0]) / (tracks[1] - tracks[0])
-    yield Row("bytes", what, over, ratio, f"{(grown[1] - grown[0]) / 1e3:,.0f} kB")
+    yield Row("bytes", what, over, grown / (tracks[many] - tracks[fewer]), f"{grown / 1e3:,.0f} kB")
 
 
 def track_bytes(path: Path) -> int:
@@ -431,9 +432,9 @@ def grown(places: Places, name: str, command: Callable[[int], Command]) -> Itera
     # In turns, so that what else the machine does disturbs all of them.
     runs = [[watched(*each, code=WRINKLE) for each in commands.values()] for _ in range(places.repeats(3))]
     taken = dict(zip(commands, np.median(runs, axis=0), strict=True))
-    with np.errstate(all="ignore"):  # the least of each may take no longer than nothing
+    with np.errstate(all="ignore"):  # where all are the same, or the fewest take no longer than nothing
         ratios = (taken[many] - taken[few]) / (taken[some] - taken[few])
-        exponents = np.log(ratios) / np.log((many - few) / (some - few))
+        exponents = np.log(ratios) / np.log(np.float64(many - few) / (some - few))
     verb, things = commands[many][0], {"shown": "frames"}.get(name, name)
     for what, exponent, unit, value in zip(("time", "memory"), exponents, ("s", "MB"), taken[many], strict=True):
         label = f"exponent of {what} in {things}, wrinkle {verb}, {many} {things}"
@@ -850,7 +851,7 @@ def main() -> int:
             try:
                 for row in SECTIONS[name](Places(Path(folder), assets, with_bpy(options.bpy), sizes)):
                     rows.append(row)
-                    said = f"ran {row.what}" if options.tiny else row
+                    said = f"ran {name}: {row.what}" if options.tiny else row
                     print(said, file=sys.stderr if options.markdown else sys.stdout, flush=True)
             except Exception:
                 # The rows that other sections took an hour for are not lost.
