@@ -10,8 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from kit.asset import Array, Asset, Json
+from kit.bakes import bake_once, place
 from kit.characters import Rotation, Skeleton, Stuff, Surface, Weights, Writer, chain_weights, person, plain
 from kit.limb import write_tools
+from kit.player import Gltf
 
 SKIN = plain("skin", (0.72, 0.44, 0.33))
 CLIP = "bend"
@@ -30,6 +32,10 @@ class Fold:
         """Write the asset, and its tools file with further keys for each tool."""
         tools = write_tools(folder / "tools.yaml", *({**tool, **keys} for tool in self.tools))
         return self.asset.write(folder / "limb.glb"), tools
+
+    def baked(self, contact: str = "resolve") -> Gltf:
+        """The bake of the asset with its tools, which is made only once."""
+        return bake_once(place(self.asset), *({**tool, "contact": contact} for tool in self.tools))
 
 
 def _written(

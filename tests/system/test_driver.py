@@ -142,9 +142,7 @@ def test_a_fold_that_touches_is_driven_as_it_is_tracked(leaning: bool, tmp_path:
 def test_the_driver_and_track_look_up_alike() -> None:
     """To the digits of what they read, along the turns of a clip as between them."""
     pytest.importorskip("ipctk", reason="needs the extra `contact`")
-    made = FOLDS["one_sided"]()
-    tools = [{"node": "limb", **each, "contact": "resolve"} for each in made.tools]
-    body = bake_once(place(made.asset), *tools, max_levels=1)
+    body = FOLDS["one_sided"]().baked()
     document = read_document(body.path)
     rig, times = read_rig(document, body.node("limb")), np.linspace(0.0, 2.0, 41)
     (clip,), (entry,) = read_clips(document), read_bodies(document)

@@ -71,10 +71,7 @@ def test_a_finer_elbow_looks_alike_in_player_and_bake() -> None:
 @pytest.mark.parametrize("name", ["one_sided", "elbow"])
 def test_a_fold_with_shapes_of_clips_looks_alike_in_player_and_bake(name: str) -> None:
     """Several joints bend an elbow; a fold whose sides are of one joint turns beyond where its sweep ends."""
-    fold = FOLDS[name]()
-    tools = [{"node": "limb", **each, "contact": "resolve"} for each in fold.tools]
-    body = bake_once(place(fold.asset), *tools, max_levels=1)
-    (gap,) = lookup_gaps(body, "bend").values()
+    (gap,) = lookup_gaps(FOLDS[name]().baked(), "bend").values()
     assert gap.share < CLOSE
 
 
@@ -83,15 +80,12 @@ def test_a_fold_with_shapes_of_clips_looks_alike_in_player_and_bake(name: str) -
 def test_skin_that_slides_looks_alike_in_player_and_bake(kind: str) -> None:
     """It opens otherwise than it closes: solutions differ by a fifth of contact's greatest move, or by most of it."""
     if kind == "sleeve":
-        asset, tools = (
-            sleeved_limb(gap=0.05, rings=24, sides=16, angle=45.0),
-            [tool(bumps=3, max_height="8%", variation=0.0)],
-        )
+        asset = sleeved_limb(gap=0.05, rings=24, sides=16, angle=45.0)
+        even = tool(node="limb", bumps=3, max_height="8%", variation=0.0, contact="resolve")
+        body, clip = bake_once(place(asset), even), "fold"
     else:
-        asset, tools = FOLDS[kind]().asset, FOLDS[kind]().tools
-    tools = [{"node": "limb", **each, "contact": "resolve"} for each in tools]
-    body = bake_once(place(asset), *tools, max_levels=1)
-    (gap,) = lookup_gaps(body, "fold" if kind == "sleeve" else "bend").values()
+        body, clip = FOLDS[kind]().baked(), "bend"
+    (gap,) = lookup_gaps(body, clip).values()
     assert gap.share < CLOSE
 
 
