@@ -14,14 +14,14 @@ Differs:
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 import numpy as np
 
 from wrinklecli.errors import BakeError
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, among, any_of, flags_of
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, flags_of
 from wrinklecli.numeric.sparse import Matrix
 
 # Corners 0, 1, 2 of a face and the midpoints 3, 4, 5 of the edges that follow them.
@@ -148,7 +148,6 @@ def coarse_stage(triangles: Ints, held: Bools, vertex_count: int, rules: Rules) 
         _level(0, None, triangles[faces], faces, np.broadcast_to(np.eye(3), (faces.size, 3, 3)), vertex_count),
         codes=faces,
         complete=np.ones(vertex_count, dtype=np.bool_),
-        known=[],
         rules=rules,
     )
 
@@ -171,7 +170,8 @@ def close(root: Stage, earlier: list[Stage], rules: Rules) -> tuple[list[Stage],
     Raises:
         BakeError: There would be too many new vertices.
     """
-    stages = [replace(root, denied=_carried(earlier, root, "denied"))]
+    denied = _Older.of(earlier, root.level, root.codes).carried("denied", root.denied.size)
+    stages = [replace(root, denied=denied)]
     wasted = False
     at = 0
     while at < rules.max_levels:
@@ -215,10 +215,11 @@ def _promoted(stage: Stage) -> Stage:
     Its ends are ends of the other two edges, so no finer face is missing there.
     """
     split, denied = stage.split.copy(), stage.denied.copy()
-    following = stage.level.triangle_edges
+    # Column by column, as numpy is slow to reduce rows of three.
+    first, second, third = stage.level.triangle_edges.T
     while True:
-        a, b, c = split[following].T
-        thirds = np.concatenate([following[b & c & ~a, 0], following[c & a & ~b, 1], following[a & b & ~c, 2]])
+        a, b, c = split[first], split[second], split[third]
+        thirds = np.concatenate([first[b & c & ~a], second[c & a & ~b], third[a & b & ~c]])
         denied[thirds[stage.forbidden[thirds]]] = True
         thirds = thirds[~denied[thirds]]
         if not thirds.size:
@@ -243,9 +244,9 @@ def _child(stage: Stage, stages: list[Stage], earlier: list[Stage], rules: Rules
             f" be: lower max_levels, now {rules.max_levels}, ask for fewer bumps or details, or raise --max-vertices",
             where=rules.where,
         )
-    halves = Matrix.of_entries(np.repeat(np.arange(len(ends)), 2), ends.reshape(-1), np.full(ends.size, 0.5), count)
+    halves = Matrix(2 * np.arange(len(ends) + 1), ends.reshape(-1), np.full(ends.size, 0.5), count)
     corners, barycentrics = stage.corners_and_midpoints(red)
-    child = _stage(
+    return _stage(
         _level(
             level.number + 1,
             halves.below(level.linear),
@@ -256,23 +257,26 @@ def _child(stage: Stage, stages: list[Stage], earlier: list[Stage], rules: Rules
         ),
         codes=(4 * stage.codes[red][:, None] + np.arange(4)).reshape(-1),
         complete=np.append(stage.complete, np.ones(len(ends), dtype=np.bool_)) & ~stage.vertices_on(~red),
-        known=stages,
         rules=rules,
-    )
-    return replace(
-        child,
-        denied=_carried(stages, child, "denied") | _carried(earlier, child, "denied"),
-        split=_carried(stages, child, "split"),
+        stages=stages,
+        earlier=earlier,
     )
 
 
-def _stage(level: Level, *, codes: Ints, complete: Bools, known: list[Stage], rules: Rules) -> Stage:
-    """A level that takes over what `known` stages, which had some of its faces, want and forbid."""
-    none = np.zeros(len(level.edges), dtype=np.bool_)
-    stage = Stage(level, codes, complete, wanted=none, forbidden=none, denied=none, split=none)
+def _stage(
+    level: Level,
+    *,
+    codes: Ints,
+    complete: Bools,
+    rules: Rules,
+    stages: Sequence[Stage] = (),
+    earlier: Sequence[Stage] = (),
+) -> Stage:
+    """A level that takes over what `stages`, which had some of its faces, decided, and what `earlier` ones denied."""
+    known, count = _Older.of(stages, level, codes), len(level.edges)
     added = level
-    if level.number < len(known):
-        faces = ~among(codes, known[level.number].codes)
+    if known.stage is not None:
+        faces = ~known.faces
         added = replace(
             level,
             triangles=level.triangles[faces],
@@ -280,12 +284,52 @@ def _stage(level: Level, *, codes: Ints, complete: Bools, known: list[Stage], ru
             triangle_edges=level.triangle_edges[faces],
             barycentrics=level.barycentrics[faces],
         )
-    forbidden = _carried(known, stage, "forbidden")
-    return replace(
-        stage,
-        wanted=_carried(known, stage, "wanted") | rules.wants(added),
+    forbidden = known.carried("forbidden", count)
+    return Stage(
+        level,
+        codes,
+        complete,
+        wanted=known.carried("wanted", count) | rules.wants(added),
         forbidden=forbidden if rules.forbids is None else forbidden | rules.forbids(added),
+        denied=known.carried("denied", count) | _Older.of(earlier, level, codes).carried("denied", count),
+        split=known.carried("split", count),
     )
+
+
+@dataclass(frozen=True, slots=True)
+class _Older:
+    """An older state of a level, some of whose faces the level has still, or again.
+
+    Attributes:
+        stage: The older state; None if there is none.
+        faces: (F,) True for the faces of the level that it had.
+        edges: (n, 3) edges of these.
+        old_edges: (n, 3) the same edges in the older state.
+    """
+
+    stage: Stage | None
+    faces: Bools
+    edges: Ints
+    old_edges: Ints
+
+    @classmethod
+    def of(cls, stages: Sequence[Stage], level: Level, codes: Ints) -> _Older:
+        """Find the level's faces, which have (F,) codes, in its older state, if `stages` have one."""
+        none = np.zeros((0, 3), np.intp)
+        if level.number >= len(stages):
+            return cls(None, np.zeros(codes.size, np.bool_), none, none)
+        old = stages[level.number]
+        places = np.searchsorted(old.codes, codes)
+        faces = np.append(old.codes, -1)[places] == codes
+        return cls(old, faces, level.triangle_edges[faces], old.level.triangle_edges[places[faces]])
+
+    def carried(self, name: Literal["wanted", "forbidden", "denied", "split"], count: int) -> Bools:
+        """(count,) the flags that the level's edges have in the older state."""
+        flags = np.zeros(count, dtype=np.bool_)
+        if self.stage is not None:
+            marked: Bools = getattr(self.stage, name)[self.old_edges]
+            flags[self.edges[marked]] = True
+        return flags
 
 
 def _level(
@@ -308,14 +352,3 @@ def _level(
         triangle_edges=triangle_edges.reshape(triangles.shape),
         barycentrics=barycentrics,
     )
-
-
-def _carried(stages: list[Stage], stage: Stage, name: Literal["wanted", "forbidden", "denied", "split"]) -> Bools:
-    """(E,) the flags that the edges of this level have in `stages`, where faces are found by their codes."""
-    flags = np.zeros(stage.split.size, dtype=np.bool_)
-    if stage.level.number < len(stages):
-        old = stages[stage.level.number]
-        kept, of_old = among(stage.codes, old.codes), among(old.codes, stage.codes)
-        marked: Bools = getattr(old, name)[old.level.triangle_edges[of_old]]
-        flags[stage.level.triangle_edges[kept][marked]] = True
-    return flags

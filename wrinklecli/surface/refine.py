@@ -49,6 +49,8 @@ _MASK_ERROR = 0.1
 # Power of the fraction of the displacement by which edges are longer. An error of normals is in proportion to the
 # fraction and the square of the length, which gives 1/2; but edges along the fading side must also show how it fades.
 _FADING = 0.25
+# Bits of a triangle that meets a region, as `np.packbits` fills them from the left.
+_ALL_BORDERS = 0b11110000
 # Fraction of the displacement below which edges do not become longer: there they are 1.5 times as long, so that none
 # across a furrow is longer than edges elsewhere. On the side of a wrist, longer ones turn normals by more than 10°.
 _LEAST_SHARE = 0.2
@@ -324,14 +326,16 @@ def _long_edges_in(level: Level, laid: _Laid, settings: RefinementSettings) -> B
     wanted = np.zeros(len(level.edges), bool)
     places = _places(level, laid)
     turned, scratch = _directions(level, laid) if last else np.zeros((0, 3)), np.zeros(len(places))
+    borders = np.zeros(len(places), np.uint8)
     for region in laid.regions:
         faces = children(level.parents, region.members)
         triangles = level.triangles[faces]
         vertices = distinct_values(triangles)
         u, v = region.coordinates(places[vertices])
-        u_faces, v_faces = (_at(triangles, vertices, each, scratch) for each in (u, v))
-        meets = (u_faces.max(axis=1) > 0) & (u_faces.min(axis=1) < 1)
-        meets &= (v_faces.max(axis=1) > -1) & (v_faces.min(axis=1) < 1)
+        # Some corner is beyond each border's line, on the region's side: a bit for each of the four.
+        borders[vertices] = np.packbits([u > 0, u < 1, v > -1, v < 1], axis=0)[0]
+        first, second, third = triangles.T
+        meets = (borders[first] | borders[second] | borders[third]) == _ALL_BORDERS
         # The last level only counts edges: edges that show the displacement, if not its sharpest furrows, will do.
         u = region.bowed(u, v) if last else region.stretched(u, v)
         edges = distinct_values(level.triangle_edges[faces[meets]])
@@ -352,9 +356,10 @@ def _weights(region: Region, stretched: Floats, v: Floats) -> Floats:
     Edges across a furrow must be shorter: the lines at which it crosses them would show as teeth. Where the region
     fades, edges may be longer.
     """
-    low, high = stretched.min(axis=1), stretched.max(axis=1)
+    # Column by column, as numpy is slow to reduce rows of two.
+    low, high = np.minimum(*stretched.T), np.maximum(*stretched.T)
     furrowed = np.searchsorted(region.furrows, high, "right") > np.searchsorted(region.furrows, low, "left")
-    nearest = np.where(v[:, 0] * v[:, 1] > 0, np.abs(v).min(axis=1), 0.0)
+    nearest = np.where(v[:, 0] * v[:, 1] > 0, np.minimum(*np.abs(v).T), 0.0)
     shares = region.share(np.full(len(v), 0.5), nearest, np.ones(len(v)))
     weights: Floats = np.where(furrowed, _FURROWED, 1.0) * np.maximum(shares, _LEAST_SHARE) ** _FADING
     return weights
@@ -413,13 +418,14 @@ def _greatest_shares(
     vertices = distinct_values(pairs)
     u, v = region.coordinates(places[vertices])
     cosines = region.cosines(u, normals[vertices])
-    u, v, cosines = (_at(pairs, vertices, each, scratch) for each in (u, v, cosines))
-    within = (u.max(axis=1) > 0) & (u.min(axis=1) < 1)
+    u, v, cosines = (_at(pairs, vertices, each, scratch).T for each in (u, v, cosines))
+    within = (np.maximum(*u) > 0) & (np.minimum(*u) < 1)
     # The path runs between ends on either side, unless these are nearest to parts of the path that are far apart.
     lengths = np.linalg.norm(places[pairs[:, 1]] - places[pairs[:, 0]], axis=1) / region.half_width
-    between = np.maximum(np.abs(v).sum(axis=1) - lengths, 0.0) / 2.0
-    nearest = np.where(v[:, 0] * v[:, 1] > 0, np.abs(v).min(axis=1), between)
-    shares = region.share(np.full(len(edges), 0.5), nearest, cosines.max(axis=1))
+    a, b = np.abs(v)
+    between = np.maximum(a + b - lengths, 0.0) / 2.0
+    nearest = np.where(v[0] * v[1] > 0, np.minimum(a, b), between)
+    shares = region.share(np.full(len(edges), 0.5), nearest, np.maximum(*cosines))
     return np.where(within, shares, 0.0)
 
 
