@@ -6,9 +6,8 @@ direction.
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 
 import numpy as np
 
@@ -17,7 +16,9 @@ from wrinklecli.character.pose import morph_weights, node_matrices
 from wrinklecli.character.rig import Rig
 from wrinklecli.choices import MaterialName, Part
 from wrinklecli.numeric.arrays import Bools, Floats, Ints
+from wrinklecli.numeric.guard import Progress, no_progress
 from wrinklecli.numeric.nearest import closest_point, nearest_of
+from wrinklecli.numeric.processes import in_processes
 from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.review.suggest.substance import Substance
 from wrinklecli.surface.compression import (
@@ -36,8 +37,6 @@ from wrinklecli.tools.mirror import exchange_sides, split_side
 
 # Most regions of a mesh.
 _MOST_REGIONS = 50
-# Most poses in memory, as many regions share one. A pose of a large mesh takes 50 MB.
-_KNOWN_POSES = 8
 # Least loss of a summit, as a part of the length.
 LEAST_LOSS = 0.15
 # Least loss of a site in its basin, as a part of the summit's least loss.
@@ -108,30 +107,85 @@ class Candidate:
 
 
 def find_candidates(
-    mesh: MeasuredMesh,
-    peaks: Peaks,
-    progress: Callable[[float], None] = lambda _done: None,
+    meshes: Sequence[tuple[MeasuredMesh, Peaks]],
+    parts: Sequence[Part | None],
+    progress: Progress = no_progress,
     *,
-    parts: Sequence[Part | None] = (),
-) -> Iterator[Candidate]:
-    """Find the regions of a mesh that are compressed most, none within another, and a segment across each.
+    jobs: int = 1,
+) -> list[Candidate]:
+    """Find the regions of meshes that are compressed most, none within another, and a segment across each.
 
-    `progress` is called with the part of the work that is done; `parts` are those of a body that nodes move.
+    Instances of a mesh, which share their peaks, have the same regions.
+
+    Args:
+        meshes: Each with the greatest compression of its sites.
+        parts: Those of a body that nodes move.
+        progress: Called with a stage's name, steps done and steps in all.
+        jobs: How many processes may look for regions.
     """
-    sites = mesh.sites
-    summits = basins(peaks.losses, sites.near, LEAST_LOSS * _BASIN_LOSS)
-    summits = _on_one_digit(summits, _digits(mesh, parts), peaks.losses, sites.positions)
-    twins = sites_with_twins(sites)
-    seeds = np.unique(summits[summits >= 0])
-    seeds = seeds[peaks.losses[seeds] >= LEAST_LOSS]
-    seeds = seeds[np.argsort(-peaks.losses[seeds], kind="stable")][:_MOST_REGIONS]
-    pose_of = lru_cache(_KNOWN_POSES)(lambda number: _pose(mesh, peaks.clips[number], float(peaks.times[number])))
-    for step, seed in enumerate(seeds.tolist()):
-        progress(step / len(seeds))
-        pose = pose_of(int(peaks.poses[seed]))
-        candidate = _candidate(mesh, seed, pose, summits == seed, twin=bool(twins[seed]))
-        if candidate is not None:
-            yield candidate
+    mesh_basins: dict[int, _Basins] = {}
+    for mesh, peaks in meshes:
+        if id(peaks) not in mesh_basins:
+            mesh_basins[id(peaks)] = _Basins.of(mesh, peaks, parts)
+    # All regions of a pose are the work of one process, which poses the mesh once.
+    poses = [(key, pose) for key, each in mesh_basins.items() for pose in each.poses]
+    shared = [each for mesh, _ in meshes for each in (mesh, *mesh.clips)]
+    found: dict[int, dict[int, Candidate]] = {key: {} for key in mesh_basins}
+    in_poses = in_processes(lambda pose: mesh_basins[pose[0]].candidates_in(pose[1]), poses, jobs, shared=shared)
+    for step, ((key, _), candidates) in enumerate(zip(poses, in_poses, strict=True), 1):
+        found[key] |= candidates
+        progress("laying", step, len(poses))
+    return [
+        replace(found[id(peaks)][seed], mesh=mesh)
+        for mesh, peaks in meshes
+        for seed in mesh_basins[id(peaks)].seeds
+        if seed in found[id(peaks)]
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class _Basins:
+    """The parts of a mesh that are compressed, one around each site that loses most.
+
+    Attributes:
+        mesh: The mesh.
+        peaks: The greatest compression of its sites.
+        seeds: The sites that lose most, highest first.
+        summits: (sites,) the seed of each site; -1 for those that are not compressed.
+        twins: (sites,) True for those with a mirror image across x = 0.
+    """
+
+    mesh: MeasuredMesh
+    peaks: Peaks
+    seeds: tuple[int, ...]
+    summits: Ints
+    twins: Bools
+
+    @classmethod
+    def of(cls, mesh: MeasuredMesh, peaks: Peaks, parts: Sequence[Part | None]) -> "_Basins":
+        """Find the basins of a mesh; `parts` are those of a body that nodes move."""
+        sites = mesh.sites
+        summits = basins(peaks.losses, sites.near, LEAST_LOSS * _BASIN_LOSS)
+        summits = _on_one_digit(summits, _digits(mesh, parts), peaks.losses, sites.positions)
+        seeds = np.unique(summits[summits >= 0])
+        seeds = seeds[peaks.losses[seeds] >= LEAST_LOSS]
+        seeds = seeds[np.argsort(-peaks.losses[seeds], kind="stable")][:_MOST_REGIONS]
+        return cls(mesh, peaks, tuple(seeds.tolist()), summits, sites_with_twins(sites))
+
+    @property
+    def poses(self) -> list[int]:
+        """The numbers of the poses in which the seeds lose most."""
+        return list(dict.fromkeys(self.peaks.poses[list(self.seeds)].tolist()))
+
+    def candidates_in(self, number: int) -> dict[int, Candidate]:
+        """The candidates of a pose, by their seeds."""
+        pose = _pose(self.mesh, self.peaks.clips[number], float(self.peaks.times[number]))
+        found = {
+            seed: _candidate(self.mesh, seed, pose, self.summits == seed, twin=bool(self.twins[seed]))
+            for seed in self.seeds
+            if self.peaks.poses[seed] == number
+        }
+        return {seed: candidate for seed, candidate in found.items() if candidate is not None}
 
 
 def _digits(mesh: MeasuredMesh, parts: Sequence[Part | None]) -> Ints:

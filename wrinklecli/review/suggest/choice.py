@@ -19,6 +19,7 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.intersections import sides_of
 from wrinklecli.numeric.nearest import pairs_within
+from wrinklecli.numeric.processes import in_processes
 from wrinklecli.review.suggest.candidates import Candidate
 from wrinklecli.review.suggest.cover import Layers, is_covered, is_inside
 from wrinklecli.review.suggest.measure import MeasuredMesh
@@ -67,11 +68,11 @@ def choose_candidates(
     Raises:
         AssetError: No node, mesh or material has a name in `options.materials`.
     """
-    everything = options.everything
     _refuse_unknown(document, options.materials)
     pictures = Pictures(document)
     judged = list(_judged(document, candidates, options, pictures))
-    covered = set() if everything else _covered(document, [each.candidate for each in judged if not each.fault])
+    seen = [] if options.everything else [each.candidate for each in judged if not each.fault]
+    hidden = _hidden(document, seen, options.jobs)
     chosen: list[Candidate] = []
     notes: Counter[str] = Counter(pictures.notes)
     hard: dict[str, None] = {}
@@ -79,7 +80,7 @@ def choose_candidates(
     for each in judged:
         mesh = each.candidate.mesh
         where = mesh.rig.names[mesh.rig.node]
-        fault = "under another layer where it folds" if id(each.candidate.region) in covered else each.fault
+        fault = each.fault or hidden.get(id(each.candidate.region), "")
         if fault:
             left_out[where, fault] += 1
             if each.substance.kind == "hard":
@@ -157,8 +158,6 @@ def _judged(
             fault = "at a collar, in which the neck moves"
         elif each.by_morph and _is_rim(each.region, known_rims[surface]):
             fault = "at a rim, such as of lips or lids"
-        elif is_inside(mesh, each.region):
-            fault = "inside, as of a mouth or a pocket"
         facet = facet_length(makeup, weights)
         found = replace(each, material=substance.material, facet=facet, part=part, substance=substance, presets=known)
         yield _Judged(found, substance, fault)
@@ -168,16 +167,38 @@ def _has_tail(rig: Rig) -> bool:
     return any(_TAIL.search(words_of(rig.names[joint])) for joint in rig.joints.tolist())
 
 
-def _covered(document: Document, candidates: Sequence[Candidate]) -> set[int]:
-    """The `id` of each region that another layer hides; instances, which share theirs, are looked at once."""
+def _hidden(document: Document, candidates: Sequence[Candidate], jobs: int) -> dict[int, str]:
+    """Why nobody sees a region, by its `id`; instances, which share theirs, are looked at once."""
+    if not candidates:
+        return {}
     regions = {id(each.region): each for each in candidates}
+    by_pose: dict[tuple[int, float], list[Candidate]] = {}
+    for each in regions.values():
+        by_pose.setdefault((each.clip.index, each.time), []).append(each)
     clips = {id(each.clip): each.clip for each in candidates}
     layers = Layers(read_scene(document, leave_out_malformed=True), list(clips.values()))
+
+    def in_pose(those: Sequence[Candidate]) -> list[str]:
+        return [_where_hidden(each, layers) for each in those]
+
+    poses = [by_pose[key] for key in sorted(by_pose)]
+    found = in_processes(in_pose, poses, jobs)
     return {
-        id(each.region)
-        for each in sorted(regions.values(), key=lambda each: (each.clip.index, each.time))
-        if is_covered(each.mesh, layers, triangle_weights(each.mesh.sites, each.region), each.clip, each.time)
+        id(each.region): why
+        for those, reasons in zip(poses, found, strict=True)
+        for each, why in zip(those, reasons, strict=True)
+        if why
     }
+
+
+def _where_hidden(candidate: Candidate, layers: Layers) -> str:
+    """Why nobody sees a candidate's region; empty if one can."""
+    mesh, region = candidate.mesh, candidate.region
+    if is_inside(mesh, region):
+        return "inside, as of a mouth or a pocket"
+    weights = triangle_weights(mesh.sites, region)
+    covered = is_covered(mesh, layers, weights, candidate.clip, candidate.time)
+    return "under another layer where it folds" if covered else ""
 
 
 def rims_of(mesh: MeasuredMesh) -> Floats:

@@ -10,18 +10,18 @@ from wrinklecli.character.clip import Clip, chosen_clips, read_clips
 from wrinklecli.character.joined import with_clips
 from wrinklecli.character.moved import Motions, moved
 from wrinklecli.character.rig import read_rig
-from wrinklecli.choices import Part, Scheme
+from wrinklecli.choices import Scheme
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.images import files_of
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.review.suggest.anatomy import limit_to_body
-from wrinklecli.review.suggest.candidates import LEAST_LOSS, Candidate, find_candidates
+from wrinklecli.review.suggest.candidates import LEAST_LOSS, find_candidates
 from wrinklecli.review.suggest.choice import choose_candidates
 from wrinklecli.review.suggest.faces import suggest_face
 from wrinklecli.review.suggest.fitted_tools import Suggestion, fit_tools
 from wrinklecli.review.suggest.flesh import SuggestedFlesh, flesh_text, suggest_flesh
-from wrinklecli.review.suggest.measure import MeasuredMesh, find_mesh_nodes, measure_meshes
+from wrinklecli.review.suggest.measure import find_mesh_nodes, measure_meshes
 from wrinklecli.review.suggest.muscles import SuggestedMuscle, muscles_text, suggest_muscles
 from wrinklecli.review.suggest.substance import is_rigid
 from wrinklecli.review.suggest.suggest_options import SuggestOptions
@@ -30,7 +30,6 @@ from wrinklecli.review.suggest.touches import SuggestedTouch, suggest_touches, t
 from wrinklecli.review.suggest.trial import TriedAsset
 from wrinklecli.review.suggest.unwarned import unwarned
 from wrinklecli.review.suggest.worth import Dropped, Worthwhile, worthwhile
-from wrinklecli.surface.sites import Peaks
 from wrinklecli.tools.records import RefinementSettings
 
 # Most meshes that a reason names.
@@ -139,7 +138,7 @@ def suggest(
             others = (clip for clip in clips if clip.name not in joined.range)
             clips = (*others, *limit_to_body(generated, read_rig(document, next(iter(nodes))), read_bones(document)))
         meshes = measure_meshes(document, nodes, clips, options, progress) if clips else []
-        candidates = _candidates_of(meshes, read_bones(document).parts, progress)
+        candidates = find_candidates(meshes, read_bones(document).parts, progress, jobs=options.jobs)
         chosen, reasons, hard = choose_candidates(document, candidates, options)
         rigid = {mesh.rig.names[mesh.rig.node]: None for mesh, _ in meshes if is_rigid(mesh.gauge)}
         hard = [*(f"{name} is rigid" for name in rigid), *hard]
@@ -203,21 +202,3 @@ def _written(
         reason = "what its motions fold is left out, as the notes say"
     inputs, notes = (*files_of(document), *beside), (*notes, *found.notes, *found.summary)
     return Suggestions(tuple(found.tools), text, reason, notes, inputs, tuple(found.dropped))
-
-
-def _candidates_of(
-    meshes: Sequence[tuple[MeasuredMesh, Peaks]], parts: Sequence[Part | None], progress: Progress
-) -> list[Candidate]:
-    """The candidates of all meshes, one mesh after another; instances, which share their peaks, have the same."""
-    known: dict[int, list[Candidate]] = {}
-    distinct = len({id(peaks) for _, peaks in meshes})
-    found: list[Candidate] = []
-    for mesh, peaks in meshes:
-        if id(peaks) not in known:
-
-            def report(done: float, number: int = len(known)) -> None:
-                progress("laying", round(100 * (number + done)), 100 * distinct)
-
-            known[id(peaks)] = list(find_candidates(mesh, peaks, report, parts=parts))
-        found += [replace(each, mesh=mesh) for each in known[id(peaks)]]
-    return found
