@@ -9,7 +9,9 @@
 
 Crossings are edges that pass through triangles, added up over 13 moments of a clip: of the asset, of the bake with
 contact off, and with contact; in all meshes, and at vertices that the tools or contact move ("in the folds"), those
-that cross at rest aside. Seconds are those of the processor, of the whole command and all that it starts.
+that cross at rest aside. Seconds are those of the processor, of the whole command and all that it starts; and those of
+the clock, which mean something on an idle machine only: the load stands beside them. The program is compiled before, as
+an installed one is.
 """
 
 import argparse
@@ -20,6 +22,7 @@ import resource
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from functools import partial
@@ -31,6 +34,7 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 sys.path[:0] = [str(ROOT), str(HERE), str(ROOT / "tests")]
 
+import numpy as np  # noqa: E402
 import yaml  # noqa: E402
 
 from kit.asset import Asset, Json  # noqa: E402
@@ -41,6 +45,9 @@ from kit.limb import tool as limb_tool  # noqa: E402
 from kit.looked_up import lookup_gaps  # noqa: E402
 from kit.player import Gltf  # noqa: E402
 from kit.torn import LEAVES, LEFT_OUT, moments, treated_crossings  # noqa: E402
+from wrinklecli.character.clip import read_clips  # noqa: E402
+from wrinklecli.character.range_of_motion import range_of_motion  # noqa: E402
+from wrinklecli.gltf.document import read_document  # noqa: E402
 from wrinklecli.review.crossings import crossings  # noqa: E402
 
 RESULTS, README = HERE / "contact.csv", HERE / "README.md"
@@ -84,11 +91,13 @@ class Measured:
         silent: Those with contact in folds of which no line says that contact is left out, or leaves crossings.
         targets: Morph targets of contact.
         volume_lost: Greatest volume that a fold's shapes take, relative to a limb as long as it is thick.
-        seconds: Of the bake with contact, and
+        seconds: Of the processor, of the bake with contact, and
         seconds_off: without.
         given_up: Lines that say that contact is left out.
         gap: Greatest difference between what players show of contact and what the bake shows, relative to contact's
             greatest move in the clip; nan if it was not measured.
+        clock: Seconds of the clock, of the bake with contact; nan if they were not measured.
+        load: Processes that ran or waited in the minute before it, in the mean; likewise.
     """
 
     state: str
@@ -106,6 +115,8 @@ class Measured:
     seconds_off: float
     given_up: int
     gap: float
+    clock: float
+    load: float
 
     @property
     def held(self) -> bool:
@@ -130,6 +141,10 @@ def cases(assets: Path | None) -> dict[str, Case]:
     for name, what, mesh, clip, tools in FIGURES:
         character = name.partition("-")[0]
         found[name] = Case(what, CHARACTERS[character], [{**SKIN, **each} for each in tools], mesh, clip, COARSE)
+    found["dressed-elbow-range"] = Case(
+        "dressed figure, an elbow by a range of motion", partial(in_range_of_motion, "dressed", "forearm.L"),
+        [{**SKIN, **_ELBOWS[0]}], "Mesh_0", "range", COARSE,
+    )  # fmt: skip
     samples = yaml.safe_load((ROOT / "configs" / "trousers.yaml").read_text(encoding="utf-8"))
     tools = samples.pop("tools")
     found["sample_knees"] = Case("samples/trousers, both knees", lambda: ROOT / "samples" / "trousers.glb", tools,
@@ -142,6 +157,25 @@ def cases(assets: Path | None) -> dict[str, Case]:
 def build_asset(name: str) -> Callable[[], Asset]:
     """The asset of a fold of the kit."""
     return lambda: FOLDS[name]().asset
+
+
+def in_range_of_motion(character: str, joint: str) -> Asset:
+    """A character with a clip `range`, in which a joint turns as `--range-of-motion` turns it, and back each time."""
+    asset = CHARACTERS[character]()
+    with tempfile.TemporaryDirectory() as folder:
+        document = read_document(asset.write(Path(folder) / "asset.glb"))
+    nodes = [number for number, node in enumerate(document.items("nodes")) if "skin" in node]
+    motions = [
+        clip
+        for clip in range_of_motion(document, nodes, read_clips(document)).clips
+        if clip.name.startswith(f"{joint} ")
+    ]
+    turns = np.concatenate([clip.channels[0].values for clip in motions] + [motions[0].channels[0].values[:1]])
+    clip: Json = {"name": "range"}
+    # Half a second there, and half a second back.
+    asset.channel(clip, motions[0].channels[0].node, "rotation", 0.5 * np.arange(len(turns)), turns)
+    asset.append("animations", clip)
+    return asset
 
 
 def both(name: str, origin: Sequence[float], target: Sequence[float]) -> list[Json]:
@@ -185,7 +219,7 @@ def measured(state: str, name: str, case: Case, program: Path, folder: Path) -> 
     """Bake a case with contact and without, and count."""
     built = case.asset()
     asset = built if isinstance(built, Path) else built.write(folder / "asset.glb")
-    seconds, reports, files = [], [], []
+    times_taken, reports, files = [], [], []
     for contact in ("off", "resolve"):
         tools, out, report = (folder / f"{contact}.{ending}" for ending in ("yaml", "glb", "json"))
         settings = {
@@ -195,7 +229,8 @@ def measured(state: str, name: str, case: Case, program: Path, folder: Path) -> 
         }
         tools.write_text(json.dumps(settings), encoding="utf-8")
         command = ["bake", asset, tools, "-o", out, "-q", "--clip", case.clip, "--report", report]
-        seconds.append(processor_seconds(program, command))
+        load = os.getloadavg()[0]
+        times_taken.append(seconds_of(program, command))
         reports.append(json.loads(report.read_text(encoding="utf-8")))
         files.append(out)
     totals = [crossings(out, clips=[case.clip]).data["clips"][0]["totals"] for out in files]
@@ -211,20 +246,27 @@ def measured(state: str, name: str, case: Case, program: Path, folder: Path) -> 
         state, name, *totals[0], totals[1][1], *counts,
         targets=sum(len(fold["targets"]) for fold in folds),
         volume_lost=max((float(fold.get("volume_lost") or 0.0) for fold in folds), default=0.0),
-        seconds=round(seconds[1], 1), seconds_off=round(seconds[0], 1),
+        seconds=round(times_taken[1][0], 1), seconds_off=round(times_taken[0][0], 1),
         given_up=sum("contact is left" in line for line in reports[1]["warnings"]),
         gap=round(max((each.share for each in lookup_gaps(resolved, case.clip).values()), default=0.0), 3),
+        clock=round(times_taken[1][1], 1), load=round(load, 1),
     )  # fmt: skip
 
 
-def processor_seconds(program: Path, command: Iterable[str | Path]) -> float:
-    """Seconds of the processor that a command of the program takes, with all processes that it starts."""
-    taken = partial(resource.getrusage, resource.RUSAGE_CHILDREN)
-    before = taken()
+def seconds_of(program: Path, command: Iterable[str | Path]) -> tuple[float, float]:
+    """Seconds of the processor and of the clock that a command of the program takes, with all that it starts."""
     code = "from wrinklecli.cli import main; main()"
     environment = {**os.environ, "PYTHONPATH": str(program)}
+    before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     subprocess.run([sys.executable, "-c", code, *map(str, command)], env=environment, cwd=program, check=True)
-    return taken().ru_utime + taken().ru_stime - before.ru_utime - before.ru_stime
+    clock, after = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, clock
+
+
+def compile_program(program: Path) -> None:
+    """Let no command compile the program anew, as an installed one does not: that takes half a second."""
+    command = [sys.executable, "-m", "compileall", "-q", str(program / "wrinklecli")]
+    subprocess.run(command, check=True)
 
 
 def recorded() -> list[Measured]:
@@ -256,8 +298,8 @@ def readme_table(rows: Sequence[Measured]) -> str:
     lines = [
         f"State {' → '.join(shown)}:",
         "",
-        "| | before | wrinkled | with contact | targets | seconds | given up | player |",
-        "|---|---|---|---|---|---|---|---|",
+        "| | before | wrinkled | with contact | targets | seconds | by the clock (load) | given up | player |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     for name, row in of_state[-1].items():
         both = [each[name] for each in of_state if name in each]
@@ -266,8 +308,10 @@ def readme_table(rows: Sequence[Measured]) -> str:
             " → ".join(str(getattr(each, key)) for each in both) for key in ("targets", "seconds", "given_up")
         )
         apart = " → ".join("–" if isnan(each.gap) else f"{100 * each.gap:.0f} %" for each in both)
+        clock = "–" if isnan(row.clock) else f"{row.clock:.1f} ({row.load:.1f})"
         before, wrinkled = f"{row.before:,} / {row.folds_before:,}", f"{row.wrinkled:,} / {row.folds_wrinkled:,}"
-        lines.append(f"| {words[name]} | {before} | {wrinkled} | {left} | {targets} | {seconds} | {up} | {apart} |")
+        cells = [words[name], before, wrinkled, left, targets, seconds, clock, up, apart]
+        lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
 
 
@@ -303,6 +347,7 @@ def main() -> int:
     if options.readme:
         write_readme(options.to)
         return 0
+    compile_program(options.program)
     rows = []
     for name, case in cases(options.assets).items():
         if options.only and not any(word in name for word in options.only):
