@@ -3,6 +3,7 @@
 import os
 import time
 from itertools import islice
+from signal import SIGKILL
 
 import pytest
 
@@ -53,6 +54,28 @@ def test_an_error_comes_when_it_is_its_turn(jobs: int) -> None:
     with pytest.raises(UnresolvedError, match=UNSETTLED) as raised:
         next(found)
     assert raised.value.given_up == GivenUp(UNSETTLED, 3, time=0.5)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_a_result_is_given_while_others_are_worked_out() -> None:
+    found = in_processes(time.sleep, [0.0, 60.0], 2)
+    start = time.monotonic()
+    assert next(found) is None
+    found.close()
+    assert time.monotonic() - start < 30.0
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_large_results_are_whole() -> None:
+    assert [*in_processes(bytes, [3_000_001, 1, 2_500_000], 2)] == [bytes(3_000_001), bytes(1), bytes(2_500_000)]
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_a_process_that_ends_before_its_work_is_an_error() -> None:
+    found = in_processes(lambda signal: signal and os.kill(os.getpid(), signal), [0, SIGKILL], 2)
+    assert next(found) == 0
+    with pytest.raises(ChildProcessError, match="before its work"):
+        next(found)
 
 
 def test_there_is_a_core() -> None:

@@ -6,16 +6,24 @@ Processes and not threads, as the libraries of contact keep Python's lock.
 import io
 import os
 import pickle
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any, TypeVar
+from collections.abc import Callable, Generator, Mapping, Sequence
+from traceback import format_exception
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from wrinklecli.numeric.guard import one_thread
+
+if TYPE_CHECKING:
+    from multiprocessing.process import BaseProcess
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 
-# What a process was copied for: the work, its items, and the objects that results refer to.
-_work: tuple[Callable[[Any], Any], Sequence[Any], "_Shared"] | None = None
+# Bytes that a number takes in a pipe.
+_NUMBER = 8
+# Most items for several processes: their numbers are all written ahead into a pipe, which holds 16 kB everywhere.
+_MOST_ITEMS = 2**14 // _NUMBER
+# Bytes that are read at once.
+_READ = 2**20
 
 
 def core_count() -> int:
@@ -30,48 +38,105 @@ def in_processes(
     *,
     shared: Sequence[object] = (),
     size: Callable[[_Item], float] | None = None,
-) -> Iterator[_Result]:
+) -> Generator[_Result, None, None]:
     """Give the function's result for each item, in the order of the items, worked out by up to so many processes.
 
-    With a `size`, the largest items are begun first, so that no process is left with a long one in the end.
+    With a `size`, the largest items are begun first, so that no process is left with a long one in the end. A result
+    is given as soon as it is there, while others are still worked out. This process has no further threads meanwhile,
+    so it may copy itself.
 
     Results come back as copies, but what they hold of the `shared` objects is these themselves. Where the system has
-    no `fork`, or there is one process or item, the work is done here.
+    no `fork`, or there is one process or item, the work is done here, each piece when its result is asked for.
 
     Raises:
         Exception: The function's own, when it is this item's turn.
+        ChildProcessError: A process ended before its work.
     """
-    global _work
-    if min(jobs, len(items)) < 2 or not hasattr(os, "fork"):
+    if min(jobs, len(items)) < 2 or len(items) > _MOST_ITEMS or not hasattr(os, "fork"):
         yield from map(function, items)
         return
     # Imported here, as most commands need none of it.
-    from concurrent.futures import ProcessPoolExecutor, wait
     from multiprocessing import get_context
+    from selectors import EVENT_READ, DefaultSelector
 
     objects = _Shared(shared)
-    _work = function, items, objects
-    pool = ProcessPoolExecutor(min(jobs, len(items)), mp_context=get_context("fork"))
-    try:
-        # All processes are copied at the first of these.
-        order = range(len(items)) if size is None else sorted(range(len(items)), key=lambda each: -size(items[each]))
-        begun = {number: pool.submit(_do, number) for number in order}
-        found = [begun.pop(number) for number in range(len(items))]
-        _work = None
-        wait(found)
-    finally:
-        # Before the first result is used, as a process that copies itself should have no threads.
-        pool.shutdown(cancel_futures=True)
-    while found:
-        yield objects.read(found.pop(0).result())
+    order = range(len(items)) if size is None else sorted(range(len(items)), key=lambda each: -size(items[each]))
+    tasks, numbers = os.pipe()
+    os.write(numbers, b"".join(number.to_bytes(_NUMBER, "little") for number in order))
+    os.close(numbers)
+    context, workers = get_context("fork"), dict[int, "BaseProcess"]()
+    waiting, found = dict[int, bytearray](), dict[int, bytes]()
+    with DefaultSelector() as selector:
+        try:
+            for _ in range(min(jobs, len(items))):
+                results, end = os.pipe()
+                work = function, items, objects, tasks, results, end
+                process: BaseProcess = context.Process(target=_work, args=work)
+                process.start()
+                os.close(end)
+                workers[results], waiting[results] = process, bytearray()
+                selector.register(results, EVENT_READ)
+            for number in range(len(items)):
+                while number not in found:
+                    for key, _ in selector.select():
+                        data = os.read(key.fd, _READ)
+                        if not data:
+                            selector.unregister(key.fd)
+                            _end(key.fd, workers.pop(key.fd))
+                        waiting[key.fd] += data
+                        found |= _taken(waiting[key.fd])
+                    if not workers and number not in found:
+                        raise ChildProcessError("a process ended before its work")
+                result, error = objects.read(found.pop(number))
+                if error is not None:
+                    raise error
+                yield result
+        finally:
+            os.close(tasks)
+            for results, process in workers.items():
+                process.kill()
+                _end(results, process)
 
 
-def _do(number: int) -> bytes:
-    """Work one item out, in a process of its own."""
-    assert _work is not None
-    function, items, objects = _work
-    with one_thread():
-        return objects.written(function(items[number]))
+def _end(results: int, process: "BaseProcess") -> None:
+    """Close the pipe of a process, and wait for its end."""
+    os.close(results)
+    process.join()
+    process.close()
+
+
+def _taken(data: bytearray) -> Mapping[int, bytes]:
+    """Take the whole results, by the numbers of their items, from what a process has sent."""
+    found = {}
+    while len(data) >= 2 * _NUMBER:
+        number, size = (int.from_bytes(data[k : k + _NUMBER], "little") for k in (0, _NUMBER))
+        if len(data) < 2 * _NUMBER + size:
+            break
+        found[number] = bytes(data[2 * _NUMBER : 2 * _NUMBER + size])
+        del data[: 2 * _NUMBER + size]
+    return found
+
+
+def _work(
+    function: Callable[[Any], Any], items: Sequence[Any], objects: "_Shared", tasks: int, unread: int, results: int
+) -> None:
+    """Work items out in a process of its own, until none is left.
+
+    Closes the end of its pipe that is `unread` here.
+    """
+    os.close(unread)
+    with one_thread(), os.fdopen(results, "wb") as stream:
+        while number := os.read(tasks, _NUMBER):
+            found, error = None, None
+            try:
+                found = function(items[int.from_bytes(number, "little")])
+            except Exception as raised:
+                error = raised
+                # The place is not sent along; the text of it is.
+                error.add_note("".join(format_exception(raised)))
+            data = objects.written((found, error))
+            stream.write(number + len(data).to_bytes(_NUMBER, "little") + data)
+            stream.flush()
 
 
 class _Shared:

@@ -11,10 +11,10 @@ pytest.importorskip("ipctk", reason="needs the extra `contact`")
 
 from kit.asset import attribute
 from kit.bent_tube import SIDES, tube
+from kit.creases import resolved
 from kit.limb import limb_asset, tool, write_tools
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.plan import plan_meshes
-from wrinklecli.effects.contact.crease import distances_from_crossings, resolve
 from wrinklecli.effects.contact.fitting import fit_poses
 from wrinklecli.effects.contact.fold import RINGS
 from wrinklecli.effects.contact.layer import ContactLayer
@@ -70,8 +70,7 @@ def test_all_that_is_near_what_crosses_may_move(tmp_path: Path) -> None:
     (plan,) = plan_meshes(read_job(str(asset.write(tmp_path / "limb.glb")), str(tools), BakeOptions()))
     contact = plan.layer(ContactLayer)
     assert contact is not None
-    found = resolve(contact.folds[0], distances_from_crossings(contact.folds[0]), share=0.35, most=4)
-    assert found is not None
+    found = resolved(contact.folds[0], most=4)
     free, near = found.tissue.free, found.tissue.apart == 0.0
     assert np.array_equal(free, found.tissue.apart < FREE * SOFT)
     # However long edges are: beside what crosses nothing stands still.

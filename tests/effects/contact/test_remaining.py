@@ -9,10 +9,11 @@ import pytest
 
 pytest.importorskip("ipctk", reason="needs the extra `contact`")
 
+from kit.creases import resolved
 from kit.limb import limb, tool, write_tools
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.plan import plan_meshes
-from wrinklecli.effects.contact.crease import PlayerError, distances_from_crossings, resolve
+from wrinklecli.effects.contact.crease import PlayerError
 from wrinklecli.effects.contact.effect import ContactEffect, NonNegativeBasis
 from wrinklecli.effects.contact.fitting import fit_pose
 from wrinklecli.effects.contact.given_up import UnresolvedError
@@ -41,8 +42,7 @@ def test_a_clip_that_would_cross_more_with_contact_is_left_without_and_a_line_sa
     contact, (clip,) = plan.layer(ContactLayer), job.clips
     assert contact is not None
     (fold,) = contact.folds
-    crease = resolve(fold, distances_from_crossings(fold), share=0.35, most=7)
-    assert crease is not None
+    crease = resolved(fold, most=7)
     followed = crease.follow(crease.march(clip, TIMES))
     assert not followed.given_up
     assert remaining_in(crease, clip, TIMES, followed) is None

@@ -8,11 +8,12 @@ import pytest
 pytest.importorskip("ipctk", reason="needs the extra `contact`")
 
 from kit.bakes import report_of
+from kit.creases import resolved
 from kit.folds import FOLDS
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.character.clip import Clip
-from wrinklecli.effects.contact.crease import distances_from_crossings, resolve
+from wrinklecli.effects.contact.crease import distances_from_crossings
 from wrinklecli.effects.contact.fold import Fold
 from wrinklecli.effects.contact.layer import ContactLayer
 from wrinklecli.effects.contact.solution import Solution, free_rows
@@ -57,21 +58,20 @@ def test_the_parts_of_folds_add_up_to_the_move_of_their_system(tmp_path: Path) -
     (left, right), (clip,) = folds_of("groin", tmp_path)
     pairs = [(each, distances_from_crossings(each)) for each in (left, right)]
     assert near_each_other(*pairs)
-    creases = tuple(resolve(*pair, share=0.35, most=4) for pair in pairs)
-    system = System(tuple(each for each in creases if each is not None))
-    assert len(system.creases) == 2
+    creases = tuple(resolved(each, most=4) for each in (left, right))
+    system = System(creases)
     times = np.linspace(clip.start, (clip.start + clip.end) / 2.0, 16)
     whole = system.march(clip, times)
     assert whole.touching
     first = system.part(0, whole, [])
-    nothing = np.zeros((len(times), len(system.creases[0].shapes)))
-    rest = system.part(1, whole, [(system.creases[0], nothing)])
+    nothing = np.zeros((len(times), len(creases[0].shapes)))
+    rest = system.part(1, whole, [(creases[0], nothing)])
     vertices = system.fold.vertices[free_rows(system.tissue)]
     for frame in whole.touching:
         found, one, two = whole.solution(frame), first.solution(frame), rest.solution(frame)
         total = np.zeros_like(found.moved)
-        other = ~np.isin(vertices, system.creases[1].vertices)
-        total[np.isin(vertices, system.creases[0].vertices)] = one.moved
+        other = ~np.isin(vertices, creases[1].vertices)
+        total[np.isin(vertices, creases[0].vertices)] = one.moved
         # With nothing fitted by the first, the second takes over all that it can move.
         total[~other] = two.moved
         assert total == pytest.approx(found.moved, abs=1e-12)
@@ -116,8 +116,7 @@ def test_a_fold_that_only_a_clip_closes_has_shapes_of_the_clip_alone(
     ((fold,), clips) = folds_of("low_poly", tmp_path)
     assert distances_from_crossings(fold) is None
     assert not len(crossing_in_clips(fold, []))
-    crease = resolve(fold, distances_from_crossings(fold, crossing_in_clips(fold, clips)), share=0.35, most=4)
-    assert crease is not None
+    crease = resolved(fold, most=4, further=crossing_in_clips(fold, clips))
     assert not crease.sweeps
     assert not len(crease.shapes)
     solved = crease.march(clips[0], np.linspace(clips[0].start, clips[0].end, 31))

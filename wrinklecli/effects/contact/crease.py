@@ -8,7 +8,6 @@ crossings in a clip, the sweeps and the poses of the clips are compressed togeth
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from itertools import accumulate
 from typing import Any
 
@@ -42,7 +41,6 @@ from wrinklecli.effects.contact.trail import Trail
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, interpolated
 from wrinklecli.numeric.intersections import widened
 from wrinklecli.numeric.nearest import nearest_of
-from wrinklecli.numeric.processes import in_processes
 
 # A sweep ends where contact moves a vertex this far, solver's units: a limb is pressed by half of its radius,
 _DEEPEST = 36.0
@@ -132,12 +130,71 @@ class PlayerError:
 
 
 @dataclass(frozen=True)
-class Crease:
-    """A fold whose contact is resolved.
+class Surface:
+    """A fold as the solver sees it.
 
     Attributes:
         fold: The surface round the joint.
-        tissue: That surface as the solver sees it.
+        tissue: That surface with its resistance and its collisions.
+    """
+
+    fold: Fold
+    tissue: Tissue
+
+    @classmethod
+    def of(cls, fold: Fold, apart: Floats) -> "Surface":
+        """Make a fold ready for the solver, with distances as `distances_from_crossings` gives them.
+
+        Raises:
+            UnresolvedError: All of it crosses at rest.
+        """
+        tissue = tissue_of(fold, apart)
+        if not tissue.colliding.any():
+            raise UnresolvedError(GivenUp(DEGENERATE))
+        return cls(fold, tissue)
+
+    @property
+    def vertices(self) -> Ints:
+        """(free,) sorted fine welded vertices that the solver may move."""
+        return self.fold.vertices[free_rows(self.tissue)]
+
+    @property
+    def sweeps_to_solve(self) -> list[tuple[int, float]]:
+        """The sweeps of the joint: the number of a leaning, and where the sweep ends."""
+        return [(number, end) for number in range(len(self.fold.hinge.leanings)) for end in self.fold.hinge.ends]
+
+    def sweep(self, number: int, end: float) -> "Sweep":
+        """Solve the sweep of a leaning, by its number, to an end.
+
+        A sweep ends before the first pose that does not settle, is torn, or takes too many steps. Nobody may ever bend
+        the joint as far, and clips that do are solved themselves.
+        """
+        fold, lean = self.fold, self.fold.hinge.leanings[number]
+        way = _way(end, fold.hinge.stride * (_LEANING_STRIDES if lean.any() else 1.0))
+        clip = fold.hinge.turn(way, tilt=lean)
+        times = np.linspace(0.0, 1.0, len(way))
+        steps, poses = Steps(), list[SolvedPose]()
+        for folded, time, found in zip(way, times, solutions_in(fold, self.tissue.again(), clip, times), strict=True):
+            solved = SolvedPose(clip, float(time), found.settled_in(self.tissue), float(folded), number)
+            reason = _failure(steps, solved.found)
+            if reason is not None:
+                return Sweep(number, poses, _refused(fold, [solved], reason))
+            if found.touches:
+                poses.append(solved)
+                if found.greatest_move > (_DEEPEST_LEANING if lean.any() else _DEEPEST):
+                    break
+        return Sweep(number, poses)
+
+    def march(self, clip: Clip, times: Floats) -> "MarchedClip":
+        """Solve a clip at (frames,) sorted seconds, as `march_clip` does."""
+        return march_clip(self.fold, self.tissue, [self.fold.hinge], clip, times)
+
+
+@dataclass(frozen=True)
+class Crease(Surface):
+    """A fold whose contact is resolved.
+
+    Attributes:
         sweeps: The solved poses of the sweeps in which contact moves something.
         shapes: (shapes, free, 3) bind space, at weight 1.
         response: Weights of the shapes by the joint's turn, or by the shortening of the tool that rises.
@@ -150,8 +207,6 @@ class Crease:
         clip_weights: The weights of the shapes in the poses of clips that they are made of, by clip and time.
     """
 
-    fold: Fold
-    tissue: Tissue
     sweeps: "tuple[SolvedPose, ...]"
     shapes: Floats
     response: Table | LeaningTable
@@ -164,18 +219,9 @@ class Crease:
     clip_weights: Mapping[tuple[int, float], Floats] = field(default_factory=dict)
 
     @property
-    def vertices(self) -> Ints:
-        """(free,) sorted fine welded vertices that the solver may move."""
-        return self.fold.vertices[free_rows(self.tissue)]
-
-    @property
     def sizes(self) -> Floats:
         """(shapes,) greatest move of a vertex at weight 1, bind units."""
         return np.asarray(np.sqrt(np.sum(self.shapes**2, axis=2)).max(axis=1))
-
-    def march(self, clip: Clip, times: Floats) -> "MarchedClip":
-        """Solve a clip at (frames,) sorted seconds, as `march_clip` does."""
-        return march_clip(self.fold, self.tissue, [self.fold.hinge], clip, times)
 
     def follow(self, marched: "MarchedClip") -> "Followed":
         """Fit the shapes to the solutions of a clip.
@@ -298,9 +344,7 @@ class Crease:
 
     def spanning(self, poses: "Sequence[SolvedPose]", *, share: float, most: int) -> "Crease":
         """The same fold with shapes for its sweeps and for some poses of clips; arguments are as in `resolve`."""
-        return _compressed(
-            self.fold, self.tissue, (*self.sweeps, *poses), share=share, least=max(len(self.shapes), 1), most=most
-        )
+        return _compressed(self, (*self.sweeps, *poses), share=share, least=max(len(self.shapes), 1), most=most)
 
     def faulty_frames(
         self, clip: Clip | None, times: Floats, weights: Floats, others: Sequence[Moves]
@@ -397,6 +441,21 @@ class SolvedPose:
 
 
 @dataclass(frozen=True, slots=True)
+class Sweep:
+    """A solved sweep of a joint.
+
+    Attributes:
+        number: Of the leaning of its axis.
+        poses: Those in which contact moves something.
+        failed: The error that ends the sweep; None if none does.
+    """
+
+    number: int
+    poses: list[SolvedPose]
+    failed: UnresolvedError | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class MarchedClip:
     """A clip, solved.
 
@@ -487,37 +546,35 @@ def _in_clip(
         yield from solutions_in(fold, tissue, clip, part, start)
 
 
-def resolve(fold: Fold, apart: Floats | None, *, share: float, most: int, jobs: int = 1) -> Crease | None:
-    """Solve a fold for its joint's motion and compress the solutions; None if nothing ever crosses.
+def resolve(surface: Surface, solved: "Iterable[Sweep]", *, share: float, most: int) -> Crease:
+    """Compress the solved sweeps of a fold, in their order.
 
     There are no shapes yet if only clips cross, which bend the joint further or otherwise.
 
     Args:
-        fold: The surface round a joint.
-        apart: As `distances_from_crossings` gives it.
+        surface: The fold.
+        solved: All of its sweeps.
         share: Greatest error of a vertex, relative to the greatest move. More shapes are made than this asks for if
             there would be crossings.
         most: Greatest number of shapes, even if crossings remain.
-        jobs: Processes that solve.
 
     Raises:
         UnresolvedError: The first pose that touches did not settle or is torn, or took too many steps.
     """
-    if apart is None:
-        return None
-    tissue = tissue_of(fold, apart)
-    if not tissue.colliding.any():
-        raise UnresolvedError(GivenUp(DEGENERATE))
-    return _compressed(fold, tissue, tuple(_swept(fold, tissue, jobs)), share=share, least=1, most=most)
+    poses: list[SolvedPose] = []
+    for each in solved:
+        if each.failed is not None and not each.poses and not surface.fold.hinge.leanings[each.number].any():
+            raise each.failed
+        poses += each.poses
+    return _compressed(surface, tuple(poses), share=share, least=1, most=most)
 
 
-def _compressed(
-    fold: Fold, tissue: Tissue, poses: Sequence[SolvedPose], *, share: float, least: int, most: int
-) -> Crease:
+def _compressed(surface: Surface, poses: Sequence[SolvedPose], *, share: float, least: int, most: int) -> Crease:
     """Compress solved poses of sweeps, and of clips if there are any; arguments are as in `fit_poses`.
 
     With poses of clips, the leaning sweeps may cross: these stand for clips that nobody has.
     """
+    fold, tissue = surface.fold, surface.tissue
     spans_clips = any(each.folded is None for each in poses)
     demanded = np.array([not (spans_clips and each.lean) for each in poses])
     weights, shapes, crossing = np.zeros((0, 0)), np.zeros((0, len(free_rows(tissue)), 3)), 0
@@ -545,44 +602,6 @@ def _compressed(
             (each.clip.index, each.time): row for each, row in zip(poses, weights, strict=False) if each.folded is None
         },
     )
-
-
-def _swept(fold: Fold, tissue: Tissue, jobs: int) -> Iterator[SolvedPose]:
-    """Solve the sweeps: fold as far as the hinge goes, then with the axis leaning to each side.
-
-    Raises:
-        UnresolvedError: The joint's own motion fails at the first touch.
-    """
-    sweeps = [(number, end) for number in range(len(fold.hinge.leanings)) for end in fold.hinge.ends]
-    solved = in_processes(partial(_sweep, fold, tissue), sweeps, jobs, shared=(fold, tissue))
-    for (number, _), (poses, failed) in zip(sweeps, solved, strict=True):
-        if failed is not None and not poses and not fold.hinge.leanings[number].any():
-            raise failed
-        yield from poses
-
-
-def _sweep(fold: Fold, tissue: Tissue, sweep: tuple[int, float]) -> tuple[list[SolvedPose], UnresolvedError | None]:
-    """Solve the sweep of a leaning, by its number, to an end; also give the error that ends it, if one does.
-
-    A sweep ends before the first pose that does not settle, is torn, or takes too many steps. Nobody may ever bend the
-    joint as far, and clips that do are solved themselves.
-    """
-    number, end = sweep
-    lean = fold.hinge.leanings[number]
-    way = _way(end, fold.hinge.stride * (_LEANING_STRIDES if lean.any() else 1.0))
-    clip = fold.hinge.turn(way, tilt=lean)
-    times = np.linspace(0.0, 1.0, len(way))
-    steps, poses = Steps(), list[SolvedPose]()
-    for folded, time, found in zip(way, times, solutions_in(fold, tissue.again(), clip, times), strict=True):
-        solved = SolvedPose(clip, float(time), found.settled_in(tissue), float(folded), number)
-        reason = _failure(steps, solved.found)
-        if reason is not None:
-            return poses, _refused(fold, [solved], reason)
-        if found.touches:
-            poses.append(solved)
-            if found.greatest_move > (_DEEPEST_LEANING if lean.any() else _DEEPEST):
-                break
-    return poses, None
 
 
 def _failure(steps: Steps, found: Solution) -> str | None:

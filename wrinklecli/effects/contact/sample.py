@@ -1,10 +1,12 @@
 """Contact over clips: each fold is solved once for its joint's own motion, then every clip is marched and followed."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations
-from typing import TYPE_CHECKING
+from operator import itemgetter
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -24,8 +26,19 @@ from wrinklecli.numeric.memory import leave_room, start_blas
 from wrinklecli.numeric.processes import in_processes
 
 if TYPE_CHECKING:
-    from wrinklecli.effects.contact.crease import Crease, Followed, MarchedClip, Moves, PlayerError, SolvedPose
+    from wrinklecli.effects.contact.crease import (
+        Crease,
+        Followed,
+        MarchedClip,
+        Moves,
+        PlayerError,
+        SolvedPose,
+        Surface,
+        Sweep,
+    )
     from wrinklecli.effects.contact.fold import Fold
+
+_Result = TypeVar("_Result")
 
 # Most shapes of a fold, whatever their error: with the shape that `NonNegativeBasis` adds, eight morph targets.
 _MOST_SHAPES = 7
@@ -108,11 +121,11 @@ class _Clips:
         times = None if how.mode == "morph" else {number: motions[number].times for number in chosen}
         return cls(firsts, {number: motions[number].clip for number in chosen}, times, how.fps, kept)
 
-    def times_for(self, creases: "Sequence[Crease]") -> dict[int, Floats]:
+    def times_for(self, surfaces: "Sequence[Surface]") -> dict[int, Floats]:
         """(frames,) seconds at which folds that are solved together are marched in each clip."""
         if self.times is not None:
             return self.times
-        return {number: _march_times(creases, clip, self.fps) for number, clip in self.clips.items()}
+        return {number: _march_times(surfaces, clip, self.fps) for number, clip in self.clips.items()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,20 +151,83 @@ class _SolvedSystem:
 
 
 def _solved_system(members: "list[tuple[Fold, Floats | None]]", *, clips: _Clips, jobs: int) -> _SolvedSystem:
-    """Resolve the folds of a system, and solve and follow the clips."""
-    work = partial(_resolved, jobs=max(1, jobs // len(members)))
-    found = list(in_processes(work, members, jobs, shared=[fold for fold, _ in members]))
-    folds = [fold for fold, _ in members]
-    given_up = [(fold, each) for fold, each in zip(folds, found, strict=True) if isinstance(each, GivenUp)]
-    touching = [each for each in found if each is not None and not isinstance(each, GivenUp)]
-    return _SolvedSystem(given_up, _groups(touching, clips, jobs) if touching else [])
+    """Resolve the folds of a system, and solve and follow the clips.
+
+    The first clip is solved beside the sweeps of the folds, as neither needs the other.
+    """
+    from wrinklecli.effects.contact.crease import Sweep
+
+    crossing = [(fold, apart) for fold, apart in members if apart is not None]
+    ready = [_outcome(partial(_surface, *each)) for each in crossing]
+    surfaces = [each for each in ready if not isinstance(each, UnresolvedError)]
+    if not surfaces:
+        return _SolvedSystem(_given_up_of(crossing, ready), [])
+    solver = _Solver(surfaces, clips, jobs)
+    sweeps = [partial(each.sweep, *sweep) for each in surfaces for sweep in each.sweeps_to_solve]
+    # The clip of several folds takes longest. That of one fold is solved while the sweeps are compressed here.
+    work: list[tuple[Callable[[], Any], float]] = [(each, 0.0) for each in sweeps]
+    work += [(each, len(surfaces) - 1.5) for each in solver.first]
+    with closing(in_processes(_worked, work, jobs, shared=solver.shared, size=itemgetter(1))) as found:
+        solved = [[next(found) for _ in each.sweeps_to_solve] for each in surfaces]
+        poses = [pose.found for sweeps in solved for each in sweeps if isinstance(each, Sweep) for pose in each.poses]
+        pairs = [*zip(surfaces, solved, strict=True)]
+        resolved = iter([*in_processes(_resolved, pairs, jobs, shared=[*solver.shared, *poses])])
+        outcomes = [each if isinstance(each, UnresolvedError) else next(resolved) for each in ready]
+        creases = [each for each in outcomes if not isinstance(each, UnresolvedError)]
+        given_up = _given_up_of(crossing, outcomes)
+        if len(creases) == len(surfaces):
+            solver.take(found)
+        elif creases:
+            solver = _Solver(creases, clips, jobs)
+        return _SolvedSystem(given_up, _groups(creases, solver) if creases else [])
 
 
-def _groups(creases: "Sequence[Crease]", clips: _Clips, jobs: int) -> list[_Group]:
+def _given_up_of(members: "Sequence[tuple[Fold, Floats]]", outcomes: Sequence[object]) -> "list[tuple[Fold, GivenUp]]":
+    """The folds whose outcomes are errors."""
+    pairs = zip(members, outcomes, strict=True)
+    return [(fold, each.given_up) for (fold, _), each in pairs if isinstance(each, UnresolvedError)]
+
+
+def _outcome(work: Callable[[], _Result]) -> _Result | UnresolvedError:
+    """The result of some work, or the error that says why a fold is not resolved."""
+    try:
+        with degenerate_given_up():
+            return work()
+    except UnresolvedError as error:
+        return error
+
+
+def _worked(item: tuple[Callable[[], Any], float]) -> Any:
+    """The outcome of some work, which stands beside its size."""
+    return _outcome(item[0])
+
+
+def _surface(fold: "Fold", apart: Floats) -> "Surface":
+    """A fold as the solver sees it."""
+    from wrinklecli.effects.contact.crease import Surface
+
+    surface = Surface.of(fold, apart)
+    # What its copies have in common is computed once for all processes.
+    surface.tissue.again()
+    return surface
+
+
+def _resolved(solved: "tuple[Surface, Sequence[Sweep | UnresolvedError]]") -> "Crease | UnresolvedError":
+    """Compress the sweeps of a fold."""
+    from wrinklecli.effects.contact.crease import resolve
+
+    surface, sweeps = solved
+    failed = [each for each in sweeps if isinstance(each, UnresolvedError)]
+    if failed:
+        return failed[0]
+    whole = [each for each in sweeps if not isinstance(each, UnresolvedError)]
+    return _outcome(partial(resolve, surface, whole, share=_SHAPE_ERROR, most=_MOST_SHAPES))
+
+
+def _groups(creases: "Sequence[Crease]", solver: "_Solver") -> list[_Group]:
     """Solve clips for folds together, or for each fold alone if they cannot be resolved together."""
     try:
         with degenerate_given_up():
-            solver = _Solver(creases, clips, jobs)
             spanned = []
             for crease in creases:
                 spanned.append(_spanned(crease, solver))
@@ -160,7 +236,7 @@ def _groups(creases: "Sequence[Crease]", clips: _Clips, jobs: int) -> list[_Grou
     except UnresolvedError as error:
         if len(creases) == 1:
             return [_Group(tuple(creases), error.given_up)]
-    return [group for crease in creases for group in _groups([crease], clips, jobs)]
+    return [group for crease in creases for group in _groups([crease], solver.alone(crease))]
 
 
 def _free_count(members: "Sequence[tuple[Fold, Floats | None]]") -> int:
@@ -168,17 +244,6 @@ def _free_count(members: "Sequence[tuple[Fold, Floats | None]]") -> int:
     from wrinklecli.effects.contact.tissue import FREE, SOFT
 
     return sum(int(np.count_nonzero(apart < FREE * SOFT)) for _, apart in members if apart is not None)
-
-
-def _resolved(member: "tuple[Fold, Floats | None]", *, jobs: int) -> "Crease | GivenUp | None":
-    """Resolve a fold, with its distances from what crosses; None if nothing ever does."""
-    from wrinklecli.effects.contact.crease import resolve
-
-    try:
-        with degenerate_given_up():
-            return resolve(*member, share=_SHAPE_ERROR, most=_MOST_SHAPES, jobs=jobs)
-    except UnresolvedError as error:
-        return error.given_up
 
 
 def _systems(folds: "Sequence[Fold]", motions: Sequence[Motion]) -> "list[list[tuple[Fold, Floats | None]]]":
@@ -284,8 +349,9 @@ def _followed_or_given_up(
         if len(group.creases) == 1:
             return [_given_up(plan, group.creases[0].fold, members, effects, error.given_up)], _unmoved(motions)
     found: list[Effect] = []
-    for alone in (each for crease in group.creases for each in _groups([crease], clips, how.jobs)):
-        more, motions = _followed_or_given_up(plan, alone, members, clips, [*effects, *found], motions, how)
+    alone = (_groups([crease], _Solver([crease], clips, how.jobs)) for crease in group.creases)
+    for each in (group for groups in alone for group in groups):
+        more, motions = _followed_or_given_up(plan, each, members, clips, [*effects, *found], motions, how)
         found += more
     return found, list(motions)
 
@@ -334,15 +400,34 @@ class _Solver:
         jobs: Number of clips that are solved at a time.
     """
 
-    def __init__(self, creases: "Sequence[Crease]", clips: _Clips, jobs: int) -> None:
+    def __init__(self, surfaces: "Sequence[Surface]", clips: _Clips, jobs: int) -> None:
         from wrinklecli.effects.contact.system import System
 
-        self._system, self.clips, self.times = System(tuple(creases)), clips.clips, clips.times_for(creases)
-        self._jobs = jobs
+        self._system, self.clips, self.times = System(tuple(surfaces)), clips.clips, clips.times_for(surfaces)
+        self._all, self._jobs = clips, jobs
+        self._begun: Iterator[MarchedClip | UnresolvedError] | None = None
         self._ahead: dict[int, MarchedClip] = {}
         self._kept: dict[int, MarchedClip] = {}
         self._room = clips.kept
         self._fitted: list[tuple[Crease, dict[int, _Marched]]] = []
+
+    def alone(self, crease: "Crease") -> "_Solver":
+        """One for the same clips and one fold."""
+        return _Solver([crease], self._all, self._jobs)
+
+    @property
+    def first(self) -> "list[Callable[[], MarchedClip]]":
+        """The work to solve the first clip, if there is one."""
+        return [partial(self._march, number) for number in list(self.clips)[:1]]
+
+    @property
+    def shared(self) -> list[object]:
+        """The objects that the solutions of clips and of sweeps refer to."""
+        return self._system.parts(self.clips.values())
+
+    def take(self, first: "Iterator[MarchedClip | UnresolvedError]") -> None:
+        """Take the next of some results, when it is needed, for the first clip."""
+        self._begun = first
 
     def fix(self, crease: "Crease", marches: "dict[int, _Marched]") -> None:
         """Take the weights of the next fold for granted in the parts of those behind it."""
@@ -360,9 +445,14 @@ class _Solver:
     def _solved(self, number: int) -> "MarchedClip":
         if number in self._kept:
             return self._kept[number]
+        if self._begun is not None:
+            outcome, self._begun = next(self._begun), None
+            if isinstance(outcome, UnresolvedError):
+                raise outcome
+            self._ahead = {number: outcome}
         if number not in self._ahead:
             next_ones = [each for each in self.clips if each >= number and each not in self._kept][: self._jobs]
-            solved = in_processes(self._march, next_ones, self._jobs, shared=self._system.parts(self.clips.values()))
+            solved = in_processes(self._march, next_ones, self._jobs, shared=self.shared)
             self._ahead = dict(zip(next_ones, solved, strict=True))
         found = self._ahead.pop(number)
         self._room -= found.size
@@ -557,13 +647,13 @@ def _identifier(plan: MeshPlan, fold: "Fold", effects: Sequence[Effect]) -> str:
     return name
 
 
-def _march_times(creases: "Sequence[Crease]", clip: Clip, fps: float) -> Floats:
+def _march_times(surfaces: "Sequence[Surface]", clip: Clip, fps: float) -> Floats:
     """(frames,) seconds of a clip's grid, with more where it folds fast."""
-    rig = creases[0].fold.rig
+    rig = surfaces[0].fold.rig
     grid = clip_grid(clip, rig, fps=fps)
     if len(grid) < 2:
         return grid
-    strides = np.stack([crease.fold.hinge.strides(rig, clip, grid) for crease in creases])
+    strides = np.stack([each.fold.hinge.strides(rig, clip, grid) for each in surfaces])
     parts = np.ceil(np.abs(np.diff(strides, axis=1)).max(axis=0)).astype(int)
     # No player distinguishes closer times.
     parts = np.clip(parts, 1, np.maximum((np.diff(grid) / (2.0 * KEY_GAP)).astype(int), 1))

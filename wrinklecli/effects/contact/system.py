@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.effects.contact.crease import Crease, MarchedClip, march_clip, tissue_of
+from wrinklecli.effects.contact.crease import Crease, MarchedClip, Surface, march_clip, tissue_of
 from wrinklecli.effects.contact.fitting import combined
 from wrinklecli.effects.contact.fold import Fold, grown
 from wrinklecli.effects.contact.solution import Solution, free_rows
@@ -34,44 +34,44 @@ class System:
     """Folds that are solved together.
 
     Attributes:
-        creases: The folds, each with the shapes of its joint's own motion; all count as equally thick.
+        surfaces: The folds; all count as equally thick.
     """
 
-    creases: tuple[Crease, ...]
+    surfaces: tuple[Surface, ...]
 
     @cached_property
     def fold(self) -> Fold:
         """The union of the folds' surfaces."""
-        return union([each.fold for each in self.creases])
+        return union([each.fold for each in self.surfaces])
 
     @cached_property
     def tissue(self) -> Tissue:
         """The union as the solver sees it."""
         apart = np.full(len(self.fold.own), np.inf)
-        for crease in self.creases:
-            rows = np.searchsorted(self.fold.vertices, crease.fold.vertices)
-            apart[rows] = np.minimum(apart[rows], crease.tissue.apart[: len(rows)])
-        others = np.concatenate([each.tissue.apart[len(each.fold.vertices) :] for each in self.creases])
+        for surface in self.surfaces:
+            rows = np.searchsorted(self.fold.vertices, surface.fold.vertices)
+            apart[rows] = np.minimum(apart[rows], surface.tissue.apart[: len(rows)])
+        others = np.concatenate([each.tissue.apart[len(each.fold.vertices) :] for each in self.surfaces])
         apart[len(self.fold.vertices) :] = others
         return tissue_of(self.fold, apart)
 
     def parts(self, clips: Iterable[Clip]) -> list[object]:
-        """The objects that the solutions of clips refer to."""
-        one = self.creases[0] if len(self.creases) == 1 else self
-        return [one.fold, one.tissue, *clips]
+        """The objects that the solutions of clips and of sweeps refer to."""
+        every: Sequence[Surface | System] = [*self.surfaces, self] if len(self.surfaces) > 1 else self.surfaces
+        return [*(part for each in every for part in (each.fold, each.tissue)), *clips]
 
     @cached_property
     def _rows(self) -> list[Ints]:
         """For each fold the indices of its free vertices among the system's."""
         vertices = self.fold.vertices[free_rows(self.tissue)]
-        return [np.searchsorted(vertices, each.vertices) for each in self.creases]
+        return [np.searchsorted(vertices, each.vertices) for each in self.surfaces]
 
     @cached_property
     def _weights(self) -> Floats:
         """(folds, free) parts of the move of each free vertex that belong to each fold."""
-        weights = np.zeros((len(self.creases), len(free_rows(self.tissue))))
-        for weight, rows, crease in zip(weights, self._rows, self.creases, strict=True):
-            apart = crease.tissue.apart[free_rows(crease.tissue)]
+        weights = np.zeros((len(self.surfaces), len(free_rows(self.tissue))))
+        for weight, rows, surface in zip(weights, self._rows, self.surfaces, strict=True):
+            apart = surface.tissue.apart[free_rows(surface.tissue)]
             weight[rows] = np.maximum(1.0 - apart / (FREE * SOFT), np.finfo(np.float64).tiny) ** 2
         return np.asarray(weights / np.maximum(weights.sum(axis=0), np.finfo(np.float64).tiny))
 
@@ -79,9 +79,9 @@ class System:
     def _tissues(self) -> list[Tissue]:
         """For each fold the system's surface, of which only the fold's vertices may move."""
         found = []
-        for crease in self.creases:
+        for surface in self.surfaces:
             free = np.zeros(len(self.fold.own), bool)
-            free[: len(self.fold.vertices)] = np.isin(self.fold.vertices, crease.vertices)
+            free[: len(self.fold.vertices)] = np.isin(self.fold.vertices, surface.vertices)
             found.append(replace(self.tissue, free=free))
         return found
 
@@ -91,16 +91,16 @@ class System:
         Raises:
             UnresolvedError: A frame did not settle, or all took too many steps.
         """
-        if len(self.creases) == 1:
-            return self.creases[0].march(clip, times)
-        return march_clip(self.fold, self.tissue, [each.fold.hinge for each in self.creases], clip, times)
+        if len(self.surfaces) == 1:
+            return self.surfaces[0].march(clip, times)
+        return march_clip(self.fold, self.tissue, [each.fold.hinge for each in self.surfaces], clip, times)
 
     def part(self, number: int, solved: MarchedClip, fitted: Sequence[tuple[Crease, Floats]]) -> MarchedClip:
         """The part of one fold in a solved clip.
 
         `fitted` are the folds before it with (frames, shapes) weights that they have, whose errors it takes over.
         """
-        if len(self.creases) == 1:
+        if len(self.surfaces) == 1:
             return solved
         parts = [
             None if found is None else self._part(number, found, [(each, weights[frame]) for each, weights in fitted])
