@@ -23,7 +23,8 @@ SAMPLES = ("wrist", "trousers", "head", "body")
 REAL = ("cesium_man.glb", "hand.glb", "head_male.glb", "simple_skin.gltf", "trousers.glb")
 
 
-# Of assets whose many tools take long to judge, the best are asked for. `check` looks at each tool by itself.
+# Of assets whose many tools take long to judge, the best are asked for. The others give all of theirs, among which
+# `check` looks for pairs that lie on one another.
 BEST = {"dressed": 3, "avatar": 3, "body": 3, "cesium_man": 2, "hand": 3}
 
 
