@@ -15,6 +15,7 @@ from wrinklecli.example.shapes import (
     capsule,
     cut,
     ellipsoid,
+    on_one_side,
     project,
     relax,
     smoothstep,
@@ -55,7 +56,7 @@ _TIPS = {"head": (0.0, 1.74, 0.0), "hand": (0.60, 0.94, 0.02), "foot": (0.15, 0.
 
 def body_field(points: Floats) -> Floats:
     """Signed distance to the body."""
-    at = np.column_stack([np.abs(points[:, 0]), points[:, 1:]])
+    at = on_one_side(points)
     shape = union(trunk_field(at), leg_field(at), 0.05)
     shape = union(shape, arm_field(at), 0.045)
     local = points - HEAD

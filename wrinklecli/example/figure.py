@@ -9,7 +9,7 @@ from wrinklecli.example.body import HEAD, KEYS, PLACES, arm_field, leg_field, sk
 from wrinklecli.example.characters import Character, Clip, Joint
 from wrinklecli.example.head import head_field
 from wrinklecli.example.png import encode_png
-from wrinklecli.example.shapes import Bools, Floats, capsule, cut, ellipsoid, smoothstep, union
+from wrinklecli.example.shapes import Bools, Floats, capsule, cut, ellipsoid, on_one_side, smoothstep, union
 
 IMAGE = 1024  # pixels of the sides of the base colour
 # Heights of the garments' ends, metres.
@@ -27,7 +27,7 @@ _SHOULDER, _ELBOW, _WRIST = (np.array(PLACES[f"{name}.L"][1]) for name in ("uppe
 
 def figure_field(points: Floats) -> Floats:
     """Signed distance to the dressed figure."""
-    at = np.column_stack([np.abs(points[:, 0]), points[:, 1:]])
+    at = on_one_side(points)
     y = at[:, 1]
     local = points - HEAD
     head = cut(union(head_field(local), _hair(local), 0.008), local[:, 1] + 0.04, 0.02)
@@ -45,7 +45,7 @@ def figure_field(points: Floats) -> Floats:
 
 def _hair(local: Floats) -> Floats:
     """Short hair: a cap that leaves the face and the ears free."""
-    at = np.column_stack([np.abs(local[:, 0]), local[:, 1:]])
+    at = on_one_side(local)
     cap = ellipsoid(at, [0.0, 0.252, -0.022], [0.0845, 0.093, 0.102])
     cap = cut(cap, ellipsoid(at, [0.0, 0.175, 0.095], [0.080, 0.098, 0.085]), 0.012)
     return cut(cap, ellipsoid(at, [0.080, 0.185, -0.010], [0.030, 0.048, 0.040]), 0.010)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from wrinklecli.example.shapes import Floats, capsule, cut, ellipsoid, norm, smoothstep, union
+from wrinklecli.example.shapes import Floats, capsule, cut, ellipsoid, norm, on_one_side, smoothstep, union
 
 BROW_HEIGHT = 0.232  # metres, of the brow ridge at rest
 
@@ -15,7 +15,7 @@ def head_field(points: Floats, *, growth: float = 1.0, brows: float = 0.0) -> Fl
         growth: 0 with nose and ears inside the head, 1 with both in their places.
         brows: Metres by which the brow ridge is raised.
     """
-    points = np.column_stack([np.abs(points[:, 0]), points[:, 1:]])
+    points = on_one_side(points)
     x, y, z = points.T
     shape = ellipsoid(points, [0.0, 0.246, -0.014], [0.0765, 0.088, 0.097])
     shape = union(shape, ellipsoid(points, [0.0, 0.182, 0.024], [0.061, 0.080, 0.063]), 0.03)
@@ -57,7 +57,7 @@ def head_field(points: Floats, *, growth: float = 1.0, brows: float = 0.0) -> Fl
 
 def face_density(points: Floats) -> Floats:
     """Density of the head's vertices: eyes, nose and mouth need more."""
-    points = np.column_stack([np.abs(points[:, 0]), points[:, 1:]])
+    points = on_one_side(points)
     face = smoothstep(0.085, 0.03, norm((points - [0.0, 0.19, 0.09]) * [1.0, 0.8, 0.8]))
     nose = smoothstep(0.040, 0.010, norm(points - [0.0, 0.180, 0.106]))
     ear = smoothstep(0.040, 0.010, norm(points - [0.083, 0.205, -0.016]))

@@ -28,6 +28,12 @@ def norm(vectors: Floats) -> Floats:
     return lengths
 
 
+def on_one_side(points: Floats) -> Floats:
+    """The points (n, 3), with those of negative x mirrored, each column contiguous."""
+    mirrored: Floats = np.stack([np.abs(points[:, 0]), points[:, 1], points[:, 2]]).T
+    return mirrored
+
+
 def smoothstep(low: float, high: float, values: Floats) -> Floats:
     """Rise from 0 at `low` to 1 at `high` (which may be the smaller), flat at both ends (C²)."""
     t = np.clip((values - low) / (high - low), 0.0, 1.0)
@@ -66,7 +72,8 @@ def capsule(points: Floats, start: list[float], end: list[float], radius: float,
         ab[0] * ab[0] + ab[1] * ab[1] + ab[2] * ab[2]
     )
     t: Floats = np.clip(along, 0.0, 1.0)
-    return norm(offsets - t[:, None] * ab) - (radius + t * (end_radius - radius))
+    apart = np.stack([offsets[:, k] - t * ab[k] for k in range(3)]).T
+    return norm(apart) - (radius + t * (end_radius - radius))
 
 
 def union(a: Floats, b: Floats, blend: float) -> Floats:
@@ -94,6 +101,8 @@ def project(shape: Field, points: Floats, held: Bools, *, steps: int = 1) -> tup
     """
     corners = np.array([[1.0, -1.0, -1.0], [-1.0, -1.0, 1.0], [-1.0, 1.0, -1.0], [1.0, 1.0, 1.0]])
     free = np.where(held, 0.0, 1.0)
+    # Where each column is contiguous, fields take about two thirds of the time, and round alike.
+    points = np.asfortranarray(points)
     gradients = np.zeros_like(points)
     for _ in range(steps):
         samples = [shape(points + corner * DIFFERENCE_STEP) for corner in corners]
