@@ -42,8 +42,8 @@ _Result = TypeVar("_Result")
 
 # Most shapes of a fold, whatever their error: with the shape that `NonNegativeBasis` adds, eight morph targets.
 _MOST_SHAPES = 7
-# Most shapes of a fold whose clips still cross with those: twelve morph targets.
-_MOST_SHAPES_OF_CLIPS = 11
+# Most shapes of a fold whose clips still cross with those: ten morph targets.
+_MOST_SHAPES_OF_CLIPS = 9
 # Poses of a clip, evenly spread, that such shapes are made of, beside some of those that still cross.
 _CLIP_POSES = 12
 # Rounds in which poses that cross with such shapes are added to those that they are made of.
