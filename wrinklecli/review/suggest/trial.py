@@ -6,6 +6,7 @@ triangles become short enough for them.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -25,7 +26,7 @@ from wrinklecli.review.suggest.fitted_tools import Suggestion
 from wrinklecli.review.suggest.text import read_suggested, tools_text
 from wrinklecli.surface.ground import Ground, read_ground
 from wrinklecli.tools.mirror import exchange_sides
-from wrinklecli.tools.records import Length, RefinementSettings, ToolsFile
+from wrinklecli.tools.records import EffectTool, Length, RefinementSettings, ToolsFile
 
 # Most times that a tool is made narrower.
 _TRIES = 3
@@ -116,11 +117,12 @@ class Trial:
             settings = read_suggested(tools_text(suggestions, "", presets=["presets.yaml"]), suggestions)
             settings = replace(settings, refinement=self.refinement)
             by_node, _ = tools_by_node(self.asset.document, settings)
-            usual_error = BakeOptions().max_error
-            plans = [
-                plan_on(*attach_effects(self.asset.ground(node), tools, settings), settings, usual_error)
-                for node, tools in by_node.items()
-            ]
+            grounds = [self.asset.ground(node) for node in by_node]
+            shared = [part for each in grounds for part in (each, each.surface, each.rest, each.rig)]
+            planned = partial(_planned, settings=settings)
+            plans = list(
+                in_processes(planned, [*zip(grounds, by_node.values(), strict=True)], self.asset.jobs, shared=shared)
+            )
         except WrinkleError:
             return {}
         return {
@@ -173,6 +175,12 @@ class Trial:
         steps = self.refinement.edges_per_interval / 2**levels
         unrefined = replace(self.refinement, max_levels=0, edges_per_interval=steps)
         return any(each.coarse for each in replace(self, refinement=unrefined).placements(suggestions).values())
+
+
+def _planned(mesh: tuple[Ground, Sequence[EffectTool]], settings: ToolsFile) -> MeshPlan:
+    """Plan the tools of a mesh as a bake does."""
+    ground, tools = mesh
+    return plan_on(*attach_effects(ground, tools, settings), settings, BakeOptions().max_error)
 
 
 def try_on_refined_meshes(
