@@ -23,13 +23,8 @@ SAMPLES = ("wrist", "trousers", "head", "body")
 REAL = ("cesium_man.glb", "hand.glb", "head_male.glb", "simple_skin.gltf", "trousers.glb")
 
 
-# Of assets whose many tools take long to judge, the best are asked for. The others give all of theirs, among which
-# `check` looks for pairs that lie on one another.
-BEST = {"dressed": 3, "avatar": 3, "body": 3, "cesium_man": 2, "hand": 3}
-
-
 def unwarned_file(asset: Path, folder: Path) -> bool:
-    found = suggest_once(asset, **({"count": BEST[asset.stem]} if asset.stem in BEST else {}))
+    found = suggest_once(asset)
     assert found.tools
     (folder / "tools.yaml").write_text(found.text)
     return check(asset, folder / "tools.yaml").warnings == ()
