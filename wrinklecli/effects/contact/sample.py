@@ -164,9 +164,11 @@ def _solved_system(members: "list[tuple[Fold, Floats | None]]", *, clips: _Clips
         return _SolvedSystem(_given_up_of(crossing, ready), [])
     solver = _Solver(surfaces, clips, jobs)
     sweeps = [partial(each.sweep, *sweep) for each in surfaces for sweep in each.sweeps_to_solve]
-    # The clip of several folds takes longest. That of one fold is solved while the sweeps are compressed here.
+    # The clip of several folds takes longest, so it is begun first. That of one fold comes last, and is solved while
+    # the sweeps are compressed here.
+    size = 1.0 if len(surfaces) > 1 else -1.0
     work: list[tuple[Callable[[], Any], float]] = [(each, 0.0) for each in sweeps]
-    work += [(each, len(surfaces) - 1.5) for each in solver.first]
+    work += [(each, size) for each in solver.first]
     with closing(in_processes(_worked, work, jobs, shared=solver.shared, size=itemgetter(1))) as found:
         solved = [[next(found) for _ in each.sweeps_to_solve] for each in surfaces]
         poses = [pose.found for sweeps in solved for each in sweeps if isinstance(each, Sweep) for pose in each.poses]
