@@ -6,14 +6,14 @@ Processes and not threads, as the libraries of contact keep Python's lock.
 import io
 import os
 import pickle
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Sequence
 from traceback import format_exception
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from wrinklecli.numeric.guard import one_thread
 
 if TYPE_CHECKING:
-    from multiprocessing.process import BaseProcess
+    from multiprocessing.connection import Connection
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
@@ -22,8 +22,6 @@ _Result = TypeVar("_Result")
 _NUMBER = 8
 # Most items for several processes: their numbers are all written ahead into a pipe, which holds 16 kB everywhere.
 _MOST_ITEMS = 2**14 // _NUMBER
-# Bytes that are read at once.
-_READ = 2**20
 
 
 def core_count() -> int:
@@ -57,86 +55,61 @@ def in_processes(
         return
     # Imported here, as most commands need none of it.
     from multiprocessing import get_context
-    from selectors import EVENT_READ, DefaultSelector
+    from multiprocessing.connection import wait
 
     objects = _Shared(shared)
     order = range(len(items)) if size is None else sorted(range(len(items)), key=lambda each: -size(items[each]))
     tasks, numbers = os.pipe()
     os.write(numbers, b"".join(number.to_bytes(_NUMBER, "little") for number in order))
     os.close(numbers)
-    context, workers = get_context("fork"), dict[int, "BaseProcess"]()
-    waiting, found = dict[int, bytearray](), dict[int, bytes]()
-    with DefaultSelector() as selector:
-        try:
-            for _ in range(min(jobs, len(items))):
-                results, end = os.pipe()
-                work = function, items, objects, tasks, results, end
-                process: BaseProcess = context.Process(target=_work, args=work)
-                process.start()
-                os.close(end)
-                workers[results], waiting[results] = process, bytearray()
-                selector.register(results, EVENT_READ)
-            for number in range(len(items)):
-                while number not in found:
-                    for key, _ in selector.select():
-                        data = os.read(key.fd, _READ)
-                        if not data:
-                            selector.unregister(key.fd)
-                            _end(key.fd, workers.pop(key.fd))
-                        waiting[key.fd] += data
-                        found |= _taken(waiting[key.fd])
-                    if not workers and number not in found:
-                        raise ChildProcessError("a process ended before its work")
-                result, error = objects.read(found.pop(number))
-                if error is not None:
-                    raise error
-                yield result
-        finally:
-            os.close(tasks)
-            for results, process in workers.items():
-                process.kill()
-                _end(results, process)
-
-
-def _end(results: int, process: "BaseProcess") -> None:
-    """Close the pipe of a process, and wait for its end."""
-    os.close(results)
-    process.join()
-    process.close()
-
-
-def _taken(data: bytearray) -> Mapping[int, bytes]:
-    """Take the whole results, by the numbers of their items, from what a process has sent."""
-    found = {}
-    while len(data) >= 2 * _NUMBER:
-        number, size = (int.from_bytes(data[k : k + _NUMBER], "little") for k in (0, _NUMBER))
-        if len(data) < 2 * _NUMBER + size:
-            break
-        found[number] = bytes(data[2 * _NUMBER : 2 * _NUMBER + size])
-        del data[: 2 * _NUMBER + size]
-    return found
+    context = get_context("fork")
+    workers, found = {}, dict[int, bytes]()
+    try:
+        for _ in range(min(jobs, len(items))):
+            results, end = context.Pipe(duplex=False)
+            process = context.Process(target=_work, args=(function, items, objects, tasks, end))
+            process.start()
+            end.close()
+            workers[results] = process
+        for number in range(len(items)):
+            while number not in found:
+                if not workers:
+                    raise ChildProcessError("a process ended before its work")
+                ready = wait(list(workers))
+                for each in [each for each in workers if each in ready]:
+                    try:
+                        done, data = each.recv()
+                    except (EOFError, OSError):
+                        workers.pop(each).join()
+                        each.close()
+                    else:
+                        found[done] = data
+            result, error = objects.read(found.pop(number))
+            if error is not None:
+                raise error
+            yield result
+    finally:
+        os.close(tasks)
+        for results, process in workers.items():
+            process.kill()
+            process.join()
+            results.close()
 
 
 def _work(
-    function: Callable[[Any], Any], items: Sequence[Any], objects: "_Shared", tasks: int, unread: int, results: int
+    function: Callable[[Any], Any], items: Sequence[Any], objects: "_Shared", tasks: int, results: "Connection"
 ) -> None:
-    """Work items out in a process of its own, until none is left.
-
-    Closes the end of its pipe that is `unread` here.
-    """
-    os.close(unread)
-    with one_thread(), os.fdopen(results, "wb") as stream:
-        while number := os.read(tasks, _NUMBER):
-            found, error = None, None
+    """Work items out in a process of its own, until none is left."""
+    with one_thread():
+        while task := os.read(tasks, _NUMBER):
+            number, found, error = int.from_bytes(task, "little"), None, None
             try:
-                found = function(items[int.from_bytes(number, "little")])
+                found = function(items[number])
             except Exception as raised:
                 error = raised
                 # The place is not sent along; the text of it is.
                 error.add_note("".join(format_exception(raised)))
-            data = objects.written((found, error))
-            stream.write(number + len(data).to_bytes(_NUMBER, "little") + data)
-            stream.flush()
+            results.send((number, objects.written((found, error))))
 
 
 class _Shared:
