@@ -151,6 +151,8 @@ class Surface:
         tissue = tissue_of(fold, apart)
         if not tissue.colliding.any():
             raise UnresolvedError(GivenUp(DEGENERATE))
+        # What its copies have in common is computed once for all processes.
+        tissue.again()
         return cls(fold, tissue)
 
     @property

@@ -5,7 +5,6 @@ from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations
-from operator import itemgetter
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -155,10 +154,10 @@ def _solved_system(members: "list[tuple[Fold, Floats | None]]", *, clips: _Clips
 
     The first clip is solved beside the sweeps of the folds, as neither needs the other.
     """
-    from wrinklecli.effects.contact.crease import Sweep
+    from wrinklecli.effects.contact.crease import Surface, Sweep
 
     crossing = [(fold, apart) for fold, apart in members if apart is not None]
-    ready = [_outcome(partial(_surface, *each)) for each in crossing]
+    ready = [_outcome(partial(Surface.of, *each)) for each in crossing]
     surfaces = [each for each in ready if not isinstance(each, UnresolvedError)]
     if not surfaces:
         return _SolvedSystem(_given_up_of(crossing, ready), [])
@@ -166,10 +165,12 @@ def _solved_system(members: "list[tuple[Fold, Floats | None]]", *, clips: _Clips
     sweeps = [partial(each.sweep, *sweep) for each in surfaces for sweep in each.sweeps_to_solve]
     # The clip of several folds takes longest, so it is begun first. That of one fold comes last, and is solved while
     # the sweeps are compressed here.
-    size = 1.0 if len(surfaces) > 1 else -1.0
-    work: list[tuple[Callable[[], Any], float]] = [(each, 0.0) for each in sweeps]
-    work += [(each, size) for each in solver.first]
-    with closing(in_processes(_worked, work, jobs, shared=solver.shared, size=itemgetter(1))) as found:
+    first = solver.first
+    early = first if len(surfaces) > 1 else []
+    work: list[Callable[[], Any]] = [*sweeps, *first]
+    with closing(
+        in_processes(_outcome, work, jobs, shared=solver.shared, size=lambda each: float(each in early))
+    ) as found:
         solved = [[next(found) for _ in each.sweeps_to_solve] for each in surfaces]
         poses = [pose.found for sweeps in solved for each in sweeps if isinstance(each, Sweep) for pose in each.poses]
         pairs = [*zip(surfaces, solved, strict=True)]
@@ -197,21 +198,6 @@ def _outcome(work: Callable[[], _Result]) -> _Result | UnresolvedError:
             return work()
     except UnresolvedError as error:
         return error
-
-
-def _worked(item: tuple[Callable[[], Any], float]) -> Any:
-    """The outcome of some work, which stands beside its size."""
-    return _outcome(item[0])
-
-
-def _surface(fold: "Fold", apart: Floats) -> "Surface":
-    """A fold as the solver sees it."""
-    from wrinklecli.effects.contact.crease import Surface
-
-    surface = Surface.of(fold, apart)
-    # What its copies have in common is computed once for all processes.
-    surface.tissue.again()
-    return surface
 
 
 def _resolved(solved: "tuple[Surface, Sequence[Sweep | UnresolvedError]]") -> "Crease | UnresolvedError":
