@@ -5,7 +5,7 @@ may have any type.
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
 Bools = NDArray[np.bool_]
 Array = NDArray[Any]
+_Flags = TypeVar("_Flags", NDArray[np.bool_], NDArray[np.uint8])
 
 # Ratio of the least to the greatest singular value, at or below which a matrix counts as singular.
 _SINGULAR = 1e-3
@@ -211,10 +212,10 @@ def among(values: Ints, ascending: Ints) -> Bools:
     return found
 
 
-def any_of(flags: Bools, members: Ints) -> Bools:
-    """(n,) True where any of the three members of (n, 3) is flagged; several times as fast as `any`."""
+def any_of(flags: _Flags, members: Ints) -> _Flags:
+    """(n,) what is flagged at any of the three members of (n, 3), or its bits; several times as fast as `any`."""
     a, b, c = members.T
-    found: Bools = flags[a] | flags[b] | flags[c]
+    found: _Flags = flags[a] | flags[b] | flags[c]
     return found
 
 

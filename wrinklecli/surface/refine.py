@@ -21,6 +21,7 @@ from wrinklecli.numeric.arrays import (
     Floats,
     Ints,
     VertexFaces,
+    any_of,
     children,
     distinct,
     distinct_values,
@@ -334,8 +335,7 @@ def _long_edges_in(level: Level, laid: _Laid, settings: RefinementSettings) -> B
         u, v = region.coordinates(places[vertices])
         # Some corner is beyond each border's line, on the region's side: a bit for each of the four.
         borders[vertices] = np.packbits([u > 0, u < 1, v > -1, v < 1], axis=0)[0]
-        first, second, third = triangles.T
-        meets = (borders[first] | borders[second] | borders[third]) == _ALL_BORDERS
+        meets = any_of(borders, triangles) == _ALL_BORDERS
         # The last level only counts edges: edges that show the displacement, if not its sharpest furrows, will do.
         u = region.bowed(u, v) if last else region.stretched(u, v)
         edges = distinct_values(level.triangle_edges[faces[meets]])

@@ -18,6 +18,7 @@ from wrinklecli.numeric.arrays import (
     Bools,
     Floats,
     Ints,
+    any_of,
     children,
     distinct_values,
     face_normals,
@@ -258,6 +259,5 @@ def _meets(positions: Floats, triangles: Ints, low: Floats, high: Floats) -> Boo
     """(triangles,) True if the box round a triangle of (vertices, 3) positions meets that from `low` to `high`."""
     # Some corner is not above the box, and some corner is not below it, along each axis: a bit for each of the six.
     sides = np.packbits(np.concatenate([positions <= high, positions >= low], axis=1), axis=1)[:, 0]
-    corners = sides[triangles]
-    meets: Bools = (corners[:, 0] | corners[:, 1] | corners[:, 2]) == _ALL_SIDES
+    meets: Bools = any_of(sides, triangles) == _ALL_SIDES
     return meets
