@@ -16,7 +16,7 @@ from wrinklecli.character.sparse_targets import SparseDeltas, Targets, read_spar
 from wrinklecli.character.surface import dense_influences, read_vertices
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, targets_of
 from wrinklecli.effects.sampling import duplicates_of, observed
-from wrinklecli.effects.shapes import displaced_normals, turn_to
+from wrinklecli.effects.shapes import Middles, Shape, displaced_normals, summed_middles, turn_to
 from wrinklecli.errors import RefusedError
 from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.shape import Json
@@ -227,7 +227,8 @@ def measure_residual(
     ]
     projected = [(*matches(proof.vertices, each[0]), each[1]) for each in beside if each is not None]
     moved = _Moved(motion.clip, times[chosen], np.concatenate([each[chosen] for each in exact], axis=1), projected)
-    position, time, angles = _vertex_errors(proof, plan, moved, written, shaded)
+    shapes = [each.shape for each in targets_of(effects)]
+    position, time, angles = _vertex_errors(proof, plan, moved, written, shaded, shapes)
     normal = None
     if normal_frames and proof.normals is not None:
         normal = float(np.percentile(angles, 99)) if len(angles) else 0.0
@@ -262,9 +263,12 @@ class _Moved:
 
 
 def _vertex_errors(
-    proof: Proof, plan: MeshPlan, moved: _Moved, written: Clip, shaded: Ints
+    proof: Proof, plan: MeshPlan, moved: _Moved, written: Clip, shaded: Ints, shapes: Sequence[Shape]
 ) -> tuple[float, float, Floats]:
-    """The largest distance of a vertex, its time, and the angles of normals in degrees at the times `shaded`."""
+    """The largest distance of a vertex, its time, and the angles of normals in degrees at the times `shaded`.
+
+    The `shapes` of the new targets say what is between the vertices.
+    """
     rig, clip, times, own = plan.rig.own, moved.clip, moved.times, proof.own_target_count
     matrices, stored = (joint_matrices(*side, times, proof.joints) for side in ((rig, clip), (proof.rig, written)))
     weights, played = morph_weights(rig, clip, times), morph_weights(proof.rig, written, times)
@@ -281,7 +285,10 @@ def _vertex_errors(
         at = shaded[(shaded >= frames.start) & (shaded < frames.stop)] - frames.start
         if len(at) and proof.normals is not None and displaced is not None:
             poses = [pose_at(rig, clip, time) for time in times[frames][at].tolist()]
-            angles.append(_normal_angles(proof.normals, proof.vertices, plan.fine, displaced[at], new[at], poses))
+            middles = summed_middles(shapes, new[at])
+            angles.append(
+                _normal_angles(proof.normals, proof.vertices, plan.fine, displaced[at], middles, new[at], poses)
+            )
     return worst, worst_time, np.concatenate(angles)
 
 
@@ -330,6 +337,7 @@ def _normal_angles(
     compared: Ints,
     fine: Refinement,
     moved: Floats,
+    middles: Middles | None,
     played: Floats,
     poses: Sequence[Pose],
 ) -> Floats:
@@ -341,7 +349,7 @@ def _normal_angles(
     turned = deltas.added(played).transpose(0, 2, 1)
     moved = moved.transpose(0, 2, 1)
     vertices, first = np.unique(compared, return_index=True)
-    touched, true = displaced_normals(fine, vertices, moved[:, first], poses)
+    touched, true = displaced_normals(fine, vertices, moved[:, first], poses, middles=middles)
     rows = np.searchsorted(touched, compared)
     angles = []
     for frame in range(len(moved)):

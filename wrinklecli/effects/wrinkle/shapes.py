@@ -5,15 +5,18 @@ displaces each frame's vertices; here a shape in bind space times a weight does.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from wrinklecli.character.pose import Pose, pose_at
 from wrinklecli.effects.effect import MeshPlan, Motion
-from wrinklecli.effects.shapes import Sample, Shape, make_shapes
+from wrinklecli.effects.shapes import Middles, Sample, Shape, make_shapes
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
+from wrinklecli.effects.wrinkle.places import Places
 from wrinklecli.effects.wrinkle.weights import weight_path
-from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
+from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, inverses, unit
+from wrinklecli.numeric.intersections import edges_of
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.rest import Rest
 
@@ -38,16 +41,71 @@ def shapes_of(carried: CarriedPatch, fine: Refinement, rest: Rest, pose: Pose | 
     curve = carried.patch.curve
     scaled = carried.shapes() * curve.greatest_amplitudes[..., None]
     path = weight_path(curve)
+    between = _Between.of(carried, fine) if pose is not None else None
     shapes: list[Shape | None] = []
     for group, heights in enumerate(scaled):
+        deltas = heights[..., None] * carried.directions
         shapes += make_shapes(
             fine,
             carried.vertices,
-            heights[..., None] * carried.directions,
+            deltas,
             tallest=np.abs(heights * carried.magnitudes).max(axis=1),
             samples=_samples(path[:, group], rest, pose) if pose is not None else [],
+            middles=between.middles(group, deltas) if between is not None else None,
         )
     return shapes
+
+
+@dataclass(frozen=True, slots=True)
+class _Between:
+    """The middles of the edges round a tool's vertices, which have their own places on its patch.
+
+    Attributes:
+        edges: (edges,) numbers of the edges, as `Middles` has them.
+        ends: (edges, 2) which of the tool's vertices the ends are; the number of vertices for all others.
+        heights: (groups, modes, edges) heights of the curve at its greatest amplitudes.
+        directions: (edges, 3) bind displacement for a curve height of 1.
+    """
+
+    edges: Ints
+    ends: Ints
+    heights: Floats
+    directions: Floats
+
+    @classmethod
+    def of(cls, carried: CarriedPatch, fine: Refinement) -> "_Between":
+        """Place the middles. What features, masks and sharp folds leave of their height is the mean of the ends'."""
+        patch = carried.patch
+        edges = edges_of(fine.triangles[fine.around.faces_of(carried.vertices)])
+        used, ends = np.unique(edges, return_inverse=True)
+        ends, own = ends.reshape(-1, 2), np.searchsorted(used, carried.vertices)
+        positions, facing = fine.posed_at(patch.pose, used)
+
+        def placed(positions: Floats, facing: Floats) -> Places:
+            u, v = patch.coordinates(positions)
+            return patch.places(u, v, patch.cosines(u, facing))
+
+        whole = placed(positions, facing).factors
+        kept = np.zeros(len(used))
+        kept[own] = np.divide(carried.magnitudes, whole[own], out=np.zeros(len(own)), where=whole[own] != 0.0)
+        # Ends beside the patch do not say what is left on it.
+        left = kept[ends].sum(axis=1) / np.maximum((whole != 0.0)[ends].sum(axis=1), 1)
+        middles = placed(positions[ends].mean(axis=1), unit(facing[ends].mean(axis=1))).times(left)
+        normals = np.einsum("vij,vj->vi", inverses(fine.blended[used]), fine.rest_normals_at(used))
+        numbers = np.full(len(used), len(own))
+        numbers[own] = np.arange(len(own))
+        return cls(
+            edges=Middles.numbers_of(edges, fine),
+            ends=numbers[ends],
+            heights=middles.shapes(patch.curve) * patch.curve.greatest_amplitudes[..., None],
+            directions=normals[ends].mean(axis=1) * middles.factors[:, None],
+        )
+
+    def middles(self, group: int, deltas: Floats) -> Middles:
+        """The middles of a group's shapes, from the (modes, vertices, 3) deltas of the tool's vertices."""
+        padded = np.pad(deltas, ((0, 0), (0, 1), (0, 0)))
+        straight = (padded[:, self.ends[:, 0]] + padded[:, self.ends[:, 1]]) / 2.0
+        return Middles(self.edges, self.heights[group, ..., None] * self.directions - straight)
 
 
 def projected_shapes(
