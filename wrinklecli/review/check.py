@@ -322,14 +322,13 @@ def describe_clip(carried: CarriedPatch, each: ClipActivity) -> Json:
         )
     shortenings = 1.0 - np.where(shown, seen.distances, seen.rest_lengths) / seen.rest_lengths
     most = int(np.argmax(np.where(shown, shortenings, -np.inf)))
-    heights = carried.patch.curve.heights(seen.amplitudes)
     return {
         "name": clip.name,
         "strength": strength,
         "shortening": [significant(shortenings[shown].min()), significant(shortenings[most])],
         "time": significant(each.times[most]),
         "unabsorbed": significant((seen.unabsorbed / seen.rest_lengths).max()),
-        "height": significant(abs(strength) * float(heights.max(initial=0.0))),
+        "height": significant(carried.tallest(seen.amplitudes, clip)),
     }
 
 

@@ -8,6 +8,7 @@ import pytest
 from kit.carried import MORE, ROOTS, carry_patch, moved, placed, scattered
 from kit.limb import RADIUS, limb_asset, tool
 from kit.prepared import prepare
+from wrinklecli.effects.wrinkle.activity import activity
 from wrinklecli.effects.wrinkle.carry import carry
 from wrinklecli.effects.wrinkle.curve import plan_curve
 from wrinklecli.errors import BakeError
@@ -168,3 +169,18 @@ def test_strength_in_a_clip_takes_the_place_of_the_tool_s(strength: float) -> No
     other = prepare(asset, tool(strength=strength, clips={"fold": 0.25}))
     results = [moved(each, *carry_patch(each), [0.5, 1.0]) for each in (plain, other)]
     assert results[1] == pytest.approx(results[0], abs=1e-15)
+
+
+@pytest.mark.parametrize("strategy", ["everywhere", "origin"])
+@pytest.mark.parametrize("strength", [1.0, -0.5])
+def test_a_tool_is_as_tall_as_its_highest_vertex(strategy: str, strength: float) -> None:
+    """That is as high as features leave it: of a tool on half of its height, half of it."""
+    prepared = prepare(limb_asset(rings=15, sides=12), tool(strategy=strategy, bumps=4, clips={"fold": strength}))
+    carried, fine = carry_patch(prepared)
+    times = np.linspace(0.0, 2.0, 21)
+    moves = np.linalg.norm(moved(prepared, carried, fine, times), axis=2)
+    seen = activity(prepared.patch, prepared.rig, prepared.clip, times)
+    assert moves.max() > 0.01
+    assert carried.tallest(seen.amplitudes, prepared.clip) == pytest.approx(moves.max(), rel=1e-9)
+    lowered = carried.times(np.full(len(carried.vertices), 0.5))
+    assert lowered.tallest(seen.amplitudes, prepared.clip) == pytest.approx(moves.max() / 2.0, rel=1e-9)

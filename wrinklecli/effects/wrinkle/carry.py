@@ -71,6 +71,17 @@ class CarriedPatch:
             ring=self.ring and replace(self.ring, kept=self.ring.kept * factors),
         )
 
+    def tallest(self, amplitudes: Floats, clip: Clip) -> float:
+        """Greatest height of a vertex over the surface at rest, scene units: what features, folds and masks leave.
+
+        (frames, groups, modes) `amplitudes` are those in the clip. Only frames in which some bump is tallest count.
+        """
+        if not len(amplitudes):
+            return 0.0
+        highest = distinct_values(np.argmax(np.abs(self.patch.curve.heights(amplitudes)), axis=0).ravel())
+        heights = np.einsum("fgm,gmv->fv", amplitudes[highest], self.shapes()) * self.magnitudes
+        return abs(self.patch.clip_strength(clip)) * float(np.abs(heights).max())
+
     def shapes(self, chosen: Ints | None = None) -> Floats:
         """(groups, modes, vertices) heights of the curve per unit of amplitude, at all vertices or (chosen,)."""
         return (self.places if chosen is None else self.places.of(chosen)).shapes(self.patch.curve)

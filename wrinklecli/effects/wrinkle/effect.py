@@ -260,8 +260,7 @@ class WrinkleEffect(Effect):
 
     def describe_clip(self, motion: Motion, state: Activity) -> Json:
         """The tool's entry in a clip, frame by frame."""
-        patch = self.carried.patch
-        return report.describe_activity(patch, state, patch.tool.strength_in(motion.clip.name))
+        return report.describe_activity(self.carried, state, motion.clip)
 
     def warnings(self, plan: MeshPlan, motions: Sequence[tuple[Motion, Any, Floats]], *, up: str) -> list[str]:
         """Warnings about the tool's place and activity."""

@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from wrinklecli.character.clip import Clip
 from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.effects.wrinkle.activity import Activity
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
-from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, significant
 
@@ -31,10 +31,12 @@ def describe_tool(plan: MeshPlan, carried: CarriedPatch, region: int, targets: t
     }
 
 
-def describe_activity(patch: Patch, seen: Activity, strength: float) -> Json:
-    """One tool in one clip, frame by frame, scene units; `heights` are those of strength 1."""
-    curve = patch.curve
-    tallest = abs(strength) * float(np.abs(curve.heights(seen.amplitudes)).max(initial=0.0))
+def describe_activity(carried: CarriedPatch, seen: Activity, clip: Clip) -> Json:
+    """One tool in one clip, frame by frame, scene units.
+
+    `heights` are those of the control curve at strength 1; `tallest` is the greatest height of the mesh.
+    """
+    patch, curve = carried.patch, carried.patch.curve
     finite = np.where(np.isfinite(seen.distances), seen.distances, seen.rest_lengths)
     # A taut curve is as long as the distance of its ends. A shortened one keeps its length, except for the unabsorbed
     # part. Lengths are those before the tissue takes its part.
@@ -45,7 +47,7 @@ def describe_activity(patch: Patch, seen: Activity, strength: float) -> Json:
     lines = patch.line_lengths(seen.amplitudes[deepest], float(ends[deepest]), _LINES) / wanted[deepest] - 1.0
     return {
         "name": patch.tool.name,
-        "strength": strength,
+        "strength": patch.tool.strength_in(clip.name),
         "distance": [None if np.isinf(each) else significant(each) for each in seen.distances],
         "rest_length": _list(seen.rest_lengths),
         "shortening": _list(seen.shortenings),
@@ -59,7 +61,7 @@ def describe_activity(patch: Patch, seen: Activity, strength: float) -> Json:
             "worst": significant(np.abs(lines).max(), 3),
             "rms": significant(np.sqrt(np.mean(lines**2)), 3),
         },
-        "tallest": significant(tallest),
+        "tallest": significant(carried.tallest(seen.amplitudes, clip)),
     }
 
 
