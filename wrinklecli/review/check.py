@@ -141,7 +141,7 @@ def check(
         >>> from wrinklecli import check
         >>> found = check("samples/wrist.glb", "configs/wrist.yaml", clips=["flex"], only=["palm_side"])
         >>> print(f"{found.data['tools'][0]['clips'][0]['height']:.4f}")  # of the tallest bump, metres
-        0.0032
+        0.0028
     """
     options = replace(options or CheckOptions(), **named)
     with guarded(os.fspath(asset)):
