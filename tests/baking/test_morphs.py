@@ -292,21 +292,23 @@ def test_normals_follow_the_wrinkles() -> None:
 
 
 @pytest.mark.quick(1)
+@pytest.mark.parametrize("risen", [0.5, 1.0])
 @pytest.mark.parametrize(
-    ("name", "clip", "steepest"),
+    ("name", "clip"),
     # The clip extend closes the wrist's crease further than where its wrinkles are full at first.
-    [("wrist", "extend", 5), ("head", "raise_brows", 4), ("trousers", "squat", 4), ("trousers", "walk", 4)],
+    [("wrist", "extend"), ("head", "raise_brows"), ("trousers", "squat"), ("trousers", "walk")],
 )
-def test_the_tallest_wrinkles_look_as_steep_as_they_are(name: str, clip: str, steepest: float) -> None:
+def test_wrinkles_look_as_steep_as_they_are(name: str, clip: str, risen: float) -> None:
     """Degrees by which wrinkles turn the normals that an engine shows, and those of the posed triangles.
 
-    On triangles that hardly cut the corners of the wrinkles.
+    When they have risen half of the way, and when they are tallest; on triangles that hardly cut their corners.
     """
     settings = yaml.safe_load((ROOT / "configs" / f"{name}.yaml").read_text())
     file = bake_once(name, *settings["tools"], top=settings | {"refinement": {"edges_per_interval": 4}})
     wrinkles = wrinkle_columns(file, name)
     times, weights = file.keys(clip, name)
-    tallest = times[[np.argmax(weights[:, wrinkles].sum(axis=1))]]
+    rising = weights[:, wrinkles].sum(axis=1)
+    at = times[[np.argmax(rising >= risen * rising.max())]]
     faces = file.triangles(name)
     _, weld = np.unique(file.attribute(name, "POSITION"), axis=0, return_inverse=True)
 
@@ -318,14 +320,14 @@ def test_the_tallest_wrinkles_look_as_steep_as_they_are(name: str, clip: str, st
         return (sums / np.linalg.norm(sums, axis=1, keepdims=True))[weld.reshape(-1)]
 
     with_and_without: list[list[int]] = [[], wrinkles]
-    positions = [file.pose(name, clip, tallest, without=left)[0] for left in with_and_without]
+    positions = [file.pose(name, clip, at, without=left)[0] for left in with_and_without]
     heights = np.linalg.norm(positions[0] - positions[1], axis=1)
     moved = heights > 0.02 * heights.max()
-    shown = [file.normals(name, clip, tallest, without=left)[0][moved] for left in with_and_without]
+    shown = [file.normals(name, clip, at, without=left)[0][moved] for left in with_and_without]
     true = [of_triangles(each)[moved] for each in positions]
     seen, wanted = (np.degrees(np.arccos(np.clip(np.sum(a * b, axis=1), -1, 1))) for a, b in (shown, true))
-    assert abs(np.median(seen) - np.median(wanted)) <= 1
-    assert abs(np.percentile(seen, 95) - np.percentile(wanted, 95)) <= steepest
+    assert abs(np.median(seen) - np.median(wanted)) <= 1.5
+    assert abs(np.percentile(seen, 95) - np.percentile(wanted, 95)) <= 2
 
 
 # Tracks

@@ -59,6 +59,7 @@ from wrinklecli.character.surface import read_triangles  # noqa: E402
 from wrinklecli.effects.effect import MeshPlan  # noqa: E402
 from wrinklecli.effects.plan import plan_mesh  # noqa: E402
 from wrinklecli.effects.wrinkle.activity import activities  # noqa: E402
+from wrinklecli.effects.wrinkle.bending import rising  # noqa: E402
 from wrinklecli.effects.wrinkle.layer import carried_patches_of  # noqa: E402
 from wrinklecli.effects.wrinkle.shapes import shapes_of  # noqa: E402
 from wrinklecli.effects.wrinkle.weights import weights_of  # noqa: E402
@@ -292,7 +293,11 @@ def finished(places: Places, sample: str, levels: int, paper: float) -> Iterator
     patches = [each.patch for each in carried_patches_of(plan)]
     members = np.unique(np.concatenate([each.vertices for each in carried_patches_of(plan)]))
     weights, positions = fine.dense_weights(members, len(rig.joints)), fine.positions[members]
-    every = [shape for each in carried_patches_of(plan) for shape in shapes_of(each, fine, plan.rest, plan.rest.pose)]
+    every = [
+        shape
+        for each in carried_patches_of(plan)
+        for shape in shapes_of(each, fine, rising(each.patch, plan.rig, plan.rest))
+    ]
     shown = [shape is not None for shape in every]
     shapes = [shape for shape in every if shape is not None]
     old = fine.morph_deltas[:, members]

@@ -8,7 +8,7 @@ import pytest
 from kit.limb import limb_asset, tool
 from kit.prepared import Prepared, prepare
 from wrinklecli.effects.wrinkle.activity import Activity, activity
-from wrinklecli.effects.wrinkle.bending import tallest_poses
+from wrinklecli.effects.wrinkle.bending import rising
 from wrinklecli.numeric.arrays import Floats
 
 
@@ -71,7 +71,7 @@ def test_a_clip_that_ends_as_it_begins_goes_round() -> None:
 
 def test_shapes_and_the_stored_pose_know_nothing_of_it() -> None:
     plain, lagging = bent(0, 80), bent(0, 80, lag={"frequency": 0.5, "damping": 5})
-    poses = [tallest_poses(each.patches, each.rig, each.rest)[0] for each in (plain, lagging)]
+    poses = [rising(each.patch, each.rig, each.rest)[-1].pose for each in (plain, lagging)]
     assert poses[0].matrices == pytest.approx(poses[1].matrices, abs=0)
     stored = [activity(each.patch, each.rig, None, np.zeros(1)).distances for each in (plain, lagging)]
     assert stored[0] == stored[1]

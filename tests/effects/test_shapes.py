@@ -13,15 +13,21 @@ from scipy.spatial import KDTree
 from kit.carried import carry_patch, moved, placed, scattered
 from kit.limb import limb_asset, tool
 from kit.prepared import prepare
-from wrinklecli.character.pose import blend, pose_at, transform
+from wrinklecli.character.pose import Pose, blend, pose_at, transform
 from wrinklecli.effects.shapes import displaced_normals, summed_middles, turn_to
 from wrinklecli.effects.wrinkle.activity import activity
+from wrinklecli.effects.wrinkle.bending import Risen, rising
 from wrinklecli.effects.wrinkle.shapes import shapes_of
 from wrinklecli.effects.wrinkle.weights import weights_of
 from wrinklecli.numeric.arrays import vertex_normals
 from wrinklecli.surface.rest import carried_normals
 
 Floats = NDArray[np.float64]
+
+
+def full_in(pose: Pose) -> list[Risen]:
+    """A moment at which wrinkles of one group and one mode are tallest."""
+    return [Risen(pose, np.ones((1, 1)))]
 
 
 @pytest.mark.parametrize("strategy", ["everywhere", "origin", "both_ends"])
@@ -33,7 +39,7 @@ def test_shapes_times_weights_are_the_displacements(strategy: str) -> None:
         prepared.patch.curve, activity(prepared.patch, prepared.rig, prepared.clip, times).amplitudes
     ).reshape(11, -1)
     total = np.zeros((11, len(fine.positions), 3))
-    for column, shape in enumerate(shapes_of(carried, fine, prepared.rest, None)):
+    for column, shape in enumerate(shapes_of(carried, fine, [])):
         assert shape is not None
         assert not len(shape.normal_vertices)
         total[:, shape.vertices] += weights[:, column, None, None] * shape.deltas
@@ -46,7 +52,7 @@ def test_tallest_is_the_largest_world_displacement() -> None:
     root = {"scale": [2, 2, 2]}
     prepared = prepare(limb_asset(rings=25, sides=24, root=root), placed(root))
     carried, fine = carry_patch(prepared)
-    (shape,) = shapes_of(carried, fine, prepared.rest, None)
+    (shape,) = shapes_of(carried, fine, [])
     assert shape is not None
     world = np.einsum("vab,vb->va", fine.blended[shape.vertices, :, :3], shape.deltas)
     assert shape.tallest == pytest.approx(np.linalg.norm(world, axis=1).max(), rel=1e-12)
@@ -66,7 +72,7 @@ def test_fitted_normals_follow_the_wrinkled_surface(height: str, median: float, 
         refinement={"edges_per_interval": 4, "scheme": "butterfly_full"},
     )
     carried, fine = carry_patch(prepared)
-    (shape,) = shapes_of(carried, fine, prepared.rest, prepared.rest.pose)
+    (shape,) = shapes_of(carried, fine, full_in(prepared.rest.pose))
     assert shape is not None
     weights = np.array([0.25, 0.5, 0.75, 1.0])
     touched, true = displaced_normals(
@@ -105,7 +111,7 @@ def test_normals_of_few_edges_are_those_of_many(angle: float, worst: float) -> N
         )
         carried, fine = carry_patch(prepared)
         pose = pose_at(prepared.rig, prepared.clip, 1.0)
-        (shape,) = shapes_of(carried, fine, prepared.rest, pose)
+        (shape,) = shapes_of(carried, fine, full_in(pose))
         assert shape is not None
         assert shape.middles is not None
         middles = replace(shape.middles, deltas=shape.middles.deltas[None])
@@ -125,10 +131,39 @@ def test_normals_of_few_edges_are_those_of_many(angle: float, worst: float) -> N
     assert np.quantile(with_middles, 0.99) < worst < np.quantile(without, 0.99) / 2
 
 
+def test_normals_are_right_on_the_way_to_the_tallest_wrinkles() -> None:
+    """Degrees between what an engine shades and true normals, at quarters of the height while the limb bends."""
+    prepared = prepare(limb_asset(rings=25, sides=24), tool(max_height="10%", bumps=4, variation=0))
+    carried, fine = carry_patch(prepared)
+    moments = rising(prepared.patch, prepared.rig, prepared.rest)
+    off = []
+    for fitted in (moments, moments[-1:]):
+        (shape,) = shapes_of(carried, fine, fitted)
+        assert shape is not None
+        weights, poses = np.stack([each.weights[0] for each in moments]), [each.pose for each in moments]
+        touched, true = displaced_normals(
+            fine, shape.vertices, weights[..., None] * shape.deltas, poses, middles=summed_middles([shape], weights)
+        )
+        deltas = np.zeros((len(fine.positions), 3))
+        deltas[shape.normal_vertices] = shape.normal_deltas
+        shaded = fine.normals[touched] + weights[..., None] * deltas[touched]
+        shaded /= np.linalg.norm(shaded, axis=2, keepdims=True)
+        moving = np.isin(touched, shape.vertices)
+        off.append(np.degrees(2 * np.arcsin(np.linalg.norm(shaded - true, axis=2) / 2))[:, moving])
+    all_the_way, at_the_end = off
+    assert np.median(all_the_way, axis=1).max() < 1
+    # Where the fold ends they are right to begin with, if nothing else counts.
+    assert at_the_end[-1].max() < 1e-3
+    for share, worst in ((0.9, 8.0), (0.99, 21.0)):
+        assert (
+            np.quantile(all_the_way, share, axis=1).max() < worst < 0.8 * np.quantile(at_the_end, share, axis=1).max()
+        )
+
+
 def test_normals_change_on_all_faces_of_moved_vertices_and_nowhere_else() -> None:
     prepared = prepare(limb_asset(rings=15, sides=12))
     carried, fine = carry_patch(prepared)
-    (shape,) = shapes_of(carried, fine, prepared.rest, prepared.rest.pose)
+    (shape,) = shapes_of(carried, fine, full_in(prepared.rest.pose))
     assert shape is not None
     around = np.unique(fine.triangles[np.isin(fine.triangles, carried.vertices).any(axis=1)])
     assert np.isin(shape.normal_vertices, around).all()

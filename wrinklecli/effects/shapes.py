@@ -19,6 +19,7 @@ from wrinklecli.numeric.arrays import (
     distinct_values,
     dot,
     face_normals,
+    matches,
     smoothstep,
     unit,
     vertex_normals,
@@ -313,7 +314,7 @@ class _Corners:
         (rows, 3, 4) `blended` matrices take the middles to the pose.
         """
         halfway = posed[self.ends].mean(axis=1)
-        _, here, others = np.intersect1d(self.edges, middles.edges, assume_unique=True, return_indices=True)
+        here, others = matches(self.edges, middles.edges)
         turned = blended[self.ends[here], :, :3].mean(axis=1)
         halfway[here] += np.einsum("eij,ej->ei", turned, middles.deltas[others])
         faces = face_normals(np.concatenate([posed, halfway]), self.corners)
@@ -351,7 +352,7 @@ def summed_middles(shapes: Sequence[Shape], weights: Floats) -> Middles | None:
     edges = [each.edges for each in sums if each is not None]
     if not edges:
         return None
-    every = np.unique(np.concatenate(edges))
+    every = distinct_values(np.concatenate(edges))
     deltas = np.zeros((len(weights), len(every), 3))
     for into, each in zip(deltas, sums, strict=True):
         if each is not None:
@@ -370,7 +371,7 @@ def _sum_of(first: Middles | None, others: Sequence[tuple[Shape, float]]) -> Mid
 
 def _sparse_sum(parts: Sequence[tuple[Ints, Floats]], factors: Sequence[float] | Floats) -> tuple[Ints, Floats]:
     """The sorted numbers that any part has, and the (numbers, 3) sums of the parts' vectors times their factors."""
-    numbers = np.unique(np.concatenate([where for where, _ in parts]))
+    numbers = distinct_values(np.concatenate([where for where, _ in parts]))
     sums = np.zeros((len(numbers), 3))
     for factor, (where, vectors) in zip(factors, parts, strict=True):
         sums[np.searchsorted(numbers, where)] += factor * vectors

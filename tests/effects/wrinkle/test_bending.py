@@ -7,7 +7,7 @@ from kit.limb import limb_asset, tool
 from kit.prepared import prepare
 from wrinklecli.character.pose import pose_at
 from wrinklecli.effects.wrinkle.activity import activity
-from wrinklecli.effects.wrinkle.bending import own_motions, tallest_poses
+from wrinklecli.effects.wrinkle.bending import own_motions, rising
 
 
 def test_the_joint_between_the_ends_turns_as_a_clip_would_turn_it() -> None:
@@ -29,8 +29,7 @@ def test_the_joint_between_the_ends_turns_as_a_clip_would_turn_it() -> None:
 
 def test_wrinkles_are_tall_in_the_pose_and_no_clip_has_to_do_with_it() -> None:
     made, clipped = (prepare(limb_asset(clip=clip), tool()) for clip in (None, "fold"))
-    (pose,) = tallest_poses([made.patch], made.rig, made.rest)
-    (other,) = tallest_poses([clipped.patch], clipped.rig, clipped.rest)
+    (*lower, pose), (*_, other) = ([each.pose for each in rising(of.patch, of.rig, of.rest)] for of in (made, clipped))
     assert np.array_equal(pose.matrices, other.matrices)
     assert not np.allclose(pose.matrices, made.rest.matrices)
     fold = activity(clipped.patch, clipped.rig, clipped.clip, np.linspace(0.0, 2.0, 201))
@@ -40,6 +39,10 @@ def test_wrinkles_are_tall_in_the_pose_and_no_clip_has_to_do_with_it() -> None:
     # The clip bends it as far, to the 2.3° between two moments.
     angles = [np.degrees(np.arccos(np.clip((np.trace(m[1][:3, :3]) - 1) / 2, -1, 1))) for m in (pose.matrices, posed)]
     assert angles[0] == pytest.approx(angles[1], abs=2.4)
+    # On the way there it is bent less.
+    turns = [np.trace(each.matrices[1][:3, :3]) for each in (*lower, pose)]
+    assert turns == sorted(turns, reverse=True)
+    assert len(set(turns)) == 4
 
 
 def test_a_tool_that_is_keyed_by_hand_or_has_no_motion_keeps_the_rest_pose() -> None:
@@ -48,9 +51,11 @@ def test_a_tool_that_is_keyed_by_hand_or_has_no_motion_keeps_the_rest_pose() -> 
         prepare(limb_asset(), tool(**keyed)),
         prepare(limb_asset(skinned=False, clip=None), tool()),
     ):
-        (pose,) = tallest_poses([made.patch], made.rig, made.rest)
-        assert np.array_equal(pose.matrices, made.rest.matrices)
-        assert np.array_equal(pose.morph_weights, made.rest.morph_weights)
+        moments = rising(made.patch, made.rig, made.rest)
+        for each in moments:
+            assert np.array_equal(each.pose.matrices, made.rest.matrices)
+            assert np.array_equal(each.pose.morph_weights, made.rest.morph_weights)
+        assert [each.weights.max() for each in moments] == pytest.approx([0.25, 0.5, 0.75, 1.0], abs=0.05)
 
 
 def test_a_morph_target_that_moves_an_end_is_raised() -> None:

@@ -1,11 +1,13 @@
 """Finds the motion that a tool's own wrinkles follow, and poses of it, whatever clips there are.
 
 Results that follow from mesh and tools alone must not depend on clips. So the joint that carries one of the tool's ends
-and not the other turns about the patch's v axis, along which wrinkles run, or a morph target goes from 0 to 1. One pose
-is that in which wrinkles are tall, another that in which a morph target brings the ends together. Not in the paper.
+and not the other turns about the patch's v axis, along which wrinkles run, or a morph target goes from 0 to 1. Some of
+its poses are those in which wrinkles rise, another that in which a morph target brings the ends together. Not in the
+paper.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,6 +17,7 @@ from wrinklecli.character.pose import Pose, node_matrices, pose_at
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import Surface
 from wrinklecli.effects.wrinkle.patch import Patch
+from wrinklecli.effects.wrinkle.weights import weight_path, weights_of
 from wrinklecli.numeric.arrays import Floats, cross, unit, unit_quaternions
 from wrinklecli.surface.anchor import Anchor
 from wrinklecli.surface.rest import Rest
@@ -44,29 +47,44 @@ _NEARLY_EVERY = 0.9
 _OF_SHRINKING = 1.5
 # Wrinkles this near to the tallest, as a fraction, are tall enough: full bumps stay full while a limb folds on.
 _TALLEST = 0.97
+# Fractions of that height on the way to it, at which wrinkles are looked at too.
+_RISING = (0.25, 0.5, 0.75, 1.0)
 
 
-def tallest_poses(patches: Sequence[Patch], rig: Rig, rest: Rest) -> list[Pose]:
-    """The first pose of each tool's own motion in which its wrinkles are about as tall as they become.
+@dataclass(frozen=True, slots=True)
+class Risen:
+    """A moment at which wrinkles have risen.
 
-    A tool that has no such motion, or whose rest length is keyed by hand, gets the rest pose.
+    Attributes:
+        weights: (groups, modes) amplitudes over the greatest.
     """
-    return [_tallest_pose(patch, rig, rest) for patch in patches]
+
+    pose: Pose
+    weights: Floats
 
 
-def _tallest_pose(patch: Patch, rig: Rig, rest: Rest) -> Pose:
-    tallest, pose = 0.0, rest.pose
-    if isinstance(patch.tool.rest_length, RestLengthKeys):
-        return pose
-    times = np.linspace(0.0, 1.0, MOMENTS)
-    for motion in own_motions(patch, rig):
-        amplitudes, _ = patch.curve.follow(*patch.segment.lengths(rig, motion, times))
-        heights = patch.curve.heights(amplitudes).sum(axis=1)
+def rising(patch: Patch, rig: Rig, rest: Rest) -> list[Risen]:
+    """The moments at which a tool's own motion first raises its wrinkles to quarters of their greatest height.
+
+    The last is that at which they are about as tall as they become. A tool that has no such motion, or whose rest
+    length is keyed by hand, rises in the rest pose.
+    """
+    times, curve, raising_it = np.linspace(0.0, 1.0, MOMENTS), patch.curve, None
+    weights = weight_path(curve)
+    heights, tallest = curve.heights(weights * curve.greatest_amplitudes).sum(axis=1), 0.0
+    keyed = isinstance(patch.tool.rest_length, RestLengthKeys)
+    for motion in () if keyed else own_motions(patch, rig):
+        amplitudes, _ = curve.follow(*patch.segment.lengths(rig, motion, times))
+        reached = curve.heights(amplitudes).sum(axis=1)
         # Of several equal motions the first counts.
-        if heights.max() * _TALLEST > tallest:
-            tallest = float(heights.max())
-            pose = pose_at(rig, motion, times[int(np.argmax(heights >= _TALLEST * tallest))])
-    return pose
+        if reached.max() * _TALLEST > tallest:
+            tallest = float(reached.max())
+            raising_it, weights, heights = motion, weights_of(curve, amplitudes), reached
+    rows = [int(np.argmax(heights >= share * _TALLEST * heights.max())) for share in _RISING]
+    return [
+        Risen(rest.pose if raising_it is None else pose_at(rig, raising_it, float(times[row])), weights[row])
+        for row in rows
+    ]
 
 
 def raised_weights(patch: Patch, rig: Rig, rest: Rest, surface: Surface) -> Floats | None:

@@ -15,7 +15,7 @@ from wrinklecli.effects.effect import Effect, MeshPlan, Motion, named_targets
 from wrinklecli.effects.shapes import Shape
 from wrinklecli.effects.wrinkle import report
 from wrinklecli.effects.wrinkle.activity import Activity, ClipActivity, activity, further_activities
-from wrinklecli.effects.wrinkle.bending import tallest_poses
+from wrinklecli.effects.wrinkle.bending import rising
 from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
 from wrinklecli.effects.wrinkle.lookup import tabulate_curve, tabulate_weights
 from wrinklecli.effects.wrinkle.patch import Patch
@@ -157,8 +157,7 @@ class WrinkleEffect(Effect):
                     deltas[number, rows] = factors[rows, None] * target.shape.deltas
             projected = projected_shapes(plan, carried.vertices, deltas, motions, weights)
             return replace(self, targets=named_targets(self.identifier, projected), carried=carried)
-        pose = tallest_poses([carried.patch], plan.rig, plan.rest)[0] if plan.has_normals else None
-        shapes = shapes_of(carried, plan.fine, plan.rest, pose)
+        shapes = shapes_of(carried, plan.fine, rising(carried.patch, plan.rig, plan.rest) if plan.has_normals else [])
         return replace(self, targets=named_targets(self.identifier, shapes), carried=carried)
 
     def with_unit_weights(self, sampled: Sequence[Floats]) -> "WrinkleEffect":

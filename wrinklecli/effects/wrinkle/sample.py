@@ -9,14 +9,13 @@ import numpy as np
 
 from wrinklecli.character.carried import pose_carriers
 from wrinklecli.character.clip import KEY_GAP, KEY_STEP, Clip, clip_grid, motion_breaks
-from wrinklecli.character.pose import Pose
 from wrinklecli.drive.lag import SpringFilter
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, SamplingOptions, named_targets
 from wrinklecli.effects.sampling import KEYS_SHARE, SAMPLING_SHARE, driven_motion, duplicates_of, moves_of
 from wrinklecli.effects.sampling import most_overlaps as most_effects
 from wrinklecli.effects.shapes import Shape, fit_bytes
 from wrinklecli.effects.wrinkle.activity import activities, points_of, springs_in
-from wrinklecli.effects.wrinkle.bending import tallest_poses
+from wrinklecli.effects.wrinkle.bending import rising
 from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
 from wrinklecli.effects.wrinkle.effect import WrinkleEffect, curve_weights
 from wrinklecli.effects.wrinkle.shapes import projected_shapes, shapes_of
@@ -51,14 +50,11 @@ def sample_wrinkles(
     """Run tools over clips, as `Layer.sample` does; `first` is the number of the first tool's region."""
     motions = sample_activities(carried_patches, plan, clips, how, before)
     patches = [carried.patch for carried in carried_patches]
-    poses: Sequence[Pose | None] = [None] * len(patches)
-    if plan.has_normals:
-        poses = tallest_poses(patches, plan.rig, plan.rest)
     effects: list[Effect] = []
     by_tool = []
-    for number, pose in enumerate(poses):
-        shapes, weights = _shapes(carried_patches[number], plan, number, motions, pose, how.memory)
-        identifier = patches[number].tool.identifier
+    for number, patch in enumerate(patches):
+        shapes, weights = _shapes(carried_patches[number], plan, number, motions, how.memory)
+        identifier = patch.tool.identifier
         targets = named_targets(identifier, shapes)
         effects.append(WrinkleEffect(identifier, targets, carried_patches[number], first + number))
         by_tool.append(weights)
@@ -160,15 +156,15 @@ def _key_times(
 
 
 def _shapes(
-    carried: CarriedPatch, plan: MeshPlan, number: int, motions: Sequence[Motion], pose: Pose | None, memory: Memory
+    carried: CarriedPatch, plan: MeshPlan, number: int, motions: Sequence[Motion], memory: Memory
 ) -> tuple[Sequence[Shape | None], list[Floats]]:
-    """One tool's shapes, with normals for a pose if there is one, and for each clip their (frames, shapes) weights.
+    """One tool's shapes, with normals if the mesh has any, and for each clip their (frames, shapes) weights.
 
     Raises:
         BakeError: There are too many shapes.
     """
     if carried.ring is None:
-        shapes = shapes_of(carried, plan.fine, plan.rest, pose)
+        shapes = shapes_of(carried, plan.fine, rising(carried.patch, plan.rig, plan.rest) if plan.has_normals else [])
         return shapes, [curve_weights(carried.patch, each.clip, each.states[number]) for each in motions]
     return _compressed(plan, carried, motions, memory)
 

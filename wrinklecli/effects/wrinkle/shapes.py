@@ -9,39 +9,30 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrinklecli.character.pose import Pose, pose_at
+from wrinklecli.character.pose import pose_at
 from wrinklecli.effects.effect import MeshPlan, Motion
 from wrinklecli.effects.shapes import Middles, Sample, Shape, make_shapes
+from wrinklecli.effects.wrinkle.bending import Risen
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.places import Places
-from wrinklecli.effects.wrinkle.weights import weight_path
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, inverses, unit
 from wrinklecli.numeric.intersections import edges_of
 from wrinklecli.surface.refine import Refinement
-from wrinklecli.surface.rest import Rest
 
-# Heights over the greatest at which true normals are sampled if a group's height has several weights.
-_FIT_HEIGHTS = (0.25, 0.5, 0.75, 1.0)
 # Frames, evenly spread, in which normals are to be right where displacements are projected, beside those with the
 # greatest weights.
 _FIT_FRAMES = 16
-REST_SHARE = 1 / 32
-"""Weight of the rest pose beside the pose of the tallest wrinkles.
-
-It matters only if that pose closes a fold and makes wrinkles so steep that their normals hardly count: lower wrinkles
-would get such normals before the fold closes.
-"""
 
 
-def shapes_of(carried: CarriedPatch, fine: Refinement, rest: Rest, pose: Pose | None) -> list[Shape | None]:
+def shapes_of(carried: CarriedPatch, fine: Refinement, risen: Sequence[Risen]) -> list[Shape | None]:
     """A shape for each group of bumps and mode of their profile, in the order of the curve's amplitudes.
 
-    A shape that never rises, or that moves no vertex, is None. Normals are fitted in `pose`, if the mesh has normals.
+    A shape that never rises, or that moves no vertex, is None. Normals are fitted in the poses of the moments in which
+    wrinkles have `risen`; there are none on a mesh without normals.
     """
     curve = carried.patch.curve
     scaled = carried.shapes() * curve.greatest_amplitudes[..., None]
-    path = weight_path(curve)
-    between = _Between.of(carried, fine) if pose is not None else None
+    between = _Between.of(carried, fine) if risen else None
     shapes: list[Shape | None] = []
     for group, heights in enumerate(scaled):
         deltas = heights[..., None] * carried.directions
@@ -50,7 +41,7 @@ def shapes_of(carried: CarriedPatch, fine: Refinement, rest: Rest, pose: Pose | 
             carried.vertices,
             deltas,
             tallest=np.abs(heights * carried.magnitudes).max(axis=1),
-            samples=_samples(path[:, group], rest, pose) if pose is not None else [],
+            samples=[Sample(each.weights[group], each.pose) for each in risen],
             middles=between.middles(group, deltas) if between is not None else None,
         )
     return shapes
@@ -131,11 +122,3 @@ def projected_shapes(
         tallest=plan.scale * np.sqrt(np.sum(deltas**2, axis=2)).max(axis=1, initial=0.0),
         samples=[Sample(together[row], pose_at(plan.rig, *moments[row])) for row in rows] if plan.has_normals else [],
     )
-
-
-def _samples(weights: Floats, rest: Rest, pose: Pose) -> list[Sample]:
-    """States in which a group's normals are to be right, from (rows, modes) weights over all shortenings."""
-    sizes = np.abs(weights[:, 0])
-    heights = _FIT_HEIGHTS if weights.shape[1] > 1 else (1.0,)
-    rows = [weights[int(np.argmin(np.abs(sizes - height * sizes.max())))] for height in heights]
-    return [*(Sample(row, pose) for row in rows), Sample(rows[-1], rest.pose, REST_SHARE)]
