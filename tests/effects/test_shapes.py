@@ -14,7 +14,7 @@ from kit.carried import carry_patch, moved, placed, scattered
 from kit.limb import limb_asset, tool
 from kit.prepared import prepare
 from wrinklecli.character.pose import Pose, blend, pose_at, transform
-from wrinklecli.effects.shapes import displaced_normals, summed_middles, turn_to
+from wrinklecli.effects.shapes import DisplacedNormals, summed_middles, turn_to
 from wrinklecli.effects.wrinkle.activity import activity
 from wrinklecli.effects.wrinkle.bending import Risen, rising
 from wrinklecli.effects.wrinkle.shapes import shapes_of
@@ -75,13 +75,10 @@ def test_fitted_normals_follow_the_wrinkled_surface(height: str, median: float, 
     (shape,) = shapes_of(carried, fine, full_in(prepared.rest.pose))
     assert shape is not None
     weights = np.array([0.25, 0.5, 0.75, 1.0])
-    touched, true = displaced_normals(
-        fine,
-        shape.vertices,
-        weights[:, None, None] * shape.deltas,
-        [prepared.rest.pose] * len(weights),
-        middles=summed_middles([shape], weights[:, None]),
-    )
+    normals = DisplacedNormals.of(fine, shape.vertices)
+    touched, poses = normals.touched, [prepared.rest.pose] * len(weights)
+    middles = summed_middles([shape], weights[:, None])
+    true = normals.in_poses(weights[:, None, None] * shape.deltas, poses, middles=middles)
     deltas = np.zeros((len(fine.positions), 3))
     deltas[shape.normal_vertices] = shape.normal_deltas
     shaded = fine.normals[touched] + weights[:, None, None] * deltas[touched]
@@ -116,9 +113,10 @@ def test_normals_of_few_edges_are_those_of_many(angle: float, worst: float) -> N
         assert shape.middles is not None
         middles = replace(shape.middles, deltas=shape.middles.deltas[None])
         ways = [middles, None] if edges == 2 else [middles]
-        found = [displaced_normals(fine, shape.vertices, shape.deltas[None], [pose], middles=way) for way in ways]
-        turns.append([normals[0] for _, normals in found])
-        places.append(fine.rest_positions[found[0][0]])
+        normals = DisplacedNormals.of(fine, shape.vertices)
+        found = [normals.in_poses(shape.deltas[None], [pose], middles=way)[0] for way in ways]
+        turns.append(found)
+        places.append(fine.rest_positions[normals.touched])
     far, nearest = KDTree(places[1]).query(places[0])
     # Where the finer mesh has other neighbours, rounding moves a vertex a little.
     assert np.median(far) < 1e-9
@@ -141,9 +139,9 @@ def test_normals_are_right_on_the_way_to_the_tallest_wrinkles() -> None:
         (shape,) = shapes_of(carried, fine, fitted)
         assert shape is not None
         weights, poses = np.stack([each.weights[0] for each in moments]), [each.pose for each in moments]
-        touched, true = displaced_normals(
-            fine, shape.vertices, weights[..., None] * shape.deltas, poses, middles=summed_middles([shape], weights)
-        )
+        normals = DisplacedNormals.of(fine, shape.vertices)
+        true = normals.in_poses(weights[..., None] * shape.deltas, poses, middles=summed_middles([shape], weights))
+        touched = normals.touched
         deltas = np.zeros((len(fine.positions), 3))
         deltas[shape.normal_vertices] = shape.normal_deltas
         shaded = fine.normals[touched] + weights[..., None] * deltas[touched]
@@ -174,10 +172,9 @@ def test_normals_change_on_all_faces_of_moved_vertices_and_nowhere_else() -> Non
 def test_normals_of_undisplaced_vertices_are_the_surface_s() -> None:
     prepared = prepare(limb_asset(rings=15, sides=12))
     carried, fine = carry_patch(prepared)
-    touched, normals = displaced_normals(
-        fine, carried.vertices, np.zeros((1, len(carried.vertices), 3)), [prepared.rest.pose]
-    )
-    assert normals[0] == pytest.approx(fine.normals[touched], abs=1e-14)
+    normals = DisplacedNormals.of(fine, carried.vertices)
+    (found,) = normals.in_poses(np.zeros((1, len(carried.vertices), 3)), [prepared.rest.pose])
+    assert found == pytest.approx(fine.normals[normals.touched], abs=1e-14)
 
 
 def test_normals_of_what_undoes_a_fold_are_true_where_the_pose_folds_the_surface_over() -> None:
@@ -186,7 +183,8 @@ def test_normals_of_what_undoes_a_fold_are_true_where_the_pose_folds_the_surface
     carried, fine = carry_patch(prepared)
     pose = pose_at(prepared.rig, prepared.clip, 1.0)
     still = np.zeros((1, len(carried.vertices), 3))
-    touched, normals = displaced_normals(fine, carried.vertices, still, [pose], folded=True)
+    around = DisplacedNormals.of(fine, carried.vertices)
+    touched, normals = around.touched, around.in_poses(still, [pose], folded=True)
     blended = blend(fine.dense_weights(np.arange(len(fine.positions)), fine.weights.shape[1]), pose.matrices[None])
     true = vertex_normals(transform(blended, fine.positions)[0], fine.triangles)[touched]
     shown = carried_normals(blended[0, touched], fine.normals[touched])

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from wrinklecli.character.sparse_targets import SparseDeltas, Targets, read_spar
 from wrinklecli.character.surface import dense_influences, read_vertices
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, targets_of
 from wrinklecli.effects.sampling import duplicates_of, observed
-from wrinklecli.effects.shapes import Middles, Shape, displaced_normals, summed_middles, turn_to
+from wrinklecli.effects.shapes import DisplacedNormals, Shape, summed_middles, turn_to
 from wrinklecli.errors import RefusedError
 from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.shape import Json
@@ -27,7 +28,7 @@ from wrinklecli.surface.refine import Refinement
 # Frames of a clip at which all vertices are compared, besides those at which an error would show most.
 _FRAMES = 64
 # Frames of all clips at which normals are compared, which takes several times as long,
-_NORMAL_FRAMES = 128
+_NORMAL_FRAMES = 96
 # and those of each clip, at least.
 _LEAST_NORMAL_FRAMES = 4
 # Vertices times frames that are compared at once: arrays of a few MB.
@@ -65,7 +66,7 @@ class Proof:
             asset's own targets.
         exact: The exact shapes of all effects.
         added: The new targets, as stored.
-        normals: (vertices, 3) as stored, and NORMAL deltas of each new target; None without NORMAL.
+        normals: None without NORMAL.
     """
 
     rig: Rig
@@ -75,12 +76,65 @@ class Proof:
     bodies: Pair
     exact: Targets
     added: Targets
-    normals: tuple[Floats, Targets] | None
+    normals: "_Normals | None"
 
     @property
     def own_target_count(self) -> int:
         """The number of the asset's own morph targets."""
         return int(self.bodies.second.places.shape[1]) - 1
+
+
+@dataclass(frozen=True)
+class _Normals:
+    """The normals of the file, and those that they should be.
+
+    Attributes:
+        fine: The refined surface.
+        vertices: (vertices,) fine welded vertex of each compared one.
+        stored: (vertices, 3) as stored.
+        added: NORMAL deltas of each new target.
+        shapes: The new targets' shapes, which say what is between the vertices.
+    """
+
+    fine: Refinement
+    vertices: Ints
+    stored: Floats
+    added: Targets
+    shapes: Sequence[Shape]
+
+    @cached_property
+    def _firsts(self) -> tuple[Ints, Ints]:
+        """(welded,) the sorted welded vertices, and a compared vertex of each."""
+        return np.unique(self.vertices, return_index=True)
+
+    @cached_property
+    def _displaced(self) -> DisplacedNormals:
+        return DisplacedNormals.of(self.fine, self._firsts[0])
+
+    def angles(self, moved: Floats, played: Floats, poses: Sequence[Pose]) -> Floats:
+        """(angles,) degrees between the file's normals and the true ones of each pose, where these change.
+
+        Only new targets count: turns of normals by the source's own morph targets are not compared.
+
+        Args:
+            moved: (frames, 3, vertices) the method's displacements, bind space.
+            played: (frames, targets) weights of the new targets.
+            poses: (frames,).
+        """
+        turned = self.added.added(played).transpose(0, 2, 1)
+        moved = moved.transpose(0, 2, 1)
+        middles = summed_middles(self.shapes, played)
+        true = self._displaced.in_poses(moved[:, self._firsts[1]], poses, middles=middles)
+        rows = np.searchsorted(self._displaced.touched, self.vertices)
+        authored, base = unit(self.stored), self._displaced.base[rows]
+        angles = []
+        for frame in range(len(moved)):
+            wanted = turn_to(base, authored, true[frame, rows])
+            got = unit(self.stored + turned[frame])
+            changed = moved[frame].any(axis=1)
+            cosine = np.clip(np.sum(wanted * got, axis=1)[changed], -1.0, 1.0)
+            angles.append(np.degrees(np.arccos(cosine)))
+        return np.concatenate(angles)
 
 
 def prove(
@@ -159,7 +213,8 @@ def read_back(edited: EditedDocument, plan: MeshPlan, effects: Sequence[Effect])
     normals = None
     if stored.normals is not None:
         turning = [target.of_rows(rows) for target in new_deltas("NORMAL")]
-        normals = stored.normals[chosen], Targets(tuple(turning), len(chosen))
+        added = [each.shape for each in targets_of(effects)]
+        normals = _Normals(fine, welds[chosen], stored.normals[chosen], Targets(tuple(turning), len(chosen)), added)
     vertices = welds[chosen]
     shapes = tuple(shape for each in effects for shape in each.exact_shapes(vertices))
     exact = fine.dense_weights(vertices, len(plan.rig.joints))
@@ -227,8 +282,7 @@ def measure_residual(
     ]
     projected = [(*matches(proof.vertices, each[0]), each[1]) for each in beside if each is not None]
     moved = _Moved(motion.clip, times[chosen], np.concatenate([each[chosen] for each in exact], axis=1), projected)
-    shapes = [each.shape for each in targets_of(effects)]
-    position, time, angles = _vertex_errors(proof, plan, moved, written, shaded, shapes)
+    position, time, angles = _vertex_errors(proof, plan, moved, written, shaded)
     normal = None
     if normal_frames and proof.normals is not None:
         normal = float(np.percentile(angles, 99)) if len(angles) else 0.0
@@ -263,12 +317,9 @@ class _Moved:
 
 
 def _vertex_errors(
-    proof: Proof, plan: MeshPlan, moved: _Moved, written: Clip, shaded: Ints, shapes: Sequence[Shape]
+    proof: Proof, plan: MeshPlan, moved: _Moved, written: Clip, shaded: Ints
 ) -> tuple[float, float, Floats]:
-    """The largest distance of a vertex, its time, and the angles of normals in degrees at the times `shaded`.
-
-    The `shapes` of the new targets say what is between the vertices.
-    """
+    """The largest distance of a vertex, its time, and the angles of normals in degrees at the times `shaded`."""
     rig, clip, times, own = plan.rig.own, moved.clip, moved.times, proof.own_target_count
     matrices, stored = (joint_matrices(*side, times, proof.joints) for side in ((rig, clip), (proof.rig, written)))
     weights, played = morph_weights(rig, clip, times), morph_weights(proof.rig, written, times)
@@ -285,10 +336,7 @@ def _vertex_errors(
         at = shaded[(shaded >= frames.start) & (shaded < frames.stop)] - frames.start
         if len(at) and proof.normals is not None and displaced is not None:
             poses = [pose_at(rig, clip, time) for time in times[frames][at].tolist()]
-            middles = summed_middles(shapes, new[at])
-            angles.append(
-                _normal_angles(proof.normals, proof.vertices, plan.fine, displaced[at], middles, new[at], poses)
-            )
+            angles.append(proof.normals.angles(displaced[at], new[at], poses))
     return worst, worst_time, np.concatenate(angles)
 
 
@@ -330,32 +378,3 @@ def _chosen_times(every: Floats, effects: Sequence[Effect], exact: Sequence[Floa
     for effect, weights, state in zip(effects, exact, states, strict=True):
         picked |= effect.telling(weights, state)
     return np.array(sorted(picked), np.intp)
-
-
-def _normal_angles(
-    normals: tuple[Floats, Targets],
-    compared: Ints,
-    fine: Refinement,
-    moved: Floats,
-    middles: Middles | None,
-    played: Floats,
-    poses: Sequence[Pose],
-) -> Floats:
-    """(frames · vertices,) degrees between the file's normals and the true ones of each pose, where these change.
-
-    Only new targets count: turns of normals by the source's own morph targets are not compared.
-    """
-    base, deltas = normals
-    turned = deltas.added(played).transpose(0, 2, 1)
-    moved = moved.transpose(0, 2, 1)
-    vertices, first = np.unique(compared, return_index=True)
-    touched, true = displaced_normals(fine, vertices, moved[:, first], poses, middles=middles)
-    rows = np.searchsorted(touched, compared)
-    angles = []
-    for frame in range(len(moved)):
-        wanted = turn_to(fine.normals[compared], unit(base), true[frame, rows])
-        got = unit(base + turned[frame])
-        changed = moved[frame].any(axis=1)
-        cosine = np.clip(np.sum(wanted * got, axis=1)[changed], -1.0, 1.0)
-        angles.append(np.degrees(np.arccos(cosine)))
-    return np.concatenate(angles)

@@ -14,11 +14,10 @@ from wrinklecli.character.pose import Pose, blend, transform
 from wrinklecli.numeric.arrays import (
     Floats,
     Ints,
+    cross,
     determinants,
-    distinct,
     distinct_values,
     dot,
-    face_normals,
     matches,
     smoothstep,
     unit,
@@ -121,7 +120,7 @@ def make_shapes(
         deltas: (shapes, vertices, 3) bind displacement at weight 1.
         tallest: (shapes,) largest world displacement at weight 1, scene units.
         samples: The states of the fit; empty if the mesh has no normals.
-        folded: As `displaced_normals` takes it.
+        folded: As `DisplacedNormals` takes it.
         middles: With (shapes, edges, 3) deltas.
     """
     lengths = np.abs(deltas).max(axis=2)
@@ -179,16 +178,15 @@ def _fit_normals(
     """
     weights, shares = np.stack([each.weights for each in samples]), np.array([each.share for each in samples])
     displacements = np.einsum("fs,svx->fvx", weights, deltas)
-    touched, true = displaced_normals(
-        fine,
-        vertices,
+    normals = DisplacedNormals.of(fine, vertices)
+    touched, base = normals.touched, normals.base
+    true = normals.in_poses(
         displacements,
         [each.pose for each in samples],
         [each.beneath for each in samples],
         folded=folded,
         middles=middles and replace(middles, deltas=np.tensordot(weights, middles.deltas, axes=1)),
     )
-    base = fine.normals_at(touched)
     cosines = np.maximum(np.sum(true * base, axis=2), LEAST_COSINE)
     wanted = true / cosines[..., None] - base
     for number, sample in enumerate(samples):
@@ -204,121 +202,138 @@ def _fit_normals(
     return touched, fitted.transpose(1, 0, 2)
 
 
-def displaced_normals(
-    fine: Refinement,
-    vertices: Ints,
-    displacements: Floats,
-    poses: Sequence[Pose],
-    beneath: Sequence[Sequence[tuple[Shape, float]]] = (),
-    *,
-    folded: bool = False,
-    middles: Middles | None = None,
-) -> tuple[Ints, Floats]:
+@dataclass(frozen=True, slots=True)
+class DisplacedNormals:
     """Bind normals around displaced vertices that a pose takes to true ones.
 
     Skinned normals of a surface differ from the true ones of the posed surface. So the turns of true normals by
     wrinkles are applied to the skinned ones, and nothing changes where nothing is displaced.
 
-    Args:
-        fine: The refined surface.
-        vertices: (vertices,) that are displaced.
-        displacements: (samples, vertices, 3) bind space.
-        poses: One for each sample.
-        beneath: For each sample other shapes that displace vertices too, and their weights.
-        folded: True if the displacements undo what poses fold over: there the true normals count themselves.
-        middles: Those of the displacements, with (samples, edges, 3) deltas.
-
-    Returns:
-        (touched,) vertices of every triangle that has a displaced vertex, and (samples, touched, 3) unit vectors, bind
-        space, which the inverse transposes of the blended matrices turn to area-weighted normals.
-    """
-    touched = distinct_values(fine.triangles[fine.around.faces_of(vertices)])
-    faces = fine.triangles[fine.around.faces_of(touched)]
-    around, local = np.unique(faces, return_inverse=True)
-    local = local.reshape(-1, 3)
-    moved, rows = np.searchsorted(around, vertices), np.searchsorted(around, touched)
-    between = [
-        _sum_of(middles and replace(middles, deltas=middles.deltas[number]), beneath[number] if beneath else ())
-        for number in range(len(displacements))
-    ]
-    corners = _Corners.of(fine, around, local, rows) if any(between) else None
-    weights, base = fine.dense_weights(around, fine.weights.shape[1]), fine.normals_at(touched)
-    normals = np.zeros((len(displacements), len(touched), 3))
-    shown_in: Pose | None = None
-    for number, (into, displacement, pose) in enumerate(zip(normals, displacements, poses, strict=True)):
-        if pose is not shown_in:
-            shown_in = pose
-            # Poses of the asset's own rig say nothing of the targets of effects.
-            raised = np.flatnonzero(pose.morph_weights)
-            deltas = fine.morph_deltas[raised[:, None], around]
-            plain = fine.positions[around] + np.tensordot(pose.morph_weights[raised], deltas, axes=1)
-            blended = blend(weights, pose.matrices[None])[0]
-            # A mirrored pose turns the winding inside out.
-            outward = np.sign(determinants(blended[rows, :, :3]))[:, None]
-            smooth = outward * vertex_normals(transform(blended[None], plain)[0], local)[rows]
-            shown = carried_normals(blended[rows], base)
-        bind = plain.copy()
-        bind[moved] += displacement
-        for shape, weight in beneath[number] if beneath else ():
-            _, here, others = np.intersect1d(around, shape.vertices, assume_unique=True, return_indices=True)
-            bind[here] += weight * shape.deltas[others]
-        posed, bent = transform(blended[None], bind)[0], between[number]
-        if corners is None or bent is None:
-            true = outward * vertex_normals(posed, local)[rows]
-        else:
-            true = outward * corners.normals(posed, blended, bent)
-        turned = turn_to(smooth, shown, true)
-        if folded:
-            alike = (dot(smooth.T, shown.T)[:, None] - _FOLDED_COSINE) / (_WHOLE_COSINE - _FOLDED_COSINE)
-            kept = smoothstep(np.clip(alike, 0.0, 1.0))
-            turned = kept * turned + (1.0 - kept) * true
-        back = unit(np.einsum("vji,vj->vi", blended[rows, :, :3], turned))
-        into += np.where(shown.any(axis=1, keepdims=True), back, base)  # a singular pose shows nothing
-    return touched, normals
-
-
-@dataclass(frozen=True, slots=True)
-class _Corners:
-    """The corners of triangles at some vertices, up to the middles of the sides.
-
     Attributes:
-        edges: (edges,) sorted numbers of the triangles' edges, as `Middles.numbers_of` gives them.
-        ends: (edges, 2) rows of the edges' ends.
-        corners: (corners, 3) the row of the vertex, and then, counted on from the rows, the edges behind and before it.
-        at: (corners,) which of the vertices each corner is at.
-        count: The number of the vertices.
+        fine: The refined surface.
+        touched: (touched,) sorted vertices of every triangle that has a displaced vertex.
+        around: (rows,) sorted vertices of every triangle that has a touched one.
+        triangles: (triangles, 3) those triangles, as rows,
+        edges: (edges,) sorted numbers of their edges, as `Middles` has them,
+        ends: (edges, 2) the rows of these, and (triangles, 3) which one runs
+        sides: from each corner to the next one.
+        rows: (touched,) rows of the touched vertices,
+        moved: and (vertices,) those of the displaced ones.
+        weights: (rows, joints) skin weights.
+        base: (touched, 3) unit bind normals.
     """
 
+    fine: Refinement
+    touched: Ints
+    around: Ints
+    triangles: Ints
     edges: Ints
     ends: Ints
-    corners: Ints
-    at: Ints
-    count: int
+    sides: Ints
+    rows: Ints
+    moved: Ints
+    weights: Floats
+    base: Floats
 
     @classmethod
-    def of(cls, fine: Refinement, vertices: Ints, triangles: Ints, rows: Ints) -> "_Corners":
-        """The corners at some (chosen,) sorted rows of (rows,) sorted fine `vertices`, of (triangles, 3) rows."""
-        sides = sides_of(triangles)
-        firsts, which = distinct(sides)
-        behind = len(vertices) + which.reshape(-1, 3)
-        corners = np.stack([triangles, behind, np.roll(behind, 1, axis=1)], axis=2).reshape(-1, 3)
-        at = np.full(len(vertices), -1)
-        at[rows] = np.arange(len(rows))
-        corners = corners[at[corners[:, 0]] >= 0]
-        ends = sides[firsts]
-        return cls(Middles.numbers_of(vertices[ends], fine), ends, corners, at[corners[:, 0]], len(rows))
+    def of(cls, fine: Refinement, vertices: Ints) -> "DisplacedNormals":
+        """Find what is round the (vertices,) that are displaced."""
+        touched = distinct_values(fine.triangles[fine.around.faces_of(vertices)])
+        around, triangles = np.unique(fine.triangles[fine.around.faces_of(touched)], return_inverse=True)
+        triangles = triangles.reshape(-1, 3)
+        ends = sides_of(triangles)
+        edges, firsts, sides = np.unique(Middles.numbers_of(around[ends], fine), return_index=True, return_inverse=True)
+        return cls(
+            fine,
+            touched,
+            around,
+            triangles,
+            edges,
+            ends[firsts],
+            sides.reshape(-1, 3),
+            np.searchsorted(around, touched),
+            np.searchsorted(around, vertices),
+            fine.dense_weights(around, fine.weights.shape[1]),
+            fine.normals_at(touched),
+        )
 
-    def normals(self, posed: Floats, blended: Floats, middles: Middles) -> Floats:
-        """(chosen, 3) area-weighted unit normals of (rows, 3) positions in a pose.
+    def in_poses(
+        self,
+        displacements: Floats,
+        poses: Sequence[Pose],
+        beneath: Sequence[Sequence[tuple[Shape, float]]] = (),
+        *,
+        folded: bool = False,
+        middles: Middles | None = None,
+    ) -> Floats:
+        """The normals in some poses: (samples, touched, 3) unit vectors, bind space.
 
-        (rows, 3, 4) `blended` matrices take the middles to the pose.
+        The inverse transposes of the blended matrices turn them to area-weighted normals.
+
+        Args:
+            displacements: (samples, vertices, 3) bind space.
+            poses: One for each sample.
+            beneath: For each sample other shapes that displace vertices too, and their weights.
+            folded: True if the displacements undo what poses fold over: there the true normals count themselves.
+            middles: Those of the displacements, with (samples, edges, 3) deltas.
         """
-        halfway = posed[self.ends].mean(axis=1)
-        here, others = matches(self.edges, middles.edges)
-        turned = blended[self.ends[here], :, :3].mean(axis=1)
-        halfway[here] += np.einsum("eij,ej->ei", turned, middles.deltas[others])
-        faces = face_normals(np.concatenate([posed, halfway]), self.corners)
-        return unit(np.stack([np.bincount(self.at, column, self.count) for column in faces.T], axis=1))
+        fine, around, rows, base = self.fine, self.around, self.rows, self.base
+        middles = _with_others(middles, beneath, len(displacements))
+        bent, known = (None, None) if middles is None else matches(self.edges, middles.edges)
+        normals = np.zeros((len(displacements), len(self.touched), 3))
+        shown_in: Pose | None = None
+        for number, (into, displacement, pose) in enumerate(zip(normals, displacements, poses, strict=True)):
+            if pose is not shown_in:
+                shown_in = pose
+                # Poses of the asset's own rig say nothing of the targets of effects.
+                raised = np.flatnonzero(pose.morph_weights)
+                deltas = fine.morph_deltas[raised[:, None], around]
+                plain = fine.positions[around] + np.tensordot(pose.morph_weights[raised], deltas, axes=1)
+                blended = blend(self.weights, pose.matrices[None])[0]
+                # A mirrored pose turns the winding inside out.
+                outward = np.sign(determinants(blended[rows, :, :3]))[:, None]
+                smooth = outward * vertex_normals(transform(blended[None], plain)[0], self.triangles)[rows]
+                shown = carried_normals(blended[rows], base)
+            bind = plain.copy()
+            bind[self.moved] += displacement
+            for shape, weight in beneath[number] if beneath else ():
+                _, here, others = np.intersect1d(around, shape.vertices, assume_unique=True, return_indices=True)
+                bind[here] += weight * shape.deltas[others]
+            posed = transform(blended[None], bind)[0]
+            if middles is None or bent is None:
+                true = outward * vertex_normals(posed, self.triangles)[rows]
+            else:
+                true = outward * self._normals(posed, blended, bent, middles.deltas[number, known])[rows]
+            turned = turn_to(smooth, shown, true)
+            if folded:
+                alike = (dot(smooth.T, shown.T)[:, None] - _FOLDED_COSINE) / (_WHOLE_COSINE - _FOLDED_COSINE)
+                kept = smoothstep(np.clip(alike, 0.0, 1.0))
+                turned = kept * turned + (1.0 - kept) * true
+            back = unit(np.einsum("vji,vj->vi", blended[rows, :, :3], turned))
+            into += np.where(shown.any(axis=1, keepdims=True), back, base)  # a singular pose shows nothing
+        return normals
+
+    def _normals(self, posed: Floats, blended: Floats, bent: Ints, deltas: Floats) -> Floats:
+        """(rows, 3) area-weighted unit normals of the triangles' corners, up to the middles of their sides.
+
+        Args:
+            posed: (rows, 3) positions in a pose.
+            blended: (rows, 3, 4) matrices that take the skin there.
+            bent: (bent,) edges that are not straight.
+            deltas: (bent, 3) how far their middles are displaced, bind space.
+        """
+        turned = blended.take(self.ends[bent, 0], axis=0) + blended.take(self.ends[bent, 1], axis=0)
+        middles = np.zeros((3, len(self.edges)))
+        middles[:, bent] = np.einsum("eij,ej->ie", turned[:, :, :3], deltas) / 2.0
+        places = np.ascontiguousarray(posed.T)
+        corners = [places.take(column, axis=1) for column in self.triangles.T]
+        moved = [middles.take(column, axis=1) for column in self.sides.T]
+        half = [(corners[k - 2] - corners[k]) / 2.0 for k in range(3)]
+        # From each corner to the middle of the side after it, and to that of the side before it.
+        faces = [cross(moved[k] + half[k], moved[k - 1] - half[k - 1]) for k in range(3)]
+        at = self.triangles.T.ravel()
+        sums = [np.bincount(at, np.concatenate([each[k] for each in faces]), len(posed)) for k in range(3)]
+        return unit(np.stack(sums, axis=1))
 
 
 def turn_to(base: Floats, authored: Floats, vectors: Floats) -> Floats:
@@ -342,31 +357,49 @@ def summed(shapes: Sequence[Shape], factors: Floats) -> Shape:
         [(each.normal_vertices, each.normal_deltas) for each in shapes], factors
     )
     scale = max(shape.tallest / _longest(shape.deltas) for shape in shapes)
-    middles = _sum_of(None, list(zip(shapes, factors, strict=True)))
-    return Shape(vertices, deltas, scale * _longest(deltas), normal_vertices, normal_deltas, middles)
+    middles = summed_middles(shapes, factors[None])
+    return Shape(
+        vertices,
+        deltas,
+        scale * _longest(deltas),
+        normal_vertices,
+        normal_deltas,
+        middles and replace(middles, deltas=middles.deltas[0]),
+    )
 
 
 def summed_middles(shapes: Sequence[Shape], weights: Floats) -> Middles | None:
     """The middles of weighted sums of shapes, for (samples, shapes) weights; None if all edges are straight."""
-    sums = [_sum_of(None, list(zip(shapes, row, strict=True))) for row in weights]
-    edges = [each.edges for each in sums if each is not None]
-    if not edges:
-        return None
-    every = distinct_values(np.concatenate(edges))
-    deltas = np.zeros((len(weights), len(every), 3))
-    for into, each in zip(deltas, sums, strict=True):
-        if each is not None:
-            into[np.searchsorted(every, each.edges)] = each.deltas
-    return Middles(every, deltas)
+    parts = [(each.middles, column) for each, column in zip(shapes, weights.T, strict=True) if each.middles is not None]
+    return _gathered(parts, len(weights))
 
 
-def _sum_of(first: Middles | None, others: Sequence[tuple[Shape, float]]) -> Middles | None:
-    """The middles of a displacement and of shapes with their weights; None if all edges are straight."""
-    parts = [(first, 1.0), *((shape.middles, weight) for shape, weight in others)]
-    bent = [(each.edges, each.deltas, weight) for each, weight in parts if each is not None and weight]
-    if not bent:
+def _with_others(
+    middles: Middles | None, beneath: Sequence[Sequence[tuple[Shape, float]]], count: int
+) -> Middles | None:
+    """The middles of (samples, …) displacements and of the weighted shapes `beneath` each; None if there are none."""
+    parts = [
+        (shape.middles, weight * (np.arange(count) == number))
+        for number, shapes in enumerate(beneath)
+        for shape, weight in shapes
+        if shape.middles is not None
+    ]
+    if middles is None or not parts:
+        return middles or _gathered(parts, count)
+    return _gathered([(middles, np.ones(count)), *parts], count)
+
+
+def _gathered(parts: Sequence[tuple[Middles, Floats]], count: int) -> Middles | None:
+    """The sums, for so many samples, of middles times their (samples,) weights; None if there are none."""
+    if not parts:
         return None
-    return Middles(*_sparse_sum([(edges, deltas) for edges, deltas, _ in bent], [weight for *_, weight in bent]))
+    edges = distinct_values(np.concatenate([each.edges for each, _ in parts]))
+    deltas = np.zeros((count, len(edges), 3))
+    for each, weights in parts:
+        acting = np.flatnonzero(weights)
+        of_samples = each.deltas[acting] if each.deltas.ndim > 2 else each.deltas
+        deltas[np.ix_(acting, np.searchsorted(edges, each.edges))] += weights[acting, None, None] * of_samples
+    return Middles(edges, deltas)
 
 
 def _sparse_sum(parts: Sequence[tuple[Ints, Floats]], factors: Sequence[float] | Floats) -> tuple[Ints, Floats]:
