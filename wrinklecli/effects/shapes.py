@@ -402,7 +402,7 @@ def _gathered(parts: Sequence[tuple[Middles, Floats]], count: int) -> Middles | 
     return Middles(edges, deltas)
 
 
-def _sparse_sum(parts: Sequence[tuple[Ints, Floats]], factors: Sequence[float] | Floats) -> tuple[Ints, Floats]:
+def _sparse_sum(parts: Sequence[tuple[Ints, Floats]], factors: Floats) -> tuple[Ints, Floats]:
     """The sorted numbers that any part has, and the (numbers, 3) sums of the parts' vectors times their factors."""
     numbers = distinct_values(np.concatenate([where for where, _ in parts]))
     sums = np.zeros((len(numbers), 3))
