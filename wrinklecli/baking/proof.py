@@ -210,12 +210,11 @@ def read_back(edited: EditedDocument, plan: MeshPlan, effects: Sequence[Effect])
     chosen = np.flatnonzero(compared)
     rows = np.where(compared, np.cumsum(compared) - 1, -1)
     dense = dense_influences(stored.joints[chosen], stored.weights[chosen], len(rig.joints))
-    normals = None
+    vertices, normals = welds[chosen], None
     if stored.normals is not None:
         turning = [target.of_rows(rows) for target in new_deltas("NORMAL")]
         added = [each.shape for each in targets_of(effects)]
-        normals = _Normals(fine, welds[chosen], stored.normals[chosen], Targets(tuple(turning), len(chosen)), added)
-    vertices = welds[chosen]
+        normals = _Normals(fine, vertices, stored.normals[chosen], Targets(tuple(turning), len(chosen)), added)
     shapes = tuple(shape for each in effects for shape in each.exact_shapes(vertices))
     exact = fine.dense_weights(vertices, len(plan.rig.joints))
     joints = np.flatnonzero(exact.any(axis=0) | dense.any(axis=0))

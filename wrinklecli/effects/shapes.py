@@ -45,7 +45,7 @@ _FIT_COPIES = 2
 
 @dataclass(frozen=True, slots=True)
 class Middles:
-    """How far the middles of edges are displaced beyond the mean of the edges' ends.
+    """The displacements of the middles of edges, beyond the mean of those of the edges' ends.
 
     Triangles cut the corners of what a shape displaces: of a sine with two edges on each half of a wave they show two
     thirds of the slope, and with the middles of the edges nine tenths. Normals count these middles, which no file has.
@@ -92,13 +92,11 @@ class Sample:
 
     Attributes:
         weights: (shapes,) weights of the shapes that act together.
-        share: The state's weight in the fit.
         beneath: Shapes of other effects that act meanwhile, each with its weight; these have their normals already.
     """
 
     weights: Floats
     pose: Pose
-    share: float = 1.0
     beneath: Sequence[tuple[Shape, float]] = ()
 
 
@@ -176,7 +174,7 @@ def _fit_normals(
     is scaled to t/(t·N), whose part along N is N, and fitted with weights (t·N)⁴. On a plane, this is exact at all
     heights.
     """
-    weights, shares = np.stack([each.weights for each in samples]), np.array([each.share for each in samples])
+    weights = np.stack([each.weights for each in samples])
     displacements = np.einsum("fs,svx->fvx", weights, deltas)
     normals = DisplacedNormals.of(fine, vertices)
     touched, base = normals.touched, normals.base
@@ -193,7 +191,7 @@ def _fit_normals(
         for shape, weight in sample.beneath:
             _, rows, others = np.intersect1d(touched, shape.normal_vertices, assume_unique=True, return_indices=True)
             wanted[number, rows] -= weight * shape.normal_deltas[others]
-    leverage = shares[:, None] * cosines**4
+    leverage = cosines**4
     normal = np.einsum("fv,fs,ft->vst", leverage, weights, weights)
     right = np.einsum("fv,fs,fvx->vsx", leverage, weights, wanted)
     # Shapes that hardly act in any sample get no normals instead of huge ones.
@@ -352,62 +350,55 @@ def turn_to(base: Floats, authored: Floats, vectors: Floats) -> Floats:
 
 def summed(shapes: Sequence[Shape], factors: Floats) -> Shape:
     """A weighted sum of shapes."""
-    vertices, deltas = _sparse_sum([(each.vertices, each.deltas) for each in shapes], factors)
-    normal_vertices, normal_deltas = _sparse_sum(
-        [(each.normal_vertices, each.normal_deltas) for each in shapes], factors
-    )
+    rows = factors[:, None]
+    vertices, (deltas,) = _sums([each.vertices for each in shapes], [each.deltas for each in shapes], rows)
+    turned, (turns,) = _sums([each.normal_vertices for each in shapes], [each.normal_deltas for each in shapes], rows)
     scale = max(shape.tallest / _longest(shape.deltas) for shape in shapes)
     middles = summed_middles(shapes, factors[None])
-    return Shape(
-        vertices,
-        deltas,
-        scale * _longest(deltas),
-        normal_vertices,
-        normal_deltas,
-        middles and replace(middles, deltas=middles.deltas[0]),
-    )
+    middles = middles and replace(middles, deltas=middles.deltas[0])
+    return Shape(vertices, deltas, scale * _longest(deltas), turned, turns, middles)
 
 
 def summed_middles(shapes: Sequence[Shape], weights: Floats) -> Middles | None:
     """The middles of weighted sums of shapes, for (samples, shapes) weights; None if all edges are straight."""
-    parts = [(each.middles, column) for each, column in zip(shapes, weights.T, strict=True) if each.middles is not None]
-    return _gathered(parts, len(weights))
+    bent = [(each.middles, column) for each, column in zip(shapes, weights.T, strict=True) if each.middles is not None]
+    if not bent:
+        return None
+    of_shapes = [each for each, _ in bent]
+    columns = np.stack([column for _, column in bent])
+    return Middles(*_sums([each.edges for each in of_shapes], [each.deltas for each in of_shapes], columns))
 
 
 def _with_others(
     middles: Middles | None, beneath: Sequence[Sequence[tuple[Shape, float]]], count: int
 ) -> Middles | None:
     """The middles of (samples, …) displacements and of the weighted shapes `beneath` each; None if there are none."""
-    parts = [
-        (shape.middles, weight * (np.arange(count) == number))
-        for number, shapes in enumerate(beneath)
+    each_alone = np.eye(count)
+    bent = [
+        (shape.middles.edges, shape.middles.deltas, weight * alone)
+        for alone, shapes in zip(each_alone, beneath, strict=False)
         for shape, weight in shapes
         if shape.middles is not None
     ]
-    if middles is None or not parts:
-        return middles or _gathered(parts, count)
-    return _gathered([(middles, np.ones(count)), *parts], count)
+    if not bent:
+        return middles
+    if middles is not None:
+        bent += [(middles.edges, deltas, alone) for deltas, alone in zip(middles.deltas, each_alone, strict=True)]
+    edges, deltas, rows = zip(*bent, strict=True)
+    return Middles(*_sums(edges, deltas, np.stack(rows)))
 
 
-def _gathered(parts: Sequence[tuple[Middles, Floats]], count: int) -> Middles | None:
-    """The sums, for so many samples, of middles times their (samples,) weights; None if there are none."""
-    if not parts:
-        return None
-    edges = distinct_values(np.concatenate([each.edges for each, _ in parts]))
-    deltas = np.zeros((count, len(edges), 3))
-    for each, weights in parts:
-        acting = np.flatnonzero(weights)
-        of_samples = each.deltas[acting] if each.deltas.ndim > 2 else each.deltas
-        deltas[np.ix_(acting, np.searchsorted(edges, each.edges))] += weights[acting, None, None] * of_samples
-    return Middles(edges, deltas)
+def _sums(places: Sequence[Ints], vectors: Sequence[Floats], weights: Floats) -> tuple[Ints, Floats]:
+    """The sorted numbers that any part has, and (samples, numbers, 3) sums of the parts' vectors.
 
-
-def _sparse_sum(parts: Sequence[tuple[Ints, Floats]], factors: Floats) -> tuple[Ints, Floats]:
-    """The sorted numbers that any part has, and the (numbers, 3) sums of the parts' vectors times their factors."""
-    numbers = distinct_values(np.concatenate([where for where, _ in parts]))
-    sums = np.zeros((len(numbers), 3))
-    for factor, (where, vectors) in zip(factors, parts, strict=True):
-        sums[np.searchsorted(numbers, where)] += factor * vectors
+    Each part has (numbers,) `places` and (numbers, 3) `vectors`, and a row of (parts, samples) `weights`.
+    """
+    numbers = distinct_values(np.concatenate(places))
+    sums = np.zeros((weights.shape[1], len(numbers), 3))
+    for where, moves, row in zip(places, vectors, weights, strict=True):
+        at = np.searchsorted(numbers, where)
+        for sample in np.flatnonzero(row):
+            sums[sample, at] += row[sample] * moves
     return numbers, sums
 
 
