@@ -304,7 +304,7 @@ def test_wrinkles_look_as_steep_as_they_are(name: str, clip: str, risen: float) 
     When they have risen half of the way, and when they are tallest; on triangles that hardly cut their corners.
     """
     settings = yaml.safe_load((ROOT / "configs" / f"{name}.yaml").read_text())
-    file = bake_once(name, *settings["tools"], top=settings | {"refinement": {"edges_per_interval": 4}})
+    file = bake_once(name, top=settings | {"refinement": {"edges_per_interval": 4}})
     wrinkles = wrinkle_columns(file, name)
     times, weights = file.keys(clip, name)
     rising = weights[:, wrinkles].sum(axis=1)

@@ -174,7 +174,7 @@ def test_strength_in_a_clip_takes_the_place_of_the_tool_s(strength: float) -> No
 @pytest.mark.parametrize("strategy", ["everywhere", "origin"])
 @pytest.mark.parametrize("strength", [1.0, -0.5])
 def test_a_tool_is_as_tall_as_its_highest_vertex(strategy: str, strength: float) -> None:
-    """That is as high as features leave it: of a tool on half of its height, half of it."""
+    """Factors on the height, as of features and folds, count: a tool that keeps half of its height is half as tall."""
     prepared = prepare(limb_asset(rings=15, sides=12), tool(strategy=strategy, bumps=4, clips={"fold": strength}))
     carried, fine = carry_patch(prepared)
     times = np.linspace(0.0, 2.0, 21)
