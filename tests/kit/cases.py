@@ -309,7 +309,7 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
             yield from some("--json", share=0.5)
         case "demo":  # folders that it refuses: it does not read the asset
             yield from (chance.choice([".", asset, f"{asset}/demo", "\0", "sub/.."]), *some("--no-open"), *some("-q"))
-        case "completion":  # --install writes below the home folder
+        case "completion":
             yield chance.choice(["bash", "zsh", "fish"])
         case _:
             if is_baked(source) and chance.random() < 0.5:

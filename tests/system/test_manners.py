@@ -191,9 +191,9 @@ def test_bash_completes(typed: str, completed: str, tmp_path: Path) -> None:
     script = tmp_path / "wrinkle"
     script.write_text(f"#!{MAIN[0]}\nfrom wrinklecli.cli import main\nmain()\n")
     script.chmod(0o755)
-    install = [*MAIN, "completion", "bash", "--install"]
-    subprocess.run(install, env={**os.environ, "BASH_COMPLETION_USER_DIR": str(tmp_path)}, check=True)
-    line = f". {tmp_path}/completions/wrinkle"
+    printed = subprocess.run([*MAIN, "completion", "bash"], stdout=subprocess.PIPE, check=True).stdout
+    (tmp_path / "completion").write_bytes(printed)
+    line = f". {tmp_path}/completion"
     bash = ["bash", "--norc", "--noprofile", "-i"]
     process, terminal = start_on_terminal(bash, PATH=f"{tmp_path}:{os.environ['PATH']}", TERM="dumb")
     try:
