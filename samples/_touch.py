@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from wrinklecli.example.characters import Character, Clip, Joint
-from wrinklecli.example.shapes import Builder, Floats, smoothstep
+from _characters import Character, Clip, Joint
+from _shapes import Builder, Floats, smoothstep
 
 AT = (0.042, 0.0178, 0.0)  # on the hand's back, metres
 RADIUS = 0.0065  # metres, of the finger's tip

@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from _characters import Character, Clip, Joint, to_glb
+from _shapes import Builder, Floats, Ints, smoothstep, spline
 from wrinklecli import BakeOptions, PreviewOptions, Style, bake, preview
 from wrinklecli.character.clip import read_clips
 from wrinklecli.character.scene_surface import read_scene_surface
-from wrinklecli.example.characters import Character, Clip, Joint, to_glb
-from wrinklecli.example.shapes import Builder, Floats, Ints, smoothstep, spline
 from wrinklecli.gltf.document import read_document
 
 HERE = Path(__file__).resolve().parent

@@ -13,10 +13,10 @@ from typing import NamedTuple
 
 import yaml
 
+from _body import jump, make_body, shake
+from _characters import Character, to_glb
 from _panels import Frames, frames_of, run, save_panels
 from wrinklecli import BakeOptions, PreviewOptions, bake
-from wrinklecli.example.body import jump, make_body, shake
-from wrinklecli.example.characters import Character, to_glb
 
 HERE = Path(__file__).resolve().parent
 TOOLS = HERE.parent / "configs" / "body.yaml"

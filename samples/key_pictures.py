@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from _characters import Character, Clip, Joint, to_glb
+from _shapes import Builder, Floats
 from wrinklecli import PreviewOptions, Style, preview
-from wrinklecli.example.characters import Character, Clip, Joint, to_glb
-from wrinklecli.example.shapes import Builder, Floats
 
 HERE = Path(__file__).resolve().parent
 SHEET = (0.10, 0.05)  # metres: half the length along the segment, half the depth

@@ -1,9 +1,9 @@
-"""Makes the sample characters: wrist.glb, head.glb, trousers.glb, body.glb and touch.glb.
+"""Makes the sample characters: wrist.glb, head.glb, trousers.glb, body.glb and touch.glb, and figure.glb of the demo.
 
 Usage: python samples/make_samples.py [DIR]
 
-Each is a quad mesh laid out by hand, as a modeller would (the body comes from a grid), and relaxed onto a signed
-distance field, by `wrinklecli.example`, which also writes it. Y is up, units are metres, nothing is random.
+Each is a quad mesh laid out by hand, as a modeller would (those of bodies come from a grid), and relaxed onto a signed
+distance field. Y is up, units are metres, nothing is random.
 """
 
 import math
@@ -14,11 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
-from _touch import make_touch
-from wrinklecli.example.body import make_body
-from wrinklecli.example.characters import Character, Clip, Joint, to_glb
-from wrinklecli.example.head import face_density, head_field
-from wrinklecli.example.shapes import (
+from _body import make_body
+from _characters import Character, Clip, Joint, to_glb
+from _figure import make_figure
+from _head import face_density, head_field
+from _shapes import (
     Builder,
     Floats,
     Ints,
@@ -32,7 +32,9 @@ from wrinklecli.example.shapes import (
     spline,
     union,
 )
+from _touch import make_touch
 
+HERE = Path(__file__).resolve().parent
 SKIN = (0.78, 0.50, 0.38)
 DENIM = (0.12, 0.19, 0.34)
 
@@ -534,12 +536,16 @@ def brow_offsets(mesh: Mesh, rise: float) -> Floats:
     return (moved - mesh.positions) * smoothstep(0.0, 0.1, amount)[:, None]
 
 
-def main(folder: Path) -> None:
-    """Write the samples into a folder."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for character in (make_wrist(), make_head(), make_trousers(), make_body(), make_touch(make_wrist())):
-        (folder / f"{character.name}.glb").write_bytes(to_glb(character))
+def main(folder: Path | None) -> None:
+    """Write the samples into a folder; None means the places where they are kept."""
+    makers = (make_wrist, make_head, make_trousers, make_body, lambda: make_touch(make_wrist()), make_figure)
+    for make in makers:
+        character = make()
+        kept = HERE.parent / "wrinklecli" / "example" if character.name == "figure" else HERE
+        place = folder or kept
+        place.mkdir(parents=True, exist_ok=True)
+        (place / f"{character.name}.glb").write_bytes(to_glb(character))
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent)
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else None)

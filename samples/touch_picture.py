@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from _characters import to_glb
 from _panels import frames_of, run, save_panels
 from _touch import make_touch
 from make_samples import make_wrist
 from wrinklecli import BakeOptions, PreviewOptions, bake
-from wrinklecli.example.characters import to_glb
 
 HERE = Path(__file__).resolve().parent
 TOOLS = HERE.parent / "configs" / "touch.yaml"

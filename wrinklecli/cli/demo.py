@@ -10,14 +10,14 @@ from wrinklecli.cli.streams import command_outputs
 
 
 @click.command(
-    short_help="Make, bake and draw a figure, to try out.",
+    short_help="Bake and draw a figure, to try out.",
     epilog="Example: wrinkle demo wrinkle-demo",
 )
 @click.argument("folder", metavar="[DIR]", default="wrinkle-demo")
 @opt.flag("--no-open", text="Do not open the picture.")
 @opt.quiet()
 def demo(*, folder: str, no_open: bool, quiet: bool) -> None:
-    """Make a dressed figure that squats, with its tools, bake them, and draw it before and after.
+    """Write a dressed figure that squats, with its tools, bake them, and draw it before and after.
 
     DIR, wrinkle-demo if it is left out, gets figure.glb, figure.yaml, wrinkled.glb and wrinkled.png. On a terminal the
     picture is opened. It needs Pillow and embreex: pip install 'wrinklecli[preview]'.

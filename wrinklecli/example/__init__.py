@@ -1,5 +1,5 @@
-"""Room of characters that are made by code, and of the demo, which bakes and draws one.
+"""Room of the demo, which bakes and draws a character of its own.
 
-In: nothing but code. Out: skinned and textured characters as glTF, and a folder with one, its tools and its bake.
-The samples of the repository are made with the same modules. The room must not know the command line.
+In: `figure.glb`, which `samples/make_samples.py` makes, and its tools. Out: a folder with both, their bake and a
+picture. The room must not know the command line.
 """

@@ -1,4 +1,4 @@
-"""Makes a folder with a figure, its tools, its bake and a picture of it: what a new user looks at first."""
+"""Fills a folder with a figure, its tools, its bake and a picture of it: what a new user looks at first."""
 
 import os
 import tempfile
@@ -9,8 +9,6 @@ from pathlib import Path
 
 from wrinklecli.baking.pipeline import bake
 from wrinklecli.errors import BakeError, WrinkleError
-from wrinklecli.example.characters import to_glb
-from wrinklecli.example.figure import make_figure
 from wrinklecli.files.outputs import Outputs, part_of
 from wrinklecli.numeric.guard import Progress, no_progress
 from wrinklecli.review.preview.preview import preview, refuse_missing
@@ -59,8 +57,8 @@ def demo(folder: str | os.PathLike[str], *, outputs: Outputs | None = None, prog
     with part_of(outputs) as written, tempfile.TemporaryDirectory() as temporary:
         written.make_folders(place)  # what cannot be made is found before the work
         made = {name: Path(temporary) / name for name in (ASSET, TOOLS, BAKED, PICTURE)}
-        made[ASSET].write_bytes(to_glb(make_figure()))
-        made[TOOLS].write_bytes(resources.files("wrinklecli.example").joinpath(TOOLS).read_bytes())
+        for name in (ASSET, TOOLS):
+            made[name].write_bytes(resources.files("wrinklecli.example").joinpath(name).read_bytes())
         bake(made[ASSET], made[TOOLS], made[BAKED], progress=progress)
         missing = _drawn(made, progress)
         if missing is not None:

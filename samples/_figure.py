@@ -1,15 +1,16 @@
 """A dressed figure, for a first bake: the body in a striped shirt, jeans and shoes, on one textured mesh."""
 
 import math
+import struct
+import zlib
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wrinklecli.example.body import HEAD, KEYS, PLACES, arm_field, leg_field, skin_weights, surface, trunk_field, turned
-from wrinklecli.example.characters import Character, Clip, Joint
-from wrinklecli.example.head import head_field
-from wrinklecli.example.png import encode_png
-from wrinklecli.example.shapes import Bools, Floats, capsule, cut, ellipsoid, on_one_side, smoothstep, union
+from _body import HEAD, KEYS, PLACES, arm_field, leg_field, skin_weights, surface, trunk_field, turned
+from _characters import Character, Clip, Joint
+from _head import head_field
+from _shapes import Bools, Floats, capsule, cut, ellipsoid, on_one_side, smoothstep, union
 
 IMAGE = 1024  # pixels of the sides of the base colour
 # Heights of the garments' ends, metres.
@@ -18,6 +19,7 @@ _COLLAR, _HEM, _BELT, _TURN_UP, _SOLE = 1.475, 0.925, 0.965, 0.105, 0.022
 _SHIRT, _JEANS, _LOOSE, _SHOE = 0.009, 0.008, 0.010, 0.010
 _FADE = 0.016  # metres over which a garment's end rises, about a cell of the grid
 _STRIPE = 0.034  # metres from stripe to stripe
+_PIECE = 8  # pixels of a thread that are alike
 # sRGB of 255.
 _WHITE, _NAVY, _DENIM, _FADED = (232, 226, 214), (42, 56, 100), (86, 118, 166), (140, 168, 204)
 _SKIN, _LIPS, _HAIR, _CANVAS, _RUBBER = (208, 150, 120), (184, 110, 96), (58, 40, 30), (126, 44, 40), (222, 216, 204)
@@ -158,14 +160,37 @@ def _paint_head(colours: Floats, at: Floats, front: Bools) -> None:
 
 def _woven(colours: Floats, size: int, *, cloth: Bools) -> NDArray[np.uint8]:
     """Bytes of an image, with the small unevenness of yarn on cloth."""
-    # A hash of the pixel's number: random to the eye, and the same on every machine.
-    number = np.arange(size * size, dtype=np.int64)
+    # A hash of the number of the thread's piece: random to the eye, the same on every machine, and soon compressed.
+    row, column = np.divmod(np.arange(size * size, dtype=np.int64), size)
+    number = column + (row + 5 * column) // _PIECE * size
     mixed = (number * 2654435761 + (number // size) * 40503) % 4294967296
     mixed = (mixed ^ (mixed >> 13)) * 1274126177 % 4294967296
     level = ((mixed >> 24) % 5 - 2).astype(np.float64)
     shade = 1.0 + np.where(cloth, 0.018, 0.006) * level
     rounded = np.clip(np.rint(colours * shade[:, None]), 0, 255).astype(np.uint8)
     return rounded.reshape(size, size, 3)
+
+
+def encode_png(pixels: NDArray[np.uint8]) -> bytes:
+    """Encode an image.
+
+    Args:
+        pixels: (rows, columns, 3), sRGB, the uppermost row first.
+
+    Source: PNG specification, third edition, §5. Each row has the filter "up", which suits pictures of cloth.
+    """
+    rows, columns, _ = pixels.shape
+    above = np.concatenate([np.zeros_like(pixels[:1]), pixels[:-1]])
+    # Differences modulo 256, as bytes wrap.
+    filtered = np.concatenate([np.full((rows, 1), 2, np.uint8), (pixels - above).reshape(rows, -1)], axis=1)
+    chunks = (
+        (b"IHDR", struct.pack(">IIBBBBB", columns, rows, 8, 2, 0, 0, 0)),
+        (b"IDAT", zlib.compress(filtered.tobytes(), 9)),
+        (b"IEND", b""),
+    )
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data)) for kind, data in chunks
+    )
 
 
 def make_figure() -> Character:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from wrinklecli.example.shapes import Floats, capsule, cut, ellipsoid, norm, on_one_side, smoothstep, union
+from _shapes import Floats, capsule, cut, ellipsoid, norm, on_one_side, smoothstep, union
 
 BROW_HEIGHT = 0.232  # metres, of the brow ridge at rest
 

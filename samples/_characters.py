@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wrinklecli.example.shapes import Floats, Ints, Mesh, triangulate, vertex_normals
+from _shapes import Floats, Ints, Mesh, triangulate, vertex_normals
 
 ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
 UNSIGNED_BYTE, UNSIGNED_SHORT, FLOAT = 5121, 5123, 5126

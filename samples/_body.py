@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from wrinklecli.example.characters import Character, Clip, Joint
-from wrinklecli.example.head import head_field
-from wrinklecli.example.shapes import (
+from _characters import Character, Clip, Joint
+from _head import head_field
+from _shapes import (
     Bools,
     Field,
     Floats,
