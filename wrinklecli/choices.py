@@ -27,6 +27,9 @@ PROFILES: dict[Profile, str] = {  # with what its bumps look like
 Attenuation: TypeAlias = Literal["bell", "linear"]
 Attachment: TypeAlias = Literal["skin", "patch"]
 Stops: TypeAlias = Literal["features", "none"]
+# The groups of the keys of effects, in the order in which one that is drawn is tuned.
+Group: TypeAlias = Literal["Shape", "Irregularity", "Motion", "Place"]
+GROUPS: tuple[Group, ...] = get_args(Group)
 Channel: TypeAlias = Literal["r", "g", "b", "a"]
 CHANNELS: tuple[Channel, ...] = get_args(Channel)
 """The channels of an image, and the components of a vertex attribute, in their order."""

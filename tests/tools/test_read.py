@@ -39,6 +39,7 @@ from kit.tools_text import (
     lines_of,
     tool_lines,
 )
+from wrinklecli.choices import GROUPS
 from wrinklecli.errors import ConfigError
 from wrinklecli.tools import records, schema
 from wrinklecli.tools import yaml_tree as yamltree
@@ -726,21 +727,22 @@ def test_every_key_of_the_schema_is_described_and_no_other_is_let_in():
             assert entry.get("description"), key
 
 
-def readme_tables() -> dict[str, dict[str, str]]:
-    """For each heading of the reference its keys and their defaults as written."""
-    tables: dict[str, dict[str, str]] = {}
+def readme_tables() -> dict[str, dict[str, tuple[str, str]]]:
+    """For each heading of the reference its keys, their values and their defaults as written."""
+    tables: dict[str, dict[str, tuple[str, str]]] = {}
     heading = ""
     for line in README.splitlines():
         if line.startswith("#"):
             heading = line.strip("# ")
-        elif match := re.match(r"\| `(\w+)` \| .* \| (`[^`]+`|required|none) \| [^|]+ \|$", line):
-            tables.setdefault(heading, {})[match[1]] = match[2]
+        elif match := re.match(r"\| `(\w+)` \| (.*) \| (`[^`]+`|required|none) \| [^|]+ \|$", line):
+            tables.setdefault(heading, {})[match[1]] = match[2], match[3]
     return tables
 
 
 @pytest.mark.parametrize(
     ("heading", "keys"),
     [
+        *((group, {key: each for key, each in TOOL.items() if each["group"] == group}) for group in GROUPS),
         ("The file", FILE),
         ("rest", FILE["rest"]["then"]["properties"]),
         ("sampling", FILE["sampling"]["properties"]),
@@ -760,15 +762,15 @@ def readme_tables() -> dict[str, dict[str, str]]:
         ("Folds that touch", TOOL["contact"]["then"]["properties"]),
     ],
 )
-def test_the_reference_names_every_key_and_its_default(heading, keys):
-    assert list(written_defaults(readme_tables()[heading]).items()) == list(defaults_of(keys).items())
-
-
-def test_the_reference_names_every_key_of_a_tool_once():
-    sections = ("Where", "How many", "How high", "Of what stuff", "When", "How irregular", "Contact", "On and off")
-    tables = [readme_tables()[heading] for heading in sections]
-    assert sum(map(len, tables)) == len(TOOL)
-    assert {key: each for table in tables for key, each in written_defaults(table).items()} == defaults_of(TOOL)
+def test_the_reference_names_every_key_with_its_values_and_its_default(heading, keys):
+    table = readme_tables()[heading]
+    assert list(written_defaults(table).items()) == list(defaults_of(keys).items())
+    for key, each in keys.items():
+        words = [f"`{word}`" for word in each.get("enum", ()) if word is not None]
+        ends = [each[end] for end in ("minimum", "maximum") if each.get("type") in ("number", "integer")]
+        numbers = [f"{end:g}".replace("e-0", "e-").replace("e+0", "e") for end in ends]
+        types = table[key][0].replace("−", "-")
+        assert [word for word in (*words, *numbers) if word not in types] == [], (key, types)
 
 
 def defaults_of(keys: dict[str, Any]) -> dict[str, Any]:
@@ -790,9 +792,9 @@ def defaults_of(keys: dict[str, Any]) -> dict[str, Any]:
     return defaults | {key: None for key in absent if key in keys}
 
 
-def written_defaults(table: dict[str, str]) -> dict[str, Any]:
+def written_defaults(table: dict[str, tuple[str, str]]) -> dict[str, Any]:
     """The defaults of a table of the reference."""
-    written = {key: yaml.safe_load(default.strip("`")) for key, default in table.items()}
+    written = {key: yaml.safe_load(default.strip("`")) for key, (_, default) in table.items()}
     written |= {key: None for key, default in written.items() if default == "none"}
     return written | {key: "off" for key in ("contact",) if written.get(key) is False}  # YAML 1.1
 

@@ -23,14 +23,17 @@ from wrinklecli.tools.json_schema import (
     one_of,
     read_record,
     schema_of,
+    slider,
     whole,
 )
 from wrinklecli.tools.materials import PLAIN_HEIGHT, Preset, preset
 from wrinklecli.tools.records import (
     ANCHOR,
+    DAMPING,
     END,
     MASK,
     SECONDS,
+    SWINGS,
     JointPoint,
     Length,
     Marker,
@@ -45,7 +48,9 @@ from wrinklecli.tools.records import (
     read_tip,
 )
 
-AUTO_LENGTH = expects(f"auto, {LENGTHS}", anyOf=[{"enum": ["auto"]}, LENGTH])
+_OF_BODY = slider(1, 100, 0.5, "%")  # nothing below the skin is longer than the muscle, or the region, itself
+_LENGTH = {**LENGTH, **_OF_BODY}
+AUTO_LENGTH = expects(f"auto, {LENGTHS}", anyOf=[{"enum": ["auto"]}, LENGTH], **_OF_BODY)
 
 
 TENDONS = "40%"
@@ -114,7 +119,7 @@ class BodyEffect:
         places: The places of its keys; see `place`.
     """
 
-    name: str = key(TEXT, "Unique name; also when all but letters, digits and _ is replaced by _.")
+    name: str = key(TEXT, "Unique name; also when all but letters, digits and _ is replaced by _.", group="Place")
     node: str | None = key(
         {**TEXT, "type": ["string", "null"]}, "Node of the mesh; may be left out where one mesh deforms.", None
     )
@@ -175,10 +180,11 @@ class Muscle(BodyEffect):
         "Thickness of the belly at rest: a length or a percentage of the muscle. Default auto: 84 % of the way from "
         "bone to skin.",
         "auto",
+        group="Shape",
         read=read_auto_length,
     )
     tendon: Length = key(
-        LENGTH,
+        _LENGTH,
         "Length of both tendons, which do not shorten: a length or a percentage. Default 40%, as of a biceps.",
         TENDONS,
         read=parse_length,
@@ -203,9 +209,9 @@ class Muscle(BodyEffect):
         "Tension that thickens the muscle while its length stays: {keys: …} by hand, {morph: …} by a morph target. "
         "Default none.",
         None,
+        group="Motion",
         read=_read_activation,
     )
-
     travel: bool = key(
         FLAG,
         "true: the belly moves along as the muscle shortens, which takes more morph targets. Default false.",
@@ -279,11 +285,21 @@ class Flesh(BodyEffect):
         None,
         read=read_mask_of,
     )
+    meshes: tuple[str, ...] = key(
+        list_of(TEXT, 0, None, "a list of node names"),
+        "Nodes whose meshes lie over the region and move with it, as clothes do. Default [].",
+        [],
+        read=lambda value: tuple(dict.fromkeys(value)),
+    )
     frequency: float = key(
-        number(0.5, 20), "Swings per second, were they not damped: 2 soft, 6 firm. Default 4.", 4.0, read=float
+        {**number(0.5, 20), **SWINGS},
+        "Swings per second, were they not damped: 2 soft, 6 firm. Default 4.",
+        4.0,
+        group="Motion",
+        read=float,
     )
     damping: float = key(
-        number(0.05, 2), "From 1 on flesh does not swing back. Default 0.3.", 0.3, read=float
+        {**number(0.05, 2), **DAMPING}, "From 1 on flesh does not swing back. Default 0.3.", 0.3, read=float
     )  # fmt: skip
     shapes: int = key(
         expects("3, 6 or 9", enum=[3, 6, 9]),
@@ -291,7 +307,7 @@ class Flesh(BodyEffect):
         6,
     )
     limit: Length = key(
-        LENGTH,
+        _LENGTH,
         "About how far skin moves at most, which it approaches smoothly: a length, or a percentage of the radius. "
         "Default 12%.",
         "12%",
@@ -303,6 +319,7 @@ class Flesh(BodyEffect):
             type="string",
             maxLength=40,
             pattern=r"^\+?0*([0-9]|[1-9][0-9])(\.[0-9]*)? ?%$|^\+?0*100(\.0*)? ?%$",
+            **slider(0, 100, 0.5, "%"),
         ),
         "Share of gravity that pulls where the body turns; the rest pose has its own already. Default 30%.",
         "30%",
@@ -314,12 +331,6 @@ class Flesh(BodyEffect):
         "for all else on its mesh.",
         "auto",
         read=read_auto_length,
-    )
-    meshes: tuple[str, ...] = key(
-        list_of(TEXT, 0, None, "a list of node names"),
-        "Nodes whose meshes lie over the region and move with it, as clothes do. Default [].",
-        [],
-        read=lambda value: tuple(dict.fromkeys(value)),
     )
     carrier: int | None = None
 
@@ -445,31 +456,38 @@ class Touch(BodyEffect):
         ANCHOR, "Middle of the place, on the skin: world space at rest in scene units, or {marker: NODE}.",
         read=read_anchor,
     )  # fmt: skip
-    pad: float = key(number(1e-9, 1e9, "a length"), "Radius of the tip, scene units.", read=float)
+    towards: Position | Marker | None = key(
+        ANCHOR,
+        "Slides towards this point count as forward. Default: along the limb, away from the body.",
+        read=read_anchor,
+        absent=None,
+    )
+    mask: Mask | None = key(
+        MASK,
+        "Softness of the skin at each place, 0 to 1, which does not slide where it is 0: {attribute: _SKIN} of "
+        "vertices, or {image: FILE, channel: r}. Default none.",
+        None,
+        read=read_mask_of,
+    )
+    pad: float = key(number(1e-9, 1e9, "a length"), "Radius of the tip, scene units.", group="Shape", read=float)
     reach: Length = key(
-        LENGTH,
+        {**LENGTH, **slider(100, 300, 0.5, "%")},
         "Length over which the slide fades beyond the pad: a length or a percentage of the pad. Default 110%.",
         "110%",
         read=parse_length,
     )
     grip: Length = key(
-        LENGTH,
+        _LENGTH,
         "Greatest slide, beyond which the tip slips: a length or a percentage of the pad. Default 60%.",
         "60%",
         read=parse_length,
     )
     press: Length = key(
-        LENGTH,
+        _LENGTH,
         "Distance from the skin below which a node touches it, and depth of the dent at most: a length or a percentage "
         "of the pad. Default 20%.",
         "20%",
         read=parse_length,
-    )
-    release: Release = key(
-        schema_of(Release),
-        "The spring by which the skin comes back when the tip lets go.",
-        {"frequency": 4, "damping": 0.7},
-        read=lambda value: read_record(Release, value),
     )
     wrinkles: TouchWrinkles | None = key(
         if_mapping(schema_of(TouchWrinkles), expects("a mapping or none", enum=["none", None])),
@@ -477,11 +495,12 @@ class Touch(BodyEffect):
         {},
         read=_read_wrinkles,
     )
-    towards: Position | Marker | None = key(
-        ANCHOR,
-        "Slides towards this point count as forward. Default: along the limb, away from the body.",
-        read=read_anchor,
-        absent=None,
+    release: Release = key(
+        schema_of(Release),
+        "The spring by which the skin comes back when the tip lets go.",
+        {"frequency": 4, "damping": 0.7},
+        group="Motion",
+        read=lambda value: read_record(Release, value),
     )
     by: JointPoint | None = key(
         if_mapping(
@@ -514,13 +533,6 @@ class Touch(BodyEffect):
         {},
         read=_read_slides,
         hashed=False,
-    )
-    mask: Mask | None = key(
-        MASK,
-        "Softness of the skin at each place, 0 to 1, which does not slide where it is 0: {attribute: _SKIN} of "
-        "vertices, or {image: FILE, channel: r}. Default none.",
-        None,
-        read=read_mask_of,
     )
 
     @property

@@ -1,13 +1,15 @@
 """JSON Schemas with messages, and records whose fields are the keys of a file.
 
 `errorMessage`, which JSON Schema does not have, names the accepted values: the program's messages end with it, and the
-language servers of JSON and YAML show it.
+language servers of JSON and YAML show it. `group` and `slider` say how programs show the control of a key.
 """
 
 import functools
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields
 from typing import Any, TypeAlias, TypeVar
+
+from wrinklecli.choices import Group
 
 Schema: TypeAlias = dict[str, Any]
 Reader: TypeAlias = Callable[[Any], Any]
@@ -19,15 +21,22 @@ def expects(accepted: str, **keywords: Any) -> Schema:
     return {**keywords, "errorMessage": f"expected {accepted}"}
 
 
-def number(low: float, high: float, noun: str = "a number") -> Schema:
-    """A number between two ends."""
+def slider(low: float, high: float, step: float, unit: str = "") -> Schema:
+    """Values with these numbers on the slider of their control; others are typed, and all are without a slider."""
+    return {"slider": {"minimum": low, "maximum": high, "step": step, **({"unit": unit} if unit else {})}}
+
+
+def number(low: float, high: float, noun: str = "a number", *, step: float | None = None) -> Schema:
+    """A number between two ends; with a step, a slider goes from one to the other."""
     ends = [f"{end:g}".replace("e+0", "e") for end in (low, high)]
-    return expects(f"{noun} from {ends[0]} to {ends[1]}", type="number", minimum=low, maximum=high)
+    slides = {} if step is None else slider(low, high, step)
+    return expects(f"{noun} from {ends[0]} to {ends[1]}", type="number", minimum=low, maximum=high, **slides)
 
 
-def whole(low: int, high: int) -> Schema:
-    """A whole number between two ends."""
-    return expects(f"a whole number from {low} to {high}", type="integer", minimum=low, maximum=high)
+def whole(low: int, high: int, *, slides: bool = False) -> Schema:
+    """A whole number between two ends, which may be those of a slider."""
+    more = slider(low, high, 1) if slides else {}
+    return expects(f"a whole number from {low} to {high}", type="integer", minimum=low, maximum=high, **more)
 
 
 def one_of(*words: str, none: bool = False) -> Schema:
@@ -86,6 +95,7 @@ def key(
     description: str,
     default: Any = MISSING,
     *,
+    group: Group | None = None,
     read: Reader | None = None,
     name: str = "",
     absent: Any = MISSING,
@@ -97,6 +107,7 @@ def key(
         values: Schema of the key's values.
         description: Meaning of the key, for editors.
         default: Default as a file would write it; required keys have none.
+        group: Group of controls that begins with the key; the record's further keys belong to it, up to the next one.
         read: Turns the file's value into the field's value; by default they are equal.
         name: The key, if it differs from the field's name.
         absent: The field's default, if it differs from `read(default)`.
@@ -104,7 +115,7 @@ def key(
     """
     said = {} if default is MISSING else {"default": default}
     read = read or (lambda value: value)
-    metadata = {"schema": key_of(values, description, **said), "read": read, "name": name}
+    metadata = {"schema": key_of(values, description, **said), "group": group, "read": read, "name": name}
     if absent is MISSING and default is not MISSING:
         absent = read(default)
     hashing = None if hashed else False
@@ -114,8 +125,13 @@ def key(
 
 
 def keys_of(record: type) -> dict[str, Schema]:
-    """The schemas of a record's keys."""
-    return {each.metadata["name"] or each.name: each.metadata["schema"] for each in _fields(record)}
+    """The schemas of a record's keys, each with its group of controls."""
+    found: dict[str, Schema] = {}
+    group: Schema = {}
+    for each in _fields(record):
+        group = {"group": each.metadata["group"]} if each.metadata["group"] else group
+        found[each.metadata["name"] or each.name] = {**each.metadata["schema"], **group}
+    return found
 
 
 @functools.cache

@@ -47,6 +47,7 @@ from wrinklecli.tools.json_schema import (
     read_record,
     readers_of,
     schema_of,
+    slider,
     whole,
 )
 from wrinklecli.tools.materials import PLAIN_HEIGHT, Preset, presets, presets_of, with_material
@@ -59,7 +60,11 @@ MAX_SEED = 2**31 - 1  # what any language's whole numbers hold
 MAX_TEXCOORD = 7  # sets of texture coordinates are numbered from 0; importers read eight at most
 
 SECONDS = number(0, 1e6, "seconds")
-_STRENGTH = number(-100, 100)
+_RATIO = number(0, 1, step=0.01)
+SWINGS = slider(0.5, 20, 0.1, "Hz")  # from soft tissue to flesh so firm that nobody sees it swing
+DAMPING = slider(0.05, 2, 0.01)  # from jelly to twice the ratio from which on nothing swings
+_STRENGTH = {**number(-100, 100), **slider(-2, 2, 0.05)}
+_OF_TOOL = slider(1, 300, 0.5, "%")  # of its rest distance
 _MATERIALS = f"{', '.join(presets())} or none"
 
 
@@ -261,10 +266,16 @@ class Lag:
     """A damped spring, by which heights follow the shortening late; damping is the ratio ζ, 1 is critical."""
 
     frequency: float = key(
-        number(0.5, 60), "Swings per second of the tissue, were it not damped. Default 6.", 6.0, read=float
+        {**number(0.5, 60), **SWINGS},
+        "Swings per second of the tissue, were it not damped. Default 6.",
+        6.0,
+        read=float,
     )
     damping: float = key(
-        number(0.05, 10), "Below 1 heights overshoot and swing, from 1 on they do not. Default 0.5.", 0.5, read=float
+        {**number(0.05, 10), **DAMPING},
+        "Below 1 heights overshoot and swing, from 1 on they do not. Default 0.5.",
+        0.5,
+        read=float,
     )
 
 
@@ -440,7 +451,7 @@ class WrinkleTool:
         bump_height: Highest point of a bump relative to its width at rest, for `max_height: auto`.
     """
 
-    name: str = key(TEXT, "Unique name; also when all but letters, digits and _ is replaced by _.")
+    name: str = key(TEXT, "Unique name; also when all but letters, digits and _ is replaced by _.", group="Place")
     node: str | None = key(
         {**TEXT, "type": ["string", "null"]}, "Node of the mesh; may be left out where one mesh deforms.", None
     )
@@ -457,11 +468,6 @@ class WrinkleTool:
         name="path",
         absent=(),
     )
-    snap: Snap = key(
-        one_of(*get_args(Snap)),
-        "Anchors go to the nearest point of the surface, or vertex. Default surface.",
-        "surface",
-    )
     mirrored: bool = key(
         one_of(*get_args(Axis), "none", none=True),
         "Also make the tool of the other side: this coordinate, as the file writes it, negated, left and right "
@@ -470,75 +476,10 @@ class WrinkleTool:
         name="mirror",
         absent=False,
     )
-    width: Length = key(LENGTH, "Full width across the segment: a length or a percentage. Required.", read=parse_length)
-    material: str | None = key(
-        expects(_MATERIALS, type=["string", "null"], minLength=1, examples=[*presets(), "none", None]),
-        "What wrinkles: a substance or a preset, which gives other keys other defaults. Default none.",
-        None,
-        read=lambda value: None if value == "none" else value,
-    )
-    strategy: Strategy = key(
-        one_of(*get_args(Strategy)),
-        "Which bumps rise first: all alike, from the origin, from both ends. Default everywhere.",
-        "everywhere",
-    )
-    bumps: int = key(whole(1, 64), "Wrinkles along the segment. Default 4, or the material's.", 4, read=int)
-    gap: int = key(whole(0, 64), "Flat control intervals, half a bump each, between bumps. Default 0.", 0, read=int)
-    max_height: Literal["auto"] | Length | None = key(
-        expects(f"auto, none, {LENGTHS}", anyOf=[{"enum": ["auto", "none", None]}, LENGTH]),
-        "Highest point of a bump: auto (a quarter of a rest bump's width, or the material's part), none, a length or a "
-        "percentage. Default auto.",
-        "auto",
-        read=_read_max_height,
-    )
-    compressible: float = key(
-        expects(
-            "a percentage from 0% to 95%",
-            type="string",
-            maxLength=40,
-            pattern=r"^\+?0*([0-9]|[1-8][0-9]|9[0-4])(\.[0-9]*)? ?%$|^\+?0*95(\.0*)? ?%$",
-        ),
-        "Share of every shortening that the tissue takes itself; the rest makes wrinkles. Default 0%, or the "
-        "material's.",
-        "0%",
-        read=lambda value: float(value.rstrip(" %")) / 100.0,
-    )
-    details: tuple[float, ...] = key(
-        list_of(number(0.001, 0.99), 0, MAX_DETAILS, f"a list of up to {MAX_DETAILS} shares"),
-        "Shares of the shortening that go into ever finer wrinkles on the bumps. Default [], or the material's.",
-        [],
-        read=lambda value: tuple(map(float, value)),
-    )
-    profile: Profile = key(
-        one_of(*get_args(Profile)),
-        f"Shape of a bump: {'; '.join(PROFILES.values())}. Default smooth, or the material's.",
-        "smooth",
-    )
-    bow: float = key(
-        number(-1, 1),
-        "Bends crests like an arc, their ends towards the target; negative: origin. Default 0.",
-        0.0,
-        read=float,
-    )
-    variation: float = key(
-        number(0, 1), "How irregular the bumps are: 0 is ruled, 1 the most. Default 0.3, or the material's.", 0.3
-    )
-    seed: int | None = key(
-        {**whole(0, MAX_SEED), "type": ["integer", "null"]},
-        "Which irregularity it is; a tool and its mirror image with one seed have mirrored wrinkles. Default: from the "
-        "name.",
-        None,
-    )
-    branch: float = key(
-        number(0, 1), "Chance of a bump to merge with its neighbour, where variation is. Default 0.25.", 0.25
-    )
-    broken: float = key(
-        number(0, 1),
-        "How broken wrinkles are: furrows have gaps, and crests end apart, the middle one last. Default 0.",
-        0.0,
-    )
-    attenuation: Attenuation = key(
-        one_of(*get_args(Attenuation)), "How a wrinkle fades across the width. Default bell.", "bell"
+    snap: Snap = key(
+        one_of(*get_args(Snap)),
+        "Anchors go to the nearest point of the surface, or vertex. Default surface.",
+        "surface",
     )
     laid: LaidPose | RestFrame = key(
         if_mapping(
@@ -554,6 +495,103 @@ class WrinkleTool:
         one_of(*get_args(Attachment)),
         "Wrinkles stay on the skin, or the patch is projected anew. Default skin.",
         "skin",
+    )
+    stops: Stops = key(
+        one_of(*get_args(Stops)),
+        "Where wrinkles fade out within the patch: at features (open borders, seams of materials, sharp creases, the "
+        "other leg), or none. Default features.",
+        "features",
+    )
+    mask: Mask | None = key(
+        MASK,
+        "Factor of the height at each place, 0 to 1: {attribute: _WRINKLE} of the vertices, or {image: FILE, channel: "
+        "r}. Default none.",
+        None,
+        read=read_mask_of,
+    )
+    enabled: bool = key(FLAG, "false: checked but not baked. Default true.", True)
+    optional: bool = key(FLAG, "true: an absent node or clip is a note, not an error. Default false.", False)
+    width: Length = key(
+        {**LENGTH, **_OF_TOOL},
+        "Full width across the segment: a length or a percentage. Required.",
+        group="Shape",
+        read=parse_length,
+    )
+    material: str | None = key(
+        expects(_MATERIALS, type=["string", "null"], minLength=1, examples=[*presets(), "none", None]),
+        "What wrinkles: a substance or a preset, which gives other keys other defaults. Default none.",
+        None,
+        read=lambda value: None if value == "none" else value,
+    )
+    bumps: int = key(
+        whole(1, 64, slides=True), "Wrinkles along the segment. Default 4, or the material's.", 4, read=int
+    )
+    gap: int = key(
+        whole(0, 64, slides=True), "Flat control intervals, half a bump each, between bumps. Default 0.", 0, read=int
+    )
+    strategy: Strategy = key(
+        one_of(*get_args(Strategy)),
+        "Which bumps rise first: all alike, from the origin, from both ends. Default everywhere.",
+        "everywhere",
+    )
+    max_height: Literal["auto"] | Length | None = key(
+        expects(f"auto, none, {LENGTHS}", anyOf=[{"enum": ["auto", "none", None]}, LENGTH], **_OF_TOOL),
+        "Highest point of a bump: auto (a quarter of a rest bump's width, or the material's part), none, a length or a "
+        "percentage. Default auto.",
+        "auto",
+        read=_read_max_height,
+    )
+    profile: Profile = key(
+        one_of(*get_args(Profile)),
+        f"Shape of a bump: {'; '.join(PROFILES.values())}. Default smooth, or the material's.",
+        "smooth",
+    )
+    attenuation: Attenuation = key(
+        one_of(*get_args(Attenuation)), "How a wrinkle fades across the width. Default bell.", "bell"
+    )
+    details: tuple[float, ...] = key(
+        list_of(number(0.001, 0.99, step=0.01), 0, MAX_DETAILS, f"a list of up to {MAX_DETAILS} shares"),
+        "Shares of the shortening that go into ever finer wrinkles on the bumps. Default [], or the material's.",
+        [],
+        read=lambda value: tuple(map(float, value)),
+    )
+    variation: float = key(
+        _RATIO,
+        "How irregular the bumps are: 0 is ruled, 1 the most. Default 0.3, or the material's.",
+        0.3,
+        group="Irregularity",
+    )
+    seed: int | None = key(
+        {**whole(0, MAX_SEED), "type": ["integer", "null"]},
+        "Which irregularity it is; a tool and its mirror image with one seed have mirrored wrinkles. Default: from the "
+        "name.",
+        None,
+    )
+    branch: float = key(_RATIO, "Chance of a bump to merge with its neighbour, where variation is. Default 0.25.", 0.25)
+    broken: float = key(
+        _RATIO,
+        "How broken wrinkles are: furrows have gaps, and crests end apart, the middle one last. Default 0.",
+        0.0,
+    )
+    bow: float = key(
+        number(-1, 1, step=0.01),
+        "Bends crests like an arc, their ends towards the target; negative: origin. Default 0.",
+        0.0,
+        read=float,
+    )
+    compressible: float = key(
+        expects(
+            "a percentage from 0% to 95%",
+            type="string",
+            maxLength=40,
+            pattern=r"^\+?0*([0-9]|[1-8][0-9]|9[0-4])(\.[0-9]*)? ?%$|^\+?0*95(\.0*)? ?%$",
+            **slider(0, 95, 0.5, "%"),
+        ),
+        "Share of every shortening that the tissue takes itself; the rest makes wrinkles. Default 0%, or the "
+        "material's.",
+        "0%",
+        group="Motion",
+        read=lambda value: float(value.rstrip(" %")) / 100.0,
     )
     strength: float = key(
         _STRENGTH, "Factor of the height; negative is inward; not 1 gives up length. Default 1.", 1.0, read=float
@@ -573,6 +611,7 @@ class WrinkleTool:
                 expects(
                     f"auto, {LENGTHS}, {{keys: {{CLIP: [[SECONDS, LENGTH], …]}}}} or {{morph: NAME, full: LENGTH}}",
                     anyOf=[{"const": "auto"}, LENGTH],
+                    **_OF_TOOL,
                 ),
                 anyOf=[{"required": ["morph"]}, {"required": ["full"]}],
             ),
@@ -599,21 +638,6 @@ class WrinkleTool:
         "off",
         read=_read_contact,
     )
-    mask: Mask | None = key(
-        MASK,
-        "Factor of the height at each place, 0 to 1: {attribute: _WRINKLE} of the vertices, or {image: FILE, channel: "
-        "r}. Default none.",
-        None,
-        read=read_mask_of,
-    )
-    stops: Stops = key(
-        one_of(*get_args(Stops)),
-        "Where wrinkles fade out within the patch: at features (open borders, seams of materials, sharp creases, the "
-        "other leg), or none. Default features.",
-        "features",
-    )
-    enabled: bool = key(FLAG, "false: checked but not baked. Default true.", True)
-    optional: bool = key(FLAG, "true: an absent node or clip is a note, not an error. Default false.", False)
     where: str = ""
     places: Mapping[tuple[str, ...], str] = field(default_factory=dict, hash=False, compare=False)
     bump_height: float = PLAIN_HEIGHT

@@ -3,13 +3,11 @@
 import pytest
 from jsonschema import Draft202012Validator
 
+from wrinklecli.choices import GROUPS
 from wrinklecli.editor.page.key_controls import ELSEWHERE, KeyControl, as_written, key_controls, percent_of
 from wrinklecli.tools.schema import KINDS
 
-EVERY = {
-    list_key: {control.key: control for control in key_controls(kind.items.keys, list_key)}
-    for list_key, kind in KINDS.items()
-}
+EVERY = {list_key: {control.key: control for control in key_controls(list_key)} for list_key in KINDS}
 CONTROLS = EVERY["tools"]
 PLAIN = [
     (list_key, control)
@@ -60,6 +58,21 @@ def test_a_length_stays_what_it_was_written_as() -> None:
     assert as_written(width, 50.0, "80%", 0.2) == "50%"
     assert as_written(width, 50.0, 0.3, 0.2) == 0.1
     assert percent_of(0.1, 0.2) == percent_of("50%", 0.2) == 50.0
+
+
+@pytest.mark.parametrize("list_key", KINDS)
+def test_controls_stand_in_the_order_of_groups_and_of_the_table(list_key: str) -> None:
+    keys, controls = [*KINDS[list_key].items.keys], [*EVERY[list_key].values()]
+    order = [(GROUPS.index(control.group), keys.index(control.key)) for control in controls]
+    assert order == sorted(order)
+
+
+def test_a_slider_ends_where_values_are_usual_and_not_where_they_are_refused() -> None:
+    strength, (frequency, _) = CONTROLS["strength"], CONTROLS["lag"].parts
+    keys = KINDS["tools"].items.keys
+    assert keys["strength"]["minimum"] < strength.low < 0 < strength.high < keys["strength"]["maximum"]
+    assert frequency.slides
+    assert frequency.high < keys["lag"]["then"]["properties"]["frequency"]["maximum"]
 
 
 def test_frequency_and_damping_of_flesh_have_sliders() -> None:

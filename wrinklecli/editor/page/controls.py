@@ -7,10 +7,10 @@ from typing import Any
 
 import viser
 
-from wrinklecli.editor.page.key_controls import GROUPS, NONE, KeyControl, as_written, key_controls, percent_of
+from wrinklecli.editor.page.key_controls import NONE, KeyControl, as_written, key_controls, percent_of
 from wrinklecli.editor.page.widgets import QUIET, SetMode, TypedText, on_user_change, paragraph_of, show_changed
 from wrinklecli.tools.effective import EffectiveValue, Source
-from wrinklecli.tools.schema import KINDS, TOOL_KEYS
+from wrinklecli.tools.schema import TOOL_KEYS
 from wrinklecli.tools.yaml_edit import Steps
 
 Change = Callable[[Steps, Any, SetMode], None]
@@ -26,8 +26,6 @@ _MARKS: Mapping[Source, str] = {"tool": "• ", "material": "◇ ", "defaults": 
 _LEGEND = "• own key · ◇ of its material · ≡ of the file's defaults"
 _MAX_SHOWN = 24  # characters of a value among those to go back to
 _CLIPS_TAB = "Clips"
-_MAX_STRENGTH = 2.0  # greatest strength, of either sign, that a slider offers
-_STRENGTH_STEP = 0.05  # step of that slider
 _USUAL_PERCENT = 25.0  # per cent of the tool's length that a new length has at least
 _DIGITS = 3  # decimals of a number from a slider
 
@@ -58,8 +56,7 @@ class ToolControls:
         self._shows: list[Callable[[], None]] = []
         self._titled: list[tuple[KeyControl, str, Any]] = []  # widgets that bear the title of a key
         self._widgets: dict[str, Any] = {}  # of the keys that have a single one
-        keys, groups = KINDS[list_key].items.keys, GROUPS[list_key]
-        controls = key_controls(keys, list_key)
+        controls = key_controls(list_key)
         self._resets: dict[str, str] = {}  # keys that can be unset, by what is said of each
         tip = "Takes a key away from the tool, which then has the value that stands here."
         self._reset: Any = gui.add_dropdown("back to", (_NO_KEY,), hint=tip)
@@ -70,15 +67,16 @@ class ToolControls:
             ),
         )
         tabs = gui.add_tab_group()
-        for group in dict.fromkeys([*groups, *(control.group for control in controls)]):
+        for group in dict.fromkeys(control.group for control in controls):
             with tabs.add_tab(group):
                 for control in controls:
                     if control.group == group:
                         self._add(control)
-        if clips and "clips" in keys:
+        strength = next((control for control in controls if control.key == "strength"), None)
+        if clips and strength is not None:
             with tabs.add_tab(_CLIPS_TAB):
                 for clip in clips:
-                    self._add_strength(clip)
+                    self._add_strength(clip, strength)
         self._parts = (self._reset, tabs, gui.add_html(paragraph_of(_LEGEND, QUIET)))
 
     def set_visible(self, *, visible: bool) -> None:
@@ -134,6 +132,8 @@ class ToolControls:
                 shown = self._shown(control, self._values.get(control.key))
                 if _mode(control) == "typed":
                     line.show(self._values["name"], shown)
+                elif control.slides:
+                    _slide_to(widget, control, shown)
                 else:
                     widget.value = shown
 
@@ -191,10 +191,7 @@ class ToolControls:
                 choice.value = word if word in words else words[0]
             show_detail(word)
             if is_length and word == _LENGTH:
-                slider, percent = details[_LENGTH], percent_of(value, self._distance)
-                slider.max = max(control.high, percent)
-                slider.min = min(control.low, percent)
-                slider.value = percent
+                _slide_to(details[_LENGTH], control, percent_of(value, self._distance))
 
         def choose() -> None:
             value, before = choice.value, self._values.get(key)
@@ -250,10 +247,11 @@ class ToolControls:
             for number, (part, slider) in enumerate(zip(control.parts, sliders, strict=True)):
                 if is_list:
                     slider.visible = number <= len(value)
-                    slider.value = value[number] if number < len(value) else 0.0
+                    shown = value[number] if number < len(value) else 0.0
                 else:
                     slider.visible = isinstance(value, Mapping)
-                    slider.value = (value or {}).get(part.key, part.default) if slider.visible else part.default
+                    shown = (value or {}).get(part.key, part.default) if slider.visible else part.default
+                _slide_to(slider, part, shown)
 
         def change(mode: SetMode) -> None:
             numbers = [round(float(slider.value), _DIGITS) for slider in sliders]
@@ -273,17 +271,14 @@ class ToolControls:
             )
         self._shows.append(show)
 
-    def _add_strength(self, clip: str) -> None:
+    def _add_strength(self, clip: str, control: KeyControl) -> None:
         """Add the slider for the tool's strength in a clip."""
         tip = TOOL_KEYS["clips"]["description"]
-        slider: Any = self._gui.add_slider(
-            clip, -_MAX_STRENGTH, _MAX_STRENGTH, _STRENGTH_STEP, 1.0, hint=f"{clip}: {tip}"
-        )
+        slider: Any = self._gui.add_slider(clip, control.low, control.high, control.step, 1.0, hint=f"{clip}: {tip}")
 
         def show() -> None:
             strength = float((self._values.get("clips") or {}).get(clip, self._values.get("strength", 1.0)))
-            slider.min, slider.max = min(-_MAX_STRENGTH, strength), max(_MAX_STRENGTH, strength)
-            slider.value = strength
+            _slide_to(slider, control, strength)
 
         on_user_change(slider, lambda: self._change(("clips", clip), round(slider.value, _DIGITS), "slides"))
         self._shows.append(show)
@@ -301,6 +296,12 @@ class ToolControls:
         if control.kind == "percent":
             return float(str(value).strip().removesuffix("%"))
         return value
+
+
+def _slide_to(slider: Any, control: KeyControl, value: float) -> None:
+    """Show a value on a slider, also one beyond its ends, where it was typed."""
+    slider.min, slider.max = min(control.low, value), max(control.high, value)
+    slider.value = value
 
 
 def _mode(control: KeyControl) -> SetMode:

@@ -1,57 +1,25 @@
-"""Controls for the keys of a tool, made from the schema of the tools file, so that a new key has its control at once.
+"""Controls for the keys of effects, made from the schema of the tools file, so that a new key has its control at once.
 
 A control says which values a key may have. How the page draws controls is the business of `controls`.
 """
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+from wrinklecli.choices import GROUPS
 from wrinklecli.numeric.arrays import significant
 from wrinklecli.tools.json_schema import LENGTH, Schema
-from wrinklecli.tools.schema import TOOL_KEYS
+from wrinklecli.tools.schema import KINDS, OWN_KEYS
 
 Kind = Literal["choice", "flag", "whole", "number", "percent", "length", "list", "record", "text", "json"]
 
-_MAX_STEPS = 200  # steps of a slider; a finer one cannot be set by hand, so such numbers are typed
-_STEP = 0.01  # step of a number; smaller changes are not visible
-_COARSE_STEP = 0.1  # step of a number whose range has too many of the fine ones
-_PERCENT_STEP = 0.5  # step of a length or share in per cent
-_MIN_PERCENT = 1.0  # of the tool's rest distance, the least length that a slider offers; its box takes any
-_MAX_PERCENT = 300.0  # of the rest distance, the greatest length that a slider offers
+_STEP = 0.01  # step of a number that is typed; smaller changes are not visible
 NONE = "none"
-
-# The keys under each heading, in the order of work. Other keys stand under a last heading.
-GROUPS: Mapping[str, Mapping[str, Sequence[str]]] = {
-    "tools": {
-        "Shape": ("material", "width", "bumps", "gap", "strategy", "max_height", "profile", "attenuation", "details"),
-        "Irregularity": ("variation", "seed", "branch", "broken", "bow"),
-        "Motion": ("compressible", "strength", "rest_length", "lag", "contact"),
-        "Place": ("node", "snap", "mirror", "laid", "attachment", "optional", "mask", "stops"),
-    },
-    "muscles": {
-        "Muscle": ("activation", "thickness", "width", "tendon", "travel"),
-        "Place": ("origin", "insertion", "node", "mirror", "optional"),
-    },
-    "flesh": {
-        "Flesh": ("frequency", "damping", "gravity", "limit", "radius", "shapes"),
-        "Place": ("at", "joint", "mask", "meshes", "node", "mirror", "optional"),
-    },
-    "touches": {
-        "Touch": ("pad", "reach", "grip", "press", "release", "wrinkles", "keys"),
-        "Place": ("at", "towards", "mask", "node", "mirror", "optional"),
-    },
-}
-_MAX_BELOW = 100.0  # of a muscle's length or a region's radius, likewise
-_OTHERS = "More"
-_WHOLE_PERCENTS = range(101)  # among which is the greatest one that a key may have
 # Keys that are set by the mouse on the mesh, by buttons, or clip by clip.
 ELSEWHERE: Mapping[str, Sequence[str]] = {
-    "tools": ("name", "origin", "target", "path", "clips", "enabled"),
-    "muscles": ("name", "enabled"),
-    "flesh": ("name", "enabled"),
-    "touches": ("name", "enabled"),
+    **dict.fromkeys(KINDS, ("name", "enabled")),
+    "tools": (*OWN_KEYS, "enabled", "clips"),
 }
 
 
@@ -66,6 +34,7 @@ class KeyControl:
         choices: Words that the key may be.
         low: Least number.
         high: Greatest number.
+        step: The smallest change of the number.
         slides: The number has a slider; otherwise it is typed.
         group: Heading.
         tip: The schema's description.
@@ -81,6 +50,7 @@ class KeyControl:
     choices: tuple[str, ...] = ()
     low: float = 0.0
     high: float = 0.0
+    step: float = _STEP
     slides: bool = False
     group: str = ""
     tip: str = ""
@@ -89,37 +59,23 @@ class KeyControl:
     also_json: bool = False
     whole: bool = False
 
-    @property
-    def step(self) -> float:
-        """The smallest change of the number."""
-        if self.kind == "number":
-            fine = (self.high - self.low) / _STEP <= _MAX_STEPS or not self.slides
-            return _STEP if fine else _COARSE_STEP
-        return 1 if self.kind == "whole" else _PERCENT_STEP if self.kind in ("percent", "length") else _STEP
+
+def key_controls(list_key: str = "tools") -> tuple[KeyControl, ...]:
+    """Make the controls of all keys that have one, of the effects of a list, in the order of their groups."""
+    keys = KINDS[list_key].items.keys
+    shown = [key for key in keys if key not in ELSEWHERE[list_key]]
+    return tuple(_control(key, keys[key]) for key in sorted(shown, key=lambda key: GROUPS.index(keys[key]["group"])))
 
 
-def key_controls(keys: Mapping[str, Schema] = TOOL_KEYS, list_key: str = "tools") -> tuple[KeyControl, ...]:
-    """Make the controls of all keys that have one, of the effects of a list, in the order of the list's groups."""
-    groups = GROUPS[list_key]
-    ordered = [key for group in groups.values() for key in group if key in keys]
-    ordered += [key for key in keys if key not in ordered and key not in ELSEWHERE[list_key]]
-    controls = (_control(key, keys[key], groups) for key in ordered)
-    if list_key == "tools":
-        return tuple(controls)
-    # Nothing below the skin is longer than the muscle or the region itself.
-    return tuple(replace(each, high=_MAX_BELOW) if each.kind == "length" else each for each in controls)
-
-
-def _control(key: str, schema: Schema, groups: Mapping[str, Sequence[str]]) -> KeyControl:
-    group = next((name for name, members in groups.items() if key in members), _OTHERS)
+def _control(key: str, schema: Schema) -> KeyControl:
     made = _plain(key, schema)
-    return replace(made, group=group, tip=schema.get("description", ""), default=schema.get("default"))
+    more = {name: schema[name] for name in ("group", "default") if name in schema}
+    return replace(made, tip=schema.get("description", ""), **more)
 
 
 def _plain(key: str, schema: Schema) -> KeyControl:
     """Make the control of a key, without the fields that do not depend on its kind."""
     title, kinds = key.replace("_", " "), schema.get("type")
-    low, high = schema.get("minimum", 0.0), schema.get("maximum", 0.0)
     if "enum" in schema or "examples" in schema:
         whole = all(isinstance(each, int) for each in schema.get("enum", [""]))
         return KeyControl(key, "choice", title, choices=_words(schema), whole=whole)
@@ -130,31 +86,35 @@ def _plain(key: str, schema: Schema) -> KeyControl:
         return KeyControl(key, "json", title)
     if _is_length(plain):
         words = tuple(word for each in plain.get("anyOf", ()) for word in _words(each))
-        return KeyControl(
-            key, "length", title, words, _MIN_PERCENT, _MAX_PERCENT, slides=True, also_json=plain is not schema
-        )
+        return _number(key, "length", title, plain, choices=words, also_json=plain is not schema)
+    titled = f"{title} ({plain['slider']['unit']})" if "unit" in plain.get("slider", {}) else title
     if kinds == "integer" or (isinstance(kinds, list) and "integer" in kinds):
-        return KeyControl(key, "whole", title, (), int(low), int(high), slides=high - low < _MAX_STEPS)
+        return _number(key, "whole", titled, schema)
     if kinds == "number":
-        return KeyControl(
-            key, "number", title, (), float(low), float(high), slides=(high - low) / _COARSE_STEP <= _MAX_STEPS
-        )
+        return _number(key, "number", titled, schema)
     if kinds == "string" and "%" in schema.get("pattern", ""):
-        most = max(percent for percent in _WHOLE_PERCENTS if re.search(schema["pattern"], f"{percent}%"))
-        return KeyControl(key, "percent", f"{title} (%)", (), 0.0, float(most), slides=True)
+        return _number(key, "percent", titled, schema)
     if kinds == "string" or kinds == ["string", "null"]:
         return KeyControl(key, "text", title)
     if kinds == "array" and schema["items"].get("type") == "number":
-        parts = tuple(_control(f"{title} {number + 1}", schema["items"], {}) for number in range(schema["maxItems"]))
+        parts = tuple(_control(f"{title} {number + 1}", schema["items"]) for number in range(schema["maxItems"]))
         return KeyControl(key, "list", title, parts=tuple(replace(part, low=0.0) for part in parts))
     numbers = schema.get("then", {}).get("properties", {})
     if numbers and plain is not schema and all(each.get("type") == "number" for each in numbers.values()):
-        parts = tuple(_control(name, each, {}) for name, each in numbers.items())
+        parts = tuple(_control(name, each) for name, each in numbers.items())
         return KeyControl(key, "record", title, choices=_words(plain), parts=parts)
     words = tuple(word for word in plain.get("enum", ()) if isinstance(word, str))
     if words and plain is not schema:
         return KeyControl(key, "choice", title, choices=words, also_json=True)
     return KeyControl(key, "json", title)
+
+
+def _number(key: str, kind: Kind, title: str, schema: Schema, **more: Any) -> KeyControl:
+    """Make the control of a number, with the range of its slider, or without one that of its values."""
+    ends = schema.get("slider", schema)
+    step = ends.get("step", 1 if kind == "whole" else _STEP)
+    low, high = ends["minimum"], ends["maximum"]
+    return KeyControl(key, kind, title, low=low, high=high, step=step, slides=ends is not schema, **more)
 
 
 def _without_mappings(schema: Schema) -> Schema:

@@ -17,7 +17,6 @@ from wrinklecli.errors import WrinkleError
 from wrinklecli.numeric.arrays import Floats
 
 _WIDTH = next(control for control in key_controls() if control.key == "width")
-_MIN_WIDTH = 1.0  # per cent of a tool's length, the least width that a drag gives it
 # Distance of two points over that from the eye, below which a hand means one: 5 pixels of a page of 800.
 _SAME_SPOT = 0.004
 _FRAME = 1 / 30  # seconds between two pictures of skin that springs back
@@ -208,7 +207,7 @@ class Pointer:
         """Let the side of a tool lie at a (3,) place at rest."""
         percent = 200.0 * abs(float(patch.at_rest.coordinates(place)[1])) * patch.half_width / patch.span
         before = next(tool.values.get("width") for tool in self._session.tools() if tool.name == name)
-        width = as_written(_WIDTH, max(round(percent, 1), _MIN_WIDTH), before, patch.span)
+        width = as_written(_WIDTH, max(round(percent, 1), _WIDTH.low), before, patch.span)
         self._page.slide(
             (name, "width"),
             lambda draft: self._session.set_value(name, ("width",), width, draft=draft),
