@@ -1,7 +1,7 @@
 """The errors that users can mend: one flat tree, which the command line turns into lines and exit codes."""
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 _LONGEST = 600  # characters of a message, and of its place
 _MOST_LISTED = 20  # names in a message
@@ -80,6 +80,14 @@ def listed(names: Iterable[str]) -> str:
 def counted(count: int, one: str, many: str = "") -> str:
     """Write a number of things for a message: `1 key`, `2 keys`. `many` is the plural if it needs more than an s."""
     return f"{count:,} {one if count == 1 else many or one + 's'}"
+
+
+def aligned(rows: Sequence[Sequence[str]], texts: int) -> list[str]:
+    """Align a table, a line for each row. The first `texts` columns stand to the left, numbers to the right."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    sides = "<" * texts + ">" * (len(widths) - texts)
+    shapes = [f"{{:{side}{width}}}" for side, width in zip(sides, widths, strict=True)]
+    return ["  ".join(shapes).format(*row).rstrip() for row in rows]
 
 
 def nearest(name: str, names: Iterable[str]) -> str:

@@ -16,7 +16,7 @@ from wrinklecli.batch.cache_keys import program
 from wrinklecli.batch.job_files import path_in, protect
 from wrinklecli.batch.jobs import BatchJob, Outcome
 from wrinklecli.batch.staging import Staged
-from wrinklecli.effects.flesh.kept import solutions_in
+from wrinklecli.effects.kept import solutions_in
 from wrinklecli.errors import BakeError, WrinkleError
 from wrinklecli.files.outputs import Outputs
 from wrinklecli.gltf.files import path_beside, references

@@ -10,8 +10,8 @@ import click
 
 from wrinklecli.cli import options as opt
 from wrinklecli.cli.batch import CACHE
-from wrinklecli.cli.output import aligned, emit, emit_json
-from wrinklecli.errors import WrinkleError, shortened
+from wrinklecli.cli.output import emit, emit_json
+from wrinklecli.errors import WrinkleError, aligned, shortened
 
 _PACKAGE = "wrinklecli"
 # The extras for users, in the order of the lines. Which packages each needs is read from the installed metadata.

@@ -4,7 +4,7 @@ import json
 import os
 import re
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import IO, Any
 
 import click
@@ -54,14 +54,6 @@ def emit(line: str, *, style: dict[str, Any] | None = None) -> None:
 def emit_json(data: dict[str, Any]) -> None:
     """Print an object on standard output. Names stay as the asset has them, since JSON escapes harmful characters."""
     click.echo(json.dumps(data, indent=1, allow_nan=False))
-
-
-def aligned(rows: Sequence[Sequence[str]], texts: int) -> list[str]:
-    """Align a table, a line for each row. The first `texts` columns stand to the left, numbers to the right."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    sides = "<" * texts + ">" * (len(widths) - texts)
-    shapes = [f"{{:{side}{width}}}" for side, width in zip(sides, widths, strict=True)]
-    return ["  ".join(shapes).format(*row).rstrip() for row in rows]
 
 
 def write_text(output: str | None, text: str, outputs: Outputs) -> None:

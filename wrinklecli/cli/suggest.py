@@ -10,9 +10,9 @@ import click
 
 from wrinklecli.choices import SUBSTANCES
 from wrinklecli.cli import options as opt
-from wrinklecli.cli.output import Progress, aligned, emit_json, say, say_findings, write_text
+from wrinklecli.cli.output import Progress, emit_json, say, say_findings, write_text
 from wrinklecli.cli.streams import command_outputs
-from wrinklecli.errors import shortened
+from wrinklecli.errors import aligned, shortened
 
 if TYPE_CHECKING:
     from wrinklecli.review.suggest.fitted_tools import Suggestion

@@ -23,7 +23,6 @@ from wrinklecli.editor.hand import Hand, slide_to
 from wrinklecli.editor.proposals import Proposal, proposals_of, proposed_keys, to_axes
 from wrinklecli.editor.raised import RaisedTool, raised_tool
 from wrinklecli.editor.store import Store
-from wrinklecli.effects.muscle.attach import below_skin
 from wrinklecli.effects.touch.attach import AttachedTouch
 from wrinklecli.errors import ConfigError, WrinkleError
 from wrinklecli.files.watched import Watched
@@ -32,6 +31,7 @@ from wrinklecli.numeric.arrays import Floats, significant
 from wrinklecli.numeric.guard import guarded
 from wrinklecli.review.suggest.placed import ToolGuesser
 from wrinklecli.review.suggest.suggest import suggest
+from wrinklecli.surface.bones import below_skin
 from wrinklecli.tools.effective import EffectiveValue, effective_values, inherited_values
 from wrinklecli.tools.mirror import exchange_sides
 from wrinklecli.tools.read import read_values

@@ -4,7 +4,7 @@ The rig has their targets among its own, so that the anchors of later effects fo
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar
 
@@ -41,6 +41,11 @@ class AttachedBody(Protocol):
     @property
     def drive(self) -> Drive | SwingDrive | TouchDrive:
         """The names of its targets, and their weights."""
+        ...
+
+    @property
+    def keyed_clips(self) -> Collection[str]:
+        """Names of clips that key it."""
         ...
 
 
@@ -145,8 +150,8 @@ class BodyLayer(ABC, Generic[AttachedType]):
 
     @property
     def keyed_clips(self) -> frozenset[str]:
-        """None: a joint moves all of them."""
-        return frozenset()
+        """The clips that key one of them."""
+        return frozenset(clip for each in self.attached for clip in each.keyed_clips)
 
     def target_sizes(self, _plan: MeshPlan, _clips: Sequence[Clip], _frames: int, _memory: Memory) -> list[int]:
         """The vertices that each target moves."""

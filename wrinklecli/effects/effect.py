@@ -9,17 +9,18 @@ order, and each sees the body as moved by those before it.
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple, Protocol, Self, TypeVar
+from typing import Any, ClassVar, Protocol, Self, TypeVar
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.character.rig import DrivenTargets, Rig
+from wrinklecli.character.rig import Rig
 from wrinklecli.character.sparse_targets import SparseDeltas
 from wrinklecli.choices import Mode
 from wrinklecli.drive.drive import Drive
 from wrinklecli.drive.swing import SwingDrive
 from wrinklecli.drive.touch import TouchDrive
+from wrinklecli.effects.attached import Attached
 from wrinklecli.effects.shapes import Shape
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools, Floats, Ints
@@ -27,7 +28,6 @@ from wrinklecli.numeric.guard import Progress
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.refine import Refinement
-from wrinklecli.surface.region import Region
 from wrinklecli.surface.rest import Rest
 from wrinklecli.tools.records import EffectTool, ToolsFile
 
@@ -254,39 +254,6 @@ class Effect(ABC):
         """Warnings for users, from motions with the effect's measurements and weights in them."""
 
 
-class Moves(NamedTuple):
-    """Morph targets of an effect that moves the whole body below the skin, for the effects after it.
-
-    Attributes:
-        drive: The names of the targets, and their weights.
-        deltas: (targets, vertices, 3) of the coarse surface, bind space.
-        refined: A function that gives them for all vertices of the refined surface; None if they are interpolated.
-    """
-
-    drive: DrivenTargets
-    deltas: Floats
-    refined: Callable[[Refinement], Floats] | None = None
-
-
-class Attached(Protocol):
-    """A tool on the mesh at rest, before refinement."""
-
-    @property
-    def regions(self) -> Sequence[Region]:
-        """The regions where edges must be split."""
-        ...
-
-    @property
-    def greatest_height(self) -> float:
-        """The largest move of the effect, scene units."""
-        ...
-
-    @property
-    def moves(self) -> "Moves | None":
-        """The morph targets by which the effect moves the mesh before later effects see it; None if they do not."""
-        ...
-
-
 class Layer(Protocol):
     """All effects of one kind on a refined mesh."""
 
@@ -372,6 +339,11 @@ class Layer(Protocol):
 class EffectKind(Protocol):
     """One kind of effect, from tools to a layer."""
 
+    @property
+    def section(self) -> str:
+        """The key of extras and report under which these effects stand."""
+        ...
+
     def attach(self, tools: Sequence[EffectTool], ground: Ground, settings: ToolsFile) -> Sequence[Attached]:
         """Attach the tools of this kind to a mesh at rest.
 
@@ -391,6 +363,10 @@ class EffectKind(Protocol):
         Raises:
             BakeError: Tools do not fit, a line for each.
         """
+        ...
+
+    def lines(self, entry: Json) -> list[str]:
+        """What `check` prints of its entry for one of these effects."""
         ...
 
 

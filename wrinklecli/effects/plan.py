@@ -9,7 +9,8 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.contacts import Neighbours
 from wrinklecli.character.surface import influence_count
-from wrinklecli.effects.effect import Attached, MeshPlan
+from wrinklecli.effects.attached import Attached
+from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.effects.order import KINDS
 from wrinklecli.errors import BakeError, WrinkleError
 from wrinklecli.gltf.document import Document
@@ -89,6 +90,16 @@ def attach_effects(
     if problems:
         raise BakeError.of_all(problems)
     return ground, attached
+
+
+def attach_one(tool: EffectTool, ground: Ground, settings: ToolsFile | None = None) -> Attached:
+    """Attach one tool to a mesh as the effects before it have moved it; by default with the settings of an empty file.
+
+    Raises:
+        WrinkleError: It does not fit.
+    """
+    settings = settings or ToolsFile(path=ground.document.path)
+    return next(each for kind in KINDS for each in kind.attach([tool], ground, settings))
 
 
 def plan_on(

@@ -7,10 +7,12 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, ClassVar
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.effects.effect import Attached, Effect, MeshPlan, Motion, SamplingOptions
+from wrinklecli.effects.attached import Attached
+from wrinklecli.effects.effect import Effect, MeshPlan, Motion, SamplingOptions
 from wrinklecli.effects.wrinkle.layer import WrinkleLayer
 from wrinklecli.errors import BakeError, listed, nearest
 from wrinklecli.gltf.document import Document
+from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Ints
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.surface.ground import Ground
@@ -72,6 +74,12 @@ class ContactLayer:
 
 class ContactKind:
     """Contact has no tools of its own: wrinkling tools ask for it."""
+
+    section: ClassVar[str] = ContactLayer.section
+
+    def lines(self, _entry: Json) -> list[str]:
+        """Nothing, as `check` solves no fold."""
+        return []
 
     def attach(self, _tools: Sequence[EffectTool], _ground: Ground, _settings: ToolsFile) -> Sequence[Attached]:
         """Nothing."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from wrinklecli.character.contacts import contacts_of
 from wrinklecli.drive.swing import GRAVITY, Mode, SwingDrive
-from wrinklecli.effects.effect import Moves
+from wrinklecli.effects.attached import Moves
 from wrinklecli.effects.flesh.kept import swings_of
 from wrinklecli.effects.flesh.mask import softness_of
 from wrinklecli.effects.flesh.tissue import Body, NoFleshError, Place, Swings
@@ -70,9 +70,16 @@ class AttachedFlesh:
     moves: Moves = field(init=False)
 
     regions: ClassVar[tuple[Region, ...]] = ()
+    keyed_clips: ClassVar[tuple[str, ...]] = ()
+    drag: ClassVar[None] = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "moves", Moves(self.drive, self.deltas))
+
+    @property
+    def span(self) -> float:
+        """The region's radius."""
+        return self.place.radius
 
     @property
     def greatest_height(self) -> float:

@@ -5,14 +5,11 @@ A solution depends on the region's geometry alone, so a change of frequency, dam
 
 import json
 from collections import OrderedDict
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from contextvars import ContextVar
-from typing import Protocol
 
 import numpy as np
 
 from wrinklecli.effects.flesh.tissue import Body, Place, Swings, solution_key, solve
+from wrinklecli.effects.kept import stored
 from wrinklecli.numeric.elements import Tissue
 
 # Regions whose shapes this process keeps.
@@ -24,34 +21,7 @@ _ARRAYS = {"low": "f8", "values": "f8", "loads": "f8", "speeds": "f8", "nodes": 
            "stiffnesses": "f8", "fixed": "?"}  # fmt: skip
 
 
-class Store(Protocol):
-    """A place for solutions that other processes share. Nothing that it gives back is trusted."""
-
-    def find(self, key: str, most: int) -> bytes | None:
-        """The solution of a key, of at most so many bytes; None if there is none."""
-        ...
-
-    def keep(self, key: str, data: bytes) -> None:
-        """Keep a solution."""
-        ...
-
-    def refuse(self, key: str, reason: str) -> None:
-        """Say why what `find` gave is not used."""
-        ...
-
-
-_store: ContextVar[Store | None] = ContextVar("_store", default=None)
 _kept: "OrderedDict[str, Swings]" = OrderedDict()
-
-
-@contextmanager
-def solutions_in(store: Store) -> Iterator[None]:
-    """Look solutions up in a store, and keep new ones there."""
-    token = _store.set(store)
-    try:
-        yield
-    finally:
-        _store.reset(token)
 
 
 def swings_of(body: Body, place: Place, count: int) -> Swings:
@@ -62,26 +32,18 @@ def swings_of(body: Body, place: Place, count: int) -> Swings:
     """
     key = solution_key(body, place, count)
     if key not in _kept:
-        _kept[key] = _stored(key, count, lambda: solve(body, place, count))
+        _kept[key] = stored(
+            key,
+            lambda: solve(body, place, count),
+            read=lambda data: _read(data, count),
+            written=_written,
+            what="a solution of this region",
+            most=_MOST_BYTES,
+        )
         if len(_kept) > _MOST:
             _kept.popitem(last=False)
     _kept.move_to_end(key)
     return _kept[key]
-
-
-def _stored(key: str, count: int, solved: Callable[[], Swings]) -> Swings:
-    store = _store.get()
-    if store is None:
-        return solved()
-    data = store.find(key, _MOST_BYTES)
-    if data is not None:
-        try:
-            return _read(data, count)
-        except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
-            store.refuse(key, f"is not a solution of this region ({error})")
-    swings = solved()
-    store.keep(key, _written(swings))
-    return swings
 
 
 def _written(swings: Swings) -> bytes:

@@ -8,12 +8,14 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.drive.swing import nonnegative
+from wrinklecli.effects.attached import Attached
 from wrinklecli.effects.body import BodyLayer, body_targets
-from wrinklecli.effects.effect import Attached, MeshPlan
+from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.effects.flesh.attach import AttachedFlesh, attach_flesh
 from wrinklecli.effects.flesh.effect import FleshEffect
 from wrinklecli.effects.flesh.report import in_place
 from wrinklecli.errors import listed
+from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.surface.ground import Ground
 from wrinklecli.tools.body import Flesh
@@ -61,6 +63,8 @@ class FleshLayer(BodyLayer[AttachedFlesh]):
 class FleshKind:
     """Flesh."""
 
+    section: ClassVar[str] = FleshEffect.section
+
     def attach(self, tools: Sequence[EffectTool], ground: Ground, settings: ToolsFile) -> Sequence[Attached]:
         """Attach the regions to joints and the surface at rest, and solve them.
 
@@ -73,3 +77,18 @@ class FleshKind:
     def plan(self, plan: MeshPlan, _ground: Ground, attached: Sequence[tuple[int, Attached]]) -> FleshLayer | None:
         """Let the refined surface carry the regions."""
         return FleshLayer.of(plan, [each for _, each in attached if isinstance(each, AttachedFlesh)])
+
+    def lines(self, entry: Json) -> list[str]:
+        """The lines of a region of flesh, and a table of its clips."""
+        width = max((len(each["name"]) for each in entry["clips"]), default=0)
+        hertz = ", ".join(f"{each:.3g}" for each in entry["frequencies"])
+        return [
+            f"joint    {entry['joint']}",
+            f"springs  {hertz} Hz, of {entry['elements']:,} elements",
+            f"mesh     {entry['moved_vertices']} vertices move, by about {entry['limit']:.3g} at most",
+            *(
+                f"{each['name']:{width}}  moves by up to {each['largest_move']:.3g}"
+                + (f", {each['seconds_at_limit']:.2g} s at the limit" if each["seconds_at_limit"] else "")
+                for each in entry["clips"]
+            ),
+        ]

@@ -5,21 +5,20 @@ Source: C. Larboulette, M.-P. Cani, B. Arnaldi, *Dynamic Skinning*, SCCG 2005.
 
 from collections.abc import Container, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
-from wrinklecli.character.carried import CarriedPoint
-from wrinklecli.character.pose import joint_matrices, node_matrices
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.drive import Drive
 from wrinklecli.drive.segment import RestLength, Segment, Tension
-from wrinklecli.effects.effect import Moves
+from wrinklecli.effects.attached import Moves
 from wrinklecli.effects.muscle.region import Bulge, bulges_on
 from wrinklecli.effects.muscle.shapes import Belly, RefinedSkin, displaced, modes_of
 from wrinklecli.effects.muscle.volume import ACTIVATION, FULLEST, ConstantVolume
 from wrinklecli.errors import BakeError, WrinkleError, listed, nearest
-from wrinklecli.numeric.arrays import Floats, determinants, singular, unit
-from wrinklecli.numeric.nearest import distances_along
+from wrinklecli.numeric.arrays import Floats
+from wrinklecli.surface.bones import BoneLines, carried_by
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.rest import asked_positions, named_node
@@ -37,11 +36,6 @@ _LEAST_SIDE = 0.01
 _FARTHEST = 1.5
 # Part of the error bound for the modes of a belly that travels; the others are of samples and dropped keys.
 _TRAVEL_SHARE = 0.5
-# Distance of an end below a place on the skin from its bone, over that of the skin: in the middle of the flesh.
-_DEPTH = 0.45
-# Distance of another mesh from the bone, over that of the skin above the belly, from which on it is the body below
-# clothes: nearer, it is a bone, which fills a quarter of an arm.
-_INNER = 1.0 / 3.0
 # Distance of a muscle's ends over the mesh's size below which they are one point.
 _LEAST_SPAN = 1e-9
 
@@ -55,8 +49,6 @@ class AttachedMuscle:
         belly: Its place and size.
         bones: The nodes that carry its ends, origin first.
         bone: The node whose bone the belly lies along.
-        depth: Distance from that bone to the skin above the belly, scene units.
-        room: The same to the innermost mesh there: the body's, where this mesh is clothing.
         drive: Its length, and the weights of its targets.
         deltas: (targets, vertices, 3) displacements of the coarse surface at weight 1, bind space.
         heights: (vertices,) greatest displacements of the coarse surface, scene units.
@@ -68,8 +60,6 @@ class AttachedMuscle:
     belly: Belly
     bones: tuple[int, int]
     bone: int
-    depth: float
-    room: float
     drive: Drive
     deltas: Floats
     heights: Floats
@@ -80,6 +70,18 @@ class AttachedMuscle:
     def idle(self) -> bool:
         """True if nothing ever changes its length: one bone carries both ends, and it has no activation."""
         return self.bones[0] == self.bones[1] and self.tool.activation is None
+
+    drag: ClassVar[None] = None
+
+    @property
+    def span(self) -> float:
+        """The muscle's length."""
+        return self.belly.span
+
+    @property
+    def keyed_clips(self) -> frozenset[str]:
+        """The clips that key its activation."""
+        return frozenset(clip for clip, _ in self.tool.named_clips)
 
     @property
     def greatest_height(self) -> float:
@@ -122,7 +124,7 @@ def attach_muscles(
         WrinkleError: Muscles do not fit, a line for each.
     """
     found, problems = [], []
-    bones = Bones.of(ground)
+    bones = BoneLines.of(ground)
     for muscle in muscles:
         try:
             found.append(_attach(muscle, ground, bones, swelling))
@@ -133,78 +135,7 @@ def attach_muscles(
     return found
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Bones:
-    """The bones of a mesh at rest: straight lines from joints that carry skin to the joints below them.
-
-    The bone of a joint with none below ends twice as far as the middle of its skin.
-
-    Attributes:
-        nodes: The joint that carries each bone.
-        starts, ends: (bones, 3) world space at rest.
-    """
-
-    nodes: tuple[int, ...]
-    starts: Floats
-    ends: Floats
-
-    @classmethod
-    def of(cls, ground: Ground) -> "Bones":
-        """The bones of a mesh."""
-        rig, surface = ground.rig, ground.surface
-        joints = rig.joints.tolist()
-        places = _places(ground, joints)
-        shares = np.zeros(len(joints))
-        sums = np.zeros((len(joints), 3))
-        np.add.at(shares, surface.joints, surface.weights)
-        np.add.at(sums, surface.joints, surface.weights[..., None] * ground.rest.positions[:, None])
-        below: dict[int, list[int]] = {joint: [] for joint in joints}
-        for number, joint in enumerate(joints):
-            parent = int(rig.parents[joint])
-            while parent >= 0 and parent not in below:
-                parent = int(rig.parents[parent])
-            if parent >= 0:
-                below[parent].append(number)
-        nodes, starts, ends = [], [], []
-        for number in np.flatnonzero(shares > 0).tolist():
-            tips = [places[other] for other in below[joints[number]]]
-            for tip in tips or [2.0 * sums[number] / shares[number] - places[number]]:
-                nodes.append(joints[number])
-                starts.append(places[number])
-                ends.append(tip)
-        return cls(tuple(nodes), np.array(starts), np.array(ends))
-
-    def nearest(self, point: Floats) -> int:
-        """The number of the bone that is nearest to a (3,) point."""
-        along = self.ends - self.starts
-        squares = np.sum(along**2, axis=1)
-        shares = np.sum((point - self.starts) * along, axis=1) / np.where(squares > 0, squares, 1.0)
-        feet = self.starts + np.clip(shares, 0.0, 1.0)[:, None] * along
-        return int(np.argmin(np.sum((point - feet) ** 2, axis=1)))
-
-
-def below_skin(ground: Ground, place: Floats) -> tuple[str, Floats]:
-    """The joint that carries a muscle's end below a (3,) place on the skin, and the end's offset from that joint.
-
-    The end lies in the flesh of the innermost mesh, where the skin is that of clothes.
-    """
-    bones = Bones.of(ground)
-    number = bones.nearest(place)
-    start, along = bones.starts[number], bones.ends[number] - bones.starts[number]
-    square = float(along @ along)
-    share = float(np.clip((place - start) @ along / square, 0.0, 1.0)) if square else 0.0
-    foot = start + share * along
-    depth, side = float(np.linalg.norm(place - foot)), unit(place - foot)
-    room = _room(ground, bones.nodes[number], foot, side, depth)
-    return ground.rig.names[bones.nodes[number]], foot + _DEPTH * room * side - start
-
-
-def _places(ground: Ground, nodes: Sequence[int]) -> Floats:
-    """(nodes, 3) places of nodes in the rest pose, world space."""
-    return node_matrices(ground.rig, ground.rest.clip, ground.rest.time, nodes)[0, :, :3, 3]
-
-
-def _attach(muscle: Muscle, ground: Ground, bones: Bones, swelling: Container[str | None]) -> AttachedMuscle:
+def _attach(muscle: Muscle, ground: Ground, bones: BoneLines, swelling: Container[str | None]) -> AttachedMuscle:
     rig, rest = ground.rig, ground.rest
     places = asked_positions(rig, rest.clip, rest.time, muscle)
     span = float(np.linalg.norm(places[1] - places[0]))
@@ -218,30 +149,22 @@ def _attach(muscle: Muscle, ground: Ground, bones: Bones, swelling: Container[st
             where=muscle.place("tendon"),
         )
     ends = _carrying_node(muscle, 0, places[0], rig, bones), _carrying_node(muscle, 1, places[1], rig, bones)
-    middle = places.mean(axis=0)
-    bone = bones.nearest(middle)
-    start, axis = bones.starts[bone], bones.ends[bone] - bones.starts[bone]
-    if not axis.any():
-        axis = places[1] - places[0]
-    axis = unit(axis)
-    foot = start + axis * float((middle - start) @ axis)
-    side = middle - foot
-    if np.linalg.norm(side) < _LEAST_SIDE * span:
+    found = bones.side_of(ground, places.mean(axis=0), places[1] - places[0])
+    bone, depth = rig.names[found.node], found.depth
+    if found.apart < _LEAST_SIDE * span:
         raise BakeError(
-            f"its middle lies in the bone of {rig.names[bones.nodes[bone]]!r}, so it bulges to no side; move its ends"
-            " to the side of the limb on which it lies",
+            f"its middle lies in the bone of {bone!r}, so it bulges to no side; move its ends to the side of the limb"
+            " on which it lies",
             where=muscle.where,
         )
-    apart, side = float(np.linalg.norm(side)), unit(side)
-    depth = float(distances_along(foot, side, rest.positions[ground.surface.triangles]).min(initial=np.inf))
-    if depth > span or apart > _FARTHEST * depth:
-        found = f"skin is {depth:.4g} from" if depth < np.inf else "no skin lies on that side of"
+    if depth > span or found.apart > _FARTHEST * depth:
+        skin = f"skin is {depth:.4g} from" if depth < np.inf else "no skin lies on that side of"
         raise BakeError(
-            f"there is no skin near it: its middle is {apart:.4g} from the bone of {rig.names[bones.nodes[bone]]!r},"
-            f" and {found} that bone",
+            f"there is no skin near it: its middle is {found.apart:.4g} from the bone of {bone!r}, and {skin} that"
+            " bone",
             where=muscle.where,
         )
-    room = _room(ground, bones.nodes[bone], foot, side, depth)
+    room = found.room(ground)
     thickness = _resolved(muscle.thickness, _THICKNESS * room, span)
     if thickness > 2.0 * depth:
         raise BakeError(
@@ -255,9 +178,9 @@ def _attach(muscle: Muscle, ground: Ground, bones: Bones, swelling: Container[st
         thickness=thickness,
         width=_resolved(muscle.width, _WIDTH * depth, span),
         depth=depth,
-        foot=foot,
-        axis=axis,
-        side=side,
+        foot=found.foot,
+        axis=found.axis,
+        side=found.side,
     )
     response = ConstantVolume(span, tendons, *_modes(muscle, belly, ground))
     deltas, heights = displaced(belly, response, ground.rest)
@@ -272,33 +195,7 @@ def _attach(muscle: Muscle, ground: Ground, bones: Bones, swelling: Container[st
     drive = Drive(muscle.name, segment, names, response)
     regions = bulges_on(ground, belly, heights)
     covers = tuple(name for name in ground.meshes_over(np.maximum(heights, 0.0)) if name not in swelling)
-    return AttachedMuscle(muscle, belly, ends, bones.nodes[bone], depth, room, drive, deltas, heights, regions, covers)
-
-
-def _room(ground: Ground, bone: int, foot: Floats, side: Floats, depth: float) -> float:
-    """The distance from a point of a bone to the innermost mesh on a side: clothes lie over the body of another node.
-
-    Args:
-        ground: The mesh that the muscle moves.
-        bone: The joint that carries the bone.
-        foot: (3,) the point.
-        side: (3,) unit vector.
-        depth: Distance to this mesh.
-    """
-    rig, rest = ground.rig, ground.rest
-    joint = np.flatnonzero(rig.joints == bone)[:1]
-    # The other meshes are in the stored pose, to which the bone carries the ray.
-    stored = joint_matrices(rig, None, np.zeros(1), joint)[0, 0]
-    if singular(np.stack([stored, rest.matrices[joint[0]]])[:, :3, :3]).any():
-        return depth
-    turn = stored @ np.linalg.inv(rest.matrices[joint[0]])
-    start, ray = turn[:3, :3] @ foot + turn[:3, 3], turn[:3, :3] @ (depth * side)
-    ends = np.stack([start, start + ray])
-    room = 1.0
-    for corners in ground.neighbours.triangles_near(rig.node, ends.min(axis=0), ends.max(axis=0)):
-        met = distances_along(start, ray, corners)
-        room = float(met[met > _INNER].min(initial=room))
-    return room * depth
+    return AttachedMuscle(muscle, belly, ends, found.node, drive, deltas, heights, regions, covers)
 
 
 def _modes(muscle: Muscle, belly: Belly, ground: Ground) -> tuple[Floats, Floats, Floats]:
@@ -314,7 +211,7 @@ def _resolved(wanted: object, usual: float, span: float) -> float:
     return usual if wanted == "auto" else wanted.resolve(span)  # type: ignore[attr-defined]
 
 
-def _carrying_node(muscle: Muscle, number: int, place: Floats, rig: Rig, bones: Bones) -> int:
+def _carrying_node(muscle: Muscle, number: int, place: Floats, rig: Rig, bones: BoneLines) -> int:
     """The node that carries an end of a muscle: the one that it names or hangs on, or the nearest bone's joint."""
     point, joints = muscle.points[number], set(rig.joints.tolist())
     if isinstance(point, tuple):
@@ -324,15 +221,6 @@ def _carrying_node(muscle: Muscle, number: int, place: Floats, rig: Rig, bones: 
         while node >= 0 and node not in joints:
             node = int(rig.parents[node])
     return node if node >= 0 else bones.nodes[bones.nearest(place)]
-
-
-def carried_by(ground: Ground, node: int, place: Floats) -> CarriedPoint:
-    """A (3,) place at rest that a node carries rigidly."""
-    matrix = node_matrices(ground.rig, ground.rest.clip, ground.rest.time, [node])[0, 0]
-    points = np.zeros((1 + len(ground.rig.morph_names), 1, 4))
-    points[0, 0] = np.linalg.solve(matrix, np.append(place, 1.0))
-    size = float(np.abs(determinants(matrix[None, :3, :3]))[0])
-    return CarriedPoint(np.array([node]), np.ones(1), points, np.array([1.0 / size]))
 
 
 def _tension(muscle: Muscle, length: float, rig: Rig) -> Tension | None:

@@ -117,7 +117,7 @@ class MuscleEffect(BodyEffect[AttachedMuscle]):
             "tendons": significant(attached.belly.tendons),
             "thickness": significant(attached.belly.thickness),
             "width": significant(attached.belly.width),
-            "depth": significant(attached.depth),
+            "depth": significant(attached.belly.depth),
             "height_limit": significant(self.height),
             "volume_gained": significant(self.gained),
             "moved_vertices": int(np.any(self.deltas, axis=(0, 2)).sum()),

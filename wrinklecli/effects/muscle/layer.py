@@ -7,10 +7,12 @@ from typing import ClassVar
 import numpy as np
 
 from wrinklecli.character.clip import Clip
+from wrinklecli.effects.attached import Attached
 from wrinklecli.effects.body import BodyLayer, body_targets, moves_at_rest
-from wrinklecli.effects.effect import Attached, MeshPlan
+from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.effects.muscle.attach import AttachedMuscle, attach_muscles
 from wrinklecli.effects.muscle.effect import MuscleEffect
+from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.surface.ground import Ground
 from wrinklecli.tools.body import Muscle
@@ -25,11 +27,6 @@ class MuscleLayer(BodyLayer[AttachedMuscle]):
     """The muscles of a mesh."""
 
     section: ClassVar[str] = MuscleEffect.section
-
-    @property
-    def keyed_clips(self) -> frozenset[str]:
-        """The clips that key the activation of a muscle."""
-        return frozenset(clip for each in self.attached for clip, _ in each.tool.named_clips)
 
     @property
     def sampled_numbers(self) -> int:
@@ -55,6 +52,8 @@ class MuscleLayer(BodyLayer[AttachedMuscle]):
 class MuscleKind:
     """Muscles."""
 
+    section: ClassVar[str] = MuscleEffect.section
+
     def attach(self, tools: Sequence[EffectTool], ground: Ground, settings: ToolsFile) -> Sequence[Attached]:
         """Attach the muscles to the rig and the surface at rest.
 
@@ -67,6 +66,30 @@ class MuscleKind:
     def plan(self, plan: MeshPlan, _ground: Ground, attached: Sequence[tuple[int, Attached]]) -> MuscleLayer | None:
         """Let the refined surface carry the muscles."""
         return MuscleLayer.of(plan, [each for _, each in attached if isinstance(each, AttachedMuscle)])
+
+    def lines(self, entry: Json) -> list[str]:
+        """The lines of a muscle, and a table of its clips."""
+        table = [
+            (
+                each["name"],
+                *(f"{100 * end:.3g}" for end in each["length"]),
+                f"{each['bulge'][1]:.3g}",
+                each["volume_gained"],
+            )
+            for each in entry["clips"]
+        ]
+        width = max((len(name) for name, *_ in table), default=0)
+        return [
+            f"ends     {entry['origin']} to {entry['insertion']}, along {entry['bone']}",
+            f"length   {entry['length']:.4g} at rest, of which tendons {entry['tendons']:.4g}",
+            f"belly    {entry['thickness']:.4g} thick, {entry['width']:.4g} wide,"
+            f" {entry['depth']:.4g} from the bone to the skin",
+            f"mesh     {entry['moved_vertices']} vertices move, by at most {entry['height_limit']:.3g}",
+            *(
+                f"{name:{width}}  {low} to {high} % long, bulges by up to {bulge}, skin gains {volume:.3g} of volume"
+                for name, low, high, bulge, volume in table
+            ),
+        ]
 
 
 def _fullest(plan: MeshPlan, deltas: Floats, weights: Floats) -> tuple[float, float]:

@@ -2,14 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
 from wrinklecli.character.carried import CarriedPoint
 from wrinklecli.character.surface import influence_count
 from wrinklecli.drive.touch import TouchDrive, turned
-from wrinklecli.effects.effect import Moves
-from wrinklecli.effects.muscle.attach import Bones, carried_by
+from wrinklecli.effects.attached import Drag, Moves
 from wrinklecli.effects.touch.bending import LEAST_CHANGE, Bending, bending_of
 from wrinklecli.effects.touch.disc import Disc, disc_on
 from wrinklecli.effects.touch.patch import Patch
@@ -19,6 +19,7 @@ from wrinklecli.errors import BakeError, WrinkleError
 from wrinklecli.numeric.arrays import Floats, inverses, singular, smoothstep, unit
 from wrinklecli.numeric.membrane import stretches
 from wrinklecli.numeric.spring import Spring
+from wrinklecli.surface.bones import BoneLines, carried_by
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.mask import read_mask
 from wrinklecli.surface.refine import Refinement, refine
@@ -73,6 +74,24 @@ class AttachedTouch:
     strain: float
     patch: Patch
     fitted: Floats
+
+    covers: ClassVar[tuple[str, ...]] = ()
+
+    @property
+    def span(self) -> float:
+        """The tip's radius."""
+        return self.place.pad
+
+    @property
+    def keyed_clips(self) -> tuple[str, ...]:
+        """The clips that key it, or in which a node touches."""
+        return (*self.drive.keys, *self.drive.ends)
+
+    @property
+    def drag(self) -> Drag:
+        """The tip."""
+        folding = self.drive.grip * FOLDED / self.strain if self.strain < 0.0 else np.inf
+        return Drag(self.drive, self.place.at, self.place.pad + self.place.reach, folding)
 
     @property
     def deltas(self) -> Floats:
@@ -255,7 +274,7 @@ def _limb(ground: Ground, at: Floats) -> Floats:
     """(3,) the direction of the bone nearest to a place, away from its joint; 0 if there is none."""
     if not ground.rig.skinned:
         return np.zeros(3)
-    bones = Bones.of(ground)
+    bones = BoneLines.of(ground)
     number = bones.nearest(at)
     return np.asarray(bones.ends[number] - bones.starts[number])
 

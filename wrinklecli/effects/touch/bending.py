@@ -13,9 +13,9 @@ import numpy as np
 from wrinklecli.character.carried import CarriedPoint
 from wrinklecli.character.motion import held_at, motion_clip, turning
 from wrinklecli.character.pose import joint_matrices, node_matrices
-from wrinklecli.effects.muscle.attach import carried_by
 from wrinklecli.effects.touch.skin import Hold, Place, hold_of, slides_on
 from wrinklecli.numeric.arrays import Floats, Ints, inverses, singular, unit, unit_quaternions
+from wrinklecli.surface.bones import carried_by
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.rest import Rest, clip_pose

@@ -7,10 +7,13 @@ from typing import ClassVar
 import numpy as np
 
 from wrinklecli.character.clip import Clip
+from wrinklecli.effects.attached import Attached
 from wrinklecli.effects.body import BodyLayer, body_targets
-from wrinklecli.effects.effect import Attached, MeshPlan
-from wrinklecli.effects.touch.attach import AttachedTouch, attach_touches, touches_of
+from wrinklecli.effects.effect import MeshPlan
+from wrinklecli.effects.touch.attach import FOLDED, AttachedTouch, attach_touches, touches_of
 from wrinklecli.effects.touch.effect import TouchEffect
+from wrinklecli.errors import counted
+from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.surface.ground import Ground
 from wrinklecli.tools.records import EffectTool, ToolsFile
@@ -26,11 +29,6 @@ class TouchLayer(BodyLayer[AttachedTouch]):
     """The touches of a mesh."""
 
     section: ClassVar[str] = TouchEffect.section
-
-    @property
-    def keyed_clips(self) -> frozenset[str]:
-        """The clips that key a touch, or in which a node touches."""
-        return frozenset(clip for each in self.attached for clip in (*each.drive.keys, *each.drive.ends))
 
     @property
     def sampled_numbers(self) -> int:
@@ -62,6 +60,8 @@ class TouchLayer(BodyLayer[AttachedTouch]):
 class TouchKind:
     """Touches."""
 
+    section: ClassVar[str] = TouchEffect.section
+
     def attach(self, tools: Sequence[EffectTool], ground: Ground, settings: ToolsFile) -> Sequence[Attached]:
         """Attach the touches to the surface at rest, and solve the slide of its skin.
 
@@ -74,3 +74,31 @@ class TouchKind:
     def plan(self, plan: MeshPlan, _ground: Ground, attached: Sequence[tuple[int, Attached]]) -> TouchLayer | None:
         """Let the refined surface carry the touches."""
         return TouchLayer.of(plan, [each for _, each in attached if isinstance(each, AttachedTouch)])
+
+    def lines(self, entry: Json) -> list[str]:
+        """The lines of a touch, and a table of its clips."""
+        width = max((len(each["name"]) for each in entry["clips"]), default=0)
+        rings = [f"{each:.3g}" for each in entry.get("ring_heights", ())]
+        return [
+            f"joints   {', '.join(entry['joints'])}",
+            f"slide    up to {entry['grip']:.3g}, with a strain of {entry['strain']:.2f}; below {FOLDED} it looks"
+            " folded",
+            *(
+                [f"rings    {', '.join(rings)} high from the pad outwards, {counted(entry['directions'], 'direction')}"]
+                if rings
+                else []
+            ),
+            f"mesh     {entry['moved_vertices']} vertices move",
+            *(
+                f"{each['name']:{width}}  from {each['times'][0]:.4g} to {each['times'][1]:.4g} s: slides by up to"
+                f" {each['largest_slide']:.3g}, strain {each['strain']:.2f}"
+                + (f", rings {each['height']:.3g} high" if rings else "")
+                + (f", dented by {each['depth']:.3g}" if each["depth"] else "")
+                + (
+                    f"; slips, as {each['asked_slide']:.3g} is asked"
+                    if each["asked_slide"] > each["largest_slide"]
+                    else ""
+                )
+                for each in entry["clips"]
+            ),
+        ]

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from wrinklecli.effects.flesh.tissue import bone_distances
-from wrinklecli.effects.muscle.attach import Bones
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, unit
 from wrinklecli.numeric.membrane import Membrane
+from wrinklecli.surface.bones import BoneLines
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.refine import Refinement
 
@@ -119,7 +119,7 @@ def hold_of(ground: Ground, place: Place, soft: Floats | None, still: Floats | N
     tethers = (1.0 + _CURVED * place.reach**2 * curved) / place.reach**2
     tethers *= 1.0 + _CARRIED * _carried_beyond(ground, place)
     tethers /= np.maximum((1.0 + rest.normals @ place.axes[2]) / 2.0, _LEAST_FACING) ** 2
-    bones = Bones.of(ground) if ground.rig.skinned else None
+    bones = BoneLines.of(ground) if ground.rig.skinned else None
     if bones is not None and len(bones.nodes):
         segments = np.stack([bones.starts, bones.ends], axis=1)
         depths = bone_distances(positions, segments)

@@ -7,7 +7,8 @@ from typing import ClassVar
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.effects.effect import Attached, Effect, MeshPlan, Motion, SamplingOptions
+from wrinklecli.effects.attached import Attached
+from wrinklecli.effects.effect import Effect, MeshPlan, Motion, SamplingOptions
 from wrinklecli.effects.wrinkle.attach import attach_tools
 from wrinklecli.effects.wrinkle.bounds import bounded
 from wrinklecli.effects.wrinkle.carry import CarriedPatch, carry
@@ -15,6 +16,7 @@ from wrinklecli.effects.wrinkle.creases import creased
 from wrinklecli.effects.wrinkle.demand import demanding
 from wrinklecli.effects.wrinkle.effect import WrinkleEffect
 from wrinklecli.effects.wrinkle.forecast import expected_shapes
+from wrinklecli.effects.wrinkle.lines import lines_of
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.effects.wrinkle.sample import most_overlaps, sample_wrinkles
 from wrinklecli.effects.wrinkle.warnings import departure_warnings, twin_warnings
@@ -105,6 +107,9 @@ class WrinkleLayer:
 
 class WrinkleKind:
     """Wrinkling tools."""
+
+    section: ClassVar[str] = WrinkleLayer.section
+    lines = staticmethod(lines_of)
 
     def attach(self, tools: Sequence[EffectTool], ground: Ground, settings: ToolsFile) -> Sequence[Attached]:
         """Attach the tools to the surface at rest.

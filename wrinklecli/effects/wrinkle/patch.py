@@ -70,6 +70,8 @@ class Patch:
 
     moves: ClassVar[None] = None
     """Nothing before later effects see the mesh: contact sees wrinkles by their own shapes."""
+    covers: ClassVar[tuple[str, ...]] = ()
+    drag: ClassVar[None] = None
 
     @property
     def origin(self) -> Anchor:

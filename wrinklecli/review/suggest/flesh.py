@@ -16,7 +16,7 @@ from wrinklecli.character.clip import read_clips
 from wrinklecli.character.pose import stored_positions
 from wrinklecli.character.rig import Hierarchy, read_hierarchy
 from wrinklecli.choices import Part
-from wrinklecli.effects.flesh.attach import attach_flesh
+from wrinklecli.effects.plan import attach_one
 from wrinklecli.errors import WrinkleError, counted
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, unit
@@ -219,10 +219,10 @@ def _fitted(
         where=ground.document.path,
     )
     try:
-        (attached,) = attach_flesh([region], ground, ToolsFile(path=ground.document.path))
+        attached = attach_one(region, ground)
     except WrinkleError as error:
         return f"{called}: left out: {error.lines[0].removeprefix(f'{ground.document.path}: ')}"
-    moved = int(np.any(attached.deltas, axis=(0, 2)).sum())
+    moved = 0 if attached.moves is None else int(np.any(attached.moves.deltas, axis=(0, 2)).sum())
     if moved < LEAST_VERTICES:
         return (
             f"{called}: left out, as the mesh is too coarse there: {counted(moved, 'vertex', 'vertices')} would move,"

@@ -19,13 +19,15 @@ from wrinklecli.character.contacts import Neighbours
 from wrinklecli.character.pose import stored_positions
 from wrinklecli.character.rig import Hierarchy, read_hierarchy
 from wrinklecli.choices import Part
-from wrinklecli.effects.muscle.attach import AttachedMuscle, attach_muscles
+from wrinklecli.effects.plan import attach_one
 from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, unit
 from wrinklecli.review.suggest.anatomy import forwards_of
 from wrinklecli.review.suggest.text import entry, quoted
+from wrinklecli.surface.bones import BoneLines, SideOfBone
 from wrinklecli.surface.ground import Ground, read_ground
+from wrinklecli.surface.rest import asked_positions
 from wrinklecli.tools.body import TENDONS, Muscle
 from wrinklecli.tools.mirror import exchange_sides, split_side
 from wrinklecli.tools.records import JointPoint, Length, Position, ToolsFile, parse_length
@@ -249,14 +251,14 @@ def _fitted(
     if not shares or max(shares) <= 0.0:
         return f"{name}: left out, as no mesh has skin on {names[bone]!r}"
     span = float(np.linalg.norm(limb.places[place.bone + 1] - limb.places[place.bone]))
-    layers: list[AttachedMuscle] = []
+    layers: list[SideOfBone] = []
     meshes: list[Ground] = []
     problems: list[WrinkleError] = []
     for number in np.argsort(shares)[::-1].tolist():
         if shares[number] < _LAYER * max(shares):
             break
         try:
-            layers.append(_attached(name, place, limb, _FIRST * span, grounds[number], nodes, names))
+            layers.append(_attached(name, place, limb, _FIRST * span, grounds[number], nodes, names)[1])
             meshes.append(grounds[number])
         except WrinkleError as error:
             problems.append(error)
@@ -265,11 +267,13 @@ def _fitted(
     outer = int(np.argmax([each.depth for each in layers]))
     outermost = meshes[outer]
     try:
-        found = _attached(name, place, limb, _DEEP * layers[outer].room, outermost, nodes, names)
+        deep = _DEEP * layers[outer].room(outermost)
+        muscle, found = _attached(name, place, limb, deep, outermost, nodes, names)
     except WrinkleError as error:
         return f"{name}: left out: {error.lines[0].removeprefix(f'{outermost.document.path}: ')}"
-    low = replace(found.tool, thickness=Length(_LOW * found.room))
-    return SuggestedMuscle(low, False, names[found.bone], found.room)
+    room = found.room(outermost)
+    low = replace(muscle, thickness=Length(_LOW * room))
+    return SuggestedMuscle(low, False, names[found.node], room)
 
 
 def _share(ground: Ground, joint: int) -> float:
@@ -288,8 +292,8 @@ def _attached(
     ground: Ground,
     nodes: Mapping[int, str | None],
     names: Sequence[str],
-) -> AttachedMuscle:
-    """A muscle whose line is some scene units beside its bone.
+) -> tuple[Muscle, SideOfBone]:
+    """A muscle whose line is some scene units beside its bone, and the side of the bone on which it lies.
 
     Raises:
         WrinkleError: It does not fit.
@@ -307,8 +311,9 @@ def _attached(
     )
     if place.tendons is not None:
         muscle = replace(muscle, tendon=Length(place.tendons, percent=True))
-    (found,) = attach_muscles([muscle], ground)
-    return found
+    attach_one(muscle, ground)
+    ends = asked_positions(ground.rig, ground.rest.clip, ground.rest.time, muscle)
+    return muscle, BoneLines.of(ground).side_of(ground, ends.mean(axis=0), ends[1] - ends[0])
 
 
 def _rounded(offset: Floats) -> tuple[float, float, float]:

@@ -20,7 +20,7 @@ from wrinklecli.character.moved import Motions
 from wrinklecli.character.pose import blend, joint_matrices, morph_weights, node_matrices, transform
 from wrinklecli.character.rig import Hierarchy, read_hierarchy
 from wrinklecli.choices import Part
-from wrinklecli.effects.touch.attach import FOLDED, AttachedTouch, attach_touches
+from wrinklecli.effects.plan import attach_one
 from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, unit
@@ -357,24 +357,21 @@ def _fitted(
         where=ground.document.path,
     )
     left_out = f"{hierarchy.names[tip.node]} in {contact.clip.name} at {contact.time:.2f} s: left out: "
-    settings = ToolsFile(path=ground.document.path)
     try:
-        (attached,) = attach_touches([touch], ground, settings)
-        if attached.strain < FOLDED:
-            grip = _SAFE * 100.0 * attached.drive.grip / tip.radius * FOLDED / attached.strain
+        drag = attach_one(touch, ground).drag
+        assert drag is not None, "a tip drags the skin of a touch"
+        if drag.folding < drag.drive.grip:
+            grip = _SAFE * 100.0 * drag.folding / tip.radius
             touch = replace(touch, grip=Length(float(f"{grip:.3g}"), percent=True))
-            (attached,) = attach_touches([touch], ground, settings)
+            drag = attach_one(touch, ground).drag
+            assert drag is not None, "a tip drags the skin of a touch"
     except WrinkleError as error:
         return left_out + error.lines[0].removeprefix(f"{ground.document.path}: ")
-    if contact.clip.name not in attached.drive.ends:
+    if contact.clip.name not in drag.drive.ends:
         return left_out + "it comes from the side, and stays above the skin"
-    return SuggestedTouch(touch, contact.clip.name, contact.time, _slide(attached, contact))
-
-
-def _slide(attached: AttachedTouch, contact: _Contact) -> float:
-    """The greatest slide of a touch in a clip, scene units."""
-    strokes = attached.drive.strokes_in(contact.skin.ground.rig.own, contact.clip)
-    return float(max(np.hypot(*rows[:, 1:3].T).max() for rows in strokes))
+    # The greatest slide in the clip, scene units.
+    slide = max(np.hypot(*rows[:, 1:3].T).max() for rows in drag.drive.strokes_in(ground.rig.own, contact.clip))
+    return SuggestedTouch(touch, contact.clip.name, contact.time, float(slide))
 
 
 def _rounded(point: Floats, digits: int) -> tuple[float, float, float]:
