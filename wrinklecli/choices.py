@@ -27,6 +27,7 @@ PROFILES: dict[Profile, str] = {  # with what its bumps look like
 Attenuation: TypeAlias = Literal["bell", "linear"]
 Attachment: TypeAlias = Literal["skin", "patch"]
 Stops: TypeAlias = Literal["features", "none"]
+Creases: TypeAlias = Literal["lower", "keep"]
 # The groups of the keys of effects, in the order in which one that is drawn is tuned.
 Group: TypeAlias = Literal["Shape", "Irregularity", "Motion", "Place"]
 GROUPS: tuple[Group, ...] = get_args(Group)

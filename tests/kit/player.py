@@ -178,8 +178,8 @@ class Gltf:
             start += count
         return np.concatenate(parts)
 
-    def _blended(
-        self, node: str | int, clip: str | int | None, times: Sequence[float] | Floats, vertices: Vertices
+    def blended(
+        self, node: str | int, clip: str | int | None, times: Sequence[float] | Floats, vertices: Vertices = ALL
     ) -> Floats:
         """(3, 4, times, vertices) each vertex's matrix from bind to world space, a number of all after another."""
         index = self.node(node)
@@ -233,7 +233,7 @@ class Gltf:
     ) -> Floats:
         """(times, vertices, 3) world space, without some of the morph targets."""
         morphed = self._morphed(node, clip, times, "POSITION", vertices, without)
-        matrices = self._blended(node, clip, times, vertices)
+        matrices = self.blended(node, clip, times, vertices)
         return _times(matrices, morphed) + np.moveaxis(matrices[:, 3], 0, 2)
 
     def normals(
@@ -248,7 +248,7 @@ class Gltf:
         """(times, vertices, 3) unit, world space, without some of the morph targets."""
         bent = self._morphed(node, clip, times, "NORMAL", vertices, without)
         # Times the matrix of cofactors, which is the inverse transposed but for the determinant.
-        a, b, c = np.moveaxis(self._blended(node, clip, times, vertices)[:, :3], 1, 0)
+        a, b, c = np.moveaxis(self.blended(node, clip, times, vertices)[:, :3], 1, 0)
         cofactors = np.stack([_cross(b, c), _cross(c, a), _cross(a, b)], axis=1)
         turned = _times(cofactors, bent) * np.sign(np.sum(a * cofactors[:, 0], axis=0))[..., None]
         return turned / np.linalg.norm(turned, axis=2, keepdims=True)

@@ -19,8 +19,8 @@ from kit.bakes import baked
 from kit.clients import compare_with_three, optimize, pose, pose_each, validate
 from kit.places import ROOT
 from kit.player import Floats, Gltf, Json
-from kit.reference import Case, method, planned
 from kit.samples import config, sample
+from kit.unencoded import Case, planned, unencoded
 from wrinklecli.character.clip import clip_grid, read_clips
 from wrinklecli.gltf.document import read_document
 
@@ -155,7 +155,7 @@ def test_three_js_puts_every_vertex_within_max_error(name: str, folder: Path) ->
         if file.sampler(clip, found.node, "weights") is None:
             continue
         times = clip_times(file, found.node, clip)
-        expected = method(plan, found.asset, clip, times)
+        expected = unencoded(plan, found.asset, clip, times)
         shown = pose(out, node=found.node, clip=clip, times=times.tolist())
         gaps = np.linalg.norm(shown - expected, axis=2)
         worst = np.unravel_index(gaps.argmax(), gaps.shape)
@@ -199,7 +199,7 @@ def test_three_js_shows_the_frames_in_turn(name: str, folder: Path) -> None:
         near = [k for k in (due - 1, due, due + 1, 0) if 0 <= k < len(nodes)]
         shown = pose_each(out, [nodes[k] for k in near], clip=clip, times=[between(times, due)])
         assert [bool(np.ptp(each[0], axis=0).max() > 0) for each in shown] == [k == due for k in near]
-        wanted = method(plan, found.asset, clip, times[due : due + 1])
+        wanted = unencoded(plan, found.asset, clip, times[due : due + 1])
         gaps = np.linalg.norm(shown[near.index(due)] - wanted, axis=2)
         assert gaps.max() < 1e-6 * np.abs(wanted).max()
 

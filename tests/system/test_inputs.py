@@ -24,7 +24,7 @@ from kit.clients import assert_valid, validate
 from kit.limb import LENGTH, RADIUS, limb_asset, tool, write_tools
 from kit.player import Gltf, Json, differences
 from kit.player import wrinkle_columns as columns_of
-from kit.reference import Case, method, planned
+from kit.unencoded import Case, planned, unencoded
 from kit.variants import PNG, crowd, scattered
 from wrinklecli.errors import AssetError
 
@@ -86,7 +86,7 @@ def assert_right(before: Gltf, after: Gltf, node: str, *, acts: bool = True) -> 
         times = np.unique(np.concatenate([np.linspace(keys[0], keys[-1], 23), keys[:: 1 + len(keys) // 8]]))
         shown = after.pose(node, clip, times)
         size = float(np.abs(shown).max())
-        gaps = np.linalg.norm(shown - method(plan, before.path, clip, times), axis=2)
+        gaps = np.linalg.norm(shown - unencoded(plan, before.path, clip, times), axis=2)
         assert gaps.max() <= plan.max_error + 4e-7 * size, (clip, gaps.max(), plan.max_error)
         flat = ~moved[old]
         beside = np.abs(shown[:, old] - before.pose(node, clip, times))[:, flat]

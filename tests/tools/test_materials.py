@@ -2,19 +2,21 @@
 
 import re
 from dataclasses import replace
+from typing import get_args
 
 import pytest
 import yaml
 
 from kit.places import ROOT
 from kit.tools_text import FILE, HEAD, README, first_tool
+from wrinklecli.choices import MaterialName
 from wrinklecli.errors import ConfigError
 from wrinklecli.tools.materials import presets, usual_bumps
 from wrinklecli.tools.read import parse_tools
 from wrinklecli.tools.records import Length, WrinkleTool
 
-# Substances; presets are made from them.
-SUBSTANCES = {name: each for name, each in presets().items() if each.material is None}
+# Presets are made from them.
+SUBSTANCES = {name: presets()[name] for name in get_args(MaterialName)}
 NAMES = ["none", *SUBSTANCES]
 
 
@@ -178,7 +180,7 @@ def test_the_reference_s_table_of_presets_is_the_code_s() -> None:
         if line[:1] == "|"
     ]
     built_in = yaml.safe_load((ROOT / "wrinklecli/tools/presets.yaml").read_text(encoding="utf-8"))
-    made = {name: entry for name, entry in built_in.items() if "material" in entry}
+    made = {name: {"material": "none", **entry} for name, entry in built_in.items() if name not in SUBSTANCES}
     assert [row[0] for row in rows[2:]] == list(made)
     for name, title, material, parts, keys in rows[2:]:
         written = yaml.safe_load(f"{{{keys.replace('`', '')}}}")

@@ -28,7 +28,7 @@ class Preset:
     Attributes:
         name: The word after `material`.
         title: Its name in menus.
-        material: The entry that it is made from; None for a substance.
+        material: The entry that it is made from; None for a substance, and where `none` has the other keys.
         bump_width: Width of a bump at rest relative to the segment; it gives the number of bumps.
         bump_height: Highest point of a bump relative to its width at rest, for `max_height: auto`.
         keys: The other keys with their values, as a file writes them; those of `material` are among them.

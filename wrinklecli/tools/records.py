@@ -18,6 +18,7 @@ from wrinklecli.choices import (
     Attenuation,
     Axis,
     Channel,
+    Creases,
     LaidPose,
     Profile,
     RestPose,
@@ -501,6 +502,12 @@ class WrinkleTool:
         "Where wrinkles fade out within the patch: at features (open borders, seams of materials, sharp creases, the "
         "other leg), or none. Default features.",
         "features",
+    )
+    creases: Creases = key(
+        one_of(*get_args(Creases)),
+        "Where a joint folds the surface more sharply than a bump is wide: lower wrinkles there, or keep their height. "
+        "Default lower.",
+        "lower",
     )
     mask: Mask | None = key(
         MASK,

@@ -75,6 +75,11 @@ def test_wrinkles_of_a_soft_fold_stay_as_they_are() -> None:
     assert after is before
 
 
+def test_wrinkles_keep_their_height_if_the_tool_says_so() -> None:
+    _, _, before, after = lowered(limb_with(SHARP), tool(**TALL, creases="keep"))
+    assert after is before
+
+
 def test_clips_have_nothing_to_do_with_it() -> None:
     _, _, _, with_clip = lowered(limb_with(SHARP), tool(**TALL))
     _, _, _, without = lowered(limb_with(SHARP, clip=None), tool(**TALL))

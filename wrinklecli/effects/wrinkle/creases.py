@@ -6,7 +6,7 @@ which shows as teeth and dark tiles. So wrinkles are lower where κh becomes lar
 clips there are, and rise again over half a bump to either side: a crease keeps low, clean wrinkles. Morph targets bend
 no normals, so they make no crease.
 
-Not in the paper, which moves the vertices of posed surfaces along their normals everywhere.
+Not in the paper, which moves the vertices of posed surfaces along their normals everywhere, as `creases: keep` does.
 """
 
 from dataclasses import dataclass
@@ -69,12 +69,12 @@ class _Points:
 
 
 def creased(carried: CarriedPatch, fine: Refinement, rest: Rest, rig: Rig) -> CarriedPatch:
-    """Lower the wrinkles of a tool in creases; the tool itself if no joint makes one.
+    """Lower the wrinkles of a tool in creases; the tool itself if no joint makes one, or it keeps its height there.
 
     Strengths, masks and keys have nothing to do with it: they multiply or raise what is left.
     """
     patch, vertices = carried.patch, carried.vertices
-    if not patch.shape_strength:
+    if not patch.shape_strength or patch.tool.creases == "keep":
         return carried
     positions, normals = fine.posed_at(rest, vertices)
     u, v = patch.coordinates(positions)
