@@ -78,6 +78,8 @@ PATH_POINTS = 64
 PLACE_DIGITS = 6
 # Significant digits of other numbers: Blender's sliders are float32.
 NUMBER_DIGITS = 6
+# Blender counts the steps of a slider of floats in hundredths.
+STEPS = 100
 
 # --- what needs no Blender: text ---
 
@@ -281,17 +283,40 @@ def _bounds(key_schema: Mapping[str, Any], *, percent: bool) -> dict[str, float]
     return {short: part[name] for short, name in (("min", "minimum"), ("max", "maximum")) if name in part}
 
 
+def _slides(key_schema: Mapping[str, Any], *, percent: bool) -> dict[str, float]:
+    """The numbers over which a key's slider goes, if it is one of percentages or not, as Blender is told of them."""
+    slider = next((part["slider"] for part in _parts(key_schema) if "slider" in part), {})
+    if not slider or (slider.get("unit") == "%") != percent:
+        return {}
+    step = slider["step"] * (1 if _is_whole(key_schema) else STEPS)
+    return {"soft_min": slider["minimum"], "soft_max": slider["maximum"], "step": step}
+
+
+def _is_whole(key_schema: Mapping[str, Any]) -> bool:
+    """True if a key takes whole numbers alone."""
+    return key_schema.get("type") in ("integer", ["integer", "null"])
+
+
+def groups_of(keys: Mapping[str, Mapping[str, Any]]) -> dict[str, list[str]]:
+    """The keys of an entry by their groups; a `wrinkle` of old has none."""
+    found: dict[str, list[str]] = {}
+    for key, key_schema in keys.items():
+        found.setdefault(key_schema.get("group", ""), []).append(key)
+    return found
+
+
 def field(key_schema: Mapping[str, Any], text: str) -> Field:
     """The custom property that holds a value, given as YAML: a number with its range, a switch, or the text itself."""
     shown: dict[str, Any] = {"description": key_schema.get("description", "")}
     text = text.strip()
     if percent := _PERCENT.fullmatch(text):
-        return Field(float(percent[1]), shown | _bounds(key_schema, percent=True) | {"subtype": "PERCENTAGE"})
+        ends = _bounds(key_schema, percent=True) | _slides(key_schema, percent=True)
+        return Field(float(percent[1]), shown | ends | {"subtype": "PERCENTAGE"})
     if text in ("true", "false"):
         return Field(text == "true", shown)
     if _NUMBER.fullmatch(text) and (not choices(key_schema) or "anyOf" in key_schema):
-        bounds = _bounds(key_schema, percent=False)
-        if key_schema.get("type") in ("integer", ["integer", "null"]):
+        bounds = _bounds(key_schema, percent=False) | _slides(key_schema, percent=False)
+        if _is_whole(key_schema):
             return Field(int(float(text)), shown | {end: int(each) for end, each in bounds.items()})
         return Field(float(text), shown | bounds)
     return Field(text, shown)
@@ -1764,10 +1789,11 @@ class Tools(bpy.types.Panel):
                 line.operator("wrinkle.unset_key", text="", icon="X").key = key
         others = box.column(align=True)
         others.label(text="By default, or by the material:")
-        for key, key_schema in known.items():
-            if key not in tool:
+        for group, keys in groups_of({key: each for key, each in known.items() if key not in tool}).items():
+            others.label(text=group)
+            for key in keys:
                 line = others.row(align=True)
-                default = key_schema.get("default")
+                default = known[key].get("default")
                 shown = "none" if default is None else default if isinstance(default, str) else flow(default)
                 line.label(text=f"{key}: {shown}")
                 line.operator("wrinkle.set_key", text="", icon="ADD").key = key

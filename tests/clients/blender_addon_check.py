@@ -197,9 +197,10 @@ def check_that_keys_have_the_ranges_of_the_schema() -> None:
     knee(body)
     tool = one("knee.L")
     shown = tool.id_properties_ui("bumps").as_dict()
-    assert (tool["bumps"], shown["min"], shown["max"]) == (5, 1, 64)
+    assert (tool["bumps"], shown["min"], shown["max"], shown["step"]) == (5, 1, 64, 1)
     shown = tool.id_properties_ui("width").as_dict()
     assert (tool["width"], shown["min"], shown["max"], shown["subtype"]) == (80, 0.01, 10000, "PERCENTAGE")
+    assert (shown["soft_min"], shown["soft_max"], shown["step"]) == (1, 300, 50)
     bpy.ops.wrinkle.set_key(key="variation", text="0.6")
     shown = tool.id_properties_ui("variation").as_dict()
     assert (tool["variation"], shown["min"], shown["max"]) == (0.6, 0, 1)
@@ -270,6 +271,7 @@ def check_that_the_panel_has_every_key_and_a_bar() -> None:
             is_set = {f'["{key}"]', f"wrinkle_{key}_choice"} & set(drawn)
             assert len(is_set) == (key in addon.tool_at(bpy.context)), key
             assert is_set or [each for each in drawn if each.startswith(f"{key}: ")], key
+        assert [each for each in drawn if each in ("Place", "Shape", "Irregularity", "Motion")]
     bpy.ops.wrinkle.select(name="tools")
     bpy.ops.wrinkle.set_key(key="material", text="leather")
     assert "wrinkle_material_choice" in panel()

@@ -145,6 +145,8 @@ def test_every_key_becomes_a_property_and_the_same_value_again(kind: str, key: s
         assert field.shown["description"] == key_schema["description"]
         if isinstance(field.value, float | int) and not isinstance(field.value, bool):
             assert field.shown["min"] <= field.value <= field.shown["max"]
+            if "soft_min" in field.shown:
+                assert field.shown["min"] <= field.shown["soft_min"] < field.shown["soft_max"] <= field.shown["max"]
 
 
 def test_ranges_are_those_of_the_schema() -> None:
@@ -169,6 +171,28 @@ def test_ranges_are_those_of_the_schema() -> None:
     assert "cloth" in addon.choices(tools["material"])
     assert addon.choices(tools["contact"]) == ["off", "resolve"]
     assert addon.choices(tools["width"]) == []
+
+
+def test_sliders_and_groups_are_those_of_the_schema() -> None:
+    tools = addon.keys_of(TOOLS_SCHEMA, "tools")
+
+    def slides(key: str, text: str) -> tuple[float, float, float]:
+        shown = addon.field(tools[key], text).shown
+        return shown["soft_min"], shown["soft_max"], shown["step"]
+
+    def spans(slider: dict[str, float]) -> tuple[float, float, float]:
+        return slider["minimum"], slider["maximum"], slider["step"]
+
+    assert slides("bumps", "5") == spans(tools["bumps"]["slider"])
+    for key, text in (("width", "80%"), ("strength", "0.5"), ("compressible", "43%")):
+        low, high, step = slides(key, text)
+        assert (low, high, step / addon.STEPS) == pytest.approx(spans(tools[key]["slider"]))
+    assert "soft_min" not in addon.field(tools["width"], "0.2").shown, "a slider of per cents says nothing of lengths"
+    for kind in KINDS:
+        keys = addon.keys_of(TOOLS_SCHEMA, kind)
+        assert {key: keys[key]["group"] for key in keys} == {
+            key: group for group, members in addon.groups_of(keys).items() for key in members
+        }
 
 
 def test_what_is_written_is_read_as_a_tools_file(tmp_path: Path) -> None:
