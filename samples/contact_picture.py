@@ -86,7 +86,7 @@ def section(baked: Path) -> Image.Image:
     """The plane z = 0 of the folded arm: what is inside of the skin, and in red what is so twice, or inside out."""
     document = read_document(baked)
     surface = read_scene_surface(document, wholes={})
-    places = surface.posed(read_clips(document)[0], np.array([1.0]))[0].T
+    places = surface.posed(read_clips(document)[0], np.array([1.0]))[0]
     lines = cut(places[surface.crossings.triangles])
     wide, high = FINE * PANEL[0], FINE * PANEL[1]
     scale = min(wide, high) / (2.0 * RADIUS)

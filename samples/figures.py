@@ -266,7 +266,7 @@ def draw_contact() -> None:
             surface = read_scene_surface(document, wholes={})
             clip = next(each for each in read_clips(document) if each.name == "squat")
             middle, axes_of = bent_plane(surface.rigs[0], clip)
-            places = (surface.posed(clip, MOMENT)[0].T - middle) @ axes_of.T
+            places = (surface.posed(clip, MOMENT)[0] - middle) @ axes_of.T
             lines = section(places[surface.crossings.triangles])
             axes.add_collection(LineCollection(lines, colors=INK, linewidths=1.0))
             axes.set(xlim=(0.005, 0.095), ylim=(-0.045, 0.045), aspect="equal")

@@ -11,7 +11,7 @@ from kit.clients import pose_with_normals
 from kit.prepared import as_document
 from kit.samples import Editor, edited, sample, shared_mesh, two_meshes, two_parts
 from wrinklecli.character.clip import read_clips
-from wrinklecli.character.scene import ScenePrimitive, pose_primitive, read_scene, scene_nodes
+from wrinklecli.character.scene import ScenePrimitive, read_scene, scene_nodes
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import read_document
 
@@ -37,7 +37,7 @@ def test_parts_are_posed_as_three_poses_them(asset: Callable[[], Path], clip: st
         by_node.setdefault(part.rig.node, []).append(part)
     assert by_node
     for node, parts in by_node.items():
-        posed = [pose_primitive(part, found, times) for part in parts]
+        posed = [part.posed(found, times) for part in parts]
         positions, normals = pose_with_normals(path, node=node, clip=found.index, times=times.tolist())
         ours = np.concatenate([each.positions for each in posed], axis=1)
         assert np.abs(ours - positions).max() < 4e-6 * np.abs(positions).max()
@@ -68,13 +68,38 @@ def test_a_node_scaled_to_nothing_is_hidden_and_one_mirrored_winds_the_other_way
     for scale, hidden, mirrored in (((0, 0, 0), True, False), ((-1, 1, 1), False, True), ((1, 1, 1), False, False)):
         node["scale"] = list(scale)
         (part,) = read_scene(document)
-        posed = pose_primitive(part, None, np.zeros(1))
+        posed = part.posed(None, np.zeros(1))
         assert (posed.hidden[0], posed.mirrored[0]) == (hidden, mirrored)
-        if mirrored:
-            a, b, c = (posed.positions[0][part.triangles[:, k]] for k in range(3))
-            assert posed.normals is not None
-            facing = np.sum(np.cross(b - a, c - a) * posed.normals[0][part.triangles[:, 0]], axis=1)
-            assert (facing < 0).mean() > 0.99
+        corners = posed.corners()
+        assert len(corners) == (0 if hidden else len(part.triangles))
+        assert posed.normals is not None
+        a, b, c = corners.transpose(1, 0, 2)
+        facing = np.sum(np.cross(b - a, c - a) * posed.normals[0][posed.wound()[:, 0]], axis=1)
+        assert hidden or (facing > 0).mean() > 0.99
+
+
+def test_some_vertices_are_posed_as_with_the_others() -> None:
+    document = read_document(sample("trousers"))
+    (part,) = read_scene(document)
+    (clip, *_) = read_clips(document)
+    random, times = np.random.default_rng(3), np.linspace(clip.start, clip.end, 3)
+    offsets = random.normal(size=(3, len(part.vertices.positions), 3))
+    chosen = np.flatnonzero(random.random(offsets.shape[1]) < 0.5)
+    whole, some = (
+        part.posed(clip, times, offsets=offsets),
+        part.only(chosen).posed(clip, times, offsets=offsets[:, chosen]),
+    )
+    assert whole.normals is not None
+    assert some.normals is not None
+    assert some.positions == pytest.approx(whole.positions[:, chosen], abs=1e-12)
+    assert some.normals == pytest.approx(whole.normals[:, chosen], abs=1e-12)
+    kept = np.isin(part.triangles, chosen).all(axis=1)
+    assert 0 < kept.sum() < len(kept)
+    assert np.array_equal(chosen[some.triangles], part.triangles[kept])
+    assert part.positions_at(clip, times[1]) == pytest.approx(part.posed(clip, times[1:2]).positions[0], abs=1e-12)
+    # Weights in place of the clip's, and offsets, act before skinning.
+    still = part.posed(clip, times, offsets=np.zeros_like(offsets), weights=np.zeros((3, len(part.rig.morph_names))))
+    assert still.positions == pytest.approx(part.posed(clip, times).positions, abs=1e-12)
 
 
 def test_a_scene_that_names_no_node_is_said() -> None:

@@ -16,7 +16,7 @@ from kit.flesh import body
 from kit.limb import RADIUS, limb, limb_asset, sleeved_limb
 from wrinklecli.character.clip import read_clips
 from wrinklecli.character.posing import with_pose
-from wrinklecli.character.scene import pose_primitive, read_scene
+from wrinklecli.character.scene import read_scene
 from wrinklecli.editor.asset import ReadOptions
 from wrinklecli.editor.baked_file import bake_saved
 from wrinklecli.editor.free_pose import POSE, FreePose
@@ -56,7 +56,7 @@ def test_what_is_shown_is_what_is_baked(session: Session, tmp_path: Path) -> Non
     (primitive,), (clip,) = read_scene(document), read_clips(document)
     for time in (0.0, 0.4, 1.0):
         (shown,) = session.meshes("fold", time)
-        baked = pose_primitive(primitive, clip, np.array([time])).positions[0]
+        baked = primitive.positions_at(clip, time)
         assert len(primitive.triangles) == len(shown.faces)
         for some, others in ((shown.positions, baked), (baked, shown.positions)):
             assert cKDTree(others).query(some)[0].max() < bound
@@ -96,7 +96,7 @@ def test_a_free_pose_is_that_of_preview(session: Session, tmp_path: Path) -> Non
     posed = with_pose(read_document(tmp_path / "limb.glb"), [("joint_1", "x", 20.0), ("joint_1", "z", 50.0)], [])
     (primitive,), clip = read_scene(posed), read_clips(posed)[-1]
     assert f"--pose {clip.name.replace(' ', ' --pose ')}" == pose.options
-    there = pose_primitive(primitive, clip, np.zeros(1)).positions[0]
+    there = primitive.positions_at(clip, 0.0)
     assert cKDTree(shown.positions).query(there)[0].max() < 1e-6
     assert session.curve("crease", POSE, 0.0) is not None
     assert session.heights("crease", POSE) is None
@@ -538,7 +538,7 @@ def test_muscles_are_shown_as_they_are_baked(tmp_path: Path) -> None:
     (primitive,), (clip,) = read_scene(document), read_clips(document)
     for time in (0.0, 1.0):
         (shown,) = session.meshes("fold", time)
-        baked = pose_primitive(primitive, clip, np.array([time])).positions[0]
+        baked = primitive.positions_at(clip, time)
         for some, others in ((shown.positions, baked), (baked, shown.positions)):
             assert cKDTree(others).query(some)[0].max() < report.data["meshes"][0]["max_error"]
 
@@ -589,7 +589,7 @@ def test_two_places_make_flesh(tmp_path: Path) -> None:
     wrinklecli.bake(tmp_path / "body.glb", tmp_path / "tools.yaml", tmp_path / "out.glb")
     document = read_document(tmp_path / "out.glb")
     (primitive,), (clip,) = read_scene(document), read_clips(document)
-    baked = pose_primitive(primitive, clip, np.array([1.08])).positions[0]
+    baked = primitive.positions_at(clip, 1.08)
     assert cKDTree(baked).query(shown)[0].max() < 5e-4
     with pytest.raises(ConfigError, match="larger than the body allows"):
         session.add_flesh([0.0, -0.05, 0.18], [0.0, 9.0, 0.18])

@@ -24,13 +24,14 @@ from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.baking.track import track
 from wrinklecli.character import contacts, rig, scene
+from wrinklecli.character.skin import SkinnedMesh
 from wrinklecli.effects.wrinkle import placement, warnings
 from wrinklecli.gltf.document import read_document
 from wrinklecli.review import check as check_module
 from wrinklecli.review.check import check
-from wrinklecli.review.diff import compare_motion, surfaces
+from wrinklecli.review.diff import compare_motion
 from wrinklecli.review.diff.diff import diff
-from wrinklecli.review.suggest import cover, measure
+from wrinklecli.review.suggest import measure
 from wrinklecli.review.suggest.suggest import suggest
 from wrinklecli.surface import refine
 
@@ -92,11 +93,11 @@ def test_instances_are_posed_a_few_times_each(monkeypatch: pytest.MonkeyPatch, t
         b = other.write(tmp_path / "b.glb")
         tally = Counter[str]()
         with monkeypatch.context() as patched:
-            counted(patched, tally, compare_motion, "pose_primitive")
+            counted(patched, tally, SkinnedMesh, "posed")
             counted(patched, tally, rig, "_stored_local")
             diff(a, b)
         calls.append(tally)
-    for name in ("pose_primitive", "_stored_local"):
+    for name in ("posed", "_stored_local"):
         assert calls[1][name] <= 2.2 * calls[0][name], name
 
 
@@ -120,9 +121,9 @@ def test_layers_are_posed_once_in_a_pose(
     for count in (4, 8):
         tally = Counter[str]()
         with monkeypatch.context() as patched:
-            counted(patched, tally, cover, "pose_primitive")
+            counted(patched, tally, scene.ScenePrimitive, "posed")
             suggest(make(count).write(tmp_path / "many.glb"), count=1)
-        posed.append(tally["pose_primitive"])
+        posed.append(tally["posed"])
     assert 0 < posed[1] <= 2.1 * posed[0]
 
 
@@ -160,10 +161,9 @@ def test_what_a_clip_does_not_move_is_compared_once(monkeypatch: pytest.MonkeyPa
         b = elsewhere(troop_asset(count, own_clips=True)).write(tmp_path / "b.glb")
         tally = Counter[str]()
         with monkeypatch.context() as patched:
-            for module in (compare_motion, surfaces):
-                counted(patched, tally, module, "pose_primitive")
+            counted(patched, tally, SkinnedMesh, "posed")
             comparison = diff(a, b)
-        posed.append(tally["pose_primitive"])
+        posed.append(tally["posed"])
         # Each character is elsewhere in the stored pose, and in the clip that moves it by as much.
         assert {each.kind for each in comparison.differences} == {"value", "pose"}
     assert posed[1] <= 2.1 * posed[0]
@@ -220,7 +220,7 @@ def test_of_many_meshes_those_that_may_touch_are_posed(monkeypatch: pytest.Monke
     counted(monkeypatch, tally, contacts._Shown, "posed")
     neighbours = contacts.Neighbours(document)
     for number, shown in enumerate(scene.read_scene(document)):
-        positions = scene.pose_primitive(shown, None, np.zeros(1)).positions[0]
+        positions = shown.positions_at(None, 0.0)
         assert not list(neighbours.near(shown.rig.node, positions.min(axis=0), positions.max(axis=0)))
         found = [places for _, places in neighbours.near(-1, positions.min(axis=0), positions.max(axis=0))]
         assert len(found) == 1

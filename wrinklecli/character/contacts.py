@@ -8,8 +8,9 @@ from itertools import pairwise, product
 import numpy as np
 from numpy.typing import NDArray
 
-from wrinklecli.character.pose import blend, joint_matrices, transform
+from wrinklecli.character.pose import joint_matrices
 from wrinklecli.character.rig import Rig, read_hierarchy, read_rig
+from wrinklecli.character.skin import skinned_mesh
 from wrinklecli.character.surface import Surface, Vertices, dense_influences, read_all_triangles, read_vertices
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values
@@ -43,10 +44,10 @@ class _Shown:
 
     def posed(self) -> Floats:
         """(vertices, 3) in the stored pose, world space."""
-        weights = dense_influences(self.vertices.joints, self.vertices.weights, len(self.rig.joints))[:, self.acting]
-        matrices = joint_matrices(self.rig, None, np.zeros(1), self.acting)
-        posed: Floats = transform(blend(weights, matrices), self.morphed())[0]
-        return posed
+        vertices, rig = self.vertices, self.rig
+        weights = dense_influences(vertices.joints, vertices.weights, len(rig.joints))
+        mesh = skinned_mesh(rig, weights, vertices.positions, vertices.morph_deltas, self.triangles)
+        return mesh.positions_at(None, 0.0)
 
     def seen(self) -> Floats:
         """(seen, 3) the posed vertices of triangles, and all those of a primitive that has none, as of points."""

@@ -1,4 +1,4 @@
-"""Reads all primitives of a scene and poses them as an engine would, for `preview`, `diff` and `suggest`.
+"""Reads all primitives of a scene, ready to be posed as an engine would, for `preview`, `diff` and `suggest`.
 
 A bake welds one mesh to a surface. Here every primitive of every node is as the file stores it, with its own vertices,
 normals and skin weights.
@@ -10,12 +10,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from wrinklecli.character.clip import Clip
-from wrinklecli.character.pose import joint_matrices, morph_weights
-from wrinklecli.character.rig import Hierarchy, Rig, morph_target_names, read_hierarchy, read_parents, read_rig
-from wrinklecli.character.skin import Skin, pose, prepare
+from wrinklecli.character.rig import Hierarchy, morph_target_names, read_hierarchy, read_parents, read_rig
+from wrinklecli.character.skin import SkinnedMesh, acting_joints, prepare
 from wrinklecli.character.surface import Vertices, dense_influences, read_primitive, read_triangles
 from wrinklecli.errors import AssetError, TooMuchError
 from wrinklecli.gltf.document import Document
@@ -23,26 +20,20 @@ from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
 
 
-@dataclass(frozen=True, slots=True)
-class ScenePrimitive:
-    """One primitive as one node shows it.
+@dataclass(frozen=True, slots=True, eq=False)
+class ScenePrimitive(SkinnedMesh):
+    """One primitive as one node shows it, ready to be posed.
 
     Attributes:
-        rig: An unskinned mesh follows its own node with weight 1.
         primitive: Index in the mesh.
         where: JSON pointer.
         vertices: Stored vertices, bind space.
-        triangles: (triangles, 3) vertices; none for points and lines.
-        skin: The vertices, ready to be posed.
         colour: (3,) base colour factor of the material, linear RGB.
     """
 
-    rig: Rig
     primitive: int
     where: str
     vertices: Vertices
-    triangles: Ints
-    skin: Skin
     colour: Floats
 
     @property
@@ -51,31 +42,9 @@ class ScenePrimitive:
         return self.rig.names[self.rig.node]
 
     @property
-    def bare(self) -> "ScenePrimitive":
-        """The primitive without normals, which is posed in half the time."""
-        return replace(self, skin=replace(self.skin, turns=None))
-
-    @property
     def seen(self) -> Ints:
         """Sorted visible vertices: those of triangles, or all of points and lines."""
         return distinct_values(self.triangles) if len(self.triangles) else np.arange(len(self.vertices.positions))
-
-
-@dataclass(frozen=True, slots=True)
-class PosedPrimitive:
-    """A primitive at some times, world space, scene units.
-
-    Attributes:
-        positions: (frames, vertices, 3).
-        normals: (frames, vertices, 3) unit; None if the file has none, which means flat shading.
-        mirrored: (frames,) True if the node mirrors an unskinned mesh, so that its triangles wind the other way.
-        hidden: (frames,) True if the node of an unskinned mesh is scaled to 0, as files with a mesh per frame do.
-    """
-
-    positions: Floats
-    normals: Floats | None
-    mirrored: NDArray[np.bool_]
-    hidden: NDArray[np.bool_]
 
 
 def scene_nodes(document: Document) -> list[int]:
@@ -140,13 +109,22 @@ def _read_node(
         key = (rig.mesh, number, rig.skinned, len(rig.joints))
         if key not in known:
             vertices = read_primitive(document, primitive, rig, where)
+            weights = dense_influences(vertices.joints, vertices.weights, len(rig.joints))
+            acting = acting_joints(rig, weights)
             known[key] = ScenePrimitive(
                 rig=rig,
+                skin=prepare(
+                    weights[:, acting],
+                    vertices.positions,
+                    vertices.morph_deltas,
+                    vertices.normals,
+                    vertices.normal_deltas,
+                ),
+                acting=acting,
+                triangles=read_triangles(document, primitive, len(vertices.positions), where),
                 primitive=number,
                 where=where,
                 vertices=vertices,
-                triangles=read_triangles(document, primitive, len(vertices.positions), where),
-                skin=_skin(vertices, len(rig.joints)),
                 colour=_base_colour(_material(document, primitive)),
             )
         yield replace(known[key], rig=rig)
@@ -167,21 +145,3 @@ def _base_colour(material: Json) -> Floats:
         return np.ones(3)
     known = factor.ndim == 1 and len(factor) >= 3 and bool(np.isfinite(factor).all())
     return np.clip(factor[:3], 0.0, 1.0) if known else np.ones(3)
-
-
-def _skin(vertices: Vertices, joint_count: int) -> Skin:
-    weights = dense_influences(vertices.joints, vertices.weights, joint_count)
-    return prepare(weights, vertices.positions, vertices.morph_deltas, vertices.normals, vertices.normal_deltas)
-
-
-def pose_primitive(primitive: ScenePrimitive, clip: Clip | None, times: Floats) -> PosedPrimitive:
-    """Morph and skin a primitive at (frames,) seconds of a clip, or without a clip in the stored pose."""
-    rig = primitive.rig
-    matrices = joint_matrices(rig, clip, times)
-    weights = morph_weights(rig, clip, times)
-    determinants = np.linalg.det(matrices[:, 0, :3, :3])
-    mirrored = np.zeros(len(times), bool) if rig.skinned else determinants < 0
-    hidden = np.zeros(len(times), bool) if rig.skinned else determinants == 0
-    positions, normals = pose(primitive.skin, matrices, weights)
-    turned = None if normals is None else normals.transpose(0, 2, 1)
-    return PosedPrimitive(positions.transpose(0, 2, 1), turned, mirrored, hidden)

@@ -9,10 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.character.pose import joint_matrices, morph_weights
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.scene_meshes import SceneMesh, read_scene_meshes
-from wrinklecli.character.skin import Skin, pose, prepare
+from wrinklecli.character.skin import SkinnedMesh, skinned_mesh
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct, distinct_values
 from wrinklecli.numeric.intersections import Crossings
@@ -39,26 +38,29 @@ class SceneSurface:
     """The surfaces of all nodes of a scene, with the vertices of one behind those of another.
 
     Attributes:
-        rigs: One for each surface.
-        wholes: (rigs,) the surface of which each is a part; itself if it is whole.
-        starts: (rigs + 1,) the first vertex of each surface.
+        meshes: The surfaces, ready to be posed.
+        wholes: (meshes,) the surface of which each is a part; itself if it is whole.
+        starts: (meshes + 1,) the first vertex of each surface.
         positions: (vertices, 3) world space, in the stored pose.
         carriers: (vertices,) the node that carries most of each vertex.
         crossings: Finds crossings among all surfaces.
-        skins: One for each surface.
     """
 
-    rigs: tuple[Rig, ...]
+    meshes: tuple[SkinnedMesh, ...]
     wholes: Ints
     starts: Ints
     positions: Floats
     carriers: Ints
     crossings: Crossings
-    skins: tuple[Skin, ...]
+
+    @property
+    def rigs(self) -> tuple[Rig, ...]:
+        """One for each surface."""
+        return tuple(each.rig for each in self.meshes)
 
     def posed(self, clip: Clip | None, times: Floats) -> Floats:
-        """(frames, 3, vertices) at (frames,) seconds of a clip, world space; without a clip in the stored pose."""
-        return _posed(self.rigs, self.skins, clip, times)
+        """(frames, vertices, 3) at (frames,) seconds of a clip, world space; without a clip in the stored pose."""
+        return _posed(self.meshes, clip, times)
 
     def found(self, clip: Clip | None, times: Floats) -> list[CrossingPairs]:
         """Find what crosses at each of (frames,) seconds of a clip."""
@@ -66,7 +68,7 @@ class SceneSurface:
         step = max(_COORDINATES // (3 * max(len(self.positions), 1)), 1)
         for k in range(0, len(times), step):
             for places in self.posed(clip, times[k : k + step]):
-                edges, triangles = self.crossings.at(places.T)
+                edges, triangles = self.crossings.at(places)
                 every.append(CrossingPairs(self.crossings.edges[edges], self.crossings.triangles[triangles]))
         return every
 
@@ -84,22 +86,22 @@ def read_scene_surface(document: Document, wholes: Mapping[int, int]) -> SceneSu
         AssetError: A mesh, a skin or the hierarchy is malformed.
     """
     meshes = read_scene_meshes(document)
-    rigs = tuple(each.rig for each in meshes)
-    skins = tuple(prepare(each.weights, each.positions, each.morph_deltas) for each in meshes)
+    skinned = tuple(
+        skinned_mesh(each.rig, each.weights, each.positions, each.morph_deltas, each.triangles) for each in meshes
+    )
     starts = np.cumsum([0, *(len(each.positions) for each in meshes)])
     triangles = [each.triangles + start for each, start in zip(meshes, starts.tolist(), strict=False)]
     carriers = [_joints(each.rig, wholes)[np.argmax(each.weights, axis=1)] for each in meshes]
-    positions = _posed(rigs, skins, None, np.zeros(1))[0].T
-    whole_of = _wholes(rigs, wholes)
+    positions = _posed(skinned, None, np.zeros(1))[0]
+    whole_of = _wholes([each.rig for each in meshes], wholes)
     joined = _joined(meshes, starts, whole_of)
     return SceneSurface(
-        rigs=rigs,
+        meshes=skinned,
         wholes=whole_of,
         starts=starts,
         positions=positions,
         carriers=np.concatenate([np.zeros(0, np.intp), *carriers]),
         crossings=Crossings.of(positions, joined[np.concatenate([np.zeros((0, 3), np.intp), *triangles])]),
-        skins=skins,
     )
 
 
@@ -144,9 +146,8 @@ def _motions(mesh: SceneMesh, chosen: Bools, names: Sequence[str]) -> Floats:
     return np.hstack([mesh.positions[chosen], mesh.weights[chosen], *(deltas.get(name, still) for name in names)])
 
 
-def _posed(rigs: Sequence[Rig], skins: Sequence[Skin], clip: Clip | None, times: Floats) -> Floats:
-    """(frames, 3, vertices) of all skins, world space."""
-    parts = [np.zeros((len(times), 3, 0))]
-    for rig, skin in zip(rigs, skins, strict=True):
-        parts.append(pose(skin, joint_matrices(rig, clip, times), morph_weights(rig, clip, times))[0])
-    return np.concatenate(parts, axis=2)
+def _posed(meshes: Sequence[SkinnedMesh], clip: Clip | None, times: Floats) -> Floats:
+    """(frames, vertices, 3) of all meshes, world space."""
+    return np.concatenate(
+        [np.zeros((len(times), 0, 3)), *(each.posed(clip, times).positions for each in meshes)], axis=1
+    )

@@ -1,17 +1,22 @@
-"""Poses many vertices at many times, with positions and normals as an engine would show them.
+"""Poses meshes at many times, with positions and normals as an engine would show them.
 
-Arrays hold the coordinates of all vertices one after another, so that every operation runs along whole rows, and chunks
-of time stay in a core's cache.
+A `SkinnedMesh` is a mesh ready to be posed, a `PosedMesh` the same at some times. The arrays of a `Skin` hold the
+coordinates of all vertices one after another, so that every operation runs along whole rows, and chunks of time stay in
+a core's cache.
 
 Source: glTF 2.0 §3.7.2.2 (morph targets), §3.7.3.3 (skinning). Differs from engines that turn normals by the blended
 matrices themselves, whose normals lean where joints scale or shear.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
-from wrinklecli.numeric.arrays import Floats, Ints, cross, dot
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.pose import joint_matrices, morph_weights
+from wrinklecli.character.rig import Rig
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, cross, dot
 
 # Vertices times frames that are posed at once. Matrix products of half as many are slow; twice as many leave the cache,
 # and the allocator gives their memory back to the system each time.
@@ -121,3 +126,106 @@ def _turned(matrices: Floats, normals: Floats, *, mirroring: bool) -> list[Float
             signs = np.sign(dot(matrices[0], cofactors))
         turned.append(dot(cofactors, normals))
     return turned if signs is None else [each * signs for each in turned]
+
+
+@dataclass(frozen=True, slots=True)
+class PosedMesh:
+    """A mesh at some times, world space, scene units.
+
+    Attributes:
+        triangles: (triangles, 3) vertices, as the mesh stores them.
+        positions: (frames, vertices, 3).
+        normals: (frames, vertices, 3) unit; None if the mesh has none, which means flat shading.
+        mirrored: (frames,) True if the node mirrors an unskinned mesh, so that its triangles wind the other way.
+        hidden: (frames,) True if the node of an unskinned mesh is scaled to 0, as files with a mesh per frame do.
+    """
+
+    triangles: Ints
+    positions: Floats
+    normals: Floats | None
+    mirrored: Bools
+    hidden: Bools
+
+    def wound(self, frame: int = 0) -> Ints:
+        """(triangles, 3) vertices in the winding order of a frame; none if the mesh is hidden then."""
+        if self.hidden[frame]:
+            return self.triangles[:0]
+        return self.triangles[:, ::-1] if self.mirrored[frame] else self.triangles
+
+    def corners(self, frame: int = 0) -> Floats:
+        """(triangles, 3, 3) positions of the corners of the triangles that a frame shows."""
+        corners: Floats = self.positions[frame][self.wound(frame)]
+        return corners
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SkinnedMesh:
+    """A mesh as a node shows it, ready to be posed.
+
+    Attributes:
+        rig: An unskinned mesh follows its own node with weight 1.
+        skin: Its vertices, with the weights of the acting joints.
+        acting: (acting,) sorted numbers of those of the rig's joints that may move a vertex.
+        triangles: (triangles, 3) vertices; none for points and lines.
+    """
+
+    rig: Rig
+    skin: Skin
+    acting: Ints
+    triangles: Ints
+
+    @property
+    def bare(self) -> Self:
+        """The mesh without normals, which is posed in half the time."""
+        return replace(self, skin=replace(self.skin, turns=None))
+
+    def only(self, vertices: Ints) -> Self:
+        """The mesh with (vertices,) sorted vertices only, and with the triangles that have no others."""
+        numbers = np.full(self.skin.weights.shape[1], -1)
+        numbers[vertices] = np.arange(len(vertices))
+        triangles = numbers[self.triangles]
+        return replace(self, skin=self.skin.of(vertices), triangles=triangles[(triangles >= 0).all(axis=1)])
+
+    def posed(
+        self, clip: Clip | None, times: Floats, *, weights: Floats | None = None, offsets: Floats | None = None
+    ) -> PosedMesh:
+        """Morph and skin the mesh.
+
+        Args:
+            clip: None for the stored pose.
+            times: (frames,) seconds of the clip.
+            weights: (frames, morph targets) in place of the clip's; None to keep those.
+            offsets: (frames, vertices, 3) added to the positions, bind space.
+        """
+        matrices = joint_matrices(self.rig, clip, times, self.acting)
+        weights = morph_weights(self.rig, clip, times) if weights is None else weights
+        moved = None if offsets is None else offsets.transpose(0, 2, 1)
+        positions, normals = (
+            None if each is None else each.transpose(0, 2, 1) for each in pose(self.skin, matrices, weights, moved)
+        )
+        assert positions is not None
+        determinants = np.ones(len(times)) if self.rig.skinned else np.linalg.det(matrices[:, 0, :3, :3])
+        return PosedMesh(self.triangles, positions, normals, determinants < 0, determinants == 0)
+
+    def positions_at(self, clip: Clip | None, time: float) -> Floats:
+        """(vertices, 3) positions at a time of a clip, or without a clip in the stored pose."""
+        return np.asarray(self.bare.posed(clip, np.array([time])).positions[0])
+
+
+def acting_joints(rig: Rig, weights: Floats) -> Ints:
+    """(acting,) sorted numbers of the joints that have any of (vertices, joints) weights."""
+    return np.flatnonzero(weights.any(axis=0)) if rig.skinned else np.arange(1)
+
+
+def skinned_mesh(rig: Rig, weights: Floats, positions: Floats, deltas: Floats, triangles: Ints) -> SkinnedMesh:
+    """Make a mesh without normals ready to be posed.
+
+    Args:
+        rig: Of the node that shows it.
+        weights: (vertices, joints) skin weights, rows summing to 1.
+        positions: (vertices, 3) bind space.
+        deltas: (morph targets, vertices, 3) added by each at weight 1.
+        triangles: (triangles, 3) vertices.
+    """
+    acting = acting_joints(rig, weights)
+    return SkinnedMesh(rig, prepare(weights[:, acting], positions, deltas), acting, triangles)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from wrinklecli.character.rig import LARGEST, Rig, in_range
+from wrinklecli.character.skin import SkinnedMesh, skinned_mesh
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import TRIANGLE_FAN, TRIANGLE_STRIP, TRIANGLES, Document
 from wrinklecli.gltf.draco import EXTENSION
@@ -70,6 +71,11 @@ class Surface:
     def dense_weights(self, vertices: Ints, joint_count: int) -> Floats:
         """(vertices, joints) skin weights of some vertices."""
         return dense_influences(self.joints[vertices], self.weights[vertices], joint_count)
+
+    def skinned(self, rig: Rig) -> SkinnedMesh:
+        """The surface as a rig moves it."""
+        weights = dense_influences(self.joints, self.weights, len(rig.joints))
+        return skinned_mesh(rig, weights, self.positions, self.morph_deltas, self.triangles)
 
 
 def read_surface(document: Document, rig: Rig) -> Surface:

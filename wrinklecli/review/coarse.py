@@ -81,7 +81,8 @@ class CoarseCounter:
         """(frames, vertices) True where morph targets that the coarse surface has not move the fine one."""
         owned = {rig.node: rig.morph_names for rig in self.coarse.rigs}
         moved = np.zeros((len(times), len(self.fine.positions)), bool)
-        for number, (rig, skin) in enumerate(zip(self.fine.rigs, self.fine.skins, strict=True)):
+        for number, mesh in enumerate(self.fine.meshes):
+            rig, skin = mesh.rig, mesh.skin
             there = slice(self.fine.starts[number], self.fine.starts[number + 1])
             before = owned.get(self.fine.rigs[self.fine.wholes[number]].node)
             new = [k for k, name in enumerate(rig.morph_names) if before is None or name not in before]
@@ -101,13 +102,13 @@ class CoarseCounter:
             if whole is None:
                 self._known.update(dict.fromkeys(chosen.tolist(), (_UNKNOWN,)))
                 continue
-            places = self.fine.skins[part].places[:, 0, chosen - self.fine.starts[part]].T
+            places = self.fine.meshes[part].skin.places[:, 0, chosen - self.fine.starts[part]].T
             self._known.update(zip(chosen.tolist(), self._between(whole, places), strict=True))
 
     def _between(self, whole: int, places: Floats) -> list[tuple[int, ...]]:
         """The vertices of a coarse surface between which each of (places, 3) lies, bind space."""
         start, end = self.coarse.starts[whole : whole + 2]
-        positions = np.ascontiguousarray(self.coarse.skins[whole].places[:, 0].T)
+        positions = np.ascontiguousarray(self.coarse.meshes[whole].skin.places[:, 0].T)
         every = self.coarse.crossings.triangles
         triangles = every[(every[:, 0] >= start) & (every[:, 0] < end)] - start
         blocks, found = Blocks.of(positions, triangles), list[tuple[int, ...]]()

@@ -16,7 +16,7 @@ import numpy as np
 from wrinklecli.baking.original import original, wrinkled
 from wrinklecli.character.pose import stored_positions
 from wrinklecli.character.rig import Hierarchy, morph_target_names, read_hierarchy
-from wrinklecli.character.scene import pose_primitive, read_scene
+from wrinklecli.character.scene import read_scene
 from wrinklecli.drive.drive import anchors_of, wrinkle_entry
 from wrinklecli.errors import AssetError, WrinkleError
 from wrinklecli.gltf.document import TRIANGLE_FAN, TRIANGLE_STRIP, TRIANGLES, Document, read_document
@@ -177,7 +177,7 @@ def _stored_bounds(document: Document) -> Json | None:
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     try:
         for primitive in read_scene(document):
-            posed = pose_primitive(primitive, None, np.zeros(1))
+            posed = primitive.posed(None, np.zeros(1))
             positions = posed.positions[0, distinct_values(primitive.triangles)]
             if len(positions) and not posed.hidden[0]:
                 low, high = np.minimum(low, positions.min(axis=0)), np.maximum(high, positions.max(axis=0))

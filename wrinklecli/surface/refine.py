@@ -14,6 +14,7 @@ import numpy as np
 
 from wrinklecli.character.pose import transform
 from wrinklecli.character.rig import Rig
+from wrinklecli.character.skin import SkinnedMesh, skinned_mesh
 from wrinklecli.character.surface import Surface
 from wrinklecli.choices import Scheme
 from wrinklecli.numeric.arrays import (
@@ -25,6 +26,7 @@ from wrinklecli.numeric.arrays import (
     children,
     distinct,
     distinct_values,
+    flags_of,
     unit,
     vertex_normals,
 )
@@ -188,6 +190,18 @@ class Refinement:
         dense[is_old] = self.surface.dense_weights(vertices[is_old], joint_count)
         dense[~is_old] = self.weights[vertices[~is_old] - old]
         return dense
+
+    def skinned(self, rig: Rig, vertices: Ints | None = None) -> SkinnedMesh:
+        """The mesh, or (vertices,) sorted ones with the triangles that have no others, as a rig moves it."""
+        chosen = np.arange(len(self.positions)) if vertices is None else vertices
+        triangles = self.triangles[flags_of(chosen, len(self.positions))[self.triangles].all(axis=1)]
+        return skinned_mesh(
+            rig,
+            self.dense_weights(chosen, len(rig.joints)),
+            self.positions[chosen],
+            self.morph_deltas[:, chosen],
+            np.searchsorted(chosen, triangles),
+        )
 
 
 def refine(

@@ -37,9 +37,9 @@ def test_a_baked_file_is_framed_on_its_wrinkles_from_the_side_that_shows_them(tm
     assert elevation > 0, "it folds upwards"
     (primitive,) = shown.primitives
     for moment, camera in zip(moments, view.cameras, strict=True):
-        (posed,) = shown.posed(moment)
+        ((_, posed),) = shown.posed(moment)
         moved = primitive.shapes.any(axis=(0, 2))
-        seen = camera.project(posed.positions[moved], (400, 300))
+        seen = camera.project(posed.positions[0, moved], (400, 300))
         assert (seen > 0).all()
         assert (seen < (400, 300)).all()
     assert len({camera.reach for camera in view.cameras}) == 1, "one scale for all moments"
@@ -54,8 +54,8 @@ def test_a_camera_that_follows_looks_at_the_middle_of_what_it_sees(tmp_path: Pat
     moments = [Moment("fold", time) for time in (0.0, 0.5, 1.0)]
     asset, view = view_of(limb(tmp_path, rings=9, sides=8), moments, follow=True, views=["front"])
     for moment, camera in zip(moments, view.cameras, strict=True):
-        (posed,) = asset.posed(moment)
-        middle = (posed.positions.min(axis=0) + posed.positions.max(axis=0)) / 2.0
+        ((_, posed),) = asset.posed(moment)
+        middle = (posed.positions[0].min(axis=0) + posed.positions[0].max(axis=0)) / 2.0
         assert camera.centre == pytest.approx(middle, abs=1e-9)
 
 

@@ -30,9 +30,9 @@ def test_marks_lie_on_the_triangles_that_they_are_of_before_and_after(tmp_path: 
     for document, refined in ((apply_tools(planned, [])[0], True), (planned.job.document, False)):
         asset, _ = read_shown(document, "limb", planned.plans, refined=refined)
         marked = 0
-        for posed in asset.posed(Moment(None, 0.0)):
-            for mark in posed.shown.marks:
-                corners = posed.positions[posed.triangles[mark.triangles]].reshape(-1, 3)
+        for shown, posed in asset.posed(Moment(None, 0.0)):
+            for mark in shown.marks:
+                corners = posed.corners()[mark.triangles].reshape(-1, 3)
                 places = mark.places.reshape(-1, 2)
                 marked += int(mark.inside.sum())
                 if not len(corners):
@@ -51,9 +51,9 @@ def test_marks_are_laid_where_the_tool_is(tmp_path: Path) -> None:
     asset, _ = read_shown(apply_tools(planned, [])[0], "forehead", planned.plans, refined=True)
     bends = []
     for time in (0.0, 0.75):
-        (posed,) = asset.posed(Moment("raise", time))
-        (mark,) = posed.shown.marks
-        up = posed.positions[posed.triangles[mark.triangles]].reshape(-1, 3)[:, 1]
+        ((shown, posed),) = asset.posed(Moment("raise", time))
+        (mark,) = shown.marks
+        up = posed.corners()[mark.triangles].reshape(-1, 3)[:, 1]
         u = mark.places.reshape(-1, 2)[:, 0] / mark.span
         middle = np.abs(u - 0.5) < 0.25
         line = np.polyfit(u[middle], up[middle], 1)

@@ -8,9 +8,9 @@ import numpy as np
 
 from wrinklecli.editor.page.drawing import Body, ToolOutline, outline_of
 from wrinklecli.editor.raised import RaisedTool
-from wrinklecli.numeric.arrays import Floats, Ints
+from wrinklecli.numeric.arrays import Floats, Ints, unit
 from wrinklecli.review.preview.camera import VIEWS, Camera, camera_axes
-from wrinklecli.review.preview.rays import visible_from
+from wrinklecli.review.preview.rays import free_ways
 
 SIDES = ("front", "right", "back", "left")
 """Views of `preview` that have a button on the page."""
@@ -83,7 +83,8 @@ def _best_camera(outline: ToolOutline, body: Body, points: Floats, hiding: Ints,
         Camera.framing(places, camera_axes(*each), aspect=ASPECT, margin=margin, tangent=_TANGENT)
         for each in directions
     ]
-    seen = visible_from(points[hiding], tested, facing, np.array([camera.eye for camera in cameras]))
+    eyes = np.array([camera.eye for camera in cameras])
+    seen = free_ways(points[hiding], tested, facing)(unit(eyes[:, None] - tested))
     scores = np.sum(seen * (np.array([camera.axes[2] for camera in cameras]) @ facing.T).clip(min=0.0), axis=1)
     scores *= 1 - _LEVEL + _LEVEL * np.cos(np.radians([elevation for _, elevation in directions]))
     best = int(np.argmax(scores))

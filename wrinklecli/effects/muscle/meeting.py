@@ -3,8 +3,7 @@
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.character.pose import joint_matrices, morph_weights
-from wrinklecli.character.skin import pose, prepare
+from wrinklecli.character.pose import morph_weights
 from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.effects.muscle.attach import AttachedMuscle
 from wrinklecli.numeric.arrays import Floats, Ints
@@ -32,20 +31,16 @@ def passes_through(plan: MeshPlan, attached: AttachedMuscle, deltas: Floats, cli
     near = ((fine.rest_positions - belly.insertion) ** 2).sum(axis=1) < (_REACH * belly.span) ** 2
     chosen = np.flatnonzero(near)
     moved = np.any(deltas[:, chosen], axis=(0, 2))
-    triangles = np.searchsorted(chosen, fine.triangles[near[fine.triangles].all(axis=1)])
-    weights = fine.dense_weights(chosen, len(rig.joints))
-    acting = np.flatnonzero(weights.any(axis=0))
-    skin = prepare(weights[:, acting], fine.positions[chosen], fine.morph_deltas[:, chosen])
-    now = np.array([time])
-    matrices, shown = joint_matrices(rig, clip, now, acting), morph_weights(rig, clip, now)
+    mesh, now = fine.skinned(rig, chosen), np.array([time])
+    shown = morph_weights(rig, clip, now)
     relaxed = shown.copy()
     relaxed[:, [rig.morph_names.index(name) for name in attached.drive.targets]] = 0.0
-    flexed, flat = (pose(skin, matrices, each)[0][0].T for each in (shown, relaxed))
-    crossings = Crossings.of(fine.rest_positions[chosen], triangles)
+    flexed, flat = (mesh.posed(clip, now, weights=each).positions[0] for each in (shown, relaxed))
+    crossings = Crossings.of(fine.rest_positions[chosen], mesh.triangles)
     # Most muscles meet nothing, so that the skin without them need not be looked at.
     after = _pairs(crossings.at(flexed, counting=moved))
     new = np.array(sorted(after - _pairs(crossings.at(flat, counting=moved))) if after else [], np.intp).reshape(-1, 2)
-    corners = np.concatenate([crossings.edges[new[:, 0]].ravel(), triangles[new[:, 1]].ravel()])
+    corners = np.concatenate([crossings.edges[new[:, 0]].ravel(), mesh.triangles[new[:, 1]].ravel()])
     return float(np.sqrt(((flexed - flat)[corners] ** 2).sum(axis=1)).max(initial=0.0))
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from wrinklecli.character.clip import Channel, Clip
 from wrinklecli.character.pose import joint_matrices
 from wrinklecli.character.rig import Rig, moving_nodes
-from wrinklecli.character.scene import ScenePrimitive, pose_primitive
+from wrinklecli.character.scene import ScenePrimitive
 from wrinklecli.numeric.arrays import Bools, Floats, distinct_values
 from wrinklecli.numeric.guard import Progress
 from wrinklecli.review.diff.common_clips import AnimatedScene, CommonClip
@@ -115,7 +115,7 @@ class _StoredPoses:
 
 def _posed(primitive: ScenePrimitive, clip: Clip | None, time: Floats) -> Floats:
     """(vertices, 3) positions at (1,) time."""
-    return np.asarray(pose_primitive(primitive, clip, time).positions[0] + 0.0)  # -0 and 0 are one place
+    return np.asarray(primitive.posed(clip, time).positions[0] + 0.0)  # -0 and 0 are one place
 
 
 def _compare_clip(

@@ -11,7 +11,7 @@ import numpy as np
 
 from wrinklecli.character.clip import read_clips, unknown_clip
 from wrinklecli.character.pose import joint_matrices
-from wrinklecli.character.scene import pose_primitive, read_scene
+from wrinklecli.character.scene import read_scene
 from wrinklecli.errors import AssetError, counted
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.images import read_image
@@ -212,7 +212,7 @@ def _compare(
 
 def _stored_bounds(scene: AnimatedScene) -> Floats:
     """(2, 3) bounds of all visible primitives in the stored pose, scene units; 0 if there are none."""
-    stored = [pose_primitive(primitive, None, np.zeros(1)) for primitive in scene.primitives]
+    stored = [primitive.posed(None, np.zeros(1)) for primitive in scene.primitives]
     shown = [posed.positions[0] for posed in stored if not posed.hidden[0]]
     if not shown:
         return np.zeros((2, 3))
@@ -224,7 +224,7 @@ def _scales(scene: AnimatedScene) -> dict[int, float]:
     """The mean number of scene units for each bind unit in the stored pose, by mesh."""
     scales: dict[int, float] = {}
     for primitive in scene.primitives:
-        matrices = joint_matrices(primitive.rig, None, np.zeros(1))[0, :, :3, :3]
+        matrices = joint_matrices(primitive.rig, None, np.zeros(1), primitive.acting)[0, :, :3, :3]
         shares = primitive.skin.weights.sum(axis=1)
         scale = float(shares @ np.cbrt(np.abs(np.linalg.det(matrices))) / shares.sum())
         if scale > 0:

@@ -1,13 +1,12 @@
 """Find the greatest distance over time between two surfaces with different triangles."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.character.scene import ScenePrimitive, pose_primitive
-from wrinklecli.character.skin import Skin
+from wrinklecli.character.scene import ScenePrimitive
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
 from wrinklecli.numeric.distances import farthest, near_triangles, triangle_distances
 
@@ -62,15 +61,15 @@ class Soup:
     def only(self, vertices: Ints) -> "Soup":
         """The surface with (vertices,) sorted vertices only, to be posed, and without triangles."""
         cuts = np.searchsorted(vertices, self.starts)
-        primitives = []
-        for primitive, start, first, stop in zip(self.primitives, self.starts, cuts, cuts[1:], strict=False):
-            chosen, skin = vertices[first:stop] - start, primitive.skin
-            primitives.append(replace(primitive, skin=Skin(skin.weights[:, chosen], skin.places[:, :, chosen], None)))
-        return Soup(tuple(primitives), self.clip, cuts, np.arange(len(vertices)), self.triangles[:0])
+        primitives = tuple(
+            primitive.only(vertices[first:stop] - start)
+            for primitive, start, first, stop in zip(self.primitives, self.starts, cuts, cuts[1:], strict=False)
+        )
+        return Soup(primitives, self.clip, cuts, np.arange(len(vertices)), self.triangles[:0])
 
     def posed(self, times: Floats) -> Floats:
         """(times, vertices, 3) positions of all primitives, scene units."""
-        return np.concatenate([pose_primitive(each, self.clip, times).positions for each in self.primitives], axis=1)
+        return np.concatenate([each.posed(self.clip, times).positions for each in self.primitives], axis=1)
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wrinklecli.character.scene import ScenePrimitive, pose_primitive
+from wrinklecli.character.scene import ScenePrimitive
 from wrinklecli.numeric.arrays import Floats, Ints
 from wrinklecli.review.diff.common_clips import CommonClip
 from wrinklecli.review.diff.difference import Difference
@@ -70,9 +70,7 @@ def compare_vertices(
     step = max(1, CHUNK // len(one.vertices.positions))
     for start in range(0, len(times), step):
         now = times[start : start + step]
-        first, second = (
-            pose_primitive(primitive, clip, now) for primitive, clip in zip((one, other), common.clips, strict=True)
-        )
+        first, second = (primitive.posed(clip, now) for primitive, clip in zip((one, other), common.clips, strict=True))
         squared = _squared_distances(first.positions, second.positions)[:, used]
         beyond = squared > tolerance**2
         if beyond.any():

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wrinklecli.character.scene import pose_primitive
 from wrinklecli.errors import AssetError
 from wrinklecli.numeric.arrays import Bools, Floats, vertex_normals
 from wrinklecli.numeric.guard import Progress, no_progress
@@ -13,7 +12,7 @@ from wrinklecli.review.preview.camera import FACING, VIEWS, Camera, camera_axes,
 from wrinklecli.review.preview.grid import snapped
 from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.preview.preview_options import PreviewOptions
-from wrinklecli.review.preview.rays import visible
+from wrinklecli.review.preview.rays import free_ways
 from wrinklecli.review.preview.shown import ShownAsset
 from wrinklecli.review.preview.sides import ANGLES, FACES, LEVELS
 
@@ -146,15 +145,16 @@ def _points_to_frame(assets: Sequence[ShownAsset], moment: Moment, wrinkles: _Wr
     """(points, 3) that bound the part that the wrinkles move at a moment, or everything; and its (3,) middle."""
     points = [np.zeros((0, 3))]
     for number, asset in enumerate(assets):
-        for posed in asset.posed(moment):
-            used = np.zeros(len(posed.positions), bool)
-            used[posed.triangles] = True
+        for shown, posed in asset.posed(moment):
+            positions, triangles = posed.positions[0], posed.triangles
+            used = np.zeros(len(positions), bool)
+            used[triangles] = True
             if wrinkles is not None and wrinkles.known:
-                used &= wrinkles.masks[number][posed.number]
+                used &= wrinkles.masks[number][shown.number]
                 # Of a vertex that moves alone one sees the triangles around it.
-                if used.any() and not np.ptp(posed.positions[used], axis=0).any():
-                    used[posed.triangles[used[posed.triangles].any(axis=1)]] = True
-            points.append(posed.positions[used])
+                if used.any() and not np.ptp(positions[used], axis=0).any():
+                    used[triangles[used[triangles].any(axis=1)]] = True
+            points.append(positions[used])
     found = np.concatenate(points)
     if not len(found):
         raise AssetError(NO_TRIANGLES, where=assets[0].document.path)
@@ -182,19 +182,20 @@ def _facing(assets: Sequence[ShownAsset], moments: Sequence[Moment], wrinkles: _
     scores, whole = np.zeros(len(ANGLES)), 0.0
     for moment in (moments[number] for number in chosen):
         for asset, masks in zip(assets, wrinkles.masks, strict=True):
-            shown = list(asset.posed(moment))
-            everything = np.concatenate([np.zeros((0, 3, 3)), *(posed.positions[posed.triangles] for posed in shown)])
-            for posed in shown:
-                vertices = np.flatnonzero(masks[posed.number])
+            visible = asset.posed(moment)
+            everything = np.concatenate([np.zeros((0, 3, 3)), *(posed.corners() for _, posed in visible)])
+            for shown, posed in visible:
+                positions = posed.positions[0]
+                vertices = np.flatnonzero(masks[shown.number])
                 stride = max(len(vertices) // _JUDGED_VERTICES, 1)
                 vertices = vertices[::stride]
                 if not len(vertices):
                     continue
                 weights = np.full(len(vertices), float(stride))
                 if wrinkles.totals.any():
-                    weights *= posed.shown.displacements(asset.clip(moment.clip), moment.time)[vertices]
-                normals = vertex_normals(posed.positions, posed.triangles)[vertices]
-                free = visible(everything, posed.positions[vertices], normals, backs)
+                    weights *= shown.displacements(asset.clip(moment.clip), moment.time)[vertices]
+                normals = vertex_normals(positions, posed.wound())[vertices]
+                free = free_ways(everything, positions[vertices], normals)(backs)
                 scores += (free * np.minimum(backs @ normals.T, FACES)) @ weights
                 whole += FACES * float(weights.sum())
     best = int(np.argmax(scores * LEVELS))
@@ -209,11 +210,11 @@ def _followed(asset: ShownAsset, moments: Sequence[Moment], focus: Floats) -> Fl
     """(moments, 3) positions of the vertex that is nearest to a point in the stored pose."""
     best, which = np.inf, (0, 0)
     for number, shown in enumerate(asset.primitives):
-        positions = pose_primitive(shown.source, None, np.zeros(1)).positions[0]
+        positions = shown.source.positions_at(None, 0.0)
         squares = np.sum((positions - focus) ** 2, axis=1)
         vertex = int(np.argmin(squares))
         if squares[vertex] < best:
             best, which = float(squares[vertex]), (number, vertex)
     source = asset.primitives[which[0]].source
-    places = [pose_primitive(source, asset.clip(m.clip), np.array([m.time])).positions[0, which[1]] for m in moments]
+    places = [source.positions_at(asset.clip(m.clip), m.time)[which[1]] for m in moments]
     return np.array(places)

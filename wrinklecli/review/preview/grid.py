@@ -150,7 +150,7 @@ def _beside(across: int, at: float, height: int, text: str, colour: Colour) -> P
 def _boxed(asset: ShownAsset, moment: Moment, camera: Camera, size: tuple[int, int], up: str) -> Overlay:
     """The ruled floor of a box around the asset, with coordinates along two of its edges and one upright edge."""
     axes = _AXES[up]
-    positions = np.concatenate([posed.positions for posed in asset.posed(moment)]) @ axes.T
+    positions = np.concatenate([posed.positions[0] for _, posed in asset.posed(moment)]) @ axes.T
     low, high = positions.min(axis=0), positions.max(axis=0)
     upright = next(k for k in range(3) if axes[k, 1] > 0.5)
     first, second = (k for k in range(3) if k != upright)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from wrinklecli.character.scene import ScenePrimitive, pose_primitive
+from wrinklecli.character.scene import ScenePrimitive
 from wrinklecli.gltf.pixels import linear_rgb
 from wrinklecli.numeric.arrays import Floats, Ints, face_normals
 from wrinklecli.review.preview.paints import Colour
@@ -29,7 +29,7 @@ def heat_colours(losses: Floats) -> Floats:
 
 def compressions(primitive: ScenePrimitive, positions: Floats) -> Floats:
     """(vertices,) compression against the stored pose, of (vertices, 3) world-space positions."""
-    stored = pose_primitive(primitive, None, np.zeros(1)).positions[0]
+    stored = primitive.positions_at(None, 0.0)
     # Vertices of a seam are one place.
     _, places = np.unique(primitive.vertices.positions, axis=0, return_inverse=True)
     places = places.reshape(-1)

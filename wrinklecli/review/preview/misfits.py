@@ -83,10 +83,9 @@ class Misfit:
         """(ends, 2, 3) for each end the nearest place of the mesh, and the point, which moves along with that place."""
         found = []
         for end in self.points:
-            for posed in asset.posed(moment):
-                source = posed.shown.source
-                if (source.rig.node, source.primitive) == (end.node, end.primitive):
-                    place = end.barycentrics @ posed.positions[end.vertices]
+            for shown, posed in asset.posed(moment):
+                if (shown.source.rig.node, shown.source.primitive) == (end.node, end.primitive):
+                    place = end.barycentrics @ posed.positions[0, end.vertices]
                     found.append([place, place + end.offset])
         return np.array(found).reshape(-1, 2, 3)
 
@@ -171,7 +170,7 @@ def misfit_points(misfits: Sequence[Misfit], asset: ShownAsset, moment: Moment) 
 
     There is none if nothing is visible at the moment.
     """
-    visible = [posed.positions for posed in asset.posed(moment)]
+    visible = [posed.positions[0] for _, posed in asset.posed(moment)]
     if not misfits or not visible:
         return np.zeros((0, 3))
     pairs = np.concatenate([np.zeros((0, 2, 3)), *(misfit.places(asset, moment) for misfit in misfits)])

@@ -162,33 +162,23 @@ def in_sight(surface: TracedSurface, points: Floats) -> Bools:
     return np.asarray(free)
 
 
-def visible(corners: Floats, points: Floats, normals: Floats, directions: Floats) -> Bools:
-    """(directions, points) True if nothing lies between points of a surface and a far eye.
-
-    `corners` are the (triangles, 3, 3) corners of everything; the points have unit normals, and the unit directions
-    point to the eye.
-    """
-    return free_ways(corners, points, normals)(directions)
-
-
-def visible_from(corners: Floats, points: Floats, normals: Floats, eyes: Floats) -> Bools:
-    """(eyes, points) True if nothing lies between points of a surface and (eyes, 3) places; see `visible`."""
-    return _unhidden(corners, points, normals)(unit(eyes[:, None] - points))
-
-
 def free_ways(corners: Floats, points: Floats, normals: Floats) -> Callable[[Floats], Bools]:
-    """Prepare what `visible` does, for several sets of directions."""
-    free = _unhidden(corners, points, normals)
-    return lambda directions: free(np.repeat(directions[:, None], len(points), axis=1))
+    """Prepare to find the unit directions, to eyes, in which nothing lies between points of a surface and an eye.
 
+    Args:
+        corners: (triangles, 3, 3) of everything.
+        points: (points, 3) of a surface.
+        normals: (points, 3) unit.
 
-def _unhidden(corners: Floats, points: Floats, normals: Floats) -> Callable[[Floats], Bools]:
-    """Prepare to find, for (eyes, points, 3) unit rays, which leave points of a surface and meet nothing."""
+    Returns:
+        A function of (eyes, 3) directions to far eyes, or (eyes, points, 3) to near ones, that gives (eyes, points).
+    """
     middle = (corners.min(axis=(0, 1)) + corners.max(axis=(0, 1))) / 2
     extent = max(float(np.abs(corners - middle).max()), 1e-30)
     rays = _traced((corners - middle) / extent)
 
     def free(towards: Floats) -> Bools:
+        towards = np.broadcast_to(towards if towards.ndim == 3 else towards[:, None], (len(towards), *points.shape))
         starts = np.tile((points - middle) / extent + 10 * LIFT * normals, (len(towards), 1)).astype(np.float32)
         met = rays.run(starts, towards.reshape(-1, 3).astype(np.float32), query="OCCLUDED").reshape(len(towards), -1)
         return np.asarray((met < 0) & (np.sum(towards * normals, axis=2) > 0))

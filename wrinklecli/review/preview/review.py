@@ -162,13 +162,13 @@ def moments_and_views(after: ShownAsset, peak: Peak, options: PreviewOptions) ->
 
 def _place(alone: ShownAsset, moment: Moment) -> tuple[Place, Free]:
     """The place of a tool's wrinkles, and what is hidden there."""
-    pairs = list(zip(alone.without_wrinkles().posed(moment), alone.posed(moment), strict=True))
+    plain, wrinkled = alone.without_wrinkles().posed(moment), alone.posed(moment)
     nothing = np.zeros((0, 3, 3))
-    moved = [(plain, posed) for plain, posed in pairs if len(posed.shown.shape_numbers)]
     before, after = (
-        np.concatenate([nothing, *(each[k].positions[each[k].triangles] for each in moved)]) for k in (0, 1)
+        np.concatenate([nothing, *(posed.corners() for shown, posed in each if len(shown.shape_numbers))])
+        for each in (plain, wrinkled)
     )
-    everything = np.concatenate([nothing, *(posed.positions[posed.triangles] for _, posed in pairs)])
+    everything = np.concatenate([nothing, *(posed.corners() for _, posed in wrinkled)])
     place = Place.of(before, after)
     return place, free_ways(everything, place.points, place.normals)
 

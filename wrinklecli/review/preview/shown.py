@@ -14,7 +14,8 @@ from wrinklecli.baking.baked_body import bodies_of_parts, wrinkle_targets
 from wrinklecli.baking.refined_mesh import primitives_of
 from wrinklecli.character.clip import Clip, clip_named, read_clips
 from wrinklecli.character.pose import morph_weights
-from wrinklecli.character.scene import ScenePrimitive, pose_primitive, read_scene
+from wrinklecli.character.scene import ScenePrimitive, read_scene
+from wrinklecli.character.skin import PosedMesh
 from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.effects.wrinkle.layer import carried_patches_of
 from wrinklecli.gltf.document import Document
@@ -50,6 +51,7 @@ class ShownPrimitive:
     """The parts of a primitive that do not change with time.
 
     Attributes:
+        number: Index of the primitive in its asset.
         source: The primitive in the scene, which can be posed.
         paint: Its base colours.
         shapes: (shapes, vertices, 3) displacements of the wrinkles' morph targets, bind units.
@@ -57,6 +59,7 @@ class ShownPrimitive:
         marks: The tools on it.
     """
 
+    number: int
     source: ScenePrimitive
     paint: Paint
     shapes: Floats
@@ -68,26 +71,6 @@ class ShownPrimitive:
         weights = morph_weights(self.source.rig, clip, np.array([time]))[0, self.shape_numbers]
         moved = np.tensordot(weights, self.shapes, axes=1)
         return np.asarray(np.sqrt(np.sum(moved**2, axis=1)))
-
-
-@dataclass(frozen=True, slots=True)
-class VisiblePrimitive:
-    """A primitive that is visible at a moment.
-
-    Attributes:
-        number: Index of the primitive in its asset.
-        positions: (vertices, 3) world space, scene units.
-        normals: (vertices, 3) unit; None for flat shading.
-        triangles: (triangles, 3) in the winding order of this moment.
-        mirrored: True if that is not the stored winding order.
-    """
-
-    number: int
-    shown: ShownPrimitive
-    positions: Floats
-    normals: Floats | None
-    triangles: Ints
-    mirrored: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,23 +137,11 @@ class ShownAsset:
         """The clip of a name, None for None; AssetError if there is no such clip."""
         return None if name is None else clip_named(self.clips, name, where=self.document.path)
 
-    def posed(self, moment: Moment) -> Iterator[VisiblePrimitive]:
+    def posed(self, moment: Moment) -> list[tuple[ShownPrimitive, PosedMesh]]:
         """Pose the primitives that are visible at a moment; AssetError if there is no such clip."""
         clip, times = self.clip(moment.clip), np.array([moment.time])
-        for number, shown in enumerate(self.primitives):
-            posed = pose_primitive(shown.source, clip, times)
-            if posed.hidden[0]:
-                continue
-            mirrored = bool(posed.mirrored[0])
-            triangles = shown.source.triangles
-            yield VisiblePrimitive(
-                number=number,
-                shown=shown,
-                positions=posed.positions[0],
-                normals=None if posed.normals is None else posed.normals[0],
-                triangles=triangles[:, ::-1] if mirrored else triangles,
-                mirrored=mirrored,
-            )
+        posed = ((shown, shown.source.posed(clip, times)) for shown in self.primitives)
+        return [(shown, each) for shown, each in posed if not each.hidden[0]]
 
 
 def tool_names(plans: Sequence[MeshPlan]) -> list[str]:
@@ -195,11 +166,12 @@ def read_shown(
     paints, warnings = read_paints(document, sources)
     driven = wrinkle_targets(document)
     primitives = []
-    for source, paint in zip(sources, paints, strict=True):
+    for number, (source, paint) in enumerate(zip(sources, paints, strict=True)):
         of_bake = driven[source.rig.node]
-        numbers = np.array([k for k, name in enumerate(source.rig.morph_names) if name in of_bake], np.intp)
-        shapes = source.vertices.morph_deltas[numbers]
-        primitives.append(ShownPrimitive(source, paint, shapes, numbers, tuple(_marks(source, plans, refined))))
+        targets = np.array([k for k, name in enumerate(source.rig.morph_names) if name in of_bake], np.intp)
+        shapes = source.vertices.morph_deltas[targets]
+        marks = tuple(_marks(source, plans, refined))
+        primitives.append(ShownPrimitive(number, source, paint, shapes, targets, marks))
     return ShownAsset(label, document, read_clips(document), tuple(primitives)), warnings
 
 
@@ -254,32 +226,32 @@ def take_snapshot(asset: ShownAsset, moment: Moment, *, heat: bool) -> Snapshot:
     Raises:
         TooMuchError: There are too many triangles.
     """
-    visible = list(asset.posed(moment))
-    _refuse_many(asset.document, sum(len(posed.triangles) for posed in visible))
+    visible = asset.posed(moment)
+    _refuse_many(asset.document, sum(len(posed.triangles) for _, posed in visible))
     # The empty arrays are for a moment at which nothing is visible.
     parts: list[tuple[Array, ...]] = [(*np.zeros((3, 0, 3, 3)), np.zeros((0, 3, 2)), np.zeros(0, np.intp))]
     textures: list[Texture] = []
     marks: list[Mark] = []
     start = 0
-    for posed in visible:
-        triangles, paint = posed.triangles, posed.shown.paint
+    for shown, posed in visible:
+        positions, triangles, paint = posed.positions[0], posed.wound(), shown.paint
         if posed.normals is None:
-            normals = np.repeat(unit(face_normals(posed.positions, triangles))[:, None], 3, axis=1)
+            normals = np.repeat(unit(face_normals(positions, triangles))[:, None], 3, axis=1)
         else:
-            normals = posed.normals[triangles]
+            normals = posed.normals[0, triangles]
         brightest = paint.colours.max(axis=1, keepdims=True)
         colours = paint.colours * np.minimum(1.0, _BRIGHTEST / np.maximum(brightest, _BRIGHTEST))
         if heat:
-            colours = linear_rgb(heat_colours(compressions(posed.shown.source, posed.positions)))
+            colours = linear_rgb(heat_colours(compressions(shown.source, positions)))
         number = -1
         if paint.texture is not None and not heat:
             if paint.texture not in textures:
                 textures.append(paint.texture)
             number = textures.index(paint.texture)
         numbers = np.full(len(triangles), number)
-        parts.append((posed.positions[triangles], normals, colours[triangles], paint.coordinates[triangles], numbers))
-        for mark in posed.shown.marks:
-            places = mark.places[:, ::-1] if posed.mirrored else mark.places
+        parts.append((positions[triangles], normals, colours[triangles], paint.coordinates[triangles], numbers))
+        for mark in shown.marks:
+            places = mark.places[:, ::-1] if posed.mirrored[0] else mark.places
             tint = 0.0 if heat else mark.tint  # a tint would falsify the colours of compression
             marks.append(replace(mark, triangles=mark.triangles + start, places=places, tint=tint))
         start += len(triangles)

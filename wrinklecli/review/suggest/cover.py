@@ -12,7 +12,7 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import moving_nodes
-from wrinklecli.character.scene import ScenePrimitive, pose_primitive
+from wrinklecli.character.scene import ScenePrimitive
 from wrinklecli.numeric.arrays import Floats, distinct_values, face_normals, unit
 from wrinklecli.numeric.nearest import near_points, ray_hits
 from wrinklecli.review.suggest.measure import MeasuredMesh
@@ -119,11 +119,7 @@ def _appearance(primitive: ScenePrimitive, weighed: Collection[int], digests: di
 
 def _corners(layer: ScenePrimitive, clip: Clip | None, time: float) -> Floats:
     """(triangles, 3, 3) corners of a layer in a pose; none if its node is hidden."""
-    shown = pose_primitive(layer, clip, np.array([time]))
-    if shown.hidden[0]:
-        return np.zeros((0, 3, 3))
-    corners: Floats = shown.positions[0][layer.triangles[:, ::-1] if shown.mirrored[0] else layer.triangles]
-    return corners
+    return layer.posed(clip, np.array([time])).corners()
 
 
 def _box(corners: Floats) -> Floats:

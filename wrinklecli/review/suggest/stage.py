@@ -7,9 +7,8 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.character.pose import joint_matrices, morph_weights
 from wrinklecli.character.scene import read_scene
-from wrinklecli.character.skin import Skin, pose, prepare
+from wrinklecli.character.skin import SkinnedMesh
 from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
 from wrinklecli.effects.wrinkle.turned import turned_over
@@ -149,8 +148,8 @@ class Stage:
         """`clips` are all from which poses are asked for; the last of a name counts."""
         self._clips = {clip.name: clip for clip in clips}
         self._layers = Layers(read_scene(document, leave_out_malformed=True), list(clips))
-        self._skin_of = lru_cache(_KNOWN)(_Staged.of)
-        self._posed = lru_cache(_KNOWN)(self._pose)
+        self._mesh = lru_cache(_KNOWN)(self._read)
+        self._plain = lru_cache(_KNOWN)(self._pose)
 
     def clip(self, name: str) -> Clip:
         """The clip of a name."""
@@ -158,12 +157,11 @@ class Stage:
 
     def staged(self, plan: MeshPlan, carried: CarriedPatch, name: str, time: float) -> StagedTool:
         """Pose a tool of a plan at a time of the clip of a name, seconds."""
-        fine, mesh, clip = plan.fine, self._skin_of(_Kept(plan)), self._clips[name]
-        plain, matrices, weights = self._posed(mesh, name, time)
-        moved = displacements(carried, fine, plan.rig, clip, np.array([time]))
-        chosen = carried.vertices
+        fine, mesh, clip, times = plan.fine, self._mesh(_Kept(plan)), self._clips[name], np.array([time])
+        plain, chosen = self._plain(mesh, name, time), carried.vertices
+        moved = displacements(carried, fine, plan.rig, clip, times)
         wrinkled = plain.copy()
-        wrinkled[chosen] = pose(mesh.skin.of(chosen), matrices, weights, moved.transpose(0, 2, 1))[0][0].T
+        wrinkled[chosen] = mesh.only(chosen).posed(clip, times, offsets=moved).positions[0]
         faces, place = fine.triangles, np.zeros(len(fine.triangles), np.bool_)
         members = children(fine.subdivision.parents, carried.patch.members)
         magnitudes = np.abs(carried.magnitudes)
@@ -200,8 +198,11 @@ class Stage:
             bumps=carried.patch.tool.bumps,
         )
 
-    def _pose(self, mesh: "_Staged", name: str, time: float) -> tuple[Floats, Floats, Floats]:
-        return mesh.posed(self._clips[name], time)
+    def _read(self, kept: "_Kept") -> SkinnedMesh:
+        return kept.plan.fine.skinned(kept.plan.rig)
+
+    def _pose(self, mesh: SkinnedMesh, name: str, time: float) -> Floats:
+        return mesh.positions_at(self._clips[name], time)
 
     def _others(self, plan: MeshPlan, clip: Clip, time: float, low: Floats, high: Floats) -> Floats:
         """(triangles, 3, 3) corners of other meshes that meet a box."""
@@ -223,30 +224,6 @@ class _Kept:
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, _Kept) and other.plan is self.plan
-
-
-@dataclass(frozen=True, eq=False)
-class _Staged:
-    """A refined mesh ready to be posed, and the joints that act on it."""
-
-    plan: MeshPlan
-    acting: Ints
-    skin: Skin
-
-    @classmethod
-    def of(cls, kept: _Kept) -> "_Staged":
-        fine, rig = kept.plan.fine, kept.plan.rig
-        acting = distinct_values(fine.surface.joints)
-        old = fine.surface.dense_weights(np.arange(len(fine.surface.positions)), len(rig.joints))
-        weights = np.concatenate([old[:, acting], fine.weights[:, acting]])
-        return cls(kept.plan, acting, prepare(weights, fine.positions, fine.morph_deltas))
-
-    def posed(self, clip: Clip, time: float) -> tuple[Floats, Floats, Floats]:
-        """(vertices, 3) world positions, and the matrices and morph weights that make them."""
-        times = np.array([time])
-        matrices = joint_matrices(self.plan.rig, clip, times, self.acting)
-        weights = morph_weights(self.plan.rig, clip, times)
-        return pose(self.skin, matrices, weights)[0][0].T, matrices, weights
 
 
 def _box(corners: Floats) -> tuple[Floats, Floats]:

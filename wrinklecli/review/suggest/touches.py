@@ -17,8 +17,9 @@ from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.character.bones import Bones, read_bones
 from wrinklecli.character.clip import Clip, chosen_clips, read_clips
 from wrinklecli.character.moved import Motions
-from wrinklecli.character.pose import blend, joint_matrices, morph_weights, node_matrices, transform
+from wrinklecli.character.pose import node_matrices
 from wrinklecli.character.rig import Hierarchy, read_hierarchy
+from wrinklecli.character.skin import SkinnedMesh
 from wrinklecli.choices import Part
 from wrinklecli.effects.plan import attach_one
 from wrinklecli.errors import WrinkleError
@@ -92,25 +93,17 @@ class _Tip(NamedTuple):
 
 
 class _Skin(NamedTuple):
-    """A mesh that may be touched: its (vertices, joints) weights, and the node that moves each vertex most."""
+    """A mesh that may be touched, and the node that moves each of its vertices most."""
 
     ground: Ground
-    weights: Floats
+    mesh: SkinnedMesh
     movers: Ints
 
     @classmethod
     def of(cls, ground: Ground) -> "_Skin":
         """Look up the weights."""
-        joints = ground.rig.joints
-        weights = ground.surface.dense_weights(np.arange(len(ground.surface.positions)), len(joints))
-        return cls(ground, weights, joints[weights.argmax(axis=1)])
-
-    def positions_at(self, clip: Clip, time: float) -> Floats:
-        """(vertices, 3) world positions."""
-        rig, surface, at = self.ground.rig, self.ground.surface, np.array([time])
-        morphed = surface.positions + np.tensordot(morph_weights(rig, clip, at)[0], surface.morph_deltas, axes=1)
-        positions: Floats = transform(blend(self.weights, joint_matrices(rig, clip, at)), morphed)[0]
-        return positions
+        mesh = ground.surface.skinned(ground.rig)
+        return cls(ground, mesh, ground.rig.joints[mesh.acting[mesh.skin.weights.argmax(axis=0)]])
 
     def other_triangles(self, arm: frozenset[int]) -> Ints:
         """(triangles,) those no corner of which is of an arm."""
@@ -293,7 +286,7 @@ def _nearest(
         triangles = skin.other_triangles(tip.arm)
         if not len(triangles):
             continue
-        positions, corners = skin.positions_at(clip, time), skin.ground.surface.triangles[triangles]
+        positions, corners = skin.mesh.positions_at(clip, time), skin.ground.surface.triangles[triangles]
         # No point of a triangle is farther from its first corner than its longest edge.
         edges = positions[corners] - positions[np.roll(corners, 1, axis=1)]
         longest = float(np.sqrt((edges**2).sum(axis=2)).max())
@@ -310,7 +303,8 @@ def _nearest(
 def _mover(contact: _Contact) -> int:
     """The node that moves most of the place of a contact."""
     corners = contact.skin.ground.surface.triangles[contact.triangle]
-    return int(contact.skin.ground.rig.joints[int((contact.shares @ contact.skin.weights[corners]).argmax())])
+    mesh = contact.skin.mesh
+    return int(mesh.rig.joints[mesh.acting[int((mesh.skin.weights[:, corners] @ contact.shares).argmax())]])
 
 
 def _free_name(joint: str, taken: "dict[str, SuggestedTouch]") -> str:
