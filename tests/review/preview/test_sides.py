@@ -1,5 +1,7 @@
 """The side from which a place is looked at, and the light that shows its relief."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -100,3 +102,16 @@ def test_a_place_is_seen_from_straight_above_unless_much_is_hidden_there() -> No
     hidden = side_above(place, lambda ways: ~(ways[:, 2:] > 0.95) | half)
     assert hidden.axes[2, 2] <= 0.95
     assert hidden.visible > 0.6
+
+
+@pytest.mark.parametrize("normal", [*np.eye(3), *-np.eye(3), *unit(np.random.default_rng(4).normal(size=(8, 3)))])
+def test_straight_above_is_along_the_normal_of_a_place_whichever_way_it_faces(normal: Floats) -> None:
+    place = sheet(0)
+    right = unit(np.cross([0.3, 0.5, 0.8], normal))
+    turn = np.stack([right, np.cross(normal, right), normal])
+    turned = replace(
+        place, points=place.points @ turn, plain_normals=place.plain_normals @ turn, normals=place.normals @ turn
+    )
+    above = side_above(turned, lambda ways: np.ones((len(ways), len(place.points)), np.bool_))
+    # Angles are whole degrees, and 89 up or down at most.
+    assert above.axes[2] @ normal > np.cos(np.radians(1.01))
