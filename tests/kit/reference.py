@@ -27,7 +27,7 @@ class Ours:
     """What differs from the paper.
 
     Attributes:
-        fade: Heights fade where the surface turns away from the patch.
+        fade: Heights fade where the surface turns away from the patch, between cosines of 0.6 and 0.2.
         members: Only triangles move that face the patch at rest, meet it, and hang together with an end of the tool.
         skin: A vertex keeps its place on the patch, and the skin carries its normal.
     """
@@ -57,10 +57,9 @@ class Tool:
 
 @dataclass(frozen=True)
 class Frame:
-    """A mesh in a pose, without wrinkles, and the tool on it.
+    """A mesh in a pose, without wrinkles, and the tool on it; vertices are welded.
 
     Attributes:
-        positions: (vertices, 3) welded.
         normals: (vertices, 3) unit; of the triangles around, by area.
         facing: (triangles,) cosines of the triangles' normals and the patch's.
         u: (vertices,) from 0 at the origin to 1 at the target.
@@ -69,7 +68,6 @@ class Frame:
         length: Of the segment.
     """
 
-    positions: Floats
     normals: Floats
     facing: Floats
     u: Floats
@@ -133,7 +131,6 @@ class Wrinkles:
         up /= np.linalg.norm(up)
         relative = positions - origin
         return Frame(
-            positions=positions,
             normals=normals,
             facing=faces @ up,
             u=relative @ along / length,

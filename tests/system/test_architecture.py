@@ -188,6 +188,12 @@ def test_no_test_imports_another_test_module() -> None:
         assert not wanted & {*tests, "conftest"}, path
 
 
+def test_what_bakes_are_held_to_shares_no_code_with_the_package() -> None:
+    for name in ("player", "reference"):
+        wanted = imports_of(TESTS / "kit" / f"{name}.py")
+        assert not {each for each in wanted if each.startswith(("wrinklecli", "kit"))} - {"kit.player"}, name
+
+
 def test_the_root_holds_what_the_project_says_it_does() -> None:
     """A file that a test or a trial once left there would be committed with everything else."""
     root = PACKAGE.parent
