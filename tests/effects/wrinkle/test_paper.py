@@ -17,7 +17,7 @@ from wrinklecli.tools.records import WrinkleTool
 OFF = 0.01
 # The part of the tallest wrinkle from which a vertex counts as displaced.
 DISPLACED = 1e-3
-FRAMES = 9
+FRAMES = 13
 
 
 @dataclass(frozen=True)
