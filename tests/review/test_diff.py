@@ -57,6 +57,23 @@ def test_the_tolerance_is_a_share_of_the_size_or_scene_units(tmp_path: Path) -> 
     assert compared(tmp_path, before, after, tolerance=Length(100 * 0.0031 / found.size, percent=True)).same
 
 
+def test_what_is_hidden_makes_an_asset_no_larger(tmp_path: Path) -> None:
+    def with_hats(*scales: float) -> Asset:
+        asset = rich()
+        for number, scale in enumerate(scales):
+            far = {"mesh": 1, "translation": [50.0 * number, 0.0, 0.0], "scale": [scale] * 3}
+            asset.gltf["scenes"][0]["nodes"].append(asset.append("nodes", far))
+        return asset
+
+    sizes = []
+    for scales in ((1.0,), (1.0, 0.0), (1.0, 0.5), (1.0, 0.5, 0.0)):
+        other = with_hats(*scales)
+        other.gltf["asset"]["generator"] = "another"
+        sizes.append(compared(tmp_path, with_hats(*scales), other).size)
+    assert sizes[0] == sizes[1]
+    assert sizes[2] == sizes[3] > 40.0
+
+
 def test_far_from_the_origin_the_default_tolerance_is_that_of_float32(tmp_path: Path) -> None:
     before, after = (limb_asset(**SMALL, root={"translation": [1000.0, 0.0, 0.0]}) for _ in range(2))
     after.gltf["nodes"][-1]["translation"][0] = float(np.nextafter(np.float32(1000.0), np.float32(2000.0)))

@@ -6,6 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from kit.asset import Asset, attribute, stored
 from kit.changes import (
@@ -79,7 +82,9 @@ from wrinklecli.gltf.document import read_document
 from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.unpack import unpack
 from wrinklecli.gltf.writer import write
+from wrinklecli.numeric.arrays import Floats
 from wrinklecli.review.diff.diff import diff
+from wrinklecli.review.diff.difference import Limits
 from wrinklecli.tools.records import Length
 
 Json = dict[str, Any]
@@ -219,6 +224,24 @@ def test_a_change_is_said_of_the_thing_by_its_name(tmp_path: Path) -> None:
     }
 
 
+@pytest.mark.parametrize("back", [False, True])
+@pytest.mark.parametrize("first", ["leaf", "twig"])
+def test_a_node_that_was_renamed_is_not_one_that_was_moved(tmp_path: Path, first: str, back: bool) -> None:
+    """Of two alike, one moves below another and one gets a new name: each is found again, in whatever order."""
+    before, after = rich(), rich()
+    for asset, names in ((before, ("leaf", "twig")), (after, ("leaf", "bough"))):
+        order = names if first == "leaf" else names[::-1]
+        asset.gltf["scenes"][0]["nodes"] += [asset.append("nodes", {"name": name}) for name in order]
+    leaf = after.gltf["nodes"].index(node(after, "leaf"))
+    after.gltf["scenes"][0]["nodes"].remove(leaf)
+    node(after, "joint_2")["children"] = [leaf]
+    said = {each.message for each in compared(tmp_path, *((after, before) if back else (before, after))).differences}
+    changes = ("'joint_2'", "none"), ("'bough'", "'twig'")
+    parent, name = (" -> ".join(pair if back else pair[::-1]) for pair in changes)
+    assert {f"parent {parent}", name} <= said
+    assert not [message for message in said if message.startswith("only in")]
+
+
 # Harmless changes
 
 
@@ -322,6 +345,19 @@ def test_no_number_at_all_is_the_same_as_itself(tmp_path: Path) -> None:
 
 
 # Tolerance
+
+
+@given(
+    st.floats(1e-9, 10.0),
+    st.floats(1e-9, 1e-2),
+    arrays(np.float64, st.integers(0, 4), elements=st.floats(-1e3, 1e3)),
+)
+def test_numbers_have_the_slack_of_their_size_and_lengths_that_of_the_asset(
+    length: float, ratio: float, values: Floats
+) -> None:
+    limits, most = Limits(length, ratio), float(np.abs(values).max(initial=1.0))
+    assert limits.slack(values) == pytest.approx(ratio * most)
+    assert limits.slack(values, lengths=True) == pytest.approx(max(length, ratio * most))
 
 
 def test_numbers_that_are_no_lengths_may_differ_by_the_same_share(tmp_path: Path) -> None:
@@ -469,10 +505,10 @@ def test_what_cannot_be_decoded_is_compared_as_it_is_stored(change: Callable[[As
 def test_a_node_that_gets_a_name_is_the_same_node(unnamed: Json, tmp_path: Path) -> None:
     """Several nodes without a name are alike but for their place, and only one gets a name."""
     paths = []
-    for given in (unnamed, {"name": "node_2"}):
+    for names in (unnamed, {"name": "node_2"}):
         asset = Asset()
         for index in range(4):
-            asset.append("nodes", {"translation": [float(index), 0.0, 0.0], **(given if index == 2 else unnamed)})
+            asset.append("nodes", {"translation": [float(index), 0.0, 0.0], **(names if index == 2 else unnamed)})
         asset.append("scenes", {"nodes": [0, 1, 2, 3]})
         paths.append(asset.write(tmp_path / f"{len(paths)}.glb"))
     for one, other in (paths, paths[::-1]):

@@ -43,10 +43,10 @@ def diff(a: str, b: str, *, as_json: bool, quiet: bool, verbose: bool, **options
 
     Documents are compared by meaning: the layout of data, sparse storage, compression and asset.generator make no
     difference. Numbers that are no lengths may differ by the ratio of the tolerance to the size of the asset. Positions
-    are compared in the stored pose and in every clip: vertex by vertex if the triangles are the same, otherwise by the
-    distance of the vertices of each from the surface of the other. --posed compares nothing else, neither names nor
-    materials nor the way in which vertices move, and it reports normals without judging them. A file of --mode frames
-    is compared at the times of its frames.
+    are compared in the stored pose and in every clip: meshes with the same triangles in their order, vertex by vertex,
+    all others by the distance of the vertices of each from the surface of the other. --posed compares nothing else,
+    neither names nor materials nor the way in which vertices move, and it reports normals without judging them. A file
+    of --mode frames is compared at the times of its frames.
 
     \b
     --json prints an object; within a version, keys are only added:

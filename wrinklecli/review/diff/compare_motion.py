@@ -2,7 +2,6 @@
 
 import hashlib
 import struct
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -17,7 +16,7 @@ from wrinklecli.character.scene import ScenePrimitive
 from wrinklecli.numeric.arrays import Bools, Floats, distinct_values
 from wrinklecli.numeric.guard import Progress
 from wrinklecli.review.diff.common_clips import AnimatedScene, CommonClip
-from wrinklecli.review.diff.difference import Difference
+from wrinklecli.review.diff.difference import Difference, pairs_by_key, without
 from wrinklecli.review.diff.surfaces import (
     Advance,
     Apart,
@@ -67,7 +66,6 @@ class _StoredPoses:
         """`tolerance` is in scene units."""
         self.tolerance = tolerance
         self._moving: dict[int, frozenset[int]] = {}
-        self._places: dict[int, Floats] = {}
         self._topologies: dict[int, bytes] = {}
         self._equal: dict[tuple[int, int], bool] = {}
         self._apart: dict[tuple[int, int], Apart] = {}
@@ -79,14 +77,6 @@ class _StoredPoses:
         if id(primitive) not in self._moving:
             self._moving[id(primitive)] = moving_nodes(primitive.rig)
         return not self._moving[id(primitive)].isdisjoint(clip.nodes)
-
-    def place(self, primitive: ScenePrimitive, clip: Clip | None, time: Floats) -> Floats:
-        """(vertices, 3) positions of a primitive at (1,) time of a clip."""
-        if self.moves(primitive, clip):
-            return _posed(primitive, clip, time)
-        if id(primitive) not in self._places:
-            self._places[id(primitive)] = _posed(primitive, None, time)
-        return self._places[id(primitive)]
 
     def topology(self, primitive: ScenePrimitive) -> bytes:
         """A digest of the triangles and the number of vertices; thousands of instances may have many triangles."""
@@ -111,11 +101,6 @@ class _StoredPoses:
             self._apart[pair] = compare_vertices(one, other, at_rest, at_rest.times, self.tolerance, lambda _done: None)
         found = self._apart[pair]
         return replace(found, worst=replace(found.worst, clip=common.name, time=time))
-
-
-def _posed(primitive: ScenePrimitive, clip: Clip | None, time: Floats) -> Floats:
-    """(vertices, 3) positions at (1,) time."""
-    return np.asarray(primitive.posed(clip, time).positions[0] + 0.0)  # -0 and 0 are one place
 
 
 def _compare_clip(
@@ -144,7 +129,7 @@ def _compare_clip(
             [side.primitives[k] for k in np.flatnonzero(each[frames[0]]).tolist()]
             for side, each in zip((a, b), shown, strict=True)
         )
-        pairs, rest_a, rest_b = _matched(primitives_a, primitives_b, common, float(times[0]), stored)
+        pairs, rest_a, rest_b = _matched(primitives_a, primitives_b, stored)
         part = 1.0 / max(len(pairs) + int(bool(rest_a and rest_b)), 1)
 
         def advance_part(done: float, part: float = part) -> None:
@@ -203,109 +188,21 @@ def _node_shown(rig: Rig, clip: Clip | None, times: Floats) -> Bools:
 
 
 def _matched(
-    primitives_a: Sequence[ScenePrimitive],
-    primitives_b: Sequence[ScenePrimitive],
-    common: CommonClip,
-    time: float,
-    stored: _StoredPoses,
+    primitives_a: Sequence[ScenePrimitive], primitives_b: Sequence[ScenePrimitive], stored: _StoredPoses
 ) -> tuple[list[tuple[ScenePrimitive, ScenePrimitive]], list[ScenePrimitive], list[ScenePrimitive]]:
-    """Pairs of primitives with the same triangles, and the unpaired primitives of each asset.
-
-    Among several with the same triangles, the pair has the same name, or is the nearest if that one is elsewhere.
-    """
-    waiting: dict[bytes, list[ScenePrimitive]] = {}
-    for primitive in primitives_b:
-        waiting.setdefault(stored.topology(primitive), []).append(primitive)
-    candidates = {key: _Candidates(found, common.clips[1], time, stored) for key, found in waiting.items()}
-    pairs, rest_a = [], []
-    for primitive in primitives_a:
-        alike = candidates.get(stored.topology(primitive))
-        chosen = alike.take(primitive, common.clips[0]) if alike is not None else None
-        if chosen is None:
-            rest_a.append(primitive)
-        else:
-            pairs.append((primitive, chosen))
-    return pairs, rest_a, [primitive for each in candidates.values() for primitive in each.rest]
-
-
-class _Candidates:
-    """Primitives of the second asset that have the same triangles; each can be taken once.
-
-    Each is posed once, and indexed by name and by place, so that thousands of instances do not take minutes.
-    """
-
-    def __init__(
-        self, primitives: Sequence[ScenePrimitive], clip: Clip | None, time: float, stored: _StoredPoses
-    ) -> None:
-        self._primitives, self._clip = primitives, clip
-        self._time, self._stored = np.array([time]), stored
-        self._waiting = np.ones(len(primitives), bool)
-        self._count = len(primitives)
-        self._by_name: dict[tuple[str, int], deque[int]] = {}
-        for number, each in enumerate(primitives):
-            self._by_name.setdefault((each.name, each.primitive), deque()).append(number)
-        # Instances are often at one place. The numbers of those at each place that may be free, by the place,
-        self._by_place: dict[bytes, deque[int]] = {}
-        # and in the places' order; how many are free; the places; and the place of each primitive.
-        self._queues: list[deque[int]] = []
-        self._free = np.zeros(0, np.intp)
-        self._places = np.zeros((0, 0))
-        self._place_of = np.zeros(len(primitives), np.intp)
-
-    @property
-    def rest(self) -> list[ScenePrimitive]:
-        """The primitives that were not taken."""
-        return [self._primitives[number] for number in np.flatnonzero(self._waiting).tolist()]
-
-    def take(self, primitive: ScenePrimitive, clip: Clip | None) -> ScenePrimitive | None:
-        """The primitive of the same name, or the nearest if that one is elsewhere; the first of equals."""
-        if not self._count:
-            return None
-        number = int(self._waiting.argmax()) if self._count == 1 else self._match(primitive, clip)
-        self._waiting[number], self._count = False, self._count - 1
-        if self._queues:
-            self._free[self._place_of[number]] -= 1
-        return self._primitives[number]
-
-    def _match(self, primitive: ScenePrimitive, clip: Clip | None) -> int:
-        if not self._queues:
-            places = [self._stored.place(each, self._clip, self._time) for each in self._primitives]
-            for number, each in enumerate(places):
-                self._by_place.setdefault(each.tobytes(), deque()).append(number)
-            self._queues = list(self._by_place.values())
-            self._places = np.stack([places[numbers[0]] for numbers in self._queues])
-            for index, numbers in enumerate(self._queues):
-                self._place_of[list(numbers)] = index
-            self._free = np.bincount(self._place_of)
-        place = self._stored.place(primitive, clip, self._time)
-        named = self._first(self._by_name.get((primitive.name, primitive.primitive)))
-        if named is not None:
-            there = self._stored.place(self._primitives[named], self._clip, self._time)
-            if np.abs(there - place).max(initial=0.0) <= self._stored.tolerance:
-                return named
-        same = self._first(self._by_place.get(place.tobytes()))
-        if same is not None:
-            return same
-        return self._nearest(place)
-
-    def _nearest(self, place: Floats) -> int:
-        """The nearest one; the distance of first vertices is a lower bound, which saves most comparisons."""
-        free = np.flatnonzero(self._free)
-        least = np.abs(self._places[free, :1] - place[:1]).max(axis=(1, 2), initial=0.0)
-        best = (np.inf, -1)
-        for k in np.argsort(least, kind="stable").tolist():
-            if least[k] > best[0]:
-                break
-            number = self._first(self._queues[free[k]])
-            assert number is not None
-            best = min(best, (float(np.abs(self._places[free[k]] - place).max(initial=0.0)), number))
-        return best[1]
-
-    def _first(self, numbers: deque[int] | None) -> int | None:
-        """The first number that was not taken; taken ones are dropped from the queue."""
-        while numbers and not self._waiting[numbers[0]]:
-            numbers.popleft()
-        return numbers[0] if numbers else None
+    """Pair primitives with the same triangles in their order, and give the unpaired primitives of each asset."""
+    numbers_a, numbers_b = range(len(primitives_a)), range(len(primitives_b))
+    pairs = pairs_by_key(
+        numbers_a,
+        numbers_b,
+        lambda k: stored.topology(primitives_a[k]),
+        lambda k: stored.topology(primitives_b[k]),
+    )
+    return (
+        [(primitives_a[i], primitives_b[j]) for i, j in pairs.items()],
+        [primitives_a[i] for i in without(numbers_a, pairs)],
+        [primitives_b[j] for j in without(numbers_b, pairs.values())],
+    )
 
 
 def _equal_nodes(one: Sequence[ScenePrimitive], other: Sequence[ScenePrimitive]) -> bool:

@@ -1,6 +1,7 @@
 """Compare two assets for golden tests: by the meaning of their documents, and by posed positions over time."""
 
 import json
+import math
 import os
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -22,6 +23,7 @@ from wrinklecli.review.diff.common_clips import AnimatedScene, common_clips
 from wrinklecli.review.diff.compare_motion import compare_motion
 from wrinklecli.review.diff.difference import ROUNDINGS, Difference, Limits
 from wrinklecli.review.diff.documents import document_differences
+from wrinklecli.review.diff.nodes import pair_nodes
 from wrinklecli.review.diff.surfaces import Worst, when
 from wrinklecli.tools.records import Length
 
@@ -118,9 +120,9 @@ def diff(
 ) -> Comparison:
     """Compare two assets.
 
-    Positions are compared in every clip that both have, vertex by vertex where the triangles are the same, otherwise
-    by the distance of each one's vertices from the other's triangles. `posed` leaves it at that: the documents may
-    differ in whatever a viewer does not see move.
+    Positions are compared in every clip that both have: meshes with the same triangles in their order, vertex by
+    vertex, and all others by the distance of each one's vertices from the other's triangles. `posed` leaves it at
+    that: the documents may differ in whatever a viewer does not see move.
 
     Args:
         a: The first .gltf or .glb, such as the golden.
@@ -189,6 +191,7 @@ def _compare(
     options: DiffOptions,
     progress: Progress,
 ) -> Comparison:
+    a, b = scenes
     boxes = [_stored_bounds(scene) for scene in scenes]
     size = max(float(np.linalg.norm(np.ptp(box, axis=0))) for box in boxes)
     limit = options.tolerance.resolve(size)
@@ -198,12 +201,14 @@ def _compare(
     ratio = limit / size if size and limit else DEFAULT_TOLERANCE.value / 100
     found: list[Difference] = []
     if not options.posed:
-        limits = Limits(limit or ratio, ratio, _scales(scenes[0]))
-        found += document_differences(*documents, limits, clips=options.clips)
-    clips, of_clips = common_clips(*scenes, options.clips, options.fps)
+        found += document_differences(*documents, Limits(limit or ratio, ratio, _scales(a)), clips=options.clips)
+        # Nodes that the documents pair are in one order.
+        order = {j: i for i, j in pair_nodes(*documents)[0].items()}
+        b = replace(b, primitives=tuple(sorted(b.primitives, key=lambda each: order.get(each.rig.node, math.inf))))
+    clips, of_clips = common_clips(a, b, options.clips, options.fps)
     # The comparison of the documents has found the differences of clips too.
     found += of_clips if options.posed else []
-    apart, differences = compare_motion(*scenes, clips, limit, progress)
+    apart, differences = compare_motion(a, b, clips, limit, progress)
     times = sum(len(common.times) for common in clips)
     worst = max((each.worst for each in apart), key=lambda each: each.distance, default=None)
     normal = max((each.normal for each in apart if each.normal is not None), default=None)
