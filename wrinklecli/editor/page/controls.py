@@ -300,7 +300,8 @@ class ToolControls:
 
 def _slide_to(slider: Any, control: KeyControl, value: float) -> None:
     """Show a value on a slider, also one beyond its ends, where it was typed."""
-    slider.min, slider.max = min(control.low, value), max(control.high, value)
+    show_changed(slider, "min", min(control.low, value))
+    show_changed(slider, "max", max(control.high, value))
     slider.value = value
 
 
