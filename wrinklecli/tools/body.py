@@ -5,7 +5,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 from typing import Any, ClassVar, Literal, TypeAlias, get_args
 
 from wrinklecli.choices import Axis, MaterialName, Profile
@@ -48,9 +47,9 @@ from wrinklecli.tools.records import (
     read_tip,
 )
 
-_OF_BODY = slider(1, 100, 0.5, "%")  # nothing below the skin is longer than the muscle, or the region, itself
-_LENGTH = {**LENGTH, **_OF_BODY}
-AUTO_LENGTH = expects(f"auto, {LENGTHS}", anyOf=[{"enum": ["auto"]}, LENGTH], **_OF_BODY)
+# Nothing below the skin is longer than the muscle, or the region, itself.
+_LENGTH = {**LENGTH, **slider(1, 100, 0.5, "%")}
+AUTO_LENGTH = expects(f"auto, {LENGTHS}", anyOf=[{"enum": ["auto"]}, _LENGTH])
 
 
 TENDONS = "40%"
@@ -232,23 +231,6 @@ class Muscle(BodyEffect):
         """The clips that key the activation, with the paths of their keys."""
         keyed = self.activation.keys if isinstance(self.activation, ActivationKeys) else {}
         return [(name, ("activation", "keys", name)) for name in keyed]
-
-
-def odd_activation(value: Any) -> Sequence[tuple[tuple[str, ...], str]]:
-    """Faults of an activation that the schema accepts: the place below the key, and the expected value."""
-    keyed = odd_keys(value.get("keys", {})) if isinstance(value, dict) else ()
-    return [(("keys", *place), message) for place, message in keyed]
-
-
-def odd_keys(value: Mapping[str, Any]) -> Sequence[tuple[tuple[str, ...], str]]:
-    """Faults of lists of keys by clip, which begin with times, that the schema accepts: the place, and the line."""
-    found = []
-    for clip, keys in value.items():
-        falling = next(((a[0], b[0]) for a, b in pairwise(keys) if b[0] <= a[0]), None)
-        if falling:
-            message = f"expected times that rise from key to key, not {falling[0]:g} and then {falling[1]:g}"
-            found.append(((clip,), message))
-    return found
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

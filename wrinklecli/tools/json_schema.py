@@ -171,4 +171,5 @@ LENGTH = expects(
     maximum=1e9,  # a metre in nanometres
     maxLength=40,
     pattern=r"^\+?0*([1-9][0-9]{0,3}(\.[0-9]*)?|10000(\.0*)?|\.(0?[1-9])[0-9]*) ?%$",
+    **slider(1, 300, 0.5, "%"),
 )

@@ -12,7 +12,6 @@ from itertools import pairwise
 from typing import Any, TypeAlias
 
 from wrinklecli.errors import ConfigError
-from wrinklecli.tools.body import odd_activation, odd_keys
 from wrinklecli.tools.checked import Format, Place, at, check, refusal
 from wrinklecli.tools.files_beside import load_text, path_beside
 from wrinklecli.tools.json_schema import readers_of
@@ -43,16 +42,13 @@ def _odd(key: str, value: Any) -> Iterator[tuple[Place, str]]:
     """Faults of a value that the schema accepts: the place below the key, and the expected value."""
     if key == "details" and sum(value) > 0.99:
         yield (), f"expected shares whose sum is at most 0.99, not {sum(value):g}"
-    if key == "rest_length" and isinstance(value, dict):
-        for clip, keys in value.get("keys", {}).items():
-            for (before, _), (after, _) in pairwise(keys):
-                if after <= before:
-                    yield ("keys", clip), f"expected times that rise from key to key, not {before:g} and then {after:g}"
-                    break
-    if key == "activation":
-        yield from odd_activation(value)
+    if key in ("rest_length", "activation") and isinstance(value, dict):
+        yield from ((("keys", *below), expected) for below, expected in _odd("keys", value.get("keys", {})))
     if key == "keys":
-        yield from odd_keys(value)
+        for clip, keys in value.items():
+            falling = next(((a[0], b[0]) for a, b in pairwise(keys) if b[0] <= a[0]), None)
+            if falling:
+                yield (clip,), "expected times that rise from key to key, not {:g} and then {:g}".format(*falling)
     if key == "presets" and isinstance(value, dict):
         yield from _odd_presets(value, presets())
 

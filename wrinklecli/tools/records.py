@@ -65,7 +65,6 @@ _RATIO = number(0, 1, step=0.01)
 SWINGS = slider(0.5, 20, 0.1, "Hz")  # from soft tissue to flesh so firm that nobody sees it swing
 DAMPING = slider(0.05, 2, 0.01)  # from jelly to twice the ratio from which on nothing swings
 _STRENGTH = {**number(-100, 100), **slider(-2, 2, 0.05)}
-_OF_TOOL = slider(1, 300, 0.5, "%")  # of its rest distance
 _MATERIALS = f"{', '.join(presets())} or none"
 
 
@@ -519,7 +518,7 @@ class WrinkleTool:
     enabled: bool = key(FLAG, "false: checked but not baked. Default true.", True)
     optional: bool = key(FLAG, "true: an absent node or clip is a note, not an error. Default false.", False)
     width: Length = key(
-        {**LENGTH, **_OF_TOOL},
+        LENGTH,
         "Full width across the segment: a length or a percentage. Required.",
         group="Shape",
         read=parse_length,
@@ -542,7 +541,7 @@ class WrinkleTool:
         "everywhere",
     )
     max_height: Literal["auto"] | Length | None = key(
-        expects(f"auto, none, {LENGTHS}", anyOf=[{"enum": ["auto", "none", None]}, LENGTH], **_OF_TOOL),
+        expects(f"auto, none, {LENGTHS}", anyOf=[{"enum": ["auto", "none", None]}, LENGTH]),
         "Highest point of a bump: auto (a quarter of a rest bump's width, or the material's part), none, a length or a "
         "percentage. Default auto.",
         "auto",
@@ -618,7 +617,6 @@ class WrinkleTool:
                 expects(
                     f"auto, {LENGTHS}, {{keys: {{CLIP: [[SECONDS, LENGTH], …]}}}} or {{morph: NAME, full: LENGTH}}",
                     anyOf=[{"const": "auto"}, LENGTH],
-                    **_OF_TOOL,
                 ),
                 anyOf=[{"required": ["morph"]}, {"required": ["full"]}],
             ),

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from wrinklecli.choices import GROUPS
 from wrinklecli.numeric.arrays import significant
-from wrinklecli.tools.json_schema import LENGTH, Schema
+from wrinklecli.tools.json_schema import Schema
 from wrinklecli.tools.schema import KINDS, OWN_KEYS
 
 Kind = Literal["choice", "flag", "whole", "number", "percent", "length", "list", "record", "text", "json"]
@@ -75,46 +75,36 @@ def _control(key: str, schema: Schema) -> KeyControl:
 
 def _plain(key: str, schema: Schema) -> KeyControl:
     """Make the control of a key, without the fields that do not depend on its kind."""
-    title, kinds = key.replace("_", " "), schema.get("type")
-    if "enum" in schema or "examples" in schema:
-        whole = all(isinstance(each, int) for each in schema.get("enum", [""]))
-        return KeyControl(key, "choice", title, choices=_words(schema), whole=whole)
-    if kinds == "boolean":
-        return KeyControl(key, "flag", title)
-    plain = _without_mappings(schema)
-    if "properties" in plain or ("properties" in schema.get("then", {}) and "joint" in schema["then"]["properties"]):
-        return KeyControl(key, "json", title)
-    if _is_length(plain):
-        words = tuple(word for each in plain.get("anyOf", ()) for word in _words(each))
-        return _number(key, "length", title, plain, choices=words, also_json=plain is not schema)
-    titled = f"{title} ({plain['slider']['unit']})" if "unit" in plain.get("slider", {}) else title
-    if kinds == "integer" or (isinstance(kinds, list) and "integer" in kinds):
-        return _number(key, "whole", titled, schema)
-    if kinds == "number":
-        return _number(key, "number", titled, schema)
-    if kinds == "string" and "%" in schema.get("pattern", ""):
-        return _number(key, "percent", titled, schema)
-    if kinds == "string" or kinds == ["string", "null"]:
-        return KeyControl(key, "text", title)
-    if kinds == "array" and schema["items"].get("type") == "number":
-        parts = tuple(_control(f"{title} {number + 1}", schema["items"]) for number in range(schema["maxItems"]))
-        return KeyControl(key, "list", title, parts=tuple(replace(part, low=0.0) for part in parts))
+    title, plain = key.replace("_", " "), _without_mappings(schema)
+    words, also_json, types = _words(plain), plain is not schema, plain.get("type", ())
     numbers = schema.get("then", {}).get("properties", {})
-    if numbers and plain is not schema and all(each.get("type") == "number" for each in numbers.values()):
-        parts = tuple(_control(name, each) for name, each in numbers.items())
-        return KeyControl(key, "record", title, choices=_words(plain), parts=parts)
-    words = tuple(word for word in plain.get("enum", ()) if isinstance(word, str))
-    if words and plain is not schema:
-        return KeyControl(key, "choice", title, choices=words, also_json=True)
-    return KeyControl(key, "json", title)
+    if numbers and all(each.get("type") == "number" for each in numbers.values()):
+        return KeyControl(key, "record", title, words, parts=tuple(_control(*each) for each in numbers.items()))
+    if "enum" in plain or "examples" in plain:
+        whole = all(isinstance(each, int) for each in plain.get("enum", [""]))
+        return KeyControl(key, "choice", title, words, also_json=also_json, whole=whole)
+    if "boolean" in types:
+        return KeyControl(key, "flag", title)
+    ends = next((part["slider"] for part in (plain, *plain.get("anyOf", ())) if "slider" in part), None)
+    if ends or types == "number" or "integer" in types:
+        return _number(key, plain, ends, words, also_json=also_json)
+    if types == "array" and plain["items"].get("type") == "number":
+        parts = (_control(f"{title} {number + 1}", plain["items"]) for number in range(plain["maxItems"]))
+        return KeyControl(key, "list", title, parts=tuple(replace(part, low=0.0) for part in parts))
+    return KeyControl(key, "text" if "string" in types and not also_json else "json", title)
 
 
-def _number(key: str, kind: Kind, title: str, schema: Schema, **more: Any) -> KeyControl:
-    """Make the control of a number, with the range of its slider, or without one that of its values."""
-    ends = schema.get("slider", schema)
-    step = ends.get("step", 1 if kind == "whole" else _STEP)
-    low, high = ends["minimum"], ends["maximum"]
-    return KeyControl(key, kind, title, low=low, high=high, step=step, slides=ends is not schema, **more)
+def _number(key: str, schema: Schema, ends: Schema | None, words: tuple[str, ...], *, also_json: bool) -> KeyControl:
+    """Make the control of a number, with the ends of its slider, or without one those of its values."""
+    title, slides, unit = key.replace("_", " "), ends is not None, (ends or {}).get("unit")
+    kind: Kind = "whole" if "integer" in schema.get("type", ()) else "number"
+    if unit == "%":
+        kind = "percent" if schema.get("type") == "string" else "length"
+    if unit and kind != "length":  # one of which may be in scene units
+        title += f" ({unit})"
+    ends = ends or {**schema, "step": 1 if kind == "whole" else _STEP}
+    low, high, step = (ends[each] for each in ("minimum", "maximum", "step"))
+    return KeyControl(key, kind, title, words, low, high, step, slides=slides, also_json=also_json)
 
 
 def _without_mappings(schema: Schema) -> Schema:
@@ -124,17 +114,11 @@ def _without_mappings(schema: Schema) -> Schema:
     return schema
 
 
-def _is_length(schema: Schema) -> bool:
-    """True if values may be lengths."""
-    pattern = LENGTH["pattern"]
-    return schema.get("pattern") == pattern or any(each.get("pattern") == pattern for each in schema.get("anyOf", ()))
-
-
 def _words(schema: Schema) -> tuple[str, ...]:
     """The words that values may be; null counts as `none`."""
-    words: list[Any] = schema.get("enum", []) or schema.get("examples", [])
-    found = [*words, *([schema["const"]] if "const" in schema else [])]
-    return tuple(dict.fromkeys(NONE if word is None else str(word) for word in found))
+    parts = (schema, *schema.get("anyOf", ()))
+    words = (word for part in parts for word in part.get("enum", part.get("examples", [part.get("const", False)])))
+    return tuple(dict.fromkeys(NONE if word is None else str(word) for word in words if not isinstance(word, bool)))
 
 
 def percent_of(value: Any, rest_distance: float) -> float:
