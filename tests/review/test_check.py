@@ -673,6 +673,9 @@ def test_teeth_are_named_with_their_clip_and_time(tmp_path: Path) -> None:
         r"crease: turns \d+ triangles over in fold at 1 s, which shows as teeth or dark tiles: .*", line
     )
     assert not warnings(asset, {**tall, "strength": 0.5}, about="triangles over")
+    (kept,) = warnings(asset, {**tall, "creases": "keep"}, about="triangles over")
+    assert kept.endswith("creases: lower avoids it")
+    assert not warnings(asset, tall, about="triangles over")
 
 
 @pytest.mark.slow

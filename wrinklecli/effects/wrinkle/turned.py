@@ -32,10 +32,11 @@ def turned_warnings(plan: MeshPlan, carried: CarriedPatch, clips: Sequence[ClipA
     count = count_teeth(plan, carried, clip, time)
     if not count:
         return []
-    kept = "creases: lower, " if carried.patch.tool.creases == "keep" else ""
+    kept = carried.patch.tool.creases == "keep"
+    remedy = "creases: lower avoids" if kept else "lower or fewer bumps, or a place beside the fold, avoid"
     return [
         f"{carried.patch.tool.name}: turns {counted(count, 'triangle')} over in {clip.name} at {time:.3g} s, which"
-        f" shows as teeth or dark tiles: {kept}lower or fewer bumps, or a place beside the fold, avoid it"
+        f" shows as teeth or dark tiles: {remedy} it"
     ]
 
 
