@@ -23,7 +23,6 @@ from wrinklecli.editor.hand import Hand, slide_to
 from wrinklecli.editor.proposals import Proposal, proposals_of, proposed_keys, to_axes
 from wrinklecli.editor.raised import RaisedTool, raised_tool
 from wrinklecli.editor.store import Store
-from wrinklecli.effects.touch.attach import AttachedTouch
 from wrinklecli.errors import ConfigError, WrinkleError
 from wrinklecli.files.watched import Watched
 from wrinklecli.gltf.document import Document
@@ -428,9 +427,10 @@ class Session(Edits):
     def _touched(self, name: str) -> tuple[AttachedBelow, TouchDrive] | tuple[None, None]:
         """The touch of a name, on its mesh, and its drive; None twice if there is none that fits."""
         found = self._attached().below.get(name)
-        if found is None or not isinstance(found.attached, AttachedTouch):
+        drag = None if found is None else found.attached.drag
+        if found is None or drag is None:
             return None, None
-        return found, found.attached.drive
+        return found, drag.drive
 
     def hold(self, name: str, clip: str | None, time: float, origin: Floats, direction: Floats) -> Hand | None:
         """Press a hand on the skin of a touch, and slide it to where a ray meets the skin at a time of a clip.

@@ -1,14 +1,18 @@
 """Effects on a mesh at rest, before refinement: what may be asked of any of them."""
 
-from collections.abc import Callable, Collection, Sequence
-from typing import NamedTuple, Protocol
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Collection, Iterable, Sequence
+from typing import Any, NamedTuple, Protocol, TypeAlias, TypeVar
 
 from wrinklecli.character.rig import DrivenTargets
+from wrinklecli.drive.segment import Segment
 from wrinklecli.drive.touch import TouchDrive
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.region import Region
 from wrinklecli.tools.records import EffectTool
+
+Tool = TypeVar("Tool", bound=EffectTool, covariant=True)
 
 
 class Moves(NamedTuple):
@@ -41,11 +45,11 @@ class Drag(NamedTuple):
     folding: float
 
 
-class Attached(Protocol):
+class Attached(Protocol[Tool]):
     """A tool on the mesh at rest, before refinement."""
 
     @property
-    def tool(self) -> EffectTool:
+    def tool(self) -> Tool:
         """Its entry in the tools file."""
         ...
 
@@ -60,8 +64,23 @@ class Attached(Protocol):
         ...
 
     @property
+    def segment(self) -> Segment | None:
+        """The segment or path whose length moves it; None if something else does."""
+        ...
+
+    @property
     def greatest_height(self) -> float:
         """The largest move of the effect, scene units."""
+        ...
+
+    @property
+    def height_limit(self) -> float:
+        """The height at which its bumps grow no more, at a strength of 1, scene units; infinite if there is none."""
+        ...
+
+    @property
+    def bump_width(self) -> float:
+        """The width of a bump, scene units."""
         ...
 
     @property
@@ -83,3 +102,60 @@ class Attached(Protocol):
     def drag(self) -> Drag | None:
         """The tip that drags its skin; None if none does."""
         ...
+
+    def fitting_compressible(self, lengths: Iterable[tuple[Floats, Floats]], height: float | None = None) -> float:
+        """The part of each shortening, 0 to 1, that the tissue must take so that bumps are full at the greatest one.
+
+        Args:
+            lengths: For each clip (frames,) lengths of the segment and (frames,) rest lengths, scene units.
+            height: Another `height_limit`.
+        """
+        ...
+
+
+AnyAttached: TypeAlias = Attached[Any]
+
+
+class BelowSkin(ABC):
+    """What muscles, flesh and touches answer alike: each moves the body below the skin, and has one bump."""
+
+    __slots__ = ()
+
+    @property
+    @abstractmethod
+    def span(self) -> float:
+        """The length of which per cent in its entry are, scene units."""
+
+    @property
+    @abstractmethod
+    def greatest_height(self) -> float:
+        """The largest move, scene units."""
+
+    @property
+    def segment(self) -> Segment | None:
+        """None."""
+        return None
+
+    @property
+    def height_limit(self) -> float:
+        """The largest move."""
+        return self.greatest_height
+
+    @property
+    def bump_width(self) -> float:
+        """The whole of it."""
+        return self.span
+
+    @property
+    def keyed_clips(self) -> Collection[str]:
+        """None: a joint moves it."""
+        return ()
+
+    @property
+    def drag(self) -> Drag | None:
+        """None."""
+        return None
+
+    def fitting_compressible(self, _lengths: Iterable[tuple[Floats, Floats]], _height: float | None = None) -> float:
+        """0: what shortens it presses no skin together."""
+        return 0.0

@@ -23,6 +23,7 @@ from wrinklecli.effects.shapes import Sample, make_shapes
 from wrinklecli.errors import counted
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, nonzero_rows
 from wrinklecli.numeric.memory import Memory
+from wrinklecli.surface.refine import Refinement
 from wrinklecli.tools.body import Flesh, Muscle, Touch
 from wrinklecli.tools.records import ToolsFile
 
@@ -119,34 +120,82 @@ class BodyEffect(Effect, Generic[AttachedType]):
 
 
 @dataclass(frozen=True, slots=True)
+class BodyPart(Generic[AttachedType]):
+    """A muscle, a region or a touch on the refined surface; the others as in `Part`.
+
+    Attributes:
+        deltas: (targets, fine vertices, 3) displacements at weight 1, bind space.
+    """
+
+    attached: AttachedType
+    region: int
+    deltas: Floats
+
+    @property
+    def vertices(self) -> Ints:
+        """(vertices,) those that a target moves."""
+        return np.flatnonzero(np.any(self.deltas, axis=(0, 2)))
+
+    @property
+    def shares(self) -> Floats:
+        """(vertices,) their greatest moves by one target over the greatest of all."""
+        moves = np.sqrt((self.deltas[:, self.vertices] ** 2).sum(axis=2)).max(axis=0)
+        return np.asarray(moves / moves.max())
+
+    @property
+    def us(self) -> Floats:
+        """(vertices,) halves: it is one bump."""
+        return np.full(len(self.vertices), 0.5)
+
+    def displacements(self, _fine: Refinement, rig: Rig, clip: Clip | None, times: Floats) -> Floats:
+        """(frames, vertices, 3) the sums of its targets, bind space."""
+        weights = self.attached.drive.weights_in(rig.own, clip)(times)
+        return np.asarray(np.tensordot(weights, self.deltas[:, self.vertices], axes=1))
+
+    def place_warnings(self, _plan: MeshPlan) -> list[str]:
+        """None: what does not fit is refused."""
+        return []
+
+
+@dataclass(frozen=True, slots=True)
 class BodyLayer(ABC, Generic[AttachedType]):
     """The muscles, or the regions of flesh, of a mesh.
 
     Attributes:
         attached: All of them at rest.
+        regions: The number of the first region of each among those of the refinement.
         deltas: For each (targets, fine vertices, 3) displacements at weight 1, bind space.
     """
 
     attached: tuple[AttachedType, ...]
+    regions: tuple[int, ...]
     deltas: tuple[Floats, ...]
 
     section: ClassVar[str]
     drives_alone: ClassVar[bool] = True
     samples_anew: ClassVar[bool] = True
+    is_solved: ClassVar[bool] = False
     named_clips: ClassVar[frozenset[str]] = frozenset()
     projected: ClassVar[int] = 0
 
     @classmethod
-    def of(cls, plan: MeshPlan, attached: Iterable[AttachedType]) -> Self | None:
-        """Let the refined surface carry them; None if there are none."""
-        every, names = tuple(attached), plan.rig.morph_names
+    def of(cls, plan: MeshPlan, numbered: Iterable[tuple[int, AttachedType]]) -> Self | None:
+        """Let the refined surface carry them, each with the number of its first region; None if there are none."""
+        pairs = list(numbered)
+        regions, every = tuple(number for number, _ in pairs), tuple(each for _, each in pairs)
+        names = plan.rig.morph_names
         columns = [[names.index(name) for name in each.drive.targets] for each in every]
-        return cls(every, tuple(plan.fine.morph_deltas[each] for each in columns)) if every else None
+        return cls(every, regions, tuple(plan.fine.morph_deltas[each] for each in columns)) if every else None
+
+    @property
+    def parts(self) -> Sequence[BodyPart[AttachedType]]:
+        """Each of them."""
+        return [BodyPart(*each) for each in zip(self.attached, self.regions, self.deltas, strict=True)]
 
     @property
     def moved(self) -> Sequence[Ints]:
         """The vertices of each."""
-        return [np.flatnonzero(np.any(each, axis=(0, 2))) for each in self.deltas]
+        return [each.vertices for each in self.parts]
 
     @property
     def keyed_clips(self) -> frozenset[str]:

@@ -20,7 +20,7 @@ from wrinklecli.choices import Mode
 from wrinklecli.drive.drive import Drive
 from wrinklecli.drive.swing import SwingDrive
 from wrinklecli.drive.touch import TouchDrive
-from wrinklecli.effects.attached import Attached
+from wrinklecli.effects.attached import AnyAttached
 from wrinklecli.effects.shapes import Shape
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools, Floats, Ints
@@ -254,8 +254,55 @@ class Effect(ABC):
         """Warnings for users, from motions with the effect's measurements and weights in them."""
 
 
+class Part(Protocol):
+    """One effect on a refined mesh."""
+
+    @property
+    def attached(self) -> AnyAttached:
+        """It at rest."""
+        ...
+
+    @property
+    def region(self) -> int:
+        """The number of its first region among those of the refinement."""
+        ...
+
+    @property
+    def vertices(self) -> Ints:
+        """(vertices,) the fine welded vertices that it may move, sorted."""
+        ...
+
+    @property
+    def shares(self) -> Floats:
+        """(vertices,) their greatest moves over the greatest of all."""
+        ...
+
+    @property
+    def us(self) -> Floats:
+        """(vertices,) their places across its crests, from 0 to 1: u, unless crests are bent."""
+        ...
+
+    def displacements(self, fine: Refinement, rig: Rig, clip: Clip | None, times: Floats) -> Floats:
+        """(frames, vertices, 3) their displacements at (frames,) seconds of a clip, bind space."""
+        ...
+
+    def place_warnings(self, plan: MeshPlan) -> list[str]:
+        """Warnings about its place on the mesh, whatever moves it."""
+        ...
+
+
 class Layer(Protocol):
     """All effects of one kind on a refined mesh."""
+
+    @property
+    def parts(self) -> Sequence[Part]:
+        """The effects, as far as they are known before clips are sampled."""
+        ...
+
+    @property
+    def is_solved(self) -> bool:
+        """True if its effects are found by a solver, which takes minutes."""
+        ...
 
     @property
     def section(self) -> str:
@@ -344,7 +391,12 @@ class EffectKind(Protocol):
         """The key of extras and report under which these effects stand."""
         ...
 
-    def attach(self, tools: Sequence[EffectTool], ground: Ground, settings: ToolsFile) -> Sequence[Attached]:
+    @property
+    def is_installed(self) -> bool:
+        """True if the libraries that it needs are installed."""
+        ...
+
+    def attach(self, tools: Sequence[EffectTool], ground: Ground, settings: ToolsFile) -> Sequence[AnyAttached]:
         """Attach the tools of this kind to a mesh at rest.
 
         Raises:
@@ -352,7 +404,15 @@ class EffectKind(Protocol):
         """
         ...
 
-    def plan(self, plan: MeshPlan, ground: Ground, attached: Sequence[tuple[int, Attached]]) -> Layer | None:
+    def bound(self, attached: Sequence[AnyAttached], ground: Ground) -> Sequence[AnyAttached]:
+        """Let tools that are attached end where features of the surface and masks end them.
+
+        Raises:
+            WrinkleError: Nothing is left of some, a line for each.
+        """
+        ...
+
+    def plan(self, plan: MeshPlan, ground: Ground, attached: Sequence[tuple[int, AnyAttached]]) -> Layer | None:
         """The layer of this kind on a refined mesh; None if no tool asks for it.
 
         Args:

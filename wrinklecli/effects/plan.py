@@ -3,14 +3,15 @@
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.contacts import Neighbours
 from wrinklecli.character.surface import influence_count
-from wrinklecli.effects.attached import Attached
-from wrinklecli.effects.effect import MeshPlan
+from wrinklecli.effects.attached import AnyAttached, Attached
+from wrinklecli.effects.effect import MeshPlan, Part
 from wrinklecli.effects.order import KINDS
 from wrinklecli.errors import BakeError, WrinkleError
 from wrinklecli.gltf.document import Document
@@ -20,6 +21,8 @@ from wrinklecli.surface.ground import Ground, read_ground
 from wrinklecli.surface.refine import Refinement, refine
 from wrinklecli.surface.rest import Rest
 from wrinklecli.tools.records import EffectTool, Length, ToolsFile
+
+ToolType = TypeVar("ToolType", bound=EffectTool)
 
 # Units in the last place by which products of skinning are rounded in float32: no error can be held below.
 _FLOAT32_STEPS = 8
@@ -66,7 +69,7 @@ def plan_mesh(
 
 def attach_effects(
     ground: Ground, tools: Sequence[EffectTool], settings: ToolsFile
-) -> tuple[Ground, Sequence[Attached]]:
+) -> tuple[Ground, Sequence[AnyAttached]]:
     """Attach tools kind by kind; each kind sees the mesh as those before it move it.
 
     Returns:
@@ -75,11 +78,11 @@ def attach_effects(
     Raises:
         WrinkleError: Tools do not fit, a line for each.
     """
-    attached: list[Attached] = []
+    attached: list[AnyAttached] = []
     problems: list[WrinkleError] = []
     for kind in KINDS:
         try:
-            own = kind.attach(tools, ground, settings)
+            own = kind.bound(kind.attach(tools, ground, settings), ground)
         except WrinkleError as error:
             problems.append(error)
             continue
@@ -92,19 +95,30 @@ def attach_effects(
     return ground, attached
 
 
-def attach_one(tool: EffectTool, ground: Ground, settings: ToolsFile | None = None) -> Attached:
+def attach_one(
+    tool: ToolType, ground: Ground, settings: ToolsFile | None = None, *, bounded: bool = True
+) -> Attached[ToolType]:
     """Attach one tool to a mesh as the effects before it have moved it; by default with the settings of an empty file.
+
+    If it is not `bounded`, it reaches over features of the surface.
 
     Raises:
         WrinkleError: It does not fit.
     """
     settings = settings or ToolsFile(path=ground.document.path)
-    return next(each for kind in KINDS for each in kind.attach([tool], ground, settings))
+    kind, attached = next((kind, found) for kind in KINDS if (found := kind.attach([tool], ground, settings)))
+    (one,) = kind.bound(attached, ground) if bounded else attached
+    return one
+
+
+def skin_parts(plan: MeshPlan) -> list[Part]:
+    """The effects that move the skin of a refined mesh after those below it, whose moves the rig has."""
+    return [part for layer in plan.layers for part in layer.parts if part.attached.moves is None]
 
 
 def plan_on(
     ground: Ground,
-    attached: Sequence[Attached],
+    attached: Sequence[AnyAttached],
     settings: ToolsFile,
     max_error: Length,
     *,
@@ -155,7 +169,7 @@ def plan_on(
     return plan
 
 
-def _with_moves(fine: Refinement, attached: Sequence[Attached], names: Sequence[str]) -> Refinement:
+def _with_moves(fine: Refinement, attached: Sequence[AnyAttached], names: Sequence[str]) -> Refinement:
     """The refined surface with deltas of effects that find them there, by the names of targets, not interpolated."""
     moves = [moved for each in attached if (moved := each.moves) is not None]
     deltas = fine.morph_deltas

@@ -16,14 +16,13 @@ from wrinklecli.character.moved import Motions
 from wrinklecli.character.posing import JointTurn, MorphWeight
 from wrinklecli.character.rig import moving_nodes
 from wrinklecli.effects.effect import MeshPlan, Motion, SamplingOptions
-from wrinklecli.effects.plan import mesh_warnings, track_warnings
+from wrinklecli.effects.plan import mesh_warnings, skin_parts, track_warnings
 from wrinklecli.effects.sampling import moving_clips
 from wrinklecli.effects.wrinkle.activity import ClipActivity
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.layer import carried_patches_of
 from wrinklecli.effects.wrinkle.sample import sample_activities
-from wrinklecli.effects.wrinkle.turned import turned_warnings
-from wrinklecli.effects.wrinkle.warnings import tool_warnings
+from wrinklecli.effects.wrinkle.warnings import tool_warnings, turned_warnings
 from wrinklecli.effects.wrinkle.weights import fitting_compressible
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Ints, children, significant
@@ -230,7 +229,7 @@ def _check_tool(plan: MeshPlan, number: int, motions: Sequence[Motion], overlaps
             carried.patch.curve, ((each.seen.distances, each.seen.rest_lengths) for each in clips)
         ),
         "clips": [describe_clip(carried, each) for each in clips],
-        "warnings": tool_warnings(plan, carried, clips, up=up) + turned_warnings(plan, carried, clips),
+        "warnings": tool_warnings(plan, carried, clips, up=up) + turned_warnings(plan, skin_parts(plan)[number], clips),
     }
     if made and not clips:
         data["warnings"].append(f"{data['name']}: never shortens in the asset's range of motion: no wrinkle")

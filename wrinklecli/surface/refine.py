@@ -57,6 +57,8 @@ _ALL_BORDERS = 0b11110000
 # Fraction of the displacement below which edges do not become longer: there they are 1.5 times as long, so that none
 # across a furrow is longer than edges elsewhere. On the side of a wrist, longer ones turn normals by more than 10°.
 _LEAST_SHARE = 0.2
+# Visible departure of the refined surface from the old one at rest, over the greatest displacement.
+_DEPARTURE = 0.3
 
 
 @dataclass(frozen=True)
@@ -103,6 +105,10 @@ class Refinement:
     schemes: tuple[Scheme, ...]
     hard_shares: Floats
     departures: Floats
+
+    def departs(self, region: int) -> bool:
+        """True if refinement moves the surface at rest under a region of a number so much that one sees it."""
+        return bool(self.departures[region] > _DEPARTURE)
 
     @cached_property
     def normals(self) -> Floats:

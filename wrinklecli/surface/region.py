@@ -2,13 +2,14 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import ClassVar, Protocol
+from typing import ClassVar, Protocol, Self
 
 import numpy as np
 
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, flags_of
 from wrinklecli.numeric.subdivide import Subdivision
 from wrinklecli.surface.anchor import Anchor
+from wrinklecli.surface.path import Path
 from wrinklecli.surface.rest import Rest
 
 
@@ -33,6 +34,14 @@ class Region(Protocol):
     @property
     def anchors(self) -> Sequence[Anchor]:
         """Points on the surface; joints between two neighbouring anchors bend the region."""
+
+    @property
+    def path(self) -> Path:
+        """The line along its middle at rest, from u = 0 to u = 1."""
+
+    @property
+    def at_rest(self) -> "Region":
+        """The region with u and v as if they were found at rest."""
 
     @property
     def pose(self) -> Rest:
@@ -85,6 +94,9 @@ class Region(Protocol):
     def share(self, u: Floats, v: Floats, cosines: Floats) -> Floats:
         """(…,) fraction of the full displacement at points, from the cosines of their normals; 0 outside the region."""
 
+    def crests(self, u: Floats, v: Floats) -> Floats:
+        """(triangles, 3) phases of its bumps at corners: k at a foot, k + 1/2 on a crest; NaN where there is none."""
+
     def presence(self, u: Floats, v: Floats, cosines: Floats) -> Floats:
         """(…,) as `share`, but fading to 0 at both ends of the region too."""
 
@@ -128,9 +140,18 @@ class SmoothRegion(ABC):
         """None: edges are equally short everywhere."""
         return np.zeros(0)
 
+    @property
+    def at_rest(self) -> Self:
+        """The region itself."""
+        return self
+
     @abstractmethod
     def share(self, u: Floats, v: Floats, cosines: Floats) -> Floats:
         """(…,) fractions of the greatest displacement."""
+
+    def crests(self, u: Floats, _v: Floats) -> Floats:
+        """None: it is one round bump."""
+        return np.full(np.shape(u), np.nan)
 
     def presence(self, u: Floats, v: Floats, cosines: Floats) -> Floats:
         """(…,) as `share`, which fades in all directions."""

@@ -14,9 +14,9 @@ from wrinklecli.baking.job import BakeOptions, Job, ToolsPaths, read_job, tools_
 from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.character.contacts import Neighbours
 from wrinklecli.choices import MapKind
-from wrinklecli.effects.effect import MeshPlan, SamplingOptions
+from wrinklecli.effects.effect import Effect, MeshPlan, Part, SamplingOptions
+from wrinklecli.effects.plan import skin_parts
 from wrinklecli.effects.sampling import sample_effects
-from wrinklecli.effects.wrinkle.effect import WrinkleEffect
 from wrinklecli.errors import BakeError, counted, listed
 from wrinklecli.files.outputs import Outputs, part_of
 from wrinklecli.gltf.document import Document
@@ -182,20 +182,20 @@ def make_maps(
         files: dict[str, bytes] = {}
         for plan in plan_meshes(job):
             how = SamplingOptions(job.settings.sampling.fps, "morph", job.document.memory, progress)
-            effects = [each for each in sample_effects(plan, [], how)[0] if isinstance(each, WrinkleEffect)]
+            effects, _ = sample_effects(plan, [], how)
             nodes.append(_drives(job.document.gltf, plan, effects))
             warnings += _nameless(job.document, plan, effects)
             layouts = layouts_of(job.document, plan)
             shown: dict[int | None, list[Shown]] = {}
             # One after another, as the finely refined meshes of all tools at once would take the memory of all.
-            for done, effect in enumerate(effects):
+            for done, (effect, part) in enumerate(zip(effects, skin_parts(plan), strict=True)):
                 progress("refine", done, len(effects))
-                texel = _texel_size(plan, effect, layouts, options.size)
-                warnings += _too_few_texels(effect, texel)
-                for material, found in _shown_finely(job, plan, effect, neighbours, options, how, texel):
+                texel = _texel_size(plan, part, layouts, options.size)
+                warnings += _too_few_texels(part, texel)
+                for material, found in _shown_finely(job, plan, (effect, part), neighbours, options, how, texel):
                     shown.setdefault(material, []).extend(found)
             for layout in layouts:
-                made = _made(plan, effects, layout, shown.get(layout.material, []), options, warnings)
+                made = _made(plan, layout, shown.get(layout.material, []), options, warnings)
                 taken = {each["name"] for each in materials}
                 name = _file_name(layout.name, taken)
                 sets = [
@@ -233,7 +233,7 @@ def _file_name(name: str, taken: set[str]) -> str:
     return found
 
 
-def _drives(gltf: Json, plan: MeshPlan, effects: Sequence[WrinkleEffect]) -> Json:
+def _drives(gltf: Json, plan: MeshPlan, effects: Sequence[Effect]) -> Json:
     """The drives of a node's tools, as the extras of a baked node hold them."""
     rig = plan.rig
     drives = [each.drive for each in effects if each.drive is not None]
@@ -247,7 +247,7 @@ def _drives(gltf: Json, plan: MeshPlan, effects: Sequence[WrinkleEffect]) -> Jso
     }
 
 
-def _nameless(document: Document, plan: MeshPlan, effects: Sequence[WrinkleEffect]) -> list[str]:
+def _nameless(document: Document, plan: MeshPlan, effects: Sequence[Effect]) -> list[str]:
     """A warning if joints of drives have no names: the asset, which stays as it is, does not get any."""
     nodes = document.items("nodes")
     joints = sorted({node for each in effects if each.drive is not None for node in each.drive.nodes})
@@ -260,9 +260,9 @@ def _nameless(document: Document, plan: MeshPlan, effects: Sequence[WrinkleEffec
     ]
 
 
-def _texel_size(plan: MeshPlan, effect: WrinkleEffect, layouts: Sequence[Layout], size: int) -> float:
+def _texel_size(plan: MeshPlan, part: Part, layouts: Sequence[Layout], size: int) -> float:
     """The side of a texel on the surface at rest, scene units: the median under a tool; 0 if it has no texel."""
-    moved = flags_of(effect.carried.vertices, len(plan.fine.positions))
+    moved = flags_of(part.vertices, len(plan.fine.positions))
     sides = [np.zeros(0)]
     for layout in layouts:
         textured = layout.textured(plan, size)
@@ -274,33 +274,33 @@ def _texel_size(plan: MeshPlan, effect: WrinkleEffect, layouts: Sequence[Layout]
     return float(np.median(every[every > 0.0])) if every.any() else 0.0
 
 
-def _too_few_texels(effect: WrinkleEffect, texel: float) -> list[str]:
+def _too_few_texels(part: Part, texel: float) -> list[str]:
     """A warning if a tool's bumps have too few texels for their normals."""
-    patch = effect.carried.patch
-    width = 2.0 * patch.span / patch.curve.interval_count
+    width = part.attached.bump_width
     if not texel or width >= _LEAST_TEXELS * texel:
         return []
     return [
-        f"{effect.name}: a bump is {width / texel:.2g} texels wide, and normals between fewer than {_LEAST_TEXELS} are"
-        " off by more than 2°: raise --size, or give the place more of the texture"
+        f"{part.attached.tool.name}: a bump is {width / texel:.2g} texels wide, and normals between fewer than"
+        f" {_LEAST_TEXELS} are off by more than 2°: raise --size, or give the place more of the texture"
     ]
 
 
 def _shown_finely(
     job: Job,
     plan: MeshPlan,
-    effect: WrinkleEffect,
+    placed: tuple[Effect, Part],
     neighbours: Neighbours,
     options: MapOptions,
     how: SamplingOptions,
     texel: float,
 ) -> Iterator[tuple[int | None, list[Shown]]]:
-    """The shapes of a tool, with the number of each material that shows them."""
+    """The shapes of a tool, `placed` on its mesh, with the number of each material that shows them."""
     if not texel:
         return
-    patch, side = effect.carried.patch, options.size * options.supersample
-    samples = patch.span / patch.intervals / texel * options.supersample
-    fine, own = plan_finely(job, plan.rig.node, patch.tool, neighbours, how, most_edges=samples)
+    effect, part = placed
+    region, side = part.attached.regions[0], options.size * options.supersample
+    samples = region.span / region.intervals / texel * options.supersample
+    fine, own = plan_finely(job, plan.rig.node, part.attached.tool, neighbours, how, most_edges=samples)
     relief = Relief.of(own, fine.fine)
     for layout in layouts_of(job.document, fine):
         textured = layout.textured(fine, side)
@@ -310,7 +310,6 @@ def _shown_finely(
 
 def _made(
     plan: MeshPlan,
-    effects: Sequence[WrinkleEffect],
     layout: Layout,
     shown: Sequence[Shown],
     options: MapOptions,
@@ -320,7 +319,7 @@ def _made(
     if not shown:
         return []
     textured = layout.textured(plan, options.size)
-    moved = np.concatenate([each.carried.vertices for each in effects])
+    moved = np.concatenate([each.vertices for each in skin_parts(plan)])
     wrinkled = any_of(flags_of(moved, len(plan.fine.positions)), textured.triangles)
     charts, pairs = charted(layout.uvs, options.size)
     warnings += _overlaps(plan, layout, pairs, wrinkled, int(wrinkled[charts[charts >= 0]].sum()))
@@ -331,7 +330,7 @@ def _made(
 
 
 def _shown(
-    effect: WrinkleEffect,
+    effect: Effect,
     relief: Relief,
     textured: Textured,
     uvs: Floats,

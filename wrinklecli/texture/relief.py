@@ -11,13 +11,12 @@ import numpy as np
 
 from wrinklecli.baking.job import Job
 from wrinklecli.character.contacts import Neighbours
-from wrinklecli.effects.effect import MeshPlan, SamplingOptions
+from wrinklecli.effects.effect import Effect, MeshPlan, SamplingOptions
 from wrinklecli.effects.plan import plan_mesh
 from wrinklecli.effects.sampling import sample_effects
 from wrinklecli.effects.shapes import turn_to
-from wrinklecli.effects.wrinkle.effect import WrinkleEffect
 from wrinklecli.errors import BakeError, TooMuchError
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, flags_of, inverses, unit
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, distinct_values, flags_of, inverses, unit
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.tools.records import WrinkleTool
 
@@ -35,7 +34,7 @@ _CHUNK = 2**16
 
 def plan_finely(
     job: Job, node: int, tool: WrinkleTool, neighbours: Neighbours, how: SamplingOptions, *, most_edges: float
-) -> tuple[MeshPlan, WrinkleEffect]:
+) -> tuple[MeshPlan, Effect]:
     """Refine the mesh of a node under one tool as finely as maps need, whatever the tools file asks for.
 
     No file holds that mesh, so its new vertices may have any number of joints. A tool for which it would be too large
@@ -73,7 +72,7 @@ def plan_finely(
                 stored=False,
             )
             plan = replace(plan, has_normals=True)  # maps show normals, also of a mesh that has none
-            effect = next(each for each in sample_effects(plan, [], how)[0] if isinstance(each, WrinkleEffect))
+            (effect,), _ = sample_effects(plan, [], how)
         except (BakeError, TooMuchError):
             if refinement is own:
                 raise
@@ -118,16 +117,17 @@ class Relief:
     turns: Floats
 
     @classmethod
-    def of(cls, effect: WrinkleEffect, fine: Refinement) -> "Relief":
-        """Take a tool's shapes from its effect on a mesh."""
-        carried, shapes = effect.carried, [None if each is None else each.shape for each in effect.targets]
-        turned = [each.normal_vertices for each in shapes if each is not None]
-        vertices = np.unique(np.concatenate([carried.vertices, *turned]))
+    def of(cls, effect: Effect, fine: Refinement) -> "Relief":
+        """Take the shapes of an effect on a mesh."""
+        shapes = [None if each is None else each.shape for each in effect.targets]
+        changed = [part for each in shapes if each is not None for part in (each.vertices, each.normal_vertices)]
+        vertices = distinct_values(np.concatenate([np.zeros(0, np.intp), *changed]))
         heights, turns = np.zeros((len(shapes), len(vertices))), np.zeros((len(shapes), len(vertices), 3))
-        scaled = carried.shapes() * carried.patch.curve.greatest_amplitudes[..., None] * carried.magnitudes
-        heights[:, np.searchsorted(vertices, carried.vertices)] = scaled.reshape(len(shapes), -1)
         for number, shape in enumerate(shapes):
             if shape is not None:
+                moves = np.einsum("vij,vj->vi", fine.blended[shape.vertices, :, :3], shape.deltas)
+                normals = fine.rest_normals_at(shape.vertices)
+                heights[number, np.searchsorted(vertices, shape.vertices)] = np.einsum("vx,vx->v", moves, normals)
                 turns[number, np.searchsorted(vertices, shape.normal_vertices)] = shape.normal_deltas
         return cls(fine, vertices, heights, turns)
 

@@ -9,10 +9,11 @@ from kit.asset import Asset, attribute, stored
 from kit.carried import ROOTS, carry_patch, placed
 from kit.limb import limb_asset, tool
 from kit.prepared import prepare
+from wrinklecli.effects.turned import count_turned_over
 from wrinklecli.effects.wrinkle.bending import turns_of
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.creases import creased
-from wrinklecli.effects.wrinkle.turned import count_turned_over
+from wrinklecli.effects.wrinkle.part import WrinklePart
 from wrinklecli.surface.refine import Refinement
 
 # Scene units along the limb, whose radius is 0.25, over which skin weights change: a cut for a robot, and for skin.
@@ -57,7 +58,9 @@ def test_wrinkles_are_low_in_a_sharp_fold_and_whole_beside_it() -> None:
 
 def test_no_triangle_turns_over_where_skinning_turns_none() -> None:
     made, fine, before, after = lowered(limb_with(0.5, angle=60.0), tool(bumps=3, width=0.4, max_height="none"))
-    assert [count_turned_over(each, fine, made.rig, made.clip, 1.0) > 0 for each in (before, after)] == [True, False]
+    assert [
+        count_turned_over(WrinklePart(each, 0), fine, made.rig, made.clip, 1.0) > 0 for each in (before, after)
+    ] == [True, False]
 
 
 def test_factors_change_smoothly() -> None:

@@ -12,7 +12,6 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from wrinklecli.editor.attached import AttachedBelow, AttachedTool, PlayableMesh
-from wrinklecli.effects.touch.attach import AttachedTouch
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, among, distinct, distinct_values, face_normals, unit
 from wrinklecli.numeric.intersections import edges_of
 from wrinklecli.numeric.nearest import closest_point
@@ -155,28 +154,28 @@ def outline_of(tool: AttachedTool, mesh: PlayableMesh, body: int, colour: tuple[
 
     Lines are followed over the surface from the anchors: what is only near in space, such as the other leg, has none.
     """
-    patch, surface = tool.carried.patch, mesh.ground.surface
-    near = mesh.ground.rest.around.faces_of(distinct_values(surface.triangles[patch.members]))
+    region, surface = tool.patch.regions[0], mesh.ground.surface
+    near = mesh.ground.rest.around.faces_of(distinct_values(surface.triangles[region.members]))
     faces = np.flatnonzero(among(mesh.parents, near))
-    positions = mesh.positions_in(patch.pose)
+    positions = mesh.positions_in(region.pose)
     corners = positions[mesh.faces[faces]]
-    u, v = patch.coordinates(corners)
-    outward = patch.cosines(u.mean(axis=1), unit(face_normals(positions, mesh.faces[faces]))) > 0
+    u, v = region.coordinates(corners)
+    outward = region.cosines(u.mean(axis=1), unit(face_normals(positions, mesh.faces[faces]))) > 0
     places, ways = np.stack([u, v], axis=2), _Ways(positions, mesh.faces[faces])
     ends, ones = np.linspace(0.0, 1.0, _LINE_POINTS), np.ones(_LINE_POINTS)
-    anchors = distinct_values(np.concatenate([anchor.triangles for anchor in patch.anchors]))
+    anchors = distinct_values(np.concatenate([anchor.triangles for anchor in region.anchors]))
     middle = np.column_stack((ends, 0 * ends))
     found, _ = _located(middle, places, ways.order(np.flatnonzero(among(mesh.parents[faces], anchors)), outward))
     starts = distinct_values(found[found >= 0])
     lengths = ways.lengths(starts) if len(starts) else np.zeros(len(faces))
-    straight = np.abs(v).mean(axis=1) * patch.half_width
-    wanted = ways.order(starts, outward & (lengths <= _DETOUR * straight + _LEAST_WAY * patch.span))
+    straight = np.abs(v).mean(axis=1) * region.half_width
+    wanted = ways.order(starts, outward & (lengths <= _DETOUR * straight + _LEAST_WAY * region.span))
     # (u, v) of the four sides of the patch, and of the line from origin to target.
     sides_and_middle = [(ends, ones), (ends, -ones), (0 * ends, 2 * ends - 1), (ones, 2 * ends - 1), (ends, 0 * ends)]
     sought = [np.column_stack(line) for line in sides_and_middle]
-    for anchor in patch.anchors:
-        place = anchor.barycentrics @ patch.pose.positions[anchor.vertices]
-        sought.append(np.column_stack([np.atleast_1d(each) for each in patch.coordinates(place)]))
+    for anchor in region.anchors:
+        place = anchor.barycentrics @ region.pose.positions[anchor.vertices]
+        sought.append(np.column_stack([np.atleast_1d(each) for each in region.coordinates(place)]))
     # The edges are sought from the middle outwards: a wide patch may end where the surface faces away.
     sought += [np.column_stack([0.5 * ones, side * ends]) for side in (1.0, -1.0)]
     located = [_located(line, places, wanted) for line in sought]
@@ -190,14 +189,14 @@ def outline_of(tool: AttachedTool, mesh: PlayableMesh, body: int, colour: tuple[
     reached = np.cumprod(found[outwards] >= 0, axis=1).sum(axis=1)
     edges = [int(side[count - 1]) for side, count in zip(outwards, reached, strict=True) if count > 1]
     return ToolOutline(
-        name=patch.tool.name,
+        name=tool.patch.tool.name,
         colour=colour,
         points=SurfacePoints(body, faces[np.maximum(found, 0)], barycentrics),
         segments=segments,
         anchors=np.arange(lines.size, int(outwards[0, 0])),
         edges=np.array(edges, np.intp),
         skins=np.zeros(0, np.intp),
-        length=patch.span,
+        length=region.span,
     )
 
 
@@ -207,10 +206,9 @@ def outline_below(
     """Outline the skin that a muscle, flesh or a touch moves, on its mesh, the body of a number."""
     found, barycentrics = _border(mesh.smooth(below.excess), mesh.faces)
     lines, length, skins = len(found) // 2, below.span, np.zeros(0, np.intp)
-    if isinstance(below.attached, AttachedTouch):
-        place = below.attached.place
-        triangle, shares, _ = closest_point(mesh.rest_positions, mesh.faces, place.at)
-        skins, length = np.array([len(found)]), place.pad + place.reach
+    if (drag := below.attached.drag) is not None:
+        triangle, shares, _ = closest_point(mesh.rest_positions, mesh.faces, drag.at)
+        skins, length = np.array([len(found)]), drag.reach
         found, barycentrics = np.append(found, triangle), np.concatenate([barycentrics, shares[None]])
     return ToolOutline(
         name="",

@@ -12,9 +12,9 @@ from wrinklecli.editor.attached import AttachedTool
 from wrinklecli.editor.page.key_controls import as_written, key_controls
 from wrinklecli.editor.page.viewport import Hit, Viewport
 from wrinklecli.editor.page.widgets import ASKS, BAD, PageHost, add_button
-from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.errors import WrinkleError
 from wrinklecli.numeric.arrays import Floats
+from wrinklecli.surface.region import Region
 
 _WIDTH = next(control for control in key_controls() if control.key == "width")
 # Distance of two points over that from the eye, below which a hand means one: 5 pixels of a page of 800.
@@ -186,7 +186,7 @@ class Pointer:
         if kind == "anchor":
             self._move_point(name, number, hit, attached)
         elif attached is not None:
-            self._move_side(name, hit.place, attached.patch)
+            self._move_side(name, hit.place, attached.patch.regions[0])
 
     def _move_point(self, name: str, number: int, hit: Hit, attached: AttachedTool | None) -> None:
         """Move a point of a tool, which may be dragged back to where the tool fits."""
@@ -203,11 +203,11 @@ class Pointer:
             dragged=True,
         )
 
-    def _move_side(self, name: str, place: Floats, patch: Patch) -> None:
+    def _move_side(self, name: str, place: Floats, region: Region) -> None:
         """Let the side of a tool lie at a (3,) place at rest."""
-        percent = 200.0 * abs(float(patch.at_rest.coordinates(place)[1])) * patch.half_width / patch.span
+        percent = 200.0 * abs(float(region.at_rest.coordinates(place)[1])) * region.half_width / region.span
         before = next(tool.values.get("width") for tool in self._session.tools() if tool.name == name)
-        width = as_written(_WIDTH, max(round(percent, 1), _WIDTH.low), before, patch.span)
+        width = as_written(_WIDTH, max(round(percent, 1), _WIDTH.low), before, region.span)
         self._page.slide(
             (name, "width"),
             lambda draft: self._session.set_value(name, ("width",), width, draft=draft),

@@ -7,8 +7,8 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, ClassVar
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.effects.attached import Attached
-from wrinklecli.effects.effect import Effect, MeshPlan, Motion, SamplingOptions
+from wrinklecli.effects.attached import AnyAttached
+from wrinklecli.effects.effect import Effect, MeshPlan, Motion, Part, SamplingOptions
 from wrinklecli.effects.wrinkle.layer import WrinkleLayer
 from wrinklecli.errors import BakeError, listed, nearest
 from wrinklecli.gltf.document import Document
@@ -40,6 +40,8 @@ class ContactLayer:
     keyed_clips: ClassVar[frozenset[str]] = frozenset()
     sampled_numbers: ClassVar[int] = 0
     projected: ClassVar[int] = 0
+    parts: ClassVar[tuple[Part, ...]] = ()
+    is_solved: ClassVar[bool] = True
 
     @property
     def moved(self) -> Sequence[Ints]:
@@ -77,15 +79,24 @@ class ContactKind:
 
     section: ClassVar[str] = ContactLayer.section
 
+    @property
+    def is_installed(self) -> bool:
+        """True if the extra `contact` is installed."""
+        return find_spec("ipctk") is not None
+
     def lines(self, _entry: Json) -> list[str]:
         """Nothing, as `check` solves no fold."""
         return []
 
-    def attach(self, _tools: Sequence[EffectTool], _ground: Ground, _settings: ToolsFile) -> Sequence[Attached]:
+    def attach(self, _tools: Sequence[EffectTool], _ground: Ground, _settings: ToolsFile) -> Sequence[AnyAttached]:
         """Nothing."""
         return ()
 
-    def plan(self, plan: MeshPlan, ground: Ground, _attached: Sequence[tuple[int, Attached]]) -> ContactLayer | None:
+    def bound(self, attached: Sequence[AnyAttached], _ground: Ground) -> Sequence[AnyAttached]:
+        """They themselves."""
+        return attached
+
+    def plan(self, plan: MeshPlan, ground: Ground, _attached: Sequence[tuple[int, AnyAttached]]) -> ContactLayer | None:
         """Find the folds of the tools that ask for contact.
 
         Raises:
@@ -97,7 +108,7 @@ class ContactKind:
         if not chosen:
             return None
         tools = [carried[number].patch.tool for number in chosen]
-        if not has_contact():
+        if not self.is_installed:
             message = "contact needs ipctk, which is not installed: pip install 'wrinklecli[contact]'"
             raise BakeError(message, where=tools[0].place("contact"))
         # Imported here, as other bakes need none of it.
@@ -110,11 +121,6 @@ class ContactKind:
         obstacles = partial(read_scene_meshes, ground.document, ground.rig.node)
         folds, without = find_folds(carried, chosen, plan.fine, ground.rest, ground.rig, parts, obstacles)
         return ContactLayer(tuple(folds), tuple(carried[number].patch.tool.name for number in without))
-
-
-def has_contact() -> bool:
-    """True if the extra `contact` is installed."""
-    return find_spec("ipctk") is not None
 
 
 def _check_ignored(document: Document, tools: Sequence[WrinkleTool]) -> None:

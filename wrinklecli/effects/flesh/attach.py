@@ -8,7 +8,7 @@ import numpy as np
 
 from wrinklecli.character.contacts import contacts_of
 from wrinklecli.drive.swing import GRAVITY, Mode, SwingDrive
-from wrinklecli.effects.attached import Moves
+from wrinklecli.effects.attached import BelowSkin, Moves
 from wrinklecli.effects.flesh.kept import swings_of
 from wrinklecli.effects.flesh.mask import softness_of
 from wrinklecli.effects.flesh.tissue import Body, NoFleshError, Place, Swings
@@ -40,7 +40,7 @@ _LEAST_MOVE = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class AttachedFlesh:
+class AttachedFlesh(BelowSkin):
     """A region on the mesh at rest.
 
     Attributes:
@@ -70,8 +70,6 @@ class AttachedFlesh:
     moves: Moves = field(init=False)
 
     regions: ClassVar[tuple[Region, ...]] = ()
-    keyed_clips: ClassVar[tuple[str, ...]] = ()
-    drag: ClassVar[None] = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "moves", Moves(self.drive, self.deltas))

@@ -8,7 +8,7 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.drive.swing import nonnegative
-from wrinklecli.effects.attached import Attached
+from wrinklecli.effects.attached import AnyAttached
 from wrinklecli.effects.body import BodyLayer, body_targets
 from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.effects.flesh.attach import AttachedFlesh, attach_flesh
@@ -64,8 +64,9 @@ class FleshKind:
     """Flesh."""
 
     section: ClassVar[str] = FleshEffect.section
+    is_installed: ClassVar[bool] = True
 
-    def attach(self, tools: Sequence[EffectTool], ground: Ground, settings: ToolsFile) -> Sequence[Attached]:
+    def attach(self, tools: Sequence[EffectTool], ground: Ground, settings: ToolsFile) -> Sequence[AnyAttached]:
         """Attach the regions to joints and the surface at rest, and solve them.
 
         Raises:
@@ -74,9 +75,13 @@ class FleshKind:
         own = [tool for tool in tools if isinstance(tool, Flesh)]
         return attach_flesh(own, ground, settings) if own else []
 
-    def plan(self, plan: MeshPlan, _ground: Ground, attached: Sequence[tuple[int, Attached]]) -> FleshLayer | None:
+    def bound(self, attached: Sequence[AnyAttached], _ground: Ground) -> Sequence[AnyAttached]:
+        """They themselves: their shapes have their masks."""
+        return attached
+
+    def plan(self, plan: MeshPlan, _ground: Ground, attached: Sequence[tuple[int, AnyAttached]]) -> FleshLayer | None:
         """Let the refined surface carry the regions."""
-        return FleshLayer.of(plan, [each for _, each in attached if isinstance(each, AttachedFlesh)])
+        return FleshLayer.of(plan, [(number, each) for number, each in attached if isinstance(each, AttachedFlesh)])
 
     def lines(self, entry: Json) -> list[str]:
         """The lines of a region of flesh, and a table of its clips."""

@@ -5,14 +5,13 @@ Source: C. Larboulette, M.-P. Cani, B. Arnaldi, *Dynamic Skinning*, SCCG 2005.
 
 from collections.abc import Container, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.drive import Drive
 from wrinklecli.drive.segment import RestLength, Segment, Tension
-from wrinklecli.effects.attached import Moves
+from wrinklecli.effects.attached import BelowSkin, Moves
 from wrinklecli.effects.muscle.region import Bulge, bulges_on
 from wrinklecli.effects.muscle.shapes import Belly, RefinedSkin, displaced, modes_of
 from wrinklecli.effects.muscle.volume import ACTIVATION, FULLEST, ConstantVolume
@@ -41,7 +40,7 @@ _LEAST_SPAN = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class AttachedMuscle:
+class AttachedMuscle(BelowSkin):
     """A muscle on a mesh at rest.
 
     Attributes:
@@ -70,8 +69,6 @@ class AttachedMuscle:
     def idle(self) -> bool:
         """True if nothing ever changes its length: one bone carries both ends, and it has no activation."""
         return self.bones[0] == self.bones[1] and self.tool.activation is None
-
-    drag: ClassVar[None] = None
 
     @property
     def span(self) -> float:

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.effects.attached import Attached
+from wrinklecli.effects.attached import AnyAttached
 from wrinklecli.effects.body import BodyLayer, body_targets, moves_at_rest
 from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.effects.muscle.attach import AttachedMuscle, attach_muscles
@@ -53,8 +53,9 @@ class MuscleKind:
     """Muscles."""
 
     section: ClassVar[str] = MuscleEffect.section
+    is_installed: ClassVar[bool] = True
 
-    def attach(self, tools: Sequence[EffectTool], ground: Ground, settings: ToolsFile) -> Sequence[Attached]:
+    def attach(self, tools: Sequence[EffectTool], ground: Ground, settings: ToolsFile) -> Sequence[AnyAttached]:
         """Attach the muscles to the rig and the surface at rest.
 
         Raises:
@@ -63,9 +64,13 @@ class MuscleKind:
         own = [tool for tool in tools if isinstance(tool, Muscle)]
         return attach_muscles(own, ground, {tool.node for tool in settings.muscles}) if own else []
 
-    def plan(self, plan: MeshPlan, _ground: Ground, attached: Sequence[tuple[int, Attached]]) -> MuscleLayer | None:
+    def bound(self, attached: Sequence[AnyAttached], _ground: Ground) -> Sequence[AnyAttached]:
+        """They themselves: skin follows a muscle whatever lies on it."""
+        return attached
+
+    def plan(self, plan: MeshPlan, _ground: Ground, attached: Sequence[tuple[int, AnyAttached]]) -> MuscleLayer | None:
         """Let the refined surface carry the muscles."""
-        return MuscleLayer.of(plan, [each for _, each in attached if isinstance(each, AttachedMuscle)])
+        return MuscleLayer.of(plan, [(number, each) for number, each in attached if isinstance(each, AttachedMuscle)])
 
     def lines(self, entry: Json) -> list[str]:
         """The lines of a muscle, and a table of its clips."""

@@ -9,8 +9,9 @@ from typing import ClassVar
 import numpy as np
 
 from wrinklecli.effects.muscle.shapes import Belly, bell, spindle
-from wrinklecli.numeric.arrays import Floats, Ints
+from wrinklecli.numeric.arrays import Floats, Ints, unit
 from wrinklecli.surface.ground import Ground
+from wrinklecli.surface.path import Straight
 from wrinklecli.surface.region import SmoothRegion
 from wrinklecli.surface.rest import Rest
 
@@ -48,6 +49,14 @@ class Bulge(SmoothRegion):
     def half_width(self) -> float:
         """Half the belly's length, or half the width over which the skin follows."""
         return (self._length if self.turned else self._width) / 2.0
+
+    @property
+    def path(self) -> Straight:
+        """The line above the muscle, or across it, that touches the skin in the middle."""
+        belly = self.belly
+        along = np.cross(belly.axis, belly.side) if self.turned else unit(belly.insertion - belly.origin)
+        middle, normal = belly.foot + belly.depth * belly.side, unit(belly.side - (belly.side @ along) * along)
+        return Straight(middle - 0.5 * self.span * along, along, normal, self.span)
 
     @property
     def _length(self) -> float:

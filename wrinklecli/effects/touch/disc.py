@@ -9,6 +9,7 @@ import numpy as np
 
 from wrinklecli.effects.touch.skin import Place
 from wrinklecli.numeric.arrays import Floats, Ints, smoothstep, unit
+from wrinklecli.surface.path import Straight
 from wrinklecli.surface.region import SmoothRegion
 from wrinklecli.surface.rest import Rest
 
@@ -54,6 +55,12 @@ class Disc(SmoothRegion):
     def half_width(self) -> float:
         """The radius."""
         return self.radius
+
+    @property
+    def path(self) -> Straight:
+        """The diameter along the axis."""
+        along = self.place.axes[int(self.turned)]
+        return Straight(self.place.at - self.radius * along, along, self.place.axes[2], self.span)
 
     def coordinates(self, positions: Floats) -> tuple[Floats, Floats]:
         """(…,) u from 0 to 1 along the axis and v across, of (…, 3) world positions at rest."""

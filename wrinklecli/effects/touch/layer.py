@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.effects.attached import Attached
+from wrinklecli.effects.attached import AnyAttached
 from wrinklecli.effects.body import BodyLayer, body_targets
 from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.effects.touch.attach import FOLDED, AttachedTouch, attach_touches, touches_of
@@ -61,8 +61,9 @@ class TouchKind:
     """Touches."""
 
     section: ClassVar[str] = TouchEffect.section
+    is_installed: ClassVar[bool] = True
 
-    def attach(self, tools: Sequence[EffectTool], ground: Ground, settings: ToolsFile) -> Sequence[Attached]:
+    def attach(self, tools: Sequence[EffectTool], ground: Ground, settings: ToolsFile) -> Sequence[AnyAttached]:
         """Attach the touches to the surface at rest, and solve the slide of its skin.
 
         Raises:
@@ -71,9 +72,13 @@ class TouchKind:
         own = touches_of(tools)
         return attach_touches(own, ground, settings) if own else []
 
-    def plan(self, plan: MeshPlan, _ground: Ground, attached: Sequence[tuple[int, Attached]]) -> TouchLayer | None:
+    def bound(self, attached: Sequence[AnyAttached], _ground: Ground) -> Sequence[AnyAttached]:
+        """They themselves: their shapes have their masks."""
+        return attached
+
+    def plan(self, plan: MeshPlan, _ground: Ground, attached: Sequence[tuple[int, AnyAttached]]) -> TouchLayer | None:
         """Let the refined surface carry the touches."""
-        return TouchLayer.of(plan, [each for _, each in attached if isinstance(each, AttachedTouch)])
+        return TouchLayer.of(plan, [(number, each) for number, each in attached if isinstance(each, AttachedTouch)])
 
     def lines(self, entry: Json) -> list[str]:
         """The lines of a touch, and a table of its clips."""

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.effects.attached import Attached
+from wrinklecli.effects.attached import AnyAttached
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, SamplingOptions
 from wrinklecli.effects.wrinkle.attach import attach_tools
 from wrinklecli.effects.wrinkle.bounds import bounded
@@ -17,6 +17,7 @@ from wrinklecli.effects.wrinkle.demand import demanding
 from wrinklecli.effects.wrinkle.effect import WrinkleEffect
 from wrinklecli.effects.wrinkle.forecast import expected_shapes
 from wrinklecli.effects.wrinkle.lines import lines_of
+from wrinklecli.effects.wrinkle.part import WrinklePart
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.effects.wrinkle.sample import most_overlaps, sample_wrinkles
 from wrinklecli.effects.wrinkle.warnings import departure_warnings, twin_warnings
@@ -45,6 +46,12 @@ class WrinkleLayer:
     section: ClassVar[str] = WrinkleEffect.section
     drives_alone: ClassVar[bool] = False
     samples_anew: ClassVar[bool] = True
+    is_solved: ClassVar[bool] = False
+
+    @property
+    def parts(self) -> Sequence[WrinklePart]:
+        """The tools."""
+        return [WrinklePart(each, self.first + number) for number, each in enumerate(self.carried_patches)]
 
     @property
     def moved(self) -> Sequence[Ints]:
@@ -102,26 +109,34 @@ class WrinkleLayer:
     def warnings(self, plan: MeshPlan, clips: Sequence[Clip]) -> list[str]:
         """Tools at one place, and tools under which the refined surface departs from the old one."""
         twins = twin_warnings(self.carried_patches, clips, where=plan.rig.names[plan.rig.node])
-        return twins + departure_warnings(plan, self.carried_patches, self.first)
+        return twins + departure_warnings(plan.fine, self.parts)
 
 
 class WrinkleKind:
     """Wrinkling tools."""
 
     section: ClassVar[str] = WrinkleLayer.section
+    is_installed: ClassVar[bool] = True
     lines = staticmethod(lines_of)
 
-    def attach(self, tools: Sequence[EffectTool], ground: Ground, settings: ToolsFile) -> Sequence[Attached]:
+    def attach(self, tools: Sequence[EffectTool], ground: Ground, settings: ToolsFile) -> Sequence[AnyAttached]:
         """Attach the tools to the surface at rest.
 
         Raises:
             WrinkleError: Tools do not fit, a line for each.
         """
         own = [tool for tool in tools if isinstance(tool, WrinkleTool)]
-        patches = attach_tools(own, ground.surface, ground.rest, ground.rig, up=settings.up, clips=ground.clips)
-        return bounded(patches, ground)
+        return attach_tools(own, ground.surface, ground.rest, ground.rig, up=settings.up, clips=ground.clips)
 
-    def plan(self, plan: MeshPlan, ground: Ground, attached: Sequence[tuple[int, Attached]]) -> WrinkleLayer | None:
+    def bound(self, attached: Sequence[AnyAttached], ground: Ground) -> Sequence[AnyAttached]:
+        """Let the tools end at hems, seams and creases, and where masks are 0.
+
+        Raises:
+            WrinkleError: Masks do not fit, a line for each.
+        """
+        return bounded([each for each in attached if isinstance(each, Patch)], ground)
+
+    def plan(self, plan: MeshPlan, ground: Ground, attached: Sequence[tuple[int, AnyAttached]]) -> WrinkleLayer | None:
         """Let the refined surface carry the tools.
 
         Raises:

@@ -4,6 +4,7 @@ Source: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, Computer Graph
 influence region. Differs: displacement fades where the surface turns away; and (u, v) are those at rest.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -15,6 +16,7 @@ from wrinklecli.effects.wrinkle.curve import ControlCurve
 from wrinklecli.effects.wrinkle.places import Places, bowed
 from wrinklecli.effects.wrinkle.reach import Reach
 from wrinklecli.effects.wrinkle.variation import Variation, attenuation
+from wrinklecli.effects.wrinkle.weights import fitting_compressible
 from wrinklecli.numeric.arrays import Floats, Ints, smoothstep
 from wrinklecli.numeric.subdivide import Subdivision
 from wrinklecli.surface.anchor import Anchor
@@ -25,6 +27,8 @@ from wrinklecli.tools.records import WrinkleTool
 
 # Cosines of vertex and patch normal between which displacement fades in.
 _FACING = (0.2, 0.6)
+# Height at which there is hardly any crest, over the tool's.
+_LOW = 0.05
 # Points of a line on each control interval for its length, whose relative error is about 1e-4.
 _LINE_POINTS = 24
 # Stretches of a path's map between which displacement fades in. On the inside of a bend wrinkles would meet at 0.
@@ -182,6 +186,15 @@ class Patch:
         """(…,) fractions of the tool's height at (…,) places: `factors` without strength."""
         return np.abs(self.factors(u, v, cosines) / self.shape_strength)
 
+    def crests(self, u: Floats, v: Floats) -> Floats:
+        """(triangles, 3) phases of the control curve at the corners of triangles; NaN where there is hardly any height.
+
+        It is NaN too for triangles within which two bumps become one.
+        """
+        places = self.places(u, v, np.ones(u.shape))
+        low = np.abs(places.factors) < _LOW * abs(self.shape_strength)
+        return np.where(low, np.nan, places.phases(self.curve))
+
     def presence(self, u: Floats, v: Floats, cosines: Floats) -> Floats:
         """(…,) fractions of the tool's height that places may have, from 0 at the patch's border to 1.
 
@@ -216,6 +229,21 @@ class Patch:
     def nominal_height(self) -> float:
         """Greatest height of the control curve, scene units."""
         return self.curve.greatest_height
+
+    @property
+    def height_limit(self) -> float:
+        """Greatest height of a bump at a strength of 1, scene units; infinite if there is none."""
+        return self.curve.max_height
+
+    @property
+    def bump_width(self) -> float:
+        """The width of a bump on the segment at rest, scene units."""
+        return 2.0 * self.span / self.curve.interval_count
+
+    def fitting_compressible(self, lengths: Iterable[tuple[Floats, Floats]], height: float | None = None) -> float:
+        """The `compressible` with which all bumps are just full at the greatest shortening, 0 to 1."""
+        curve = self.curve if height is None else replace(self.curve, max_height=height)
+        return fitting_compressible(curve, lengths)
 
     @property
     def greatest_height(self) -> float:

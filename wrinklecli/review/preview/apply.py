@@ -11,10 +11,9 @@ from wrinklecli.baking.estimate import refuse_too_much
 from wrinklecli.baking.job import BakeOptions, Job, read_job
 from wrinklecli.baking.morphs import encode_morphs
 from wrinklecli.baking.plan import plan_meshes
-from wrinklecli.effects.contact.layer import ContactLayer
 from wrinklecli.effects.effect import MeshPlan, SamplingOptions
+from wrinklecli.effects.plan import skin_parts
 from wrinklecli.effects.sampling import sample_effects
-from wrinklecli.effects.wrinkle.layer import carried_patches_of
 from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.edited_document import EditedDocument
@@ -48,7 +47,7 @@ class PlannedTools:
     @property
     def tool_count(self) -> int:
         """The number of tools, with those that do not fit."""
-        return len(self.misfits) + sum(len(carried_patches_of(plan)) for plan in self.plans)
+        return len(self.misfits) + sum(len(skin_parts(plan)) for plan in self.plans)
 
 
 def plan_tools(asset: Document, tools: str | os.PathLike[str], options: BakeOptions) -> PlannedTools:
@@ -88,8 +87,7 @@ def without_contact(planned: PlannedTools) -> tuple[PlannedTools, list[str]]:
     """
     asked = [tool.name for tool in planned.settings.tools if tool.contact is not None]
     left = tuple(
-        replace(plan, layers=tuple(each for each in plan.layers if not isinstance(each, ContactLayer)))
-        for plan in planned.plans
+        replace(plan, layers=tuple(each for each in plan.layers if not each.is_solved)) for plan in planned.plans
     )
     if all(len(plan.layers) == len(before.layers) for plan, before in zip(left, planned.plans, strict=True)):
         return planned, []

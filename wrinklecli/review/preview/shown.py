@@ -17,7 +17,7 @@ from wrinklecli.character.pose import morph_weights
 from wrinklecli.character.scene import ScenePrimitive, read_scene
 from wrinklecli.character.skin import PosedMesh
 from wrinklecli.effects.effect import MeshPlan
-from wrinklecli.effects.wrinkle.layer import carried_patches_of
+from wrinklecli.effects.plan import skin_parts
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.pixels import linear_rgb
 from wrinklecli.numeric.arrays import Array, Floats, Ints, among, children, distinct_values, face_normals, unit
@@ -31,8 +31,6 @@ from wrinklecli.review.preview.render import Snapshot
 _TRIANGLE_BYTES = 1250
 # The greatest base colour, linear RGB: white, as assets without textures are, would show no relief in the light.
 _BRIGHTEST = 0.65
-# Crests are drawn where the height is at least this part of the tool's.
-_LOW = 0.05
 # Colours of tools, sRGB: they differ on skin, on cloth, and for most people who confuse colours.
 INKS: tuple[Colour, ...] = (
     (0.86, 0.08, 0.24),
@@ -146,7 +144,7 @@ class ShownAsset:
 
 def tool_names(plans: Sequence[MeshPlan]) -> list[str]:
     """The names of all tools, in the order of their colours."""
-    return [carried.patch.tool.name for plan in plans for carried in carried_patches_of(plan)]
+    return [part.attached.tool.name for plan in plans for part in skin_parts(plan)]
 
 
 def read_shown(
@@ -194,29 +192,27 @@ def _marks(source: ScenePrimitive, plans: Sequence[MeshPlan], refined: bool) -> 
         else:  # as stored in the file
             parents = np.flatnonzero(fine.surface.primitives == source.primitive)
             welded = primitive.weld[source.triangles]
-        for carried in carried_patches_of(plan):
-            patch = carried.patch
+        for part in skin_parts(plan):
+            tool, region = part.attached.tool, part.attached.regions[0]
             # Triangles around the members too, because the ends of the segment lie on the rectangle's edge.
-            around = plan.rest.around.faces_of(distinct_values(fine.surface.triangles[patch.members]))
+            around = plan.rest.around.faces_of(distinct_values(fine.surface.triangles[region.members]))
             triangles = children(parents, around)
-            inside = among(parents[triangles], patch.members)
+            inside = among(parents[triangles], region.members)
             vertices, corners = np.unique(welded[triangles], return_inverse=True)
             corners = corners.reshape(-1, 3)
-            positions, normals = fine.posed_at(patch.pose, vertices)
-            u, v = patch.coordinates(positions[corners])
-            shown = inside | (patch.cosines(u.mean(axis=1), normals[corners].sum(axis=1)) > 0)
+            positions, normals = fine.posed_at(region.pose, vertices)
+            u, v = region.coordinates(positions[corners])
+            shown = inside | (region.cosines(u.mean(axis=1), normals[corners].sum(axis=1)) > 0)
             triangles, inside, u, v = triangles[shown], inside[shown], u[shown], v[shown]
-            places = patch.places(u, v, np.ones(u.shape))
-            low = np.abs(places.factors) < _LOW * abs(patch.shape_strength)
             yield Mark(
-                name=patch.tool.name,
+                name=tool.name,
                 triangles=triangles,
                 inside=inside,
-                places=np.stack([u * patch.span, v * patch.half_width], axis=2),
-                span=patch.span,
-                half_width=patch.half_width,
-                colour=INKS[names.index(patch.tool.name) % len(INKS)],
-                phases=np.where(low, np.nan, places.phases(patch.curve)),
+                places=np.stack([u * region.span, v * region.half_width], axis=2),
+                span=region.span,
+                half_width=region.half_width,
+                colour=INKS[names.index(tool.name) % len(INKS)],
+                phases=region.crests(u, v),
             )
 
 

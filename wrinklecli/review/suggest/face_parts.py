@@ -20,7 +20,7 @@ from wrinklecli.numeric.arrays import Bools, Floats, unit, weighted_quantiles
 from wrinklecli.numeric.nearest import nearest_of
 from wrinklecli.review.suggest.choice import rims_of
 from wrinklecli.review.suggest.face_targets import FaceTarget, Side
-from wrinklecli.review.suggest.measure import MeasuredMesh
+from wrinklecli.review.suggest.measure import MeasuredMesh, ground_of
 from wrinklecli.review.suggest.substance import read_makeup, substance_of
 from wrinklecli.surface.compression import sites_with_twins
 from wrinklecli.surface.rest import rest_pose
@@ -164,7 +164,7 @@ def read_face(document: Document, rig: Rig, targets: Sequence[FaceTarget], node:
         left, middle = np.array([np.sign(left[0]), 0.0, 0.0]), middle * [0.0, 1.0, 1.0]
         up = unit(up * [0.0, 1.0, 1.0])
     return Face(
-        mesh=MeasuredMesh(sites, (), (), node),
+        mesh=MeasuredMesh(ground_of(document, sites.gauge), sites, (), (), node),
         targets=tuple(motion.targets),
         moved=motion.moved,
         middle=middle,

@@ -13,7 +13,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.motion import motion_clip, raising
 from wrinklecli.character.rig import Rig, read_rig
 from wrinklecli.character.surface import read_surface
-from wrinklecli.effects.wrinkle.patch import Patch
+from wrinklecli.effects.attached import Attached
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats, significant, unit, weighted_quantiles
 from wrinklecli.review.suggest.candidates import Candidate
@@ -320,7 +320,7 @@ def _times(clip: Clip) -> Floats:
     return np.linspace(clip.start, clip.end, int(np.clip(_FPS * (clip.end - clip.start), _POSES, _MOST_POSES)))
 
 
-def _placed(face: Face, region: FaceRegion, candidate: Candidate, side: Side) -> list[Patch] | None:
+def _placed(face: Face, region: FaceRegion, candidate: Candidate, side: Side) -> list[Attached[WrinkleTool]] | None:
     """Attach the tool of a candidate, or a pair, clear of lids and lips: narrower, or moved off; None if none fits."""
     least = region.width * face.size
     wide = max(width_of(candidate), least)
@@ -354,8 +354,8 @@ def _moved(face: Face, candidate: Candidate, by: Floats) -> Candidate:
 
 
 def _by_weight(
-    mesh: MeasuredMesh, patches: list[Patch], shortenings: list[dict[str, Shortening]], morph: str
-) -> tuple[list[Patch], list[dict[str, Shortening]]]:
+    mesh: MeasuredMesh, patches: list[Attached[WrinkleTool]], shortenings: list[dict[str, Shortening]], morph: str
+) -> tuple[list[Attached[WrinkleTool]], list[dict[str, Shortening]]]:
     """Let the weight of a morph target make the wrinkles, as the skin between two brows hardly shortens itself."""
     for full in FULL_BY_WEIGHT:
         length = RestLengthMorph(morph, Length(full, percent=True))
@@ -376,12 +376,13 @@ def _drawn(region: FaceRegion, candidate: Candidate, name: str, width: float) ->
     return replace(tool, strength=-1.0, profile="smooth") if region.furrow else tool
 
 
-def _near_rims(face: Face, patch: Patch) -> Floats | None:
-    """(3,) the middle of the places on lids and lips where a patch has more than hardly any height; None if nowhere."""
+def _near_rims(face: Face, patch: Attached[WrinkleTool]) -> Floats | None:
+    """(3,) the middle of the places on lids and lips where a tool has more than hardly any height; None if nowhere."""
     sites = face.mesh.sites
-    laid = patch.at_rest
-    shares = np.abs(laid.magnitudes(*laid.coordinates(sites.positions), sites.normals) / patch.shape_strength)
+    region = patch.regions[0].at_rest
+    u, v = region.coordinates(sites.positions)
+    shares = region.share(u, v, region.cosines(u, sites.normals))
     # Teeth and the inside of lips lie under a patch and are none of its triangles.
-    under = sites.gather[:, np.isin(sites.gauge.numbers, patch.members)].sum(axis=1) > 0
+    under = sites.gather[:, np.isin(sites.gauge.numbers, region.members)].sum(axis=1) > 0
     reached = ~face.free & (shares > _FADED) & under
     return np.asarray(sites.positions[reached].mean(axis=0)) if reached.any() else None

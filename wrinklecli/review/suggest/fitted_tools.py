@@ -12,7 +12,7 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import node_matrices
 from wrinklecli.choices import Part, Profile
-from wrinklecli.effects.wrinkle.patch import Patch
+from wrinklecli.effects.attached import Attached
 from wrinklecli.numeric.arrays import Floats, unit, weighted_quantiles
 from wrinklecli.review.suggest.buckling import crossing_pair, limb_radius
 from wrinklecli.review.suggest.candidates import Candidate
@@ -28,6 +28,7 @@ from wrinklecli.review.suggest.shortening import (
 )
 from wrinklecli.review.suggest.substance import Substance
 from wrinklecli.surface.path import Curve
+from wrinklecli.surface.region import Region
 from wrinklecli.surface.sites import at_sites
 from wrinklecli.surface.strain import principal, unscaled_pose
 from wrinklecli.surface.trace import CLEAR_LOSS, find_segment, trace
@@ -163,7 +164,7 @@ class _Fitted:
     """Suggestions for a place, two if they cross, with the patches of their tools and of the twins of those."""
 
     suggestions: list[Suggestion]
-    patches: list[Patch]
+    patches: list[Attached[WrinkleTool]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,19 +190,22 @@ class _Search:
         """Suggestions, best first."""
         order = sorted(candidates, key=lambda each: -each.score)
         search = self
-        placed: list[tuple[MeasuredMesh, Patch]] = []
+        placed: list[tuple[MeasuredMesh, Region]] = []
         for candidate in order:
             if candidate.score < _LEAST_SCORE * order[0].score:
                 break
-            others = [patch for mesh, patch in placed if mesh is candidate.mesh]
-            if any(_covers(patch, candidate.region.centre, candidate.region.normal) for patch in others):
+            others = [region for mesh, region in placed if mesh is candidate.mesh]
+            if any(_covers(region, candidate.region.centre, candidate.region.normal) for region in others):
                 continue
             fitted = search._fit(candidate)
-            if fitted is None or any(_overlap(patch, other) for patch in fitted.patches for other in others):
+            if fitted is None:
+                continue
+            regions = [patch.regions[0] for patch in fitted.patches]
+            if any(_overlap(region, other) for region in regions for other in others):
                 continue
             suggestion = fitted.suggestions[0]
             key = (candidate.mesh.rig.node, suggestion.driver)
-            placed += [(candidate.mesh, patch) for patch in fitted.patches]
+            placed += [(candidate.mesh, region) for region in regions]
             search = replace(
                 search,
                 names=search.names | {patch.tool.identifier for patch in fitted.patches},
@@ -273,7 +277,7 @@ class _Search:
             patches = attached(mesh, renamed(tools, stem, self.names))
             if patches is None:
                 continue
-            if len(patches) == 2 and _overlap(*patches):
+            if len(patches) == 2 and _overlap(*(patch.regions[0] for patch in patches)):
                 if self.one_sided:
                     continue
                 return None
@@ -288,7 +292,7 @@ class _Search:
         return None
 
     def _suggested(
-        self, candidate: Candidate, patches: list[Patch], shortenings: list[dict[str, Shortening]]
+        self, candidate: Candidate, patches: list[Attached[WrinkleTool]], shortenings: list[dict[str, Shortening]]
     ) -> _Fitted | None:
         """A tool, or a pair whose first one is written; None if there is no room for its bumps."""
         mesh, driver, best = candidate.mesh, candidate.driver, greatest(shortenings[0])
@@ -299,7 +303,6 @@ class _Search:
         tools = with_rising_bumps(mesh, patches, every, height=height)
         if tools is None:
             return None
-        patches = [replace(each, tool=tool) for each, tool in zip(patches, tools, strict=True)]
         twin = greatest(shortenings[1]) if len(tools) == 2 else None
         suggestion = Suggestion(
             tool=tools[0],
@@ -320,7 +323,7 @@ class _Search:
         )
         lower: Suggestion | None = None
         for part in _LOWER:
-            found = with_lower_bumps(patches, every, part)
+            found = with_lower_bumps(patches, tools, every, part)
             lower = lower if found is None else replace(suggestion, tool=found[0], lower=lower)
         suggestion = replace(suggestion, lower=lower)
         if suggestion.tool.profile != _WIDE_FURROWS and not candidate.by_morph:
@@ -332,19 +335,19 @@ class _Search:
         return _Fitted([suggestion], patches)
 
 
-def _covers(patch: Patch, place: Floats, normal: Floats) -> bool:
-    """True if a place with this normal lies well within a patch."""
-    patch = patch.at_rest
-    u, v = patch.coordinates(place)
-    height = abs(float(patch.path.depths(place)))
-    on = 0.0 <= u <= 1.0 and abs(v) <= _WITHIN and height < _ABOVE * max(patch.span, patch.half_width)
-    return bool(on and patch.cosines(u, normal) > 0)
+def _covers(region: Region, place: Floats, normal: Floats) -> bool:
+    """True if a place with this normal lies well within a region."""
+    region = region.at_rest
+    u, v = region.coordinates(place)
+    height = abs(float(region.path.depths(place)))
+    on = 0.0 <= u <= 1.0 and abs(v) <= _WITHIN and height < _ABOVE * max(region.span, region.half_width)
+    return bool(on and region.cosines(u, normal) > 0)
 
 
-def _overlap(first: Patch, second: Patch) -> bool:
-    """True if the middle of one patch lies on the other."""
+def _overlap(first: Region, second: Region) -> bool:
+    """True if the middle of one region lies on the other."""
     middles = [each.path.middle for each in (first, second)]
-    return _covers(second, middles[0], first.normal) or _covers(first, middles[1], second.normal)
+    return _covers(second, middles[0], first.path.normal) or _covers(first, middles[1], second.path.normal)
 
 
 def _near_joint(candidate: Candidate) -> Candidate | None:
@@ -381,7 +384,7 @@ class _Refined:
     """A candidate with refined ends; its straight tool, and that tool's greatest shortening, None if none attaches."""
 
     candidate: Candidate
-    patch: Patch | None
+    patch: Attached[WrinkleTool] | None
     moment: Shortening | None
 
     @classmethod
@@ -420,7 +423,7 @@ def _curved(refined: _Refined) -> Candidate:
         # A finger bends about one axis, so its creases run straight across.
         return candidate
     tensors = _tensors(mesh, moment)
-    askew = _misalignment(mesh, straight, tensors)
+    askew = _misalignment(mesh, straight.regions[0], tensors)
     if askew < _ASKEW:
         return candidate
     best, least = candidate, max(_BETTER * askew, min(_ASKEW, askew))
@@ -432,7 +435,7 @@ def _curved(refined: _Refined) -> Candidate:
         # A path is shortest at another time than the straight line between its ends.
         moment, before = greatest(shortenings_of(mesh, patch)), moment
         tensors = _tensors(mesh, moment)
-        angle = _misalignment(mesh, patch, tensors)
+        angle = _misalignment(mesh, patch.regions[0], tensors)
         if angle < least:
             best, least = curved, angle
         if least < _ASKEW or (moment.clip is before.clip and moment.time == before.time):
@@ -446,29 +449,29 @@ def _tensors(mesh: MeasuredMesh, moment: Shortening) -> Floats:
     return tensors
 
 
-def _misalignment(mesh: MeasuredMesh, patch: Patch, tensors: Floats) -> float:
-    """Median angle between a tool and the strongest compression of a pose, weighted by area, degrees.
+def _misalignment(mesh: MeasuredMesh, region: Region, tensors: Floats) -> float:
+    """Median angle between a region and the strongest compression of a pose, weighted by area, degrees.
 
     `tensors` are (sites, 6) loss tensors of the pose.
     """
-    sites, patch = mesh.sites, patch.at_rest
-    members = np.isin(mesh.gauge.numbers, patch.members)
+    sites, region = mesh.sites, region.at_rest
+    members = np.isin(mesh.gauge.numbers, region.members)
     under = np.flatnonzero(sites.gather[:, members].sum(axis=1))
-    u, v = patch.coordinates(sites.positions[under])
-    present = np.abs(patch.magnitudes(u, v, sites.normals[under]) / patch.shape_strength) > _PRESENT
+    u, v = region.coordinates(sites.positions[under])
+    present = region.share(u, v, region.cosines(u, sites.normals[under])) > _PRESENT
     on, u = under[present], u[present]
     losses, directions = principal(tensors[on], sites.normals[on])
     strained = losses > CLEAR_LOSS * losses.max(initial=0.0)
     on, u, directions = on[strained], u[strained], directions[strained]
     if not len(on):
         return 0.0
-    along = patch.path.directions(u)
+    along = region.path.directions(u)
     along = unit(along - np.sum(along * sites.normals[on], axis=1)[:, None] * sites.normals[on])
     angles = np.degrees(np.arccos(np.clip(np.abs(np.sum(along * directions, axis=1)), 0.0, 1.0)))
     return float(weighted_quantiles(angles, sites.areas[on], np.array([0.5]))[0])
 
 
-def _traced(candidate: Candidate, tensors: Floats) -> tuple[Candidate, Patch] | None:
+def _traced(candidate: Candidate, tensors: Floats) -> tuple[Candidate, Attached[WrinkleTool]] | None:
     """A candidate with a path along the strongest compression of a pose, attached; None if that makes no tool.
 
     `tensors` are (sites, 6) loss tensors of the pose.
@@ -480,9 +483,10 @@ def _traced(candidate: Candidate, tensors: Floats) -> tuple[Candidate, Patch] | 
         return None
     curved = replace(candidate, origin=points[0], between=points[1:-1], target=points[-1])
     wide = _probe(curved, width_of(candidate))
-    if wide is None or not isinstance(wide.path, Curve):
+    path = None if wide is None else wide.regions[0].path
+    if not isinstance(path, Curve):
         return None
-    curved = replace(curved, widest=2.0 * _OF_RADIUS * wide.path.sharpest[0])
+    curved = replace(curved, widest=2.0 * _OF_RADIUS * path.sharpest[0])
     patch = _probe(curved)
     if patch is None or width_of(curved) < _LEAST_WIDTH * width_of(candidate):
         return None
@@ -512,7 +516,7 @@ def _of_side(mesh: MeasuredMesh, driver: str, tool: str) -> str:
     return next(named, driver)
 
 
-def _probe(candidate: Candidate, width: float | None = None) -> Patch | None:
+def _probe(candidate: Candidate, width: float | None = None) -> Attached[WrinkleTool] | None:
     """The tool of a candidate, attached; None if a bake would refuse it."""
     patches = attached(candidate.mesh, [tool_of(candidate, "probe", width or width_of(candidate))])
     return patches[0] if patches else None

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from wrinklecli.character.clip import Clip
+from wrinklecli.character.contacts import Neighbours
 from wrinklecli.character.rig import Rig, moving_nodes, read_hierarchy, read_rig
 from wrinklecli.character.scene import deforms, scene_nodes
 from wrinklecli.character.surface import read_surface
@@ -17,6 +18,7 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.guard import Progress
 from wrinklecli.review.suggest.suggest_options import SuggestOptions
+from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.rest import Rest, rest_pose
 from wrinklecli.surface.sites import Peaks, Sites, find_peaks, spread_sites
 from wrinklecli.surface.strain import Gauge, read_gauge
@@ -43,7 +45,8 @@ class MeasuredMesh:
     """A deforming mesh and the clips that move it.
 
     Attributes:
-        sites: Points spread over the mesh.
+        ground: The mesh at rest.
+        sites: Points spread over it.
         clips: Those that move it.
         times: (frames,) seconds of each clip at which tools are measured.
         node: The name of its node as a tool must give it; None if a tool need not.
@@ -51,6 +54,7 @@ class MeasuredMesh:
         known_rows: The `node_rows` of nodes posed so far, by a clip's name and its number of poses.
     """
 
+    ground: Ground
     sites: Sites
     clips: tuple[Clip, ...]
     times: tuple[Floats, ...]
@@ -77,6 +81,11 @@ class MeasuredMesh:
     def rest(self) -> Rest:
         """The stored pose."""
         return self.gauge.rest
+
+
+def ground_of(document: Document, gauge: Gauge, neighbours: Neighbours | None = None) -> Ground:
+    """The mesh of a gauge at rest, among the neighbours in its document."""
+    return Ground(document, gauge.rig, gauge.surface, gauge.rest, (), neighbours or Neighbours(document))
 
 
 def find_mesh_nodes(document: Document, options: SuggestOptions) -> tuple[dict[int, str | None], list[str]]:
@@ -140,7 +149,7 @@ def measure_meshes(
     total = sum(counts[clip.index] for each in distinct for clip in each.clips)
     measured: dict[int, tuple[Sites, tuple[Floats, ...], Peaks]] = {}
     meshes: list[tuple[MeasuredMesh, Peaks]] = []
-    before = 0
+    before, neighbours = 0, Neighbours(document)
     for each in moved:
         if id(each.gauge.surface) not in measured:
 
@@ -155,7 +164,8 @@ def measure_meshes(
             before += sum(map(len, times))
         sites, times, peaks = measured[id(each.gauge.surface)]
         own = replace(sites, gauge=each.gauge)
-        meshes.append((MeasuredMesh(own, each.clips, times, each.node, each.flat), peaks))
+        ground = ground_of(document, each.gauge, neighbours)
+        meshes.append((MeasuredMesh(ground, own, each.clips, times, each.node, each.flat), peaks))
     return meshes
 
 

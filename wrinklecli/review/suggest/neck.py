@@ -13,6 +13,7 @@ from wrinklecli.character.rig import Rig, read_rig
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, face_normals, unit, unit_quaternions
 from wrinklecli.review.suggest.face_parts import Face, cropped, read_skin
+from wrinklecli.review.suggest.measure import ground_of
 from wrinklecli.surface.sites import spread_sites
 from wrinklecli.surface.strain import principal, strain
 
@@ -44,7 +45,7 @@ def read_neck(document: Document, nodes: Mapping[int, str | None], face: Face) -
         area = float(np.sqrt(np.sum(crosses[folded] ** 2, axis=1)).sum())
         if area > 0 and (best is None or area > best[0]):
             skin = cropped(gauge, folded)
-            mesh = replace(face.mesh, sites=spread_sites(skin), node=name)
+            mesh = replace(face.mesh, ground=ground_of(document, skin), sites=spread_sites(skin), node=name)
             best = area, replace(face, mesh=mesh, targets=(), moved={}), turns
     return None if best is None else best[1:]
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.review.suggest.candidates import Candidate
@@ -17,6 +16,8 @@ from wrinklecli.review.suggest.shortening import Shortening, attached, greatest,
 from wrinklecli.review.suggest.substance import facet_length, read_makeup, substance_of
 from wrinklecli.surface.compression import CompressedRegion, grow_region, triangle_weights
 from wrinklecli.surface.ground import Ground
+from wrinklecli.surface.path import Path
+from wrinklecli.surface.region import Region
 from wrinklecli.surface.sites import at_sites, spread_sites
 from wrinklecli.surface.strain import read_gauge
 from wrinklecli.tools.json_schema import readers_of
@@ -40,7 +41,7 @@ class ToolGuesser:
         moving = clips_that_move(ground.rig, clips)
         sites = spread_sites(read_gauge(ground.surface, ground.rest, ground.rig))
         times = tuple(np.linspace(clip.start, clip.end, _POSES) for clip in moving)
-        self._mesh = MeasuredMesh(sites, moving, times)
+        self._mesh = MeasuredMesh(ground, sites, moving, times)
         self._makeup = read_makeup(document, ground.rig, sites.gauge)
 
     def tool(self, origin: Floats, target: Floats) -> WrinkleTool:
@@ -55,13 +56,13 @@ class ToolGuesser:
         probes = attached(self._mesh, [tool])
         if probes is None:
             return tool
-        tool = self._with_material(tool, probes[0])
+        tool = self._with_material(tool, probes[0].regions[0])
         if not self._mesh.clips:
             return tool
         deepest = greatest(shortenings_of(self._mesh, probes[0]))
         if not deepest.ratio > _LEAST_SHORTENING:
             return tool
-        region = self._region(probes[0], deepest)
+        region = self._region(probes[0].regions[0].path, deepest)
         if region is not None:
             candidate = self._candidate(region, deepest, origin, target)
             width = float(np.clip(width_of(candidate), _NARROWEST * span, _WIDEST * span))
@@ -70,10 +71,10 @@ class ToolGuesser:
         found = patches and with_rising_bumps(self._mesh, patches, [shortenings_of(self._mesh, patches[0])])
         return found[0] if found else tool
 
-    def _with_material(self, tool: WrinkleTool, patch: Patch) -> WrinkleTool:
-        """Give a tool the material of the triangles on its patch."""
+    def _with_material(self, tool: WrinkleTool, region: Region) -> WrinkleTool:
+        """Give a tool the material of the triangles of its region."""
         gauge = self._mesh.gauge
-        areas = np.prod(gauge.flat[:, ::2], axis=1) / 2.0 * np.isin(gauge.numbers, patch.members)
+        areas = np.prod(gauge.flat[:, ::2], axis=1) / 2.0 * np.isin(gauge.numbers, region.members)
         if not areas.any():
             return tool
         material = substance_of(self._makeup, areas / areas.sum()).material
@@ -81,11 +82,11 @@ class ToolGuesser:
             return tool
         return replace(tool, material=material, **preset(material).fields(readers_of(WrinkleTool)))
 
-    def _region(self, patch: Patch, deepest: Shortening) -> CompressedRegion | None:
-        """The region that the pose folds around the middle of a patch; None if it folds nothing there."""
+    def _region(self, path: Path, deepest: Shortening) -> CompressedRegion | None:
+        """The region that the pose folds around the middle of a path; None if it folds nothing there."""
         sites = self._mesh.sites
-        away = np.sum((sites.positions - patch.path.middle) ** 2, axis=1)
-        facing = sites.normals @ patch.normal > 0
+        away = np.sum((sites.positions - path.middle) ** 2, axis=1)
+        facing = sites.normals @ path.normal > 0
         if not facing.any():
             return None
         seed = int(np.argmin(np.where(facing, away, np.inf)))

@@ -9,9 +9,9 @@ import numpy as np
 from wrinklecli.character.carried import pose_carriers_in
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig, moving_nodes
-from wrinklecli.effects.wrinkle.attach import attach_tools
-from wrinklecli.effects.wrinkle.patch import Patch
-from wrinklecli.effects.wrinkle.weights import fitting_compressible
+from wrinklecli.drive.segment import Segment
+from wrinklecli.effects.attached import Attached
+from wrinklecli.effects.plan import attach_one
 from wrinklecli.errors import WrinkleError
 from wrinklecli.numeric.arrays import Floats, unit
 from wrinklecli.numeric.nearest import near_points, ray_hits
@@ -57,46 +57,55 @@ class Shortening:
     rest_length: float
 
 
-def attached(mesh: MeasuredMesh, tools: list[WrinkleTool]) -> list[Patch] | None:
+def attached(mesh: MeasuredMesh, tools: list[WrinkleTool]) -> list[Attached[WrinkleTool]] | None:
     """Tools attached to a mesh at rest; None if a bake would refuse one."""
-    gauge = mesh.gauge
     try:
-        return attach_tools(tools, gauge.surface, gauge.rest, gauge.rig, up="y")
+        return [attach_one(tool, mesh.ground, bounded=False) for tool in tools]
     except WrinkleError:
         return None
 
 
-def shortenings_of(mesh: MeasuredMesh, patch: Patch, further: Sequence[Clip] = ()) -> dict[str, Shortening]:
+def shortenings_of(
+    mesh: MeasuredMesh, patch: Attached[WrinkleTool], further: Sequence[Clip] = ()
+) -> dict[str, Shortening]:
     """Find the greatest shortening of a tool in each clip of a mesh and in further clips, by the clip's name.
 
     Each further clip goes from one key to another.
     """
     found = {}
-    above = [moving_nodes(mesh.rig, [joint]) for joint in {joint for each in patch.anchors for joint in each.joints}]
+    segment = segment_of(patch)
+    joints = {joint for each in patch.regions[0].anchors for joint in each.joints}
+    above = [moving_nodes(mesh.rig, [joint]) for joint in joints]
     around = frozenset({mesh.rig.node}.union(*above))
     more = [(clip, np.linspace(clip.start, clip.end, _FURTHER_POSES)) for clip in further]
     motions = list[tuple[Clip, Floats]]()
     for clip, times in [*zip(mesh.clips, mesh.times, strict=True), *more]:
         # The order of clips decides between equal ones.
-        found[clip.name] = Shortening(clip, float(times[0]), 0.0, patch.span, patch.rest_length)
+        found[clip.name] = Shortening(clip, float(times[0]), 0.0, patch.span, segment.rest_length.constant)
         if any(_bends(clip, node, mesh.rig, above) for node in around & clip.nodes):
             motions.append((clip, times))
     for batch in _batches(motions):
         known = [mesh.known_rows.setdefault((clip.name, len(times)), {}) for clip, times in batch]
         posed = [(*motion, rows) for motion, rows in zip(batch, known, strict=True)]
         ends = np.cumsum([len(times) for _, times in batch])
-        carriers = pose_carriers_in(patch.segment.points, mesh.rig, posed)
-        distances_of_all = patch.segment.distances(carriers, int(ends[-1]))
+        carriers = pose_carriers_in(segment.points, mesh.rig, posed)
+        distances_of_all = segment.distances(carriers, int(ends[-1]))
         if mesh.row_count > _MOST_KNOWN_ROWS:
             mesh.known_rows.clear()
         for (clip, times), distances in zip(batch, np.split(distances_of_all, ends[:-1]), strict=True):
-            rest_lengths = patch.segment.rest_length.at(mesh.rig, clip, times)
+            rest_lengths = segment.rest_length.at(mesh.rig, clip, times)
             ratios = distances / np.maximum(rest_lengths, patch.span)
             best = int(ratios.argmin())
             found[clip.name] = Shortening(
                 clip, float(times[best]), 1.0 - float(ratios[best]), float(distances[best]), float(rest_lengths[best])
             )
     return found
+
+
+def segment_of(patch: Attached[WrinkleTool]) -> Segment:
+    """The segment whose length makes a tool's wrinkles."""
+    assert patch.segment is not None, "wrinkles are made by a length"
+    return patch.segment
 
 
 def _batches(motions: Sequence[tuple[Clip, Floats]]) -> Iterator[list[tuple[Clip, Floats]]]:
@@ -129,7 +138,7 @@ def _bends(clip: Clip, node: int, rig: Rig, above: Sequence[frozenset[int]]) -> 
 
 def with_rising_bumps(
     mesh: MeasuredMesh,
-    patches: list[Patch],
+    patches: list[Attached[WrinkleTool]],
     shortenings: list[dict[str, Shortening]],
     *,
     height: float | None = None,
@@ -147,7 +156,7 @@ def with_rising_bumps(
     Returns:
         None if the bumps would reach a surface above them.
     """
-    width = patches[0].rest_length / patches[0].tool.bumps
+    width = segment_of(patches[0]).rest_length.constant / patches[0].tool.bumps
     usual = patches[0].tool.bump_height
     highest = min(_free_height(mesh, patch) for patch in patches)
     height = min(usual if height is None else height, highest / width)
@@ -165,50 +174,57 @@ def with_rising_bumps(
 
 
 def with_lower_bumps(
-    patches: list[Patch], shortenings: list[dict[str, Shortening]], part: float
+    patches: list[Attached[WrinkleTool]],
+    tools: list[WrinkleTool],
+    shortenings: list[dict[str, Shortening]],
+    part: float,
 ) -> list[WrinkleTool] | None:
-    """Make tools of `with_rising_bumps` lower, by a factor on the height of their bumps.
+    """Make `tools`, which `with_rising_bumps` has made of patches, lower, by a factor on the height of their bumps.
 
     Returns:
         None if they would need a greater `compressible` than a file may have.
     """
-    first = patches[0]
-    width = first.rest_length / first.tool.bumps
-    height = first.tool.bump_height * width
-    if isinstance(first.tool.max_height, Length):
-        height = first.tool.max_height.resolve(first.span)
+    first, tool = patches[0], tools[0]
+    width = segment_of(first).rest_length.constant / tool.bumps
+    height = tool.bump_height * width
+    if isinstance(tool.max_height, Length):
+        height = tool.max_height.resolve(first.span)
     # Rounded up to need no more `compressible`.
     percent_of_span = math.ceil(1e4 * part * height / first.span) / 100.0
     percent = _needed_percent(patches, shortenings, part * height / width)
     if percent > MOST_COMPRESSIBLE:
         return None
     max_height = Length(percent_of_span, percent=True)
-    return [replace(each.tool, compressible=percent / 100.0, max_height=max_height) for each in patches]
+    return [replace(each, compressible=percent / 100.0, max_height=max_height) for each in tools]
 
 
-def _needed_percent(patches: list[Patch], shortenings: list[dict[str, Shortening]], height: float) -> int:
+def _needed_percent(
+    patches: list[Attached[WrinkleTool]], shortenings: list[dict[str, Shortening]], height: float
+) -> int:
     """The `compressible` that bumps need, per cent, if their greatest height over their width is `height`."""
     needed = 0.0
     for patch, found in zip(patches, shortenings, strict=True):
         distances, rest_lengths = np.array([[each.distance, each.rest_length] for each in found.values()]).T
-        curve = replace(patch.curve, max_height=height * patch.rest_length / patch.tool.bumps)
-        needed = max(needed, fitting_compressible(curve, [(distances, rest_lengths)]))
+        limit = height * segment_of(patch).rest_length.constant / patch.tool.bumps
+        needed = max(needed, patch.fitting_compressible([(distances, rest_lengths)], limit))
     return math.ceil(100.0 * needed) + _SPARE if needed else 0
 
 
-def _free_height(mesh: MeasuredMesh, patch: Patch) -> float:
+def _free_height(mesh: MeasuredMesh, patch: Attached[WrinkleTool]) -> float:
     """Greatest height of bumps that do not reach a surface above the patch at rest, such as a hem, scene units.
 
     Infinite if no surface lies within the usual height.
     """
     surface, positions = mesh.gauge.surface, mesh.rest.positions
-    members = surface.triangles[patch.members]
+    region = patch.regions[0].at_rest
+    members = surface.triangles[region.members]
     places = positions[members].mean(axis=1)
     rays = unit(mesh.rest.normals[members].sum(axis=1))
-    factors = np.abs(patch.at_rest.magnitudes(*patch.at_rest.coordinates(places), rays))
+    u, v = region.coordinates(places)
+    factors = abs(patch.tool.strength) * region.share(u, v, region.cosines(u, rays))
     chosen = np.flatnonzero(factors > _LOW)
     chosen = chosen[:: -(-len(chosen) // _RAYS) or 1]
-    usual = patch.curve.max_height
+    usual = patch.height_limit
     if not len(chosen) or not np.isfinite(usual):
         return np.inf
     corners = positions[surface.triangles]

@@ -9,9 +9,8 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.scene import read_scene
 from wrinklecli.character.skin import SkinnedMesh
-from wrinklecli.effects.effect import MeshPlan
-from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
-from wrinklecli.effects.wrinkle.turned import turned_over
+from wrinklecli.effects.effect import MeshPlan, Part
+from wrinklecli.effects.turned import turned_over
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import (
     Bools,
@@ -155,17 +154,16 @@ class Stage:
         """The clip of a name."""
         return self._clips[name]
 
-    def staged(self, plan: MeshPlan, carried: CarriedPatch, name: str, time: float) -> StagedTool:
+    def staged(self, plan: MeshPlan, part: Part, name: str, time: float) -> StagedTool:
         """Pose a tool of a plan at a time of the clip of a name, seconds."""
         fine, mesh, clip, times = plan.fine, self._mesh(_Kept(plan)), self._clips[name], np.array([time])
-        plain, chosen = self._plain(mesh, name, time), carried.vertices
-        moved = displacements(carried, fine, plan.rig, clip, times)
+        plain, chosen, region = self._plain(mesh, name, time), part.vertices, part.attached.regions[0]
+        moved = part.displacements(fine, plan.rig, clip, times)
         wrinkled = plain.copy()
         wrinkled[chosen] = mesh.only(chosen).posed(clip, times, offsets=moved).positions[0]
         faces, place = fine.triangles, np.zeros(len(fine.triangles), np.bool_)
-        members = children(fine.subdivision.parents, carried.patch.members)
-        magnitudes = np.abs(carried.magnitudes)
-        on = flags_of(chosen[magnitudes > _LEAST * magnitudes.max()], len(plain))
+        members = children(fine.subdivision.parents, region.members)
+        on = flags_of(chosen[part.shares > _LEAST], len(plain))
         place[members] = on[faces[members]].any(axis=1)
         low, high = _box(np.concatenate([plain[faces[place]], wrinkled[faces[place]]]))
         reach = _NEAR * float((high - low).max())
@@ -182,8 +180,8 @@ class Stage:
         normals = fine.subdivision.interpolate(vertex_normals(plain[:old], fine.surface.triangles))
         across_others = np.repeat(face_normals(corners, np.arange(len(corners)).reshape(-1, 3)), 3, axis=0)
         places = np.full((len(plain), 2), np.nan)
-        _, across = carried.patch.coordinates(fine.posed_at(carried.patch.pose, chosen)[0])
-        places[chosen] = np.stack([carried.us, across], axis=1)
+        _, across = region.coordinates(fine.posed_at(region.pose, chosen)[0])
+        places[chosen] = np.stack([part.us, across], axis=1)
         return StagedTool(
             flat_positions=np.concatenate([flat[used], corners]),
             flat_normals=np.concatenate([normals[used], across_others]),
@@ -195,7 +193,7 @@ class Stage:
             fresh=np.append((used >= old) & on[used], np.zeros(len(corners), np.bool_)),
             shaded_flat=not plan.has_normals,
             places=np.concatenate([places[used], np.full((len(corners), 2), np.nan)]),
-            bumps=carried.patch.tool.bumps,
+            bumps=part.attached.tool.bumps,
         )
 
     def _read(self, kept: "_Kept") -> SkinnedMesh:

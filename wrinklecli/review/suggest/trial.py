@@ -13,11 +13,8 @@ import numpy as np
 from wrinklecli.baking.job import BakeOptions, tools_by_node
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.contacts import Neighbours
-from wrinklecli.effects.effect import MeshPlan
-from wrinklecli.effects.plan import attach_effects, plan_on
-from wrinklecli.effects.wrinkle.carry import CarriedPatch
-from wrinklecli.effects.wrinkle.layer import carried_patches_of
-from wrinklecli.effects.wrinkle.warnings import DEPARTURE, placement_warnings
+from wrinklecli.effects.effect import MeshPlan, Part
+from wrinklecli.effects.plan import attach_effects, plan_on, skin_parts
 from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Ints, among, distinct_values, significant
@@ -59,8 +56,7 @@ class Placement:
 
     Attributes:
         plan: The mesh with the tools that were placed together.
-        carried: The tool on that mesh.
-        number: The number of the tool among those of the mesh.
+        part: The tool on that mesh.
         vertices: (vertices,) of the mesh under the tool's patch, sorted.
         crosses: True if `check` would warn about the tool's place.
         coarse: True if edges under the patch stay too long, for its wrinkles or for those of a tool beside it.
@@ -68,8 +64,7 @@ class Placement:
     """
 
     plan: MeshPlan
-    carried: CarriedPatch
-    number: int
+    part: Part
     vertices: Ints
     crosses: bool
     coarse: bool
@@ -126,19 +121,17 @@ class Trial:
         except WrinkleError:
             return {}
         return {
-            carried.patch.tool.name: Placement(
+            part.attached.tool.name: Placement(
                 plan=plan,
-                carried=carried,
-                number=number,
-                vertices=distinct_values(plan.fine.surface.triangles[carried.patch.members]),
-                crosses=bool(placement_warnings(plan, carried)),
-                coarse=bool(among(carried.patch.members, plan.fine.subdivision.unmet).any()),
-                departs=departure > DEPARTURE,
+                part=part,
+                vertices=distinct_values(plan.fine.surface.triangles[members]),
+                crosses=bool(part.place_warnings(plan)),
+                coarse=bool(among(members, plan.fine.subdivision.unmet).any()),
+                departs=plan.fine.departs(part.region),
             )
             for plan in plans
-            for number, (carried, departure) in enumerate(
-                zip(carried_patches_of(plan), plan.fine.departures, strict=True)
-            )
+            for part in skin_parts(plan)
+            for members in (part.attached.regions[0].members,)
         }
 
     def placed_again(

@@ -13,9 +13,9 @@ import numpy as np
 from wrinklecli.character.clip import Clip, clip_grid
 from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.effects.wrinkle.activity import ClipActivity, activity
+from wrinklecli.effects.wrinkle.part import WrinklePart
 from wrinklecli.effects.wrinkle.patch import Patch
-from wrinklecli.effects.wrinkle.turned import turned_warnings
-from wrinklecli.effects.wrinkle.warnings import departure_warnings, tool_warnings
+from wrinklecli.effects.wrinkle.warnings import departure_warnings, tool_warnings, turned_warnings
 from wrinklecli.effects.wrinkle.weights import fitting_compressible
 from wrinklecli.numeric.processes import in_processes
 from wrinklecli.review.suggest.anatomy import JOINED
@@ -65,7 +65,7 @@ def _is_placed(suggestion: Suggestion, placed: Mapping[str, Placement]) -> bool:
     """True if a tool was placed as it is; its contact is proposed later, and changes no place."""
     there = placed.get(suggestion.tool.name)
     alone = replace(suggestion.tool, where="", contact=None)
-    return there is not None and replace(there.carried.patch.tool, where="", contact=None) == alone
+    return there is not None and replace(there.part.attached.tool, where="", contact=None) == alone
 
 
 def _mended(placed: Mapping[str, Placement], clips: Sequence[Clip], suggestion: Suggestion) -> Suggestion | Dropped:
@@ -74,10 +74,12 @@ def _mended(placed: Mapping[str, Placement], clips: Sequence[Clip], suggestion: 
     clips = _shortest_clips(suggestion, clips)
     for name in names_of(suggestion, placed):
         placement = placed[name]
-        plan, carried = placement.plan, placement.carried
+        plan, part = placement.plan, placement.part
+        assert isinstance(part, WrinklePart)
+        carried = part.carried
         seen = [_activity_in(clip, plan, carried.patch) for clip in clips]
-        lines = tool_warnings(plan, carried, seen, up="y") + departure_warnings(plan, [carried], placement.number)
-        lines += turned_warnings(plan, carried, seen)
+        lines = tool_warnings(plan, carried, seen, up="y") + departure_warnings(plan.fine, [part])
+        lines += turned_warnings(plan, part, seen)
         if lines:
             lengths = ((each.seen.distances, each.seen.rest_lengths) for each in seen)
             needed = max(needed, math.ceil(100.0 * fitting_compressible(carried.patch.curve, lengths)) / 100.0)

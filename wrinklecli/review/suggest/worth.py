@@ -13,8 +13,8 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.choices import Part
-from wrinklecli.effects.contact.layer import has_contact
-from wrinklecli.effects.wrinkle.turned import count_teeth
+from wrinklecli.effects.order import KINDS
+from wrinklecli.effects.turned import count_teeth
 from wrinklecli.errors import counted
 from wrinklecli.numeric.processes import in_processes
 from wrinklecli.review.preview.sides import UNSEEN, Side, best_moment
@@ -225,7 +225,7 @@ def _judge(stage: Stage, suggestion: Suggestion, placed: dict[str, Placement]) -
             return Dropped(name, suggestion.mesh, "not raised", 0.0)
     limb = suggestion.part in _OF_CONTACT and not suggestion.by_morph
     touches = limb and suggestion.shortening < _DEEPEST and any(_has_slit(look.tallest) for look in looks)
-    resolved = touches and has_contact()
+    resolved = touches and all(kind.is_installed for kind in KINDS)
     # A twin that a clip hardly raises is hardly seen either; one that rises as far must look as good.
     tallest = max((look.staged.height for look in looks), default=0.0)
     near = suggestion.by_morph or suggestion.part in _LOOKED_AT_NEAR
@@ -293,7 +293,7 @@ def _look(stage: Stage, placement: Placement, name: str, peak: float) -> _Look |
     None if the clip does not raise it; how far refinement bends the surface if that is too far, as no look is needed.
     """
     clip = stage.clip(name)
-    first = stage.staged(placement.plan, placement.carried, name, peak)
+    first = stage.staged(placement.plan, placement.part, name, peak)
     if first.height <= _RAISED * first.size:
         return None
     bent = _bent(placement, first)
@@ -301,7 +301,7 @@ def _look(stage: Stage, placement: Placement, name: str, peak: float) -> _Look |
         return bent
 
     def look(time: float) -> tuple[tuple[StagedTool, Sight] | None, Side]:
-        staged = first if time == peak else stage.staged(placement.plan, placement.carried, name, time)
+        staged = first if time == peak else stage.staged(placement.plan, placement.part, name, time)
         if staged.height <= _RAISED * staged.size:
             return None, UNSEEN
         sight = Sight.of(staged)
@@ -318,8 +318,8 @@ def _look(stage: Stage, placement: Placement, name: str, peak: float) -> _Look |
         at_peak = seen if best is tallest else look_at(*tallest, side_then)
         over = over[at_peak.shown]
     shown = float(over.mean()) if len(over) else 0.0
-    teeth = count_teeth(placement.plan, placement.carried, clip, peak) / max(int(tallest[0].place.sum()), 1)
-    return _Look(placement.carried.patch.tool, *best, seen, tallest[0], max(shown, teeth))
+    teeth = count_teeth(placement.plan, placement.part, clip, peak) / max(int(tallest[0].place.sum()), 1)
+    return _Look(placement.part.attached.tool, *best, seen, tallest[0], max(shown, teeth))
 
 
 def _has_slit(staged: StagedTool) -> bool:
@@ -355,6 +355,6 @@ def _bent(placement: Placement, staged: StagedTool) -> float | None:
     departures = staged.departures()
     if not len(departures):
         return None
-    faceted = staged.shaded_flat or placement.plan.fine.hard_shares[placement.number] > _FACETED
+    faceted = staged.shaded_flat or placement.plan.fine.hard_shares[placement.part.region] > _FACETED
     departure = float(np.quantile(departures, _MOST_VERTICES))
     return departure if departure > _MOST_DEPARTURE["facets" if faceted else "smooth"] else None

@@ -8,15 +8,17 @@ from kit.carried import carry_patch, moved, scattered
 from kit.limb import limb_asset, tool
 from kit.prepared import prepare
 from wrinklecli.character.pose import blend, joint_matrices, transform
+from wrinklecli.effects.turned import count_turned_over, turned_over
 from wrinklecli.effects.wrinkle.activity import ClipActivity, activity
-from wrinklecli.effects.wrinkle.turned import count_turned_over, deepest_moment, turned_over
+from wrinklecli.effects.wrinkle.part import WrinklePart
+from wrinklecli.effects.wrinkle.warnings import deepest_moment
 from wrinklecli.numeric.arrays import face_normals, unit, vertex_normals
 
 
 def turned(max_height: Any, time: float, **asset: Any) -> int:
     made = prepare(limb_asset(**asset), tool(max_height=max_height, bumps=3, width=0.4))
     carried, fine = carry_patch(made)
-    return count_turned_over(carried, fine, made.rig, made.clip, time)
+    return count_turned_over(WrinklePart(carried, 0), fine, made.rig, made.clip, time)
 
 
 def test_only_wrinkles_that_are_steep_in_a_fold_turn_triangles_over() -> None:
@@ -44,7 +46,7 @@ def test_the_count_is_that_of_the_whole_mesh() -> None:
     faces = face_normals(places, fine.triangles)
     hidden = (np.einsum("tx,tcx->tc", faces, carried_ones[fine.triangles]) < 0).any(axis=1)
     wanted = found[1] & ~found[0] & ~hidden
-    assert count_turned_over(carried, fine, made.rig, made.clip, 0.5) == wanted.sum() > 0
+    assert count_turned_over(WrinklePart(carried, 0), fine, made.rig, made.clip, 0.5) == wanted.sum() > 0
 
 
 def test_a_triangle_is_turned_over_by_one_corner() -> None:
