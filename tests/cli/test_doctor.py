@@ -59,5 +59,5 @@ def test_a_bake_that_fails_is_one_line_and_names_no_home(wrinkle: Wrinkle, monke
     monkeypatch.setattr("wrinklecli.baking.pipeline.bake", broken)
     ran = wrinkle("doctor")
     assert ran.code == 1
-    assert ran.lines == ["doctor: the bake of a tiny asset failed: wrinkle does not work here"]
+    assert ran.lines == ["doctor: the bake of the demo's figure failed: wrinkle does not work here"]
     assert ran.out.splitlines()[-1].endswith("failed: ImportError: cannot load ~/lib/blas.so")

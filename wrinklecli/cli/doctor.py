@@ -26,17 +26,8 @@ EXTRAS = {
 }
 _REQUIREMENT = re.compile(r"([A-Za-z0-9._-]+)(?:\[[^]]*\])?\s*(?:>=\s*([0-9][\w.]*))?")
 _EXTRA = re.compile(r"""extra\s*==\s*["']([^"']+)["']""")
-# A strip of skin, one unit long. The clip moves its end by a fifth of that, so that wrinkles must rise.
-_ROWS, _COLUMNS = 9, 5
-_TOOLS = """version: 1
-tools:
-  - name: doctor
-    origin: [0.1, 0.0, 0.0]
-    target: [0.9, 0.0, 0.0]
-    width: 0.4
-    bumps: 2
-"""
 _LONGEST = 300  # characters of a failure
+_TOOL = "knee.L"  # of the demo's figure
 
 
 @click.command(
@@ -45,10 +36,10 @@ _LONGEST = 300  # characters of a failure
 )
 @opt.json("Print the same as JSON.")
 def doctor(*, as_json: bool) -> None:
-    """Print versions, extras, cores and memory, and bake a tiny asset, for a bug report.
+    """Print versions, extras, cores and memory, and bake one wrinkle of the demo's figure, for a bug report.
 
-    The text has no names of users and no paths of their folders. The asset is made and baked in a temporary folder,
-    which is removed. "cache" is the cache of batch in the current folder.
+    The text has no names of users and no paths of their folders. The figure is baked in a temporary folder, which is
+    removed. "cache" is the cache of batch in the current folder.
 
     \b
     --json prints an object; within a version, keys are only added:
@@ -74,7 +65,7 @@ def doctor(*, as_json: bool) -> None:
         for line in _lines(found):
             emit(line)
     if not found["bake"]["ok"]:
-        raise WrinkleError("the bake of a tiny asset failed: wrinkle does not work here", where="doctor")
+        raise WrinkleError("the bake of the demo's figure failed: wrinkle does not work here", where="doctor")
 
 
 def _found() -> dict[str, Any]:
@@ -169,7 +160,7 @@ def _numbers(version: str) -> list[int]:
 
 
 def _bake() -> dict[str, Any]:
-    """Bake a tiny asset in a temporary folder: whether that is right, seconds, and what failed.
+    """Bake the demo's figure in a temporary folder: whether that is right, seconds, and what failed.
 
     Any exception counts as a failure, since a broken library raises what it likes.
     """
@@ -180,15 +171,15 @@ def _bake() -> dict[str, Any]:
     message = None
     try:
         with tempfile.TemporaryDirectory() as folder:
-            asset, tools, out = (os.path.join(folder, name) for name in ("tiny.glb", "tools.yaml", "out.glb"))
             try:
                 from wrinklecli import bake
+                from wrinklecli.example.demo import ASSET, TOOLS, kept
 
-                with open(asset, "wb") as file:
-                    file.write(_tiny_asset())
-                with open(tools, "w") as text:
-                    text.write(_TOOLS)
-                report = bake(asset, tools, out)
+                asset, tools, out = (os.path.join(folder, name) for name in (ASSET, TOOLS, "out.glb"))
+                for path in (asset, tools):
+                    with open(path, "wb") as file:
+                        file.write(kept(os.path.basename(path)))
+                report = bake(asset, tools, out, only=[_TOOL], max_levels=0)
                 if not report.data["tools"][0]["targets"] or not os.path.getsize(out) > os.path.getsize(asset):
                     message = "no wrinkles were written"
             except Exception as error:
@@ -206,64 +197,3 @@ def _without_paths(error: Exception, folder: str) -> str:
         if len(path) > 1:
             text = text.replace(path, shown)
     return shortened(" ".join(text.split()), _LONGEST)
-
-
-def _tiny_asset() -> bytes:
-    """A .glb of a strip of skin on two joints, one of which a clip moves towards the other."""
-    import json
-    import struct
-
-    xs = [row / (_ROWS - 1) for row in range(_ROWS) for _ in range(_COLUMNS)]
-    zs = [column / (_COLUMNS - 1) - 0.5 for _ in range(_ROWS) for column in range(_COLUMNS)]
-    corners = [row * _COLUMNS + column for row in range(_ROWS - 1) for column in range(_COLUMNS - 1)]
-    # Counter-clockwise from above.
-    faces = [i + k for i in corners for k in (0, 1, _COLUMNS, 1, _COLUMNS + 1, _COLUMNS)]
-    one = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]
-    columns: list[tuple[str, str, int, list[Any]]] = [
-        ("f", "VEC3", 5126, [each for x, z in zip(xs, zs, strict=True) for each in (x, 0.0, z)]),
-        ("f", "VEC3", 5126, [0.0, 1.0, 0.0] * len(xs)),
-        ("B", "VEC4", 5121, [0, 1, 0, 0] * len(xs)),
-        ("f", "VEC4", 5126, [each for x in xs for each in (1.0 - x, x, 0.0, 0.0)]),
-        ("H", "SCALAR", 5123, faces),
-        ("f", "MAT4", 5126, [*one, 0.0, 0.0, 0.0, 1.0, *one, -1.0, 0.0, 0.0, 1.0]),
-        ("f", "SCALAR", 5126, [0.0, 1.0]),
-        ("f", "VEC3", 5126, [1.0, 0.0, 0.0, 0.8, 0.0, 0.0]),
-    ]
-    widths = {"SCALAR": 1, "VEC3": 3, "VEC4": 4, "MAT4": 16}
-    data, views = b"", []
-    accessors: list[dict[str, Any]] = []
-    for code, kind, component, values in columns:
-        packed = struct.pack(f"<{len(values)}{code}", *values)
-        views.append({"buffer": 0, "byteOffset": len(data), "byteLength": len(packed)})
-        accessor = {"bufferView": len(accessors), "componentType": component, "type": kind}
-        accessors.append({**accessor, "count": len(values) // widths[kind]})
-        data += packed + bytes(-len(packed) % 4)
-    accessors[0] |= {"min": [0.0, 0.0, -0.5], "max": [1.0, 0.0, 0.5]}
-    accessors[6] |= {"min": [0.0], "max": [1.0]}
-    attributes = {"POSITION": 0, "NORMAL": 1, "JOINTS_0": 2, "WEIGHTS_0": 3}
-    gltf = {
-        "asset": {"version": "2.0"},
-        "scene": 0,
-        "scenes": [{"nodes": [0, 1]}],
-        "nodes": [
-            {"name": "strip", "mesh": 0, "skin": 0},
-            {"name": "root", "children": [2]},
-            {"name": "end", "translation": [1.0, 0.0, 0.0]},
-        ],
-        "meshes": [{"primitives": [{"attributes": attributes, "indices": 4}]}],
-        "skins": [{"joints": [1, 2], "inverseBindMatrices": 5}],
-        "animations": [
-            {
-                "name": "press",
-                "samplers": [{"input": 6, "output": 7}],
-                "channels": [{"sampler": 0, "target": {"node": 2, "path": "translation"}}],
-            }
-        ],
-        "buffers": [{"byteLength": len(data)}],
-        "bufferViews": views,
-        "accessors": accessors,
-    }
-    text = json.dumps(gltf).encode()
-    text += b" " * (-len(text) % 4)
-    header = struct.pack("<4sII", b"glTF", 2, 28 + len(text) + len(data))
-    return header + struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(data), b"BIN\0") + data

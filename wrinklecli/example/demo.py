@@ -58,7 +58,7 @@ def demo(folder: str | os.PathLike[str], *, outputs: Outputs | None = None, prog
         written.make_folders(place)  # what cannot be made is found before the work
         made = {name: Path(temporary) / name for name in (ASSET, TOOLS, BAKED, PICTURE)}
         for name in (ASSET, TOOLS):
-            made[name].write_bytes(resources.files("wrinklecli.example").joinpath(name).read_bytes())
+            made[name].write_bytes(kept(name))
         bake(made[ASSET], made[TOOLS], made[BAKED], progress=progress)
         missing = _drawn(made, progress)
         if missing is not None:
@@ -67,6 +67,11 @@ def demo(folder: str | os.PathLike[str], *, outputs: Outputs | None = None, prog
             written.add_bytes(place / name, path.read_bytes(), last=name == BAKED)
     paths = tuple(os.fspath(place / name) for name in made)
     return Demo(paths, None if missing else os.fspath(place / PICTURE), missing)
+
+
+def kept(name: str) -> bytes:
+    """The figure or its tools, as the package has them."""
+    return resources.files("wrinklecli.example").joinpath(name).read_bytes()
 
 
 def _refuse_files(folder: Path) -> None:
