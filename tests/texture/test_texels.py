@@ -3,8 +3,8 @@
 import numpy as np
 
 from wrinklecli.numeric.arrays import Floats, Ints
-from wrinklecli.texture.occlusion import occlusion
-from wrinklecli.texture.tangents import mikk_tangents
+from wrinklecli.texture.layout import mikk_tangents
+from wrinklecli.texture.map_set import occlusion
 from wrinklecli.texture.texels import charted, covered, gutter, texture_steps
 
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])

@@ -1,6 +1,5 @@
 """Bake one job by the function behind `wrinkle bake`, and track its other clips."""
 
-import hashlib
 import os
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager, suppress
@@ -8,16 +7,15 @@ from dataclasses import dataclass
 from typing import Any
 
 from wrinklecli.baking.job import BakeOptions
-from wrinklecli.baking.report import Report, as_json
+from wrinklecli.baking.report import as_json
 from wrinklecli.baking.timings import peak_memory
 from wrinklecli.baking.track import track
-from wrinklecli.batch.cache import Cache
-from wrinklecli.batch.cache_keys import program
+from wrinklecli.batch.cache import Solutions
 from wrinklecli.batch.job_files import path_in, protect
 from wrinklecli.batch.jobs import BatchJob, Outcome
 from wrinklecli.batch.staging import Staged
 from wrinklecli.effects.kept import solutions_in
-from wrinklecli.errors import BakeError, WrinkleError
+from wrinklecli.errors import BakeError
 from wrinklecli.files.outputs import Outputs
 from wrinklecli.gltf.files import path_beside, references
 from wrinklecli.numeric.memory import held
@@ -41,32 +39,6 @@ class Built:
     files: list[tuple[str, str, str]]
 
 
-@dataclass(frozen=True, slots=True)
-class Solutions:
-    """Solutions of regions of flesh in a cache, by this version of the program. Its faults become warnings."""
-
-    cache: Cache
-
-    def find(self, key: str, most: int) -> bytes | None:
-        """The solution of a key, of at most so many bytes; None if there is none."""
-        return self.cache.solution(_solution_name(key), most)
-
-    def keep(self, key: str, data: bytes) -> None:
-        """Keep a solution, if the cache can be written."""
-        try:
-            self.cache.keep_solution(_solution_name(key), data)
-        except WrinkleError as error:
-            self.cache.warnings += [line for line in error.lines if line not in self.cache.warnings]
-
-    def refuse(self, key: str, reason: str) -> None:
-        """Warn that what the cache has is not used."""
-        self.cache.refuse_solution(_solution_name(key), reason)
-
-
-def _solution_name(key: str) -> str:
-    return hashlib.sha256(f"{program()} {key}".encode()).hexdigest()
-
-
 def build(
     here: Staged,
     open_outputs: Callable[[], AbstractContextManager[Outputs]],
@@ -84,7 +56,9 @@ def build(
     job = here.job
     options = bake_options(job)
     _make_folders(here)
-    _reset_peak_memory()
+    # A new count of the peak memory, if the system can: see `proc_pid_clear_refs(5)`.
+    with suppress(OSError), open("/proc/self/clear_refs", "w") as file:
+        file.write("5")
     with held(options.max_memory), solutions_in(solutions):
         with open_outputs() as outputs:
             protect(job, outputs)
@@ -115,13 +89,14 @@ def build(
                 )
             written += outputs.written
             warnings += [line for each in tracked for line in each.warnings]
+    proven = [clip["residual"]["position"] for clip in report.data["clips"] if clip.get("residual")]
     outcome = Outcome(
         job,
         "built",
         peak_memory=peak_memory(),
         summary=f"{report.summary}; maps: {mapped.summary}" if mapped else report.summary,
         warnings=tuple(dict.fromkeys(map(here.with_given_paths, warnings))),
-        residual=_residual(report),
+        residual=max(proven, default=None),
         tallest=report.data["tallest_wrinkle"],
     )
     return Built(outcome, _files_to_keep(here, written, mapped.paths if mapped else ()))
@@ -144,17 +119,6 @@ def _make_folders(here: Staged) -> None:
             os.makedirs(folder or ".", exist_ok=True)
         except OSError as error:
             raise BakeError(f"cannot be written: {error.strerror}", where=folder) from error
-
-
-def _reset_peak_memory() -> None:
-    """Start a new count of the peak memory, if the system can: see `proc_pid_clear_refs(5)`."""
-    with suppress(OSError), open("/proc/self/clear_refs", "w") as file:
-        file.write("5")
-
-
-def _residual(report: Report) -> float | None:
-    proven = [clip["residual"]["position"] for clip in report.data["clips"] if clip.get("residual")]
-    return max(proven, default=None)
 
 
 def _files_to_keep(here: Staged, written: list[str], maps: Sequence[str]) -> list[tuple[str, str, str]]:

@@ -22,7 +22,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from wrinklecli.batch import stores
-from wrinklecli.batch.cache_keys import Parts
+from wrinklecli.batch.cache_keys import Parts, program
 from wrinklecli.batch.job_files import JobFiles
 from wrinklecli.batch.tables import refuse_constant
 from wrinklecli.errors import WrinkleError, shortened
@@ -101,16 +101,8 @@ class Cache:
 
     def content(self, file: CachedFile, most: int) -> bytes | None:
         """Read the content of a file of at most so many bytes; None if it is lost, damaged or larger."""
-        try:
-            data = stores.read(self._path("files", file.digest), most)
-        except OSError as error:
-            if not isinstance(error, _MISSING):
-                self._refuse("files", file.digest, f"cannot be read: {stores.reason_of(error)}")
-            return None
-        if hashlib.sha256(data).hexdigest() == file.digest:
-            return data
-        self._refuse("files", file.digest, "is damaged: its content has another digest")
-        return None
+        data = self._bytes("files", file.digest, most)
+        return self._checked(data, "files", file.digest, bytes.fromhex(file.digest))
 
     def keep(self, key: str, files: Iterable[tuple[str, str, str]], said: Said) -> None:
         """Store the outputs of a job: root, path in the root and present place of each file, the main one last.
@@ -129,27 +121,6 @@ class Cache:
             self._path("keys", key), json.dumps({"cache": _VERSION, "files": kept, "said": asdict(said)}).encode()
         )
 
-    def solution(self, key: str, most: int) -> bytes | None:
-        """Read a solution of at most so many bytes by a digest of what it depends on; None if it is lost or damaged."""
-        try:
-            data = stores.read(self._path("shapes", key), most + _DIGEST_BYTES)
-        except OSError as error:
-            if not isinstance(error, _MISSING):
-                self.refuse_solution(key, f"cannot be read: {stores.reason_of(error)}")
-            return None
-        if hashlib.sha256(data[_DIGEST_BYTES:]).digest() == data[:_DIGEST_BYTES]:
-            return data[_DIGEST_BYTES:]
-        self.refuse_solution(key, "is damaged: its content has another digest")
-        return None
-
-    def keep_solution(self, key: str, data: bytes) -> None:
-        """Store a solution, behind its SHA-256."""
-        self._put(self._path("shapes", key), hashlib.sha256(data).digest() + data)
-
-    def refuse_solution(self, key: str, reason: str) -> None:
-        """Warn that a solution is not used."""
-        self._refuse("shapes", key, reason)
-
     def parts_of_output(self, out: str) -> Parts | None:
         """The inputs that the output at a path was made from, as last noted; they may be anything."""
         entry = self._read("outs", _name_of(out))
@@ -164,15 +135,29 @@ class Cache:
         ending = ".json" if kind in ("keys", "outs") else ""
         return stores.join(self._place, f"{kind}/{name[:2]}/{name}{ending}")
 
+    def _bytes(self, kind: str, name: str, most: int) -> bytes | None:
+        """Read an entry of at most so many bytes; None if it is missing or cannot be read."""
+        try:
+            return stores.read(self._path(kind, name), most)
+        except OSError as error:
+            if not isinstance(error, _MISSING):
+                self._refuse(kind, name, f"cannot be read: {stores.reason_of(error)}")
+            return None
+
+    def _checked(self, data: bytes | None, kind: str, name: str, digest: bytes) -> bytes | None:
+        """The data of an entry; None if there is none, or if its SHA-256 is another one."""
+        if data is None or hashlib.sha256(data).digest() == digest:
+            return data
+        self._refuse(kind, name, "is damaged: its content has another digest")
+        return None
+
     def _read(self, kind: str, name: str) -> dict[str, Any] | None:
         """Read an entry; None if it is missing or is no object of JSON."""
+        data = self._bytes(kind, name, _MAX_ENTRY)
+        if data is None:
+            return None
         try:
-            entry = json.loads(stores.read(self._path(kind, name), _MAX_ENTRY), parse_constant=refuse_constant)
-        except _MISSING:
-            return None
-        except OSError as error:
-            self._refuse(kind, name, f"cannot be read: {stores.reason_of(error)}")
-            return None
+            entry = json.loads(data, parse_constant=refuse_constant)
         except (ValueError, RecursionError) as error:
             self._refuse(kind, name, f"is not JSON: {error}")
             return None
@@ -200,6 +185,37 @@ class Cache:
         inside = os.path.join(os.path.realpath(self._place), os.path.relpath(folder, self._place or os.curdir))
         if os.path.realpath(folder) != os.path.normpath(inside):
             raise OSError(errno.ELOOP, "a link leads out of it")
+
+
+@dataclass(frozen=True, slots=True)
+class Solutions:
+    """Solutions of regions of flesh in a cache, by this version of the program. Its faults become warnings."""
+
+    cache: Cache
+
+    def find(self, key: str, most: int) -> bytes | None:
+        """The solution of a key, of at most so many bytes; None if it is lost or damaged."""
+        name = _solution_name(key)
+        data = self.cache._bytes("shapes", name, most + _DIGEST_BYTES)
+        if data is None:
+            return None
+        return self.cache._checked(data[_DIGEST_BYTES:], "shapes", name, data[:_DIGEST_BYTES])
+
+    def keep(self, key: str, data: bytes) -> None:
+        """Keep a solution behind its SHA-256, if the cache can be written."""
+        try:
+            place = self.cache._path("shapes", _solution_name(key))
+            self.cache._put(place, hashlib.sha256(data).digest() + data)
+        except WrinkleError as error:
+            self.cache.warnings += [line for line in error.lines if line not in self.cache.warnings]
+
+    def refuse(self, key: str, reason: str) -> None:
+        """Warn that what the cache has is not used."""
+        self.cache._refuse("shapes", _solution_name(key), reason)
+
+
+def _solution_name(key: str) -> str:
+    return hashlib.sha256(f"{program()} {key}".encode()).hexdigest()
 
 
 def _record(entry: dict[str, Any], outputs: JobFiles) -> Record:

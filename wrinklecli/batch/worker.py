@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 from wrinklecli.batch import stores
-from wrinklecli.batch.cache import Cache, CachedFile, Record, Said
+from wrinklecli.batch.cache import Cache, CachedFile, Record, Said, Solutions
 from wrinklecli.batch.cache_keys import Parts, difference, key_of, parts_of, program
 from wrinklecli.batch.job_files import JobFiles, protect
 from wrinklecli.batch.jobs import BatchJob, Outcome
@@ -116,7 +116,7 @@ def _run(here: Staged, cache: Cache, job: BatchJob, open_outputs: OpenOutputs) -
     fetched = _fetched(here, cache, job, parts, open_outputs)
     if fetched is not None:
         return fetched
-    from wrinklecli.batch.build import Solutions, build  # imports numpy and all that a bake needs; a hit does without
+    from wrinklecli.batch.build import build  # imports numpy and all that a bake needs; a hit does without
 
     before = cache.parts_of_output(job.out)
     reason = difference(before, parts)

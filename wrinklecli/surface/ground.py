@@ -1,8 +1,10 @@
 """A node's mesh at rest, before effects are on it: what many plans for one mesh share."""
 
+import json
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +15,6 @@ from wrinklecli.character.rig import DrivenTargets, Rig, read_rig
 from wrinklecli.character.surface import Surface, read_surface
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import Document
-from wrinklecli.gltf.looks import looks_of
 from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints, distinct_values
 from wrinklecli.numeric.nearest import nearest_on_mesh, ray_hits
 from wrinklecli.surface.rest import Rest, rest_pose
@@ -56,8 +57,15 @@ class Ground:
 
     @cached_property
     def looks(self) -> Ints:
-        """(primitives,) equal numbers for those whose materials look the same."""
-        return looks_of(self.document, self.rig.mesh)
+        """(primitives,) equal numbers for those whose materials look the same; names of materials do not count."""
+        known: dict[str, int] = {}
+        found = []
+        for primitive in self.document.items("meshes")[self.rig.mesh]["primitives"]:
+            number, materials = primitive.get("material"), self.document.items("materials")
+            material = materials[number] if isinstance(number, int) and 0 <= number < len(materials) else {}
+            look = json.dumps(_look(self.document, material), sort_keys=True)
+            found.append(known.setdefault(look, len(known)))
+        return np.array(found, np.intp)
 
     @cached_property
     def masks(self) -> dict[Hashable, Array]:
@@ -137,6 +145,17 @@ def read_ground(
     surface = read_surface(document, rig)
     rest = rest_pose(surface, rig, settings, clips, tools)
     return Ground(document, rig, surface, rest, clips, neighbours or Neighbours(document))
+
+
+def _look(document: Document, value: Any) -> Any:
+    """A material, or a part of one, without names; textures are their images."""
+    if not isinstance(value, dict):
+        return value
+    look = {key: _look(document, each) for key, each in value.items() if key not in ("name", "extras")}
+    number, textures = look.get("index"), document.items("textures")
+    if isinstance(number, int) and 0 <= number < len(textures):
+        look["index"] = _look(document, textures[number])
+    return look
 
 
 def _meeting(starts: Floats, rays: Floats, corners: Floats, box: tuple[Floats, Floats]) -> int:

@@ -11,7 +11,6 @@ from wrinklecli.gltf.pixels import png_of
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, unit
 from wrinklecli.texture.map_files import image_name
-from wrinklecli.texture.occlusion import REACH, occlusion
 from wrinklecli.texture.texels import gutter
 
 # Texels by which charts are widened: bilinear filters and the first mip levels read beyond borders.
@@ -22,6 +21,12 @@ _PRESENT = 0.02
 _TOUCHING = 0.02
 # The values of 16 bits that stand for no height, and for white.
 _ZERO, _WHITE = 32768, 65535
+# Texels to the farthest one that hides the sky from another.
+_REACH = 64
+# Directions, texels, in which the horizon is looked for.
+_WAYS = ((1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1))
+# Steps along each, texels: a furrow of a few hundred texels has its walls within them.
+_REACHES = (1, 2, 3, 4, 6, 8, 11, 16, 23, 32, 45, _REACH)
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +126,9 @@ class MapSet:
         seen = np.ones((size, size))
         rows, columns = np.divmod(np.flatnonzero(heights), size)
         # Beyond the reach of the wrinkles all is seen.
-        window = tuple(slice(max(int(each.min()) - REACH, 0), int(each.max()) + REACH + 1) for each in (rows, columns))
+        window = tuple(
+            slice(max(int(each.min()) - _REACH, 0), int(each.max()) + _REACH + 1) for each in (rows, columns)
+        )
         charts = self.charts.reshape(size, size)[window]
         raised = heights.reshape(size, size)[window]
         seen[window] = occlusion(raised, self.steps[charts], charts >= 0)
@@ -143,3 +150,30 @@ def packed(shown: Sequence[Shown], size: int) -> list[list[Shown]]:
             taken[present] = True
             groups.append(([each], taken))
     return [group for group, _ in groups]
+
+
+def occlusion(heights: Floats, steps: Floats, filled: Bools) -> Floats:
+    """(rows, columns) share of a cosine-weighted sky that wrinkles let a texel see; 1 where nothing rises.
+
+    Along a direction with its horizon at an elevation e above the surface, a share of cos² e is seen.
+
+    Args:
+        heights: (rows, columns) scene units.
+        steps: (rows, columns, 2, 3) steps of a texel to the right and down on the surface, scene units.
+        filled: (rows, columns) True for texels of charts; others neither see nor hide anything.
+    """
+    rows, columns = heights.shape
+    seen = np.zeros(heights.shape)
+    for right, below in _WAYS:
+        length = np.linalg.norm(right * steps[:, :, 0] + below * steps[:, :, 1], axis=2)
+        rise = np.zeros(heights.shape)
+        for reach in _REACHES:
+            x, y = right * reach, below * reach
+            if abs(x) >= columns or abs(y) >= rows:
+                break
+            to = slice(max(-y, 0), rows - max(y, 0)), slice(max(-x, 0), columns - max(x, 0))
+            of = slice(max(y, 0), rows - max(-y, 0)), slice(max(x, 0), columns - max(-x, 0))
+            tangent = (heights[of] - heights[to]) / np.maximum(reach * length[to], 1e-30)
+            rise[to] = np.where(filled[of], np.maximum(rise[to], tangent), rise[to])
+        seen += 1.0 / (1.0 + rise * rise)
+    return np.where(filled, seen / len(_WAYS), 1.0)
