@@ -517,18 +517,14 @@ class WrinkleTool:
     )
     enabled: bool = key(FLAG, "false: checked but not baked. Default true.", True)
     optional: bool = key(FLAG, "true: an absent node or clip is a note, not an error. Default false.", False)
-    width: Length = key(
-        LENGTH,
-        "Full width across the segment: a length or a percentage. Required.",
-        group="Shape",
-        read=parse_length,
-    )
     material: str | None = key(
         expects(_MATERIALS, type=["string", "null"], minLength=1, examples=[*presets(), "none", None]),
         "What wrinkles: a substance or a preset, which gives other keys other defaults. Default none.",
         None,
+        group="Shape",
         read=lambda value: None if value == "none" else value,
     )
+    width: Length = key(LENGTH, "Full width across the segment: a length or a percentage. Required.", read=parse_length)
     bumps: int = key(
         whole(1, 64, slides=True), "Wrinkles along the segment. Default 4, or the material's.", 4, read=int
     )
