@@ -1,0 +1,78 @@
+"""Widgets of keys: what stands in the file is what they show, also beyond the ends of a slider."""
+
+import contextlib
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from wrinklecli.choices import GROUPS
+from wrinklecli.editor.page.controls import ToolControls
+from wrinklecli.tools.effective import EffectiveValue, effective_values
+from wrinklecli.tools.materials import presets
+from wrinklecli.tools.schema import KINDS
+
+OWN = {"name": "a", "origin": [0, 0, 0], "target": [1, 0, 0], "width": "80%"}
+
+
+class Gui:
+    """Keeps sliders by their labels, and the labels of tabs."""
+
+    def __init__(self) -> None:
+        self.sliders: dict[str, Any] = {}
+        self.tabs: list[str] = []
+
+    def add_slider(self, label: str, low: float, high: float, *_: float, hint: str) -> Any:
+        widget = SimpleNamespace(label=label, min=low, max=high, hint=hint, visible=True, on_update=lambda _: None)
+        self.sliders[label] = widget
+        return widget
+
+    def add_tab(self, label: str) -> Any:
+        self.tabs.append(label)
+        return contextlib.nullcontext()
+
+    def add_tab_group(self) -> Any:
+        return SimpleNamespace(add_tab=self.add_tab)
+
+    def __getattr__(self, _name: str) -> Any:
+        return lambda label="", *_, **__: SimpleNamespace(
+            label=label, options=(), hint="", visible=True, value=None, on_update=lambda _: None
+        )
+
+
+def controls(list_key: str = "tools") -> tuple[Gui, ToolControls]:
+    gui: Any = Gui()
+    return gui, ToolControls(gui, lambda *_: None, lambda _: None, ["walk"], list_key)
+
+
+def show(shown: ToolControls, **own: Any) -> None:
+    values: dict[str, EffectiveValue] = effective_values({**OWN, **own}, {}, presets())
+    shown.show(values, {}, 1.0, list(presets()))
+
+
+@pytest.mark.parametrize(
+    ("title", "own", "value"),
+    [
+        ("strength", {"strength": -100}, -100),
+        ("walk", {"clips": {"walk": 30}}, 30),
+        ("width (%)", {"width": 5.0}, 500),
+        ("frequency (Hz)", {"lag": {"frequency": 60, "damping": 1}}, 60),
+    ],
+)
+def test_a_slider_reaches_to_the_value_in_the_file_and_back(title: str, own: dict[str, Any], value: float) -> None:
+    gui, shown = controls()
+    slider = gui.sliders[title]
+    ends = slider.min, slider.max
+    assert not ends[0] <= value <= ends[1]
+    show(shown, **own)
+    assert (slider.value, slider.min, slider.max) == (value, min(ends[0], value), max(ends[1], value))
+    show(shown)
+    assert (slider.min, slider.max) == ends
+    assert ends[0] <= slider.value <= ends[1]
+
+
+@pytest.mark.parametrize("list_key", KINDS)
+def test_tabs_are_the_groups_of_the_keys_in_their_order(list_key: str) -> None:
+    gui, _ = controls(list_key)
+    groups = {each["group"] for each in KINDS[list_key].items.keys.values()}
+    assert gui.tabs == [*(group for group in GROUPS if group in groups), *["Clips"] * (list_key == "tools")]
