@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kit.drawn import CHARACTERS
-from wrinklecli.cli.output import Progress, aligned, printable
+from wrinklecli.cli.output import Progress, printable
+from wrinklecli.errors import aligned
 
 WORDS = st.text("abc de", max_size=6).map(str.strip)
 

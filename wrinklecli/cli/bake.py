@@ -40,12 +40,10 @@ _MODIFIERS = {"define", "export", "override", "private", "undefine", "unexport"}
 @opt.clip("Bake only this clip; may be repeated.")
 @opt.tool("Bake only this tool; may be repeated.")
 @opt.fps("Frames per second; overrides sampling.fps (30).")
-@opt.valued(
+@opt.length(
     "--max-error",
-    text="Refuse a file that is off by more: scene units, or per cent of the tallest wrinkle.",
     default="1%",
-    metavar="LENGTH",
-    callback=opt.length,
+    text="Refuse a file that is off by more: scene units, or per cent of the tallest wrinkle.",
 )
 @opt.max_levels
 @opt.whole(

@@ -21,13 +21,10 @@ _LINES = 10  # of one kind of difference; --verbose shows all
 )
 @click.argument("a", type=opt.FILE)
 @click.argument("b", type=opt.FILE)
-@click.option(
+@opt.length(
     "--tolerance",
-    metavar="LENGTH",
     default="0.0001%",
-    show_default=True,
-    callback=opt.length,
-    help="Greatest distance at which they are the same: scene units, or per cent of the asset's size (its box's"
+    text="Greatest distance at which they are the same: scene units, or per cent of the asset's size (its box's"
     " diagonal). The default is eight float32 roundings, which is what the same bake may differ by between processors.",
 )
 @opt.flag("--posed", text="Compare only what a viewer sees move: posed positions over time.")

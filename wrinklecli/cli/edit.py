@@ -17,15 +17,15 @@ _PORT = 8765
 _NAME = re.compile(r"([A-Za-z0-9._-]+)")
 
 
-def _host(_context: click.Context, parameter: click.Parameter, value: str) -> str:
+def _host(value: str) -> str:
     if not value:  # which would be every address
-        raise click.BadParameter("expected an address or a name; 0.0.0.0 is every address", param=parameter)
+        raise ValueError("expected an address or a name; 0.0.0.0 is every address")
     return value
 
 
-def _names(_context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> tuple[str, ...]:
+def _names(values: tuple[str, ...]) -> tuple[str, ...]:
     for value in values:
-        opt.parsed(value, _NAME, parameter, "a name such as studio.example, without http:// and port")
+        opt.parsed(value, _NAME, "a name such as studio.example, without http:// and port")
     return values
 
 
@@ -45,7 +45,7 @@ def _names(_context: click.Context, parameter: click.Parameter, values: tuple[st
     text="The address to listen on. At any other than this machine's own, the printed address has a token, and whoever"
     " has that sees and changes all.",
     default="127.0.0.1",
-    callback=_host,
+    read=_host,
 )
 @opt.valued(
     "--allow-host",
@@ -53,7 +53,7 @@ def _names(_context: click.Context, parameter: click.Parameter, values: tuple[st
     " localhost and --host are always allowed.",
     metavar="NAME",
     multiple=True,
-    callback=_names,
+    read=_names,
 )
 @opt.flag("--no-browser", text="Print the page's address, and open no browser.")
 @opt.allow_external()

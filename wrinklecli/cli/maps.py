@@ -1,6 +1,6 @@
 """`wrinkle maps`."""
 
-from typing import Any
+from typing import Any, get_args
 
 import click
 
@@ -14,22 +14,19 @@ _SMALLEST = 16
 _LARGEST = 8192  # texels of a side, samples included: the most that common graphics cards take is 16,384
 
 
-def _size(_context: click.Context, parameter: click.Parameter, value: str) -> int:
+def _size(value: str) -> int:
     """Read the texels of a side; a text, as other commands read widths and heights."""
     if not value.isdecimal() or not _SMALLEST <= int(value[:6]) <= _LARGEST:
-        message = f"{value!r} is not a whole number from {_SMALLEST} to {_LARGEST}"
-        raise click.BadParameter(message, param=parameter)
+        raise ValueError(f"{value!r} is not a whole number from {_SMALLEST} to {_LARGEST}")
     return int(value)
 
 
-def _kinds(_context: click.Context, parameter: click.Parameter, value: str) -> tuple[str, ...]:
+def _kinds(value: str) -> tuple[str, ...]:
     """Read names of maps between commas."""
-    from typing import get_args
-
     known = get_args(MapKind)
     found = tuple(dict.fromkeys(each.strip() for each in value.split(",")))
     if not set(found) <= set(known):
-        raise click.BadParameter(f"{value!r} is not a list of {', '.join(known)}", param=parameter)
+        raise ValueError(f"{value!r} is not a list of {', '.join(known)}")
     return found
 
 
@@ -40,17 +37,20 @@ def _kinds(_context: click.Context, parameter: click.Parameter, value: str) -> t
 @click.argument("asset", type=opt.FILE)
 @click.argument("tools", type=opt.FILE)
 @opt.file("-o", "--output", "folder", metavar="DIR", required=True, text="Where to write the images and maps.json.")
-@click.option(
-    "--size", metavar="N", default="2048", show_default=True, callback=_size, help="Texels of a side of each image."
+@opt.valued(
+    "--size",
+    metavar="N",
+    default="2048",
+    read=_size,
+    text="Texels of a side of each image.",
 )
-@click.option(
+@opt.valued(
     "--maps",
     "kinds",
     metavar="KINDS",
     default="normal,height,ao",
-    show_default=True,
-    callback=_kinds,
-    help="The maps to write, between commas.",
+    read=_kinds,
+    text="The maps to write, between commas.",
 )
 @opt.whole("--supersample", bounds=(1, 4), default=2, text="Samples of a texel along either side.")
 @opt.flag("--separate", text="Write maps for each weight, not shared ones with masks.")

@@ -31,27 +31,27 @@ _TURN = re.compile(rf"(.+)=([xyz]):({_NUMBER})", re.IGNORECASE | re.DOTALL)
 _WEIGHT = re.compile(rf"(.+)=({_NUMBER})", re.DOTALL)
 
 
-def parsed(value: str, pattern: re.Pattern[str], parameter: click.Parameter, expected: str) -> tuple[str, ...]:
+def parsed(value: str, pattern: re.Pattern[str], expected: str) -> tuple[str, ...]:
     """The groups of a pattern that the whole value must match.
 
     Raises:
-        click.BadParameter: The value does not match.
+        ValueError: The value does not match.
     """
     found = pattern.fullmatch(value)
     if found is None:
-        raise click.BadParameter(f"{value!r} is not {expected}", param=parameter)
+        raise ValueError(f"{value!r} is not {expected}")
     return found.groups()
 
 
-def _turns(_context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> tuple[Any, ...]:
+def _turns(values: tuple[str, ...]) -> tuple[Any, ...]:
     """Read names, axes and degrees. Names may hold `=` and `:`, as Mixamo's do."""
-    found = [parsed(value, _TURN, parameter, "JOINT=AXIS:DEGREES, such as LeftLeg=x:90") for value in values]
+    found = [parsed(value, _TURN, "JOINT=AXIS:DEGREES, such as LeftLeg=x:90") for value in values]
     return tuple((name, axis.lower(), float(degrees)) for name, axis, degrees in found)
 
 
-def _weights(_context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> tuple[Any, ...]:
+def _weights(values: tuple[str, ...]) -> tuple[Any, ...]:
     """Read names and weights."""
-    found = [parsed(value, _WEIGHT, parameter, "NAME=WEIGHT, such as browInnerUp=1") for value in values]
+    found = [parsed(value, _WEIGHT, "NAME=WEIGHT, such as browInnerUp=1") for value in values]
     return tuple((name, float(weight)) for name, weight in found)
 
 
@@ -65,24 +65,21 @@ def _memory(context: click.Context, parameter: click.Parameter, value: str) -> i
     return size
 
 
-def _number(_context: click.Context, parameter: click.Parameter, value: float | None) -> float | None:
+def _number(value: float | None) -> float | None:
     """Refuse `nan`, which no range excludes."""
     if value is not None and math.isnan(value):
-        raise click.BadParameter("'nan' is not a number", param=parameter)
+        raise ValueError("'nan' is not a number")
     return value
 
 
-def length(_context: click.Context, parameter: click.Parameter, value: str | None) -> Any:
+def _length(value: str) -> Any:
     """Read a length in scene units, or per cent."""
-    if value is None:
-        return None
     from wrinklecli.tools.records import parse_length
 
     try:
         return parse_length(value)
-    except ValueError as error:
-        message = f"{value!r} is neither a length above 0 nor a percentage such as 1%"
-        raise click.BadParameter(message, param=parameter) from error
+    except ValueError:
+        raise ValueError(f"{value!r} is neither a length above 0 nor a percentage such as 1%") from None
 
 
 def file(*names: str, text: str, metavar: str = "FILE", **more: Any) -> Option:
@@ -100,9 +97,27 @@ def whole(*names: str, bounds: tuple[int, int], text: str, default: int | None =
     return valued(*names, text=text, default=default, type=click.IntRange(*bounds), metavar="N")
 
 
-def valued(*names: str, text: str, default: Any = None, **more: Any) -> Option:
-    """An option with a value, whose help shows the default, if there is one."""
+def valued(
+    *names: str, text: str, default: Any = None, read: Callable[[Any], Any] | None = None, **more: Any
+) -> Option:
+    """An option with a value, whose help shows the default, if there is one.
+
+    `read` makes something of the value, which may be None; its ValueError is wrong usage.
+    """
+
+    def callback(_context: click.Context, parameter: click.Parameter, value: Any) -> Any:
+        try:
+            return read(value) if read else value
+        except ValueError as error:
+            raise click.BadParameter(str(error), param=parameter) from error
+
+    more = {"callback": callback, **more}
     return click.option(*names, default=default, show_default=default is not None, help=text, **more)
+
+
+def length(name: str, *, default: str, text: str) -> Option:
+    """A length in scene units or per cent."""
+    return valued(name, text=text, default=default, metavar="LENGTH", read=_length)
 
 
 def choice(name: str, words: Any, text: str) -> Option:
@@ -144,7 +159,7 @@ def range_of_motion(text: str) -> Option:
 
 def fps(text: str, default: float | None = None) -> Option:
     """`--fps`, frames per second."""
-    return valued("--fps", text=text, default=default, type=click.FloatRange(0.1, 1000), callback=_number)
+    return valued("--fps", text=text, default=default, type=click.FloatRange(0.1, 1000), read=_number)
 
 
 def json(text: str) -> Option:
@@ -169,21 +184,21 @@ def verbose(text: str = "Print a line for each tool.") -> Option:
 
 _ONE_POSE = "May be repeated, and with {}, for one pose."
 # Joints to turn: `pose`.
-pose = click.option(
+pose = valued(
     "--pose",
     metavar="JOINT=AXIS:DEGREES",
     multiple=True,
-    callback=_turns,
-    help="In place of clips, turn this joint about its own axis, such as LeftLeg=x:90. " + _ONE_POSE.format("--morph"),
+    read=_turns,
+    text="In place of clips, turn this joint about its own axis, such as LeftLeg=x:90. " + _ONE_POSE.format("--morph"),
 )
 # Weights of morph targets: `morphs`.
-morph = click.option(
+morph = valued(
     "--morph",
     "morphs",
     metavar="NAME=WEIGHT",
     multiple=True,
-    callback=_weights,
-    help="In place of clips, give this morph target a weight, such as browInnerUp=1. " + _ONE_POSE.format("--pose"),
+    read=_weights,
+    text="In place of clips, give this morph target a weight, such as browInnerUp=1. " + _ONE_POSE.format("--pose"),
 )
 max_levels = whole("--max-levels", bounds=(0, 8), text="Overrides refinement.max_levels; 0 does not refine.")
 # Bytes; the process is held to them while the command runs.

@@ -20,58 +20,53 @@ _LOOKS = 0.3  # seconds between two checks of the watched files
 _LEAST_SIDE = 16  # pixels of a picture's width or height
 
 
-def _numbers(_context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[float, ...]:
+def _numbers(value: str | None) -> tuple[float, ...]:
     """Numbers between commas."""
     try:
         found = tuple(float(part) for part in value.split(",")) if value is not None else ()
     except ValueError:
         found = (math.nan,)
     if not all(map(math.isfinite, found)):
-        raise click.BadParameter(f"{value!r} is not numbers between commas, such as 0,0.5", param=parameter)
+        raise ValueError(f"{value!r} is not numbers between commas, such as 0,0.5")
     return found
 
 
-def _point(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[float, ...] | None:
-    found = _numbers(context, parameter, value)
+def _point(value: str | None) -> tuple[float, ...] | None:
+    found = _numbers(value)
     if value is not None and len(found) != 3:
-        raise click.BadParameter(f"{value!r} has {len(found)} numbers, not 3", param=parameter)
+        raise ValueError(f"{value!r} has {len(found)} numbers, not 3")
     return found or None
 
 
-def _words(_context: click.Context, _parameter: click.Parameter, value: str | None) -> tuple[str, ...]:
+def _words(value: str | None) -> tuple[str, ...]:
     """Text between commas."""
     return tuple(value.split(",")) if value else ()
 
 
-def _views(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[str, ...]:
-    names = _words(context, parameter, value)
+def _views(value: str | None) -> tuple[str, ...]:
+    names = _words(value)
     if names:
         from wrinklecli.review.preview.camera import FACING, parse_view
 
-        try:
-            for name in names:
-                if name != FACING:
-                    parse_view(name)
-        except ValueError as error:
-            raise click.BadParameter(str(error), param=parameter) from error
+        for name in names:
+            if name != FACING:
+                parse_view(name)
     return names
 
 
-def _size(_context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[int, int] | None:
+def _size(value: str | None) -> tuple[int, int] | None:
     if value is None:
         return None
     found = re.fullmatch(r"(\d{1,6})x(\d{1,6})", value)
     size = (int(found[1]), int(found[2])) if found else (0, 0)
     if not all(_LEAST_SIDE <= side <= MOST_SIDE for side in size):
-        raise click.BadParameter(
-            f"{value!r} is not WIDTHxHEIGHT, such as 800x600, of {_LEAST_SIDE} to {MOST_SIDE} pixels", param=parameter
-        )
+        raise ValueError(f"{value!r} is not WIDTHxHEIGHT, such as 800x600, of {_LEAST_SIDE} to {MOST_SIDE} pixels")
     return size
 
 
-def _above_0(_context: click.Context, parameter: click.Parameter, value: float | None) -> float | None:
+def _above_0(value: float | None) -> float | None:
     if value is not None and not 0 < value < math.inf:
-        raise click.BadParameter(f"{value!r} is not a length above 0", param=parameter)
+        raise ValueError(f"{value!r} is not a length above 0")
     return value
 
 
@@ -98,29 +93,32 @@ def _above_0(_context: click.Context, parameter: click.Parameter, value: float |
 @opt.morph
 @opt.clip("Default: the first clip. May be repeated.")
 @opt.flag("--rest", text="Show the pose as stored, and no clip.")
-@click.option(
+@opt.valued(
     "--times",
     metavar="S,S…",
-    callback=_numbers,
-    help="Moments in seconds. Default: 5 of a clip; of an animation, all of it.",
+    read=_numbers,
+    text="Moments in seconds. Default: 5 of a clip; of an animation, all of it.",
 )
 @opt.whole("--frames", bounds=(1, 10_000), text="The number of moments of each clip, evenly spaced.")
 @opt.fps("Moments per second; of an animation 15.")
-@click.option(
+@opt.valued(
     "--views",
     metavar="VIEW,VIEW…",
-    callback=_views,
-    help="front, right, back, left, top, bottom, oblique, facing (the wrinkles' side; the default if there are"
+    read=_views,
+    text="front, right, back, left, top, bottom, oblique, facing (the wrinkles' side; the default if there are"
     " any) or AZIMUTH:ELEVATION in degrees: 0:0 is the front, 90:0 the side of +x.",
 )
-@click.option("--focus", metavar="X,Y,Z", callback=_point, help="Look at this point. Default: the wrinkles, or all.")
-@click.option("--radius", type=float, callback=_above_0, metavar="R", help="See this far around it, scene units.")
+@opt.valued("--focus", metavar="X,Y,Z", read=_point, text="Look at this point. Default: the wrinkles, or all.")
+@opt.valued("--radius", type=float, read=_above_0, metavar="R", text="See this far around it, scene units.")
 @opt.flag("--follow", text="The camera moves with what it looks at; a --focus is then a point of the stored pose.")
-@click.option(
-    "--size", metavar="WxH", callback=_size, help="The size of each picture. Default: 800x600, or what fits a review."
+@opt.valued(
+    "--size",
+    metavar="WxH",
+    read=_size,
+    text="The size of each picture. Default: 800x600, or what fits a review.",
 )
 @opt.whole("--columns", bounds=(1, 1000), text="Moments in a row of a sheet.")
-@click.option("--labels", metavar="A,B", callback=_words, help="A label for each asset, or for before and after.")
+@opt.valued("--labels", metavar="A,B", read=_words, text="A label for each asset, or for before and after.")
 @opt.flag(
     "--grid",
     text="Draw axes, a ruler in scene units and the names of joints, to read coordinates for a tools file off the"

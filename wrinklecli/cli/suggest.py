@@ -28,10 +28,10 @@ _WIDEST = 60  # characters of a column
 _MATERIAL = re.compile(rf"(.+)=({'|'.join(SUBSTANCES)})", re.DOTALL)
 
 
-def _materials(_context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
+def _materials(values: tuple[str, ...]) -> dict[str, str]:
     """Read names and what they are made of. Names may hold `=`."""
     expected = f"NAME=KIND, where KIND is {', '.join(SUBSTANCES)}"
-    found = (opt.parsed(value, _MATERIAL, parameter, expected) for value in values)
+    found = (opt.parsed(value, _MATERIAL, expected) for value in values)
     return {groups[0]: groups[1] for groups in found}
 
 
@@ -50,13 +50,13 @@ def _materials(_context: click.Context, parameter: click.Parameter, values: tupl
     default=8,
 )
 @click.option("--node", metavar="NAME", help="Look at the mesh of this node only.")
-@click.option(
+@opt.valued(
     "--material",
     "materials",
     metavar="NAME=KIND",
     multiple=True,
-    callback=_materials,
-    help=f"What the node, mesh or material NAME is made of: {', '.join(SUBSTANCES)}. May be repeated.",
+    read=_materials,
+    text=f"What the node, mesh or material NAME is made of: {', '.join(SUBSTANCES)}. May be repeated.",
 )
 @opt.presets("Tools get those whose `parts` name their parts of a body; OUT names the file.")
 @opt.flag("--face", text="Suggest the wrinkles of a face by its morph targets, and nothing else.")

@@ -12,15 +12,14 @@ from wrinklecli.errors import counted
 _LEAST_ERROR = 0.390625  # per cent: 1/256, the error of the table of weights in the extras of a node
 
 
-def _share(_context: click.Context, parameter: click.Parameter, value: str) -> float:
+def _share(value: str) -> float:
     """Read a percentage above the error of the table as a ratio."""
     try:
         found = float(value.removesuffix("%")) if value.endswith("%") else -1.0
     except ValueError:
         found = -1.0
     if not _LEAST_ERROR < found <= 100:
-        message = f"{value!r} is not a percentage above {_LEAST_ERROR}%, to which the table of weights is right"
-        raise click.BadParameter(message, param=parameter)
+        raise ValueError(f"{value!r} is not a percentage above {_LEAST_ERROR}%, to which the table of weights is right")
     return found / 100
 
 
@@ -32,13 +31,12 @@ def _share(_context: click.Context, parameter: click.Parameter, value: str) -> f
 @click.argument("anims", type=opt.FILE, metavar="ANIM...", nargs=-1, required=True)
 @opt.file("-o", "--output", "folder", metavar="DIR", required=True, text="Where to write, under the same names.")
 @opt.fps("Frames per second of the grid of sample times.", default=30.0)
-@click.option(
+@opt.valued(
     "--max-error",
     metavar="PERCENT",
     default="1%",
-    show_default=True,
-    callback=_share,
-    help="Greatest error of a weight, per cent of the greatest; more needs fewer keys.",
+    read=_share,
+    text="Greatest error of a weight, per cent of the greatest; more needs fewer keys.",
 )
 @opt.allow_external("Read buffers and images outside the files' folders too.")
 @opt.max_memory
