@@ -1,11 +1,11 @@
-"""Inputs are regular files."""
+"""Inputs are regular files, and are read again when others have written them, not before."""
 
 import os
 from pathlib import Path
 
 import pytest
 
-from wrinklecli.files.inputs import open_input
+from wrinklecli.files.inputs import Watched, open_input
 
 
 def test_a_file_is_read_by_any_name(tmp_path: Path) -> None:
@@ -35,3 +35,25 @@ def test_a_file_that_becomes_a_pipe_is_not_waited_for(tmp_path: Path, monkeypatc
     monkeypatch.setattr(os, "stat", lambda _: status)
     with pytest.raises(OSError, match="not a regular file"):
         open_input(tmp_path / "pipe")
+
+
+def test_a_change_counts_once_it_has_stayed(tmp_path: Path) -> None:
+    path = tmp_path / "limb.glb"
+    watched = Watched([path, tmp_path / "tools.yaml"])
+    assert not watched.changed()
+    path.write_text("a")
+    assert not watched.changed()
+    path.write_text("abc")
+    assert not watched.changed()
+    assert watched.changed()
+    assert not watched.changed()
+    # What has changed since is not lost where more is watched.
+    path.write_text("abcd")
+    (tmp_path / "limb.bin").write_text("a")
+    more = watched.instead([tmp_path / "limb.bin", path])
+    assert more.changed()
+    assert not more.changed()
+    watched.changed()
+    assert watched.changed()
+    path.unlink()
+    assert [watched.changed() for _ in range(3)] == [False, True, False]

@@ -12,8 +12,8 @@ from wrinklecli.cli import options as opt
 from wrinklecli.cli.output import Progress, say, say_findings
 from wrinklecli.cli.streams import command_outputs, job_outputs
 from wrinklecli.errors import WrinkleError
+from wrinklecli.files.inputs import Watched
 from wrinklecli.files.outputs import Outputs
-from wrinklecli.files.watched import Watched
 from wrinklecli.review.preview.preview_options import MOST_SIDE, PreviewOptions, Style
 
 _LOOKS = 0.3  # seconds between two checks of the watched files

@@ -24,7 +24,7 @@ from wrinklecli.editor.proposals import Proposal, proposals_of, proposed_keys, t
 from wrinklecli.editor.raised import RaisedTool, raised_tool
 from wrinklecli.editor.store import Store
 from wrinklecli.errors import ConfigError, WrinkleError
-from wrinklecli.files.watched import Watched
+from wrinklecli.files.inputs import Watched
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, significant
 from wrinklecli.numeric.guard import guarded

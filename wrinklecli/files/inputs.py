@@ -1,8 +1,9 @@
-"""Opens inputs, which must be regular files: a pipe would block, and a device may never end."""
+"""Opens inputs, which must be regular files as a pipe would block and a device may never end, and watches them."""
 
 import errno
 import os
 import stat
+from collections.abc import Iterable
 from typing import BinaryIO
 
 
@@ -40,3 +41,39 @@ def _refuse_others(mode: int) -> None:
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
     if not stat.S_ISREG(mode):
         raise OSError(errno.EINVAL, "not a regular file")
+
+
+class Watched:
+    """Files, which need not exist, that are looked at repeatedly for changes by other programs."""
+
+    def __init__(self, paths: Iterable[str | os.PathLike[str]]) -> None:
+        self._paths = tuple(dict.fromkeys(os.fspath(path) for path in paths))
+        self._known = self._last = self._look()
+
+    def instead(self, paths: Iterable[str | os.PathLike[str]]) -> "Watched":
+        """Watch other files from now on; files in both lists keep their known state."""
+        found = Watched(paths)
+        known = dict(zip(self._paths, self._known, strict=True))
+        found._known = tuple(known.get(path, now) for path, now in zip(found._paths, found._known, strict=True))
+        return found
+
+    def changed(self) -> bool:
+        """True if a file has changed since the last change, and not since the last look: writing may take a while."""
+        now, before = self._look(), self._last
+        self._last = now
+        if now == self._known or now != before:
+            return False
+        self._known = now
+        return True
+
+    def _look(self) -> tuple[tuple[int, ...] | None, ...]:
+        return tuple(map(_state, self._paths))
+
+
+def _state(path: str) -> tuple[int, ...] | None:
+    """Numbers that change with the content of a file; None if it does not exist."""
+    try:
+        found = os.stat(path)
+    except (OSError, ValueError):
+        return None
+    return found.st_mtime_ns, found.st_size, found.st_ino
