@@ -72,8 +72,6 @@ KINDS = {
 }
 # Keys of an entry that are no custom properties: Blender's objects say them.
 PLACED = ("name", "node", "origin", "target", "path", "insertion", "at")
-# Points that a path may have.
-PATH_POINTS = 64
 # Significant digits of a place, of its largest coordinate: micrometres on a body, and no noise of Blender's float32.
 PLACE_DIGITS = 6
 # Significant digits of other numbers: Blender's sliders are float32.
@@ -1340,14 +1338,15 @@ class Add(_Operator):
 
     def act(self, context: Any) -> None:
         """Make the tool."""
-        schema()  # says at once if there is no wrinkle
+        known = schema()  # says at once if there is no wrinkle
         body, kind = context.edit_object, KINDS[self.kind]
         body.update_from_editmode()
         picked = self._picked(body)
         if len(picked) < kind.picked or (len(picked) > kind.picked and self.kind != "tools"):
             raise ValueError(f"{kind.title}: pick {kind.picked} vertices, not {len(picked)}")
-        if len(picked) > PATH_POINTS:
-            raise ValueError(f"a path has up to {PATH_POINTS} vertices, not {len(picked)}")
+        most = known["properties"]["tools"]["items"]["properties"]["path"]["maxItems"]
+        if len(picked) > most:
+            raise ValueError(f"a path has up to {most} vertices, not {len(picked)}")
         skin = Skin(body)
         bones = [skin.bone_of([each]) for each in picked]
         places = [body.matrix_world @ body.data.vertices[each].co for each in picked]

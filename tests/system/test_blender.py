@@ -97,6 +97,29 @@ def test_mirror_planes_and_offsets_are_turned_too() -> None:
         assert getattr(found[0], kind) == getattr(found[1], kind)
 
 
+def places(key_schema: dict[str, Any], place: list[int]) -> list[Any]:
+    """The values of a key that hold a place, as far as the schema knows such."""
+    if "else" in key_schema:
+        inner = key_schema["then"].get("properties", {})
+        held = [{key: each} for key, part in inner.items() for each in places(part, place)]
+        return held + places(key_schema["else"], place)
+    if key_schema.get("items", {}).get("minItems") == 3:
+        return [[each] for each in places(key_schema["items"], place)]
+    return [place] if key_schema.get("minItems") == key_schema.get("maxItems") == 3 else []
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_place_of_the_schema_is_turned(kind: str) -> None:
+    keys = TOOLS_SCHEMA["properties"][kind]["items"]["properties"]
+    pairs = [
+        ({key: value}, {key: turned})
+        for key, each in keys.items()
+        for value, turned in zip(places(each, [1, 2, 3]), places(each, [1, -3, 2]), strict=True)
+    ]
+    assert len(pairs) >= 1
+    assert addon.z_up({kind: [value for value, _ in pairs]})[kind] == [turned for _, turned in pairs]
+
+
 @given(st.text(st.sampled_from("LRlr._-: abLeftRightEFIGHT"), max_size=12))
 def test_sides_are_those_of_the_tools_file(name: str) -> None:
     assert addon.other_side(name) == exchange_sides(name)
