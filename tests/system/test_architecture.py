@@ -25,6 +25,7 @@ DOORS = {
     "zstandard": {"baking/original"},
     "threadpoolctl": {"numeric/guard"},
     "trimesh": {"baking/frame_files"},
+    "igl": {"numeric/closest"},
     "ipctk": {"effects/contact/tissue"},
     "embreex": {"review/preview/preview", "review/preview/rays"},
     "PIL": {"gltf/pixels", "review/preview/cards", "review/preview/preview", "review/preview/sheet_layout"},
@@ -39,7 +40,18 @@ DOORS = {
     "click": {"cli"},
     "pytest": {"testing"},
 }
-HEAVY = ("numpy", "scipy", "jsonschema_rs", "pygltflib", "trimesh", "yaml", "zstandard", "matplotlib", "distributed")
+HEAVY = (
+    "numpy",
+    "scipy",
+    "igl",
+    "jsonschema_rs",
+    "pygltflib",
+    "trimesh",
+    "yaml",
+    "zstandard",
+    "matplotlib",
+    "distributed",
+)
 
 
 def place_of(path: Path) -> str:

@@ -12,7 +12,7 @@ from kit.clients import gltfpack
 from kit.places import ROOT
 from kit.player import Gltf
 from kit.samples import config, sample
-from wrinklecli.numeric.nearest import closest_point
+from wrinklecli.numeric.closest import closest_point
 
 # As a manifest of `wrinkle batch` says it of levels: fewer triangles, and less refinement.
 LEVELS = {"0.5": {"max_levels": 3}, "0.25": {"max_levels": 3, "edges_per_interval": 2}}

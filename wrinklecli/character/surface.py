@@ -18,7 +18,7 @@ from wrinklecli.gltf.document import TRIANGLE_FAN, TRIANGLE_STRIP, TRIANGLES, Do
 from wrinklecli.gltf.draco import EXTENSION
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints, components, distinct
-from wrinklecli.numeric.nearest import pairs_within
+from wrinklecli.numeric.closest import pairs_within
 
 # Greatest difference of welded vertices in skin weights and, relative to the bounding box's diagonal, in morph deltas
 # and, after Draco, which rounds each primitive separately, in positions.

@@ -9,7 +9,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import morph_weights
 from wrinklecli.character.scene_surface import CrossingPairs, SceneSurface
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct, distinct_values
-from wrinklecli.numeric.nearest import Blocks
+from wrinklecli.numeric.closest import Tree
 
 # Greatest distance of a new vertex from the coarse triangle on which it lies, relative to the longest edge of that:
 # where a tool may raise the surface, it is rounded by up to an eighth of an edge times the angle across it.
@@ -111,9 +111,10 @@ class CoarseCounter:
         positions = np.ascontiguousarray(self.coarse.meshes[whole].skin.places[:, 0].T)
         every = self.coarse.crossings.triangles
         triangles = every[(every[:, 0] >= start) & (every[:, 0] < end)] - start
-        blocks, found = Blocks.of(positions, triangles), list[tuple[int, ...]]()
-        for place in places:
-            triangle, coordinates, nearest = blocks.closest_point(place)
+        found = list[tuple[int, ...]]()
+        for place, triangle, coordinates, nearest in zip(
+            places, *Tree.of(positions, triangles).closest_points(places), strict=True
+        ):
             corners = triangles[triangle]
             edges = positions[corners] - positions[np.roll(corners, 1)]
             on_it = np.linalg.norm(nearest - place) <= _FARTHEST * np.linalg.norm(edges, axis=1).max()

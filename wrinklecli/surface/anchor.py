@@ -73,7 +73,7 @@ def anchor_at(
         BakeError: The surface is too far from the point, or singular there.
     """
     point, segment = asked[number], segment_at(asked, number)
-    triangle, barycentrics, place = rest.blocks.closest_point(point)
+    triangle, barycentrics, place = rest.closest_point(point)
     if snap == "vertex":
         used = distinct_values(surface.triangles)
         vertex = int(used[np.argmin(np.sum((rest.positions[used] - point) ** 2, axis=1))])
@@ -129,7 +129,7 @@ def _other_axis(point: Floats, segment: float, rest: Rest, up: str) -> str:
     """A hint where the point would lie on the mesh, had the file said the other up axis."""
     x, y, z = point
     other, turned = ("y", np.array([x, -z, y])) if up == "z" else ("z", np.array([x, z, -y]))
-    found = rest.blocks.closest_point(turned)[2]
+    found = rest.closest_point(turned)[2]
     near = np.linalg.norm(found - turned) <= _ANCHOR_REACH * segment
     return f"; with `up: {other}` it would lie on it" if near else ""
 

@@ -8,7 +8,7 @@ import numpy as np
 from wrinklecli.character.carried import CarriedPoint
 from wrinklecli.character.pose import joint_matrices, node_matrices
 from wrinklecli.numeric.arrays import Floats, determinants, singular, unit
-from wrinklecli.numeric.nearest import distances_along
+from wrinklecli.numeric.rays import distances_along
 from wrinklecli.surface.ground import Ground
 
 # Distance of an end below a place on the skin from its bone, over that of the skin: in the middle of the flesh.

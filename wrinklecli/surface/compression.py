@@ -13,7 +13,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, unit, weighted_quantiles
-from wrinklecli.numeric.nearest import nearest_of
+from wrinklecli.numeric.closest import nearest_of
 from wrinklecli.surface.sites import Sites
 from wrinklecli.surface.strain import along_directions, principal
 

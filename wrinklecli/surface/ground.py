@@ -16,7 +16,8 @@ from wrinklecli.character.surface import Surface, read_surface
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints, distinct_values
-from wrinklecli.numeric.nearest import nearest_on_mesh, ray_hits
+from wrinklecli.numeric.closest import Tree
+from wrinklecli.numeric.rays import ray_hits
 from wrinklecli.surface.rest import Rest, rest_pose
 from wrinklecli.tools.records import ONE_PERCENT, EffectTool, Length, ToolsFile
 
@@ -108,10 +109,10 @@ class Ground:
         """Count the (points, 3) over (below, 3) triangles of this mesh, within the reaches of their vertices."""
         places, (low, high) = self.rest.positions, box
         points = points[((points >= low) & (points <= high)).all(axis=1)]
-        feet, shares = nearest_on_mesh(points, places, below)
+        feet, shares, nearest = Tree.of(places, below).closest_points(points)
         corners = below[feet]
         one, two, three = np.moveaxis(places[corners], 1, 0)
-        away = points - np.einsum("vc,vcx->vx", shares, places[corners])
+        away = points - nearest
         outside = np.einsum("vx,vx->v", away, np.cross(two - one, three - one)) > 0
         within = (away**2).sum(axis=1) < (shares * reaches[corners]).sum(axis=1) ** 2
         return int((outside & within).sum())

@@ -30,9 +30,8 @@ from wrinklecli.numeric.arrays import (
     unit,
     vertex_normals,
 )
-from wrinklecli.numeric.boxes import Boxes
+from wrinklecli.numeric.closest import balls
 from wrinklecli.numeric.memory import MAX_VERTICES
-from wrinklecli.numeric.nearest import balls
 from wrinklecli.numeric.red_green import Level
 from wrinklecli.numeric.subdivide import Subdivision, subdivide
 from wrinklecli.surface.prune import forbidden_splits, joint_distances, prune, spread_weights
@@ -161,12 +160,6 @@ class Refinement:
     def rest_balls(self) -> tuple[Floats, Floats]:
         """(triangles, 3) centres and (triangles,) radii of balls round the triangles, world space at rest."""
         return balls(self.rest_positions[self.triangles])
-
-    @cached_property
-    def rest_boxes(self) -> Boxes:
-        """Boxes round the balls of consecutive triangles."""
-        middles, radii = self.rest_balls
-        return Boxes.of(middles - radii[:, None], middles + radii[:, None])
 
     @cached_property
     def rest_size(self) -> float:

@@ -16,7 +16,7 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import Surface
 from wrinklecli.errors import BakeError, ConfigError, listed, nearest
 from wrinklecli.numeric.arrays import Floats, Ints, VertexFaces, determinants, inverses, median, unit, vertex_normals
-from wrinklecli.numeric.nearest import Blocks, nearest_vertex
+from wrinklecli.numeric.closest import closest_point
 from wrinklecli.tools.records import EffectTool, JointPoint, ToolsFile
 
 # Poses of a surface besides the rest pose that are kept: in the editor a time may be dragged.
@@ -47,9 +47,13 @@ class Rest:
     positions: Floats
     triangles: Ints
 
+    def closest_point(self, point: Floats) -> tuple[int, Floats, Floats]:
+        """The triangle, (3,) barycentric coordinates and (3,) position nearest to a (3,) point, world space."""
+        return closest_point(self.positions, self.triangles, point)
+
     def foot(self, point: Floats) -> tuple[Floats, Floats]:
         """(3,) nearest point of the surface to a (3,) point, world space, and the (3,) unit normal there."""
-        triangle, barycentrics, place = self.blocks.closest_point(point)
+        triangle, barycentrics, place = self.closest_point(point)
         return place, unit(barycentrics @ self.normals_at(self.triangles[triangle]))
 
     @property
@@ -82,11 +86,6 @@ class Rest:
     def around(self) -> VertexFaces:
         """The triangles of each vertex."""
         return VertexFaces.of(self.triangles, len(self.bind_positions))
-
-    @cached_property
-    def blocks(self) -> Blocks:
-        """The triangles in world space, grouped by neighbours."""
-        return Blocks.of(self.positions, self.triangles)
 
 
 def rest_pose(
@@ -165,7 +164,7 @@ def _bind_matrices(surface: Surface, rig: Rig, stored: Floats, bind: Floats, too
     # The nearest vertex decides the joint, but the joint decides where vertices lie: a second round settles it.
     for _ in range(2):
         posed = bind @ stored[main, :3, :3].T + stored[main, :3, 3]
-        vertex = nearest_vertex(posed, place)
+        vertex = int(np.argmin(np.sum((posed - place) ** 2, axis=1)))
         main = int(surface.joints[vertex, np.argmax(surface.weights[vertex])])
     return np.tile(stored[main], (len(stored), 1, 1))
 

@@ -14,7 +14,7 @@ from scipy.sparse import csr_array
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.numeric.arrays import Floats, Ints, distinct, unit, weighted_quantiles
-from wrinklecli.numeric.nearest import pairs_within
+from wrinklecli.numeric.closest import pairs_within
 from wrinklecli.numeric.processes import in_processes
 from wrinklecli.surface.strain import Gauge, StrainedPart, principal, strain
 

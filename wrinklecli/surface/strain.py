@@ -20,7 +20,7 @@ from wrinklecli.character.pose import LEAST_SCALE, joint_matrices, morph_weights
 from wrinklecli.character.rig import TRANSFORM_DEFAULTS, Rig, moving_nodes
 from wrinklecli.character.surface import Surface
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, distinct_values, face_normals, unit
-from wrinklecli.numeric.nearest import balls
+from wrinklecli.numeric.closest import balls
 from wrinklecli.surface.rest import Rest
 
 # Greatest stretch that counts, as a ratio of lengths: triangles of almost no area may have any.

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from wrinklecli.numeric.arrays import Floats, Ints, interpolated, unit
-from wrinklecli.numeric.nearest import balls, nearest_points
+from wrinklecli.numeric.closest import Tree
 from wrinklecli.surface.compression import CompressedRegion
 from wrinklecli.surface.rest import Rest
 from wrinklecli.surface.sites import Sites
@@ -218,13 +218,8 @@ def _walk(
     Returns:
         (points, 2 + poses, 3) for each direction: unit normals, positions at rest, positions in each pose.
     """
-    from scipy.spatial import cKDTree
-
-    corners = rest.positions[triangles]
-    middles, radii = balls(corners)
-    radius, tree = float(radii.max()), cKDTree(middles)
-    first, barycentrics = nearest_points(centre[None], corners)
-    found, barycentrics = np.repeat(first, len(directions)), np.repeat(barycentrics, len(directions), axis=0)
+    tree = Tree.of(rest.positions, triangles)
+    found, barycentrics, _ = tree.closest_points(np.tile(centre, (len(directions), 1)))
     points = []
     for _ in range(_WALK_STEPS + 1):
         every = (rest.normals, rest.positions, *poses)
@@ -232,11 +227,7 @@ def _walk(
         normals = unit(normals)
         points.append(np.stack([normals, places, *moved], axis=1))
         directions = unit(directions - np.sum(directions * normals, axis=1)[:, None] * normals)
-        ahead = places + step * directions
-        # The surface is no further away than the place that the step came from.
-        close = np.unique(np.concatenate(tree.query_ball_point(ahead, 1.001 * step + radius)).astype(np.intp))
-        which, barycentrics = nearest_points(ahead, corners[close])
-        found = close[which]
+        found, barycentrics, _ = tree.closest_points(places + step * directions)
     lines = np.stack(points, axis=1)
     # At a border the nearest point stays behind.
     advances = np.sqrt(np.sum(np.diff(lines[:, :, 1], axis=1) ** 2, axis=2))
@@ -283,13 +274,13 @@ class _Field:
     """The strongest compression over a part of a surface.
 
     Attributes:
-        corners: (triangles, 3, 3) positions of the corners.
-        normals: (triangles, 3, 3) unit normals there.
+        surface: Its triangles.
+        normals: (vertices, 3) unit normals.
         tree: Positions of the sites of this part.
         tensors: (sites, 6) loss tensors there.
     """
 
-    corners: Floats
+    surface: Tree
     normals: Floats
     tree: "cKDTree"
     tensors: Floats
@@ -302,9 +293,7 @@ class _Field:
         rest = sites.gauge.rest
         piece = sites.pieces[region.members[region.weights.argmax()]]
         chosen = (sites.pieces == piece) & (sites.normals @ region.normal > _SITE_FACING)
-        return cls(
-            rest.positions[triangles], rest.normals[triangles], cKDTree(sites.positions[chosen]), tensors[chosen]
-        )
+        return cls(Tree.of(rest.positions, triangles), rest.normals, cKDTree(sites.positions[chosen]), tensors[chosen])
 
     def walk(self, start: Floats, along: Floats, length: float) -> Floats:
         """(points, 3) from near a (3,) start, at first in a (3,) direction, to the length or the surface's border."""
@@ -312,8 +301,8 @@ class _Field:
         ahead, step, peak = start, length / _TRACE_STEPS, 0.0
         ranks = list(range(1, min(_NEIGHBOURS, len(self.tensors)) + 1))
         for _ in range(_TRACE_STEPS + 1):
-            (triangle,), barycentrics = nearest_points(ahead[None], self.corners)
-            place, normal = barycentrics[0] @ self.corners[triangle], unit(barycentrics[0] @ self.normals[triangle])
+            (triangle,), (barycentrics,), (place,) = self.surface.closest_points(ahead[None])
+            normal = unit(barycentrics @ self.normals[self.surface.triangles[triangle]])
             if line and np.linalg.norm(place - line[-1]) < _BORDER * step:
                 break
             distances, near = (np.asarray(each) for each in self.tree.query(place, k=ranks))

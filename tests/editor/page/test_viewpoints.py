@@ -9,7 +9,7 @@ from kit.places import ROOT
 from wrinklecli.editor.page.drawing import Body, outline_of
 from wrinklecli.editor.page.viewpoints import SIDES, clear_time, frame_asset, frame_tool
 from wrinklecli.editor.session import Session
-from wrinklecli.numeric.nearest import distances_along
+from wrinklecli.numeric.rays import distances_along
 
 KNEE = "{name: a, origin: [0.104, 0.635, -0.0906], target: [0.104, 0.365, -0.0844], width: 0.24, bumps: 6}"
 HIP = "{name: a, origin: [0.11, 0.97, 0.09], target: [0.11, 0.78, 0.09], width: 0.2, compressible: 50%}"

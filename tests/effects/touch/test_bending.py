@@ -55,7 +55,7 @@ def errors(asset: Path, spot: Json, clip: str, time: float) -> tuple[float, floa
     posed = read_ground(document, node, [], replace(settings, rest=RestFrame(clip=clip, time=time)), clips)
     slides, place = slides_on(fine, fine.rest_positions, attached.place, attached.hold), attached.place
     # The place in the pose.
-    triangle, corners, _ = ground.rest.blocks.closest_point(place.at)
+    triangle, corners, _ = ground.rest.closest_point(place.at)
     vertices = ground.rest.triangles[triangle]
     before, after = (np.einsum("k,kab->ab", corners, each.rest.blended[vertices, :, :3]) for each in (ground, posed))
     normal = unit(corners @ posed.rest.normals_at(vertices))

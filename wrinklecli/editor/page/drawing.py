@@ -13,8 +13,8 @@ from scipy.sparse.csgraph import dijkstra
 
 from wrinklecli.editor.attached import AttachedBelow, AttachedTool, PlayableMesh
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, among, distinct, distinct_values, face_normals, unit
+from wrinklecli.numeric.closest import closest_point
 from wrinklecli.numeric.intersections import edges_of
-from wrinklecli.numeric.nearest import closest_point
 from wrinklecli.review.preview.paints import Paint
 
 _NORMAL_STEP = 1 / 127  # difference of stored normals that counts as none: the step of an 8-bit normal

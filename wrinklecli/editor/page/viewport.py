@@ -20,7 +20,8 @@ from wrinklecli.editor.page.viewpoints import FOV, SIDES, frame_asset, frame_too
 from wrinklecli.editor.page.widgets import PageHost, add_group, add_shortcut, on_set, value_within
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats
-from wrinklecli.numeric.nearest import closest_point, distances_along
+from wrinklecli.numeric.closest import closest_point
+from wrinklecli.numeric.rays import distances_along
 from wrinklecli.review.preview.camera import Camera
 from wrinklecli.review.preview.heat import point_colours
 from wrinklecli.review.preview.paints import Colour, Paint, read_paints

@@ -39,8 +39,8 @@ from wrinklecli.effects.contact.solution import (
 from wrinklecli.effects.contact.tissue import FREE, SOFT, UNITS, Tissue
 from wrinklecli.effects.contact.trail import Trail
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, interpolated
+from wrinklecli.numeric.closest import nearest_of
 from wrinklecli.numeric.intersections import widened
-from wrinklecli.numeric.nearest import nearest_of
 
 # A sweep ends where contact moves a vertex this far, solver's units: a limb is pressed by half of its radius,
 _DEEPEST = 36.0

@@ -21,8 +21,8 @@ from wrinklecli.effects.wrinkle.bending import bent_node
 from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, distinct_values
+from wrinklecli.numeric.closest import nearest_of
 from wrinklecli.numeric.intersections import Crossings
-from wrinklecli.numeric.nearest import nearest_of
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.rest import Rest
 from wrinklecli.tools.records import Contact

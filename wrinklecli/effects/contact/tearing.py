@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from wrinklecli.numeric.arrays import Bools, Floats, Ints
+from wrinklecli.numeric.closest import nearest_of
 from wrinklecli.numeric.intersections import edges_of, widened
-from wrinklecli.numeric.nearest import nearest_of
 
 # Greatest length of an edge, relative to the longer of its lengths at rest and as skinned. In folds that look right
 # it is 1.2, and 1.6 in the sleeve of a limb that is pressed by half of its radius; in torn ones it is 2 to 10.

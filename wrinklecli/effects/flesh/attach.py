@@ -14,7 +14,7 @@ from wrinklecli.effects.flesh.mask import softness_of
 from wrinklecli.effects.flesh.tissue import Body, NoFleshError, Place, Swings
 from wrinklecli.errors import BakeError, WrinkleError, listed, nearest
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, determinants, inverses, smoothstep
-from wrinklecli.numeric.nearest import nearest_of, nearest_on_mesh
+from wrinklecli.numeric.closest import Tree, nearest_of
 from wrinklecli.numeric.spring import Spring
 from wrinklecli.surface.ground import Ground, read_ground
 from wrinklecli.surface.region import Region
@@ -181,9 +181,8 @@ def _attach_over(tool: Flesh, skin: Ground, ground: Ground, settings: ToolsFile)
     rest, place = ground.rest, region.place
     reach = _CLOSE * place.radius
     around = np.flatnonzero(((rest.positions - place.at) ** 2).sum(axis=1) < (place.radius + 2.0 * reach) ** 2)
-    feet, shares = nearest_on_mesh(rest.positions[around], skin.rest.positions, skin.rest.triangles)
+    feet, shares, places = Tree.of(skin.rest.positions, skin.rest.triangles).closest_points(rest.positions[around])
     corners = skin.rest.triangles[feet]
-    places = np.einsum("vc,vcx->vx", shares, skin.rest.positions[corners])
     away = np.sqrt(((rest.positions[around] - places) ** 2).sum(axis=1))
     follows = (shares * region.follows[corners]).sum(axis=1)
     follows *= 1.0 - smoothstep(np.clip(away / reach - 1.0, 0.0, 1.0))
@@ -258,7 +257,7 @@ def _named_joint(tool: Flesh, ground: Ground) -> int | None:
 
 def _joint_at(ground: Ground, place: Place) -> int:
     """The index of the joint of most weight at the middle of a region."""
-    triangle, shares, _ = ground.rest.blocks.closest_point(place.at)
+    triangle, shares, _ = ground.rest.closest_point(place.at)
     weights = shares @ ground.surface.dense_weights(ground.surface.triangles[triangle], len(ground.rig.joints))
     return int(weights.argmax())
 
@@ -293,7 +292,7 @@ def _moving(ground: Ground, place: Place) -> Bools:
     edges = np.concatenate([rest.triangles[:, [one, two]] for one, two in ((0, 1), (1, 2), (2, 0))])
     labels = components(edges[near[edges].all(axis=1)], len(near))
     # Of large triangles, perhaps one corner alone lies within the region.
-    triangle, _, _ = rest.blocks.closest_point(place.at)
+    triangle, _, _ = rest.closest_point(place.at)
     own = near & np.isin(labels, labels[rest.triangles[triangle]])
     weights = surface.dense_weights(np.flatnonzero(near), len(ground.rig.joints))
     joints = weights[own[near]].mean(axis=0) > _CARRIES if own.any() else np.zeros(len(weights.T), np.bool_)

@@ -18,9 +18,8 @@ from itertools import product
 import numpy as np
 
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, smoothstep
+from wrinklecli.numeric.closest import is_inside, nearest_of
 from wrinklecli.numeric.elements import CORNERS, Modes, Tissue, ritz_modes
-from wrinklecli.numeric.inside import inside_grid
-from wrinklecli.numeric.nearest import nearest_of
 
 NODES = 2_400
 """Nodes of a region, about: more of them move the shapes by less than the error of six springs, and take longer."""
@@ -153,8 +152,8 @@ def _grid(body: Body, place: Place) -> tuple[Floats, float, Ints]:
     low, high = _box(body, place)
     step = float((high - low).max()) / _PROBED
     counts = np.maximum((high - low) / step, 1.0).astype(np.intp)
-    within = inside_grid(low + step / 2.0, step, counts, body.positions, body.triangles)
-    points = low + step * (np.argwhere(within) + 0.5)
+    points = low + step * (_places(counts) + 0.5)
+    points = points[is_inside(points, body.positions, body.triangles)]
     volume = step**3 * int((_softness(body, place, points) > _LEAST_SOFTNESS).sum()) if len(points) else 0.0
     if not volume:
         raise NoFleshError
@@ -163,6 +162,11 @@ def _grid(body: Body, place: Place) -> tuple[Floats, float, Ints]:
     cubes = np.ceil((high - low) / size).astype(np.intp) + 2
     middle = (low + high) / 2.0
     return middle - size * (cubes / 2.0), size, cubes + 1
+
+
+def _places(counts: Ints) -> Ints:
+    """(places, 3) whole coordinates of all places of a grid of (3,) counts, one row after another."""
+    return np.indices(counts.tolist()).reshape(3, -1).T
 
 
 def _softness(body: Body, place: Place, points: Floats) -> Floats:
@@ -195,18 +199,18 @@ def bone_distances(points: Floats, bones: Floats) -> Floats:
 def _tissue(body: Body, place: Place, low: Floats, size: float, counts: Ints) -> tuple[Tissue, Bools]:
     """The elements of a region, and (nodes,) True for the nodes of the grid where the displacement is known."""
     numbers = np.arange(int(counts.prod())).reshape(counts)
-    nodes = low + size * np.stack(np.unravel_index(numbers.reshape(-1), tuple(counts.tolist())), axis=1)
-    within = inside_grid(low, size, counts, body.positions, body.triangles).reshape(-1)
-    corners = np.stack(np.meshgrid(*(np.arange(each - 1) for each in counts), indexing="ij"), axis=-1).reshape(-1, 1, 3)
-    cubes = numbers[tuple(np.moveaxis(corners + CORNERS, 2, 0))]
-    # The parts of a cube whose middles are within count as filled.
-    parts = _PARTS * (counts - 1)
-    filled = inside_grid(low + size / (2 * _PARTS), size / _PARTS, parts, body.positions, body.triangles)
-    x, y, z = counts - 1
-    fills = filled.reshape(x, _PARTS, y, _PARTS, z, _PARTS).mean(axis=(1, 3, 5)).reshape(-1)
+    nodes = low + size * _places(counts)
+    within = is_inside(nodes, body.positions, body.triangles)
+    cubes = numbers[tuple(np.moveaxis(_places(counts - 1)[:, None] + CORNERS, 2, 0))]
     soft = _softness(body, place, nodes)
     mean = soft[cubes].mean(axis=1)
-    active = np.flatnonzero((fills > 0) & (mean > _LEAST_SOFTNESS))
+    # The parts of a cube whose middles are within count as filled.
+    movable = np.flatnonzero(mean > _LEAST_SOFTNESS)
+    parts = size / _PARTS * (_places(np.full(3, _PARTS)) + 0.5)
+    fills = np.zeros(len(cubes))
+    middles = (nodes[cubes[movable, :1]] + parts).reshape(-1, 3)
+    fills[movable] = is_inside(middles, body.positions, body.triangles).reshape(len(movable), -1).mean(axis=1)
+    active = np.flatnonzero(fills)
     active = active[_connected(cubes[active], nodes[cubes[active]].mean(axis=1), place.at, len(nodes))]
     used = np.zeros(len(nodes), np.bool_)
     used[cubes[active]] = True

@@ -146,7 +146,7 @@ def _attach(tool: Touch, ground: Ground, settings: ToolsFile) -> AttachedTouch:
     grip, deepest = tool.grip.resolve(tool.pad), tool.press.resolve(tool.pad)
     radius, intervals, height = _size(tool, place)
     disc = disc_on(ground.rest, place, radius, intervals, height, hold.still)
-    triangle, _, _ = ground.rest.blocks.closest_point(place.at)
+    triangle, _, _ = ground.rest.closest_point(place.at)
     if not len(disc.members) or (hold.still[ground.rest.triangles[triangle]] == 1).all():
         raise BakeError(
             "does not move the skin there: another mesh touches it, or the mask is 0", where=tool.place_of(0)
@@ -254,7 +254,7 @@ def _place(tool: Touch, ground: Ground, settings: ToolsFile) -> Place:
             f" [{found}]",
             where=tool.place_of(0),
         )
-    triangle, _, _ = rest.blocks.closest_point(at)
+    triangle, _, _ = rest.closest_point(at)
     if singular(rest.blended[rest.triangles[triangle]]).any() or not normal.any():
         raise BakeError("the joints here are singular at rest", where=tool.place_of(0))
     way = asked[1] - at if tool.towards is not None else _limb(ground, at)
@@ -329,7 +329,7 @@ def _anchors(ground: Ground, place: Place) -> tuple[CarriedPoint, ...]:
     from wrinklecli.numeric.arrays import determinants
 
     rest, rig, surface = ground.rest, ground.rig, ground.surface
-    triangle, shares, _ = rest.blocks.closest_point(place.at)
+    triangle, shares, _ = rest.closest_point(place.at)
     vertices = surface.triangles[triangle]
     weights = shares @ surface.dense_weights(vertices, len(rig.joints))
     joints = np.flatnonzero(weights > 0)

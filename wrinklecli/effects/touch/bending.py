@@ -95,7 +95,7 @@ def bending_of(ground: Ground, place: Place, hold: Hold, soft: Floats | None, sl
     rest, rig = ground.rest, ground.rig
     if not rig.skinned or not np.array_equal(rest.matrices, joint_matrices(rig, rest.clip, rest.time)[0]):
         return None
-    triangle, corners, _ = rest.blocks.closest_point(place.at)
+    triangle, corners, _ = rest.closest_point(place.at)
     vertices, moving = rest.triangles[triangle], np.flatnonzero(np.any(slides, axis=(0, 2)))
     below, count = rig.joints_below, len(rig.joints)
     own = corners @ ground.surface.dense_weights(vertices, count) @ below.T

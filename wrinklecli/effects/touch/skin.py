@@ -136,7 +136,7 @@ def _carried_beyond(ground: Ground, place: Place) -> Floats:
     surface, rest, count = ground.surface, ground.rest, len(ground.rig.joints)
     if not ground.rig.skinned:
         return np.zeros(len(surface.positions))
-    triangle, corners, _ = rest.blocks.closest_point(place.at)
+    triangle, corners, _ = rest.closest_point(place.at)
     own = corners @ surface.dense_weights(rest.triangles[triangle], count)
     below = ground.rig.joints_below
     beyond = np.flatnonzero(below[int(np.argmax(own))] & (below @ own < _BEYOND))
@@ -150,7 +150,7 @@ def _still(ground: Ground, place: Place, soft: Floats | None) -> Bools:
     triangles = rest.triangles
     still = ground.contacts.copy()
     looks = ground.looks[surface.primitives]
-    triangle, _, _ = rest.blocks.closest_point(place.at)
+    triangle, _, _ = rest.closest_point(place.at)
     other = looks != looks[triangle]
     still[triangles[other]] = True
     still |= ~_joined(rest.positions, triangles[~other], int(triangles[triangle][0]), place)

@@ -27,8 +27,8 @@ from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.effects.wrinkle.variation import Variation, plan_variation
 from wrinklecli.errors import BakeError, WrinkleError, listed, nearest
 from wrinklecli.numeric.arrays import Ints, components, face_normals, unit
+from wrinklecli.numeric.closest import ROUNDING, meets_box
 from wrinklecli.numeric.intersections import sides_of
-from wrinklecli.numeric.nearest import meets_box
 from wrinklecli.surface.anchor import anchor_at
 from wrinklecli.surface.path import Path, path_through
 from wrinklecli.surface.rest import Rest, asked_positions, clip_pose, raised_pose
@@ -246,7 +246,10 @@ def _max_height(tool: WrinkleTool, span: float, rest_length: float, variation: V
 def _members(patch: Patch, surface: Surface) -> Ints:
     """(members,) sorted coarse triangles that face a patch, meet it and are connected with an anchor, in its pose."""
     pose = patch.pose
-    near = pose.blocks.boxes.reaching(*patch.laid.box(patch.half_width))
+    origin, axes, low, high = patch.laid.box(patch.half_width)
+    along = (pose.positions - origin) @ axes.T
+    slack = ROUNDING * np.abs(along).max()
+    near = np.flatnonzero(meets_box(along, low - slack, high + slack, surface.triangles))
     used, corners = np.unique(surface.triangles[near], return_inverse=True)
     places = np.stack(patch.coordinates(pose.positions[used]), axis=1)
     meeting = meets_box(places, np.array([0.0, -1.0]), np.array([1.0, 1.0]), corners.reshape(-1, 3))

@@ -154,7 +154,7 @@ class _Line:
     @classmethod
     def of_path(cls, patch: Patch, path: Curve, surface: Surface, rest: Rest, joint_count: int) -> "_Line | None":
         """The line below a path at rest, under smooth wrinkles; None if its blended matrices are singular."""
-        feet = [rest.blocks.closest_point(point)[:2] for point in path.points[::_EVERY]]
+        feet = [rest.closest_point(point)[:2] for point in path.points[::_EVERY]]
         corners = surface.triangles[[triangle for triangle, _ in feet]]
         barycentrics = np.stack([found for _, found in feet])
         # The line is straight between the path's samples.

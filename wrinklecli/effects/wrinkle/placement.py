@@ -10,8 +10,8 @@ from wrinklecli.effects.wrinkle.activity import ClipActivity
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, children, dot
-from wrinklecli.numeric.boxes import Cells
-from wrinklecli.numeric.nearest import ray_distances
+from wrinklecli.numeric.cells import Cells
+from wrinklecli.numeric.rays import ray_distances
 from wrinklecli.surface.refine import Refinement
 
 # v of the lines along a patch on which layers are counted.
@@ -193,10 +193,7 @@ def _near_box(fine: Refinement, points: Floats, distance: float, *, slack: float
     """(triangles,) sorted triangles whose ball at rest comes within a distance of the box round (points, 3)."""
     middles, radii = fine.rest_balls
     low, high = points.min(axis=0), points.max(axis=0)
-    near = fine.rest_boxes.reaching(np.zeros(3), np.eye(3), low - (distance + slack), high + (distance + slack))
-    away = np.maximum(low - middles[near], middles[near] - high).max(axis=1)
-    found: Ints = near[away <= radii[near] + (distance + slack)]
-    return found
+    return np.flatnonzero(np.maximum(low - middles, middles - high).max(axis=1) <= radii + (distance + slack))
 
 
 def _peaks(carried: CarriedPatch, clips: Sequence[ClipActivity]) -> tuple[Floats, Floats]:

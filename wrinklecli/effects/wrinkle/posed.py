@@ -16,7 +16,7 @@ from wrinklecli.character.pose import joint_matrices, morph_weights
 from wrinklecli.character.rig import Rig
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, cross, determinants, inverses, median
-from wrinklecli.numeric.nearest import Blocks
+from wrinklecli.numeric.closest import closest_point
 from wrinklecli.surface.path import Curve, curve_on
 from wrinklecli.surface.refine import Refinement
 
@@ -90,8 +90,8 @@ def _knots(patch: Patch, fine: Refinement) -> list[tuple[Ints, Floats]]:
     if not isinstance(patch.path, Curve):
         return [(anchor.vertices, anchor.barycentrics) for anchor in patch.anchors]
     triangles = fine.surface.triangles
-    coarse = Blocks.of(fine.rest_positions[: len(fine.surface.positions)], triangles)
-    found = [coarse.closest_point(knot) for knot in patch.path.knots]
+    positions = fine.rest_positions[: len(fine.surface.positions)]
+    found = [closest_point(positions, triangles, knot) for knot in patch.path.knots]
     return [(triangles[triangle], shares) for triangle, shares, _ in found]
 
 

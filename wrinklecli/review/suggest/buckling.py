@@ -16,7 +16,7 @@ import numpy as np
 
 from wrinklecli.choices import MaterialName, Part
 from wrinklecli.numeric.arrays import Floats, unit
-from wrinklecli.numeric.nearest import distances_along, near_points
+from wrinklecli.numeric.rays import distances_along, near_points
 from wrinklecli.review.suggest.candidates import Candidate
 
 # Joints whose limb is a tube on both sides; None is a joint of a rig whose names say nothing.

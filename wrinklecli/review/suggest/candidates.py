@@ -16,8 +16,8 @@ from wrinklecli.character.pose import morph_weights, node_matrices
 from wrinklecli.character.rig import Rig
 from wrinklecli.choices import MaterialName, Part
 from wrinklecli.numeric.arrays import Bools, Floats, Ints
+from wrinklecli.numeric.closest import closest_point, nearest_of
 from wrinklecli.numeric.guard import Progress, no_progress
-from wrinklecli.numeric.nearest import closest_point, nearest_of
 from wrinklecli.numeric.processes import in_processes
 from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.review.suggest.substance import Substance

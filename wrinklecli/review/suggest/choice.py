@@ -17,8 +17,8 @@ from wrinklecli.choices import Part
 from wrinklecli.errors import AssetError, counted, listed, nearest
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.closest import pairs_within
 from wrinklecli.numeric.intersections import sides_of
-from wrinklecli.numeric.nearest import pairs_within
 from wrinklecli.numeric.processes import in_processes
 from wrinklecli.review.suggest.candidates import Candidate
 from wrinklecli.review.suggest.cover import Layers, is_covered, is_inside

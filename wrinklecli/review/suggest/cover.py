@@ -14,7 +14,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import moving_nodes
 from wrinklecli.character.scene import ScenePrimitive
 from wrinklecli.numeric.arrays import Floats, distinct_values, face_normals, unit
-from wrinklecli.numeric.nearest import near_points, ray_hits
+from wrinklecli.numeric.rays import near_points, ray_hits
 from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.surface.compression import CompressedRegion, triangle_weights
 from wrinklecli.surface.strain import posed, tangents

@@ -17,7 +17,7 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import read_surface
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats, unit, weighted_quantiles
-from wrinklecli.numeric.nearest import nearest_of
+from wrinklecli.numeric.closest import nearest_of
 from wrinklecli.review.suggest.choice import rims_of
 from wrinklecli.review.suggest.face_targets import FaceTarget, Side
 from wrinklecli.review.suggest.measure import MeasuredMesh, ground_of

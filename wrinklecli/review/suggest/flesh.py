@@ -20,7 +20,7 @@ from wrinklecli.effects.plan import attach_one
 from wrinklecli.errors import WrinkleError, counted
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, unit
-from wrinklecli.numeric.nearest import distances_along
+from wrinklecli.numeric.rays import distances_along
 from wrinklecli.review.suggest.anatomy import forwards_of
 from wrinklecli.review.suggest.text import entry, quoted
 from wrinklecli.surface.ground import Ground, read_ground

@@ -20,7 +20,7 @@ from wrinklecli.numeric.arrays import (
     unit,
     vertex_normals,
 )
-from wrinklecli.numeric.boxes import Cells
+from wrinklecli.numeric.cells import Cells
 from wrinklecli.review.preview.sides import UNSEEN, Place, Side, best_light, best_side
 from wrinklecli.review.suggest.stage import StagedTool
 from wrinklecli.surface.strain import tangents

@@ -14,7 +14,7 @@ from wrinklecli.effects.attached import Attached
 from wrinklecli.effects.plan import attach_one
 from wrinklecli.errors import WrinkleError
 from wrinklecli.numeric.arrays import Floats, unit
-from wrinklecli.numeric.nearest import near_points, ray_hits
+from wrinklecli.numeric.rays import near_points, ray_hits
 from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.tools.records import Length, WrinkleTool
 

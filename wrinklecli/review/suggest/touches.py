@@ -25,7 +25,7 @@ from wrinklecli.effects.plan import attach_one
 from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, unit
-from wrinklecli.numeric.nearest import nearest_of, nearest_on_mesh
+from wrinklecli.numeric.closest import closest_point
 from wrinklecli.review.suggest.text import entry, quoted, written_refinement
 from wrinklecli.surface.ground import Ground, read_ground
 from wrinklecli.tools.body import Touch, TouchWrinkles
@@ -287,13 +287,8 @@ def _nearest(
         if not len(triangles):
             continue
         positions, corners = skin.mesh.positions_at(clip, time), skin.ground.surface.triangles[triangles]
-        # No point of a triangle is farther from its first corner than its longest edge.
-        edges = positions[corners] - positions[np.roll(corners, 1, axis=1)]
-        longest = float(np.sqrt((edges**2).sum(axis=2)).max())
-        if float(nearest_of(positions[np.unique(corners)], middle[None])[0][0]) > reach + longest:
-            continue
-        (number,), (shares,) = nearest_on_mesh(middle[None], positions, corners)
-        way = shares @ positions[corners[number]] - middle
+        number, shares, place = closest_point(positions, corners, middle)
+        way = place - middle
         distance = float(np.linalg.norm(way))
         if distance <= reach and (best is None or distance < best[3]):
             best = skin, int(triangles[number]), shares, distance, unit(way) if distance else np.zeros(3)

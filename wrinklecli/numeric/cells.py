@@ -1,72 +1,17 @@
-"""Boxes round points and triangles: those near a place are found without a look at each."""
+"""Points in the cells of a grid: those near a place are found without a look at each."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, runs
+from wrinklecli.numeric.arrays import Floats, Ints, runs
 
-# Consecutive things in a box. Files store neighbours one after another; larger boxes reach further off.
-_BOX_SIZE = 64
-# With fewer things than this one box for all is as fast.
-_LEAST_THINGS = 2**12
-# Distances are enlarged by this fraction of themselves and of the greatest coordinate: rounding errors are far smaller.
-ROUNDING = 1e-9
 # Mean number of points in a grid cell, if the points lie on one layer of cells, as those of a surface roughly do.
 _CELL_POINTS = 16
 # Greatest number of cells along an axis: their numbers stay far below 2**63.
 _MOST_CELLS = 2**10
 # Balls that are looked at together: files store neighbours one after another.
 _BALLS = 2**8
-
-
-@dataclass(frozen=True, slots=True)
-class Boxes:
-    """Boxes round each 64 consecutive things; one box round all if there are few.
-
-    Attributes:
-        count: Number of all things.
-        size: Number of things in a box.
-        low: (boxes, 3) least coordinates of each box.
-        high: (boxes, 3) greatest coordinates of each box.
-    """
-
-    count: int
-    size: int
-    low: Floats
-    high: Floats
-
-    @classmethod
-    def of(cls, low: Floats, high: Floats) -> "Boxes":
-        """Box things of (things, 3) least and greatest coordinates."""
-        size = _BOX_SIZE if len(low) >= _LEAST_THINGS else max(len(low), 1)
-        starts = np.arange(0, len(low), size)
-        return cls(len(low), size, np.minimum.reduceat(low, starts), np.maximum.reduceat(high, starts))
-
-    @property
-    def greatest(self) -> float:
-        """The greatest coordinate, of either sign."""
-        return float(max(np.abs(self.low).max(initial=0.0), np.abs(self.high).max(initial=0.0)))
-
-    def reaching(self, origin: Floats, directions: Floats, low: Floats, high: Floats) -> Ints:
-        """Find the sorted things in boxes that reach between bounds along all directions, and perhaps a few more.
-
-        Args:
-            origin: (3,) from which lengths are measured.
-            directions: (directions, 3) whose lengths are the units.
-            low: (directions,) least bounds.
-            high: (directions,) greatest bounds.
-        """
-        lengths = np.abs(directions).sum(axis=1)
-        slack = ROUNDING * lengths * (self.greatest + np.abs(origin).max())
-        middles = ((self.low + self.high) / 2.0 - origin) @ directions.T
-        reaches = (self.high - self.low) / 2.0 @ np.abs(directions).T + slack
-        return self.things((middles + reaches >= low).all(axis=1) & (middles - reaches <= high).all(axis=1))
-
-    def things(self, chosen: Bools) -> Ints:
-        """The sorted things in (boxes,) flagged boxes."""
-        firsts = np.flatnonzero(chosen) * self.size
-        return runs(firsts, np.minimum(self.size, self.count - firsts))
 
 
 @dataclass(frozen=True, slots=True)

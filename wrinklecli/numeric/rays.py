@@ -1,0 +1,99 @@
+"""Distances along rays to triangles.
+
+libigl has rays, too, but keeps distances in single precision, and misses triangles below an area in scene units.
+
+Source: T. Möller, B. Trumbore, *Fast, minimum storage ray-triangle intersection*, 1997.
+"""
+
+import numpy as np
+
+from wrinklecli.numeric.arrays import Floats, Ints, cross, dot
+from wrinklecli.numeric.closest import balls
+
+# Rays times triangles that are tested at once: a cache holds their numbers.
+_PAIRS = 2**14
+
+
+def ray_distances(starts: Floats, rays: Floats, corners: Floats) -> Floats:
+    """(pairs,) distances along (pairs, 3) rays, in units of their length, from (pairs, 3) starts to triangles.
+
+    Each ray has its own triangle among (pairs, 3, 3) corners. The distance is infinite if the ray misses the triangle
+    or lies in its plane.
+    """
+    # Coordinate by coordinate, as numpy takes three times as long along an axis of three.
+    a, b, c = corners.transpose(1, 2, 0)
+    rays, relative = rays.T, starts.T - a
+    first, second = b - a, c - a
+    across, turned = cross(rays, second), cross(relative, first)
+    determinant = dot(first, across)
+    # A ray in the plane of its triangle gives quotients that are not numbers, which count as no hit.
+    with np.errstate(all="ignore"):
+        one, other = dot(relative, across) / determinant, dot(rays, turned) / determinant
+        distance = dot(second, turned) / determinant
+        hit = (one >= 0) & (other >= 0) & (one + other <= 1) & (distance > 0)
+    return np.where(hit, distance, np.inf)
+
+
+def distances_along(start: Floats, ray: Floats, corners: Floats) -> Floats:
+    """(triangles,) the `ray_distances` of one (3,) ray from a (3,) start to each of (triangles, 3, 3) corners."""
+    shape = (len(corners), 3)
+    return ray_distances(np.broadcast_to(start, shape), np.broadcast_to(ray, shape), corners)
+
+
+def ray_hits(starts: Floats, rays: Floats, corners: Floats) -> tuple[Ints, Ints, Floats]:
+    """Find all triangles that rays meet.
+
+    The determinants of Möller and Trumbore are products of the rays' Plücker coordinates with vectors of the triangles,
+    so that matrix products give those of all pairs.
+
+    Args:
+        starts: (rays, 3)
+        rays: (rays, 3)
+        corners: (triangles, 3, 3)
+
+    Returns:
+        (hits,) rays, (hits,) triangles, and (hits,) distances, in units of the length of each ray.
+    """
+    # Products of coordinates lose digits far from the origin.
+    middle = starts.mean(axis=0) if len(starts) else np.zeros(3)
+    starts = starts - middle
+    lines = np.concatenate([np.stack(cross(starts.T, rays.T), axis=1), rays], axis=1)
+    ends = np.concatenate([starts, np.ones((len(starts), 1))], axis=1)
+    a, b, c = corners.transpose(1, 2, 0) - middle[:, None]
+    first, second = b - a, c - a
+    normals = np.stack(cross(first, second))
+    of_one = np.concatenate([second, -np.stack(cross(second, a))])
+    of_other = np.concatenate([-first, -np.stack(cross(a, first))])
+    planes = np.concatenate([normals, -dot(normals, a)[None]])
+    found = []
+    size = max(_PAIRS // max(len(rays), 1), 1)
+    # As for `ray_distances`.
+    with np.errstate(all="ignore"):
+        for begin in range(0, len(corners), size):
+            part = slice(begin, begin + size)
+            determinants = -rays @ normals[:, part]
+            one, other = lines @ of_one[:, part], lines @ of_other[:, part]
+            within = one * determinants >= 0
+            within &= other * determinants >= 0
+            within &= (determinants - one - other) * determinants >= 0
+            # Searching the flat array is several times as fast.
+            places = np.flatnonzero(within)
+            numbers, triangles = np.divmod(places, within.shape[1])
+            determinants = determinants.ravel()[places]
+            distances = np.einsum("hk,kh->h", ends[numbers], planes[:, part][:, triangles]) / determinants
+            # Quotients, as products of the least numbers are 0.
+            one, other = one.ravel()[places] / determinants, other.ravel()[places] / determinants
+            hit = (one >= 0) & (other >= 0) & (one + other <= 1) & (distances > 0) & np.isfinite(distances)
+            found.append((numbers[hit], begin + triangles[hit], distances[hit]))
+    if not found:
+        return np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros(0)
+    numbers, triangles, distances = (np.concatenate(each) for each in zip(*found, strict=True))
+    return numbers, triangles, distances
+
+
+def near_points(corners: Floats, points: Floats, reach: float) -> Ints:
+    """Sorted indices of the (triangles, 3, 3) corners within reach of the ball round (points, 3), by bounding balls."""
+    middles, radii = balls(corners)
+    middle = points.mean(axis=0)
+    reach += float(np.sqrt(np.max(np.sum((points - middle) ** 2, axis=1))))
+    return np.flatnonzero(np.sqrt(np.sum((middles - middle) ** 2, axis=1)) < reach + radii)
