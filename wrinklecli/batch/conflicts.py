@@ -133,12 +133,15 @@ class _Batch:
         if files.report is not None:
             self._write(files.report, _REPORT)
         for number, job in enumerate(self._jobs):
-            for path in _named_outputs(job):
+            outs = [out for _, out in job.models]
+            for path in filter(None, (*outs, job.report, job.timings, job.options.get("frames_dir"))):
                 self._write(path, number)
             maps_dir = job.options.get("maps_dir")
             if maps_dir is not None and self._write(maps_dir, number):
                 self._write(stores.join(maps_dir, MAPS_JSON), number)
-            for folder in _open_folders(job):
+            # In these, or below, a job writes files whose names depend on the bake.
+            beside = [stores.folder_of(out) for out in outs if out.lower().endswith(".gltf")]
+            for folder in (*beside, *job.open_folders):
                 self._anything_below.add(self._places.of_folder(folder))
                 self._add_above(stores.join(folder, "_"), self._written_below)
             for path in job.inputs:
@@ -266,15 +269,3 @@ class _Batch:
 
 def _is_external(job: BatchJob) -> bool:
     return bool(job.options.get("allow_external", False))
-
-
-def _open_folders(job: BatchJob) -> Iterator[str]:
-    """The folders in which, or below which, a job writes files whose names depend on the bake."""
-    yield from (stores.folder_of(out) for _, out in job.models if out.lower().endswith(".gltf"))
-    yield from job.open_folders
-
-
-def _named_outputs(job: BatchJob) -> Iterator[str]:
-    """The outputs of a job whose names are known, and its folder of frames."""
-    yield from (out for _, out in job.models)
-    yield from filter(None, (job.report, job.timings, job.options.get("frames_dir")))

@@ -119,8 +119,7 @@ def _compare_clip(
     for frame, row in enumerate(np.packbits(np.concatenate(shown, axis=1), axis=1)):
         groups.setdefault(row.tobytes(), []).append(frame)
     clip_a, clip_b = common.clips
-    same_keys = clip_a is clip_b if clip_a is None or clip_b is None else clip_a.moves_as(clip_b)
-    same_motion = same_keys and same_nodes
+    same_motion = same_nodes and (clip_a is None or clip_b is None or clip_a.moves_as(clip_b))
     found: dict[str, Apart] = {}
     alone: dict[str, Difference] = {}
     for frames in groups.values():
