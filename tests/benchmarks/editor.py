@@ -80,11 +80,11 @@ def felt(asset: Path, tools: Path, edits: int = 20) -> Felt:
     times = session.frame_times(clip)
     page.choose(tool, look=False)
     session.refine()
-    (place, *_) = session.attached_tools()[tool].patch.anchors
+    (place, *_) = session.attached_tools()[tool].region.anchors
     shown = session.meshes(clip, float(times[0]))
 
     def moved(number: int, *, draft: bool) -> None:
-        along = number * 1e-3 * session.attached_tools()[tool].patch.along
+        along = number * 1e-3 * session.attached_tools()[tool].region.path.along
         session.move_point(tool, 0, (place.position + along).tolist(), draft=draft)
 
     jobs: dict[str, Callable[[int], object]] = {

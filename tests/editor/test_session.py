@@ -68,7 +68,7 @@ def test_what_was_baked_is_shown_in_place_and_of_it_the_original_edited(session:
     assert baked.text == session.text
     assert [baked.plays(clip) for clip in (POSE, None, "fold")] == [False, True, True]
     (edited,), (written,) = session.meshes("fold", 0.4), baked.meshes("fold", 0.4)
-    tallest = max(tool.patch.greatest_height for tool in session.attached_tools().values())
+    tallest = max(tool.attached.greatest_height for tool in session.attached_tools().values())
     assert len(written.faces) == len(edited.faces)
     assert cKDTree(written.positions).query(edited.positions)[0].max() < 0.01 * tallest
     out = tmp_path / "limb_wrinkled.glb"
@@ -113,7 +113,7 @@ def test_a_tool_between_two_places_wrinkles_at_once(session: Session) -> None:
     curve = session.curve(name, "fold", 1.0)
     assert curve is not None
     assert curve[:, 1].max() > 0.005
-    anchors = [anchor.position for anchor in session.attached_tools()[name].patch.anchors]
+    anchors = [anchor.position for anchor in session.attached_tools()[name].region.anchors]
     assert np.linalg.norm(anchors, axis=1) == pytest.approx([np.hypot(RADIUS, 0.3)] * 2, rel=0.03)
 
 
@@ -196,7 +196,7 @@ def test_the_presets_of_a_file_are_taken_watched_and_kept(tmp_path: Path) -> Non
     session.set_value("across", ("gap",), 3, draft=True)
     raised = session.try_material("crease", "felt")
     assert raised is not None
-    assert raised.attached.patch.tool.gap == 1
+    assert raised.attached.attached.tool.gap == 1
     session.save()
     assert Session(asset, tmp_path / "tools.yaml", options).text == session.text, "it is named once"
     studio.write_text("felt: {material: cloth, gap: 2, bumps: 2}\n")
@@ -260,13 +260,13 @@ def test_a_draft_of_one_side_leaves_the_other_as_it_is(tmp_path: Path) -> None:
     assert set(session.attached_tools()) == {"crease.L", "across", "crease.R"}
     session.mirror("across", "z")
     session.set_value("across.L", ("bumps",), 3, draft=True)
-    assert [session.attached_tools()[name].patch.tool.bumps for name in ("across.L", "across.R", "crease.R")] == [
+    assert [session.attached_tools()[name].attached.tool.bumps for name in ("across.L", "across.R", "crease.R")] == [
         3,
         2,
         2,
     ]
     session.set_value("across.L", ("bumps",), 3)
-    assert [session.attached_tools()[name].patch.tool.bumps for name in ("across.L", "across.R", "crease.R")] == [
+    assert [session.attached_tools()[name].attached.tool.bumps for name in ("across.L", "across.R", "crease.R")] == [
         3,
         3,
         2,
@@ -449,7 +449,7 @@ def test_a_material_takes_the_place_of_a_tools_own_keys_in_one_step(session: Ses
     assert tried is not None
     assert session.set_material("across", "leather") == ["bumps", "max_height"]
     across = session.tools()[1]
-    assert (across.values["bumps"], across.keys["bumps"].source) == (tried.attached.patch.tool.bumps, "material")
+    assert (across.values["bumps"], across.keys["bumps"].source) == (tried.attached.attached.tool.bumps, "material")
     assert across.own == {"name", "origin", "target", "width", "material"}
     assert session.undo()
     assert session.text == before

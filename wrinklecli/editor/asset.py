@@ -21,22 +21,15 @@ from wrinklecli.character.moved import Motions, moved
 from wrinklecli.character.rig import DrivenTargets
 from wrinklecli.character.scene import deforming_nodes, scene_nodes
 from wrinklecli.character.skin import Skin, prepare
-from wrinklecli.editor.attached import AttachedBelow, AttachedTool, AttachedTools, Below, Cluster, PlayableMesh
+from wrinklecli.editor.attached import AttachedBelow, AttachedTool, AttachedTools, Cluster, PlayableMesh
 from wrinklecli.editor.clip_cache import ClipCache, RecentResults
-from wrinklecli.effects.flesh.attach import AttachedFlesh
-from wrinklecli.effects.muscle.attach import AttachedMuscle
-from wrinklecli.effects.plan import attach_effects, plan_on
-from wrinklecli.effects.wrinkle.attach import attach_tools
-from wrinklecli.effects.wrinkle.bounds import bounded
-from wrinklecli.effects.wrinkle.carry import carry
-from wrinklecli.effects.wrinkle.layer import WrinkleLayer, carried_patches_of
-from wrinklecli.effects.wrinkle.patch import Patch
+from wrinklecli.effects.attached import AnyAttached, Attached, Moves
+from wrinklecli.effects.plan import attach_one, plan_on, sketch
 from wrinklecli.errors import BakeError, WrinkleError
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.numeric.arrays import Ints, components, distinct_values, flags_of
 from wrinklecli.numeric.memory import MAX_MEMORY, Memory
 from wrinklecli.surface.ground import Ground, read_ground
-from wrinklecli.tools.body import Flesh
 from wrinklecli.tools.records import EffectTool, Length, ToolsFile, WrinkleTool
 
 _MAX_ERROR = Length(1.0, percent=True)  # the default of a bake
@@ -127,7 +120,7 @@ class LoadedAsset:
             ground = self._ground(node, settings, by_node.get(node, []))
             ground, driven, here = self._moved(ground, below.get(node, []), settings, problems)
             attached_below = here | attached_below  # of a region on several meshes, that of the first
-            patches: list[Patch] = []
+            patches: list[AnyAttached] = []
             for tool in by_node.get(node, []):
                 try:
                     patches.append(self._patch(tool, ground, settings))
@@ -144,8 +137,8 @@ class LoadedAsset:
             for group in groups:
                 clusters += self._planned(ground, group, settings, problems)
             for cluster in clusters:
-                for carried in carried_patches_of(cluster.plan):
-                    tools[carried.patch.tool.name] = AttachedTool(driven, cluster.plan, carried)
+                for part in cluster.parts:
+                    tools[part.attached.tool.name] = AttachedTool(driven, cluster.plan, part)
             meshes.append(self._mesh(ground, driven, tuple(clusters)))
         return AttachedTools(tuple(meshes), tools, attached_below, problems, provisional)
 
@@ -192,7 +185,8 @@ class LoadedAsset:
             The mesh with their morph targets, the same with their drives as they are edited, and the effects by name.
             The first is the same object until shapes change, so that all that is on the mesh may stay.
         """
-        fitting: dict[str, Below] = {}
+        fitting: dict[str, AnyAttached] = {}
+        moving: list[Moves] = []
         drives: list[DrivenTargets] = []
         for effect in effects:
             try:
@@ -200,36 +194,33 @@ class LoadedAsset:
             except WrinkleError as error:
                 problems[effect.name] = error.lines[0]
                 continue
+            moves = attached.moves
+            assert moves is not None, "effects below the skin move the body"
             fitting[effect.name] = attached
-            if isinstance(attached, AttachedFlesh) and isinstance(effect, Flesh):
-                drives.append(attached.driven_as(effect))
-            else:
-                drives.append(attached.drive)
+            moving.append(moves)
+            drives.append(moves.drive if moves.tuned is None else moves.tuned(effect))
         if not fitting:
             return ground, ground, {}
         every = tuple(fitting.values())
         moved: Ground = self._grounds.get_or_make(
             (ground, every),
-            lambda: ground.moved_by([each.drive for each in every], np.concatenate([each.deltas for each in every])),
+            lambda: ground.moved_by([each.drive for each in moving], np.concatenate([each.deltas for each in moving])),
         )
         tuned = tuple(tuple(getattr(each, key) for key in getattr(each, "DRIVING", ())) for each in effects)
         own = ground.rig.driven_by(drives)
         driven: Ground = self._grounds.get_or_make((moved, tuned), lambda: replace(moved, rig=own))
         found, first = {}, len(ground.rig.morph_names)
-        for name, each in fitting.items():
-            columns = np.arange(first, first + len(each.drive.targets))
-            found[name] = AttachedBelow(driven, columns, _span_of(each), each)
+        for (name, each), moves in zip(fitting.items(), moving, strict=True):
+            columns = np.arange(first, first + len(moves.drive.targets))
+            found[name] = AttachedBelow(driven, columns, each.span, each)
             first = int(columns[-1]) + 1
         return moved, driven, found
 
-    def _below(self, effect: EffectTool, ground: Ground, settings: ToolsFile) -> Below:
+    def _below(self, effect: EffectTool, ground: Ground, settings: ToolsFile) -> AnyAttached:
         """Attach an effect below the skin; one that differs by its drive alone is the same."""
-        plain = replace(effect, where="", places={})  # type: ignore[type-var]
-        if isinstance(plain, Flesh):
-            plain = replace(plain, frequency=0.0, damping=0.0, gravity=0.0)  # see `Flesh.DRIVING`
-        attached = self._attached.get_or_make((ground, plain), lambda: attach_effects(ground, [effect], settings)[1][0])
-        assert isinstance(attached, Below)
-        return attached
+        same = dict.fromkeys(getattr(effect, "DRIVING", ()), 0.0)
+        plain = replace(effect, where="", places={}, **same)  # type: ignore[type-var]
+        return self._attached.get_or_make((ground, plain), lambda: attach_one(effect, ground, settings))
 
     def _ground(self, node: int, settings: ToolsFile, tools: list[WrinkleTool]) -> Ground:
         bound_to = _without_places(tools[0]) if settings.rest == "bind" and tools else None
@@ -240,17 +231,13 @@ class LoadedAsset:
             key, lambda: read_ground(self.document, node, tools, settings, self.clips, neighbours=self._neighbours)
         )
 
-    def _patch(self, tool: WrinkleTool, ground: Ground, settings: ToolsFile) -> Patch:
+    def _patch(self, tool: WrinkleTool, ground: Ground, settings: ToolsFile) -> Attached[WrinkleTool]:
         return self._patches.get_or_make(
-            (_without_places(tool), ground, settings.up),
-            lambda: bounded(
-                attach_tools([tool], ground.surface, ground.rest, ground.rig, up=settings.up, clips=ground.clips),
-                ground,
-            )[0],
+            (_without_places(tool), ground, settings.up), lambda: attach_one(tool, ground, settings)
         )
 
     def _planned(
-        self, ground: Ground, patches: Sequence[Patch | Below], settings: ToolsFile, problems: dict[str, str]
+        self, ground: Ground, patches: Sequence[AnyAttached], settings: ToolsFile, problems: dict[str, str]
     ) -> Iterator[Cluster]:
         """Plan overlapping tools; if that fails, plan those that can be planned alone."""
         try:
@@ -268,7 +255,7 @@ class LoadedAsset:
             else:
                 problems |= dict.fromkeys((each.tool.name for each in patches), error.lines[0])
 
-    def _cluster(self, ground: Ground, patches: Sequence[Patch | Below], settings: ToolsFile) -> Cluster:
+    def _cluster(self, ground: Ground, patches: Sequence[AnyAttached], settings: ToolsFile) -> Cluster:
         return self._clusters.get_or_make(
             _key(ground, patches, settings), lambda: Cluster.from_plan(plan_on(ground, patches, settings, _MAX_ERROR))
         )
@@ -276,7 +263,7 @@ class LoadedAsset:
     def _carried_again(
         self,
         ground: Ground,
-        patches: Sequence[Patch | Below],
+        patches: Sequence[AnyAttached],
         before: AttachedTools,
         settings: ToolsFile,
         problems: dict[str, str],
@@ -285,20 +272,23 @@ class LoadedAsset:
 
         Effects below the skin need no triangles of their own.
         """
-        waiting = {patch.tool.name: patch for patch in patches if isinstance(patch, Patch)}
+        waiting = {patch.tool.name: patch for patch in patches if patch.moves is None}
         for mesh in before.meshes:
             for cluster in mesh.clusters if mesh.ground is ground else ():
                 again = []
-                for carried in carried_patches_of(cluster.plan):
-                    patch = waiting.pop(carried.patch.tool.name, None)
-                    try:
-                        if patch is not None:
-                            same = patch is carried.patch
-                            again.append(carried if same else carry(patch, cluster.plan.fine, ground.contacts))
-                    except WrinkleError as error:
-                        problems[carried.patch.tool.name] = error.lines[0]
+                for part in cluster.parts:
+                    patch = waiting.pop(part.attached.tool.name, None)
+                    if patch is not None and patch is not part.attached:
+                        try:
+                            made = sketch(patch, part.region, cluster.plan.fine, ground.contacts)
+                        except WrinkleError as error:
+                            problems[part.attached.tool.name] = error.lines[0]
+                            continue
+                    else:
+                        made = None if patch is None else part
+                    again += [] if made is None else [made]
                 if again:
-                    yield Cluster.from_plan(replace(cluster.plan, layers=(WrinkleLayer(tuple(again)),)), cluster)
+                    yield cluster.with_parts(again)
         coarse = replace(settings, refinement=replace(settings.refinement, max_levels=0))
         for patch in waiting.values():
             yield from self._planned(ground, [patch], coarse, problems)
@@ -332,15 +322,8 @@ class LoadedAsset:
         return self._skins.get_or_make((ground, *clusters) if ground.rig.drives else ground.rig.node, made)
 
 
-def _span_of(attached: Below) -> float:
-    """The length of which per cent of an effect are, scene units: of a muscle, of a region's or a tip's radius."""
-    if isinstance(attached, AttachedMuscle):
-        return attached.belly.span
-    return attached.place.radius if isinstance(attached, AttachedFlesh) else attached.tool.pad
-
-
-def _key(ground: Ground, patches: Sequence[Patch | Below], settings: ToolsFile) -> tuple[object, ...]:
-    tools = tuple(_without_places(each.tool) if isinstance(each, Patch) else each for each in patches)
+def _key(ground: Ground, patches: Sequence[AnyAttached], settings: ToolsFile) -> tuple[object, ...]:
+    tools = tuple(_without_places(each.tool) if each.moves is None else each for each in patches)
     return (tools, ground, settings.refinement, settings.up)
 
 
@@ -349,14 +332,14 @@ def _without_places(tool: WrinkleTool) -> WrinkleTool:
     return replace(tool, where="", places={})
 
 
-def _overlapping(ground: Ground, effects: Sequence[Patch | Below]) -> list[list[Patch | Below]]:
+def _overlapping(ground: Ground, effects: Sequence[AnyAttached]) -> list[list[AnyAttached]]:
     """Group effects with regions, so that the refinement for one group reads nothing of another."""
     count = len(ground.surface.triangles)
     split = [each for each in effects if each.regions]
     members = [distinct_values(np.concatenate([region.members for region in each.regions])) for each in split]
     near = [flags_of(_around(ground, each), count) for each in members]
     links = [(i, j) for i, j in combinations(range(len(near)), 2) if (near[i] & near[j]).any()]
-    groups: dict[int, list[Patch | Below]] = {}
+    groups: dict[int, list[AnyAttached]] = {}
     for each, group in zip(split, components(np.array(links, np.intp).reshape(-1, 2), len(near)), strict=True):
         groups.setdefault(int(group), []).append(each)
     return list(groups.values())

@@ -7,7 +7,6 @@ part can be exchanged without touching the rest.
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TypeAlias
 
 import numpy as np
 
@@ -15,31 +14,22 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import moving_nodes
 from wrinklecli.character.skin import Skin, pose, prepare
 from wrinklecli.editor.clip_cache import ClipCache
+from wrinklecli.effects.attached import AnyAttached
 from wrinklecli.effects.body import largest_moves, moves_at_rest
-from wrinklecli.effects.effect import MeshPlan, SamplingOptions
-from wrinklecli.effects.flesh.attach import AttachedFlesh
-from wrinklecli.effects.flesh.report import region_warnings
-from wrinklecli.effects.muscle.attach import AttachedMuscle
-from wrinklecli.effects.plan import mesh_warnings
+from wrinklecli.effects.effect import MeshPlan, Part, SamplingOptions
+from wrinklecli.effects.plan import mesh_warnings, skin_parts
 from wrinklecli.effects.sampling import moving_clips
-from wrinklecli.effects.touch.attach import AttachedTouch
-from wrinklecli.effects.wrinkle.activity import ClipActivity
-from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
-from wrinklecli.effects.wrinkle.layer import carried_patches_of
-from wrinklecli.effects.wrinkle.patch import Patch
-from wrinklecli.effects.wrinkle.warnings import tool_warnings
+from wrinklecli.effects.wrinkle.part import WrinklePart
+from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, children, distinct_values
 from wrinklecli.numeric.guard import no_progress
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.surface.ground import Ground
+from wrinklecli.surface.region import Region
 from wrinklecli.surface.rest import Rest
 from wrinklecli.tools.records import ToolsFile
 
-Below: TypeAlias = AttachedMuscle | AttachedFlesh | AttachedTouch
-"""An effect below the skin that fits a mesh."""
-
 _OUTLINED = 0.3  # part of the largest move of a muscle or flesh that skin inside its outline moves by
-_CURVE_POINTS = 200  # points of a drawn control curve
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,31 +38,37 @@ class Cluster:
 
     Attributes:
         plan: Plan of these tools alone.
+        parts: The tools on the skin.
         parents: (triangles,) of the coarse mesh, sorted, that the tools move or refine.
         triangles: (triangles,) of the refined mesh, sorted, that replace `parents`.
         skin: Vertices that refinement has added, ready to be posed.
     """
 
     plan: MeshPlan
+    parts: tuple[Part, ...]
     parents: Ints
     triangles: Ints
     skin: Skin
 
     @classmethod
-    def from_plan(cls, plan: MeshPlan, before: "Cluster | None" = None) -> "Cluster":
-        """Find the triangles that differ from the coarse mesh, and keep those of `before`, so that faces stay."""
+    def from_plan(cls, plan: MeshPlan) -> "Cluster":
+        """Find the triangles that differ from the coarse mesh."""
         fine, old = plan.fine, len(plan.fine.surface.positions)
+        weights = fine.weights[:, distinct_values(fine.surface.joints)]
+        skin = prepare(weights, fine.positions[old:], fine.morph_deltas[:, old:])
+        return cls(plan, (), np.zeros(0, np.intp), np.zeros(0, np.intp), skin).with_parts(skin_parts(plan))
+
+    def with_parts(self, parts: Iterable[Part]) -> "Cluster":
+        """Show other tools on the same triangles, and keep those that are shown, so that faces stay."""
+        fine, every = self.plan.fine, tuple(parts)
         moved = np.zeros(len(fine.positions), bool)
-        moved[old:] = True
-        for carried in carried_patches_of(plan):
-            moved[carried.vertices] = True
-        parents = distinct_values(fine.subdivision.parents[any_of(moved, fine.triangles)])
-        if before is not None:
-            parents, skin = distinct_values(np.concatenate([before.parents, parents])), before.skin
-        else:
-            weights = fine.weights[:, distinct_values(fine.surface.joints)]
-            skin = prepare(weights, fine.positions[old:], fine.morph_deltas[:, old:])
-        return cls(plan, parents, children(fine.subdivision.parents, parents), skin)
+        moved[self.old_count :] = True
+        for part in every:
+            moved[part.vertices] = True
+        changed = fine.subdivision.parents[any_of(moved, fine.triangles)]
+        parents = distinct_values(np.concatenate([self.parents, changed]))
+        triangles = children(fine.subdivision.parents, parents)
+        return replace(self, parts=every, parents=parents, triangles=triangles)
 
     @property
     def old_count(self) -> int:
@@ -177,11 +173,10 @@ class PlayableMesh:
         ends = np.cumsum([0, *(each.weights.shape[1] for each in skins)])
         offsets = np.zeros((1, 3, int(ends[-1])))
         for cluster, shift in zip(self.clusters, self.shifts, strict=True):
-            plan = cluster.plan
-            for carried in carried_patches_of(plan) if wrinkled else ():
-                amplitudes, _ = self.cache.amplitudes(self.driven, carried.patch, clip, time)
-                moved = displacements(carried, plan.fine, rig, clip, np.array([time]), amplitudes)[0]
-                offsets[0][:, np.where(carried.vertices < old, carried.vertices, carried.vertices + shift)] += moved.T
+            for part in cluster.parts if wrinkled else ():
+                numbers, vertices = self.cache.numbers_at(self.driven, part, clip, time), part.vertices
+                moved = part.displacements(cluster.plan.fine, rig, clip, np.array([time]), numbers)[0]
+                offsets[0][:, np.where(vertices < old, vertices, vertices + shift)] += moved.T
         parts = [
             pose(skin, matrices, weights, offsets[:, :, start:end])[0][0]
             for skin, start, end in zip(skins, ends[:-1], ends[1:], strict=True)
@@ -213,40 +208,42 @@ class AttachedTool:
 
     ground: Ground
     plan: MeshPlan
-    carried: CarriedPatch
+    part: Part
 
     @property
-    def patch(self) -> Patch:
-        """The tool's patch on the coarse mesh."""
-        return self.carried.patch
+    def attached(self) -> AnyAttached:
+        """The tool on the coarse mesh."""
+        return self.part.attached
+
+    @property
+    def region(self) -> Region:
+        """The region of the coarse mesh that it moves."""
+        return self.attached.regions[0]
 
     def holds(self, place: Floats) -> bool:
-        """True if a (3,) place at rest is on the patch."""
-        patch = self.patch.at_rest
-        u, v = patch.coordinates(place)
-        near = abs(float((place - patch.path.middle) @ patch.normal)) < patch.span
+        """True if a (3,) place at rest is on the tool."""
+        region = self.region.at_rest
+        u, v = region.coordinates(place)
+        near = abs(float((place - region.path.middle) @ region.path.normal)) < region.span
         return bool(near and 0 <= u <= 1 and abs(v) <= 1)
 
     def control_curve(self, cache: ClipCache, clip: Clip | None, time: float) -> Floats:
         """(points, 2) place along the control curve and height above it at a time, scene units."""
-        amplitudes, distance = cache.amplitudes(self.ground, self.patch, clip, time)
-        us = np.linspace(0.0, 1.0, _CURVE_POINTS)
-        strength = self.patch.clip_strength(clip) * self.patch.shape_strength
-        heights = strength * np.einsum("gm,gmv->v", amplitudes[0], self.patch.curve.shapes(us))
-        return np.stack([us * (distance if np.isfinite(distance) else 0.0), heights], axis=1)
+        return self.part.cut(clip, cache.numbers_at(self.ground, self.part, clip, time))
 
     def heights(self, cache: ClipCache, clip: Clip) -> tuple[Floats, Floats]:
         """(frames,) seconds of a clip, and (frames,) height of the highest bump, scene units."""
-        times, sampled = cache.times(clip), cache.activity(self.ground, self.patch, clip)
-        strength = abs(self.patch.clip_strength(clip) * self.patch.shape_strength)
-        return times, strength * self.patch.curve.heights(sampled.amplitudes).reshape(len(times), -1).max(axis=1)
+        numbers = cache.numbers(self.ground, self.part, clip)
+        return cache.times(clip), self.part.heights(self.plan.fine, clip, numbers)
 
-    def sampled(self, cache: ClipCache, clips: Sequence[Clip]) -> list[ClipActivity]:
-        """Sample the clips that move the tool's mesh."""
-        return [
-            ClipActivity(clip, cache.times(clip), cache.activity(self.ground, self.patch, clip))
-            for clip in moving_clips(self.plan, clips)
-        ]
+    def sampled(self, cache: ClipCache, clips: Sequence[Clip]) -> list[tuple[Clip, Floats, Floats]]:
+        """The clips that move its mesh, with (frames,) seconds and (frames, numbers) by which it moves."""
+        moving = moving_clips(self.plan, clips)
+        return [(clip, cache.times(clip), cache.numbers(self.ground, self.part, clip)) for clip in moving]
+
+    def facts_in(self, cache: ClipCache, clips: Sequence[Clip]) -> list[Json]:
+        """What an artist wants to know of it in each clip that moves its mesh."""
+        return [self.part.facts_in(self.plan, *each) for each in self.sampled(cache, clips)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,7 +260,7 @@ class AttachedBelow:
     ground: Ground
     columns: Ints
     span: float
-    attached: Below
+    attached: AnyAttached
 
     @cached_property
     def outlined(self) -> Bools:
@@ -287,14 +284,12 @@ class AttachedBelow:
         chosen, moves = moves_at_rest(self.ground.rest.blended, self.deltas)
         return cache.times(clip), largest_moves(weights, moves) if len(chosen) else np.zeros(len(weights))
 
-    def flesh_warnings(self, cache: ClipCache, clips: Sequence[Clip]) -> list[str]:
-        """The warnings about a region of flesh, for which no triangles are refined; none about other effects."""
-        if not isinstance(self.attached, AttachedFlesh):
-            return []
+    def clip_warnings(self, cache: ClipCache, clips: Sequence[Clip]) -> list[str]:
+        """The warnings about clips that say too little of how it moves."""
         rig, moving = self.ground.rig, moving_nodes(self.ground.rig)
         own = [clip for clip in clips if any(channel.node in moving for channel in clip.channels)]
         weights = [cache.weights(self.ground, clip)[:, self.columns] for clip in own]
-        return region_warnings(self.attached, rig, list(zip(own, weights, strict=True)))
+        return self.attached.clip_warnings(rig, list(zip(own, weights, strict=True)))
 
     def greatest(self, cache: ClipCache, clips: Sequence[Clip]) -> tuple[Clip, float] | None:
         """The clip in which the skin moves most, and the time, seconds; None if no clip moves it."""
@@ -324,16 +319,17 @@ class AttachedTools:
         """Collect the warnings of `check` by tool; those about whole meshes have an empty name."""
         found: dict[str, list[str]] = {}
         for tool in self.tools.values():
-            lines = tool_warnings(tool.plan, tool.carried, tool.sampled(cache, clips), up=settings.up)
-            _add_by_name(found, [tool.patch.tool.name], lines)
+            assert isinstance(tool.part, WrinklePart)
+            lines = tool.part.warnings(tool.plan, tool.sampled(cache, clips), up=settings.up)
+            _add_by_name(found, [tool.attached.tool.name], lines)
         for plan in (cluster.plan for mesh in self.meshes for cluster in mesh.clusters):
-            names = [each.patch.tool.name for each in carried_patches_of(plan)]
+            names = [part.attached.tool.name for part in skin_parts(plan)]
             for name, lines in _driven_warnings(plan, clips, settings):
                 _add_by_name(found, [name], lines)
                 names.append(name)
             _add_by_name(found, names, mesh_warnings(plan, settings, clips))
         for name, below in self.below.items():
-            _add_by_name(found, [name], below.flesh_warnings(cache, clips))
+            _add_by_name(found, [name], below.clip_warnings(cache, clips))
         return found
 
 

@@ -1,4 +1,4 @@
-"""Poses and wrinkle heights of clips at the times at which the editor plays them.
+"""Poses of clips, and the numbers by which tools move, at the times at which the editor plays them.
 
 A clip is sampled once for each mesh and each tool, as a bake samples it, and a frame that plays is one row of the
 samples. Times between frames, as when someone scrubs, are computed on demand.
@@ -13,9 +13,9 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip, clip_grid
 from wrinklecli.character.pose import joint_matrices, morph_weights
-from wrinklecli.effects.wrinkle.activity import Activity, activities, springs_in
-from wrinklecli.effects.wrinkle.patch import Patch
+from wrinklecli.effects.effect import Part
 from wrinklecli.numeric.arrays import Floats, distinct_values
+from wrinklecli.numeric.piecewise import Signal
 from wrinklecli.surface.ground import Ground
 
 _FPS = 30.0  # frames per second of a clip that plays
@@ -24,7 +24,7 @@ _MAX_POSE_BYTES = 2**28  # bytes of one mesh's joint matrices over a clip; large
 _MATRIX_BYTES = 128  # bytes of a 4x4 matrix
 _KEPT_TIMES = 64  # clips whose frame times are kept
 _KEPT_POSES = 16  # pairs of mesh and clip whose poses are kept
-_KEPT_ACTIVITIES = 256  # triples of tool, mesh and clip whose activities are kept
+_KEPT_NUMBERS = 256  # triples of tool, mesh and clip whose numbers are kept
 
 Kept = TypeVar("Kept")
 
@@ -69,7 +69,7 @@ class ClipCache:
         self._times = RecentResults(_KEPT_TIMES)
         self._poses = RecentResults(_KEPT_POSES)
         self._weights = RecentResults(_KEPT_POSES)
-        self._activities = RecentResults(_KEPT_ACTIVITIES)
+        self._readers, self._numbers = RecentResults(_KEPT_NUMBERS), RecentResults(_KEPT_NUMBERS)
 
     def times(self, clip: Clip) -> Floats:
         """(frames,) seconds, as `frame_times`."""
@@ -104,25 +104,22 @@ class ClipCache:
         """(frames, morph targets) weights of a mesh over a clip, with those that drives set."""
         return self._weights.get_or_make((ground, clip.name), lambda: morph_weights(ground.rig, clip, self.times(clip)))
 
-    def activity(self, ground: Ground, patch: Patch, clip: Clip) -> Activity:
-        """Sample a tool over a clip, at its frame times."""
-        return self._activities.get_or_make(
-            (patch.tool, ground, clip.name),
-            lambda: activities([patch], ground.rig, clip, self.times(clip))[0],
-        )
+    def numbers(self, ground: Ground, part: Part, clip: Clip) -> Floats:
+        """(frames, numbers) by which a tool moves over a clip, at its frame times."""
+        key = (part.attached.tool, ground, clip.name)
+        return self._numbers.get_or_make(key, lambda: self._reader(ground, part, clip)(self.times(clip)))
 
-    def amplitudes(self, ground: Ground, patch: Patch, clip: Clip | None, time: float) -> tuple[Floats, float]:
-        """(1, groups, modes) amplitudes of a tool at a time, without strength, and the distance of its anchors."""
+    def numbers_at(self, ground: Ground, part: Part, clip: Clip | None, time: float) -> Floats:
+        """(1, numbers) by which a tool moves at a time; in the stored pose without a clip."""
         frame = None if clip is None else self._frame(clip, time)
-        if clip is not None and (frame is not None or patch.tool.lag is not None):
-            sampled = self.activity(ground, patch, clip)
-            if frame is not None:
-                return sampled.amplitudes[frame : frame + 1], float(sampled.distances[frame])
-            springs = [sampled.spring]  # the spring has followed the clip already
-        else:
-            springs = springs_in([patch], ground.rig, clip)
-        (now,) = activities([patch], ground.rig, clip, np.array([time]), springs=springs)
-        return now.amplitudes, float(now.distances[0])
+        if clip is not None and frame is not None:
+            return self.numbers(ground, part, clip)[frame : frame + 1]
+        return self._reader(ground, part, clip)(np.array([time]))
+
+    def _reader(self, ground: Ground, part: Part, clip: Clip | None) -> Signal:
+        """The reader of a tool, whose spring follows a clip once."""
+        key = (part.attached.tool, ground, None if clip is None else clip.name)
+        return self._readers.get_or_make(key, lambda: part.reader(ground.rig, clip))
 
     def _frame(self, clip: Clip, time: float) -> int | None:
         """Number of the frame at exactly this time."""

@@ -40,7 +40,7 @@ class Proposal:
         points, half = self._points, len(self._points) // 2
         middle = points[half] if len(points) % 2 else (points[half - 1] + points[half]) / 2.0
         along = unit((points[-1] - points[0])[None])[0]
-        return tool.holds(middle) and abs(float(along @ tool.patch.along)) > _SAME_WAY
+        return tool.holds(middle) and abs(float(along @ tool.region.path.along)) > _SAME_WAY
 
 
 def proposed_keys(tool: WrinkleTool) -> dict[str, Any]:

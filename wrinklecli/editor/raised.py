@@ -8,7 +8,6 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.editor.attached import AttachedTool, AttachedTools, PlayableMesh, ShownMesh
 from wrinklecli.editor.clip_cache import ClipCache
-from wrinklecli.review.check import describe_clip
 from wrinklecli.review.preview.peaks import tallest_clip
 
 
@@ -46,7 +45,7 @@ def raised_tool(tools: AttachedTools, name: str, cache: ClipCache, clips: Sequen
     attached = tools.tools.get(name)
     found = None
     if attached is not None:
-        found = tallest_clip([describe_clip(attached.carried, each) for each in attached.sampled(cache, clips)])
+        found = tallest_clip(attached.facts_in(cache, clips))
     if attached is None or found is None:
         return None
     clip = next(clip for clip in clips if clip.name == found["name"])

@@ -4,7 +4,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import Any, NamedTuple, Protocol, TypeAlias, TypeVar
 
-from wrinklecli.character.rig import DrivenTargets
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.rig import DrivenTargets, Rig
 from wrinklecli.drive.segment import Segment
 from wrinklecli.drive.touch import TouchDrive
 from wrinklecli.numeric.arrays import Floats
@@ -22,11 +23,14 @@ class Moves(NamedTuple):
         drive: The names of the targets, and their weights.
         deltas: (targets, vertices, 3) of the coarse surface, bind space.
         refined: A function that gives them for all vertices of the refined surface; None if they are interpolated.
+        tuned: A function from another entry for the same targets, which differs by `DRIVING` keys, to its drive; None
+            if there are no such keys.
     """
 
     drive: DrivenTargets
     deltas: Floats
     refined: Callable[[Refinement], Floats] | None = None
+    tuned: Callable[[Any], DrivenTargets] | None = None
 
 
 class Drag(NamedTuple):
@@ -84,6 +88,11 @@ class Attached(Protocol[Tool]):
         ...
 
     @property
+    def full(self) -> float:
+        """The shortening of its segment, over the rest length, from which on it moves no farther; 1 for none."""
+        ...
+
+    @property
     def moves(self) -> Moves | None:
         """The morph targets by which the effect moves the mesh before later effects see it; None if they do not."""
         ...
@@ -101,6 +110,10 @@ class Attached(Protocol[Tool]):
     @property
     def drag(self) -> Drag | None:
         """The tip that drags its skin; None if none does."""
+        ...
+
+    def clip_warnings(self, rig: Rig, clips: Sequence[tuple[Clip, Floats]]) -> list[str]:
+        """Warnings about clips that say too little of how it moves, by (frames, targets) weights in each."""
         ...
 
     def fitting_compressible(self, lengths: Iterable[tuple[Floats, Floats]], height: float | None = None) -> float:
@@ -147,6 +160,11 @@ class BelowSkin(ABC):
         return self.span
 
     @property
+    def full(self) -> float:
+        """1: it moves as far as it is asked."""
+        return 1.0
+
+    @property
     def keyed_clips(self) -> Collection[str]:
         """None: a joint moves it."""
         return ()
@@ -155,6 +173,10 @@ class BelowSkin(ABC):
     def drag(self) -> Drag | None:
         """None."""
         return None
+
+    def clip_warnings(self, _rig: Rig, _clips: Sequence[tuple[Clip, Floats]]) -> list[str]:
+        """None: it moves as the pose asks."""
+        return []
 
     def fitting_compressible(self, _lengths: Iterable[tuple[Floats, Floats]], _height: float | None = None) -> float:
         """0: what shortens it presses no skin together."""

@@ -21,8 +21,10 @@ from wrinklecli.effects.effect import Effect, MeshPlan, Motion, SamplingOptions,
 from wrinklecli.effects.sampling import sample_driven
 from wrinklecli.effects.shapes import Sample, make_shapes
 from wrinklecli.errors import counted
+from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, nonzero_rows
 from wrinklecli.numeric.memory import Memory
+from wrinklecli.numeric.piecewise import Signal
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.tools.body import Flesh, Muscle, Touch
 from wrinklecli.tools.records import ToolsFile
@@ -147,10 +149,34 @@ class BodyPart(Generic[AttachedType]):
         """(vertices,) halves: it is one bump."""
         return np.full(len(self.vertices), 0.5)
 
-    def displacements(self, _fine: Refinement, rig: Rig, clip: Clip | None, times: Floats) -> Floats:
+    def reader(self, rig: Rig, clip: Clip | None) -> Signal:
+        """The weights of its targets."""
+        return self.attached.drive.weights_in(rig.own, clip)
+
+    def displacements(
+        self, _fine: Refinement, rig: Rig, clip: Clip | None, times: Floats, numbers: Floats | None = None
+    ) -> Floats:
         """(frames, vertices, 3) the sums of its targets, bind space."""
-        weights = self.attached.drive.weights_in(rig.own, clip)(times)
+        weights = self.reader(rig, clip)(times) if numbers is None else numbers
         return np.asarray(np.tensordot(weights, self.deltas[:, self.vertices], axes=1))
+
+    def heights(self, fine: Refinement, _clip: Clip | None, numbers: Floats) -> Floats:
+        """(frames,) the largest moves of the skin."""
+        return largest_moves(numbers, moves_at_rest(fine.blended, self.deltas)[1])
+
+    def cut(self, _clip: Clip | None, _numbers: Floats) -> Floats:
+        """(0, 2): it has no control curve."""
+        return np.zeros((0, 2))
+
+    def facts(self, _plan: MeshPlan, _up: str) -> Json:
+        """Its name."""
+        return {"name": self.attached.tool.name}
+
+    def facts_in(self, plan: MeshPlan, clip: Clip, times: Floats, numbers: Floats) -> Json:
+        """Its largest move in a clip."""
+        heights = self.heights(plan.fine, clip, numbers)
+        at = int(np.argmax(heights))
+        return {"name": clip.name, "height": float(heights[at]), "time": float(times[at])}
 
     def place_warnings(self, _plan: MeshPlan) -> list[str]:
         """None: what does not fit is refused."""

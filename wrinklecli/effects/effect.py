@@ -26,6 +26,7 @@ from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools, Floats, Ints
 from wrinklecli.numeric.guard import Progress
 from wrinklecli.numeric.memory import Memory
+from wrinklecli.numeric.piecewise import Signal
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.rest import Rest
@@ -282,8 +283,42 @@ class Part(Protocol):
         """(vertices,) their places across its crests, from 0 to 1: u, unless crests are bent."""
         ...
 
-    def displacements(self, fine: Refinement, rig: Rig, clip: Clip | None, times: Floats) -> Floats:
-        """(frames, vertices, 3) their displacements at (frames,) seconds of a clip, bind space."""
+    def reader(self, rig: Rig, clip: Clip | None) -> Signal:
+        """A function from (frames,) seconds of a clip to (frames, numbers) by which the effect moves.
+
+        What they are is known to the effect alone.
+        """
+        ...
+
+    def displacements(
+        self, fine: Refinement, rig: Rig, clip: Clip | None, times: Floats, numbers: Floats | None = None
+    ) -> Floats:
+        """(frames, vertices, 3) their displacements at (frames,) seconds of a clip, bind space.
+
+        `numbers` are the reader's at these times, if they are known.
+        """
+        ...
+
+    def heights(self, fine: Refinement, clip: Clip | None, numbers: Floats) -> Floats:
+        """(frames,) the height of its highest bump, scene units, by the reader's (frames, numbers) in a clip."""
+        ...
+
+    def cut(self, clip: Clip | None, numbers: Floats) -> Floats:
+        """(points, 2) the cut of what it raises along its middle at one moment: places and heights, scene units.
+
+        `numbers` are (1, numbers). There are no points for an effect without a control curve.
+        """
+        ...
+
+    def facts(self, plan: MeshPlan, up: str) -> Json:
+        """What an artist wants to know of it, whatever moves it: JSON values only; `up` is the axis of positions."""
+        ...
+
+    def facts_in(self, plan: MeshPlan, clip: Clip, times: Floats, numbers: Floats) -> Json:
+        """What an artist wants to know of it in a clip: its `name`, the greatest `height` of the effect, its `time`.
+
+        The reader has given (frames, numbers) at (frames,) seconds.
+        """
         ...
 
     def place_warnings(self, plan: MeshPlan) -> list[str]:
@@ -409,6 +444,23 @@ class EffectKind(Protocol):
 
         Raises:
             WrinkleError: Nothing is left of some, a line for each.
+        """
+        ...
+
+    def sketch(self, attached: AnyAttached, region: int, fine: Refinement, pinned: Bools) -> Part | None:
+        """Let a refined surface carry a tool of this kind quickly, as while someone drags it.
+
+        Args:
+            attached: The tool.
+            region: The number of its first region.
+            fine: The surface, which may have been refined for another tool.
+            pinned: (coarse vertices,) True for those that must not move.
+
+        Returns:
+            None for another kind, and for an effect that moves the body with its rig.
+
+        Raises:
+            BakeError: It moves no vertex.
         """
         ...
 

@@ -15,7 +15,7 @@ from wrinklecli.effects.effect import MeshPlan, Part
 from wrinklecli.effects.order import KINDS
 from wrinklecli.errors import BakeError, WrinkleError
 from wrinklecli.gltf.document import Document
-from wrinklecli.numeric.arrays import determinants, median
+from wrinklecli.numeric.arrays import Bools, determinants, median
 from wrinklecli.numeric.memory import MAX_VERTICES
 from wrinklecli.surface.ground import Ground, read_ground
 from wrinklecli.surface.refine import Refinement, refine
@@ -109,6 +109,11 @@ def attach_one(
     kind, attached = next((kind, found) for kind in KINDS if (found := kind.attach([tool], ground, settings)))
     (one,) = kind.bound(attached, ground) if bounded else attached
     return one
+
+
+def sketch(attached: AnyAttached, region: int, fine: Refinement, pinned: Bools) -> Part | None:
+    """Let a refined surface carry a tool quickly, as `EffectKind.sketch` does."""
+    return next((part for kind in KINDS if (part := kind.sketch(attached, region, fine, pinned)) is not None), None)
 
 
 def skin_parts(plan: MeshPlan) -> list[Part]:

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,16 +21,14 @@ from wrinklecli.effects.sampling import moving_clips
 from wrinklecli.effects.wrinkle.activity import ClipActivity
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.layer import carried_patches_of
+from wrinklecli.effects.wrinkle.report import describe_heights, describe_place
 from wrinklecli.effects.wrinkle.sample import sample_activities
 from wrinklecli.effects.wrinkle.warnings import tool_warnings, turned_warnings
 from wrinklecli.effects.wrinkle.weights import fitting_compressible
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Ints, children, significant
+from wrinklecli.numeric.arrays import Ints
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.numeric.memory import MAX_MEMORY, MAX_VERTICES
-from wrinklecli.surface.anchor import Anchor
-from wrinklecli.surface.rest import Rest
-from wrinklecli.tools.records import in_axes
 
 # Version of the JSON.
 VERSION = 1
@@ -223,12 +221,12 @@ def _check_tool(plan: MeshPlan, number: int, motions: Sequence[Motion], overlaps
     made = [each for each in every if each.clip.name in job.range]
     shortening = sorted((each for each in made if _shortest(each) > _VISIBLE), key=_shortest, reverse=True)
     clips = (*(each for each in every if each not in made), *shortening[:_MOST_MOTIONS])
-    data = describe_tool(plan, number, up) | overlaps
+    data = describe_place(plan, carried, skin_parts(plan)[number].region, up) | overlaps
     data |= {
         "fitting_compressible": fitting_compressible(
             carried.patch.curve, ((each.seen.distances, each.seen.rest_lengths) for each in clips)
         ),
-        "clips": [describe_clip(carried, each) for each in clips],
+        "clips": [describe_heights(carried, each) for each in clips],
         "warnings": tool_warnings(plan, carried, clips, up=up) + turned_warnings(plan, skin_parts(plan)[number], clips),
     }
     if made and not clips:
@@ -250,84 +248,6 @@ def _describe_mesh(plan: MeshPlan) -> Json:
         "triangles": len(fine.surface.triangles),
         "new_triangles": len(fine.triangles) - len(fine.surface.triangles),
         "levels": fine.subdivision.levels,
-    }
-
-
-def describe_tool(plan: MeshPlan, number: int, up: str) -> Json:
-    """Describe a tool on its mesh, independent of clips; JSON values only."""
-    carried, fine = carried_patches_of(plan)[number], plan.fine
-    patch, between = carried.patch, carried.patch.tool.between
-    members = np.unique(fine.triangles[children(fine.subdivision.parents, patch.members)])
-    return {
-        "name": patch.tool.name,
-        "node": plan.rig.names[plan.rig.node],
-        "where": patch.tool.where,
-        "origin": _describe_anchor(plan, patch.origin, up),
-        **({"between": [_describe_anchor(plan, each, up) for each in patch.anchors[1:-1]]} if between else {}),
-        "target": _describe_anchor(plan, patch.target, up),
-        "distance": significant(patch.span),
-        "rest_length": significant(patch.rest_length),
-        "width": significant(2.0 * patch.half_width),
-        "laid": _describe_pose(plan, patch.pose),
-        "material": patch.tool.material or "none",
-        "bumps": patch.tool.bumps,
-        "strategy": patch.tool.strategy,
-        "compressible": patch.tool.compressible,
-        "lag": None if patch.tool.lag is None else asdict(patch.tool.lag),
-        "height_limit": significant(patch.greatest_height),
-        "triangles": len(patch.members),
-        "edges_split": int((members >= len(fine.surface.positions)).sum()),
-        "moved_vertices": len(carried.vertices),
-        **({} if patch.reach is None else {"left_by_features": significant(carried.left_by_features(fine))}),
-        **({} if patch.mask is None else {"mask": significant(patch.mask_share)}),
-        "scheme": fine.schemes[number],
-        "hard_edges": significant(fine.hard_shares[number]),
-        "departure": significant(fine.departures[number]),
-    }
-
-
-def _describe_pose(plan: MeshPlan, pose: Rest) -> Json | str:
-    """Describe the pose in which a tool is laid: stored, the weights of raised morph targets, or a moment of a clip."""
-    if pose is plan.rest:
-        return "stored"
-    if pose.clip is not plan.rest.clip or pose.time is not plan.rest.time:
-        assert pose.clip is not None, "other poses are moments of clips"
-        return {"clip": pose.clip.name, "time": significant(float(pose.time[0]))}
-    raised = np.flatnonzero(pose.morph_weights != plan.rest.morph_weights)
-    return {"raised": {plan.rig.morph_names[k]: significant(float(pose.morph_weights[k])) for k in raised}}
-
-
-def _describe_anchor(plan: MeshPlan, anchor: Anchor, up: str) -> Json:
-    surface = plan.fine.surface
-    welded = anchor.vertices[np.argmax(anchor.barycentrics)]
-    vertex = int(np.flatnonzero(surface.weld == welded)[0])
-    primitive = int(np.searchsorted(surface.vertex_starts, vertex, side="right")) - 1
-    return {
-        "position": [significant(each) for each in in_axes(anchor.position.tolist(), up)],
-        "off": significant(anchor.distance),
-        "primitive": primitive,
-        "vertex": vertex - int(surface.vertex_starts[primitive]),
-    }
-
-
-def describe_clip(carried: CarriedPatch, each: ClipActivity) -> Json:
-    """Describe a tool in a clip; shortenings are over the rest length, and None if the tool is hidden throughout."""
-    clip, seen = each.clip, each.seen
-    strength = carried.patch.tool.strength_in(clip.name)
-    shown = np.isfinite(seen.distances)
-    if not shown.any():
-        return {"name": clip.name, "strength": strength, "shortening": None, "time": None} | dict.fromkeys(
-            ("unabsorbed", "height"), 0.0
-        )
-    shortenings = 1.0 - np.where(shown, seen.distances, seen.rest_lengths) / seen.rest_lengths
-    most = int(np.argmax(np.where(shown, shortenings, -np.inf)))
-    return {
-        "name": clip.name,
-        "strength": strength,
-        "shortening": [significant(shortenings[shown].min()), significant(shortenings[most])],
-        "time": significant(each.times[most]),
-        "unabsorbed": significant((seen.unabsorbed / seen.rest_lengths).max()),
-        "height": significant(carried.tallest(seen.amplitudes, clip)),
     }
 
 

@@ -28,7 +28,7 @@ def test_no_line_of_an_outline_leaves_the_surface(tool: str, longest: float, tmp
     places = outline.points.positions(Body(shown.faces, ()), shown.positions)
     lengths = np.linalg.norm(np.diff(places[outline.segments], axis=1)[:, 0], axis=1)
     assert len(lengths) > 40
-    assert lengths.max() < longest * attached.patch.span
+    assert lengths.max() < longest * attached.region.span
 
 
 @pytest.mark.parametrize("laid", ["stored", "raised"])

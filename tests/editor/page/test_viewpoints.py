@@ -40,7 +40,7 @@ def test_the_other_leg_does_not_stand_before_the_camera_of_a_knee(tmp_path: Path
     outline, body = outline_of(raised.attached, mesh.source, 0, (1.0, 0.0, 0.0)), Body(mesh.faces, ())
     corners = mesh.positions[mesh.source.ground.surface.triangles]
     camera = frame_tool(outline, body, mesh.positions, mesh.source.ground.surface.triangles)
-    spots = outline.points.positions(body, mesh.positions, 0.05 * raised.attached.patch.span)
+    spots = outline.points.positions(body, mesh.positions, 0.05 * raised.attached.region.span)
     free = [not (distances_along(spot, camera.eye - spot, corners) < 1).any() for spot in spots]
     assert np.mean(free) > 0.5
 

@@ -154,7 +154,7 @@ def outline_of(tool: AttachedTool, mesh: PlayableMesh, body: int, colour: tuple[
 
     Lines are followed over the surface from the anchors: what is only near in space, such as the other leg, has none.
     """
-    region, surface = tool.patch.regions[0], mesh.ground.surface
+    region, surface = tool.region, mesh.ground.surface
     near = mesh.ground.rest.around.faces_of(distinct_values(surface.triangles[region.members]))
     faces = np.flatnonzero(among(mesh.parents, near))
     positions = mesh.positions_in(region.pose)
@@ -189,7 +189,7 @@ def outline_of(tool: AttachedTool, mesh: PlayableMesh, body: int, colour: tuple[
     reached = np.cumprod(found[outwards] >= 0, axis=1).sum(axis=1)
     edges = [int(side[count - 1]) for side, count in zip(outwards, reached, strict=True) if count > 1]
     return ToolOutline(
-        name=tool.patch.tool.name,
+        name=tool.attached.tool.name,
         colour=colour,
         points=SurfacePoints(body, faces[np.maximum(found, 0)], barycentrics),
         segments=segments,

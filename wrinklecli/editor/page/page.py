@@ -266,7 +266,7 @@ class Page:
         self._typed_name.show(tool.name, tool.name)
         self._both_sides.value = tool.partner is not None
         attached = self.session.attached_tools().get(tool.name)
-        span = tool.length if attached is None else attached.patch.span
+        span = tool.length if attached is None else attached.attached.span
         for key, controls in self._controls.items():
             controls.set_visible(visible=key == tool.list_key)
         controls = self._controls[tool.list_key]
@@ -315,7 +315,7 @@ class Page:
         attached = self.session.attached_tools().get(self.chosen) if self.chosen else None
         if self.chosen is not None:
             if attached is not None:
-                self._charts.set_ranges(attached.patch.span, attached.patch.greatest_height)
+                self._charts.set_ranges(attached.attached.span, attached.attached.greatest_height)
             over = None if clip is None else self.session.heights(self.chosen, clip)
         self._charts.show_heights(over)
         self._chart_now()

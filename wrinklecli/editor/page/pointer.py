@@ -186,11 +186,11 @@ class Pointer:
         if kind == "anchor":
             self._move_point(name, number, hit, attached)
         elif attached is not None:
-            self._move_side(name, hit.place, attached.patch.regions[0])
+            self._move_side(name, hit.place, attached.region)
 
     def _move_point(self, name: str, number: int, hit: Hit, attached: AttachedTool | None) -> None:
         """Move a point of a tool, which may be dragged back to where the tool fits."""
-        ends = [] if attached is None else [anchor.position for anchor in attached.patch.anchors]
+        ends = [] if attached is None else [anchor.position for anchor in attached.region.anchors]
         neighbours = [*ends[max(number - 1, 0) : number], *ends[number + 1 : number + 2]]
         if any(_is_same_spot(hit, end) for end in neighbours):
             self._page.say("Points next to each other lie apart: the point stays where it was.", ASKS)

@@ -260,7 +260,7 @@ class Viewport:
 
     def _outline(self, name: str, tool: AttachedTool | AttachedBelow, colour: Colour) -> ToolOutline:
         """Outline a tool on the present triangles, or look its outline up."""
-        shape = tool.patch if isinstance(tool, AttachedTool) else tool.attached
+        shape = tool.attached
         known, outline = self._outlines.get(name, (None, None))
         if outline is None or known is not shape:
             nodes = [mesh.source.ground.rig.node for mesh in self.shown]

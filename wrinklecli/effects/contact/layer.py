@@ -13,9 +13,10 @@ from wrinklecli.effects.wrinkle.layer import WrinkleLayer
 from wrinklecli.errors import BakeError, listed, nearest
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Ints
+from wrinklecli.numeric.arrays import Bools, Ints
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.surface.ground import Ground
+from wrinklecli.surface.refine import Refinement
 from wrinklecli.tools.records import EffectTool, ToolsFile, WrinkleTool
 
 if TYPE_CHECKING:
@@ -95,6 +96,9 @@ class ContactKind:
     def bound(self, attached: Sequence[AnyAttached], _ground: Ground) -> Sequence[AnyAttached]:
         """They themselves."""
         return attached
+
+    def sketch(self, _attached: AnyAttached, _region: int, _fine: Refinement, _pinned: Bools) -> None:
+        """None, as it has no tools."""
 
     def plan(self, plan: MeshPlan, ground: Ground, _attached: Sequence[tuple[int, AnyAttached]]) -> ContactLayer | None:
         """Find the folds of the tools that ask for contact.

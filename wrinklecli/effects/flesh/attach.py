@@ -6,11 +6,14 @@ from typing import ClassVar
 
 import numpy as np
 
+from wrinklecli.character.clip import Clip
 from wrinklecli.character.contacts import contacts_of
+from wrinklecli.character.rig import Rig
 from wrinklecli.drive.swing import GRAVITY, Mode, SwingDrive
 from wrinklecli.effects.attached import BelowSkin, Moves
 from wrinklecli.effects.flesh.kept import swings_of
 from wrinklecli.effects.flesh.mask import softness_of
+from wrinklecli.effects.flesh.report import region_warnings
 from wrinklecli.effects.flesh.tissue import Body, NoFleshError, Place, Swings
 from wrinklecli.errors import BakeError, WrinkleError, listed, nearest
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, determinants, inverses, smoothstep
@@ -72,7 +75,7 @@ class AttachedFlesh(BelowSkin):
     regions: ClassVar[tuple[Region, ...]] = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "moves", Moves(self.drive, self.deltas))
+        object.__setattr__(self, "moves", Moves(self.drive, self.deltas, tuned=self.driven_as))
 
     @property
     def span(self) -> float:
@@ -83,6 +86,10 @@ class AttachedFlesh(BelowSkin):
     def greatest_height(self) -> float:
         """The length to which moves are capped."""
         return self.limit
+
+    def clip_warnings(self, rig: Rig, clips: Sequence[tuple[Clip, Floats]]) -> list[str]:
+        """Warnings about too few keys, clothes that stay, and clips in place."""
+        return region_warnings(self, rig, clips)
 
     def driven_as(self, tool: Flesh) -> SwingDrive:
         """The drive with the frequency, damping and gravity of another entry for the same region."""

@@ -16,8 +16,9 @@ from wrinklecli.effects.flesh.effect import FleshEffect
 from wrinklecli.effects.flesh.report import in_place
 from wrinklecli.errors import listed
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.arrays import Bools, Floats
 from wrinklecli.surface.ground import Ground
+from wrinklecli.surface.refine import Refinement
 from wrinklecli.tools.body import Flesh
 from wrinklecli.tools.records import EffectTool, ToolsFile
 
@@ -78,6 +79,9 @@ class FleshKind:
     def bound(self, attached: Sequence[AnyAttached], _ground: Ground) -> Sequence[AnyAttached]:
         """They themselves: their shapes have their masks."""
         return attached
+
+    def sketch(self, _attached: AnyAttached, _region: int, _fine: Refinement, _pinned: Bools) -> None:
+        """None, as it moves the body with its rig."""
 
     def plan(self, plan: MeshPlan, _ground: Ground, attached: Sequence[tuple[int, AnyAttached]]) -> FleshLayer | None:
         """Let the refined surface carry the regions."""

@@ -1,18 +1,19 @@
 """Entries of reports and warnings about regions of flesh."""
 
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import node_rows
 from wrinklecli.character.rig import Rig
-from wrinklecli.drive.swing import KEYS_ASKED, keys_per_second, signed
+from wrinklecli.drive.swing import KEYS_ASKED, SwingDrive, keys_per_second, signed
 from wrinklecli.effects.effect import Motion
-from wrinklecli.effects.flesh.attach import AttachedFlesh
 from wrinklecli.errors import listed
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, significant
+from wrinklecli.tools.body import Flesh
 
 # Part of the limit below which nobody sees a region move.
 _SEEN = 0.02
@@ -24,7 +25,23 @@ _RUNS = 0.15
 _SAMPLED, _MOST_SAMPLES = 30.0, 300
 
 
-def describe_swing(attached: AttachedFlesh, motion: Motion, weights: Floats) -> Json:
+class _Region(Protocol):
+    """What is told of an `AttachedFlesh`."""
+
+    @property
+    def tool(self) -> Flesh: ...
+
+    @property
+    def drive(self) -> SwingDrive: ...
+
+    @property
+    def limit(self) -> float: ...
+
+    @property
+    def covers(self) -> Sequence[str]: ...
+
+
+def describe_swing(attached: _Region, motion: Motion, weights: Floats) -> Json:
     """A region's entry in a clip: its greatest move, scene units, and the seconds for which the cap holds it."""
     moves = _moves(weights)
     held = moves > _CAPPED
@@ -36,7 +53,7 @@ def describe_swing(attached: AttachedFlesh, motion: Motion, weights: Floats) -> 
     }
 
 
-def region_warnings(attached: AttachedFlesh, rig: Rig, clips: Sequence[tuple[Clip, Floats]]) -> list[str]:
+def region_warnings(attached: _Region, rig: Rig, clips: Sequence[tuple[Clip, Floats]]) -> list[str]:
     """Warnings about clips that say too little of how a region moves."""
     name, node, warnings = attached.tool.name, attached.drive.node, []
     if attached.tool.carrier is not None:

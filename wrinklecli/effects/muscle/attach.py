@@ -14,7 +14,7 @@ from wrinklecli.drive.segment import RestLength, Segment, Tension
 from wrinklecli.effects.attached import BelowSkin, Moves
 from wrinklecli.effects.muscle.region import Bulge, bulges_on
 from wrinklecli.effects.muscle.shapes import Belly, RefinedSkin, displaced, modes_of
-from wrinklecli.effects.muscle.volume import ACTIVATION, FULLEST, ConstantVolume
+from wrinklecli.effects.muscle.volume import ACTIVATION, FULLEST, SHORTEST, ConstantVolume
 from wrinklecli.errors import BakeError, WrinkleError, listed, nearest
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.surface.bones import BoneLines, carried_by
@@ -79,6 +79,12 @@ class AttachedMuscle(BelowSkin):
     def keyed_clips(self) -> frozenset[str]:
         """The clips that key its activation."""
         return frozenset(clip for clip, _ in self.tool.named_clips)
+
+    @property
+    def full(self) -> float:
+        """The shortening from which on its fibres get no thicker."""
+        response = self.response
+        return 1.0 - (response.tendons + SHORTEST * response.belly) / response.rest_length
 
     @property
     def greatest_height(self) -> float:

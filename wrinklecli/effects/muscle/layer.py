@@ -13,8 +13,9 @@ from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.effects.muscle.attach import AttachedMuscle, attach_muscles
 from wrinklecli.effects.muscle.effect import MuscleEffect
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.arrays import Bools, Floats
 from wrinklecli.surface.ground import Ground
+from wrinklecli.surface.refine import Refinement
 from wrinklecli.tools.body import Muscle
 from wrinklecli.tools.records import EffectTool, ToolsFile
 
@@ -67,6 +68,9 @@ class MuscleKind:
     def bound(self, attached: Sequence[AnyAttached], _ground: Ground) -> Sequence[AnyAttached]:
         """They themselves: skin follows a muscle whatever lies on it."""
         return attached
+
+    def sketch(self, _attached: AnyAttached, _region: int, _fine: Refinement, _pinned: Bools) -> None:
+        """None, as it moves the body with its rig."""
 
     def plan(self, plan: MeshPlan, _ground: Ground, attached: Sequence[tuple[int, AnyAttached]]) -> MuscleLayer | None:
         """Let the refined surface carry the muscles."""

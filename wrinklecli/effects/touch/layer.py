@@ -14,8 +14,9 @@ from wrinklecli.effects.touch.attach import FOLDED, AttachedTouch, attach_touche
 from wrinklecli.effects.touch.effect import TouchEffect
 from wrinklecli.errors import counted
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.arrays import Bools, Floats
 from wrinklecli.surface.ground import Ground
+from wrinklecli.surface.refine import Refinement
 from wrinklecli.tools.records import EffectTool, ToolsFile
 
 # Slides over the greatest at which normals are fitted, in as many directions.
@@ -75,6 +76,9 @@ class TouchKind:
     def bound(self, attached: Sequence[AnyAttached], _ground: Ground) -> Sequence[AnyAttached]:
         """They themselves: their shapes have their masks."""
         return attached
+
+    def sketch(self, _attached: AnyAttached, _region: int, _fine: Refinement, _pinned: Bools) -> None:
+        """None, as it moves the body with its rig."""
 
     def plan(self, plan: MeshPlan, _ground: Ground, attached: Sequence[tuple[int, AnyAttached]]) -> TouchLayer | None:
         """Let the refined surface carry the touches."""

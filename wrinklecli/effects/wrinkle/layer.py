@@ -22,9 +22,10 @@ from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.effects.wrinkle.sample import most_overlaps, sample_wrinkles
 from wrinklecli.effects.wrinkle.warnings import departure_warnings, twin_warnings
 from wrinklecli.errors import BakeError
-from wrinklecli.numeric.arrays import Ints
+from wrinklecli.numeric.arrays import Bools, Ints
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.surface.ground import Ground
+from wrinklecli.surface.refine import Refinement
 from wrinklecli.tools.records import EffectTool, ToolsFile, WrinkleTool
 
 # Numbers of each tool that are sampled besides its amplitudes.
@@ -135,6 +136,14 @@ class WrinkleKind:
             WrinkleError: Masks do not fit, a line for each.
         """
         return bounded([each for each in attached if isinstance(each, Patch)], ground)
+
+    def sketch(self, attached: AnyAttached, region: int, fine: Refinement, pinned: Bools) -> WrinklePart | None:
+        """Let a refined surface carry a tool, without a look at creases.
+
+        Raises:
+            BakeError: It moves no vertex.
+        """
+        return WrinklePart(carry(attached, fine, pinned), region) if isinstance(attached, Patch) else None
 
     def plan(self, plan: MeshPlan, ground: Ground, attached: Sequence[tuple[int, AnyAttached]]) -> WrinkleLayer | None:
         """Let the refined surface carry the tools.

@@ -4,19 +4,20 @@ Source: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, Computer Graph
 influence region. Differs: displacement fades where the surface turns away; and (u, v) are those at rest.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip
+from wrinklecli.character.rig import Rig
 from wrinklecli.drive.segment import Segment
 from wrinklecli.effects.wrinkle.curve import ControlCurve
 from wrinklecli.effects.wrinkle.places import Places, bowed
 from wrinklecli.effects.wrinkle.reach import Reach
 from wrinklecli.effects.wrinkle.variation import Variation, attenuation
-from wrinklecli.effects.wrinkle.weights import fitting_compressible
+from wrinklecli.effects.wrinkle.weights import fitting_compressible, group_starts
 from wrinklecli.numeric.arrays import Floats, Ints, smoothstep
 from wrinklecli.numeric.subdivide import Subdivision
 from wrinklecli.surface.anchor import Anchor
@@ -236,9 +237,18 @@ class Patch:
         return self.curve.max_height
 
     @property
+    def full(self) -> float:
+        """The shortening over the nominal rest length at which the last group of bumps is full."""
+        return float(group_starts(self.curve, self.curve.rest_length)[-1])
+
+    @property
     def bump_width(self) -> float:
         """The width of a bump on the segment at rest, scene units."""
         return 2.0 * self.span / self.curve.interval_count
+
+    def clip_warnings(self, _rig: Rig, _clips: Sequence[tuple[Clip, Floats]]) -> list[str]:
+        """None: wrinkles rise as the pose asks."""
+        return []
 
     def fitting_compressible(self, lengths: Iterable[tuple[Floats, Floats]], height: float | None = None) -> float:
         """The `compressible` with which all bumps are just full at the greatest shortening, 0 to 1."""

@@ -16,18 +16,12 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.drive.drive import Drive, StoredDrive, wrinkle_entry
 from wrinklecli.drive.segment import Segment
 from wrinklecli.drive.touch import weights_of
-from wrinklecli.effects.body import BodyLayer, largest_moves, moves_at_rest
-from wrinklecli.effects.effect import MeshPlan
+from wrinklecli.effects.effect import MeshPlan, Part
 from wrinklecli.effects.sampling import moving_clips
-from wrinklecli.effects.touch.attach import AttachedTouch
-from wrinklecli.effects.wrinkle.activity import ClipActivity, activities
-from wrinklecli.effects.wrinkle.layer import carried_patches_of
-from wrinklecli.effects.wrinkle.weights import group_starts
 from wrinklecli.errors import AssetError, listed, nearest
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, Ints, determinants, median
-from wrinklecli.review.check import describe_clip, describe_tool
 from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.preview.shown import ShownAsset, ShownPrimitive
 from wrinklecli.tools.records import ToolsFile, identifier
@@ -99,45 +93,24 @@ def planned_peaks(plans: Sequence[MeshPlan], clips: Sequence[Clip], *, fps: floa
     for plan in plans:
         moving = moving_clips(plan, clips)
         refuse_many_frames(plan, moving, fps=fps)
-        patches = [carried.patch for carried in carried_patches_of(plan)]
-        done: list[list[Json]] = [[] for _ in patches]
-        for clip in moving:
-            times = clip_grid(clip, plan.rig, fps=fps)
-            for carried, seen, found in zip(
-                carried_patches_of(plan), activities(patches, plan.rig, clip, times), done, strict=True
-            ):
-                found.append(describe_clip(carried, ClipActivity(clip, times, seen)))
-        for number, found in enumerate(done):
-            data = describe_tool(plan, number, "y")
-            curve = carried_patches_of(plan)[number].patch.curve
-            data["section"] = TOOLS
-            data["full"] = float(group_starts(curve, curve.rest_length)[-1])
-            peaks.append(_peak(data, plan.rig.node, found))
-        peaks += _body_peaks(plan, [(clip, clip_grid(clip, plan.rig, fps=fps)) for clip in moving])
+        played = [(clip, clip_grid(clip, plan.rig, fps=fps)) for clip in moving]
+        # Wrinkles are shown before what moves the body below them.
+        for layer in sorted(plan.layers, key=lambda each: each.section != TOOLS):
+            for part in layer.parts:
+                data = part.facts(plan, "y") | {"section": layer.section, "full": part.attached.full}
+                if (drag := part.attached.drag) is not None:
+                    data["forward"] = _forward(drag.drive.targets, drag.drive.windows, drag.drive.turn)
+                peaks.append(_peak(data, plan.rig.node, [_row(plan, part, *each) for each in played]))
     return peaks
 
 
-def _body_peaks(plan: MeshPlan, played: Sequence[tuple[Clip, Floats]]) -> list[Peak]:
-    """The peaks of the muscles, the flesh and the touches of a plan, in clips at (frames,) seconds of each."""
-    peaks = []
-    for layer in plan.layers:
-        for attached, deltas in zip(layer.attached, layer.deltas, strict=True) if isinstance(layer, BodyLayer) else ():
-            _, moves = moves_at_rest(plan.fine.blended, deltas)
-            found: list[Json] = []
-            for clip, times in played:
-                heights = largest_moves(attached.drive.weights_in(plan.rig.own, clip)(times), moves)
-                at = int(np.argmax(heights))
-                best: Json = {"name": clip.name, "height": float(heights[at]), "time": float(times[at])}
-                if isinstance(attached, AttachedTouch):
-                    (contact,) = attached.drive.contacts_in(plan.rig.own, clip)(times[at : at + 1])
-                    best |= {"slide": float(np.hypot(*contact[:2])), "depth": float(contact[2])}
-                found.append(best)
-            data: Json = {"name": attached.tool.name, "section": layer.section}
-            if isinstance(attached, AttachedTouch):
-                drive = attached.drive
-                data["forward"] = _forward(drive.targets, drive.windows, drive.turn)
-            peaks.append(_peak(data, plan.rig.node, found))
-    return peaks
+def _row(plan: MeshPlan, part: Part, clip: Clip, times: Floats) -> Json:
+    """The facts of an effect in a clip at (frames,) seconds, with the slide and the dent of skin that is dragged."""
+    data = part.facts_in(plan, clip, times, part.reader(plan.rig, clip)(times))
+    if (drag := part.attached.drag) is not None:
+        (contact,) = drag.drive.contacts_in(plan.rig.own, clip)(np.array([data["time"]]))
+        data |= {"slide": float(np.hypot(*contact[:2])), "depth": float(contact[2])}
+    return data
 
 
 def _forward(targets: Sequence[str], windows: Floats, turn: float) -> dict[str, float]:
