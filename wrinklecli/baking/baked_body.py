@@ -5,7 +5,7 @@ Source: the extras of `extras.encode_extras`.
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from wrinklecli.baking.parts import PARTS
 from wrinklecli.character.rig import morph_target_names, read_rig
 from wrinklecli.drive.drive import LAYOUT, StoredDrive, stored_drives, wrinkle_entry
 from wrinklecli.errors import AssetError, listed
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats

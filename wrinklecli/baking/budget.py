@@ -27,7 +27,7 @@ Sources:
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -39,6 +39,7 @@ from wrinklecli.choices import Engine, Storage
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, target_weights, targets_of
 from wrinklecli.effects.sampling import observed, with_times
 from wrinklecli.errors import RefusedError
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools, significant

@@ -1,7 +1,7 @@
 """A baked body on the joints of a file with clips: which of its drives act there, and what weights they give a clip."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from wrinklecli.drive.segment import Segment
 from wrinklecli.drive.swing import SwingDrive
 from wrinklecli.drive.touch import TouchDrive
 from wrinklecli.errors import listed, nearest
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats

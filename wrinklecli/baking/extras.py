@@ -1,11 +1,11 @@
 """Extras of a baked node: the drives of its effects as JSON, for players of clips that were never baked."""
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
 
 from wrinklecli.character.anims import NamedNodes
 from wrinklecli.character.rig import Rig
 from wrinklecli.effects.effect import Effect, MeshPlan, targets_of
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.shape import Json
 

@@ -12,12 +12,12 @@ A sum over joints is at most as long as its vectors, times the weights, times th
 stretches a vector.
 """
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from wrinklecli.character.skin import Skin, pose
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
 
 # Relative error of positions in float64 after some dozens of products and sums: bounds are wider by as much.

@@ -5,7 +5,6 @@ frames are unskinned and their nodes roots.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from wrinklecli.character.pose import joint_matrices, morph_weights
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.skin import pose, prepare
 from wrinklecli.effects.effect import Motion, target_weights, targets_of
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.edited_document import VERTEX_DATA, EditedDocument
 from wrinklecli.gltf.shape import Json

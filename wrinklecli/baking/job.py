@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TypeAlias
 
 from wrinklecli.baking.baked_body import lost_record
@@ -14,6 +14,7 @@ from wrinklecli.character.scene import deforms
 from wrinklecli.choices import Engine, FrameFormat, Mode, Storage, Tracks
 from wrinklecli.drive.drive import wrinkle_entry
 from wrinklecli.errors import BakeError, ConfigError, counted, listed, nearest
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.images import files_of
 from wrinklecli.gltf.shape import Json

@@ -4,7 +4,6 @@ Source: glTF 2.0 §3.7.2.2 (morph targets), §3.6.2.3 (sparse accessors), §3.11
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -25,6 +24,7 @@ from wrinklecli.character.rig import Rig, morph_target_names
 from wrinklecli.character.weight_track import Track, pad, widen
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, Target, target_weights, targets_of
 from wrinklecli.effects.shapes import Shape, turn_to
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document, stored_bytes
 from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.shape import Json

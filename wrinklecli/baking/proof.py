@@ -1,7 +1,6 @@
 """The proof: the written file is played as an engine would, and compared with the method's own result."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -19,6 +18,7 @@ from wrinklecli.effects.effect import Effect, MeshPlan, Motion, targets_of
 from wrinklecli.effects.sampling import duplicates_of, observed
 from wrinklecli.effects.shapes import DisplacedNormals, Shape, summed_middles, turn_to
 from wrinklecli.errors import RefusedError
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, matches, unit

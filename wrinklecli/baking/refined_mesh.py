@@ -4,12 +4,12 @@ Source: glTF 2.0 §3.7.2.1 (attributes), §3.7.2.2 (morph targets), KHR_mesh_qua
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from wrinklecli.errors import AssetError
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import TRIANGLES, Document
 from wrinklecli.gltf.draco import EXTENSION
 from wrinklecli.gltf.edited_document import INDEX_DATA, VERTEX_DATA, EditedDocument, index_type

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, field
 
 from wrinklecli.baking.budget import BUDGETS, texture_bytes
 from wrinklecli.baking.extras import METHOD, JointNames
@@ -14,6 +14,7 @@ from wrinklecli.choices import Mode
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, targets_of
 from wrinklecli.effects.plan import mesh_warnings, track_warnings
 from wrinklecli.errors import counted, listed
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, significant
 

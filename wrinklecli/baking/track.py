@@ -8,7 +8,7 @@ right to 1/256 of the greatest.
 
 import os
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import partial
 from typing import Any
 
@@ -26,6 +26,7 @@ from wrinklecli.drive.drive import StoredDrive
 from wrinklecli.drive.table import TABLE_ERROR
 from wrinklecli.errors import AssetError, BakeError, RefusedError, counted, listed
 from wrinklecli.files.outputs import Outputs, part_of
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.files import files_named

@@ -3,7 +3,6 @@
 import os
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager, suppress
-from dataclasses import dataclass
 from typing import Any
 
 from wrinklecli.baking.job import BakeOptions
@@ -17,6 +16,7 @@ from wrinklecli.batch.staging import Staged
 from wrinklecli.effects.kept import solutions_in
 from wrinklecli.errors import BakeError
 from wrinklecli.files.outputs import Outputs
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.files import path_beside, references
 from wrinklecli.numeric.memory import held
 from wrinklecli.texture.with_bake import bake_with_maps

@@ -18,7 +18,7 @@ import os
 import re
 from collections.abc import Iterable
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
 from wrinklecli.batch import stores
@@ -26,6 +26,7 @@ from wrinklecli.batch.cache_keys import Parts, program
 from wrinklecli.batch.job_files import JobFiles
 from wrinklecli.batch.tables import refuse_constant
 from wrinklecli.errors import WrinkleError, shortened
+from wrinklecli.frozen import dataclass
 
 TAG = "CACHEDIR.TAG"
 ENTRIES = ("keys", "files", "outs", "shapes")

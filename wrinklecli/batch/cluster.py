@@ -16,12 +16,13 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, TypeAlias
 
 from wrinklecli.batch.jobs import BatchJob, Outcome
 from wrinklecli.batch.worker import Settings, run_job
 from wrinklecli.errors import WrinkleError, counted
+from wrinklecli.frozen import dataclass
 
 _MAX_TASKS = 1_000  # tasks at the scheduler at a time: more than a cluster has workers, and little memory
 _MAX_TASK_JOBS = 16  # jobs of one task

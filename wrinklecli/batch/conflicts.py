@@ -10,13 +10,14 @@ import posixpath
 import re
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TypeAlias
 
 from wrinklecli.batch import stores
 from wrinklecli.batch.cache import ENTRIES, TAG
 from wrinklecli.batch.jobs import BatchJob, uris_beside
 from wrinklecli.files.claims import Claims, Clash, Identities, Identity
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.files import path_beside, references
 from wrinklecli.texture.map_files import MAPS_JSON
 from wrinklecli.tools.yaml_tree import printable

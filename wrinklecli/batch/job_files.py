@@ -7,11 +7,11 @@ import os
 import posixpath
 import re
 from contextlib import suppress
-from dataclasses import dataclass
 
 from wrinklecli.batch.cache_keys import Parts
 from wrinklecli.batch.jobs import OPEN_FOLDERS, BatchJob
 from wrinklecli.files.outputs import Outputs
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.files import files_named, leaves_folder, path_of
 from wrinklecli.texture.map_files import MAPS_JSON, is_map_file
 from wrinklecli.tools.files_beside import with_files_beside

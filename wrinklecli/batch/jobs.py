@@ -2,9 +2,10 @@
 
 import posixpath
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Any, BinaryIO, Literal, TypeAlias
 
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.files import uri_of
 from wrinklecli.numeric.memory import MAX_MEMORY, parse_bytes
 from wrinklecli.tools.files_beside import files_beside

@@ -11,7 +11,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TypeAlias
 
 from wrinklecli.batch import stores
@@ -23,6 +23,7 @@ from wrinklecli.batch.staging import Staged, send, staged
 from wrinklecli.batch.stores import StoreError
 from wrinklecli.errors import RefusedError, WrinkleError
 from wrinklecli.files.outputs import Outputs
+from wrinklecli.frozen import dataclass
 
 OpenOutputs: TypeAlias = Callable[[], AbstractContextManager[Outputs]]
 """Opens the outputs that a bake writes."""

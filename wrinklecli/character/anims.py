@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Container, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import chain, count
 from pathlib import Path
 
@@ -11,6 +11,7 @@ import numpy as np
 from wrinklecli.character.clip import Channel, Clip, read_clips
 from wrinklecli.character.rig import morph_target_names, read_rig
 from wrinklecli.errors import AssetError, counted, listed, nearest
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.images import files_of
 from wrinklecli.gltf.shape import Json

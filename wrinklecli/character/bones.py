@@ -16,13 +16,13 @@ Sources of the names, of which tests have some each:
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from wrinklecli.character.rig import read_parents
 from wrinklecli.choices import Part
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, Ints
 

@@ -5,13 +5,13 @@ influences k of world(nodes[k]) @ (points[0] + sum over morph targets m of w_m p
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import morph_weights, node_rows
 from wrinklecli.character.rig import Rig
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, determinants
 
 

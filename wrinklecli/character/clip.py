@@ -5,13 +5,13 @@ Source: glTF 2.0 specification, §3.11 and appendix C (animation).
 
 import hashlib
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from wrinklecli.character.rig import LARGEST, TRANSFORM_DEFAULTS, Rig, in_range, morph_target_names, moving_nodes
 from wrinklecli.errors import AssetError, BakeError, listed, nearest
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json, moves_node
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, float32_values, unit_quaternions

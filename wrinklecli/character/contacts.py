@@ -1,7 +1,6 @@
 """Finds the vertices at which a mesh touches itself or another mesh of its file: a gap opens there if one moves."""
 
 from collections.abc import Container, Iterator
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise, product
 
@@ -12,6 +11,7 @@ from wrinklecli.character.pose import joint_matrices
 from wrinklecli.character.rig import Rig, read_hierarchy, read_rig
 from wrinklecli.character.skin import skinned_mesh
 from wrinklecli.character.surface import Surface, Vertices, dense_influences, read_all_triangles, read_vertices
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values
 

@@ -2,11 +2,11 @@
 
 import os
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from wrinklecli.character.clip import Clip, read_clips
 from wrinklecli.character.rig import read_hierarchy, read_rig
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 
 if TYPE_CHECKING:

@@ -4,12 +4,12 @@ Source: glTF 2.0 specification, §3.5 (nodes), §3.7.3 (skins).
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip, sample
 from wrinklecli.character.rig import TRANSFORM_DEFAULTS, Hierarchy, Rig
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, affine_rows, composed_rows, unit_quaternions
 
 # Least scale of a node or an anchor relative to rest. Below it a character is hidden, and distances are meaningless.

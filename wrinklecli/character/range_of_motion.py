@@ -4,7 +4,6 @@ Riggers see so how a character deforms, and `suggest` where a character without 
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from wrinklecli.character.motion import motion_clip, quaternion_product, raising
 from wrinklecli.character.rig import Rig, read_hierarchy, read_rig
 from wrinklecli.choices import Part
 from wrinklecli.errors import counted
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats, unit, unit_quaternions
 

@@ -6,13 +6,14 @@ Source: glTF 2.0 specification, §3.5 (nodes), §3.7.3 (skins).
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from itertools import chain, count
 from typing import Any, Protocol
 
 import numpy as np
 
 from wrinklecli.errors import AssetError
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, affine_rows, composed_rows, unit_quaternions

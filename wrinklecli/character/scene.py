@@ -7,7 +7,7 @@ Source: glTF 2.0 §3.5 (scenes), §3.7.2.2 (morph targets), §3.7.3.3 (skinned m
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from wrinklecli.character.rig import Hierarchy, morph_target_names, read_hierarc
 from wrinklecli.character.skin import SkinnedMesh, acting_joints, prepare
 from wrinklecli.character.surface import Vertices, dense_influences, read_primitive, read_triangles
 from wrinklecli.errors import AssetError, TooMuchError
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values

@@ -1,7 +1,7 @@
 """Reads all meshes of a scene, welded, with dense skin weights: obstacles of a fold, and surfaces that may cross."""
 
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from wrinklecli.character.pose import blend, joint_matrices, morph_weights, tran
 from wrinklecli.character.rig import Rig, read_hierarchy, read_rig
 from wrinklecli.character.scene import scene_nodes
 from wrinklecli.character.surface import has_triangles, read_surface
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats, Ints
 

@@ -4,7 +4,6 @@ Each node's mesh is welded first, so that seams are no borders and triangles tha
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.scene_meshes import SceneMesh, read_scene_meshes
 from wrinklecli.character.skin import SkinnedMesh, skinned_mesh
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct, distinct_values
 from wrinklecli.numeric.intersections import Crossings

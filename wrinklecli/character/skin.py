@@ -8,7 +8,7 @@ Source: glTF 2.0 §3.7.2.2 (morph targets), §3.7.3.3 (skinning). Differs from e
 matrices themselves, whose normals lean where joints scale or shear.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Self
 
 import numpy as np
@@ -16,6 +16,7 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import joint_matrices, morph_weights
 from wrinklecli.character.rig import Rig
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, cross, dot
 
 # Vertices times frames that are posed at once. Matrix products of half as many are slow; twice as many leave the cache,

@@ -4,13 +4,13 @@ Source: glTF 2.0 §3.7.2.2 (morph targets), §3.6.2.3 (sparse accessors).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from wrinklecli.character.rig import LARGEST, in_range
 from wrinklecli.errors import AssetError
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, Ints

@@ -5,7 +5,6 @@ point of the artist's mesh moves as one.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -14,6 +13,7 @@ import numpy as np
 from wrinklecli.character.rig import LARGEST, Rig, in_range
 from wrinklecli.character.skin import SkinnedMesh, skinned_mesh
 from wrinklecli.errors import AssetError
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import TRIANGLE_FAN, TRIANGLE_STRIP, TRIANGLES, Document
 from wrinklecli.gltf.draco import EXTENSION
 from wrinklecli.gltf.shape import Json

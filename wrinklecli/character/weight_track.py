@@ -6,13 +6,12 @@ interpolation if that loses nothing.
 Source: glTF 2.0 §3.11 and appendix C.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from wrinklecli.character.clip import Channel, Clip, linear_keys, sample
 from wrinklecli.character.pose import morph_weights
 from wrinklecli.character.rig import Rig
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, distinct_values, interpolated
 
 

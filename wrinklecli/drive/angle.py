@@ -1,6 +1,5 @@
 """The signal of a joint: the angle by which it is turned about an axis, from the stored pose."""
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -8,6 +7,7 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import node_matrices
 from wrinklecli.character.rig import Rig
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, affine_rows
 
 # Four times a sine and cosine of half an angle below which a turn has no axis: rounding of float32 rotations.

@@ -33,7 +33,7 @@ Sections of the extras are played in their order, `SECTIONS`: anchors may move w
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import partial
 from typing import Any
 
@@ -48,6 +48,7 @@ from wrinklecli.drive.segment import Contraction, Lengths, RestLength, Segment, 
 from wrinklecli.drive.swing import SwingDrive, read_swing
 from wrinklecli.drive.table import Json, Response, read_table, stored
 from wrinklecli.drive.touch import TouchDrive, read_touch
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, unit_quaternions
 from wrinklecli.numeric.piecewise import Signal
 from wrinklecli.tools.records import Lag

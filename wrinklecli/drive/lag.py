@@ -8,11 +8,10 @@ The clip begins with the spring at rest, as in a player that starts there. A cli
 loop, and the spring's motion is periodic. The paper has no springs: its heights follow at once.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from wrinklecli.character.clip import Clip
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, distinct_values
 from wrinklecli.numeric.piecewise import Signal
 from wrinklecli.numeric.quartics import fit_quartics

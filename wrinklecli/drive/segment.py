@@ -5,7 +5,7 @@ against that at rest. Differs: a path has more points; animated scale is taken o
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -16,6 +16,7 @@ from wrinklecli.character.clip import Clip, motion_breaks
 from wrinklecli.character.pose import LEAST_SCALE, morph_weights
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.lag import SpringFilter, spring_filter
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats
 from wrinklecli.tools.records import Lag
 

@@ -20,7 +20,7 @@ Differs: no time steps (see `numeric.spring`).
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -29,6 +29,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import LEAST_SCALE, node_rows
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.table import Json, stored
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, determinants, distinct_values
 from wrinklecli.numeric.piecewise import Signal
 from wrinklecli.numeric.quartics import Quartics

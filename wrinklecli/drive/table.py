@@ -4,13 +4,14 @@ Module `effects.wrinkle.lookup` makes the tables of a control curve, and says wh
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Literal, Protocol, TypeAlias
 
 import numpy as np
 
 from wrinklecli.drive.angle import Angles
 from wrinklecli.drive.segment import Contraction, Lengths
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, interpolated, significant
 
 Json: TypeAlias = dict[str, Any]

@@ -29,7 +29,7 @@ seconds at which the tip lets go.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import ClassVar
 
 import numpy as np
@@ -40,6 +40,7 @@ from wrinklecli.character.pose import LEAST_SCALE
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.point import point_json, read_point
 from wrinklecli.drive.table import Json, stored
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, determinants
 from wrinklecli.numeric.piecewise import Signal
 from wrinklecli.numeric.spring import Spring

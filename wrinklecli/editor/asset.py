@@ -7,7 +7,7 @@ are carried on the triangles that are there, and refined later.
 
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -26,6 +26,7 @@ from wrinklecli.editor.clip_cache import ClipCache, RecentResults
 from wrinklecli.effects.attached import AnyAttached, Attached, Moves
 from wrinklecli.effects.plan import attach_one, plan_on, sketch
 from wrinklecli.errors import BakeError, WrinkleError
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.numeric.arrays import Ints, components, distinct_values, flags_of
 from wrinklecli.numeric.memory import MAX_MEMORY, Memory

@@ -5,7 +5,7 @@ part can be exchanged without touching the rest.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -20,6 +20,7 @@ from wrinklecli.effects.effect import MeshPlan, Part, SamplingOptions
 from wrinklecli.effects.plan import mesh_warnings, skin_parts
 from wrinklecli.effects.sampling import moving_clips
 from wrinklecli.effects.wrinkle.part import WrinklePart
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, children, distinct_values
 from wrinklecli.numeric.guard import no_progress

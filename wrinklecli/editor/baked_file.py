@@ -1,7 +1,6 @@
 """Bake the saved tools as `wrinkle bake` does, and play the written file."""
 
 import os
-from dataclasses import dataclass
 
 from wrinklecli.baking.job import BakeOptions
 from wrinklecli.baking.pipeline import bake
@@ -9,6 +8,7 @@ from wrinklecli.character.clip import Clip, read_clips
 from wrinklecli.editor.asset import LoadedAsset
 from wrinklecli.editor.attached import PlayableMesh, ShownMesh
 from wrinklecli.editor.session import Session
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.numeric.memory import Memory

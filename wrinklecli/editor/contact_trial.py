@@ -7,7 +7,7 @@ import tempfile
 import threading
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from multiprocessing.connection import Connection
 
 from wrinklecli.baking.job import BakeOptions, job_of
@@ -19,6 +19,7 @@ from wrinklecli.editor.baked_file import BakedFile
 from wrinklecli.editor.free_pose import POSE, FreePose
 from wrinklecli.editor.session import EditedTool, Session
 from wrinklecli.errors import BakeError, WrinkleError
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import read_document
 from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.writer import write

@@ -9,13 +9,14 @@ import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from wrinklecli.editor.store import Store, names_of, without_empty_list
 from wrinklecli.errors import ConfigError, WrinkleError, nearest
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.tools.materials import Preset, presets
 from wrinklecli.tools.mirror import exchange_sides, split_side

@@ -1,9 +1,10 @@
 """A free pose: joints and morph targets set by hand, played as a clip of one moment."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.posing import JointTurn, pose_clip
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 
 POSE = "free pose"

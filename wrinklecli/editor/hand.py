@@ -1,12 +1,13 @@
 """A hand that slides the skin of a touch by the mouse: the slide that a ray asks for, and what is left of it later."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.touch import TouchDrive
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats
 
 # Part of a slide that nobody sees.

@@ -1,13 +1,13 @@
 """Tools that the editor proposes, as keys of a tools file: a first guess for a new tool, and the tools of `suggest`."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from wrinklecli.editor.attached import AttachedTool
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, unit
 from wrinklecli.review.suggest.draft import written_length
 from wrinklecli.review.suggest.suggest import Suggestions

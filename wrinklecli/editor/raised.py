@@ -1,13 +1,13 @@
 """A tool with the clip that raises it most, and the meshes of the asset over that clip, with it and without."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.editor.attached import AttachedTool, AttachedTools, PlayableMesh, ShownMesh
 from wrinklecli.editor.clip_cache import ClipCache
+from wrinklecli.frozen import dataclass
 from wrinklecli.review.preview.peaks import tallest_clip
 
 

@@ -6,7 +6,7 @@ All that is shown follows from the current step of the file. Methods may be call
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,7 @@ from wrinklecli.editor.raised import RaisedTool, raised_tool
 from wrinklecli.editor.store import Store
 from wrinklecli.errors import ConfigError, WrinkleError
 from wrinklecli.files.inputs import Watched
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, significant
 from wrinklecli.numeric.guard import guarded

@@ -5,7 +5,6 @@ The rig has their targets among its own, so that the anchors of later effects fo
 
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar
 
 import numpy as np
@@ -21,6 +20,7 @@ from wrinklecli.effects.effect import Effect, MeshPlan, Motion, SamplingOptions,
 from wrinklecli.effects.sampling import sample_driven
 from wrinklecli.effects.shapes import Sample, make_shapes
 from wrinklecli.errors import counted
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, nonzero_rows
 from wrinklecli.numeric.memory import Memory

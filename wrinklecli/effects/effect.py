@@ -8,7 +8,6 @@ order, and each sees the body as moved by those before it.
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol, Self, TypeVar
 
 import numpy as np
@@ -22,6 +21,7 @@ from wrinklecli.drive.swing import SwingDrive
 from wrinklecli.drive.touch import TouchDrive
 from wrinklecli.effects.attached import AnyAttached
 from wrinklecli.effects.shapes import Shape
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools, Floats, Ints
 from wrinklecli.numeric.guard import Progress

@@ -17,13 +17,13 @@ Lengths are in scene units: D of the bump, x of an interval (a bump spans two), 
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from numpy.polynomial import chebyshev
 
 from wrinklecli.choices import Profile
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.interpolant import Interpolant, interpolate
 

@@ -6,11 +6,12 @@ normals accordingly.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from wrinklecli.character.pose import Pose, blend, transform
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import (
     Floats,
     Ints,

@@ -3,13 +3,13 @@
 import os
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 
 from wrinklecli.baking.pipeline import bake
 from wrinklecli.errors import BakeError, WrinkleError
 from wrinklecli.files.outputs import Outputs, part_of
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.guard import Progress, no_progress
 from wrinklecli.review.preview.preview import preview, refuse_missing
 from wrinklecli.review.preview.preview_options import PreviewOptions

@@ -4,8 +4,9 @@ import os
 import stat
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Generic, TypeAlias, TypeVar
+
+from wrinklecli.frozen import dataclass
 
 Identity: TypeAlias = tuple[int | str, ...]
 """Device and inode of a file; or of the nearest folder above it that exists, and the names from there."""

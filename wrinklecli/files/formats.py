@@ -1,7 +1,8 @@
 """Recognises the format of a file that was given in place of an asset or a tools file, for messages."""
 
 import re
-from dataclasses import dataclass
+
+from wrinklecli.frozen import dataclass
 
 _EXPORT = "; open it in Blender, or in what made it, and export glTF (.glb)"
 _UNPACK = "; unpack it first"

@@ -9,13 +9,14 @@ Source: glTF 2.0 specification, §3.6 (binary data storage), §4 (GLB), §5.1 (a
 import os
 import struct
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from wrinklecli.errors import AssetError, TooMuchError
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf import draco, meshopt
 from wrinklecli.gltf.files import local_file, read_data_uri, read_file
 from wrinklecli.gltf.new_data import aligned

@@ -3,11 +3,10 @@
 Source: KHR_draco_mesh_compression.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from wrinklecli.errors import AssetError
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Array
 from wrinklecli.numeric.memory import Memory, held
 

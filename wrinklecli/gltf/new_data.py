@@ -6,10 +6,10 @@ Source: glTF 2.0 specification, §3.6 (binary data storage).
 import tempfile
 import weakref
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import IO
 
 from wrinklecli.errors import BakeError
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 
 # Bytes: the size of the largest component, and of the padding of GLB chunks.

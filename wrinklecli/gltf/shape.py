@@ -8,11 +8,11 @@ import json
 import math
 import re
 import sys
-from dataclasses import dataclass
 from typing import Any
 
 from wrinklecli.errors import AssetError, listed
 from wrinklecli.files.formats import foreign_format, is_tools_file
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf import draco, meshopt
 from wrinklecli.gltf.files import path_of
 

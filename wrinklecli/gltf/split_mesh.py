@@ -5,13 +5,13 @@ Source: glTF 2.0 §3.7.2 (meshes), §3.7.2.2 (morph targets), §3.11 (animation)
 
 import copy
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from itertools import chain, count
 from typing import Any
 
 import numpy as np
 
 from wrinklecli.errors import BakeError
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.edited_document import INDEX_DATA, VERTEX_DATA, EditedDocument, index_type
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Ints

@@ -11,12 +11,12 @@ import re
 import struct
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from itertools import chain
 from typing import IO, NamedTuple, TypeAlias
 
 from wrinklecli.errors import AssetError, BakeError
 from wrinklecli.files.outputs import Outputs
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf import meshopt
 from wrinklecli.gltf.document import BIN_CHUNK, GLB_MAGIC, JSON_CHUNK, Document
 from wrinklecli.gltf.edited_document import EditedDocument

@@ -4,11 +4,12 @@ All rooms take their array types from here: `Floats` are float64, `Ints` are ind
 may have any type.
 """
 
-from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+from wrinklecli.frozen import dataclass
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]

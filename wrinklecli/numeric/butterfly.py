@@ -22,10 +22,10 @@ Differs:
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Ints, among, any_of, distinct, distinct_values, flags_of
 from wrinklecli.numeric.sparse import Matrix
 

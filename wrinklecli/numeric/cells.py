@@ -1,9 +1,8 @@
 """Points in the cells of a grid: those near a place are found without a look at each."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, runs
 
 # Mean number of points in a grid cell, if the points lie on one layer of cells, as those of a surface roughly do.

@@ -7,11 +7,11 @@ Source: C. Ericson, *Real-Time Collision Detection*, 2005, §5.1.5. Differs: tak
 where the point lies above the triangle, its plane, so that degenerate triangles are allowed.
 """
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, cross, distinct, dot
 
 if TYPE_CHECKING:

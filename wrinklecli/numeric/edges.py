@@ -1,9 +1,8 @@
 """The edges of triangles, and the two faces on both sides of each."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints
 
 

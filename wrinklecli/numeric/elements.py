@@ -12,12 +12,12 @@ Sources: T. J. R. Hughes, *The Finite Element Method*, 2000, §4.5.2 (constant c
 M.-W. Yuan, J. M. Dickens, *Dynamic analysis by direct superposition of Ritz vectors*, 1982.
 """
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints
 from wrinklecli.numeric.memory import leave_room, start_blas
 

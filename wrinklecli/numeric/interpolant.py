@@ -1,11 +1,11 @@
 """Approximates smooth functions on [0, 1] by polynomials on equal pieces, which are quick to evaluate."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import chebyshev
 
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats
 
 FIT_ERROR = 1e-13

@@ -7,13 +7,13 @@ Source: C. Ericson, *Real-Time Collision Detection*, 2005, §6.3 (descent of two
 triangles by signed volumes). Differs: all pairs of a level of the trees are compared at once.
 """
 
-from dataclasses import dataclass
 from functools import reduce
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, cross, distinct, dot, flags_of
 
 # Pairs of boxes that are compared at once, as many as a cache holds: with twice or half as many a search takes a tenth

@@ -6,10 +6,9 @@ tethers t and loads g. Slides lie in the tangent planes of the vertices, so that
 Source: O. C. Zienkiewicz, R. L. Taylor, *The Finite Element Method*, volume 1 (constant strain triangles).
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints
 from wrinklecli.numeric.elements import factorised
 

@@ -1,9 +1,8 @@
 """Functions of time that are smooth between breaks, as fourth-degree polynomials through few points."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.piecewise import Signal, greatest_of_rows, sampled, sampled_inside
 

@@ -7,10 +7,9 @@ polynomial decays in closed form, so the state advances over a piece in one step
 Source: W. E. Boyce, R. C. DiPrima, *Elementary Differential Equations*, chapter 3 (undetermined coefficients).
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, distinct_values
 from wrinklecli.numeric.quartics import NODES, Quartics, through
 

@@ -8,12 +8,12 @@ become one mesh: invisible splits are undone, and the others split coarse faces 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, among, any_of, distinct_values, flags_of
 from wrinklecli.numeric.butterfly import butterfly
 from wrinklecli.numeric.red_green import Criterion, Rules, Stage, close, coarse_stage

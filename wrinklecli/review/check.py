@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,7 @@ from wrinklecli.effects.wrinkle.report import describe_heights, describe_place
 from wrinklecli.effects.wrinkle.sample import sample_activities
 from wrinklecli.effects.wrinkle.warnings import tool_warnings, turned_warnings
 from wrinklecli.effects.wrinkle.weights import fitting_compressible
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Ints
 from wrinklecli.numeric.guard import Progress, guarded, no_progress

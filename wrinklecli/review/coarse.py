@@ -1,13 +1,14 @@
 """Crossings of a refined surface, counted as on the surface before: what refinement alone has split counts once."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import morph_weights
 from wrinklecli.character.scene_surface import CrossingPairs, SceneSurface
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct, distinct_values
 from wrinklecli.numeric.closest import Tree
 

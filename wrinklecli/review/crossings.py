@@ -3,7 +3,7 @@
 import os
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from wrinklecli.character.rig import read_rig
 from wrinklecli.character.scene import deforming_nodes
 from wrinklecli.character.scene_surface import CrossingPairs, SceneSurface, read_scene_surface
 from wrinklecli.errors import BakeError
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, distinct, distinct_values, significant

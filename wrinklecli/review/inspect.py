@@ -7,7 +7,7 @@ import os
 import sys
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import accumulate, pairwise
 from typing import Any
 
@@ -19,6 +19,7 @@ from wrinklecli.character.rig import Hierarchy, morph_target_names, read_hierarc
 from wrinklecli.character.scene import read_scene
 from wrinklecli.drive.drive import anchors_of, wrinkle_entry
 from wrinklecli.errors import AssetError, WrinkleError
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import TRIANGLE_FAN, TRIANGLE_STRIP, TRIANGLES, Document, read_document
 from wrinklecli.gltf.files import local_file, path_of
 from wrinklecli.gltf.images import read_image

@@ -4,8 +4,6 @@ Source: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004, on o
 Differs: they lie anywhere on the surface, where the paper takes vertices (`snap: vertex`).
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from wrinklecli.character.carried import CarriedPoint
@@ -13,6 +11,7 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import Surface
 from wrinklecli.choices import Snap
 from wrinklecli.errors import BakeError
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, determinants, distinct_values, singular, unit
 from wrinklecli.surface.rest import Rest
 from wrinklecli.tools.records import EffectTool, Marker, in_axes

@@ -1,12 +1,12 @@
 """The bones of a mesh at rest, the skin round them, and what they carry."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from wrinklecli.character.carried import CarriedPoint
 from wrinklecli.character.pose import joint_matrices, node_matrices
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, determinants, singular, unit
 from wrinklecli.numeric.rays import distances_along
 from wrinklecli.surface.ground import Ground

@@ -7,11 +7,10 @@ there. So is a summit that hardly rises above the saddle between them.
 Source: H. Edelsbrunner, J. Harer, *Computational Topology*, 2010, §VII: watersheds merged by persistence.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.sparse import csr_array
 
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, unit, weighted_quantiles
 from wrinklecli.numeric.closest import nearest_of
 from wrinklecli.surface.sites import Sites

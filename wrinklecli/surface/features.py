@@ -5,10 +5,9 @@ different; neither a seam of texture coordinates nor a mere split of primitives 
 sharp edges.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import (
     Bools,
     Floats,

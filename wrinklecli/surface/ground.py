@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -14,6 +14,7 @@ from wrinklecli.character.pose import joint_matrices
 from wrinklecli.character.rig import DrivenTargets, Rig, read_rig
 from wrinklecli.character.surface import Surface, read_surface
 from wrinklecli.errors import AssetError
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints, distinct_values
 from wrinklecli.numeric.closest import Tree

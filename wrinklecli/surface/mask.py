@@ -5,7 +5,6 @@ the refined vertices, so a coarse mesh can have a fine mask.
 """
 
 import os
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from wrinklecli.character.rig import in_range
 from wrinklecli.errors import AssetError, BakeError, listed
 from wrinklecli.files.claims import is_path
 from wrinklecli.files.inputs import lies_below
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.files import path_beside, read_file, uri_of
 from wrinklecli.gltf.pixels import read_channel
 from wrinklecli.gltf.shape import Json

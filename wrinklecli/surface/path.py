@@ -10,13 +10,13 @@ two anchors.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
 
 from wrinklecli.errors import BakeError
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, unit
 
 # Maps a (3,) point to the nearest point of the surface and the unit normal there.

@@ -7,7 +7,7 @@ with one. Edges are not split where hardly any of the displacement remains.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -17,6 +17,7 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.character.skin import SkinnedMesh, skinned_mesh
 from wrinklecli.character.surface import Surface
 from wrinklecli.choices import Scheme
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import (
     Bools,
     Floats,

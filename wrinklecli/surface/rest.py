@@ -5,7 +5,7 @@ pose may also be the stored pose of the nodes, or a moment of a clip.
 """
 
 from collections.abc import Callable, Hashable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -15,6 +15,7 @@ from wrinklecli.character.pose import LEAST_SCALE, Pose, blend, joint_matrices, 
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import Surface
 from wrinklecli.errors import BakeError, ConfigError, listed, nearest
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, VertexFaces, determinants, inverses, median, unit, vertex_normals
 from wrinklecli.numeric.closest import closest_point
 from wrinklecli.tools.records import EffectTool, JointPoint, ToolsFile

@@ -18,11 +18,11 @@ Source: D. Zorin, P. Schröder, W. Sweldens, *Interpolating Subdivision for Mesh
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from wrinklecli.character.surface import Surface
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import (
     Bools,
     Floats,

@@ -4,7 +4,6 @@ Triangles are uneven, and the strain of single ones is noisy. So the loss tensor
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from wrinklecli.character.clip import Clip
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, distinct, unit, weighted_quantiles
 from wrinklecli.numeric.closest import pairs_within
 from wrinklecli.numeric.processes import in_processes

@@ -9,7 +9,7 @@ stretches are the eigenvalues of U in the polar decomposition F = RU.
 """
 
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import reduce
 
 import numpy as np
@@ -19,6 +19,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import LEAST_SCALE, joint_matrices, morph_weights
 from wrinklecli.character.rig import TRANSFORM_DEFAULTS, Rig, moving_nodes
 from wrinklecli.character.surface import Surface
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, distinct_values, face_normals, unit
 from wrinklecli.numeric.closest import balls
 from wrinklecli.surface.rest import Rest

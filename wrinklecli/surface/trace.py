@@ -6,11 +6,11 @@ askew, and a trace follows it.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, interpolated, unit
 from wrinklecli.numeric.closest import Tree
 from wrinklecli.surface.compression import CompressedRegion

@@ -1,13 +1,14 @@
 """The materials of a mesh on their textures: which set of coordinates maps take, and what its triangles have there."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 
 from wrinklecli.baking.refined_mesh import RefinedPrimitive, old_values, primitives_of
 from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.errors import AssetError
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, Ints, distinct, unit

@@ -1,12 +1,12 @@
 """Shapes on a texture that share maps, as no texel has two of them, and the images that hold them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
 from wrinklecli.choices import MapKind
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.pixels import png_of
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, unit

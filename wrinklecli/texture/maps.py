@@ -4,7 +4,7 @@ import json
 import os
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, get_args
 
 import numpy as np
@@ -19,6 +19,7 @@ from wrinklecli.effects.plan import skin_parts
 from wrinklecli.effects.sampling import sample_effects
 from wrinklecli.errors import BakeError, counted, listed
 from wrinklecli.files.outputs import Outputs, part_of
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.pixels import png_of
 from wrinklecli.gltf.shape import Json

@@ -5,7 +5,7 @@ those of the fine mesh's morph targets: an engine would draw the same. The tool'
 the borders of triangles, where factors on the height have kinks, as combs.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from wrinklecli.effects.plan import plan_mesh
 from wrinklecli.effects.sampling import sample_effects
 from wrinklecli.effects.shapes import turn_to
 from wrinklecli.errors import BakeError, TooMuchError
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, distinct_values, flags_of, inverses, unit
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.tools.records import WrinkleTool

@@ -4,10 +4,11 @@
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, ClassVar, Literal, TypeAlias, get_args
 
 from wrinklecli.choices import Axis, MaterialName, Profile
+from wrinklecli.frozen import dataclass
 from wrinklecli.tools.json_schema import (
     FLAG,
     LENGTH,

@@ -4,11 +4,11 @@ import difflib
 import functools
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 from jsonschema_rs import Draft202012Validator
 
+from wrinklecli.frozen import dataclass
 from wrinklecli.tools.json_schema import Items, Schema
 from wrinklecli.tools.yaml_tree import MAX_SHOWN, Node, Problem, path_to
 

@@ -5,9 +5,9 @@ the same values, as a test says; here they are as a file would write them.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
+from wrinklecli.frozen import dataclass
 from wrinklecli.tools.json_schema import defaults_of
 from wrinklecli.tools.materials import Preset
 from wrinklecli.tools.records import WrinkleTool

@@ -6,10 +6,11 @@ language servers of JSON and YAML show it. `group` and `slider` say how programs
 
 import functools
 from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import MISSING, Field, dataclass, field, fields
+from dataclasses import MISSING, Field, field, fields
 from typing import Any, TypeAlias, TypeVar
 
 from wrinklecli.choices import Group
+from wrinklecli.frozen import dataclass
 
 Schema: TypeAlias = dict[str, Any]
 Reader: TypeAlias = Callable[[Any], Any]

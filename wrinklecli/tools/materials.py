@@ -5,12 +5,12 @@ test compares the two.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from wrinklecli.choices import MaterialName, Part
+from wrinklecli.frozen import dataclass
 from wrinklecli.tools.json_schema import Reader
 from wrinklecli.tools.yaml_tree import plain_values
 

@@ -7,11 +7,12 @@ valid keys become records: tools inherit defaults, mirrored tools are made, and 
 
 import os
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any, TypeAlias
 
 from wrinklecli.errors import ConfigError
+from wrinklecli.frozen import dataclass
 from wrinklecli.tools.checked import Format, Place, at, check, refusal
 from wrinklecli.tools.files_beside import load_text, path_beside
 from wrinklecli.tools.json_schema import readers_of

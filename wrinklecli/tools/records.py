@@ -7,7 +7,7 @@ import math
 import os
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Any, ClassVar, Literal, Protocol, TypeAlias, get_args
 
 from wrinklecli.choices import (
@@ -28,6 +28,7 @@ from wrinklecli.choices import (
     Strategy,
     Up,
 )
+from wrinklecli.frozen import dataclass
 from wrinklecli.tools.json_schema import (
     FLAG,
     LENGTH,

@@ -3,9 +3,9 @@
 Source: JSON Schema, draft 2020-12. `read` checks order, sums and unique names, for which the schema has no words.
 """
 
-from dataclasses import dataclass
 from typing import Any
 
+from wrinklecli.frozen import dataclass
 from wrinklecli.tools.body import Flesh, Muscle, Touch
 from wrinklecli.tools.json_schema import Items, Schema, any_keys, expects, key_of, keys_of, list_of, mapping_of
 from wrinklecli.tools.materials import presets

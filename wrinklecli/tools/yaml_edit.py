@@ -7,13 +7,13 @@ outside an edit cannot change. `tests/benchmarks/README.md` says how ruamel.yaml
 import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, TypeAlias
 
 import yaml
 
 from wrinklecli.errors import ConfigError
+from wrinklecli.frozen import dataclass
 from wrinklecli.tools.yaml_tree import read_tree
 
 Steps: TypeAlias = Sequence[str | int]

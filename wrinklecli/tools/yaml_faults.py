@@ -1,9 +1,9 @@
 """Explains text that is no YAML to the people who wrote it: its indents, dashes, brackets and quotes."""
 
 import re
-from dataclasses import dataclass
 
 from wrinklecli.errors import counted
+from wrinklecli.frozen import dataclass
 
 # The line ends that PyYAML counts.
 _LINE_END = re.compile("\r\n|[\r\n\x85\u2028\u2029]")

@@ -7,11 +7,11 @@ import json
 import math
 import re
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import yaml
 
+from wrinklecli.frozen import dataclass
 from wrinklecli.tools.yaml_faults import explained
 
 MAX_BYTES = 4_000_000  # a thousand tools take about 500 kB

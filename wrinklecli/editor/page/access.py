@@ -9,8 +9,9 @@ import ipaddress
 import re
 import secrets
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from urllib.parse import parse_qsl
+
+from wrinklecli.frozen import dataclass
 
 _TOKEN_BYTES = 24  # random ones, which nobody guesses
 _HOST = re.compile(r"(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9._-]+)(?::([0-9]{1,5}))?")

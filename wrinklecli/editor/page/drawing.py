@@ -5,13 +5,14 @@ joined if their stored normals are equal: seams stay invisible, and hard edges s
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from wrinklecli.editor.attached import AttachedBelow, AttachedTool, PlayableMesh
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, among, distinct, distinct_values, face_normals, unit
 from wrinklecli.numeric.closest import closest_point
 from wrinklecli.numeric.intersections import edges_of

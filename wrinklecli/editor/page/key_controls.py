@@ -4,10 +4,11 @@ A control says which values a key may have. How the page draws controls is the b
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Literal
 
 from wrinklecli.choices import GROUPS
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import significant
 from wrinklecli.tools.json_schema import Schema
 from wrinklecli.tools.schema import KINDS, OWN_KEYS

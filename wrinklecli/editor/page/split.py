@@ -3,11 +3,10 @@
 Both states have the same triangles, so the plane chooses between them vertex by vertex, and nothing has to be clipped.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from viser import CameraHandle, transforms
 
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints
 
 # Part of the distance to the eye by which the line of the cut lies before the surface, so that this does not hide it.

@@ -2,7 +2,7 @@
 
 import contextlib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -18,6 +18,7 @@ from wrinklecli.editor.page.player import Player
 from wrinklecli.editor.page.split import SplitPlane
 from wrinklecli.editor.page.viewpoints import FOV, SIDES, frame_asset, frame_tool
 from wrinklecli.editor.page.widgets import PageHost, add_group, add_shortcut, on_set, value_within
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.closest import closest_point

@@ -7,7 +7,7 @@ crossings in a clip, the sweeps and the poses of the clips are compressed togeth
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from itertools import accumulate
 from typing import Any
 
@@ -38,6 +38,7 @@ from wrinklecli.effects.contact.solution import (
 )
 from wrinklecli.effects.contact.tissue import FREE, SOFT, UNITS, Tissue
 from wrinklecli.effects.contact.trail import Trail
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, interpolated
 from wrinklecli.numeric.closest import nearest_of
 from wrinklecli.numeric.intersections import widened

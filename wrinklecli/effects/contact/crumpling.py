@@ -8,10 +8,9 @@ Source: E. Grinspun, A. Hirani, M. Desbrun, P. Schröder, *Discrete Shells*, 200
 rest angles.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, cross, dot
 from wrinklecli.numeric.intersections import sides_of
 

@@ -1,7 +1,7 @@
 """The effect of a fold whose contact is resolved: its targets, their weights in clips, and its drive."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -17,6 +17,7 @@ from wrinklecli.effects.effect import Effect, MeshPlan, Motion, targets_of
 from wrinklecli.effects.wrinkle.effect import tool_drive
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.errors import counted, listed
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, Ints, interpolated, matches, significant
 

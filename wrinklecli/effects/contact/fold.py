@@ -5,7 +5,7 @@ one joint and the surface round it that may touch.
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -20,6 +20,7 @@ from wrinklecli.effects.contact.rise import Rise, rise_of
 from wrinklecli.effects.wrinkle.bending import bent_node
 from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
 from wrinklecli.effects.wrinkle.patch import Patch
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, distinct_values
 from wrinklecli.numeric.closest import nearest_of
 from wrinklecli.numeric.intersections import Crossings

@@ -8,9 +8,10 @@ does without wrinkles gets none either. The wrinkles of a fold without contact a
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 
 import numpy as np
+
+from wrinklecli.frozen import dataclass
 
 UNSETTLED = "did not settle"
 """The solver ended before its steps were short enough."""

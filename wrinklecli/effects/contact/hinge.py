@@ -5,7 +5,7 @@ there are. Not in the paper.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -17,6 +17,7 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.choices import Part
 from wrinklecli.drive.angle import Angles, JointAngle
 from wrinklecli.effects.wrinkle.patch import Patch
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, cross, unit, unit_quaternions
 
 # Greatest turn of a joint from its stored pose, degrees: about as far as people bend it.

@@ -1,7 +1,6 @@
 """Contact on a mesh: the folds that tools ask for, on the surface as the wrinkles move it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, ClassVar
@@ -11,6 +10,7 @@ from wrinklecli.effects.attached import AnyAttached
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, Part, SamplingOptions
 from wrinklecli.effects.wrinkle.layer import WrinkleLayer
 from wrinklecli.errors import BakeError, listed, nearest
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools, Ints

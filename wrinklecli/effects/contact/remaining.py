@@ -5,7 +5,7 @@ Pairs that cross at rest do not count: they never collide.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +13,7 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.effects.contact.fold import FAINT
 from wrinklecli.effects.contact.given_up import WORSE, GivenUp, UnresolvedError
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, distinct_values
 
 if TYPE_CHECKING:

@@ -6,11 +6,11 @@ held at that of the skinned pose, in which overlapping parts count twice.
 """
 
 from copy import copy
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, cross, dot
 from wrinklecli.numeric.elements import factorised
 

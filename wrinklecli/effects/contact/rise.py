@@ -4,7 +4,7 @@ A fold of such tools has a rise in place of a hinge, as on a nose beneath glasse
 looked up by the tool's own shortening. Not in the paper.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -15,6 +15,7 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.drive.segment import Lengths
 from wrinklecli.effects.wrinkle.bending import own_motions
 from wrinklecli.effects.wrinkle.patch import Patch
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats
 
 # Name of a clip that no file has, in which a keyed rest length grows.

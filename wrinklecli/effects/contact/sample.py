@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import combinations
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -19,6 +19,7 @@ from wrinklecli.effects.contact.remaining import Remaining, remaining_in
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, SamplingOptions, named_targets
 from wrinklecli.effects.sampling import duplicates_of, joined
 from wrinklecli.effects.shapes import Sample, Shape, make_shapes, summed
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, interpolated, matches
 from wrinklecli.numeric.guard import one_thread
 from wrinklecli.numeric.memory import leave_room, start_blas

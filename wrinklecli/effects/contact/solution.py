@@ -1,7 +1,7 @@
 """Solves a fold in the poses of a clip, by module `march`, and gives the solutions in bind space."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from itertools import islice
 
@@ -11,6 +11,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.effects.contact.fold import Fold
 from wrinklecli.effects.contact.march import march
 from wrinklecli.effects.contact.tissue import UNITS, SkinnedPose, SolverState, Tissue
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, inverses, unit
 from wrinklecli.numeric.intersections import widened
 

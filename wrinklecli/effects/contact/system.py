@@ -8,7 +8,7 @@ alone: a set of targets for the whole system would have to follow several joints
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -19,6 +19,7 @@ from wrinklecli.effects.contact.fitting import combined
 from wrinklecli.effects.contact.fold import Fold, grown
 from wrinklecli.effects.contact.solution import Solution, free_rows
 from wrinklecli.effects.contact.tissue import FREE, SOFT, UNITS, Tissue
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, components, distinct_values
 
 # Moments of a clip at which folds are checked for touching each other, at most.

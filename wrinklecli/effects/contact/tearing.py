@@ -7,10 +7,10 @@ passes through itself, and contact turns them back.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints
 from wrinklecli.numeric.closest import nearest_of
 from wrinklecli.numeric.intersections import edges_of, widened

@@ -5,7 +5,7 @@ Collisions are found by the library ipctk. All lengths are in solver's units: a 
 
 from collections.abc import Callable
 from copy import copy
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -14,6 +14,7 @@ import numpy as np
 from wrinklecli.effects.contact.crumpling import Crumpling
 from wrinklecli.effects.contact.response import Pieces, Response, stiffness_of
 from wrinklecli.effects.contact.tearing import Tearing
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values
 from wrinklecli.numeric.intersections import Crossings, edges_of
 

@@ -1,7 +1,7 @@
 """A region of flesh on a mesh at rest: its joint, its shapes on the skin, and the springs that move these."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import ClassVar
 
 import numpy as np
@@ -16,6 +16,7 @@ from wrinklecli.effects.flesh.mask import softness_of
 from wrinklecli.effects.flesh.report import region_warnings
 from wrinklecli.effects.flesh.tissue import Body, NoFleshError, Place, Swings
 from wrinklecli.errors import BakeError, WrinkleError, listed, nearest
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, determinants, inverses, smoothstep
 from wrinklecli.numeric.closest import Tree, nearest_of
 from wrinklecli.numeric.spring import Spring

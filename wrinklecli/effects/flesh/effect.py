@@ -1,7 +1,6 @@
 """The effect of one region of flesh: its morph targets, their weights by its springs, and its drive."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -12,6 +11,7 @@ from wrinklecli.effects.body import BodyEffect
 from wrinklecli.effects.effect import MeshPlan, Motion
 from wrinklecli.effects.flesh.attach import AttachedFlesh
 from wrinklecli.effects.flesh.report import describe_swing, region_warnings
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, significant
 

@@ -1,7 +1,6 @@
 """Flesh on a mesh: regions attached to joints, then carried by the refined surface."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -15,6 +14,7 @@ from wrinklecli.effects.flesh.attach import AttachedFlesh, attach_flesh
 from wrinklecli.effects.flesh.effect import FleshEffect
 from wrinklecli.effects.flesh.report import in_place
 from wrinklecli.errors import listed
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools, Floats
 from wrinklecli.surface.ground import Ground

@@ -11,12 +11,12 @@ Character Animation*, SCCG 2005. Differs: that paper attaches springs to an offs
 fall off by distance; here, the weights are those of an elastic solid.
 """
 
-from dataclasses import dataclass
 from hashlib import blake2b
 from itertools import product
 
 import numpy as np
 
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, smoothstep
 from wrinklecli.numeric.closest import is_inside, nearest_of
 from wrinklecli.numeric.elements import CORNERS, Modes, Tissue, ritz_modes

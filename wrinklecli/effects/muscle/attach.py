@@ -4,7 +4,6 @@ Source: C. Larboulette, M.-P. Cani, B. Arnaldi, *Dynamic Skinning*, SCCG 2005.
 """
 
 from collections.abc import Container, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from wrinklecli.effects.muscle.region import Bulge, bulges_on
 from wrinklecli.effects.muscle.shapes import Belly, RefinedSkin, displaced, modes_of
 from wrinklecli.effects.muscle.volume import ACTIVATION, FULLEST, SHORTEST, ConstantVolume
 from wrinklecli.errors import BakeError, WrinkleError, listed, nearest
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.surface.bones import BoneLines, carried_by
 from wrinklecli.surface.ground import Ground

@@ -1,7 +1,7 @@
 """The effect of one muscle: its morph targets, their weights by its length and activation, and its drive."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -18,6 +18,7 @@ from wrinklecli.effects.muscle.meeting import passes_through
 from wrinklecli.effects.muscle.volume import SHORTEST, THINNEST, ConstantVolume
 from wrinklecli.effects.shapes import summed
 from wrinklecli.errors import listed
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools, Floats, significant
 from wrinklecli.tools.records import in_axes

@@ -1,7 +1,6 @@
 """Muscles on a mesh: attached to bones, then carried by the refined surface."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -12,6 +11,7 @@ from wrinklecli.effects.body import BodyLayer, body_targets, moves_at_rest
 from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.effects.muscle.attach import AttachedMuscle, attach_muscles
 from wrinklecli.effects.muscle.effect import MuscleEffect
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools, Floats
 from wrinklecli.surface.ground import Ground

@@ -3,12 +3,13 @@
 The bulge curves along the muscle and round the limb: the skin is a region twice, once for each.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
 
 from wrinklecli.effects.muscle.shapes import Belly, bell, spindle
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, unit
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.path import Straight

@@ -7,12 +7,12 @@ that is much farther from the bone than the skin above the belly, as that of oth
 part of the way to skin that it faces.
 """
 
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
 from wrinklecli.effects.muscle.volume import FULLEST, THINNEST, ConstantVolume, flexed
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, inverses, singular, smoothstep, unit
 from wrinklecli.surface.refine import Refinement
 

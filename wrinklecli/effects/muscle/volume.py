@@ -8,12 +8,11 @@ Source: C. Larboulette, M.-P. Cani, B. Arnaldi, *Dynamic Skinning*, SCCG 2005, o
 the activation takes a part of the belly's length, not of the tendons', which may be short.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from wrinklecli.drive.segment import Contraction, Lengths
 from wrinklecli.drive.table import BellyTable, Json, split, stored
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, interpolated
 
 ACTIVATION = 0.2

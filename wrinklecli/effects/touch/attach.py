@@ -1,7 +1,7 @@
 """Touches attached to a body at rest: the place, the slide of its skin, the dent, and the rings of wrinkles."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -16,6 +16,7 @@ from wrinklecli.effects.touch.patch import Patch
 from wrinklecli.effects.touch.rings import Rings, plan_rings
 from wrinklecli.effects.touch.skin import Hold, Place, hold_of, slides_on, slides_on_surface
 from wrinklecli.errors import BakeError, WrinkleError
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, inverses, singular, smoothstep, unit
 from wrinklecli.numeric.membrane import stretches
 from wrinklecli.numeric.spring import Spring

@@ -6,7 +6,7 @@ one more shape for each way and side, times that sine, makes up for them. The jo
 not from clips.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from wrinklecli.character.carried import CarriedPoint
 from wrinklecli.character.motion import held_at, motion_clip, turning
 from wrinklecli.character.pose import joint_matrices, node_matrices
 from wrinklecli.effects.touch.skin import Hold, Place, hold_of, slides_on
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, inverses, singular, unit, unit_quaternions
 from wrinklecli.surface.bones import carried_by
 from wrinklecli.surface.ground import Ground

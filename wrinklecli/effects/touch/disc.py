@@ -3,11 +3,12 @@
 Rings curve, so edges must be short along two axes: the disc is a region twice, once for each.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from wrinklecli.effects.touch.skin import Place
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, smoothstep, unit
 from wrinklecli.surface.path import Straight
 from wrinklecli.surface.region import SmoothRegion

@@ -1,7 +1,7 @@
 """The effect of one touch: its morph targets, their weights by the slide of the tip, and its drive."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -11,6 +11,7 @@ from wrinklecli.drive.touch import TouchDrive
 from wrinklecli.effects.body import BodyEffect
 from wrinklecli.effects.effect import MeshPlan, Motion
 from wrinklecli.effects.touch.attach import FOLDED, AttachedTouch
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, significant
 

@@ -1,7 +1,6 @@
 """Touches on a mesh: attached to the skin, then carried by the refined surface."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -13,6 +12,7 @@ from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.effects.touch.attach import FOLDED, AttachedTouch, attach_touches, touches_of
 from wrinklecli.effects.touch.effect import TouchEffect
 from wrinklecli.errors import counted
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools, Floats
 from wrinklecli.surface.ground import Ground

@@ -4,11 +4,10 @@ A bake refines the skin of a touch twice: for the touch alone, and together with
 same both times, and what was fitted once holds.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from wrinklecli.effects.touch.skin import Hold
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints
 from wrinklecli.surface.refine import Refinement
 

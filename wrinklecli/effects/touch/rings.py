@@ -10,12 +10,13 @@ Source: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004, on t
 wrinkles caused by an interaction. Differs: the curve runs along rays from the pad.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from wrinklecli.effects.profile import SmoothProfile, plan_smooth
 from wrinklecli.effects.touch.skin import Place
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, interpolated, smoothstep
 from wrinklecli.numeric.drawn import drawn
 from wrinklecli.tools.body import Touch, TouchWrinkles

@@ -5,12 +5,12 @@ with a hard edge would turn triangles over. Skin over a bone near the surface is
 as a straight slide would leave it there: else a slide on the back of a hand would reach its palm.
 """
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from wrinklecli.effects.flesh.tissue import bone_distances
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, unit
 from wrinklecli.numeric.membrane import Membrane
 from wrinklecli.surface.bones import BoneLines

@@ -5,7 +5,7 @@ gives the control curve of a frame. Differs: only the anchors are posed, those o
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import fields
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.lag import SpringFilter
 from wrinklecli.effects.wrinkle.patch import Patch
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints
 
 # Joints of anchors and morph weights, times frames, posed at once, which bounds the memory.

@@ -7,7 +7,6 @@ paper.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import Surface
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.effects.wrinkle.weights import weight_path, weights_of
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, cross, unit, unit_quaternions
 from wrinklecli.surface.anchor import Anchor
 from wrinklecli.surface.rest import Rest

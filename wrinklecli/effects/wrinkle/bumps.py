@@ -5,12 +5,12 @@ section on the control curve: a bump has two control intervals. Differs: bumps m
 between them.
 """
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from wrinklecli.choices import Strategy
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints
 
 

@@ -8,7 +8,7 @@ Source: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004, on m
 projects vertices onto the patch anew each frame, as module `posed` does for `attachment: patch`.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.effects.wrinkle.places import Places
 from wrinklecli.effects.wrinkle.posed import Ring, posed_displacements, ring_around
 from wrinklecli.errors import BakeError
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, children, distinct_values, inverses, singular
 from wrinklecli.surface.refine import Refinement
 

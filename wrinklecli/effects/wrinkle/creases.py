@@ -9,8 +9,6 @@ no normals, so they make no crease.
 Not in the paper, which moves the vertices of posed surfaces along their normals everywhere, as `creases: keep` does.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from wrinklecli.character.pose import blend
@@ -18,6 +16,7 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.effects.wrinkle.bending import bent_nodes, carried_by
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.patch import Patch
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, children, cross, dot, inverses
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.rest import Rest

@@ -17,7 +17,6 @@ its highest knot for lower ones.
 """
 
 import dataclasses
-from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeAlias
 
@@ -28,6 +27,7 @@ from wrinklecli.drive.lag import TAUT
 from wrinklecli.effects.profile import SmoothProfile, plan_smooth
 from wrinklecli.effects.wrinkle.bumps import Bumps, count_intervals, group_bumps
 from wrinklecli.effects.wrinkle.polyline import PolylineProfile, plan_polyline, reachable_heights
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints
 
 BumpProfile: TypeAlias = SmoothProfile | PolylineProfile

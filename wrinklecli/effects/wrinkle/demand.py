@@ -14,7 +14,7 @@ refined mesh.
 Not in the paper, whose tools are straight; straight tools have no demand.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from wrinklecli.effects.wrinkle.bending import MOMENTS, bent_node, turns_of
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.curve import ControlCurve
 from wrinklecli.effects.wrinkle.patch import Patch
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, children, inverses, singular, unit
 from wrinklecli.numeric.intersections import edges_of
 from wrinklecli.surface.path import Curve

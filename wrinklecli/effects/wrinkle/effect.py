@@ -1,7 +1,7 @@
 """The effect of one wrinkling tool: its targets, their weights by its control curve, and its drive."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -23,6 +23,7 @@ from wrinklecli.effects.wrinkle.remix import Remix, Remixed, fewest, in_turn, tu
 from wrinklecli.effects.wrinkle.shapes import projected_shapes, shapes_of
 from wrinklecli.effects.wrinkle.warnings import tool_warnings
 from wrinklecli.effects.wrinkle.weights import weight_path, weights_of
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, interpolated, matches
 

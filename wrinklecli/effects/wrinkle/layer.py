@@ -1,7 +1,6 @@
 """Wrinkles on a mesh: the tools attached, then carried by the refined surface."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -22,6 +21,7 @@ from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.effects.wrinkle.sample import most_overlaps, sample_wrinkles
 from wrinklecli.effects.wrinkle.warnings import departure_warnings, twin_warnings
 from wrinklecli.errors import BakeError
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Ints
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.surface.ground import Ground

@@ -1,7 +1,6 @@
 """A wrinkling tool on the refined surface, as it answers what may be asked of any effect."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.effects.wrinkle.report import describe_heights, describe_place
 from wrinklecli.effects.wrinkle.warnings import placement_warnings, tool_warnings
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, Ints
 from wrinklecli.numeric.piecewise import Signal

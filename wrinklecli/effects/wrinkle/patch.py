@@ -5,7 +5,7 @@ influence region. Differs: displacement fades where the surface turns away; and 
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -18,6 +18,7 @@ from wrinklecli.effects.wrinkle.places import Places, bowed
 from wrinklecli.effects.wrinkle.reach import Reach
 from wrinklecli.effects.wrinkle.variation import Variation, attenuation
 from wrinklecli.effects.wrinkle.weights import fitting_compressible, group_starts
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, smoothstep
 from wrinklecli.numeric.subdivide import Subdivision
 from wrinklecli.surface.anchor import Anchor

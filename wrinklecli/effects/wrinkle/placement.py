@@ -1,7 +1,7 @@
 """A tool's place on its mesh at rest: the surface under its patch, and the room above it for wrinkles."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -9,6 +9,7 @@ from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.effects.wrinkle.activity import ClipActivity
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.patch import Patch
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, children, dot
 from wrinklecli.numeric.cells import Cells
 from wrinklecli.numeric.rays import ray_distances

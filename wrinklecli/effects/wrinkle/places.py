@@ -5,11 +5,12 @@ where two bumps merge. Bent crests, wandering furrows and merging bumps are thus
 heights stay linear in the curve's amplitudes.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from wrinklecli.effects.wrinkle.curve import ControlCurve
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, smoothstep
 
 # Two merging bumps count as one where the joined bump has more than this fraction of the height.

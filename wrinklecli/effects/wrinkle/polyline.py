@@ -10,11 +10,11 @@ Lengths are in scene units: D of the bump, x of an interval (a bump spans two).
 """
 
 import math
-from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.reduction import fewest_axes
 

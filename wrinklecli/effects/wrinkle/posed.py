@@ -6,7 +6,7 @@ are projected; normals are area-weighted; the posed displacement is pulled back 
 before skinning.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,6 +15,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import joint_matrices, morph_weights
 from wrinklecli.character.rig import Rig
 from wrinklecli.effects.wrinkle.patch import Patch
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, cross, determinants, inverses, median
 from wrinklecli.numeric.closest import closest_point
 from wrinklecli.surface.path import Curve, curve_on

@@ -1,9 +1,8 @@
 """The reach of a tool: how much of its height is left near features of the surface, from 0 to 1."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, smoothstep
 from wrinklecli.numeric.subdivide import Subdivision
 from wrinklecli.surface.features import Nearest

@@ -1,13 +1,13 @@
 """Other morph targets that play the same motion: fewer, fewer at a time, or all with weights in [0, 1]."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wrinklecli.effects.effect import Target
 from wrinklecli.effects.shapes import Shape, summed
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats
 from wrinklecli.numeric.reduction import fewest_axes, peaks_of
 

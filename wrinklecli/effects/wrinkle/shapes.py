@@ -5,7 +5,6 @@ displaces each frame's vertices; here a shape in bind space times a weight does.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from wrinklecli.effects.shapes import Middles, Sample, Shape, make_shapes
 from wrinklecli.effects.wrinkle.bending import Risen
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.places import Places
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, inverses, unit
 from wrinklecli.numeric.intersections import edges_of
 from wrinklecli.surface.refine import Refinement

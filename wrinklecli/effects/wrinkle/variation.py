@@ -16,7 +16,6 @@ Computer 2(4), 1986: 1 - 22/9 v² + 17/9 v⁴ - 4/9 v⁶.
 """
 
 import math
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -24,6 +23,7 @@ import numpy as np
 from wrinklecli.choices import Attenuation, Strategy
 from wrinklecli.effects.wrinkle.bumps import Bumps, group_bumps
 from wrinklecli.effects.wrinkle.places import Places
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, smoothstep
 from wrinklecli.numeric.drawn import drawn
 

@@ -1,12 +1,12 @@
 """Find the clips that two assets have in common, and the times at which to compare them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip, clip_grid
 from wrinklecli.character.scene import ScenePrimitive
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.review.diff.difference import ROUNDINGS, Difference
 

@@ -5,7 +5,7 @@ import math
 import os
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from wrinklecli.character.clip import read_clips, unknown_clip
 from wrinklecli.character.pose import joint_matrices
 from wrinklecli.character.scene import read_scene
 from wrinklecli.errors import AssetError, counted
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.images import read_image
 from wrinklecli.numeric.arrays import Floats

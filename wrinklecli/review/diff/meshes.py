@@ -1,12 +1,12 @@
 """Compare meshes of two documents by their decoded primitives, attributes, morph targets and triangles; and images."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
 from wrinklecli.character.rig import morph_target_names
 from wrinklecli.errors import AssetError, TooMuchError
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.images import read_image
 from wrinklecli.gltf.shape import Json

@@ -1,12 +1,12 @@
 """Find the greatest distance over time between two surfaces with different triangles."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.scene import ScenePrimitive
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints
 from wrinklecli.numeric.closest import Tree, on_triangles
 

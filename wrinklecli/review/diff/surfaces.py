@@ -1,11 +1,12 @@
 """Compare posed primitives at the times of a clip: vertex by vertex, or as surfaces with different triangles."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from wrinklecli.character.scene import ScenePrimitive
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints
 from wrinklecli.review.diff.common_clips import CommonClip
 from wrinklecli.review.diff.difference import Difference

@@ -5,7 +5,7 @@ A bake refuses tools that do not fit. A preview leaves them out, and names them,
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from wrinklecli.baking.estimate import refuse_too_much
 from wrinklecli.baking.job import BakeOptions, Job, read_job
@@ -15,6 +15,7 @@ from wrinklecli.effects.effect import MeshPlan, SamplingOptions
 from wrinklecli.effects.plan import skin_parts
 from wrinklecli.effects.sampling import sample_effects
 from wrinklecli.errors import WrinkleError
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.numeric.guard import Progress, no_progress

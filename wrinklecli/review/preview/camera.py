@@ -1,9 +1,8 @@
 """Cameras project world positions into a picture; views are named or are two angles."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats
 
 # Tangent of half the vertical field of view, which is 24 degrees: a long lens distorts little.

@@ -1,11 +1,11 @@
 """Lay out cards, each with two pictures above a name and a few words, in rows and columns below a title."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from PIL import Image, ImageDraw
 
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.pixels import Bytes
 from wrinklecli.review.preview.overlay import Placed
 from wrinklecli.review.preview.paints import Colour

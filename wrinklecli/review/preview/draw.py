@@ -1,9 +1,8 @@
 """Draw tools (patches, crests, segments and their ends) and the triangles' edges on a surface in a picture."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints
 from wrinklecli.review.preview.camera import project
 from wrinklecli.review.preview.rays import unit_rows

@@ -1,11 +1,12 @@
 """Place the cameras of a preview: what to frame at each moment, and from which side."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from wrinklecli.errors import AssetError
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, vertex_normals
 from wrinklecli.numeric.guard import Progress, no_progress
 from wrinklecli.review.preview.camera import FACING, VIEWS, Camera, camera_axes, parse_view

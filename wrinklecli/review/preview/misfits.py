@@ -1,7 +1,6 @@
 """Show tools that do not fit their asset: the points of their paths, and the distances of these from the mesh."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -10,6 +9,7 @@ from wrinklecli.character.clip import read_clips
 from wrinklecli.character.rig import Rig, read_rig
 from wrinklecli.character.surface import Surface, read_surface
 from wrinklecli.errors import WrinkleError
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, Ints
 from wrinklecli.review.preview.apply import PlannedTools, RefusedTool

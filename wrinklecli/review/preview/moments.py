@@ -1,10 +1,10 @@
 """Choose the moments that a preview shows: times of clips."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from wrinklecli.character.clip import clip_named, read_clips
 from wrinklecli.errors import WrinkleError
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.review.preview.preview_options import PreviewOptions
 

@@ -1,11 +1,12 @@
 """Draw strokes, dots and words at places of the world over a picture of a surface."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from typing import Literal
 
 import numpy as np
 
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Array, Floats
 from wrinklecli.review.preview.camera import Camera, project
 from wrinklecli.review.preview.paints import Colour

@@ -1,13 +1,13 @@
 """Read the base colours of a surface from materials, vertices and textures, and look textures up between pixels."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 
 from wrinklecli.character.scene import ScenePrimitive
 from wrinklecli.errors import AssetError
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.pixels import Bytes, linear_rgb, read_pixels
 from wrinklecli.gltf.shape import Json

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from wrinklecli.drive.touch import weights_of
 from wrinklecli.effects.effect import MeshPlan, Part
 from wrinklecli.effects.sampling import moving_clips
 from wrinklecli.errors import AssetError, listed, nearest
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, Ints, determinants, median

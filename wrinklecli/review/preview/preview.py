@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from wrinklecli.character.moved import Motions, Moved, moved
 from wrinklecli.character.scene import deforming_nodes
 from wrinklecli.errors import WrinkleError
 from wrinklecli.files.outputs import Outputs, part_of
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.images import files_of
 from wrinklecli.numeric.guard import Progress, guarded, no_progress

@@ -2,8 +2,8 @@
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
 
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.memory import MAX_MEMORY, MAX_VERTICES
 
 # Width and height of a picture, pixels.

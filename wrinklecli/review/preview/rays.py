@@ -4,11 +4,12 @@ The same triangles give the same hits: rays follow fixed patterns.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
 
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints, unit
 from wrinklecli.review.preview.camera import TANGENT
 

@@ -1,9 +1,8 @@
 """Render triangles by rays, without a display or a graphics card. The same triangles give the same picture."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.pixels import Bytes, srgb
 from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints
 from wrinklecli.review.preview.camera import Camera, project

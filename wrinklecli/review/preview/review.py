@@ -2,7 +2,7 @@
 
 import textwrap
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from wrinklecli.character.clip import chosen_clips
 from wrinklecli.errors import AssetError, counted
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.pixels import Bytes
 from wrinklecli.numeric.arrays import Floats

@@ -6,7 +6,7 @@ flat.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from wrinklecli.character.scene import ScenePrimitive, read_scene
 from wrinklecli.character.skin import PosedMesh
 from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.effects.plan import skin_parts
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.pixels import linear_rgb
 from wrinklecli.numeric.arrays import Array, Floats, Ints, among, children, distinct_values, face_normals, unit

@@ -5,11 +5,12 @@ rays, which need an optional library, and `suggest` draws depth buffers.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
 
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, face_normals, unit
 from wrinklecli.review.preview.camera import camera_axes
 

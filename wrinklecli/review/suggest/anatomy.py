@@ -8,7 +8,7 @@ than a body's, as far as rigs bend well; the joints of a spine share its angle, 
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import node_matrices
 from wrinklecli.character.rig import Hierarchy, Rig
 from wrinklecli.choices import Part
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, unit
 from wrinklecli.tools.mirror import split_side
 

@@ -10,11 +10,12 @@ Source: Y. Yoshimura, *On the Mechanism of Buckling of a Circular Cylindrical Sh
 two families of creases are not equal, as a bend is never quite even.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from wrinklecli.choices import MaterialName, Part
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, unit
 from wrinklecli.numeric.rays import distances_along, near_points
 from wrinklecli.review.suggest.candidates import Candidate

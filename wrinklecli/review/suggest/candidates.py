@@ -7,7 +7,7 @@ direction.
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import morph_weights, node_matrices
 from wrinklecli.character.rig import Rig
 from wrinklecli.choices import MaterialName, Part
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints
 from wrinklecli.numeric.closest import closest_point, nearest_of
 from wrinklecli.numeric.guard import Progress, no_progress

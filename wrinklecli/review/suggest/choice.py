@@ -6,7 +6,7 @@ Lips, lids and nostrils are *rims*, where a surface slides over another and make
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.character.scene import read_scene
 from wrinklecli.choices import Part
 from wrinklecli.errors import AssetError, counted, listed, nearest
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.closest import pairs_within

@@ -5,7 +5,7 @@ places do not depend on coordinates, and a drawn face, or a head that is turned,
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -15,6 +15,7 @@ from wrinklecli.character.motion import motion_clip, raising
 from wrinklecli.character.pose import node_matrices
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import read_surface
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats, unit, weighted_quantiles
 from wrinklecli.numeric.closest import nearest_of

@@ -12,11 +12,12 @@ Sources of the names:
 import math
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Literal
 
 from wrinklecli.character.bones import words_of
 from wrinklecli.character.rig import Rig
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.tools.mirror import split_side

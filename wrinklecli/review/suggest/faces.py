@@ -5,7 +5,7 @@ compression in the region; the parts of the face only tell summits apart, such a
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from wrinklecli.character.motion import motion_clip, raising
 from wrinklecli.character.rig import Rig, read_rig
 from wrinklecli.character.surface import read_surface
 from wrinklecli.effects.attached import Attached
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats, significant, unit, weighted_quantiles
 from wrinklecli.review.suggest.candidates import Candidate

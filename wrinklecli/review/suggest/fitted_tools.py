@@ -5,7 +5,7 @@ shortens too becomes a pair.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import node_matrices
 from wrinklecli.choices import Part, Profile
 from wrinklecli.effects.attached import Attached
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, unit, weighted_quantiles
 from wrinklecli.review.suggest.buckling import crossing_pair, limb_radius
 from wrinklecli.review.suggest.candidates import Candidate

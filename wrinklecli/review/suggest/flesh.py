@@ -7,7 +7,7 @@ there is a region if the way is long enough for the body's size.
 import os
 from collections import Counter
 from collections.abc import Container, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from wrinklecli.character.rig import Hierarchy, read_hierarchy
 from wrinklecli.choices import Part
 from wrinklecli.effects.plan import attach_one
 from wrinklecli.errors import WrinkleError, counted
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, unit
 from wrinklecli.numeric.rays import distances_along

@@ -3,11 +3,10 @@
 `review.preview` draws with rays, which need an optional library; a tool is looked at wherever the program runs.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.ndimage import uniform_filter
 
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import (
     Array,
     Bools,

@@ -3,7 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Hashable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from wrinklecli.character.scene import deforms, scene_nodes
 from wrinklecli.character.surface import read_surface
 from wrinklecli.drive.drive import wrinkle_entry
 from wrinklecli.errors import AssetError, BakeError, listed, nearest
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.guard import Progress

@@ -8,7 +8,7 @@ along one bone; ends are ratios of the bones' lengths.
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -21,6 +21,7 @@ from wrinklecli.character.rig import Hierarchy, read_hierarchy
 from wrinklecli.choices import Part
 from wrinklecli.effects.plan import attach_one
 from wrinklecli.errors import WrinkleError
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, unit
 from wrinklecli.review.suggest.anatomy import forwards_of

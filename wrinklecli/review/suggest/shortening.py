@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from wrinklecli.drive.segment import Segment
 from wrinklecli.effects.attached import Attached
 from wrinklecli.effects.plan import attach_one
 from wrinklecli.errors import WrinkleError
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, unit
 from wrinklecli.numeric.rays import near_points, ray_hits
 from wrinklecli.review.suggest.measure import MeasuredMesh

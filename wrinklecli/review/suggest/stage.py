@@ -1,7 +1,6 @@
 """Suggested tools in a pose: the refined mesh near each, without and with its wrinkles, and what else is near it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -11,6 +10,7 @@ from wrinklecli.character.scene import read_scene
 from wrinklecli.character.skin import SkinnedMesh
 from wrinklecli.effects.effect import MeshPlan, Part
 from wrinklecli.effects.turned import turned_over
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import (
     Bools,

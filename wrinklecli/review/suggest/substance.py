@@ -7,7 +7,7 @@ says nothing counts as skin, whose wrinkles are the lowest, with low confidence.
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.choices import MaterialName, Part
 from wrinklecli.choices import Substance as SubstanceKind
 from wrinklecli.errors import shortened
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, face_normals, unit
 from wrinklecli.review.suggest.swatch import Pictures, Swatch

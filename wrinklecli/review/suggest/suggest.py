@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from wrinklecli.character.bones import read_bones
@@ -11,6 +11,7 @@ from wrinklecli.character.joined import with_clips
 from wrinklecli.character.moved import Motions, moved
 from wrinklecli.character.rig import read_rig
 from wrinklecli.choices import Scheme
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.images import files_of
 from wrinklecli.numeric.guard import Progress, guarded, no_progress

@@ -2,11 +2,12 @@
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 
 from wrinklecli.character.posing import JointTurn, MorphWeight
 from wrinklecli.choices import Substance
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.memory import MAX_MEMORY
 from wrinklecli.tools.materials import Preset, presets
 from wrinklecli.tools.read import load_presets

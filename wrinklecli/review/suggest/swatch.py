@@ -6,11 +6,12 @@ small parts, says of each place what is drawn there.
 Source: B. Ottosson, *A perceptual color space for image processing*, 2020 (Oklab).
 """
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
 from wrinklecli.errors import AssetError
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.pixels import linear_rgb
 from wrinklecli.gltf.shape import Json
@@ -86,7 +87,7 @@ class _Coat:
     coloured: bool
 
 
-@dataclass
+@dataclass(slots=True)
 class Pictures:
     """The textures of a document, each read once, when a place first asks for it.
 

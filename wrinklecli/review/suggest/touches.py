@@ -7,7 +7,7 @@ are guesses, and the file says so.
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +23,7 @@ from wrinklecli.character.skin import SkinnedMesh
 from wrinklecli.choices import Part
 from wrinklecli.effects.plan import attach_one
 from wrinklecli.errors import WrinkleError
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, unit
 from wrinklecli.numeric.closest import closest_point

@@ -5,7 +5,7 @@ triangles become short enough for them.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -16,6 +16,7 @@ from wrinklecli.character.contacts import Neighbours
 from wrinklecli.effects.effect import MeshPlan, Part
 from wrinklecli.effects.plan import attach_effects, plan_on, skin_parts
 from wrinklecli.errors import WrinkleError
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Ints, among, distinct_values, significant
 from wrinklecli.numeric.processes import in_processes

@@ -5,7 +5,7 @@ A tool is looked at where it is tallest, or a little before, if the fold hides i
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import partial
 from itertools import islice
 
@@ -16,6 +16,7 @@ from wrinklecli.choices import Part
 from wrinklecli.effects.order import KINDS
 from wrinklecli.effects.turned import count_teeth
 from wrinklecli.errors import counted
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.processes import in_processes
 from wrinklecli.review.preview.sides import UNSEEN, Side, best_moment
 from wrinklecli.review.suggest.fitted_tools import Suggestion

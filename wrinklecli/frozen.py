@@ -1,0 +1,96 @@
+"""Frozen dataclasses that share their methods.
+
+`dataclasses` compiles five methods for each class, which takes 0.4 ms. A small bake imports 200 such classes, and spent
+a third of its time on them.
+"""
+
+import dataclasses
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from dataclasses import dataclass as dataclass
+else:
+
+    def dataclass(*, frozen=False, slots=False, eq=True, kw_only=False):
+        """What `dataclasses.dataclass` makes of a class; if it is frozen, its methods go through its fields."""
+        if not frozen:
+            return dataclasses.dataclass(slots=slots, eq=eq, kw_only=kw_only)
+
+        def made(cls):
+            for name, method in (_METHODS | _COMPARING if eq else _METHODS).items():
+                if name not in vars(cls):
+                    setattr(cls, name, method)
+            return dataclasses.dataclass(init=False, repr=False, eq=False, slots=slots, kw_only=kw_only)(cls)
+
+        return made
+
+
+def _init(self: Any, *values: Any, **named: Any) -> None:
+    """Set the fields, in order or by name, then run `__post_init__`.
+
+    Raises:
+        TypeError: A value is missing, or is given twice, or has no field.
+    """
+    name, names = type(self).__name__, self.__match_args__
+    given = dict(zip(names, values, strict=False))
+    if len(values) > len(names) or given.keys() & named.keys():
+        raise TypeError(f"{name}() got more than one value for a field, or more than it has: {names}")
+    given |= named
+    for each in dataclasses.fields(self):
+        if each.init and each.name in given:
+            value = given.pop(each.name)
+        elif each.default is not dataclasses.MISSING:
+            value = each.default
+        elif each.default_factory is not dataclasses.MISSING:
+            value = each.default_factory()
+        elif each.init:
+            raise TypeError(f"{name}() missing {each.name!r}")
+        else:  # `__post_init__` sets it
+            continue
+        object.__setattr__(self, each.name, value)
+    if given:
+        raise TypeError(f"{name}() got an unexpected {next(iter(given))!r}")
+    if hasattr(self, "__post_init__"):
+        self.__post_init__()
+
+
+def _refuse(_self: Any, name: str, *_value: Any) -> None:
+    raise dataclasses.FrozenInstanceError(f"cannot assign to field {name!r}")
+
+
+def _repr(self: Any) -> str:
+    shown = [f"{each.name}={getattr(self, each.name)!r}" for each in dataclasses.fields(self) if each.repr]
+    return f"{type(self).__qualname__}({', '.join(shown)})"
+
+
+def _get_state(self: Any) -> list[Any]:
+    return [getattr(self, each.name) for each in dataclasses.fields(self)]
+
+
+def _set_state(self: Any, state: list[Any]) -> None:
+    for each, value in zip(dataclasses.fields(self), state, strict=True):
+        object.__setattr__(self, each.name, value)
+
+
+def _compared(self: Any) -> tuple[Any, ...]:
+    return tuple(getattr(self, each.name) for each in dataclasses.fields(self) if each.compare)
+
+
+def _eq(self: Any, other: Any) -> Any:
+    return _compared(self) == _compared(other) if type(self) is type(other) else NotImplemented
+
+
+def _hash(self: Any) -> int:
+    hashed = (each for each in dataclasses.fields(self) if (each.compare if each.hash is None else each.hash))
+    return hash(tuple(getattr(self, each.name) for each in hashed))
+
+
+_METHODS = {
+    "__init__": _init,
+    "__repr__": _repr,
+    "__setattr__": _refuse,
+    "__delattr__": _refuse,
+    "__getstate__": _get_state,
+    "__setstate__": _set_state,
+}
+_COMPARING = {"__eq__": _eq, "__hash__": _hash}
