@@ -223,7 +223,11 @@ def face_normals(positions: NDArray[np.float64], triangles: NDArray[np.intp]) ->
     return normals / np.linalg.norm(normals, axis=1)[:, None]
 
 
-@pytest.mark.parametrize("config", sorted((ROOT / "configs").glob("*.yaml")), ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "config",
+    [*sorted((ROOT / "configs").glob("*.yaml")), path_of("figure").with_suffix(".yaml")],
+    ids=lambda path: path.stem,
+)
 def test_anchors_of_the_tools_files_lie_on_the_skin(config: Path) -> None:
     positions, triangles, _ = sample(config.stem.split("_")[0]).welded()
     a, b, c = (positions[triangles[:, i]] for i in range(3))
