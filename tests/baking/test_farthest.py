@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from wrinklecli.baking.farthest import Frames, Pair, bounds_of, farthest, finer_bounds, rounding
 
 from wrinklecli.baking import farthest as module
-from wrinklecli.baking.farthest import Frames, Pair, bounds_of, farthest, finer_bounds, rounding
 from wrinklecli.character.skin import Skin, pose, prepare
 from wrinklecli.numeric.arrays import Floats
 

@@ -61,8 +61,8 @@ from wrinklecli.effects.plan import plan_mesh  # noqa: E402
 from wrinklecli.effects.wrinkle.activity import activities  # noqa: E402
 from wrinklecli.effects.wrinkle.bending import rising  # noqa: E402
 from wrinklecli.effects.wrinkle.layer import carried_patches_of  # noqa: E402
+from wrinklecli.effects.wrinkle.lookup import weights_of  # noqa: E402
 from wrinklecli.effects.wrinkle.shapes import shapes_of  # noqa: E402
-from wrinklecli.effects.wrinkle.weights import weights_of  # noqa: E402
 from wrinklecli.gltf.document import read_document  # noqa: E402
 from wrinklecli.review.crossings import crossings  # noqa: E402
 from wrinklecli.tools.read import load_tools  # noqa: E402

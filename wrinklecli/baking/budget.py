@@ -27,7 +27,6 @@ Sources:
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -37,12 +36,12 @@ from wrinklecli.character.surface import dense_influences, read_vertices
 from wrinklecli.character.weight_track import widen
 from wrinklecli.choices import Engine, Storage
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, target_weights, targets_of
-from wrinklecli.effects.sampling import observed, with_times
+from wrinklecli.effects.sampling import motion_at, read
 from wrinklecli.errors import RefusedError
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Bools, significant
+from wrinklecli.numeric.arrays import Bools, Floats, float32_values, significant
 from wrinklecli.surface.ground import poses_of
 
 # Part of the error bound for fewer shapes, as for `attachment: patch`.
@@ -151,32 +150,30 @@ def fit_budget(
     if budget.influences is not None:
         found.update(_judge_influences(document, plan, clips, budget.influences, engine))
     if budget.unit_weights:
-        effects = [
-            effect.with_unit_weights([motion.weights[number] for motion in motions])
-            for number, effect in enumerate(effects)
-        ]
-        found.update(_weight_range(plan, effects, motions))
+        effects = [each.remixes.with_unit_weights(each) if each.remixes else each for each in effects]
+        motions = _played(plan, effects, motions)
+        found.update(_weight_range(plan, motions))
     effects, motions = list(effects), list(motions)
     if _excess(plan, effects, motions, budget):
         effects, motions, found["reduced"] = _reduce(plan, effects, motions, budget)
     excess = _excess(plan, effects, motions, budget)
     if excess:
-        less = ", ".join(dict.fromkeys([*(each.remedy for each in effects if each.remedy), "fewer bumps"]))
+        less = ", ".join(dict.fromkeys([*(each.words.remedy for each in effects if each.words.remedy), "fewer bumps"]))
         raise RefusedError(
             f"{excess}; --engine {engine} allows {budget.targets or budget.active}. {less[0].upper()}{less[1:]},"
             " `strategy: everywhere`, fewer tools on this mesh or a larger --max-error would help",
             where=name,
         )
     found["targets"] = len(plan.rig.own.morph_names) + len(targets_of(effects))
-    found["active"] = max((int(_active(plan, effects, motion)[0].sum()) for motion in motions), default=0)
+    found["active"] = max((int(_active(plan, motion)[0].sum()) for motion in motions), default=0)
     found["active_attributes"] = found["active"] * _attributes(plan)
     return effects, motions, found
 
 
-def _weight_range(plan: MeshPlan, effects: Sequence[Effect], motions: Sequence[Motion]) -> Json:
+def _weight_range(plan: MeshPlan, motions: Sequence[Motion]) -> Json:
     """The least and greatest weights of effects, and the least of the asset's own targets, which do not change."""
     own = [morph_weights(plan.rig.own, motion.clip, motion.times) for motion in motions]
-    wrinkles = [target_weights(effects, motion) for motion in motions]
+    wrinkles = [target_weights(motion) for motion in motions]
     return {
         "least_weight": min((float(weights.min(initial=0.0)) for weights in wrinkles), default=0.0),
         "greatest_weight": max((float(weights.max(initial=0.0)) for weights in wrinkles), default=0.0),
@@ -191,7 +188,9 @@ def _reduce(
     tolerance = _REDUCTION_SHARE * plan.max_error
     reduced, changes = [], []
     for old in effects:
-        new, error = old.with_fewest_targets(plan, tolerance, at_once=budget.active is not None)
+        new = old
+        if old.remixes is not None:
+            new = old.remixes.with_fewest_targets(old, plan, tolerance, at_once=budget.active is not None)
         reduced.append(new)
         if new is not old:
             changes.append(
@@ -200,27 +199,61 @@ def _reduce(
                     "from": len(old.target_names),
                     "to": len(new.target_names),
                     "at_once": new.most_at_once,
-                    "error": significant(error, 4),
+                    "error": significant(new.error - old.error, 4),
                 }
             )
+    played = _played(plan, reduced, motions)
     if budget.active is not None:
-        return reduced, [_keyed_at_turns(plan, reduced, motion) for motion in motions], changes
-    return reduced, list(motions), changes
+        return reduced, [_keyed_at_turns(plan, reduced, motion) for motion in played], changes
+    return reduced, played, changes
+
+
+def _played(plan: MeshPlan, effects: Sequence[Effect], motions: Sequence[Motion]) -> list[Motion]:
+    """Motions at the same times, of effects with other targets."""
+    return [motion_at(plan, effects, each.clip, each.times, each.keys) for each in motions]
 
 
 def _keyed_at_turns(plan: MeshPlan, effects: Sequence[Effect], motion: Motion) -> Motion:
     """A clip keyed where fewer targets of an effect are active at once, as one gives way to the next."""
     keyed = motion
-    for number, effect in enumerate(effects):
-        while True:
-            weights = effect.shape_weights(keyed.weights[number])[keyed.keys]
-            turns = effect.turns(plan.rig, motion.clip, keyed.times[keyed.keys], weights)
-            if not len(turns):
-                break
-            times = np.union1d(keyed.times[keyed.keys], turns)
-            keyed = with_times(effects, plan.rig, keyed, np.setdiff1d(turns, keyed.times), states=False)
-            keyed = replace(keyed, keys=np.searchsorted(keyed.times, times))
-    return replace(keyed, states=tuple(observed(effects, plan.rig, motion, keyed.times)))
+    for number in range(len(effects)):
+        while len(turns := _turns(plan, effects, keyed, number)):
+            keys = np.union1d(keyed.times[keyed.keys], turns)
+            times = np.union1d(keyed.times, turns)
+            keyed = motion_at(plan, effects, motion.clip, times, np.searchsorted(times, keys))
+    return keyed
+
+
+def _turns(plan: MeshPlan, effects: Sequence[Effect], motion: Motion, number: int) -> Floats:
+    """Seconds of a clip, float32 values between its keys, that part what an effect's targets do before and after.
+
+    A key there leaves fewer targets active on either side: those of the key before, as long as no other one acts.
+    """
+    keys, shown = motion.times[motion.keys], motion.weights[number][motion.keys] != 0
+    counts = shown.sum(axis=1)
+    crowded = np.flatnonzero((shown[:-1] | shown[1:]).sum(axis=1) > np.maximum(counts[:-1], counts[1:]))
+    if not len(crowded):
+        return np.zeros(0)
+    before, after = shown[crowded], shown[crowded + 1]
+    near, far = keys[crowded], keys[crowded + 1]
+
+    def shown_at(times: Floats) -> Bools:
+        order = np.argsort(times)
+        found = np.zeros(before.shape, np.bool_)
+        (reading,) = read(plan, [effects[number]], motion.clip, times[order])
+        found[order] = effects[number].weights(motion.clip, reading) != 0
+        return found
+
+    while True:
+        middle = float32_values((near + far) / 2.0)
+        inside = (middle != near) & (middle != far)
+        if not inside.any():
+            break
+        same = ~(shown_at(middle) & ~before).any(axis=1)
+        near, far = np.where(inside & same, middle, near), np.where(inside & ~same, middle, far)
+    there, every = shown_at(near), (before | after).sum(axis=1)
+    helped = ((before | there).sum(axis=1) < every) & ((there | after).sum(axis=1) < every)
+    return np.setdiff1d(near[helped], keys)
 
 
 def _excess(plan: MeshPlan, effects: Sequence[Effect], motions: Sequence[Motion], budget: Budget) -> str:
@@ -231,7 +264,7 @@ def _excess(plan: MeshPlan, effects: Sequence[Effect], motions: Sequence[Motion]
         return f"has {count} morph targets, {own} of them the asset's own"
     if budget.active is not None:
         for motion in motions:
-            shown, time = _active(plan, effects, motion)
+            shown, time = _active(plan, motion)
             if shown.sum() > budget.active:
                 ends = np.cumsum([own, *(len(effect.target_names) for effect in effects)])
                 users = ["the asset's own", *(effect.name for effect in effects)]
@@ -241,10 +274,10 @@ def _excess(plan: MeshPlan, effects: Sequence[Effect], motions: Sequence[Motion]
     return ""
 
 
-def _active(plan: MeshPlan, effects: Sequence[Effect], motion: Motion) -> tuple[Bools, float]:
+def _active(plan: MeshPlan, motion: Motion) -> tuple[Bools, float]:
     """(targets,) True if active when most are, at and between keys, and that time in seconds."""
     channel = motion.clip.channel(plan.rig.node, "weights")
-    weights = target_weights(effects, motion)[motion.keys]
+    weights = target_weights(motion)[motion.keys]
     track = widen(channel, plan.rig.own, motion.clip, motion.times[motion.keys], weights)
     stored = track.values.astype(np.float32) != 0
     # A key of CUBICSPLINE has tangents too.

@@ -57,7 +57,7 @@ def encode_extras(
     nodes = {node for drive in drives if drive is not None for node in drive.nodes}
     names = player_names(edited.gltf, rig, nodes)
     for effect, drive in zip(effects, drives, strict=True):
-        if drive is None:
+        if drive is None or not drive.measures:
             undriven += [target.name for target in targets_of([effect])]
         else:
             sections.setdefault(effect.section, []).append(drive.to_json(names, rig.morph_names))

@@ -63,7 +63,7 @@ def pose_frames(document: Document, mesh: BakedMesh, motion: Motion) -> Iterator
             into[vertices] = turns
     skin = prepare(weights, fine.positions[welds], deltas, base, bent)
     along = None if tangents is None else prepare(weights, tangents[:, :3], np.zeros((0, len(welds), 3)))
-    wrinkles = target_weights(mesh.effects, motion)
+    wrinkles = target_weights(motion)
     for start in range(0, len(motion.times), _CHUNK):
         times = motion.times[start : start + _CHUNK]
         matrices = joint_matrices(rig, motion.clip, times)

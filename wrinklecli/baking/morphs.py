@@ -72,7 +72,7 @@ def encode_morphs(
         The names by which players find the joints of the drives.
     """
     targets, rig = targets_of(effects), plan.rig.own
-    stored = np.concatenate([each.stored_weights(plan.rig) for each in effects])
+    stored = np.concatenate([np.zeros(0), *(each.stored_weights(plan.rig) for each in effects)])
     if idle:
         node = edited.gltf["nodes"][rig.node]
         names = [*rig.morph_names, *(each.name for each in targets)]
@@ -83,13 +83,11 @@ def encode_morphs(
         groups = shared_vertices(edited.source, rig.mesh, plan.fine)
         encode_mesh(edited, rig, plan.fine, targets, stored=stored, tangents=tangents, groups=groups)
     joint_names = encode_extras(edited, plan, effects, draft=draft)
-    _encode_tracks(edited, rig, effects, motions, stored)
+    _encode_tracks(edited, rig, motions, stored)
     return joint_names
 
 
-def _encode_tracks(
-    edited: EditedDocument, rig: Rig, effects: Sequence[Effect], motions: Sequence[Motion], stored: Floats
-) -> None:
+def _encode_tracks(edited: EditedDocument, rig: Rig, motions: Sequence[Motion], stored: Floats) -> None:
     """Write weight tracks of all morph targets, old and new; a clip that is not baked keeps stored weights."""
     baked = {motion.clip.index for motion in motions}
     for clip in read_clips(edited.source):
@@ -100,7 +98,7 @@ def _encode_tracks(
     # Without a target, such as when no vertex lies under a bump, a track would have no values.
     for motion in motions if len(stored) else ():
         channel = motion.clip.channel(rig.node, "weights")
-        times, weights = motion.times[motion.keys], target_weights(effects, motion)[motion.keys]
+        times, weights = motion.times[motion.keys], target_weights(motion)[motion.keys]
         encode_track(edited, motion.clip, rig.node, widen(channel, rig, motion.clip, times, weights))
 
 

@@ -1,12 +1,11 @@
 """The proof: the written file is played as an engine would, and compared with the method's own result."""
 
 from collections.abc import Callable, Sequence
-from functools import cached_property
-from typing import Any
+from functools import cached_property, partial
 
 import numpy as np
 
-from wrinklecli.baking.farthest import Frames, Pair, farthest
+from wrinklecli.baking.apart import Frames, Pair
 from wrinklecli.baking.refined_mesh import RefinedPrimitive, primitives_of, shared_vertices
 from wrinklecli.character.clip import KEY_GAP, Clip, read_clips
 from wrinklecli.character.pose import Pose, joint_matrices, morph_weights, pose_at
@@ -15,7 +14,7 @@ from wrinklecli.character.skin import prepare
 from wrinklecli.character.sparse_targets import SparseDeltas, Targets, read_sparse_deltas
 from wrinklecli.character.surface import dense_influences, read_vertices
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, targets_of
-from wrinklecli.effects.sampling import duplicates_of, observed
+from wrinklecli.effects.sampling import duplicates_of, read
 from wrinklecli.effects.shapes import DisplacedNormals, Shape, summed_middles, turn_to
 from wrinklecli.errors import RefusedError
 from wrinklecli.frozen import dataclass
@@ -40,10 +39,10 @@ class Residual:
     """The distance of the file from the method in one clip.
 
     Attributes:
-        position: Largest distance of a vertex, scene units.
-        time: The time of that distance, seconds.
-        weights: Largest error of a tool's height, or of the move of a shape of contact, scene units, at all frames
-            sampled and between them, unless two are too close for another one (see `KEY_GAP`).
+        position: A bound on the distance of each vertex, scene units.
+        time: The time at which it is largest, seconds.
+        weights: Largest error of a weight times the move of its shape, scene units, at all frames sampled and between
+            them, unless two are too close for another one (see `KEY_GAP`).
         normal: 99th percentile of the angle between the file's and the true normals, degrees; None without normals.
     """
 
@@ -64,8 +63,9 @@ class Proof:
         joints: (joints,) the joints on which the vertices hang, on either side; both rigs have the same.
         bodies: The method's, whose weights are not pruned, and the file's as stored, with normalised weights and the
             asset's own targets.
-        exact: The exact shapes of all effects.
+        exact: The new targets, as the effects have them.
         added: The new targets, as stored.
+        errors: (vertices,) errors of effects that have fewer shapes than the method, scene units.
         normals: None without NORMAL.
     """
 
@@ -76,6 +76,7 @@ class Proof:
     bodies: Pair
     exact: Targets
     added: Targets
+    errors: Floats
     normals: "_Normals | None"
 
     @property
@@ -215,7 +216,13 @@ def read_back(edited: EditedDocument, plan: MeshPlan, effects: Sequence[Effect])
         turning = [target.of_rows(rows) for target in new_deltas("NORMAL")]
         added = [each.shape for each in targets_of(effects)]
         normals = _Normals(fine, vertices, stored.normals[chosen], Targets(tuple(turning), len(chosen)), added)
-    shapes = tuple(shape for each in effects for shape in each.exact_shapes(vertices))
+    shapes, errors = [], np.zeros(len(chosen))
+    for each in effects:
+        for shape in (target.shape for target in each.targets):
+            own, numbers = matches(vertices, shape.vertices)
+            shapes.append(SparseDeltas(own, shape.deltas[numbers]))
+            if each.projected is None:
+                errors[own] = np.maximum(errors[own], each.error)
     exact = fine.dense_weights(vertices, len(plan.rig.joints))
     joints = np.flatnonzero(exact.any(axis=0) | dense.any(axis=0))
     bodies = Pair(
@@ -228,8 +235,9 @@ def read_back(edited: EditedDocument, plan: MeshPlan, effects: Sequence[Effect])
         vertices,
         joints,
         bodies,
-        Targets(shapes, len(chosen)),
+        Targets(tuple(shapes), len(chosen)),
         Targets(tuple(target.of_rows(rows) for target in moving), len(chosen)),
+        errors,
         normals,
     )
 
@@ -266,26 +274,28 @@ def measure_residual(
         normal_frames: Most frames in which normals are compared too.
     """
     times = _all_times(motion.times)
-    states = observed(effects, plan.rig, motion, times)
-    exact = [
-        each.exact_weights(motion, sampled, times, state)
-        for each, sampled, state in zip(effects, motion.weights, states, strict=True)
-    ]
-    chosen = _chosen_times(times, effects, exact, states)
-    raised = np.any([each.raised(times, state)[chosen] for each, state in zip(effects, states, strict=True)], axis=0)
-    acting = np.flatnonzero(raised)
+    readings = read(plan, effects, motion.clip, times)
+    parts = [each.weights(motion.clip, found, exact=True) for each, found in zip(effects, readings, strict=True)]
+    exact = np.concatenate([np.zeros((len(times), 0)), *parts], axis=1)
+    # By place, not by name, as a mesh whose extras are no object stores no names.
+    played = morph_weights(proof.rig, written, times)[:, len(proof.rig.morph_names) - exact.shape[1] :]
+    chosen = _chosen_times(exact, played)
+    acting = np.flatnonzero(exact[chosen].any(axis=1))
     shaded = acting[distinct_values(np.linspace(0, len(acting) - 1, min(normal_frames, len(acting))).astype(int))]
-    beside = [
-        each.moved_in_frames(plan, motion.clip, times, chosen, state)
-        for each, state in zip(effects, states, strict=True)
-    ]
-    projected = [(*matches(proof.vertices, each[0]), each[1]) for each in beside if each is not None]
-    moved = _Moved(motion.clip, times[chosen], np.concatenate([each[chosen] for each in exact], axis=1), projected)
+    projected, first = [], 0
+    for each in effects:
+        columns = slice(first, first + len(each.targets))
+        if each.projected is not None:
+            vertices, moved_at = each.projected
+            projected.append((*matches(proof.vertices, vertices), partial(moved_at, motion.clip), columns))
+        first = columns.stop
+    moved = _Moved(motion.clip, times[chosen], exact[chosen], projected)
     position, time, angles = _vertex_errors(proof, plan, moved, written, shaded)
     normal = None
     if normal_frames and proof.normals is not None:
         normal = float(np.percentile(angles, 99)) if len(angles) else 0.0
-    return Residual(position, time, _weight_error(proof, written, motion.clip, times, effects, exact, states), normal)
+    off = np.abs(played - exact) * np.array([target.shape.tallest for target in targets_of(effects)])
+    return Residual(position, time, float(off.max(initial=0.0)), normal)
 
 
 @dataclass(frozen=True, slots=True)
@@ -295,30 +305,32 @@ class _Moved:
     Attributes:
         clip: The clip as it was in the source.
         times: (times,) seconds.
-        exact: (times, shapes) the method's weights of the exact shapes of all effects.
-        projected: For each effect that moves vertices beside these, rows of the compared vertices, their numbers among
-            the effect's, and the displacements of the effect's vertices in a slice of the times.
+        exact: (times, targets) the method's weights of all effects.
+        projected: For each effect that projects vertices in each frame, rows of the compared vertices, their numbers
+            among the effect's, the displacements of the effect's vertices at some times, and its columns of `exact`,
+            which these replace.
     """
 
     clip: Clip
     times: Floats
     exact: Floats
-    projected: Sequence[tuple[Ints, Ints, Callable[[slice], Floats]]]
+    projected: Sequence[tuple[Ints, Ints, Callable[[Floats], Floats], slice]]
 
-    def displacements(self, proof: Proof, frames: slice) -> Floats | None:
-        """(frames, 3, vertices) sum of all effects at the vertices compared, bind space; None if nothing moves."""
-        if not self.projected and not self.exact[frames].any():
-            return None
-        total = proof.exact.added(self.exact[frames])
-        for rows, numbers, moved in self.projected:
-            total[:, :, rows] += moved(frames).transpose(0, 2, 1)[:, :, numbers]
+    def displacements(self, proof: Proof, frames: slice) -> Floats:
+        """(frames, 3, vertices) sum of all effects at the vertices compared, bind space."""
+        weights = self.exact[frames].copy()
+        for _, _, _, columns in self.projected:
+            weights[:, columns] = 0.0
+        total = proof.exact.added(weights)
+        for rows, numbers, moved, _ in self.projected:
+            total[:, :, rows] += moved(self.times[frames]).transpose(0, 2, 1)[:, :, numbers]
         return total
 
 
 def _vertex_errors(
     proof: Proof, plan: MeshPlan, moved: _Moved, written: Clip, shaded: Ints
 ) -> tuple[float, float, Floats]:
-    """The largest distance of a vertex, its time, and the angles of normals in degrees at the times `shaded`."""
+    """A bound on the distances of vertices, its time, and the angles of normals in degrees at the times `shaded`."""
     rig, clip, times, own = plan.rig.own, moved.clip, moved.times, proof.own_target_count
     matrices, stored = (joint_matrices(*side, times, proof.joints) for side in ((rig, clip), (proof.rig, written)))
     weights, played = morph_weights(rig, clip, times), morph_weights(proof.rig, written, times)
@@ -326,14 +338,14 @@ def _vertex_errors(
     worst, worst_time, angles = 0.0, float(times[0]), [np.zeros(0)]
     for frames in (slice(k, k + chunk) for k in range(0, len(times), chunk)):
         displaced, new = moved.displacements(proof, frames), played[frames, own:]
-        added = proof.added.added(new) if new.any() else None
         method = Frames(matrices[frames], weights[frames], displaced)
-        file = Frames(stored[frames], played[frames, :own], added)
-        distance, frame = farthest(proof.bodies, method, file, worst)
-        if distance > worst:
-            worst, worst_time = distance, float(times[frames][frame])
+        file = Frames(stored[frames], played[frames, :own], proof.added.added(new))
+        bounds = proof.bodies.bounds(method, file) + proof.errors
+        if bounds.max(initial=0.0) > worst:
+            worst = float(bounds.max())
+            worst_time = float(times[frames][int(bounds.max(axis=1).argmax())])
         at = shaded[(shaded >= frames.start) & (shaded < frames.stop)] - frames.start
-        if len(at) and proof.normals is not None and displaced is not None:
+        if len(at) and proof.normals is not None:
             poses = [pose_at(rig, clip, time) for time in times[frames][at].tolist()]
             angles.append(proof.normals.angles(displaced[at], new[at], poses))
     return worst, worst_time, np.concatenate(angles)
@@ -350,30 +362,11 @@ def _all_times(times: Floats) -> Floats:
     return distinct_values(np.concatenate([times, between.astype(np.float32).astype(np.float64)]))
 
 
-def _weight_error(
-    proof: Proof,
-    written: Clip,
-    clip: Clip,
-    times: Floats,
-    effects: Sequence[Effect],
-    exact: Sequence[Floats],
-    states: Sequence[Any],
-) -> float:
-    """Largest error of the moves that the played weights of an effect stand for, scene units."""
-    played = morph_weights(proof.rig, written, times)
-    # By place, not by name, as a mesh whose extras are no object stores no names.
-    after = len(proof.rig.morph_names) - len(targets_of(effects))
-    worst = 0.0
-    for effect, wanted, state in zip(effects, exact, states, strict=True):
-        count = len(effect.target_names)
-        worst = max(worst, effect.weight_error(played[:, after : after + count], wanted, state, clip))
-        after += count
-    return worst
+def _chosen_times(exact: Floats, played: Floats) -> Ints:
+    """Sorted numbers of times to compare at: an even choice, and those at which an error would show most.
 
-
-def _chosen_times(every: Floats, effects: Sequence[Effect], exact: Sequence[Floats], states: Sequence[Any]) -> Ints:
-    """Sorted numbers of the times to compare at: an even choice, and those at which an error would show most."""
-    picked = set(np.linspace(0, len(every) - 1, min(_FRAMES, len(every))).astype(int).tolist())
-    for effect, weights, state in zip(effects, exact, states, strict=True):
-        picked |= effect.telling(weights, state)
-    return np.array(sorted(picked), np.intp)
+    There each target acts most, or is furthest off, by (times, targets) exact weights and those of the file.
+    """
+    even = np.linspace(0, len(exact) - 1, min(_FRAMES, len(exact))).astype(int)
+    telling = [np.argmax(each, axis=0) for each in (np.abs(exact), np.abs(played - exact)) if each.shape[1]]
+    return distinct_values(np.concatenate([even, *telling]))

@@ -11,7 +11,7 @@ from wrinklecli.baking.proof import Residual
 from wrinklecli.character.clip import KEY_GAP, Clip
 from wrinklecli.character.rig import Rig, morph_target_names
 from wrinklecli.choices import Mode
-from wrinklecli.effects.effect import Effect, MeshPlan, Motion, targets_of
+from wrinklecli.effects.effect import Effect, MeshPlan, Motion, Words, targets_of
 from wrinklecli.effects.plan import mesh_warnings, track_warnings
 from wrinklecli.errors import counted, listed
 from wrinklecli.frozen import dataclass
@@ -142,14 +142,14 @@ def make_report(job: Job, baked: Sequence[BakedMesh], *, images: Sequence[str], 
         warnings += track_warnings(mesh.plan, clips) if tracks else ()
         warnings += _three_warnings(job, mesh.plan.rig, clips) if tracks else ()
         for number, effect in enumerate(mesh.effects):
-            motions = [(motion, motion.states[number], motion.weights[number]) for motion in mesh.motions]
-            warnings += effect.warnings(mesh.plan, motions, up=job.settings.up)
+            seen = [each.seen(number) for each in mesh.motions]
+            warnings += effect.words.warnings(mesh.plan, seen, up=job.settings.up)
     sections: dict[str, list[Json]] = {_TOOLS: []}
     for mesh in baked:
         for layer in mesh.plan.layers:
             sections.setdefault(layer.section, [])
         for effect in mesh.effects:
-            sections[effect.section].append(effect.describe(mesh.plan))
+            sections[effect.section].append(effect.words.describe(mesh.plan, effect.target_names))
     engine = job.options.engine
     data: Json = {
         "report": VERSION,
@@ -169,8 +169,10 @@ def make_report(job: Job, baked: Sequence[BakedMesh], *, images: Sequence[str], 
         budgets = [mesh.budget for mesh in baked if mesh.budget is not None]
         data["engine"] = {"name": engine, "limits": asdict(BUDGETS[engine]), "meshes": budgets}
     effects = [effect for mesh in baked for effect in mesh.effects]
-    kinds = dict.fromkeys(type(effect) for effect in effects)
-    summaries = (kind.count_targets([each for each in effects if type(each) is kind]) for kind in kinds)
+    kinds: dict[type[Words], list[Effect]] = {}
+    for effect in effects:
+        kinds.setdefault(type(effect.words), []).append(effect)
+    summaries = (each[0].words.summary(len(each), len(targets_of(each))) for each in kinds.values())
     return Report(
         data=data,
         warnings=tuple(warnings),
@@ -269,7 +271,7 @@ def _describe_clips(baked: Sequence[BakedMesh], *, details: bool) -> list[Json]:
                 entry["residual"] = _describe_residual(mesh.residuals[motion.clip.name])
         for number, effect in enumerate(mesh.effects if details else ()):
             for motion in mesh.motions:
-                described = effect.describe_clip(motion, motion.states[number])
+                described = effect.words.describe_clip(motion.seen(number))
                 if described is not None:
                     clips[motion.clip.name].setdefault(effect.section, []).append(described)
     return list(clips.values())

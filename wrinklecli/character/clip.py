@@ -270,8 +270,10 @@ def _slerp(points: Floats, before: Ints, t: Floats) -> Floats:
     return unit_quaternions(between) if near.any() else between
 
 
-def clip_grid(clip: Clip, rig: Rig | None, *, fps: float) -> Floats:
+def clip_grid(clip: Clip, rig: Rig | None, *, fps: float, corners: Floats | None = None) -> Floats:
     """(frames,) sorted seconds, float32 values: a grid over the clip with its end, and the keys that move a rig.
+
+    (corners,) further seconds count as keys.
 
     Each jump of a STEP channel has a time just before it, too. No two times are closer than `KEY_GAP`, except the keys
     of the rig's own morph weights, which a track keeps, and the two ends. A time of the grid gives way to a key, and a
@@ -287,7 +289,7 @@ def clip_grid(clip: Clip, rig: Rig | None, *, fps: float) -> Floats:
         )
     count = int(np.floor((clip.end - clip.start) * fps * (1.0 + 1e-9)))
     moving = set() if rig is None else moving_nodes(rig)
-    keys = [np.zeros(0)]
+    keys = [np.zeros(0) if corners is None else corners[(corners > clip.start) & (corners < clip.end)]]
     kept = [np.array([clip.start, clip.end])]
     for channel in clip.channels:
         if channel.node in moving:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.character.pose import node_matrices
+from wrinklecli.character.pose import node_rows
 from wrinklecli.character.rig import Rig
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, affine_rows
@@ -33,6 +33,11 @@ class Angles(NamedTuple):
         """(frames,) True: a joint always has an angle."""
         return np.ones(len(self.rows), np.bool_)
 
+    @property
+    def factors(self) -> float:
+        """The factor on weights that are looked up."""
+        return 1.0
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointAngle:
@@ -50,14 +55,17 @@ class JointAngle:
     axis: Floats
     rest: Floats
 
-    def angles(self, rig: Rig, clip: Clip | None, times: Floats) -> Angles:
+    def angles(self, rig: Rig, clip: Clip | None, times: Floats, known: dict[int, Floats] | None = None) -> Angles:
         """Measure the turn about the axis at (frames,) seconds of a clip, by world matrices with scale taken out.
+
+        `known` is as in `node_rows`.
 
         Source: the swing-twist decomposition of quaternions (v, w), from the matrix of a rotation: its antisymmetric
         part gives 4 w v, and 1 + its trace is 4 w². The turn about the axis is the twist; v is along the whole turn's.
         """
         nodes = [self.node] if self.parent < 0 else [self.node, self.parent]
-        matrices = node_matrices(rig, clip, times, nodes)[:, :, :3, :3]
+        rows = node_rows(rig, clip, times, nodes, known)
+        matrices = np.stack([np.broadcast_to(r[:, :3], (3, 3, len(times))).transpose(2, 0, 1) for r in rows], axis=1)
         sizes = np.sqrt(np.sum(matrices**2, axis=2, keepdims=True))
         turns = matrices / np.where(sizes > 0, sizes, 1.0)
         own = turns[:, 0] if self.parent < 0 else np.einsum("fba,fbc->fac", turns[:, 1], turns[:, 0])
@@ -65,8 +73,8 @@ class JointAngle:
         turned = own @ rest.T
         sines = np.stack([turned[:, (k + 2) % 3, (k + 1) % 3] - turned[:, (k + 1) % 3, (k + 2) % 3] for k in range(3)])
         along = self.axis @ sines
-        known = np.abs(along) > _LEAST_SINE
-        slants = np.where(known, sines / np.where(known, along, 1.0), 0.0).T
+        turned_along = np.abs(along) > _LEAST_SINE
+        slants = np.where(turned_along, sines / np.where(turned_along, along, 1.0), 0.0).T
         cosines = 1.0 + np.trace(turned, axis1=1, axis2=2)
         halves = (sines / (2.0 * np.sqrt(np.maximum(cosines, _LEAST_SINE**2)))).T
         return Angles(np.asarray(2.0 * np.arctan2(along, cosines)), slants, halves)

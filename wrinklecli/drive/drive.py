@@ -32,10 +32,10 @@ Sections of the extras are played in their order, `SECTIONS`: anchors may move w
   of the targets `own` is not: these belong to one clip alone, which drives them itself.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import field
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -49,7 +49,7 @@ from wrinklecli.drive.swing import SwingDrive, read_swing
 from wrinklecli.drive.table import Json, Response, read_table, stored
 from wrinklecli.drive.touch import TouchDrive, read_touch
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, unit_quaternions
+from wrinklecli.numeric.arrays import Bools, Floats, interpolated, unit_quaternions
 from wrinklecli.numeric.piecewise import Signal
 from wrinklecli.tools.records import Lag
 
@@ -59,8 +59,38 @@ SECTIONS = ("muscles", "flesh", "touches", "tools", "folds")
 LAYOUT = 1
 """The version of these keys: that of extras without the key `layout`, which those of a later layout must have."""
 
+_Reading = TypeVar("_Reading", covariant=True)
+
+
+class Reader(Protocol[_Reading]):
+    """A function that measures a signal in one clip."""
+
+    def __call__(self, times: Floats, known: dict[int, Floats], /) -> _Reading:
+        """Measure at (frames,) seconds. `known` holds rows of nodes at these times, as in `node_rows`."""
+        ...
+
+
 # Frequency, in hertz, and damping ratio of a spring that extras may ask for: more than a tools file may.
 _FASTEST = 1_000.0
+
+
+class Moments(NamedTuple):
+    """Seconds of a clip in which weights are looked up by the time alone."""
+
+    times: Floats
+
+    @property
+    def active(self) -> Bools:
+        """(frames,) True."""
+        return np.ones(len(self.times), np.bool_)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rows:
+    """Weights over the time of one clip, straight between (rows,) `times`, seconds: (rows, targets) `weights`."""
+
+    times: Floats
+    weights: Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,9 +99,11 @@ class Drive:
 
     Attributes:
         name: The tool's name; empty for a joint.
-        signal: The measurement in the posed rig.
+        signal: The measurement in the posed rig; None if weights are no function of one.
         targets: Names of the morph targets.
-        response: Weights by the measurement.
+        response: Weights by the measurement; 0 without a signal.
+        rows: By clip, weights that are known there, in place of those by the measurement: contact solves the asset's
+            own clips, and vertices may be projected in each frame. They are not stored, as the clip has its track.
         lag: The filter; None if the weights follow at once.
         strengths: By clip, factors on the weights.
         strength: The factor in all other clips.
@@ -79,9 +111,10 @@ class Drive:
     """
 
     name: str
-    signal: Segment | JointAngle
+    signal: Segment | JointAngle | None
     targets: tuple[str, ...]
     response: Response
+    rows: Mapping[str, Rows] = field(default_factory=dict)
     lag: Lag | None = None
     strengths: Mapping[str, float] = field(default_factory=dict)
     strength: float = 1.0
@@ -90,33 +123,75 @@ class Drive:
     @property
     def nodes(self) -> frozenset[int]:
         """The nodes whose matrices the signal needs."""
+        if self.signal is None:
+            return frozenset()
         if isinstance(self.signal, JointAngle):
             return frozenset({self.signal.node, self.signal.parent} - {-1})
         return frozenset(node for point in self.signal.points for node in point.nodes.tolist())
 
-    def reader(self, rig: Rig, clip: Clip | None) -> Callable[[Floats], Lengths | Contraction | Angles]:
-        """A function from (frames,) seconds of a clip to the filtered measurements."""
+    @property
+    def measures(self) -> bool:
+        """True if it sets weights in clips of other files, too."""
+        return self.signal is not None
+
+    @property
+    def special_clips(self) -> frozenset[str]:
+        """Names of the clips in which it acts differently from other clips of the same motion."""
+        keyed = self.signal.keyed_clips if isinstance(self.signal, Segment) else frozenset()
+        return frozenset(self.strengths) | frozenset(self.rows) | keyed
+
+    def reader(self, rig: Rig, clip: Clip | None) -> Reader[Lengths | Contraction | Angles | Moments]:
+        """A function from (frames,) seconds of a clip, and rows known there as in `node_rows`, to measurements."""
+        if self.signal is None or (clip is not None and clip.name in self.rows):
+            return lambda times, _known: Moments(times)
         if isinstance(self.signal, JointAngle):
             return partial(self.signal.angles, rig, clip)
         segment, spring = self.signal, self.signal.spring(self.lag, rig, clip)
         if spring is None:
             return partial(segment.contraction, rig, clip)
 
-        def read(times: Floats) -> Lengths:
-            found = segment.lengths(rig, clip, times)
-            return Lengths(spring.follow(times, *found), found.rest_lengths)
+        def read(times: Floats, known: dict[int, Floats]) -> Lengths:
+            found = segment.lengths(rig, clip, times, known)
+            return found._replace(distances=spring.follow(times, found.distances, found.rest_lengths))
 
         return read
 
+    def weights(self, clip: Clip | None, reading: Any, response: Response | None = None) -> Floats:
+        """(frames, targets) weights at measurements in a clip, by another response than its own if there is one."""
+        if isinstance(reading, Moments):
+            found = self.rows.get("" if clip is None else clip.name)
+            if found is None:
+                return np.zeros((len(reading.times), len(self.targets)))
+            return interpolated(reading.times, found.times, found.weights)
+        strength = self.strength if clip is None else self.strengths.get(clip.name, self.strength)
+        return strength * (self.response if response is None else response).weights(reading)
+
     def weights_in(self, rig: Rig, clip: Clip | None) -> Signal:
         """A function from (frames,) seconds of a clip to (frames, targets) weights; None is the stored pose."""
-        strength = self.strength if clip is None else self.strengths.get(clip.name, self.strength)
         read = self.reader(rig, clip)
-        response: Any = self.response
-        return lambda times: strength * response.weights(read(times))
+        return lambda times: self.weights(clip, read(times, {}))
+
+    def breaks(self, clip: Clip) -> Floats:
+        """(times,) seconds of a clip at which the weights may have corners, besides the clip's own keys."""
+        if clip.name in self.rows:
+            return self.rows[clip.name].times
+        return self.signal.breaks(clip) if isinstance(self.signal, Segment) else np.zeros(0)
+
+    def why_flat(self, rig: Rig, clip: Clip, times: Floats) -> str | None:
+        """Why a tool makes no wrinkle at (frames,) seconds of a clip; None for a joint, which has a tool beside it."""
+        if not isinstance(self.signal, Segment):
+            return None
+        lengths = self.signal.lengths(rig, clip, times)
+        least = float(np.min(lengths.distances / lengths.rest_lengths))
+        if self.strengths.get(clip.name, self.strength) == 0:
+            return f"{self.name} stays flat, as its strength is 0 in this clip"
+        if np.isinf(least):
+            return f"{self.name} stays flat, as the body is scaled to nothing"
+        return f"{self.name} stays flat, as its ends come no closer than {100 * least:.4g} % of its rest length"
 
     def to_json(self, names: Sequence[str], morph_names: Sequence[str]) -> Json:
         """The drive as extras store it, by the names of all nodes and of the rig's morph targets."""
+        assert self.signal is not None, "weights by time alone are in the clips' tracks"
         if isinstance(self.signal, JointAngle):
             head = _angle_json(self.signal, names)
         else:
@@ -132,6 +207,9 @@ class Drive:
             **({"own": list(self.own)} if self.own else {}),
             **self.response.to_json(),
         }
+
+
+AnyDrive: TypeAlias = Drive | SwingDrive | TouchDrive
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -187,7 +265,7 @@ class StoredDrive:
         drive.on({name: number for number, name in enumerate(names)}, sorted(drive.carrying_targets))
         return drive
 
-    def on(self, nodes: Mapping[str, int], morph_names: Sequence[str]) -> Drive | SwingDrive | TouchDrive:
+    def on(self, nodes: Mapping[str, int], morph_names: Sequence[str]) -> AnyDrive:
         """The drive on a rig, from nodes by name, and the names of the rig's morph targets."""
         data = self.data
         if "modes" in data:

@@ -28,10 +28,12 @@ class Lengths(NamedTuple):
         distances: (frames,) summed distances of neighbouring points, animated scale taken out, scene units. They are
             infinite while scale hides the character.
         rest_lengths: (frames,) scene units.
+        nominal: The rest length for which weights are tabulated, scene units.
     """
 
     distances: Floats
     rest_lengths: Floats
+    nominal: float
 
     @property
     def active(self) -> Bools:
@@ -42,6 +44,11 @@ class Lengths(NamedTuple):
     def rows(self) -> Floats:
         """(frames,) shortenings, 1 - distance / rest length, by which a table is looked up; 0 while inactive."""
         return np.asarray(1.0 - np.where(self.active, self.distances, self.rest_lengths) / self.rest_lengths)
+
+    @property
+    def factors(self) -> Floats:
+        """(frames,) factors on weights that are looked up: a curve that is twice as long has bumps twice as high."""
+        return self.rest_lengths / self.nominal
 
     @property
     def ends(self) -> "Lengths":
@@ -75,6 +82,11 @@ class Contraction(NamedTuple):
         """(frames,) shortenings with what the activation takes."""
         return self.lengths.rows
 
+    @property
+    def factors(self) -> Floats:
+        """(frames,) factors on weights that are looked up."""
+        return self.lengths.factors
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RestLength:
@@ -97,7 +109,7 @@ class RestLength:
             return np.interp(times, *self.keys[clip.name].T)
         if self.morph is not None:
             number, full = self.morph
-            shares = np.clip(morph_weights(rig, clip, times)[:, number], 0.0, 1.0)
+            shares = np.clip(morph_weights(rig.own, clip, times)[:, number], 0.0, 1.0)
             return np.asarray(self.constant + shares * (full - self.constant))
         return np.full(len(times), self.constant)
 
@@ -133,23 +145,31 @@ class Segment:
     rest_length: RestLength
     tension: Tension | None = None
 
-    def lengths(self, rig: Rig, clip: Clip | None, times: Floats, carriers: Carriers | None = None) -> Lengths:
+    @property
+    def keyed_clips(self) -> frozenset[str]:
+        """Names of the clips that key its rest length or its tension."""
+        return frozenset(self.rest_length.keys) | (frozenset(self.tension.keys) if self.tension else frozenset())
+
+    def breaks(self, clip: Clip) -> Floats:
+        """(times,) seconds at which a clip keys its rest length or its tension."""
+        keyed = [self.rest_length.keys, *([self.tension.keys] if self.tension else [])]
+        return np.concatenate([np.zeros(0), *(each[clip.name][:, 0] for each in keyed if clip.name in each)])
+
+    def lengths(self, rig: Rig, clip: Clip | None, times: Floats, known: dict[int, Floats] | None = None) -> Lengths:
         """Measure the segment at (frames,) seconds of a clip; in the stored pose if `clip` is None.
 
-        `carriers` is the result of `pose_carriers` at these times, if other segments share it.
+        `known` is as in `node_rows`.
         """
-        if carriers is None:
-            carriers = pose_carriers(self.points, rig, clip, times)
-        distances = self.distances(carriers, len(times))
+        distances = self.distances(pose_carriers(self.points, rig, clip, times, known), len(times))
         if self.tension is not None:
             distances = distances - self.tension.at(rig, clip, times)
-        return Lengths(distances, self.rest_length.at(rig, clip, times))
+        return Lengths(distances, self.rest_length.at(rig, clip, times), self.rest_length.constant)
 
     def contraction(
-        self, rig: Rig, clip: Clip | None, times: Floats, carriers: Carriers | None = None
+        self, rig: Rig, clip: Clip | None, times: Floats, known: dict[int, Floats] | None = None
     ) -> Lengths | Contraction:
         """Measure the segment as `lengths` does, with and without the activation, if it has any."""
-        lengths = self.lengths(rig, clip, times, carriers)
+        lengths = self.lengths(rig, clip, times, known)
         if self.tension is None:
             return lengths
         return Contraction(lengths, lengths._replace(distances=lengths.distances + self.tension.at(rig, clip, times)))
@@ -169,8 +189,7 @@ class Segment:
             return None
 
         def ratios(times: Floats) -> Floats:
-            distances, rest_lengths = self.lengths(rig, clip, times)
-            return np.asarray(distances / rest_lengths)[:, None]
+            found = self.lengths(rig, clip, times)
+            return np.asarray(found.distances / found.rest_lengths)[:, None]
 
-        keys = self.rest_length.keys.get(clip.name, np.zeros((0, 2)))
-        return spring_filter(lag, ratios, clip, np.concatenate([motion_breaks(clip, rig), keys[:, 0]]))
+        return spring_filter(lag, ratios, clip, np.concatenate([motion_breaks(clip, rig), self.breaks(clip)]))

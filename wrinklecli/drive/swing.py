@@ -19,7 +19,7 @@ Sources: C. Larboulette, M.-P. Cani, B. Arnaldi, *Dynamic Skinning*, SCCG 2005 (
 Differs: no time steps (see `numeric.spring`).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field
 from typing import Any, ClassVar, NamedTuple
 
@@ -116,6 +116,7 @@ class SwingDrive:
     modes: tuple[Mode, ...]
     targets: tuple[str, ...]
     own: ClassVar[tuple[str, ...]] = ()
+    measures: ClassVar[bool] = True
     _swings: dict[bytes, Swing] = field(default_factory=dict, init=False, repr=False)
 
     @property
@@ -158,16 +159,37 @@ class SwingDrive:
         pairs = zip(self.modes, signals, strict=True)
         return Swing(tuple(respond(mode.spring, each, periodic=periodic) for mode, each in pairs))
 
+    @property
+    def special_clips(self) -> frozenset[str]:
+        """None: a joint alone moves it."""
+        return frozenset()
+
+    def reader(self, rig: Rig, clip: Clip | None) -> Callable[[Floats, dict[int, Floats]], Floats]:
+        """A function from (frames,) seconds of a clip, and rows known as in `node_rows`, to (frames, targets) weights.
+
+        The springs' own numbers say nothing to anybody, so the weights count as what is measured.
+        """
+        if clip is None:
+            return lambda times, _known: nonnegative(self.numbers(*self._settled(rig, times)))
+        swing = self.swing(rig, clip)
+        return lambda times, known: nonnegative(self.numbers(swing.at(times), self.carried(rig, clip, times, known)))
+
+    def weights(self, _clip: Clip | None, reading: Floats, _response: object = None) -> Floats:
+        """(frames, targets) the weights that are measured."""
+        return reading
+
     def weights_in(self, rig: Rig, clip: Clip | None) -> Signal:
         """A function from (frames,) seconds of a clip to (frames, targets) weights; None is the stored pose."""
-        if clip is None:
-            return lambda times: nonnegative(self.numbers(*self._settled(rig, times)))
-        return lambda times: self.weights_at(rig, clip, times)
+        read = self.reader(rig, clip)
+        return lambda times: read(times, {})
 
-    def weights_at(self, rig: Rig, clip: Clip, times: Floats, known: dict[int, Floats] | None = None) -> Floats:
-        """(frames, targets) weights at (frames,) seconds of a clip; `known` is as in `node_rows`."""
-        carried = self.carried(rig, clip, times, known)
-        return nonnegative(self.numbers(self.swing(rig, clip).at(times), carried))
+    def breaks(self, _clip: Clip) -> Floats:
+        """None: springs have no corners."""
+        return np.zeros(0)
+
+    def why_flat(self, _rig: Rig, _clip: Clip, _times: Floats) -> str | None:
+        """Nothing: flesh makes no wrinkles."""
+        return None
 
     def _settled(self, rig: Rig, times: Floats) -> tuple[Floats, Carried]:
         """(frames, modes, 3) vectors of a body that stands in its stored pose, and its joint."""

@@ -16,13 +16,14 @@ from wrinklecli.numeric.arrays import Bools, Floats, interpolated, significant
 
 Json: TypeAlias = dict[str, Any]
 
-TABLE_ERROR = 1 / 256
-"""Greatest error of a weight that is looked up, as a ratio of the greatest weight."""
+TABLE_ERROR = 1 / 2048
+"""Greatest error of a weight that is looked up, as a ratio of the greatest weight: a twentieth of the default
+`--max-error`, at 1 to 12 kB a file."""
 
 DIGITS = 8
 """Significant decimal digits of numbers in extras: those of float32."""
 
-# Significant digits of tabulated weights, of which about three are right.
+# Significant digits of tabulated weights, of which about four are right.
 _TABLE_DIGITS = 5
 # Significant digits of a muscle's table: two factors make a weight.
 _BELLY_DIGITS = 6
@@ -32,6 +33,8 @@ _FARTHEST = 2.0
 _NEAR = 0.0872
 # Squared distance of turns below which they are the same: rounding of float32 rotations.
 _SAME = 1e-10
+# Rows of the table that is made of a control curve of layout 1.
+_ROWS_OF_CURVE = 513
 # Most control intervals: 64 bumps with gaps of 64, the most of a tools file, have 4,160.
 _MOST_INTERVALS = 10_000
 
@@ -47,6 +50,11 @@ class Reading(Protocol):
     @property
     def active(self) -> Bools:
         """(frames,) False where the weights are 0, whatever the table has."""
+        ...
+
+    @property
+    def factors(self) -> Floats | float:
+        """(frames,) factors on what is looked up."""
         ...
 
 
@@ -78,7 +86,8 @@ class Table:
 
     def weights(self, reading: Reading) -> Floats:
         """(frames, targets) weights at the measurements of a signal."""
-        return np.where(reading.active[:, None], interpolated(reading.rows, self.rows, self.table), 0.0)
+        found = (interpolated(reading.rows, self.rows, self.table).T * reading.factors).T
+        return np.where(reading.active[:, None], found, 0.0)
 
     def mapped(self, change: Callable[[Floats], Floats], null: Floats | None = None) -> "Table":
         """The table with other weights: `change` maps (rows, …) weights to those of other targets, with `null` ones."""
@@ -224,88 +233,14 @@ class LeaningTable:
         return {**self.central.to_json(), "leaning": leaning, **null, **({"paths": paths} if paths else {})}
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CurveTable:
-    """The control curve of a tool whose rest length changes.
-
-    Attributes:
-        taut: Part of the rest length below which wrinkles start.
-        compressible: Part of every shortening that the tissue takes itself.
-        intervals: Control intervals of the segment; a bump has two.
-        bumps: Bumps of each group, in the order in which groups rise; a bump counts as much as it is wide.
-        distances: (rows,) distances of the curve's ends, sorted, scene units; empty if bumps have no greatest height.
-        capacities: (rows,) the shortening that one bump takes when full, scene units.
-        parts: (rows,) from 0 to 1: a bump's shortening / (its chord + its shortening).
-        rises: (rows, modes) amplitudes / (chord + shortening) / the root of the part.
-        mix: (targets, groups · modes) weights for amplitudes of 1 scene unit.
-        positive: True if weights below 0 are 0.
-        least: Weights up to this are 0, whatever their sign.
-    """
-
-    taut: float
-    compressible: float
-    intervals: int
-    bumps: tuple[float, ...]
-    distances: Floats
-    capacities: Floats
-    parts: Floats
-    rises: Floats
-    mix: Floats
-    positive: bool = False
-    least: float = 0.0
-
-    def weights(self, reading: Lengths) -> Floats:
-        """(frames, targets) weights at the measurements of a segment."""
-        distances = np.where(reading.active, reading.distances, reading.rest_lengths)
-        return np.where(reading.active[:, None], self.at(distances, reading.rest_lengths), 0.0)
-
-    def at(self, distances: Floats, rest_lengths: Floats) -> Floats:
-        """(frames, targets) weights at (frames,) distances and rest lengths, scene units."""
-        taut = self.taut * rest_lengths
-        ends = taut - (1.0 - self.compressible) * (taut - distances)
-        chords = 2.0 * ends / self.intervals
-        capacities = np.full(len(distances), np.inf)
-        if len(self.distances):
-            capacities = np.interp(ends, self.distances, self.capacities)
-        remaining = np.maximum(taut - ends, 0.0)
-        amplitudes = []
-        for count in self.bumps:
-            taken = np.minimum(remaining / count, capacities)
-            remaining = np.maximum(remaining - count * taken, 0.0)
-            wholes = chords + taken
-            parts = taken / np.where(wholes > 0, wholes, 1.0)
-            amplitudes += [wholes * np.sqrt(parts) * np.interp(parts, self.parts, rises) for rises in self.rises.T]
-        made: Floats = np.stack(amplitudes, axis=1) @ self.mix.T
-        made = np.maximum(made, 0.0) if self.positive else made
-        return np.where(np.abs(made) > self.least, made, 0.0)
-
-    def to_json(self) -> Json:
-        """The tables as extras store them."""
-        limited = {"distances": self.distances, "capacities": self.capacities} if len(self.distances) else {}
-        return {
-            "curve": {
-                "taut": self.taut,
-                **({"compressible": self.compressible} if self.compressible else {}),
-                "intervals": self.intervals,
-                "bumps": [int(size) if size.is_integer() else stored(size) for size in self.bumps],
-                **{key: stored(values) for key, values in limited.items()},
-                "parts": stored(self.parts),
-                "rises": stored(self.rises),
-                "mix": stored(self.mix),
-                **({"positive": True} if self.positive else {}),
-                **({"least": stored(self.least)} if self.least else {}),
-            }
-        }
-
-
-def read_table(data: Json, targets: int) -> Table | BellyTable | LeaningTable | CurveTable:
+def read_table(data: Json, targets: int) -> Table | BellyTable | LeaningTable:
     """Read the table of so many targets in extras.
 
     Raises:
         KeyError, TypeError, ValueError: The extras are not what `bake` writes.
     """
     if "curve" in data:
-        return _read_curve(data["curve"], targets)
+        return _table_of_curve(data["curve"], float(data["rest_length"]), targets)
     by: Literal["shortenings", "angles"] = "angles" if "angles" in data else "shortenings"
     rows = _sorted_rows(data[by])
     if "gains" in data:
@@ -343,27 +278,36 @@ def _read_weights(data: Json, rows: int, targets: int) -> Floats:
     return np.array(data["weights"], np.float64).reshape(rows, targets)
 
 
-def _read_curve(data: Json, targets: int) -> CurveTable:
-    bumps = tuple(float(count) for count in data["bumps"])
-    distances = _sorted_rows(data["distances"]) if "distances" in data else np.zeros(0)
-    parts = _sorted_rows(data["parts"])
+def _table_of_curve(data: Json, rest_length: float, targets: int) -> Table:
+    """The table of a control curve in extras of layout 1, at its nominal rest length.
+
+    That layout had the height that fills a bump, and a bump's height by its share of the chord, where a rest length is
+    keyed. Differs: heights now grow with the rest length, and the greatest height with them.
+    """
+    sizes = [float(count) for count in data["bumps"]]
+    parts, intervals = _sorted_rows(data["parts"]), int(data["intervals"])
     rises = np.array(data["rises"], np.float64).reshape(len(parts), -1)
-    intervals = int(data["intervals"])
-    if intervals < 1 or min(bumps) <= 0 or max(intervals, *bumps) > _MOST_INTERVALS:
+    mix = np.array(data["mix"], np.float64).reshape(targets, len(sizes) * rises.shape[1])
+    if intervals < 1 or min(sizes) <= 0 or max(intervals, *sizes) > _MOST_INTERVALS or not rest_length > 0:
         raise ValueError
-    return CurveTable(
-        taut=float(data["taut"]),
-        compressible=float(data.get("compressible", 0.0)),
-        intervals=intervals,
-        bumps=bumps,
-        distances=distances,
-        capacities=np.array(data.get("capacities", []), np.float64).reshape(len(distances)),
-        parts=parts,
-        rises=rises,
-        mix=np.array(data["mix"], np.float64).reshape(targets, len(bumps) * rises.shape[1]),
-        positive=bool(data.get("positive", False)),
-        least=float(data.get("least", 0.0)),
-    )
+    # Heights start like a square root, so rows crowd where a group may start; 1e-5 of the length is slack.
+    rows = 1.0 - float(data["taut"]) + float(data["taut"]) * np.linspace(0.0, 1.0, _ROWS_OF_CURVE) ** 2
+    taut = float(data["taut"]) * rest_length
+    ends = taut - (1.0 - float(data.get("compressible", 0.0))) * (taut - (1.0 - rows) * rest_length)
+    chords, full = 2.0 * ends / intervals, np.full(len(rows), np.inf)
+    if "distances" in data:
+        at = _sorted_rows(data["distances"])
+        full = np.interp(ends, at, np.array(data["capacities"], np.float64).reshape(len(at)))
+    remaining, amplitudes = np.maximum(taut - ends, 0.0), []
+    for size in sizes:
+        taken = np.minimum(remaining / size, full)
+        remaining = np.maximum(remaining - size * taken, 0.0)
+        wholes = chords + taken
+        shares = taken / np.where(wholes > 0, wholes, 1.0)
+        amplitudes += [wholes * np.sqrt(shares) * np.interp(shares, parts, rise) for rise in rises.T]
+    made = np.stack(amplitudes, axis=1) @ mix.T
+    made = np.maximum(made, 0.0) if data.get("positive", False) else made
+    return Table("shortenings", rows, np.where(np.abs(made) > float(data.get("least", 0.0)), made, 0.0))
 
 
 def _sorted_rows(values: object) -> Floats:

@@ -100,6 +100,7 @@ class TouchDrive:
     _strokes: dict[bytes, tuple[Floats, ...]] = field(default_factory=dict, init=False, repr=False)
 
     own: ClassVar[tuple[str, ...]] = ()
+    measures: ClassVar[bool] = True
     slides: ClassVar[int] = 5
     """Targets before those of the rings."""
     bent: ClassVar[int] = 8
@@ -261,7 +262,7 @@ class TouchDrive:
         heights = np.linalg.solve(axes, (other - one)[:, :, None])[:, 2, 0]
         return np.where(shown, np.clip(heights, -1.0, 1.0), 0.0)
 
-    def weights(self, contacts: Floats, bends: Floats | None = None) -> Floats:
+    def weights_of_contacts(self, contacts: Floats, bends: Floats | None = None) -> Floats:
         """(frames, targets) weights for (frames, 3) slides forward and sideways and depths, scene units.
 
         `bends` are (frames,) sines of the limb's bend; None at rest.
@@ -270,10 +271,37 @@ class TouchDrive:
         sines = np.zeros(len(slides)) if bends is None else bends
         return weights_of(slides, depths, self.windows, self.rises, self.turn, None if self.limb is None else sines)
 
+    @property
+    def special_clips(self) -> frozenset[str]:
+        """Names of the clips that key the touch, or in which the node touches."""
+        return frozenset((*self.keys, *self.ends))
+
+    def reader(self, rig: Rig, clip: Clip | None) -> Callable[[Floats, dict[int, Floats]], Floats]:
+        """A function from (frames,) seconds of a clip, and rows known as in `node_rows`, to (frames, targets) weights.
+
+        The weights count as what is measured: slides and dent are their first five columns.
+        """
+        strokes = self.strokes_in(rig, clip)
+        return lambda times, _known: self.weights_of_contacts(
+            self._released(strokes, times), self.bends_in(rig, clip, times)
+        )
+
+    def weights(self, _clip: Clip | None, reading: Floats, _response: object = None) -> Floats:
+        """(frames, targets) the weights that are measured."""
+        return reading
+
     def weights_in(self, rig: Rig, clip: Clip | None) -> Signal:
         """A function from (frames,) seconds of a clip to (frames, targets) weights; None is the stored pose."""
-        contacts = self.contacts_in(rig, clip)
-        return lambda times: self.weights(contacts(times), self.bends_in(rig, clip, times))
+        read = self.reader(rig, clip)
+        return lambda times: read(times, {})
+
+    def breaks(self, clip: Clip) -> Floats:
+        """(times,) seconds at which a clip keys the touch."""
+        return self.keys[clip.name][:, 0] if clip.name in self.keys else np.zeros(0)
+
+    def why_flat(self, _rig: Rig, _clip: Clip, _times: Floats) -> str | None:
+        """Nothing: a touch says for itself when it acts."""
+        return None
 
     def to_json(self, names: Sequence[str], morph_names: Sequence[str]) -> Json:
         """The drive as extras store it, by the names of all nodes and of the rig's morph targets."""

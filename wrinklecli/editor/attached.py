@@ -18,7 +18,7 @@ from wrinklecli.effects.attached import AnyAttached
 from wrinklecli.effects.body import largest_moves, moves_at_rest
 from wrinklecli.effects.effect import MeshPlan, Part, SamplingOptions
 from wrinklecli.effects.plan import mesh_warnings, skin_parts
-from wrinklecli.effects.sampling import moving_clips
+from wrinklecli.effects.sampling import moving_clips, play_below_skin
 from wrinklecli.effects.wrinkle.part import WrinklePart
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
@@ -337,12 +337,8 @@ class AttachedTools:
 def _driven_warnings(plan: MeshPlan, clips: Sequence[Clip], settings: ToolsFile) -> Iterator[tuple[str, list[str]]]:
     """The name and the warnings of each effect on the refined triangles of a plan that its drive alone moves."""
     sampling = SamplingOptions(settings.sampling.fps, "morph", Memory(), no_progress)
-    for layer in plan.layers:
-        if layer.drives_alone:
-            effects, motions = layer.sample(plan, moving_clips(plan, clips), [], [], sampling)
-            for number, effect in enumerate(effects):
-                states = [(motion, motion.states[number], motion.weights[number]) for motion in motions]
-                yield effect.name, effect.warnings(plan, states, up=settings.up)
+    for effect, seen in play_below_skin(plan, moving_clips(plan, clips), sampling):
+        yield effect.name, effect.words.warnings(plan, seen, up=settings.up)
 
 
 def _add_by_name(found: dict[str, list[str]], names: Iterable[str], lines: Iterable[str]) -> None:

@@ -33,7 +33,7 @@ class Hand:
     def weights_in(self, rig: Rig, clip: Clip | None, time: float) -> list[float]:
         """The weights of the drive's targets at a time of a clip."""
         bends = self.drive.bends_in(rig, clip, np.array([time]))
-        found: list[float] = self.drive.weights(self.contact[None], bends)[0].tolist()
+        found: list[float] = self.drive.weights_of_contacts(self.contact[None], bends)[0].tolist()
         return found
 
     @property

@@ -4,25 +4,21 @@ The rig has their targets among its own, so that the anchors of later effects fo
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterable, Iterator, Sequence
-from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar
+from collections.abc import Collection, Iterable, Sequence
+from typing import ClassVar, Generic, Protocol, Self, TypeVar
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import Pose
 from wrinklecli.character.rig import Rig
-from wrinklecli.character.sparse_targets import SparseDeltas
-from wrinklecli.drive.drive import Drive
-from wrinklecli.drive.swing import SwingDrive
-from wrinklecli.drive.touch import TouchDrive
-from wrinklecli.effects.effect import Effect, MeshPlan, Motion, SamplingOptions, Target, named_targets, targets_of
-from wrinklecli.effects.sampling import sample_driven
-from wrinklecli.effects.shapes import Sample, make_shapes
+from wrinklecli.drive.drive import AnyDrive
+from wrinklecli.effects.effect import Effect, MeshPlan, SamplingOptions, Words, named_targets
+from wrinklecli.effects.shapes import Sample, Shape, make_shapes
 from wrinklecli.errors import counted
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, nonzero_rows
+from wrinklecli.numeric.arrays import Floats, Ints, nonzero_rows
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.numeric.piecewise import Signal
 from wrinklecli.surface.refine import Refinement
@@ -42,7 +38,7 @@ class AttachedBody(Protocol):
         ...
 
     @property
-    def drive(self) -> Drive | SwingDrive | TouchDrive:
+    def drive(self) -> AnyDrive:
         """The names of its targets, and their weights."""
         ...
 
@@ -55,70 +51,15 @@ class AttachedBody(Protocol):
 AttachedType = TypeVar("AttachedType", bound=AttachedBody)
 
 
-@dataclass(frozen=True, slots=True)
-class BodyEffect(Effect, Generic[AttachedType]):
-    """The targets of one muscle or region. Its weights as sampled are those of its drive, and so are its states.
+def body_effect(section: str, attached: AttachedBody, shapes: Sequence[Shape | None], words: Words) -> Effect:
+    """The effect of a muscle, a region or a touch, with such shapes."""
+    tool = attached.tool
+    return Effect(tool.name, section, tool.identifier, named_targets(tool.identifier, shapes), attached.drive, words)
 
-    Attributes:
-        attached: The muscle or region at rest.
-        deltas: (targets, fine vertices, 3) displacements at weight 1, bind space.
-    """
 
-    attached: AttachedType
-    deltas: Floats
-
-    @property
-    def name(self) -> str:
-        """The name of the muscle or region."""
-        return self.attached.tool.name
-
-    def shape_weights(self, sampled: Floats) -> Floats:
-        """The weights as sampled."""
-        return sampled
-
-    @classmethod
-    def count_targets(cls, effects: Sequence[Effect]) -> str:
-        """Count the effects, and their targets."""
-        every = counted(len(effects), *ToolsFile.LISTS[cls.section])
-        return f"{every} in {counted(len(targets_of(effects)), 'morph target')}"
-
-    def stored_weights(self, rig: Rig) -> Floats:
-        """(targets,) weights in the stored pose: zeros, unless the tools file has another rest pose."""
-        assert self.drive is not None
-        return np.asarray(self.written(self.drive.weights_in(rig.own, None)(np.zeros(1)))[0])
-
-    def weights_at(self, rig: Rig, motion: Motion, _sampled: Floats, times: Floats) -> Floats:
-        """(times, targets) the weights of the drive."""
-        return self.attached.drive.weights_in(rig.own, motion.clip)(times)
-
-    @classmethod
-    def observe(cls, effects: Sequence[Self], rig: Rig, motion: Motion, times: Floats, _known: Sequence[Any]) -> Any:
-        """The weights of each at all times."""
-        return [each.attached.drive.weights_in(rig.own, motion.clip)(times) for each in effects]
-
-    def exact_weights(self, _motion: Motion, _sampled: Floats, _times: Floats, state: Any) -> Floats:
-        """(times, targets) the weights of the drive."""
-        weights: Floats = state
-        return weights
-
-    def raised(self, _times: Floats, state: Any) -> Bools:
-        """(times,) True where a weight is not 0."""
-        return np.asarray(state.any(axis=1))
-
-    def telling(self, exact: Floats, _state: Any) -> set[int]:
-        """The times when each target acts most."""
-        return set(np.argmax(exact, axis=0).tolist())
-
-    def weight_error(self, played: Floats, exact: Floats, _state: Any, _clip: Clip) -> float:
-        """Largest error of the move that a weight stands for, scene units."""
-        sizes = np.array([target.shape.tallest for target in self.targets if target is not None])
-        return float((np.abs(played - self.written(exact)) * sizes).max(initial=0.0))
-
-    def exact_shapes(self, vertices: Ints) -> Iterator[SparseDeltas]:
-        """The displacements of each target at weight 1."""
-        for deltas in self.deltas:
-            rows = nonzero_rows(deltas[vertices])
-            yield SparseDeltas(rows, deltas[vertices[rows]])
+def body_summary(section: str, effects: int, targets: int) -> str:
+    """Count the effects of a kind, and their targets."""
+    return f"{counted(effects, *ToolsFile.LISTS[section])} in {counted(targets, 'morph target')}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,8 +139,6 @@ class BodyLayer(ABC, Generic[AttachedType]):
     deltas: tuple[Floats, ...]
 
     section: ClassVar[str]
-    drives_alone: ClassVar[bool] = True
-    samples_anew: ClassVar[bool] = True
     is_solved: ClassVar[bool] = False
     named_clips: ClassVar[frozenset[str]] = frozenset()
     projected: ClassVar[int] = 0
@@ -232,21 +171,14 @@ class BodyLayer(ABC, Generic[AttachedType]):
         """The vertices that each target moves."""
         return [len(nonzero_rows(target)) for each in self.deltas for target in each]
 
-    def sample(
-        self,
-        plan: MeshPlan,
-        clips: Sequence[Clip],
-        effects: Sequence[Effect],
-        _motions: Sequence[Motion],
-        how: SamplingOptions,
-    ) -> tuple[list[Effect], list[Motion]]:
-        """Run the drives over clips."""
-        own = [self._effect(plan, *pair) for pair in zip(self.attached, self.deltas, strict=True)]
-        every = [*effects, *own]
-        return every, sample_driven(plan, clips, every, how)
+    def effects(
+        self, plan: MeshPlan, _clips: Sequence[Clip], before: Sequence[Effect], _how: SamplingOptions
+    ) -> list[Effect]:
+        """Make an effect of each."""
+        return [*before, *(self.effect(plan, *pair) for pair in zip(self.attached, self.deltas, strict=True))]
 
     @abstractmethod
-    def _effect(self, plan: MeshPlan, attached: AttachedType, deltas: Floats) -> Effect:
+    def effect(self, plan: MeshPlan, attached: AttachedType, deltas: Floats) -> Effect:
         """The effect of one of them."""
 
 
@@ -274,15 +206,14 @@ def largest_moves(weights: Floats, moves: Floats) -> Floats:
     return np.asarray(np.sqrt((found**2).sum(axis=2)).max(axis=1, initial=0.0))
 
 
-def body_targets(plan: MeshPlan, identifier: str, deltas: Floats, rows: Floats) -> tuple[Target | None, ...]:
-    """The morph targets of (targets, fine vertices, 3) deltas, with normals fitted at (rows, targets) weights."""
+def body_shapes(plan: MeshPlan, deltas: Floats, rows: Floats) -> list[Shape | None]:
+    """The shapes of (targets, fine vertices, 3) deltas, with normals fitted at (rows, targets) weights."""
     vertices, moves = moves_at_rest(plan.fine.blended, deltas)
     pose = Pose(plan.rest.matrices, plan.rest.morph_weights)
-    shapes = make_shapes(
+    return make_shapes(
         plan.fine,
         vertices,
         deltas[:, vertices],
         tallest=np.sqrt(np.sum(moves**2, axis=2)).max(axis=1, initial=0.0),
         samples=[Sample(row, pose) for row in rows] if plan.has_normals else [],
     )
-    return named_targets(identifier, shapes)

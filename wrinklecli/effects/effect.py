@@ -1,24 +1,21 @@
 """Effects: they move a mesh by a few fixed shapes in bind space, added up by weights over time.
 
 A kind of effect attaches its tools to the mesh at rest and names the regions where edges must be split (`Attached`).
-All effects of a kind on the refined mesh are a `Layer`. When clips are sampled, a layer makes an `Effect` for each tool
-or fold: targets to write, their weights, and the drive that sets these in clips of other files. Layers act in one
-order, and each sees the body as moved by those before it.
+All effects of a kind on the refined mesh are a `Layer`, which makes an `Effect` for each tool or fold: targets to
+write, and the drive that sets their weights, in the clips of the asset and in those of other files alike. Layers act in
+one order, and each sees the body as moved by those before it.
 """
 
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any, ClassVar, Protocol, Self, TypeVar
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig
-from wrinklecli.character.sparse_targets import SparseDeltas
 from wrinklecli.choices import Mode
-from wrinklecli.drive.drive import Drive
-from wrinklecli.drive.swing import SwingDrive
-from wrinklecli.drive.touch import TouchDrive
+from wrinklecli.drive.drive import AnyDrive, Drive
+from wrinklecli.drive.table import Response, Table
 from wrinklecli.effects.attached import AnyAttached
 from wrinklecli.effects.shapes import Shape
 from wrinklecli.frozen import dataclass
@@ -50,15 +47,19 @@ class Motion:
     Attributes:
         times: (frames,) seconds.
         keys: (keys,) numbers of the frames that a track needs, straight between them.
-        states: The measurements of each effect at these times, such as a segment's lengths; None if it keeps none.
-        weights: For each effect (frames, shapes) weights as sampled; empty before there are shapes.
+        readings: The measurements of each effect's drive at these times, such as a segment's lengths.
+        weights: For each effect (frames, targets) weights of its targets.
     """
 
     clip: Clip
     times: Floats
     keys: Ints
-    states: tuple[Any, ...]
-    weights: tuple[Floats, ...] = ()
+    readings: tuple[Any, ...]
+    weights: tuple[Floats, ...]
+
+    def seen(self, number: int) -> "Seen":
+        """The effect of a number in this clip."""
+        return Seen(self, self.readings[number], self.weights[number])
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,150 +110,111 @@ class MeshPlan:
         return next((each for each in self.layers if isinstance(each, kind)), None)
 
 
-@dataclass(frozen=True, slots=True)
-class Effect(ABC):
-    """One effect on a mesh: its morph targets, their weights over time, and words about both.
+class Seen(NamedTuple):
+    """An effect in one clip: the measurements of its drive, and (frames, targets) weights, at the motion's times."""
 
-    By default, an effect has no other targets that would meet an engine's limit.
+    motion: Motion
+    reading: Any
+    weights: Floats
 
-    Attributes:
-        identifier: The part of the targets' names that is the effect's own.
-        targets: One for each shape; None for a shape that moves no vertex, which is not written.
-    """
 
-    identifier: str
-    targets: tuple[Target | None, ...]
-
-    section: ClassVar[str]
-    """The key of extras and report under which effects of this kind stand."""
-    remedy: ClassVar[str] = ""
-    """The way to leave these effects out, for messages about too many targets."""
+class Words(Protocol):
+    """What an effect says of itself to people."""
 
     @property
-    @abstractmethod
-    def name(self) -> str:
-        """The effect's name in messages."""
-
-    @property
-    @abstractmethod
-    def drive(self) -> Drive | SwingDrive | TouchDrive | None:
-        """The drive that sets the weights of the targets in clips that were never baked; None if there is none."""
+    def remedy(self) -> str:
+        """The way to leave the effect out, for messages about too many targets; empty if fewer bumps are."""
+        ...
 
     @property
     def left_out(self) -> str | None:
         """The warning that says why nothing of the effect is made; None if it is made."""
-        return None
+        ...
 
-    @property
-    def max_error(self) -> float | None:
-        """The error that the moves of the effect itself may have, scene units; None if it is the plan's."""
-        return None
+    def summary(self, effects: int, targets: int) -> str:
+        """Count the effects of this kind, and their targets, for a bake's summary; empty if they count as tools."""
+        ...
 
-    @property
-    def columns(self) -> Ints:
-        """Numbers of the shapes that have a target."""
-        return np.array([index for index, target in enumerate(self.targets) if target is not None], np.intp)
+    def describe(self, plan: MeshPlan, targets: tuple[str, ...]) -> Json:
+        """The effect's entry in the report, with the names of its targets: JSON values only."""
+        ...
+
+    def describe_clip(self, seen: Seen) -> Json | None:
+        """The effect's entry in a clip of a detailed report; None if there is none."""
+        ...
+
+    def warnings(self, plan: MeshPlan, clips: Sequence[Seen], *, up: str) -> list[str]:
+        """Warnings for users, from the effect in all clips."""
+        ...
+
+
+class Remixes(Protocol):
+    """Other morph targets that play the same motion, for the limits of engines."""
+
+    def with_unit_weights(self, effect: "Effect") -> "Effect":
+        """The effect with weights in [0, 1]."""
+        ...
+
+    def with_fewest_targets(self, effect: "Effect", plan: MeshPlan, tolerance: float, *, at_once: bool) -> "Effect":
+        """The effect with the fewest targets, or the fewest `at_once`, within a tolerance, scene units."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Effect:
+    """One effect on a mesh: morph targets, and the drive that sets their weights.
+
+    Attributes:
+        name: Its name in messages.
+        section: The key of extras and report under which effects of its kind stand.
+        identifier: The part of the targets' names that is the effect's own.
+        targets: One for each shape that moves a vertex.
+        drive: It sets the weights of the targets, which are among its own. None if there are no targets.
+        words: What it says of itself.
+        exact: The response of which the drive has a table, for the proof; None if the drive's own is exact.
+        error: The error of the shapes themselves, where they are fewer than the method's, scene units.
+        max_error: The error that the moves of the effect itself may have, scene units; None if it is the plan's.
+        remixes: Its way to hold the limits of engines; None if it has one way alone.
+        projected: The vertices that are projected in each frame, and a function from a clip and (frames,) seconds to
+            their (frames, vertices, 3) displacements, bind space, for the proof; None if shapes do not change.
+    """
+
+    name: str
+    section: str
+    identifier: str
+    targets: tuple[Target, ...]
+    drive: AnyDrive | None
+    words: Words
+    exact: Response | None = None
+    error: float = 0.0
+    max_error: float | None = None
+    remixes: Remixes | None = None
+    projected: tuple[Ints, Callable[[Clip, Floats], Floats]] | None = None
 
     @property
     def target_names(self) -> tuple[str, ...]:
-        """The names of the targets that are written."""
-        return tuple(target.name for target in self.targets if target is not None)
+        """The names of the targets."""
+        return tuple(target.name for target in self.targets)
 
-    def written(self, weights: Floats) -> Floats:
-        """The columns of (frames, shapes) weights that have a target."""
-        chosen: Floats = weights[:, self.columns]
-        return chosen
-
-    @abstractmethod
-    def shape_weights(self, sampled: Floats) -> Floats:
-        """(frames, shapes) weights of the targets' shapes from (frames, …) weights as sampled."""
-
-    @abstractmethod
-    def stored_weights(self, rig: Rig) -> Floats:
-        """(targets,) weights of the written targets in the stored pose."""
-
-    @abstractmethod
-    def weights_at(self, rig: Rig, motion: Motion, sampled: Floats, times: Floats) -> Floats:
-        """(times, …) weights as sampled at further times of a motion, from its (frames, …) ones."""
-
-    def acting(self, _rig: Rig, _clip: Clip, _time: float) -> list[tuple[Shape, float]]:
-        """The shapes that act at a moment of a motion that is in no file, each with its weight, without a filter."""
-        return []
-
-    @classmethod
-    def observe(cls, effects: Sequence[Self], _rig: Rig, _motion: Motion, _times: Floats, _known: Sequence[Any]) -> Any:
-        """The measurements of effects at sorted (times,), among which are the motion's, where they are `_known`."""
-        return [None] * len(effects)
-
-    @classmethod
-    def count_targets(cls, effects: Sequence["Effect"]) -> str:
-        """Count the targets of all effects of this kind, for a bake's summary; empty if they are counted as tools'."""
-        return f"{len(targets_of(effects))} of {cls.section}"
-
-    # For the limits of engines.
-
-    def with_unit_weights(self, _sampled: Sequence[Floats]) -> "Effect":
-        """The same motion with weights in [0, 1], from each clip's (frames, …) weights as sampled."""
-        return self
-
-    def with_fewest_targets(self, _plan: MeshPlan, _tolerance: float, *, at_once: bool) -> tuple["Effect", float]:
-        """The same motion with the fewest targets, or the fewest `at_once`, and its error; lengths are scene units."""
-        assert at_once in (True, False)
-        return self, 0.0
+    def weights(self, clip: Clip | None, reading: Any, *, exact: bool = False) -> Floats:
+        """(frames, targets) weights at the measurements of the drive in a clip; by the exact response for the proof."""
+        if self.drive is None:
+            return np.zeros((len(reading), 0))
+        return self.drive.weights(clip, reading, self.exact if exact else None)
 
     @property
     def most_at_once(self) -> int:
-        """The greatest number of targets whose weights differ from 0 at a time."""
-        return len(self.target_names)
+        """The greatest number of targets whose weights differ from 0 at a time, as far as one table tells."""
+        if not isinstance(self.drive, Drive) or self.drive.rows or not isinstance(self.drive.response, Table):
+            return len(self.targets)
+        shown = self.drive.response.table != 0
+        return int((shown[:-1] | shown[1:]).sum(axis=1).max(initial=0))
 
-    def turns(self, _rig: Rig, _clip: Clip, _keys: Floats, _weights: Floats) -> Floats:
-        """Times between (keys,) seconds with (keys, shapes) weights that keep fewer targets active at once."""
-        return np.zeros(0)
-
-    # For the proof.
-
-    @abstractmethod
-    def exact_shapes(self, vertices: Ints) -> Iterator[SparseDeltas]:
-        """Each of the method's own shapes at (vertices,) fine welded vertices, at weight 1."""
-
-    @abstractmethod
-    def exact_weights(self, motion: Motion, sampled: Floats, times: Floats, state: Any) -> Floats:
-        """(times, shapes) the method's weights of `exact_shapes`, from the effect's measurements at the times."""
-
-    def moved_in_frames(
-        self, _plan: MeshPlan, _clip: Clip, _times: Floats, _chosen: Ints, _state: Any
-    ) -> tuple[Ints, Callable[[slice], Floats]] | None:
-        """Give fine vertices that move besides `exact_shapes`, and their (part of chosen times, vertices, 3) moves.
-
-        `_state` is measured at all (times,), of which the (chosen,) are compared. None if no such vertex moves.
-        """
-        return None
-
-    def raised(self, times: Floats, _state: Any) -> Bools:
-        """(times,) True where the normals of the effect are worth comparing."""
-        return np.zeros(len(times), np.bool_)
-
-    @abstractmethod
-    def telling(self, exact: Floats, state: Any) -> set[int]:
-        """Numbers of the times at which an error would show most, from the (times, shapes) exact weights."""
-
-    @abstractmethod
-    def weight_error(self, played: Floats, exact: Floats, state: Any, clip: Clip) -> float:
-        """Largest error of the moves that (times, targets) played weights stand for, scene units."""
-
-    # For people.
-
-    @abstractmethod
-    def describe(self, plan: MeshPlan) -> Json:
-        """The effect's entry in the report: JSON values only."""
-
-    def describe_clip(self, _motion: Motion, _state: Any) -> Json | None:
-        """The effect's entry in a clip of a detailed report; None if there is none."""
-        return None
-
-    @abstractmethod
-    def warnings(self, plan: MeshPlan, motions: Sequence[tuple[Motion, Any, Floats]], *, up: str) -> list[str]:
-        """Warnings for users, from motions with the effect's measurements and weights in them."""
+    def stored_weights(self, rig: Rig) -> Floats:
+        """(targets,) weights in the stored pose: zeros, unless the tools file has another rest pose."""
+        if self.drive is None:
+            return np.zeros(0)
+        return np.asarray(self.weights(None, self.drive.reader(rig, None)(np.zeros(1), {}))[0])
 
 
 class Part(Protocol):
@@ -345,16 +307,6 @@ class Layer(Protocol):
         ...
 
     @property
-    def drives_alone(self) -> bool:
-        """True if drives alone move its effects, whatever other effects do, so that it can be sampled by itself."""
-        ...
-
-    @property
-    def samples_anew(self) -> bool:
-        """True if it samples the effects before it again, with its own, and does not look at their motions."""
-        ...
-
-    @property
     def moved(self) -> Sequence[Ints]:
         """The fine welded vertices that each effect may move."""
         ...
@@ -388,25 +340,17 @@ class Layer(Protocol):
         """
         ...
 
-    def sample(
-        self,
-        plan: MeshPlan,
-        clips: Sequence[Clip],
-        effects: Sequence[Effect],
-        motions: Sequence[Motion],
-        how: SamplingOptions,
-    ) -> tuple[list[Effect], list[Motion]]:
-        """Run the effects over clips.
+    def effects(
+        self, plan: MeshPlan, clips: Sequence[Clip], before: Sequence[Effect], how: SamplingOptions
+    ) -> list[Effect]:
+        """Make the effects of the layers before and of this one.
 
         Args:
             plan: The whole mesh.
-            clips: The clips that move the mesh.
-            effects: The effects of the layers before.
-            motions: The clips as these effects sampled them; none for the first layer.
+            clips: The clips that move the mesh, for effects that depend on them: contact, and vertices that are
+                projected in each frame.
+            before: The effects of the layers before, which contact may lower.
             how: Times and limits.
-
-        Returns:
-            The effects of the layers before and of this one, and motions with the weights of all.
 
         Raises:
             BakeError: There are too many shapes.
@@ -482,22 +426,17 @@ class EffectKind(Protocol):
         ...
 
 
-def named_targets(identifier: str, shapes: Iterable[Shape | None]) -> tuple[Target | None, ...]:
+def named_targets(identifier: str, shapes: Iterable[Shape | None]) -> tuple[Target, ...]:
     """Targets `wrinkle_NAME_1`, `wrinkle_NAME_2` … for the shapes that there are, by an effect's identifier."""
-    targets: list[Target | None] = []
-    number = 0
-    for shape in shapes:
-        number += shape is not None
-        targets.append(None if shape is None else Target(f"wrinkle_{identifier}_{number}", shape))
-    return tuple(targets)
+    there = (shape for shape in shapes if shape is not None)
+    return tuple(Target(f"wrinkle_{identifier}_{number}", shape) for number, shape in enumerate(there, start=1))
 
 
 def targets_of(effects: Iterable[Effect]) -> tuple[Target, ...]:
     """The morph targets of all effects, in order."""
-    return tuple(target for each in effects for target in each.targets if target is not None)
+    return tuple(target for each in effects for target in each.targets)
 
 
-def target_weights(effects: Sequence[Effect], motion: Motion) -> Floats:
+def target_weights(motion: Motion) -> Floats:
     """(frames, targets) weights of the targets of all effects in one clip."""
-    columns = [each.written(each.shape_weights(weights)) for each, weights in zip(effects, motion.weights, strict=True)]
-    return np.concatenate(columns, axis=1)
+    return np.concatenate([np.zeros((len(motion.times), 0)), *motion.weights], axis=1)

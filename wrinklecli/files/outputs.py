@@ -12,7 +12,6 @@ import re
 import stat
 from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager, nullcontext, suppress
-from dataclasses import dataclass
 from itertools import chain
 from types import TracebackType
 from typing import IO, TypeAlias
@@ -20,6 +19,7 @@ from typing import IO, TypeAlias
 from wrinklecli.errors import BakeError
 from wrinklecli.files.claims import Claims, Clash
 from wrinklecli.files.workplace import Workplace
+from wrinklecli.frozen import dataclass
 
 Write: TypeAlias = Callable[[IO[bytes]], object]
 

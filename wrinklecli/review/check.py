@@ -15,16 +15,15 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.moved import Motions
 from wrinklecli.character.posing import JointTurn, MorphWeight
 from wrinklecli.character.rig import moving_nodes
-from wrinklecli.effects.effect import MeshPlan, Motion, SamplingOptions
+from wrinklecli.effects.effect import MeshPlan, SamplingOptions
 from wrinklecli.effects.plan import mesh_warnings, skin_parts, track_warnings
-from wrinklecli.effects.sampling import moving_clips
-from wrinklecli.effects.wrinkle.activity import ClipActivity
+from wrinklecli.effects.sampling import moving_clips, play_below_skin
+from wrinklecli.effects.wrinkle.activity import ClipActivity, sample_activities
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.layer import carried_patches_of
+from wrinklecli.effects.wrinkle.lookup import fitting_compressible
 from wrinklecli.effects.wrinkle.report import describe_heights, describe_place
-from wrinklecli.effects.wrinkle.sample import sample_activities
 from wrinklecli.effects.wrinkle.warnings import tool_warnings, turned_warnings
-from wrinklecli.effects.wrinkle.weights import fitting_compressible
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Ints
@@ -154,7 +153,7 @@ def check(
             sampling = SamplingOptions(job.settings.sampling.fps, "morph", job.document.memory, progress)
             moving = moving_clips(plan, clips)
             carried_patches = carried_patches_of(plan)
-            motions = sample_activities(carried_patches, plan, moving, sampling) if carried_patches else []
+            seen = sample_activities(plan, [each.patch for each in carried_patches], moving, sampling)
             baked = [clip for clip in moving if clip.name not in (*job.range, job.pose)]
             warnings += mesh_warnings(plan, job.settings, baked)
             # No tool is at fault, and an option of the bake decides.
@@ -164,7 +163,7 @@ def check(
                 warnings += found["warnings"]
             names = [carried.patch.tool.name for carried in carried_patches]
             for number, overlaps in enumerate(_overlaps([each.vertices for each in carried_patches], names)):
-                tool = _check_tool(plan, number, motions, overlaps, job)
+                tool = _check_tool(plan, number, seen[number], overlaps, job)
                 checked.append(tool)
                 warnings += tool.data["warnings"]
                 progress("checking", len(checked), len(job.settings.tools))
@@ -199,26 +198,21 @@ def _check_driven(
     plan: MeshPlan, clips: Sequence[Clip], sampling: SamplingOptions, job: Job
 ) -> Iterator[tuple[str, Json]]:
     """Describe the effects that come before wrinkles, each after the key of its section."""
-    for layer in plan.layers:
-        if layer.drives_alone:
-            effects, motions = layer.sample(plan, moving_clips(plan, clips), [], [], sampling)
-            for number, effect in enumerate(effects):
-                states = [(motion, motion.states[number], motion.weights[number]) for motion in motions]
-                rows = [(motion, effect.describe_clip(motion, state)) for motion, state, _ in states]
-                # Of a range of motion those motions are told that do something.
-                told = [
-                    {**row, "name": motion.clip.name}
-                    for (motion, row), (_, _, weights) in zip(rows, states, strict=True)
-                    if row is not None and (motion.clip.name not in job.range or weights.any())
-                ]
-                lines = effect.warnings(plan, states, up=job.settings.up)
-                yield layer.section, {**effect.describe(plan), "clips": told, "warnings": lines}
+    for effect, seen in play_below_skin(plan, moving_clips(plan, clips), sampling):
+        # Of a range of motion those motions are told that do something.
+        told = [
+            {**row, "name": each.motion.clip.name}
+            for each in seen
+            if (row := effect.words.describe_clip(each)) is not None
+            and (each.motion.clip.name not in job.range or each.weights.any())
+        ]
+        lines = effect.words.warnings(plan, seen, up=job.settings.up)
+        yield effect.section, {**effect.words.describe(plan, effect.target_names), "clips": told, "warnings": lines}
 
 
-def _check_tool(plan: MeshPlan, number: int, motions: Sequence[Motion], overlaps: Json, job: Job) -> CheckedTool:
+def _check_tool(plan: MeshPlan, number: int, every: Sequence[ClipActivity], overlaps: Json, job: Job) -> CheckedTool:
     """Describe a tool in all clips, and in those motions of a range of motion that shorten it most."""
     carried, up = carried_patches_of(plan)[number], job.settings.up
-    every = [ClipActivity(motion.clip, motion.times, motion.states[number]) for motion in motions]
     made = [each for each in every if each.clip.name in job.range]
     shortening = sorted((each for each in made if _shortest(each) > _VISIBLE), key=_shortest, reverse=True)
     clips = (*(each for each in every if each not in made), *shortening[:_MOST_MOTIONS])

@@ -105,7 +105,7 @@ def _draw_curves(axes: "Axes", tool: CheckedTool) -> None:
     greatest = max((float((each.seen.shortenings / each.seen.rest_lengths).max()) for each in tool.clips), default=0.0)
     reached = greatest > _VISIBLE
     shortenings = np.linspace(0.0, greatest if reached else _SHOWN_SHORTENING, _CURVES)
-    lengths = np.full(len(shortenings), curve.greatest_rest_length)
+    lengths = np.full(len(shortenings), curve.rest_length)
     distances = (1.0 - shortenings) * lengths
     amplitudes, _ = curve.follow(distances, lengths)
     us = np.linspace(0.0, 1.0, _POINTS * 2 ** len(curve.details) * curve.interval_count + 1)

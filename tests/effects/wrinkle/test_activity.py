@@ -11,7 +11,7 @@ from kit.limb import RADIUS, limb_asset, tool
 from kit.prepared import posed_surface, prepare
 from wrinklecli.character.clip import Clip
 from wrinklecli.effects.wrinkle.activity import Activity, activities, activity, further_activities
-from wrinklecli.effects.wrinkle.weights import weights_of
+from wrinklecli.effects.wrinkle.lookup import weights_of
 from wrinklecli.numeric.arrays import Floats
 
 

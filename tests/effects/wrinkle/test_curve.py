@@ -17,8 +17,8 @@ from wrinklecli.drive.lag import TAUT
 from wrinklecli.effects.profile import SmoothProfile
 from wrinklecli.effects.wrinkle.bumps import group_bumps
 from wrinklecli.effects.wrinkle.curve import ControlCurve, plan_curve
+from wrinklecli.effects.wrinkle.lookup import fitting_compressible
 from wrinklecli.effects.wrinkle.polyline import PolylineProfile, polyline_heights
-from wrinklecli.effects.wrinkle.weights import fitting_compressible
 from wrinklecli.numeric.arrays import Floats
 
 NODES, WEIGHTS = legendre.leggauss(24)

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from wrinklecli.choices import Profile, Strategy
 from wrinklecli.drive.table import TABLE_ERROR
 from wrinklecli.effects.wrinkle.curve import ControlCurve, plan_curve
-from wrinklecli.effects.wrinkle.lookup import tabulate_curve, tabulate_weights
-from wrinklecli.effects.wrinkle.weights import weights_of
+from wrinklecli.effects.wrinkle.lookup import tabulate_curve, tabulate_weights, weights_of
 
 Floats = NDArray[np.float64]
 

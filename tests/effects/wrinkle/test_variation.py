@@ -15,8 +15,8 @@ from kit.limb import limb_asset, tool
 from kit.prepared import prepare
 from wrinklecli.drive.lag import TAUT
 from wrinklecli.effects.wrinkle.curve import plan_curve
+from wrinklecli.effects.wrinkle.lookup import group_starts
 from wrinklecli.effects.wrinkle.variation import Variation, attenuation, plan_variation
-from wrinklecli.effects.wrinkle.weights import group_starts
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.drawn import drawn
 

@@ -1,7 +1,6 @@
 """The nodes of the browser's 3D scene: bodies, textured, grey or coloured by compression, and tools drawn on them."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -9,6 +8,7 @@ import viser
 
 from wrinklecli.editor.page.drawing import Body, DrawnMesh, SurfacePoints, ToolOutline
 from wrinklecli.editor.page.painted_mesh import PaintedMesh
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.pixels import srgb
 from wrinklecli.numeric.arrays import Floats, vertex_normals
 

@@ -1,7 +1,6 @@
 """The panel of proposed tools: a picture of each before and after, where it lies, and buttons that show and take it."""
 
 import html
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -17,6 +16,7 @@ from wrinklecli.editor.page.widgets import ASKS, PageHost, add_button, add_group
 from wrinklecli.editor.proposals import Proposal
 from wrinklecli.editor.raised import RaisedTool
 from wrinklecli.errors import counted
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.pixels import Bytes
 

@@ -640,7 +640,7 @@ def _response(fold: Fold, solved: Sequence[SolvedPose], weights: Floats, torn: S
     sweeps = [_tabulated(fold, lean, solved, weights) for lean in range(len(fold.hinge.leanings))]
     rows, table = sweeps[0]
     if not isinstance(fold.hinge, Hinge):
-        return Table("shortenings", rows, table)
+        return Table("shortenings", rows, table / fold.hinge.factors_at(rows)[:, None])
     every = distinct_values(np.concatenate([each for each, _ in sweeps]))
     central, tables = interpolated(every, rows, table), []
     for own, weights_there in sweeps[1:]:

@@ -1,30 +1,29 @@
 """The effect of a fold whose contact is resolved: its targets, their weights in clips, and its drive."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, field, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from wrinklecli.character.clip import Clip
-from wrinklecli.character.rig import Rig
-from wrinklecli.character.sparse_targets import SparseDeltas
-from wrinklecli.drive.drive import Drive
+from wrinklecli.drive.drive import Drive, Rows
 from wrinklecli.effects.contact.given_up import DEGENERATE, WORSE, GivenUp
 from wrinklecli.effects.contact.hinge import Hinge
 from wrinklecli.effects.contact.remaining import Remaining
-from wrinklecli.effects.effect import Effect, MeshPlan, Motion, targets_of
+from wrinklecli.effects.effect import Effect, MeshPlan, Seen, Target
 from wrinklecli.effects.wrinkle.effect import tool_drive
-from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.errors import counted, listed
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Floats, Ints, interpolated, matches, significant
+from wrinklecli.numeric.arrays import Floats, significant
 
 if TYPE_CHECKING:
     from wrinklecli.effects.contact.crease import Crease, Followed, PlayerError
     from wrinklecli.effects.contact.fold import Fold
 
+
+SECTION = "folds"
+"""The key of extras and report under which folds stand."""
 
 # Error of what players look up, relative to contact's greatest move, from which a line says so: where one joint folds
 # the surface, it is 0.03 to 0.05, and hidden in the fold.
@@ -68,93 +67,62 @@ class NonNegativeBasis:
         return self.greatest * np.append(np.full(self.count, 2.0), 1.0)
 
 
+def contact_effect(
+    words: "ContactWords", identifier: str, basis: NonNegativeBasis, columns: Sequence[int], targets: tuple[Target, ...]
+) -> Effect:
+    """The effect of a fold, of whose shapes in a basis the numbers `columns` have targets.
+
+    In clips that were solved weights are rows. In others a drive looks them up by the joint's angle, or by the tool's
+    shortening if no joint bends the fold. They are 0 in clips that the bake has given up, and where they would be
+    further off than none.
+    """
+    crease, names = words.crease, tuple(each.name for each in targets)
+
+    def written(signed: Floats) -> Floats:
+        found: Floats = basis.weights(signed)[:, list(columns)]
+        return found
+
+    response, hinge = crease.response.mapped(written, basis.null[list(columns)]), crease.fold.hinge
+    drive = (
+        Drive("", hinge.signal, names, response)
+        if isinstance(hinge, Hinge)
+        else tool_drive(crease.fold.patches[0], names, response)
+    )
+    silent = {name: 0.0 for name, error in words.player_errors.items() if error.silent}
+    rows = {name: Rows(times, written(each.weights)) for name, (times, each) in words.followed.items()}
+    drive = replace(drive, strengths={**drive.strengths, **silent}, rows=rows)
+    return Effect(identifier, SECTION, identifier, targets, drive, words)
+
+
 @dataclass(frozen=True, slots=True)
-class ContactEffect(Effect):
-    """The morph targets of a fold. Weights as sampled are those of the crease's shapes, and signed.
+class ContactWords:
+    """What a fold with contact says of itself.
 
     Attributes:
         crease: The fold with the shapes that resolve contact.
-        patch: The fold's first tool, as it was baked.
         tools: Names of all tools over the fold.
-        basis: The relation of the targets' shapes to the crease's.
-        followed: The weights of the shapes in each clip in which they act.
-        remaining: The intersections that remain there.
+        followed: By the names of clips, the times and the signed weights of the shapes.
+        remaining: The intersections that remain in clips.
         player_errors: How far players that look contact up are off in each clip, by its name.
-        scale: World over bind units.
     """
 
     crease: "Crease"
-    patch: Patch
     tools: tuple[str, ...]
-    basis: NonNegativeBasis
-    followed: "tuple[Followed, ...]"
+    followed: "Mapping[str, tuple[Floats, Followed]]"
     remaining: tuple[Remaining, ...]
     player_errors: "Mapping[str, PlayerError]"
-    scale: float
+    remedy: str = "`contact: off`"
+    left_out: str | None = None
 
-    section: ClassVar[str] = "folds"
-    remedy: ClassVar[str] = "`contact: off`"
-
-    @property
-    def name(self) -> str:
-        """The identifier of the targets."""
-        return self.identifier
-
-    @property
-    def drive(self) -> Drive | None:
-        """Weights by the joint's angle, or by the tool's shortening if no joint bends the fold.
-
-        They are 0 in clips that the bake has given up, and where they would be further off than none.
-        """
-        null = self.basis.null[self.columns]
-        response = self.crease.response.mapped(lambda signed: self.written(self.shape_weights(signed)), null)
-        hinge = self.crease.fold.hinge
-        silent = {name: 0.0 for name, error in self.player_errors.items() if error.silent}
-        if isinstance(hinge, Hinge):
-            return Drive("", hinge.signal, self.target_names, response, strengths=silent)
-        drive = tool_drive(self.patch, self.target_names, response)
-        return replace(drive, strengths={**drive.strengths, **silent})
-
-    @classmethod
-    def count_targets(cls, effects: Sequence[Effect]) -> str:
+    def summary(self, effects: int, targets: int) -> str:
         """Count the targets of contact, and the folds."""
-        folds = sum(isinstance(each, ContactEffect) for each in effects)
-        return f"{len(targets_of(effects))} of contact in {counted(folds, 'fold')}"
+        return f"{targets} of contact in {counted(effects, 'fold')}"
 
-    def shape_weights(self, sampled: Floats) -> Floats:
-        """(frames, shapes) weights of the targets' shapes from signed ones of the crease's."""
-        return self.basis.weights(sampled)
-
-    def stored_weights(self, _rig: Rig) -> Floats:
-        """Zeros: nothing touches in the stored pose."""
-        return np.zeros(len(self.target_names))
-
-    def weights_at(self, _rig: Rig, motion: Motion, sampled: Floats, times: Floats) -> Floats:
-        """Weights straight between those sampled."""
-        return interpolated(times, motion.times, sampled)
-
-    def exact_shapes(self, vertices: Ints) -> Iterator[SparseDeltas]:
-        """The displacements of each shape of the crease at weight 1."""
-        rows, numbers = matches(vertices, self.crease.vertices)
-        for shape in self.crease.shapes:
-            yield SparseDeltas(rows, shape[numbers])
-
-    def exact_weights(self, motion: Motion, sampled: Floats, times: Floats, _state: Any) -> Floats:
-        """(times, shapes) signed weights, straight between those sampled."""
-        return interpolated(times, motion.times, sampled)
-
-    def telling(self, exact: Floats, _state: Any) -> set[int]:
-        """The times when each shape is greatest."""
-        return set(np.argmax(np.abs(exact), axis=0).tolist())
-
-    def weight_error(self, played: Floats, exact: Floats, _state: Any, _clip: Clip) -> float:
-        """Largest error of the move of a shape, scene units."""
-        errors = np.abs(played @ self.basis.unmix[self.columns] - exact) * (self.scale * self.crease.sizes)
-        return float(errors.max(initial=0.0))
-
-    def describe(self, plan: MeshPlan) -> Json:
+    def describe(self, plan: MeshPlan, targets: tuple[str, ...]) -> Json:
         """The fold's entry in the report; lengths are scene units."""
         crease, hinge = self.crease, self.crease.fold.hinge
+        # Clips of equal motion share their solution.
+        followed = list({id(each): each for _, each in self.followed.values()}.values())
         return {
             "tools": list(self.tools),
             "clip": None,
@@ -171,20 +139,24 @@ class ContactEffect(Effect):
             "crossing_poses": crease.crossing,
             "error": significant(crease.error),
             "unsettled_frames": 0,
-            "crossing_frames": sum(len(each.crossing) for each in self.followed),
-            "clips_given_up": sum(each.given_up for each in self.followed),
+            "crossing_frames": sum(len(each.crossing) for each in followed),
+            "clips_given_up": sum(each.given_up for each in followed),
             "left": [asdict(each) | {"time": significant(each.time)} for each in self.remaining],
-            "clip_error": significant(max((each.error for each in self.followed), default=0.0)),
+            "clip_error": significant(max((each.error for each in followed), default=0.0)),
             "player_error": significant(max((each.share for each in self.player_errors.values()), default=0.0)),
-            "targets": list(self.target_names),
+            "targets": list(targets),
         }
 
-    def warnings(self, _plan: MeshPlan, motions: Sequence[tuple[Motion, Any, Floats]], *, up: str) -> list[str]:
+    def describe_clip(self, _seen: Seen) -> None:
+        """Nothing."""
+        return
+
+    def warnings(self, _plan: MeshPlan, clips: Sequence[Seen], *, up: str) -> list[str]:
         """Warnings about contact that is not wholly resolved."""
         assert up in ("y", "z")
         name = ", ".join(self.tools)
         warnings = [f"{name}: {self._remaining_warning(each)}" for each in self.remaining]
-        acting = [(motion.clip, motion.times[weights.any(axis=1)]) for motion, _, weights in motions]
+        acting = [(motion.clip, motion.times[weights.any(axis=1)]) for motion, _, weights in clips]
         crossing = {node for clip, times in acting for node in self.crease.fold.meshes_crossing_themselves(clip, times)}
         if crossing:
             nodes = listed(sorted(crossing))
@@ -221,8 +193,8 @@ class ContactEffect(Effect):
 
 
 @dataclass(frozen=True, slots=True)
-class FoldWithoutContact(Effect):
-    """A fold that asks for contact and is given up: it has no targets, and says why.
+class GivenUpWords:
+    """What a fold says that asks for contact and is given up: it has no targets, and says why.
 
     Attributes:
         tools: Names of all tools over the fold.
@@ -240,53 +212,13 @@ class FoldWithoutContact(Effect):
     beside: tuple[str, ...]
     fold: "Fold"
     heights: Mapping[str, float] = field(default_factory=dict)
+    remedy: str = ""
 
-    section: ClassVar[str] = ContactEffect.section
-
-    @property
-    def name(self) -> str:
-        """The identifier that targets would have."""
-        return self.identifier
-
-    @property
-    def drive(self) -> Drive | None:
-        """Nothing: there are no targets."""
-        return None
-
-    @classmethod
-    def count_targets(cls, effects: Sequence[Effect]) -> str:
+    def summary(self, effects: int, _targets: int) -> str:
         """Count the folds that are given up."""
-        return f"contact given up in {counted(len(effects), 'fold')}"
+        return f"contact given up in {counted(effects, 'fold')}"
 
-    def shape_weights(self, sampled: Floats) -> Floats:
-        """No weights."""
-        return sampled
-
-    def stored_weights(self, _rig: Rig) -> Floats:
-        """No weights."""
-        return np.zeros(0)
-
-    def weights_at(self, _rig: Rig, _motion: Motion, _sampled: Floats, times: Floats) -> Floats:
-        """No weights."""
-        return np.zeros((len(times), 0))
-
-    def exact_shapes(self, _vertices: Ints) -> Iterator[SparseDeltas]:
-        """No shapes."""
-        return iter(())
-
-    def exact_weights(self, _motion: Motion, _sampled: Floats, times: Floats, _state: Any) -> Floats:
-        """No weights."""
-        return np.zeros((len(times), 0))
-
-    def telling(self, _exact: Floats, _state: Any) -> set[int]:
-        """No times."""
-        return set()
-
-    def weight_error(self, _played: Floats, _exact: Floats, _state: Any, _clip: Clip) -> float:
-        """No error."""
-        return 0.0
-
-    def describe(self, _plan: MeshPlan) -> Json:
+    def describe(self, _plan: MeshPlan, _targets: tuple[str, ...]) -> Json:
         """The fold's entry in the report."""
         return {
             "tools": list(self.tools),
@@ -297,7 +229,11 @@ class FoldWithoutContact(Effect):
             "targets": [],
         }
 
-    def warnings(self, _plan: MeshPlan, _motions: Sequence[tuple[Motion, Any, Floats]], *, up: str) -> list[str]:
+    def describe_clip(self, _seen: Seen) -> None:
+        """Nothing."""
+        return
+
+    def warnings(self, _plan: MeshPlan, _clips: Sequence[Seen], *, up: str) -> list[str]:
         """The line about it."""
         assert up in ("y", "z")
         return [self.left_out]

@@ -19,6 +19,7 @@ from wrinklecli.effects.contact.hinge import Hinge, hinge_of
 from wrinklecli.effects.contact.rise import Rise, rise_of
 from wrinklecli.effects.wrinkle.bending import bent_node
 from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
+from wrinklecli.effects.wrinkle.lookup import looked_up
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, distinct_values
@@ -121,8 +122,7 @@ class Fold:
         for carried, here, there in self.moved:
             amplitudes = None
             if clip is not None and clip.index < 0:
-                lengths = carried.patch.segment.lengths(self.rig, clip, times)
-                amplitudes, _ = carried.patch.curve.follow(*lengths)
+                amplitudes = looked_up(carried.patch.curve, carried.patch.segment.lengths(self.rig, clip, times))
             bind[:, here] += displacements(carried, self.fine, self.rig, clip, times, amplitudes)[:, there]
         others = [each.posed(clip, times) for each in self.others]
         positions = np.concatenate([transform(blended, bind), *(each[0] for each in others)], axis=1)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.effects.attached import AnyAttached
-from wrinklecli.effects.effect import Effect, MeshPlan, Motion, Part, SamplingOptions
+from wrinklecli.effects.effect import Effect, MeshPlan, Part, SamplingOptions
 from wrinklecli.effects.wrinkle.layer import WrinkleLayer
 from wrinklecli.errors import BakeError, listed, nearest
 from wrinklecli.frozen import dataclass
@@ -34,9 +34,7 @@ class ContactLayer:
     folds: tuple["Fold", ...]
     tools_without_fold: tuple[str, ...]
 
-    section: ClassVar[str] = "folds"  # as ContactEffect's, which other bakes do not import
-    drives_alone: ClassVar[bool] = False
-    samples_anew: ClassVar[bool] = False
+    section: ClassVar[str] = "folds"  # as that of effects, whose module other bakes do not import
     named_clips: ClassVar[frozenset[str]] = frozenset()
     keyed_clips: ClassVar[frozenset[str]] = frozenset()
     sampled_numbers: ClassVar[int] = 0
@@ -53,19 +51,14 @@ class ContactLayer:
         """Nothing, as a fold has few targets and few vertices."""
         return []
 
-    def sample(
-        self,
-        plan: MeshPlan,
-        _clips: Sequence[Clip],
-        effects: Sequence[Effect],
-        motions: Sequence[Motion],
-        how: SamplingOptions,
-    ) -> tuple[list[Effect], list[Motion]]:
-        """Resolve the folds and follow each clip: frames at their own times, tracks at as many as they need."""
+    def effects(
+        self, plan: MeshPlan, clips: Sequence[Clip], before: Sequence[Effect], how: SamplingOptions
+    ) -> list[Effect]:
+        """Resolve the folds in clips. Wrinkles of folds that are given up are lowered."""
         # Imported here, as other bakes need none of it.
-        from wrinklecli.effects.contact.sample import sample_contact
+        from wrinklecli.effects.contact.sample import resolve_folds
 
-        return sample_contact(self.folds, plan, effects, motions, how)
+        return resolve_folds(self.folds, plan, before, clips, how)
 
     def warnings(self, _plan: MeshPlan, _clips: Sequence[Clip]) -> list[str]:
         """Warnings about tools that ask for contact in vain."""

@@ -11,13 +11,13 @@ from dataclasses import replace
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.effects.contact.effect import FoldWithoutContact
+from wrinklecli.effects.contact.effect import GivenUpWords
 from wrinklecli.effects.contact.fold import FAINT, Fold
-from wrinklecli.effects.effect import Effect, MeshPlan, Motion
+from wrinklecli.effects.effect import Effect, MeshPlan, SamplingOptions
 from wrinklecli.effects.sampling import duplicates_of
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.creases import faded
-from wrinklecli.effects.wrinkle.effect import WrinkleEffect
+from wrinklecli.effects.wrinkle.effect import WrinkleWords, wrinkle_effect
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values
 
 # Moments of a clip at which crossings are counted, evenly spread, at most.
@@ -27,24 +27,26 @@ _LOWER = 0.5
 _TIMES = 6
 
 
-def with_lowered_wrinkles(plan: MeshPlan, effects: Sequence[Effect], motions: Sequence[Motion]) -> list[Effect]:
+def with_lowered_wrinkles(
+    plan: MeshPlan, effects: Sequence[Effect], clips: Sequence[Clip], how: SamplingOptions
+) -> list[Effect]:
     """Effects in which the tools of folds without contact are lowered, by their motions in all clips."""
     made = list(effects)
-    firsts = sorted(set(duplicates_of(plan, [motion.clip for motion in motions])))
-    clips = [motions[first].clip for first in firsts]
-    numbers = {each.name: number for number, each in enumerate(made) if isinstance(each, WrinkleEffect)}
+    moving = [clips[first] for first in sorted(set(duplicates_of(plan, clips)))]
+    numbers = {each.name: number for number, each in enumerate(made) if isinstance(each.words, WrinkleWords)}
     for number, effect in enumerate(made):
-        if not isinstance(effect, FoldWithoutContact):
+        if not isinstance(effect.words, GivenUpWords):
             continue
         heights = {}
-        for carried in lowered(effect.fold, clips).values():
+        for carried in lowered(effect.words.fold, moving).values():
             tool = numbers[carried.patch.tool.name]
-            before = made[tool]
-            assert isinstance(before, WrinkleEffect)
-            heights[before.name] = float(np.abs(carried.magnitudes).sum() / np.abs(before.carried.magnitudes).sum())
-            same = replace(before.carried, places=carried.places, directions=carried.directions, ring=carried.ring)
-            made[tool] = before.lowered(plan, same, motions, [motion.weights[tool] for motion in motions])
-        made[number] = replace(effect, heights=heights)
+            words = made[tool].words
+            assert isinstance(words, WrinkleWords)
+            before = words.carried
+            heights[made[tool].name] = float(np.abs(carried.magnitudes).sum() / np.abs(before.magnitudes).sum())
+            same = replace(before, places=carried.places, directions=carried.directions, ring=carried.ring)
+            made[tool] = wrinkle_effect(plan, same, words.region, clips, how)
+        made[number] = replace(effect, words=replace(effect.words, heights=heights))
     return made
 
 

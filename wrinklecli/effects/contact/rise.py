@@ -14,6 +14,7 @@ from wrinklecli.character.motion import motion_clip
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.segment import Lengths
 from wrinklecli.effects.wrinkle.bending import own_motions
+from wrinklecli.effects.wrinkle.lookup import looked_up
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats
@@ -62,6 +63,12 @@ class Rise:
             self.reading(rig, clip, times).rows / (_STRIDE * max(most - least, np.finfo(np.float64).tiny))
         )
 
+    def factors_at(self, rows: Floats) -> Floats:
+        """(rows,) factors on what is looked up where the tool's own motion has (rows,) sorted measurements."""
+        found = self.reading(self.rig, self.motion, _TIMES)
+        order = np.argsort(found.rows, kind="stable")
+        return np.interp(rows, found.rows[order], found.factors[order])
+
     def reading(self, rig: Rig, clip: Clip, times: Floats) -> Lengths:
         """The measurements at (frames,) seconds of a clip by which weights are looked up."""
         return self.patch.segment.lengths(rig, clip, times)
@@ -75,7 +82,7 @@ def rise_of(patch: Patch, rig: Rig) -> Rise | None:
     for channels in ((), *(each.channels for each in own_motions(patch, rig))):
         evenly = [replace(each, times=_TIMES, values=sample(each, _TIMES**2)) for each in channels]
         motion = motion_clip(_GROWING, evenly)
-        amplitudes, _ = patch.curve.follow(*patch.segment.lengths(rig, motion, _TIMES))
+        amplitudes = looked_up(patch.curve, patch.segment.lengths(rig, motion, _TIMES))
         height = float(patch.curve.heights(amplitudes).max())
         # Of several equal motions the first counts.
         if height > tallest:

@@ -11,14 +11,16 @@ import numpy as np
 
 from wrinklecli.character.clip import KEY_GAP, Clip, clip_grid
 from wrinklecli.character.pose import pose_at
-from wrinklecli.effects.contact.effect import ContactEffect, FoldWithoutContact, NonNegativeBasis
+from wrinklecli.drive.drive import Drive
+from wrinklecli.effects.contact.effect import SECTION, ContactWords, GivenUpWords, NonNegativeBasis, contact_effect
 from wrinklecli.effects.contact.given_up import GivenUp, UnresolvedError, degenerate_given_up
 from wrinklecli.effects.contact.hinge import Hinge
 from wrinklecli.effects.contact.lowering import with_lowered_wrinkles
-from wrinklecli.effects.contact.remaining import Remaining, remaining_in
-from wrinklecli.effects.effect import Effect, MeshPlan, Motion, SamplingOptions, named_targets
-from wrinklecli.effects.sampling import duplicates_of, joined
+from wrinklecli.effects.contact.remaining import remaining_in
+from wrinklecli.effects.effect import Effect, MeshPlan, SamplingOptions, named_targets
+from wrinklecli.effects.sampling import duplicates_of
 from wrinklecli.effects.shapes import Sample, Shape, make_shapes, summed
+from wrinklecli.effects.wrinkle.effect import WrinkleWords
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, interpolated, matches
 from wrinklecli.numeric.guard import one_thread
@@ -31,7 +33,6 @@ if TYPE_CHECKING:
         Followed,
         MarchedClip,
         Moves,
-        PlayerError,
         SolvedPose,
         Surface,
         Sweep,
@@ -61,13 +62,13 @@ _GROWTHS = 3
 _SHAPE_ERROR = 0.35
 
 
-def sample_contact(
-    folds: "Sequence[Fold]", plan: MeshPlan, effects: Sequence[Effect], motions: Sequence[Motion], how: SamplingOptions
-) -> tuple[list[Effect], list[Motion]]:
-    """Resolve folds and follow each clip, as `Layer.sample` does.
+def resolve_folds(
+    folds: "Sequence[Fold]", plan: MeshPlan, effects: Sequence[Effect], clips: Sequence[Clip], how: SamplingOptions
+) -> list[Effect]:
+    """Resolve folds and follow each clip, as `Layer.effects` does.
 
-    Frames are marched at their own times. For tracks, times are added where the fold needs them. A fold that cannot be
-    resolved in every pose is given up, and the others go on.
+    Frames are marched at their own times. A fold that cannot be resolved in every pose is given up, and the others go
+    on.
     """
     # Imported here, as other bakes need none of it.
     import scipy.linalg  # noqa: F401  # has a BLAS of its own, which is to run one thread
@@ -76,23 +77,19 @@ def sample_contact(
     start_blas()
     leave_room(_ROOM)
     with one_thread():
-        systems = _systems(folds, motions)
-        clips = _Clips.of(plan, motions, how, kept=_KEPT_BYTES / max(1, min(how.jobs, len(systems))))
+        systems = _systems(folds, clips)
+        chosen = _Clips.of(plan, clips, how, kept=_KEPT_BYTES / max(1, min(how.jobs, len(systems))))
         # Processes beyond one for each system solve its folds, their sweeps and its clips.
-        work = partial(_solved_system, clips=clips, jobs=max(1, how.jobs // max(1, len(systems))))
-        shared = [*(fold for members in systems for fold, _ in members), *clips.clips.values()]
+        work = partial(_solved_system, clips=chosen, jobs=max(1, how.jobs // max(1, len(systems))))
+        shared = [*(fold for members in systems for fold, _ in members), *chosen.clips.values()]
         results = in_processes(work, systems, how.jobs, shared=shared, size=_free_count)
         for members, solved in zip(systems, results, strict=True):
-            for fold, given_up in solved.given_up:
-                made.append(_given_up(plan, fold, members, made, given_up))
-                motions = _unmoved(motions)
+            made += [_given_up(plan, fold, members, made, given_up) for fold, given_up in solved.given_up]
             for group in solved.groups:
-                more, motions = _followed_or_given_up(plan, group, members, clips, made, motions, how)
-                made += more
+                made += _followed_or_given_up(plan, group, members, chosen, made, how)
             done += len(members)
             how.progress("contact", done, len(folds))
-        made = with_lowered_wrinkles(plan, made, motions)
-    return made, list(motions)
+        return with_lowered_wrinkles(plan, made, clips, how)
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,13 +97,15 @@ class _Clips:
     """The clips that differ in the motion of a mesh, by their numbers.
 
     Attributes:
-        firsts: For each clip the number of the first with the same motion.
+        names: The names of all clips.
+        firsts: For each of them the number of the first with the same motion.
         clips: The first clips with each motion.
         times: (frames,) seconds of each; None if the folds decide.
         fps: Frames a second of a grid.
         kept: Bytes of solutions that a system may keep.
     """
 
+    names: list[str]
     firsts: list[int]
     clips: dict[int, Clip]
     times: dict[int, Floats] | None
@@ -114,12 +113,14 @@ class _Clips:
     kept: float
 
     @classmethod
-    def of(cls, plan: MeshPlan, motions: Sequence[Motion], how: SamplingOptions, *, kept: float) -> "_Clips":
+    def of(cls, plan: MeshPlan, clips: Sequence[Clip], how: SamplingOptions, *, kept: float) -> "_Clips":
         """Find the clips that move the mesh alike."""
-        firsts = duplicates_of(plan, [motion.clip for motion in motions])
-        chosen = sorted(set(firsts))
-        times = None if how.mode == "morph" else {number: motions[number].times for number in chosen}
-        return cls(firsts, {number: motions[number].clip for number in chosen}, times, how.fps, kept)
+        firsts = duplicates_of(plan, clips)
+        chosen = {number: clips[number] for number in sorted(set(firsts))}
+        times = None
+        if how.mode == "frames":
+            times = {number: clip_grid(clip, None, fps=how.fps) for number, clip in chosen.items()}
+        return cls([clip.name for clip in clips], firsts, chosen, times, how.fps, kept)
 
     def times_for(self, surfaces: "Sequence[Surface]") -> dict[int, Floats]:
         """(frames,) seconds at which folds that are solved together are marched in each clip."""
@@ -235,11 +236,11 @@ def _free_count(members: "Sequence[tuple[Fold, Floats | None]]") -> int:
     return sum(int(np.count_nonzero(apart < FREE * SOFT)) for _, apart in members if apart is not None)
 
 
-def _systems(folds: "Sequence[Fold]", motions: Sequence[Motion]) -> "list[list[tuple[Fold, Floats | None]]]":
+def _systems(folds: "Sequence[Fold]", clips: Sequence[Clip]) -> "list[list[tuple[Fold, Floats | None]]]":
     """The folds that are solved together, each with its distances from what crosses; None if nothing does."""
     from wrinklecli.effects.contact.system import grouped, near_each_other, touching_in_clips
 
-    clips = [motion.clip for motion in motions] if all(fold.per_clip for fold in folds) else []
+    clips = clips if all(fold.per_clip for fold in folds) else []
     whole = [_Whole.of(fold, clips) for fold in folds]
     hinged = [number for number, fold in enumerate(folds) if isinstance(fold.hinge, Hinge)]
     touching = [
@@ -324,33 +325,22 @@ def _followed_or_given_up(
     members: "Sequence[tuple[Fold, Floats | None]]",
     clips: _Clips,
     effects: Sequence[Effect],
-    motions: Sequence[Motion],
     how: SamplingOptions,
-) -> tuple[list[Effect], list[Motion]]:
-    """The effects of folds solved together, or one by one if they cannot be, and motions with their weights."""
+) -> list[Effect]:
+    """The effects of folds solved together, or one by one if they cannot be."""
     try:
         with degenerate_given_up():
             if isinstance(group.spanned, GivenUp):
                 raise UnresolvedError(group.spanned)
-            followed, after = _followed(plan, group.spanned, clips.firsts, effects, motions, how)
-            return [*followed], after
+            return _followed(plan, group.spanned, clips, effects)
     except UnresolvedError as error:
         if len(group.creases) == 1:
-            return [_given_up(plan, group.creases[0].fold, members, effects, error.given_up)], _unmoved(motions)
+            return [_given_up(plan, group.creases[0].fold, members, effects, error.given_up)]
     found: list[Effect] = []
     alone = (_groups([crease], _Solver([crease], clips, how.jobs)) for crease in group.creases)
     for each in (group for groups in alone for group in groups):
-        more, motions = _followed_or_given_up(plan, each, members, clips, [*effects, *found], motions, how)
-        found += more
-    return found, list(motions)
-
-
-def _unmoved(motions: Sequence[Motion]) -> list[Motion]:
-    """Motions with an effect that has no targets."""
-    return [
-        replace(each, states=(*each.states, None), weights=(*each.weights, np.zeros((len(each.times), 0))))
-        for each in motions
-    ]
+        found += _followed_or_given_up(plan, each, members, clips, [*effects, *found], how)
+    return found
 
 
 def _given_up(
@@ -359,12 +349,13 @@ def _given_up(
     members: "Sequence[tuple[Fold, Floats | None]]",
     effects: Sequence[Effect],
     given_up: GivenUp,
-) -> FoldWithoutContact:
+) -> Effect:
     """The effect in place of that of a fold whose contact cannot be resolved, with others or alone."""
     joint = plan.rig.names[fold.hinge.signal.node] if isinstance(fold.hinge, Hinge) else None
     tools = tuple(patch.tool.name for patch in fold.patches)
     beside = tuple(patch.tool.name for each, _ in members for patch in each.patches if patch.tool.name not in tools)
-    return FoldWithoutContact(_identifier(plan, fold, effects), (), tools, joint, given_up, beside, fold)
+    name = _identifier(plan, fold, effects)
+    return Effect(name, SECTION, name, (), None, GivenUpWords(tools, joint, given_up, beside, fold))
 
 
 @dataclass(frozen=True, slots=True)
@@ -461,25 +452,21 @@ class _Solver:
 def _followed(
     plan: MeshPlan,
     spanned: "Sequence[tuple[Crease, dict[int, _Marched]]]",
-    firsts: Sequence[int],
+    clips: _Clips,
     effects: Sequence[Effect],
-    motions: Sequence[Motion],
-    how: SamplingOptions,
-) -> tuple[list[ContactEffect], list[Motion]]:
-    """The effects of folds that are solved together, and motions with their weights in each clip.
+) -> list[Effect]:
+    """The effects of folds that are solved together.
 
     Raises:
         UnresolvedError: The shapes tear the surface in a clip.
     """
     # Nothing touches where a fold that clips alone cross has no shapes.
     spanned = [(crease, marches) for crease, marches in spanned if len(crease.shapes)]
-    if not spanned:
-        return [], list(motions)
-    made: list[ContactEffect] = []
+    made: list[Effect] = []
     for number, (crease, marches) in enumerate(spanned):
         remaining = []
         for first, each in list(marches.items()):
-            others = _moves_of(crease.fold, effects, motions[first], each.times)
+            others = _moves_of(crease.fold, effects, each)
             for other, (beside, there) in enumerate(spanned):
                 if other != number:
                     others += _moves(crease.fold, beside, there[first].followed.weights)
@@ -491,25 +478,22 @@ def _followed(
                 marches[first] = each = replace(each, followed=each.followed.without_contact)
                 left = remaining_in(crease, each.clip, each.times, each.followed, others)
             remaining.append(left)
-        followed = [each.followed for each in marches.values()]
         for each in marches.values():
             crease = crease.with_path(each.clip, each.times, each.followed)
         errors = {
             first: crease.player_error(each.clip, each.times, each.followed, scale=plan.scale)
             for first, each in marches.items()
         }
-        of_clips = {motion.clip.name: errors[first] for motion, first in zip(motions, firsts, strict=True)}
-        made.append(_effect(plan, crease, [*effects, *made], followed, remaining, of_clips))
-    sizes = np.concatenate([plan.scale * crease.sizes for crease, _ in spanned])
-    after: list[Motion] = []
-    for motion, first in zip(motions, firsts, strict=True):
-        if first < len(after):
-            after.append(replace(after[first], clip=motion.clip))
-            continue
-        weights = [marches[first].followed.weights for _, marches in spanned]
-        times = spanned[0][1][first].times
-        after.append(joined(plan, effects, motion, times, weights, sizes, at_once=how.mode != "morph"))
-    return made, after
+        named = list(zip(clips.names, clips.firsts, strict=True))
+        words = ContactWords(
+            crease=crease,
+            tools=tuple(each.tool.name for each in crease.fold.patches),
+            followed={name: (marches[first].times, marches[first].followed) for name, first in named},
+            remaining=tuple(each for each in remaining if each is not None),
+            player_errors={name: errors[first] for name, first in named},
+        )
+        made.append(_effect(plan, words, [*effects, *made]))
+    return made
 
 
 def _spanned(crease: "Crease", solver: _Solver) -> "tuple[Crease, dict[int, _Marched]]":
@@ -554,12 +538,12 @@ def _some(frames: Sequence[int]) -> list[int]:
     return [frames[k] for k in distinct_values(np.linspace(0, len(frames) - 1, _CLIP_POSES).astype(int))]
 
 
-def _moves_of(fold: "Fold", effects: Sequence[Effect], motion: Motion, times: Floats) -> "list[Moves]":
-    """The moves of earlier folds at (times,) seconds of a clip, from their weights in its motion."""
+def _moves_of(fold: "Fold", effects: Sequence[Effect], marched: _Marched) -> "list[Moves]":
+    """The moves of earlier folds in a clip."""
     found = []
-    for effect, weights in zip(effects, motion.weights, strict=True):
-        if isinstance(effect, ContactEffect):
-            found += _moves(fold, effect.crease, interpolated(times, motion.times, weights))
+    for words in (effect.words for effect in effects if isinstance(effect.words, ContactWords)):
+        times, followed = words.followed[marched.clip.name]
+        found += _moves(fold, words.crease, interpolated(marched.times, times, followed.weights))
     return found
 
 
@@ -571,17 +555,11 @@ def _moves(fold: "Fold", other: "Crease", weights: Floats) -> "list[Moves]":
     return [Moves(rows, weights, other.shapes[:, columns])] if len(rows) else []
 
 
-def _effect(
-    plan: MeshPlan,
-    crease: "Crease",
-    effects: Sequence[Effect],
-    followed: "Sequence[Followed]",
-    remaining: Sequence[Remaining | None],
-    player_errors: "Mapping[str, PlayerError]",
-) -> ContactEffect:
-    """The effect of a fold, with the intersections that remain, and how far players are off, by clips' names."""
+def _effect(plan: MeshPlan, words: ContactWords, effects: Sequence[Effect]) -> Effect:
+    """The effect of a fold."""
     from wrinklecli.effects.contact.fitting import MOST_WEIGHT
 
+    crease = words.crease
     basis = NonNegativeBasis(len(crease.shapes), MOST_WEIGHT)
     shapes = make_shapes(
         plan.fine,
@@ -591,19 +569,9 @@ def _effect(
         samples=_samples(plan, crease, effects) if plan.has_normals else [],
         folded=True,
     )
-    name = _identifier(plan, crease.fold, effects)
-    return ContactEffect(
-        identifier=name,
-        targets=named_targets(name, _in_basis(basis, shapes)),
-        crease=crease,
-        patch=crease.fold.patches[0],
-        tools=tuple(each.tool.name for each in crease.fold.patches),
-        basis=basis,
-        followed=tuple(followed),
-        remaining=tuple(each for each in remaining if each is not None),
-        player_errors=player_errors,
-        scale=plan.scale,
-    )
+    name, mixed = _identifier(plan, crease.fold, effects), _in_basis(basis, shapes)
+    columns = [number for number, shape in enumerate(mixed) if shape is not None]
+    return contact_effect(words, name, basis, columns, named_targets(name, mixed))
 
 
 def _in_basis(basis: NonNegativeBasis, shapes: Sequence[Shape | None]) -> list[Shape | None]:
@@ -621,16 +589,24 @@ def _samples(plan: MeshPlan, crease: "Crease", effects: Sequence[Effect]) -> lis
         Sample(
             weights,
             pose_at(plan.rig, clip, time),
-            beneath=[pair for each in effects for pair in each.acting(plan.rig, clip, time)],
+            beneath=[pair for each in effects for pair in _acting(each, plan, clip, time)],
         )
         for weights, clip, time in crease.samples
     ]
 
 
+def _acting(effect: Effect, plan: MeshPlan, clip: Clip, time: float) -> list[tuple[Shape, float]]:
+    """The shapes of a wrinkling tool that act at a moment of a motion that is in no file, without a spring."""
+    if not isinstance(effect.words, WrinkleWords) or not isinstance(effect.drive, Drive) or effect.drive.signal is None:
+        return []
+    (weights,) = replace(effect.drive, lag=None).weights_in(plan.rig, clip)(np.array([time]))
+    return [(each.shape, float(weight)) for each, weight in zip(effect.targets, weights, strict=True) if weight]
+
+
 def _identifier(plan: MeshPlan, fold: "Fold", effects: Sequence[Effect]) -> str:
     """The part of target names that is the fold's own, from its first tool; no other target of the mesh has it."""
     name = f"{fold.patches[0].tool.identifier}_contact"
-    taken = {each.identifier for each in effects if not isinstance(each, ContactEffect)}
+    taken = {each.identifier for each in effects if each.section != SECTION}
     while name in taken or any(own.startswith(f"wrinkle_{name}_") for own in plan.rig.morph_names):
         name += "_"
     return name

@@ -4,13 +4,14 @@ Skin that slides opens otherwise than it closes, so that the solutions of a pose
 the pose alone. So a clip that comes back to a turn takes the weights that it had there, where these leave no crossing.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
 from wrinklecli.drive.angle import Angles
 from wrinklecli.drive.segment import Lengths
 from wrinklecli.drive.table import Path
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats
 
 # Sine of half of 1°: turns that are nearer than this are the same, and the eye sees no jump of a joint by so little.

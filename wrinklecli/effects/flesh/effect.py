@@ -1,68 +1,69 @@
-"""The effect of one region of flesh: its morph targets, their weights by its springs, and its drive."""
+"""The effect of one region of flesh: its morph targets, their weights by its springs, and words about it."""
 
 from collections.abc import Sequence
-from typing import Any, ClassVar, Self
+from dataclasses import replace
 
 import numpy as np
 
-from wrinklecli.character.rig import Rig
-from wrinklecli.drive.swing import SwingDrive
-from wrinklecli.effects.body import BodyEffect
-from wrinklecli.effects.effect import MeshPlan, Motion
+from wrinklecli.effects.body import body_effect, body_shapes, body_summary
+from wrinklecli.effects.effect import Effect, MeshPlan, Seen
 from wrinklecli.effects.flesh.attach import AttachedFlesh
 from wrinklecli.effects.flesh.report import describe_swing, region_warnings
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, significant
 
+SECTION = "flesh"
+"""The key of extras and report under which flesh stands."""
+
 # Least error of a region over its limit: float32 stores weights up to 1, and their products with shapes, no better.
 _LEAST_ERROR = 1e-6
 
 
+def flesh_effect(plan: MeshPlan, attached: AttachedFlesh, deltas: Floats, rows: Floats) -> Effect:
+    """The effect of a region with (targets, fine vertices, 3) displacements at weight 1, bind space.
+
+    Its normals are fitted at (rows, targets) weights.
+    """
+    asked = attached.tool.max_error
+    bound = None if asked == "auto" else max(asked.resolve(attached.limit), _LEAST_ERROR * attached.limit)
+    found = body_effect(SECTION, attached, body_shapes(plan, deltas, rows), FleshWords(attached, deltas))
+    return replace(found, max_error=bound)
+
+
 @dataclass(frozen=True, slots=True)
-class FleshEffect(BodyEffect[AttachedFlesh]):
-    """One region's morph targets. Its states are the weights of the targets."""
+class FleshWords:
+    """What a region says of itself; `deltas` are (targets, fine vertices, 3) displacements at weight 1, bind space."""
 
-    section: ClassVar[str] = "flesh"
-    remedy: ClassVar[str] = "`shapes: 3`"
+    attached: AttachedFlesh
+    deltas: Floats
+    remedy: str = "`shapes: 3`"
+    left_out: str | None = None
 
-    @property
-    def drive(self) -> SwingDrive:
-        """The springs that follow the joint."""
-        return self.attached.drive
+    def summary(self, effects: int, targets: int) -> str:
+        """Count the effects of this kind, and their targets, for a bake's summary."""
+        return body_summary(SECTION, effects, targets)
 
-    @property
-    def max_error(self) -> float | None:
-        """The error that the tools file allows this region; None if it says nothing."""
-        asked = self.attached.tool.max_error
-        return None if asked == "auto" else max(asked.resolve(self.attached.limit), _LEAST_ERROR * self.attached.limit)
-
-    @classmethod
-    def observe(cls, effects: Sequence[Self], rig: Rig, motion: Motion, times: Floats, _known: Sequence[Any]) -> Any:
-        """The weights of each at all times; the joints of all are posed once."""
-        rows: dict[int, Floats] = {}
-        return [each.drive.weights_at(rig.own, motion.clip, times, rows) for each in effects]
-
-    def describe(self, plan: MeshPlan) -> Json:
+    def describe(self, plan: MeshPlan, targets: tuple[str, ...]) -> Json:
         """The region's entry in the report; lengths are scene units."""
         attached, tissue = self.attached, self.attached.swings.tissue
         return {
-            "name": self.name,
+            "name": attached.tool.name,
             "where": attached.tool.where,
             "node": plan.rig.names[plan.rig.node],
-            "joint": plan.rig.names[self.drive.node],
+            "joint": plan.rig.names[attached.drive.node],
             "limit": significant(attached.limit),
             "elements": len(tissue.fills),
-            "frequencies": [significant(each.spring.speed / (2.0 * np.pi), 4) for each in self.drive.modes],
+            "frequencies": [significant(each.spring.speed / (2.0 * np.pi), 4) for each in attached.drive.modes],
             "moved_vertices": int(np.any(self.deltas, axis=(0, 2)).sum()),
-            "targets": list(self.target_names),
+            "targets": list(targets),
         }
 
-    def describe_clip(self, motion: Motion, state: Floats) -> Json | None:
+    def describe_clip(self, seen: Seen) -> Json:
         """The region's entry in a clip: the greatest move, and how far the cap has reduced it."""
-        return describe_swing(self.attached, motion, state)
+        return describe_swing(self.attached, seen.motion, seen.reading)
 
-    def warnings(self, plan: MeshPlan, motions: Sequence[tuple[Motion, Any, Floats]], *, up: str) -> list[str]:
+    def warnings(self, plan: MeshPlan, clips: Sequence[Seen], *, up: str) -> list[str]:
         """Warnings about clips that hardly say how the region moves."""
         assert up in ("y", "z")
-        return region_warnings(self.attached, plan.rig, [(motion.clip, state) for motion, state, _ in motions])
+        return region_warnings(self.attached, plan.rig, [(motion.clip, weights) for motion, weights, _ in clips])

@@ -8,10 +8,10 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.drive.swing import nonnegative
 from wrinklecli.effects.attached import AnyAttached
-from wrinklecli.effects.body import BodyLayer, body_targets
-from wrinklecli.effects.effect import MeshPlan
+from wrinklecli.effects.body import BodyLayer
+from wrinklecli.effects.effect import Effect, MeshPlan
 from wrinklecli.effects.flesh.attach import AttachedFlesh, attach_flesh
-from wrinklecli.effects.flesh.effect import FleshEffect
+from wrinklecli.effects.flesh.effect import SECTION, flesh_effect
 from wrinklecli.effects.flesh.report import in_place
 from wrinklecli.errors import listed
 from wrinklecli.frozen import dataclass
@@ -30,19 +30,17 @@ _FITTED = 0.6
 class FleshLayer(BodyLayer[AttachedFlesh]):
     """The regions of flesh of a mesh."""
 
-    section: ClassVar[str] = FleshEffect.section
+    section: ClassVar[str] = SECTION
 
     @property
     def sampled_numbers(self) -> int:
         """Weights, as states too."""
         return sum(2 * len(each) for each in self.deltas)
 
-    def _effect(self, plan: MeshPlan, attached: AttachedFlesh, deltas: Floats) -> FleshEffect:
+    def effect(self, plan: MeshPlan, attached: AttachedFlesh, deltas: Floats) -> Effect:
         """The effect of one region."""
         modes = np.eye(len(attached.drive.modes))
-        rows = nonnegative(_FITTED * np.concatenate([modes, -modes]))
-        identifier = attached.tool.identifier
-        return FleshEffect(identifier, body_targets(plan, identifier, deltas, rows), attached, deltas)
+        return flesh_effect(plan, attached, deltas, nonnegative(_FITTED * np.concatenate([modes, -modes])))
 
     def warnings(self, plan: MeshPlan, clips: Sequence[Clip]) -> list[str]:
         """A line if there is no clip, or if clips are in place; the region's own mesh says it for meshes over it."""
@@ -64,7 +62,7 @@ class FleshLayer(BodyLayer[AttachedFlesh]):
 class FleshKind:
     """Flesh."""
 
-    section: ClassVar[str] = FleshEffect.section
+    section: ClassVar[str] = SECTION
     is_installed: ClassVar[bool] = True
 
     def attach(self, tools: Sequence[EffectTool], ground: Ground, settings: ToolsFile) -> Sequence[AnyAttached]:

@@ -48,7 +48,8 @@ class AttachedMuscle(BelowSkin):
         belly: Its place and size.
         bones: The nodes that carry its ends, origin first.
         bone: The node whose bone the belly lies along.
-        drive: Its length, and the weights of its targets.
+        response: Weights by its length.
+        drive: These as a table, for its targets.
         deltas: (targets, vertices, 3) displacements of the coarse surface at weight 1, bind space.
         heights: (vertices,) greatest displacements of the coarse surface, scene units.
         regions: The skin that is refined, once along the muscle and once round the limb.
@@ -59,6 +60,7 @@ class AttachedMuscle(BelowSkin):
     belly: Belly
     bones: tuple[int, int]
     bone: int
+    response: ConstantVolume
     drive: Drive
     deltas: Floats
     heights: Floats
@@ -96,21 +98,15 @@ class AttachedMuscle(BelowSkin):
         """Its targets, for the effects after it."""
         return Moves(self.drive, self.deltas, self._refined)
 
-    def _refined(self, fine: Refinement) -> Floats:
-        """(targets, vertices, 3) displacements of the refined surface at weight 1, bind space."""
-        return displaced(self.belly, self.response, RefinedSkin(fine))[0]
-
     @property
     def segment(self) -> Segment:
         """From its origin to its insertion."""
         assert isinstance(self.drive.signal, Segment)
         return self.drive.signal
 
-    @property
-    def response(self) -> ConstantVolume:
-        """Weights by length."""
-        assert isinstance(self.drive.response, ConstantVolume)
-        return self.drive.response
+    def _refined(self, fine: Refinement) -> Floats:
+        """(targets, vertices, 3) displacements of the refined surface at weight 1, bind space."""
+        return displaced(self.belly, self.response, RefinedSkin(fine))[0]
 
 
 def attach_muscles(
@@ -195,10 +191,10 @@ def _attach(muscle: Muscle, ground: Ground, bones: BoneLines, swelling: Containe
         _tension(muscle, ACTIVATION * response.belly, rig),
     )
     names = tuple(f"wrinkle_{muscle.identifier}_{number + 1}" for number in range(len(deltas)))
-    drive = Drive(muscle.name, segment, names, response)
+    drive = Drive(muscle.name, segment, names, response.table())
     regions = bulges_on(ground, belly, heights)
     covers = tuple(name for name in ground.meshes_over(np.maximum(heights, 0.0)) if name not in swelling)
-    return AttachedMuscle(muscle, belly, ends, found.node, drive, deltas, heights, regions, covers)
+    return AttachedMuscle(muscle, belly, ends, found.node, response, drive, deltas, heights, regions, covers)
 
 
 def _modes(muscle: Muscle, belly: Belly, ground: Ground) -> tuple[Floats, Floats, Floats]:

@@ -1,28 +1,27 @@
-"""The effect of one muscle: its morph targets, their weights by its length and activation, and its drive."""
+"""The effect of one muscle: its morph targets, their weights by its length and activation, and words about it."""
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from wrinklecli.character.carried import pose_carriers
-from wrinklecli.character.clip import Clip
-from wrinklecli.character.rig import Rig
-from wrinklecli.drive.drive import Drive
-from wrinklecli.drive.segment import Contraction, Lengths
-from wrinklecli.effects.body import BodyEffect
-from wrinklecli.effects.effect import MeshPlan, Motion, named_targets
+from wrinklecli.effects.body import body_effect, body_shapes, body_summary, moves_at_rest
+from wrinklecli.effects.effect import Effect, MeshPlan, Seen, named_targets
 from wrinklecli.effects.muscle.attach import AttachedMuscle
 from wrinklecli.effects.muscle.meeting import passes_through
-from wrinklecli.effects.muscle.volume import SHORTEST, THINNEST, ConstantVolume
+from wrinklecli.effects.muscle.volume import SHORTEST, THINNEST
 from wrinklecli.effects.shapes import summed
 from wrinklecli.errors import listed
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Bools, Floats, significant
+from wrinklecli.numeric.arrays import Floats, significant
 from wrinklecli.tools.records import in_axes
 
+SECTION = "muscles"
+"""The key of extras and report under which muscles stand."""
+
+# Thicknesses of a belly that travels at which its normals are right.
+_FIT_KNOTS = 12
 # The section of the effects that keep skin apart.
 _CONTACT = "folds"
 # Part of a muscle's greatest bulge below which nobody sees that it passes through other skin.
@@ -33,78 +32,74 @@ _DIGITS = 12
 _LEAST_CHANGE = 1e-3
 
 
+def muscle_effect(plan: MeshPlan, attached: AttachedMuscle, deltas: Floats) -> Effect:
+    """The effect of a muscle with (targets, fine vertices, 3) displacements at weight 1, bind space."""
+    knots = attached.response.mix
+    chosen = np.linspace(len(knots) - 1, 0, min(_FIT_KNOTS, len(knots))).astype(int)
+    words = MuscleWords(attached, deltas, *_fullest(plan, deltas, knots[-1]))
+    found = body_effect(SECTION, attached, body_shapes(plan, deltas, knots[chosen]), words)
+    return replace(found, exact=attached.response, remixes=words)
+
+
+def _fullest(plan: MeshPlan, deltas: Floats, weights: Floats) -> tuple[float, float]:
+    """The largest move of the skin at rest, and the volume that it gains, by (targets, fine vertices, 3) deltas."""
+    vertices, moves = moves_at_rest(plan.fine.blended, deltas)
+    places = plan.fine.rest_positions
+    moved = places.copy()
+    total = np.tensordot(weights, moves, axes=1)
+    moved[vertices] += total
+    triangles = plan.fine.triangles[plan.fine.around.faces_of(vertices)]
+    # About a point nearby: open meshes have a volume only as far as they move.
+    middle = places[vertices].mean(axis=0)
+    sums = [np.linalg.det(each[triangles] - middle).sum() / 6.0 for each in (moved, places)]
+    return float(np.sqrt((total**2).sum(axis=1)).max(initial=0.0)), float(sums[0] - sums[1])
+
+
 @dataclass(frozen=True, slots=True)
-class MuscleEffect(BodyEffect[AttachedMuscle]):
-    """One muscle's morph targets. Its states are `Lengths`, or a `Contraction`.
+class MuscleWords:
+    """What a muscle says of itself, and its other targets for engines.
 
     Attributes:
+        attached: The muscle at rest.
+        deltas: (targets, fine vertices, 3) displacements at weight 1, bind space.
         height: The largest move of the skin at the greatest thickness, scene units.
         gained: Volume that the skin gains at the greatest thickness, cubic scene units.
-        split: The response with a further target, so that no weight is below 0; None if weights may be.
     """
 
+    attached: AttachedMuscle
+    deltas: Floats
     height: float
     gained: float
-    split: ConstantVolume | None = None
-
-    section: ClassVar[str] = "muscles"
+    remedy: str = ""
+    left_out: str | None = None
 
     @property
-    def drive(self) -> Drive:
-        """The segment of the muscle, and the weights that keep its volume."""
-        if self.split is None:
-            return self.attached.drive
-        return replace(self.attached.drive, targets=self.target_names, response=self.split)
+    def name(self) -> str:
+        """Its name."""
+        return self.attached.tool.name
 
-    def shape_weights(self, sampled: Floats) -> Floats:
-        """The weights as sampled, or split so that none is below 0."""
-        return sampled if self.split is None else self.split.split(sampled)
+    def summary(self, effects: int, targets: int) -> str:
+        """Count the effects of this kind, and their targets, for a bake's summary."""
+        return body_summary(SECTION, effects, targets)
 
-    def with_unit_weights(self, _sampled: Sequence[Floats]) -> "MuscleEffect":
+    def with_unit_weights(self, effect: Effect) -> Effect:
         """The same motion with weights in [0, 1]: weights below 0 get targets of their own."""
         response = self.attached.response
         thinnest = (THINNEST - 1.0) / response.gains[0] * response.mix[0]
         lows = np.maximum(-np.vstack([thinnest, response.mix]), 0.0).max(axis=0)
-        shapes = [None if target is None else target.shape for target in self.targets]
-        pairs = zip(shapes, lows.tolist(), strict=True)
-        minus = [summed([shape], np.array([-low])) for shape, low in pairs if shape is not None and low > 0]
-        return replace(
-            self, targets=named_targets(self.identifier, [*shapes, *minus]), split=replace(response, lows=lows)
-        )
+        shapes = [target.shape for target in effect.targets]
+        minus = [summed([shape], np.array([-low])) for shape, low in zip(shapes, lows.tolist(), strict=True) if low > 0]
+        targets, exact = named_targets(effect.identifier, [*shapes, *minus]), replace(response, lows=lows)
+        names = tuple(each.name for each in targets)
+        drive = replace(self.attached.drive, targets=names, response=exact.table())
+        return replace(effect, targets=targets, drive=drive, exact=exact)
 
-    @classmethod
-    def observe(cls, effects: Sequence[Self], rig: Rig, motion: Motion, times: Floats, _known: Sequence[Any]) -> Any:
-        """The length of each muscle at all times; the bones of all are posed once."""
-        segments = [each.attached.segment for each in effects]
-        points = [point for each in segments for point in each.points]
-        carriers = pose_carriers(points, rig.own, motion.clip, times)
-        return [each.contraction(rig.own, motion.clip, times, carriers) for each in segments]
+    def with_fewest_targets(self, effect: Effect, _plan: MeshPlan, _tolerance: float, *, at_once: bool) -> Effect:
+        """The effect itself: a muscle has few targets."""
+        assert at_once in (True, False)
+        return effect
 
-    def exact_weights(self, _motion: Motion, _sampled: Floats, _times: Floats, state: Lengths | Contraction) -> Floats:
-        """(times, targets) the weights that keep the volume."""
-        return self.attached.response.weights(state)
-
-    def raised(self, _times: Floats, state: Lengths | Contraction) -> Bools:
-        """(times,) True where the muscle is thicker than at rest."""
-        return np.asarray(self.attached.response.weights(state).any(axis=1))
-
-    def telling(self, exact: Floats, _state: Lengths | Contraction) -> set[int]:
-        """The times when the muscle is thickest and thinnest."""
-        total = exact.sum(axis=1)
-        return {int(np.argmax(total)), int(np.argmin(total))}
-
-    def weight_error(self, played: Floats, exact: Floats, _state: Lengths | Contraction, _clip: Clip) -> float:
-        """Largest error of the move that a weight stands for, scene units."""
-        sizes = np.array([0.0 if target is None else target.shape.tallest for target in self.targets])
-        every = np.zeros((len(played), len(self.targets)))
-        every[:, self.columns] = played
-        count = exact.shape[1]
-        if self.split is not None and self.split.lows is not None:
-            negative = np.flatnonzero(self.split.lows)
-            every[:, negative] -= every[:, count:] * self.split.lows[negative]
-        return float((np.abs(every[:, :count] - exact) * sizes[:count]).max(initial=0.0))
-
-    def describe(self, plan: MeshPlan) -> Json:
+    def describe(self, plan: MeshPlan, targets: tuple[str, ...]) -> Json:
         """The muscle's entry in the report; lengths are scene units, volumes cubic ones."""
         attached, names = self.attached, plan.rig.names
         return {
@@ -122,12 +117,12 @@ class MuscleEffect(BodyEffect[AttachedMuscle]):
             "height_limit": significant(self.height),
             "volume_gained": significant(self.gained),
             "moved_vertices": int(np.any(self.deltas, axis=(0, 2)).sum()),
-            "targets": list(self.target_names),
+            "targets": list(targets),
         }
 
-    def describe_clip(self, motion: Motion, state: Lengths | Contraction) -> Json | None:
+    def describe_clip(self, seen: Seen) -> Json | None:
         """The muscle's entry in a clip: lengths over that at rest, and what the skin does; None while hidden."""
-        assert len(motion.times)
+        state = seen.reading
         if not state.active.any():
             return None
         lengths = state.distances[state.active]
@@ -151,7 +146,7 @@ class MuscleEffect(BodyEffect[AttachedMuscle]):
         """The volume that the skin gains for one more thickness, cubic scene units."""
         return self.gained / float(self.attached.response.gains[-1])
 
-    def warnings(self, plan: MeshPlan, motions: Sequence[tuple[Motion, Any, Floats]], *, up: str) -> list[str]:
+    def warnings(self, plan: MeshPlan, clips: Sequence[Seen], *, up: str) -> list[str]:
         """Warnings about a muscle that nothing moves, or that is asked to shorten further than it can."""
         attached, response, warnings = self.attached, self.attached.response, []
         if attached.idle:
@@ -164,14 +159,14 @@ class MuscleEffect(BodyEffect[AttachedMuscle]):
             return warnings
         least, at, clip = np.inf, 0.0, ""
         moved = False
-        for motion, state, _ in motions:
+        for motion, state, _ in clips:
             lengths = np.where(state.active, state.distances, response.rest_length)
             moved |= bool((np.abs(lengths / response.rest_length - 1.0) > _LEAST_CHANGE).any())
             # Ends that come too near are a fault of the muscle's place; what an activation adds is not.
             lengths = np.where(state.active, state.ends.distances, response.rest_length)
             if lengths.min() < least:
                 least, at, clip = float(lengths.min()), float(motion.times[int(np.argmin(lengths))]), motion.clip.name
-        if motions and not moved:
+        if clips and not moved:
             warnings.append(f"{self.name}: no clip changes its length, and nothing activates it: it stays as at rest")
         shortest = response.tendons + SHORTEST * response.belly
         if least < shortest:
@@ -186,21 +181,21 @@ class MuscleEffect(BodyEffect[AttachedMuscle]):
                 f"{self.name}: {listed(attached.covers)} over it {stay} as at rest: the skin may come through; a copy"
                 f" of the muscle with `node: {attached.covers[0]}` lets clothes swell too"
             )
-        warnings += self._meeting(plan, motions)
+        warnings += self._meeting(plan, clips)
         return warnings
 
-    def _meeting(self, plan: MeshPlan, motions: Sequence[tuple[Motion, Any, Floats]]) -> list[str]:
+    def _meeting(self, plan: MeshPlan, clips: Sequence[Seen]) -> list[str]:
         """A warning about the clip in which the muscle is thickest, if it passes through other skin there."""
         if any(layer.section == _CONTACT for layer in plan.layers):
             return []
         peaks = [
             (float(np.where(state.active, state.distances, np.inf).min()), number)
-            for number, (_, state, _) in enumerate(motions)
+            for number, (_, state, _) in enumerate(clips)
         ]
         length, number = min(peaks, default=(np.inf, 0))
         if not length < self.attached.response.rest_length:
             return []
-        motion, state, _ = motions[number]
+        motion, state, _ = clips[number]
         time = float(motion.times[int(np.argmin(np.where(state.active, state.distances, np.inf)))])
         deep = passes_through(plan, self.attached, self.deltas, motion.clip, time)
         if deep <= _LEAST_DEEP * self.height:

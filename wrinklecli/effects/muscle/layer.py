@@ -3,14 +3,12 @@
 from collections.abc import Sequence
 from typing import ClassVar
 
-import numpy as np
-
 from wrinklecli.character.clip import Clip
 from wrinklecli.effects.attached import AnyAttached
-from wrinklecli.effects.body import BodyLayer, body_targets, moves_at_rest
-from wrinklecli.effects.effect import MeshPlan
+from wrinklecli.effects.body import BodyLayer
+from wrinklecli.effects.effect import Effect, MeshPlan
 from wrinklecli.effects.muscle.attach import AttachedMuscle, attach_muscles
-from wrinklecli.effects.muscle.effect import MuscleEffect
+from wrinklecli.effects.muscle.effect import SECTION, muscle_effect
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools, Floats
@@ -19,28 +17,21 @@ from wrinklecli.surface.refine import Refinement
 from wrinklecli.tools.body import Muscle
 from wrinklecli.tools.records import EffectTool, ToolsFile
 
-# Thicknesses of a belly that travels at which its normals are right.
-_FIT_KNOTS = 12
-
 
 @dataclass(frozen=True, slots=True)
 class MuscleLayer(BodyLayer[AttachedMuscle]):
     """The muscles of a mesh."""
 
-    section: ClassVar[str] = MuscleEffect.section
+    section: ClassVar[str] = SECTION
 
     @property
     def sampled_numbers(self) -> int:
         """Weights, a distance and a rest length of each muscle."""
         return sum(len(each) + 2 for each in self.deltas)
 
-    def _effect(self, plan: MeshPlan, attached: AttachedMuscle, deltas: Floats) -> MuscleEffect:
+    def effect(self, plan: MeshPlan, attached: AttachedMuscle, deltas: Floats) -> Effect:
         """The effect of one muscle."""
-        knots = attached.response.mix
-        chosen = np.linspace(len(knots) - 1, 0, min(_FIT_KNOTS, len(knots))).astype(int)
-        identifier = attached.tool.identifier
-        targets = body_targets(plan, identifier, deltas, knots[chosen])
-        return MuscleEffect(identifier, targets, attached, deltas, *_fullest(plan, deltas, knots[-1]))
+        return muscle_effect(plan, attached, deltas)
 
     def warnings(self, _plan: MeshPlan, clips: Sequence[Clip]) -> list[str]:
         """A line if there is no clip; with clips, each muscle speaks for itself."""
@@ -53,7 +44,7 @@ class MuscleLayer(BodyLayer[AttachedMuscle]):
 class MuscleKind:
     """Muscles."""
 
-    section: ClassVar[str] = MuscleEffect.section
+    section: ClassVar[str] = SECTION
     is_installed: ClassVar[bool] = True
 
     def attach(self, tools: Sequence[EffectTool], ground: Ground, settings: ToolsFile) -> Sequence[AnyAttached]:
@@ -99,17 +90,3 @@ class MuscleKind:
                 for name, low, high, bulge, volume in table
             ),
         ]
-
-
-def _fullest(plan: MeshPlan, deltas: Floats, weights: Floats) -> tuple[float, float]:
-    """The largest move of the skin at rest, and the volume that it gains, by (targets, fine vertices, 3) deltas."""
-    vertices, moves = moves_at_rest(plan.fine.blended, deltas)
-    places = plan.fine.rest_positions
-    moved = places.copy()
-    total = np.tensordot(weights, moves, axes=1)
-    moved[vertices] += total
-    triangles = plan.fine.triangles[plan.fine.around.faces_of(vertices)]
-    # About a point nearby: open meshes have a volume only as far as they move.
-    middle = places[vertices].mean(axis=0)
-    sums = [np.linalg.det(each[triangles] - middle).sum() / 6.0 for each in (moved, places)]
-    return float(np.sqrt((total**2).sum(axis=1)).max(initial=0.0)), float(sums[0] - sums[1])

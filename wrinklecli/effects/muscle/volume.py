@@ -11,7 +11,7 @@ the activation takes a part of the belly's length, not of the tendons', which ma
 import numpy as np
 
 from wrinklecli.drive.segment import Contraction, Lengths
-from wrinklecli.drive.table import BellyTable, Json, split, stored
+from wrinklecli.drive.table import BellyTable, Json, Table, split
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, interpolated
 
@@ -77,14 +77,18 @@ class ConstantVolume:
         return split(weights, self.lows)
 
     def to_json(self) -> Json:
-        """A table of weights by shortenings, as extras store it."""
+        """The rows of its table."""
+        return self.table().to_json()
+
+    def table(self) -> Table | BellyTable:
+        """A table of the weights by shortenings."""
         lengths = np.linspace(LONGEST, SHORTEST, _ROWS)
         rows = 1.0 - (self.tendons + lengths * self.belly) / self.rest_length
         thicknesses = lengths**-0.5
         gains, weights = thicknesses - 1.0, self._unit_weights(thicknesses)
         if len(self.knots) > 1:
-            return BellyTable(rows, weights, gains, self.lows).to_json()
-        return {"shortenings": stored(rows), "weights": stored(self.split(gains[:, None] * weights), 6)}
+            return BellyTable(rows, weights, gains, self.lows)
+        return Table("shortenings", rows, self.split(gains[:, None] * weights))
 
 
 def flexed(thicknesses: Floats) -> Floats:

@@ -1,43 +1,55 @@
-"""The effect of one touch: its morph targets, their weights by the slide of the tip, and its drive."""
+"""The effect of one touch: its morph targets, their weights by the slide of the tip, and words about it."""
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, ClassVar
 
 import numpy as np
 
-from wrinklecli.character.rig import Rig
-from wrinklecli.drive.touch import TouchDrive
-from wrinklecli.effects.body import BodyEffect
-from wrinklecli.effects.effect import MeshPlan, Motion
+from wrinklecli.effects.body import body_effect, body_shapes, body_summary
+from wrinklecli.effects.effect import Effect, MeshPlan, Seen
 from wrinklecli.effects.touch.attach import FOLDED, AttachedTouch
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, significant
 
+SECTION = "touches"
+"""The key of extras and report under which touches stand."""
+
 # Part of the greatest slide below which nobody sees the skin move.
 _LEAST = 1e-3
 
 
-@dataclass(frozen=True, slots=True)
-class TouchEffect(BodyEffect[AttachedTouch]):
-    """One touch's morph targets. Its states are the weights of the targets."""
+def touch_effect(plan: MeshPlan, attached: AttachedTouch, deltas: Floats, rows: Floats) -> Effect:
+    """The effect of a touch with (targets, fine vertices, 3) displacements at weight 1, bind space.
 
-    section: ClassVar[str] = "touches"
-    remedy: ClassVar[str] = "`directions: 1`"
+    Its normals are fitted at (rows, targets) weights. Windows of rings that move no vertex have no target.
+    """
+    drive, shapes = attached.drive, body_shapes(plan, deltas, rows)
+    rings = shapes[drive.slides : drive.slides + len(drive.windows)]
+    windows = drive.windows[[shape is not None for shape in rings]]
+    found = body_effect(SECTION, attached, shapes, TouchWords(attached, deltas))
+    return replace(found, drive=replace(drive, windows=windows, targets=found.target_names))
+
+
+@dataclass(frozen=True, slots=True)
+class TouchWords:
+    """What a touch says of itself; `deltas` are (targets, fine vertices, 3) displacements at weight 1, bind space."""
+
+    attached: AttachedTouch
+    deltas: Floats
+    remedy: str = "`directions: 1`"
+    left_out: str | None = None
 
     @property
-    def drive(self) -> TouchDrive:
-        """The slide of the tip, and the targets that are written."""
-        drive, columns = self.attached.drive, self.columns
-        rings = columns[columns >= TouchDrive.slides] - TouchDrive.slides
-        return replace(drive, windows=drive.windows[rings[rings < len(drive.windows)]], targets=self.target_names)
+    def name(self) -> str:
+        """Its name."""
+        return self.attached.tool.name
 
-    def stored_weights(self, _rig: Rig) -> Floats:
-        """(targets,) zeros: nothing touches the stored pose."""
-        return np.zeros(len(self.target_names))
+    def summary(self, effects: int, targets: int) -> str:
+        """Count the effects of this kind, and their targets, for a bake's summary."""
+        return body_summary(SECTION, effects, targets)
 
-    def describe(self, plan: MeshPlan) -> Json:
+    def describe(self, plan: MeshPlan, targets: tuple[str, ...]) -> Json:
         """The touch's entry in the report; lengths are scene units."""
         attached, rings = self.attached, self.attached.rings
         ringed: Json = {}
@@ -59,12 +71,12 @@ class TouchEffect(BodyEffect[AttachedTouch]):
             "strain": significant(attached.strain, 4),
             **ringed,
             "moved_vertices": int(np.any(self.deltas, axis=(0, 2)).sum()),
-            "targets": list(self.target_names),
+            "targets": list(targets),
         }
 
-    def describe_clip(self, motion: Motion, state: Floats) -> Json | None:
+    def describe_clip(self, seen: Seen) -> Json | None:
         """The touch's entry in a clip: when it acts, its largest slide, and its strain; None if it does not."""
-        drive, rings = self.attached.drive, self.attached.rings
+        drive, rings, motion, state = self.attached.drive, self.attached.rings, seen.motion, seen.reading
         slides = drive.grip * np.sqrt((state[:, :4] ** 2).sum(axis=1))
         depths = drive.deepest * state[:, 4]
         keys = drive.keys.get(motion.clip.name, np.zeros((0, 4)))
@@ -85,28 +97,28 @@ class TouchEffect(BodyEffect[AttachedTouch]):
             "depth": significant(float(depths.max()), 4),
         }
 
-    def warnings(self, plan: MeshPlan, motions: Sequence[tuple[Motion, Any, Floats]], *, up: str) -> list[str]:
+    def warnings(self, plan: MeshPlan, clips: Sequence[Seen], *, up: str) -> list[str]:
         """Warnings about skin that folds, and about a touch that never acts."""
         assert up in ("y", "z")
-        warnings = []
+        warnings, drive = [], self.attached.drive
         if self.attached.strain < FOLDED:
-            grip = self.attached.drive.grip
+            grip = drive.grip
             warnings.append(
                 f"{self.name}: at its grip of {grip:.4g} the strain of the skin is {self.attached.strain:.2f};"
                 f" below {FOLDED} it looks folded: up to {grip * FOLDED / self.attached.strain:.3g} it looks well"
             )
-        if motions and not any(weights.any() for _, _, weights in motions):
+        if clips and not any(weights.any() for _, _, weights in clips):
             why = "no clip keys it: only a driver in the player moves the skin there"
             by = self.attached.tool.by
             if by is not None:
-                tips = [self.drive.tip_in(plan.rig.own, each.clip, each.times) for each, _, _ in motions]
-                away = np.concatenate([np.hypot(np.hypot(*t[:, :2].T) - self.drive.pad, t[:, 2]) for t in tips])
-                inside = np.concatenate([np.hypot(*t[:, :2].T) < self.drive.pad for t in tips])
+                tips = [drive.tip_in(plan.rig.own, each.clip, each.times) for each, _, _ in clips]
+                away = np.concatenate([np.hypot(np.hypot(*t[:, :2].T) - drive.pad, t[:, 2]) for t in tips])
+                inside = np.concatenate([np.hypot(*t[:, :2].T) < drive.pad for t in tips])
                 heights = np.abs(np.concatenate([t[:, 2] for t in tips]))
                 nearest = float(np.where(inside, heights, away).min())
                 why = (
                     f"{by.joint!r} comes no nearer to the place than {nearest:.3g}, and touches it below"
-                    f" {self.drive.deepest:.3g} (`press`); `offset` puts a tip where its joint is not"
+                    f" {drive.deepest:.3g} (`press`); `offset` puts a tip where its joint is not"
                 )
             warnings.append(f"{self.name}: {why}")
         return warnings

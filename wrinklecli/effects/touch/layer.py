@@ -7,10 +7,10 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.effects.attached import AnyAttached
-from wrinklecli.effects.body import BodyLayer, body_targets
-from wrinklecli.effects.effect import MeshPlan
+from wrinklecli.effects.body import BodyLayer
+from wrinklecli.effects.effect import Effect, MeshPlan
 from wrinklecli.effects.touch.attach import FOLDED, AttachedTouch, attach_touches, touches_of
-from wrinklecli.effects.touch.effect import TouchEffect
+from wrinklecli.effects.touch.effect import SECTION, touch_effect
 from wrinklecli.errors import counted
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
@@ -29,14 +29,14 @@ _BENT = 0.7
 class TouchLayer(BodyLayer[AttachedTouch]):
     """The touches of a mesh."""
 
-    section: ClassVar[str] = TouchEffect.section
+    section: ClassVar[str] = SECTION
 
     @property
     def sampled_numbers(self) -> int:
         """Weights, as states too."""
         return sum(2 * len(each) for each in self.deltas)
 
-    def _effect(self, plan: MeshPlan, attached: AttachedTouch, deltas: Floats) -> TouchEffect:
+    def effect(self, plan: MeshPlan, attached: AttachedTouch, deltas: Floats) -> Effect:
         """The effect of one touch."""
         drive = attached.drive
         angles = np.arange(_DIRECTIONS) * (2.0 * np.pi / _DIRECTIONS)
@@ -46,12 +46,13 @@ class TouchLayer(BodyLayer[AttachedTouch]):
         # Slides without a dent and a dent without a slide, so that none of them gets the normals of the others.
         slid = np.concatenate([part * drive.grip * np.pad(ways, ((0, 0), (0, 1))) for part in _FITTED])
         dented = slid + np.array([0.0, 0.0, _FITTED[-1] * drive.deepest])
-        rows = drive.weights(np.concatenate([slid, dented, [[0.0, 0.0, drive.deepest]]]))
+        rows = drive.weights_of_contacts(np.concatenate([slid, dented, [[0.0, 0.0, drive.deepest]]]))
         if drive.limb is not None:
             bent = slid[-len(ways) :]
-            rows = np.concatenate([rows, *(drive.weights(bent, np.full(len(bent), bend)) for bend in (-_BENT, _BENT))])
-        identifier = attached.tool.identifier
-        return TouchEffect(identifier, body_targets(plan, identifier, deltas, rows), attached, deltas)
+            rows = np.concatenate(
+                [rows, *(drive.weights_of_contacts(bent, np.full(len(bent), bend)) for bend in (-_BENT, _BENT))]
+            )
+        return touch_effect(plan, attached, deltas, rows)
 
     def warnings(self, _plan: MeshPlan, _clips: Sequence[Clip]) -> list[str]:
         """Nothing: each touch speaks for itself."""
@@ -61,7 +62,7 @@ class TouchLayer(BodyLayer[AttachedTouch]):
 class TouchKind:
     """Touches."""
 
-    section: ClassVar[str] = TouchEffect.section
+    section: ClassVar[str] = SECTION
     is_installed: ClassVar[bool] = True
 
     def attach(self, tools: Sequence[EffectTool], ground: Ground, settings: ToolsFile) -> Sequence[AnyAttached]:

@@ -1,24 +1,25 @@
-"""Heights over time: each tool in a clip, from the distance of its anchors through its control curve.
+"""Heights over time: each tool in a clip, from the distance of its anchors through the table of its control curve.
 
 Source: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004: the current distance of origin and target
 gives the control curve of a frame. Differs: only the anchors are posed, those of all tools at once.
 """
 
 from collections.abc import Sequence
-from dataclasses import fields
 
 import numpy as np
 
-from wrinklecli.character.carried import CarriedPoint, pose_carriers
-from wrinklecli.character.clip import Clip
+from wrinklecli.character.clip import Clip, clip_grid
 from wrinklecli.character.rig import Rig
-from wrinklecli.drive.lag import SpringFilter
+from wrinklecli.drive.drive import Drive
+from wrinklecli.drive.play import Playing, play_keys
+from wrinklecli.drive.segment import Lengths
+from wrinklecli.effects.effect import MeshPlan, SamplingOptions
+from wrinklecli.effects.sampling import KEYS_SHARE, SAMPLING_SHARE, most_overlaps
+from wrinklecli.effects.wrinkle.lookup import curve_table, looked_up
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, Ints
-
-# Joints of anchors and morph weights, times frames, posed at once, which bounds the memory.
-_ANCHORS_AT_ONCE = 2**16
+from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.piecewise import Signal
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +34,6 @@ class Activity:
             itself, scene units.
         unabsorbed: (frames,) the part of the shortening that no bump can take, scene units.
         amplitudes: (frames, groups, modes) amplitudes of the curve, without the tool's strength in the clip.
-        spring: The filter in this clip; None without `lag`.
     """
 
     distances: Floats
@@ -41,7 +41,13 @@ class Activity:
     shortenings: Floats
     unabsorbed: Floats
     amplitudes: Floats
-    spring: SpringFilter | None = None
+
+    @classmethod
+    def of(cls, patch: Patch, lengths: Lengths) -> "Activity":
+        """A tool at the measurements of its segment."""
+        curve, (distances, rest_lengths, _) = patch.curve, lengths
+        shortenings, unabsorbed = curve.shortening(distances, rest_lengths), curve.unabsorbed(distances, rest_lengths)
+        return cls(distances, rest_lengths, shortenings, unabsorbed, looked_up(curve, lengths))
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,14 +59,38 @@ class ClipActivity:
     seen: Activity
 
 
-def points_of(patches: Sequence[Patch]) -> list[CarriedPoint]:
-    """The points of all tools' segments."""
-    return [point for each in patches for point in each.segment.points]
+def playing(patches: Sequence[Patch], rig: Rig, clip: Clip | None) -> Playing:
+    """The segments of some tools in a clip, with their filters; in the stored pose if `clip` is None."""
+    drives = [Drive(each.tool.name, each.segment, (), curve_table(each.curve), lag=each.tool.lag) for each in patches]
+    return Playing(drives, rig, clip)
 
 
-def springs_in(patches: Sequence[Patch], rig: Rig, clip: Clip | None) -> list[SpringFilter | None]:
-    """The filter of each tool in a clip; None without `lag`, and in the stored pose."""
-    return [each.segment.spring(each.tool.lag, rig, clip) for each in patches]
+def sample_activities(
+    plan: MeshPlan, patches: Sequence[Patch], clips: Sequence[Clip], how: SamplingOptions
+) -> list[list[ClipActivity]]:
+    """For each tool its activity in each clip, at times between which straight lines give the heights of all tools."""
+    found: list[list[ClipActivity]] = [[] for _ in patches]
+    bound = plan.max_error / max(most_overlaps(plan), 1)
+    heights = [np.full(each.curve.greatest_amplitudes.size, each.greatest_height) for each in patches]
+    sizes = np.concatenate([np.zeros(0), *heights])
+    for clip in clips if patches else ():
+        played = playing(patches, plan.rig, clip)
+        signal = _heights(played, sizes)
+        times, _ = play_keys(
+            clip_grid(clip, plan.rig, fps=how.fps),
+            lambda _stretch, signal=signal: signal,  # type: ignore[misc]
+            width=len(sizes),
+            tolerance=SAMPLING_SHARE * bound,
+            thinning=KEYS_SHARE * bound,
+        )
+        for each, seen in zip(found, activities_in(played, patches, times), strict=True):
+            each.append(ClipActivity(clip, times, seen))
+    return found
+
+
+def _heights(played: Playing, sizes: Floats) -> Signal:
+    """A function from (frames,) seconds to (frames, shapes) heights of tools, scene units."""
+    return lambda times: played.at(times) * sizes
 
 
 def activity(patch: Patch, rig: Rig, clip: Clip | None, times: Floats) -> Activity:
@@ -68,59 +98,11 @@ def activity(patch: Patch, rig: Rig, clip: Clip | None, times: Floats) -> Activi
     return activities([patch], rig, clip, times)[0]
 
 
-def activities(
-    patches: Sequence[Patch],
-    rig: Rig,
-    clip: Clip | None,
-    times: Floats,
-    *,
-    springs: Sequence[SpringFilter | None] | None = None,
-) -> list[Activity]:
-    """The `activity` of several tools, whose joints are posed once. `springs` is the result of `springs_in`."""
-    if not patches:
-        return []
-    springs = springs_in(patches, rig, clip) if springs is None else springs
-    nodes = {node for point in points_of(patches) for node in point.nodes.tolist()}
-    chunk = max(_ANCHORS_AT_ONCE // (len(nodes) + len(rig.morph_weights)), 1)
-    parts: list[list[Activity]] = [[] for _ in patches]
-    for at in (times[k : k + chunk] for k in range(0, max(len(times), 1), chunk)):
-        carriers = pose_carriers(points_of(patches), rig, clip, at)
-        for patch, spring, found in zip(patches, springs, parts, strict=True):
-            distances, lengths = patch.segment.lengths(rig, clip, at, carriers)
-            if spring is not None:
-                distances = spring.follow(at, distances, lengths)
-            shortenings = patch.curve.shortening(distances, lengths)
-            amplitudes, unabsorbed = patch.curve.follow(distances, lengths)
-            found.append(Activity(distances, lengths, shortenings, unabsorbed, amplitudes, spring))
-    return [_joined(found) for found in parts]
+def activities(patches: Sequence[Patch], rig: Rig, clip: Clip | None, times: Floats) -> list[Activity]:
+    """The `activity` of several tools, whose joints are posed once."""
+    return activities_in(playing(patches, rig, clip), patches, times)
 
 
-def further_activities(
-    patches: Sequence[Patch],
-    rig: Rig,
-    clip: Clip,
-    times: Floats,
-    *,
-    known: Sequence[Activity],
-    known_at: Floats,
-) -> list[Activity]:
-    """The `activities` at sorted (frames,) times, of which those at the times `known_at` are known already."""
-    fresh = np.ones(len(times), bool)
-    fresh[np.searchsorted(times, known_at)] = False
-    if not fresh.any():
-        return list(known)
-    order = np.zeros(len(times), np.intp)
-    order[~fresh], order[fresh] = np.arange(len(known_at)), np.arange(len(known_at), len(times))
-    found = activities(patches, rig, clip, times[fresh], springs=[each.spring for each in known])
-    return [_joined(pair, order) for pair in zip(known, found, strict=True)]
-
-
-def _joined(parts: Sequence[Activity], order: Ints | None = None) -> Activity:
-    """Join activities of one tool, and bring their frames into an order, (frames,), if there is one."""
-    if len(parts) == 1 and order is None:
-        return parts[0]
-    of_frames = [field.name for field in fields(Activity) if field.name != "spring"]
-    joined = {name: np.concatenate([getattr(each, name) for each in parts]) for name in of_frames}
-    if order is not None:
-        joined = {name: values.take(order, axis=0) for name, values in joined.items()}
-    return Activity(**joined, spring=parts[0].spring)
+def activities_in(found: Playing, patches: Sequence[Patch], times: Floats) -> list[Activity]:
+    """The activity of tools that are `playing` at (frames,) seconds."""
+    return [Activity.of(patch, lengths) for patch, lengths in zip(patches, found.read(times), strict=True)]

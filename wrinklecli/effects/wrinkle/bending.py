@@ -15,8 +15,8 @@ from wrinklecli.character.motion import motion_clip, raising, turning
 from wrinklecli.character.pose import Pose, node_matrices, pose_at
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import Surface
+from wrinklecli.effects.wrinkle.lookup import looked_up, weight_path, weights_of
 from wrinklecli.effects.wrinkle.patch import Patch
-from wrinklecli.effects.wrinkle.weights import weight_path, weights_of
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, cross, unit, unit_quaternions
 from wrinklecli.surface.anchor import Anchor
@@ -74,7 +74,7 @@ def rising(patch: Patch, rig: Rig, rest: Rest) -> list[Risen]:
     heights, tallest = curve.heights(weights * curve.greatest_amplitudes).sum(axis=1), 0.0
     keyed = isinstance(patch.tool.rest_length, RestLengthKeys)
     for motion in () if keyed else own_motions(patch, rig):
-        amplitudes, _ = curve.follow(*patch.segment.lengths(rig, motion, times))
+        amplitudes = looked_up(curve, patch.segment.lengths(rig, motion, times))
         reached = curve.heights(amplitudes).sum(axis=1)
         # Of several equal motions the first counts.
         if reached.max() * _TALLEST > tallest:

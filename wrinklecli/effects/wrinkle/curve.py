@@ -67,10 +67,10 @@ class ControlCurve:
         bumps: The layout of the bumps.
         peaks: (bumps,) greatest height of each bump, beside the segment too, relative to its height on the segment.
         details: Fraction of a bump's shortening that goes to each finer level; their sum is below 1.
-        max_height: Greatest height of a bump's highest point, details included, scene units; inf for none.
+        max_height: Greatest height of a bump's highest point, details included, at the nominal rest length, scene
+            units; inf for none.
         compressible: c, the fraction of every shortening that the tissue takes itself, from 0 to below 1.
-        rest_length: The tool's rest length, scene units.
-        greatest_rest_length: Greatest rest length, if it is keyed, scene units.
+        rest_length: The tool's nominal rest length, scene units.
         groups: Bump indices of each group, in the order in which groups rise.
         profile: The shape of one bump, precomputed.
         greatest_amplitudes: (groups, modes) bounds of |amplitude|, scene units, which full shortening or `max_height`
@@ -86,7 +86,6 @@ class ControlCurve:
     max_height: float
     compressible: float
     rest_length: float
-    greatest_rest_length: float
     groups: tuple[tuple[int, ...], ...]
     profile: BumpProfile
     greatest_amplitudes: Floats
@@ -171,15 +170,27 @@ class ControlCurve:
         return amplitudes
 
     def follow(self, distances: Floats, rest_lengths: Floats) -> tuple[Floats, Floats]:
-        """(frames, groups, modes) amplitudes and (frames,) unabsorbed lengths, scene units."""
-        shortenings = self.shortening(distances, rest_lengths)
+        """(frames, groups, modes) amplitudes and (frames,) unabsorbed lengths, scene units.
+
+        A curve that is twice as long has bumps twice as high, and twice their greatest height. So heights over the
+        length are a function of the shortening over the length alone, of which players have a table.
+        """
+        scales = rest_lengths / self.rest_length
+        lengths = np.full(len(distances), self.rest_length)
+        shortenings = self.shortening(distances / scales, lengths)
         acting = np.flatnonzero(shortenings)
         amplitudes = np.zeros((len(shortenings), *self.greatest_amplitudes.shape))
         unabsorbed = np.zeros(len(shortenings))
         if len(acting):
-            absorbed = self.absorb(shortenings[acting], rest_lengths[acting])
+            absorbed = self.absorb(shortenings[acting], lengths[acting])
             amplitudes[acting], unabsorbed[acting] = self.amplitudes(absorbed), absorbed.unabsorbed
-        return amplitudes, unabsorbed
+        return amplitudes * scales[:, None, None], unabsorbed * scales
+
+    def unabsorbed(self, distances: Floats, rest_lengths: Floats) -> Floats:
+        """(frames,) lengths that no bump takes, scene units, as `follow`."""
+        scales = rest_lengths / self.rest_length
+        lengths = np.full(len(distances), self.rest_length)
+        return self.absorb(self.shortening(distances / scales, lengths), lengths).unabsorbed * scales
 
     def shapes(self, us: Floats) -> Floats:
         """(groups, modes, points) heights per unit of amplitude at (points,) us; 0 outside the group's bumps."""
@@ -276,13 +287,14 @@ def plan_curve(
     widths, peaks = ruled if widths is None else widths, ruled if peaks is None else peaks
     limit = max_height / float((widths * peaks).max())
     groups = group_bumps(bumps, strategy)
-    greatest = max(rest_length, greatest_rest_length or 0.0)
     shape: BumpProfile
     if profile == "polyline":
-        reached = (1.0 - compressible) * TAUT * greatest
+        taut = TAUT * rest_length
         sharing = float(widths[list(groups[0])].sum())
-        samples = reachable_heights(details, limit, TAUT * greatest, reached, count_intervals(bumps, gap), sharing)
-        shape = plan_polyline(details, samples)
+        reached = (1.0 - compressible) * taut
+        shape = plan_polyline(
+            details, reachable_heights(details, limit, taut, reached, count_intervals(bumps, gap), sharing)
+        )
     else:
         shape = plan_smooth(details, profile)
     curve = ControlCurve(
@@ -292,18 +304,18 @@ def plan_curve(
         max_height=max_height,
         compressible=compressible,
         rest_length=rest_length,
-        greatest_rest_length=greatest,
         groups=groups,
         profile=shape,
         greatest_amplitudes=np.zeros((len(groups), 1)),
     )
-    return dataclasses.replace(curve, greatest_amplitudes=_greatest_amplitudes(curve))
+    longest = max(greatest_rest_length or rest_length, rest_length) / rest_length
+    return dataclasses.replace(curve, greatest_amplitudes=longest * _greatest_amplitudes(curve))
 
 
 def _greatest_amplitudes(curve: ControlCurve) -> Floats:
-    """(groups, modes) bounds of |amplitude|, scene units."""
-    # Heights grow with d/l, and at the same d/l with l, so they are greatest where the ends meet.
-    lengths = np.array([curve.greatest_rest_length])
+    """(groups, modes) bounds of |amplitude| at the nominal rest length, scene units."""
+    # Heights grow with d/l, so they are greatest where the ends meet.
+    lengths = np.array([curve.rest_length])
     absorbed = curve.absorb(curve.shortening(np.zeros(1), lengths), lengths)
     numbers = np.arange(len(curve.groups))
     shares = np.where(numbers < absorbed.rising, absorbed.capacities, 0.0)

@@ -1,275 +1,236 @@
-"""The effect of one wrinkling tool: its targets, their weights by its control curve, and its drive."""
+"""The effect of one wrinkling tool: its targets, and the drive that sets their weights by its control curve."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip
+from wrinklecli.character.pose import pose_at
 from wrinklecli.character.rig import Rig
-from wrinklecli.character.sparse_targets import SparseDeltas
-from wrinklecli.drive.drive import Drive
-from wrinklecli.drive.table import CurveTable, LeaningTable, Table
-from wrinklecli.effects.effect import Effect, MeshPlan, Motion, named_targets
-from wrinklecli.effects.shapes import Shape
+from wrinklecli.drive.drive import Drive, Moments, Rows
+from wrinklecli.drive.table import TABLE_ERROR, LeaningTable, Table
+from wrinklecli.effects.effect import Effect, MeshPlan, SamplingOptions, Seen, Target, named_targets
+from wrinklecli.effects.shapes import Sample, make_shapes
 from wrinklecli.effects.wrinkle import report
-from wrinklecli.effects.wrinkle.activity import Activity, ClipActivity, activity, further_activities
+from wrinklecli.effects.wrinkle.activity import Activity, ClipActivity, activity
 from wrinklecli.effects.wrinkle.bending import rising
 from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
-from wrinklecli.effects.wrinkle.lookup import tabulate_curve, tabulate_weights
+from wrinklecli.effects.wrinkle.lookup import CurveResponse, weight_path
 from wrinklecli.effects.wrinkle.patch import Patch
-from wrinklecli.effects.wrinkle.remix import Remix, Remixed, fewest, in_turn, turns, unit_weights
-from wrinklecli.effects.wrinkle.shapes import projected_shapes, shapes_of
+from wrinklecli.effects.wrinkle.projected import project
+from wrinklecli.effects.wrinkle.remix import Remixed, fewest, in_turn, unit_weights
+from wrinklecli.effects.wrinkle.shapes import shapes_of
 from wrinklecli.effects.wrinkle.warnings import tool_warnings
-from wrinklecli.effects.wrinkle.weights import weight_path, weights_of
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, interpolated, matches
+from wrinklecli.numeric.arrays import Floats, distinct_values
+
+SECTION = "tools"
+"""The key of extras and report under which wrinkling tools stand."""
 
 # Part of the tolerance below which a weight may be left out, so that its target does not count as active.
 _LEAST_SHARE = 0.1
-# Keys of each tool at which the proof compares because its track bends most there.
-_BENDS = 4
+# Part of the error bound for the table, which the default bound gives to `TABLE_ERROR`.
+_TABLE_SHARE = 0.05
+# Frames, evenly spread, in which normals are to be right where displacements are projected, beside those with the
+# greatest weights.
+_FIT_FRAMES = 16
 
 
-def curve_weights(patch: Patch, clip: Clip | None, found: Activity) -> Floats:
-    """(frames, shapes) weights of a tool's own shapes for its activity in a clip."""
-    return patch.clip_strength(clip) * weights_of(patch.curve, found.amplitudes).reshape(len(found.amplitudes), -1)
+def wrinkle_effect(
+    plan: MeshPlan, carried: CarriedPatch, region: int, clips: Sequence[Clip], how: SamplingOptions
+) -> Effect:
+    """The effect of a tool; `region` is the number of its patch among the regions of the refinement.
+
+    Raises:
+        BakeError: Its vertices are projected in each frame of the clips, and need too many shapes.
+    """
+    if carried.ring is not None:
+        return _projected(plan, carried, region, clips, how)
+    shapes = shapes_of(carried, plan.fine, rising(carried.patch, plan.rig, plan.rest) if plan.has_normals else [])
+    columns = np.array([number for number, shape in enumerate(shapes) if shape is not None], np.intp)
+    remixes = _Remixes(carried, CurveResponse(carried.patch.curve, columns), _table_error(plan))
+    return remixes.effect(named_targets(carried.patch.tool.identifier, shapes), WrinkleWords(carried, region, plan.rig))
+
+
+def _table_error(plan: MeshPlan) -> float:
+    """Greatest error of a weight that is looked up, as a ratio of the greatest weight."""
+    return min(TABLE_ERROR, _TABLE_SHARE * plan.max_error / plan.tallest)
+
+
+def _projected(
+    plan: MeshPlan, carried: CarriedPatch, region: int, clips: Sequence[Clip], how: SamplingOptions
+) -> Effect:
+    """The effect of a tool whose vertices are projected in each frame, with normals for some of the frames."""
+    found = project(plan, carried, clips, how)
+    even = np.linspace(0, len(found.moments) - 1, _FIT_FRAMES).astype(int)
+    rows: Sequence[int] = []
+    if plan.has_normals and len(found.moments):
+        rows = distinct_values(np.concatenate([even, np.argmax(found.together, axis=0)])).tolist()
+    shapes = make_shapes(
+        plan.fine,
+        carried.vertices,
+        found.deltas,
+        tallest=plan.scale * np.sqrt(np.sum(found.deltas**2, axis=2)).max(axis=1, initial=0.0),
+        samples=[Sample(found.together[row], pose_at(plan.rig, *found.moments[row])) for row in rows],
+    )
+    columns = [number for number, shape in enumerate(shapes) if shape is not None]
+    own = {name: Rows(each.times, each.weights[:, columns]) for name, each in found.rows.items()}
+    targets = named_targets(carried.patch.tool.identifier, shapes)
+    nothing = Table("shortenings", np.zeros(1), np.zeros((1, len(targets))))
+
+    def moved(clip: Clip, times: Floats) -> Floats:
+        return displacements(carried, plan.fine, plan.rig, clip, times)
+
+    return Effect(
+        name=carried.patch.tool.name,
+        section=SECTION,
+        identifier=carried.patch.tool.identifier,
+        targets=targets,
+        drive=Drive(carried.patch.tool.name, None, tuple(each.name for each in targets), nothing, rows=own),
+        words=WrinkleWords(carried, region, plan.rig),
+        error=found.error,
+        remixes=_RowRemixes(),
+        projected=(carried.vertices, moved),
+    )
 
 
 @dataclass(frozen=True, slots=True)
-class WrinkleEffect(Effect):
-    """One tool's morph targets. Its states are `Activity`, and its weights as sampled are those of its curve's shapes.
+class WrinkleWords:
+    """What a tool says of itself.
 
     Attributes:
         carried: The tool on the refined surface.
-        number: The number of the tool's patch among the regions of the refinement.
-        remix: The other shapes that an engine's limits ask for; None if the shapes are the control curve's.
+        region: The number of the tool's patch among the regions of the refinement.
+        rig: The rig of the mesh.
     """
 
     carried: CarriedPatch
-    number: int
-    remix: Remix | None = None
+    region: int
+    rig: Rig
+    remedy: str = ""
+    left_out: str | None = None
 
-    section: ClassVar[str] = "tools"
-
-    @property
-    def name(self) -> str:
-        """The tool's name."""
-        return self.carried.patch.tool.name
-
-    @property
-    def on_skin(self) -> bool:
-        """True if the segment's length alone gives the weights; False if vertices are projected in each frame."""
-        return self.carried.ring is None
-
-    @property
-    def drive(self) -> Drive | None:
-        """The segment, filter and table of the tool; None if vertices are projected in each frame."""
-        if not self.on_skin:
-            return None
-        rest = self.carried.patch.segment.rest_length
-        response = self._curve_table() if rest.keys or rest.morph else self._table()
-        return tool_drive(self.carried.patch, self.target_names, response)
-
-    def _table(self) -> Table:
-        curve = self.carried.patch.curve
-        return Table("shortenings", *tabulate_weights(curve, lambda each: self.written(self.shape_weights(each))))
-
-    def _curve_table(self) -> CurveTable:
-        """The control curve for all rest lengths that keys or a morph target give it."""
-        patch, mixed = self.carried.patch, self.remix
-        rest = patch.segment.rest_length
-        keyed = [length for keys in rest.keys.values() for length in keys[:, 1].tolist()]
-        lengths = [patch.span, *keyed, *([rest.morph[1]] if rest.morph else [])]
-        mix = np.eye(patch.curve.greatest_amplitudes.size) if mixed is None else mixed.signed_mix
-        positive = mixed is not None and bool(mixed.split)
-        table = tabulate_curve(patch.curve, min(lengths), max(lengths), mix=self.written(mix).T, positive=positive)
-        return replace(table, least=0.0 if mixed is None else mixed.least)
-
-    @classmethod
-    def count_targets(cls, _effects: Sequence[Effect]) -> str:
+    def summary(self, _effects: int, _targets: int) -> str:
         """Nothing: the summary begins with the targets of the tools."""
         return ""
 
-    def shape_weights(self, sampled: Floats) -> Floats:
-        """(frames, shapes) weights of the targets' shapes from (frames, …) weights of the control curve's."""
-        flat = sampled.reshape(len(sampled), -1)
-        return flat if self.remix is None else self.remix.weights(flat)
+    def describe(self, plan: MeshPlan, targets: tuple[str, ...]) -> Json:
+        """The tool's entry in the report."""
+        return report.describe_tool(plan, self.carried, self.region, targets)
 
-    def stored_weights(self, rig: Rig) -> Floats:
-        """(targets,) weights in the stored pose: zeros, unless the tools file has another rest pose."""
-        if not self.on_skin:
-            return np.zeros(len(self.target_names))
-        return np.asarray(self.written(self.shape_weights(self._weights(rig, None, np.zeros(1))))[0])
+    def describe_clip(self, seen: Seen) -> Json:
+        """The tool's entry in a clip, frame by frame."""
+        return report.describe_activity(self.carried, self._activity(seen), seen.motion.clip)
 
-    def _weights(self, rig: Rig, clip: Clip | None, times: Floats) -> Floats:
-        """(frames, shapes) weights of the control curve's shapes in a clip."""
-        patch = self.carried.patch
-        return curve_weights(patch, clip, activity(patch, rig, clip, times))
+    def warnings(self, plan: MeshPlan, clips: Sequence[Seen], *, up: str) -> list[str]:
+        """Warnings about the tool's place and activity."""
+        every = [ClipActivity(each.motion.clip, each.motion.times, self._activity(each)) for each in clips]
+        return tool_warnings(plan, self.carried, every, up=up)
 
-    def weights_at(self, rig: Rig, motion: Motion, sampled: Floats, times: Floats) -> Floats:
-        """(times, shapes) the curve's weights; straight between those sampled if vertices are projected."""
-        return self._weights(rig, motion.clip, times) if self.on_skin else interpolated(times, motion.times, sampled)
+    def _activity(self, seen: Seen) -> Activity:
+        patch, motion = self.carried.patch, seen.motion
+        if isinstance(seen.reading, Moments):
+            return activity(patch, self.rig, motion.clip, motion.times)
+        return Activity.of(patch, seen.reading)
 
-    def acting(self, rig: Rig, clip: Clip, time: float) -> list[tuple[Shape, float]]:
-        """The tool's shapes with weights by its segment alone; none if vertices are projected in each frame."""
-        patch = self.carried.patch
-        if not self.on_skin:
-            return []
-        amplitudes, _ = patch.curve.follow(*patch.segment.lengths(rig, clip, np.array([time])))
-        weights = patch.clip_strength(clip) * weights_of(patch.curve, amplitudes).reshape(-1)
-        pairs = zip(self.targets, weights, strict=True)
-        return [(target.shape, float(weight)) for target, weight in pairs if target is not None and weight]
 
-    @classmethod
-    def observe(cls, effects: Sequence[Self], rig: Rig, motion: Motion, times: Floats, known: Sequence[Any]) -> Any:
-        """The activity of each tool; joints of all anchors are posed once."""
-        patches = [each.carried.patch for each in effects]
-        return further_activities(patches, rig, motion.clip, times, known=known, known_at=motion.times)
+def tool_drive(patch: Patch, targets: tuple[str, ...], response: Table | LeaningTable) -> Drive:
+    """A drive by a tool's segment, with its filter and its strengths."""
+    strengths = {clip: each / patch.shape_strength for clip, each in patch.tool.clips.items()}
+    others = patch.clip_strength(None)
+    return Drive(
+        patch.tool.name, patch.segment, targets, response, lag=patch.tool.lag, strengths=strengths, strength=others
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Remixes:
+    """The targets of a tool on the skin, and others that play the same motion.
+
+    Attributes:
+        carried: The tool on the refined surface.
+        exact: The weights of the targets.
+        table_error: Greatest error of a weight that is looked up, as a ratio of the greatest weight.
+    """
+
+    carried: CarriedPatch
+    exact: CurveResponse
+    table_error: float
+
+    def effect(self, targets: tuple[Target, ...], words: WrinkleWords, error: float = 0.0) -> Effect:
+        """The effect with such targets, whose shapes are off by an error, scene units."""
+        patch, names = self.carried.patch, tuple(each.name for each in targets)
+        return Effect(
+            name=patch.tool.name,
+            section=SECTION,
+            identifier=patch.tool.identifier,
+            targets=targets,
+            drive=tool_drive(patch, names, self.exact.table(self.table_error)),
+            words=words,
+            exact=self.exact,
+            error=error,
+            remixes=self,
+        )
+
+    def _remixed(self, effect: Effect, remixed: Remixed | None, error: float = 0.0) -> Effect:
+        """The effect with other shapes; itself if there are none."""
+        if remixed is None:
+            return effect
+        shapes, mixed = remixed
+        assert isinstance(effect.words, WrinkleWords)
+        return replace(self, exact=replace(self.exact, remix=mixed)).effect(
+            named_targets(effect.identifier, shapes), effect.words, effect.error + error
+        )
 
     def _path(self) -> Floats:
         """(rows, shapes) weights of the targets over all shortenings, with the strengths of all clips."""
         patch = self.carried.patch
-        table, strength = self.shape_weights(weight_path(patch.curve)), patch.shape_strength
+        table, strength = self.exact.mixed(weight_path(patch.curve)), patch.shape_strength
         factors = [1.0, *(each / strength for each in patch.tool.clips.values())] if strength else [1.0]
         return np.concatenate([factor * table for factor in factors])
 
-    def _remixed(self, remixed: Remixed | None) -> "WrinkleEffect":
-        """The tool with other shapes; itself if there are none."""
-        if remixed is None:
-            return self
-        shapes, mixed = remixed
-        return replace(self, targets=named_targets(self.identifier, shapes), remix=mixed)
-
-    def lowered(
-        self, plan: MeshPlan, carried: CarriedPatch, motions: Sequence[Motion], weights: Sequence[Floats]
-    ) -> "WrinkleEffect":
-        """The same tool, and the same (frames, shapes) weights in all clips, with the shapes of another height."""
-        if self.carried.ring is not None and carried.ring is not None:
-            # A frame's displacement is in proportion to the factor of its vertex, so each shape is, too.
-            before, after = self.carried.ring.kept, carried.ring.kept
-            factors = np.divide(after, before, out=np.zeros_like(after), where=before != 0.0)
-            deltas = np.zeros((len(self.targets), len(factors), 3))
-            for number, target in enumerate(self.targets):
-                if target is not None:
-                    rows = np.searchsorted(carried.vertices, target.shape.vertices)
-                    deltas[number, rows] = factors[rows, None] * target.shape.deltas
-            projected = projected_shapes(plan, carried.vertices, deltas, motions, weights)
-            return replace(self, targets=named_targets(self.identifier, projected), carried=carried)
-        shapes = shapes_of(carried, plan.fine, rising(carried.patch, plan.rig, plan.rest) if plan.has_normals else [])
-        return replace(self, targets=named_targets(self.identifier, shapes), carried=carried)
-
-    def with_unit_weights(self, sampled: Sequence[Floats]) -> "WrinkleEffect":
+    def with_unit_weights(self, effect: Effect) -> Effect:
         """The same motion with weights in [0, 1]: shapes are scaled, and split if their weights may be negative."""
-        path = self._path() if self.on_skin else np.concatenate([np.zeros((0, len(self.targets))), *sampled])
-        return self._remixed(unit_weights(self.targets, path))
+        return self._remixed(effect, unit_weights(effect.targets, self._path()))
 
-    def with_fewest_targets(self, plan: MeshPlan, tolerance: float, *, at_once: bool) -> tuple["WrinkleEffect", float]:
+    def with_fewest_targets(self, effect: Effect, plan: MeshPlan, tolerance: float, *, at_once: bool) -> Effect:
         """The fewest targets for the whole range of shortenings; among equals at once, the exact ones are first."""
-        if not self.on_skin:
-            return self, 0.0
-        greatest = self.carried.patch.curve.greatest_amplitudes
-        reduced = fewest(self.targets, self._path(), greatest.shape[1], tolerance)
-        fewer = (self, 0.0) if reduced is None else (self._remixed(reduced[0]), reduced[1])
+        greatest, columns = self.carried.patch.curve.greatest_amplitudes, self.exact.columns
+        reduced = fewest(effect.targets, self._path(), columns // greatest.shape[1], tolerance)
+        fewer = effect if reduced is None else self._remixed(effect, *reduced)
         if not at_once:
             return fewer
-        turned = self._remixed(in_turn(self.targets, greatest, _LEAST_SHARE * tolerance / plan.tallest))
-        return min([(self, 0.0), (turned, 0.0), fewer], key=lambda choice: choice[0].most_at_once)
-
-    @property
-    def most_at_once(self) -> int:
-        """The greatest number of active targets over all shortenings; all of them, if vertices are projected."""
-        if not self.on_skin:
-            return len(self.target_names)
-        shown: Bools = self.written(self.shape_weights(weight_path(self.carried.patch.curve))) != 0
-        return int((shown[:-1] | shown[1:]).sum(axis=1).max())
-
-    def turns(self, rig: Rig, clip: Clip, keys: Floats, weights: Floats) -> Floats:
-        """Times between keys when one group of bumps is full and the next begins."""
-        if self.remix is None or not self.remix.least > 0:
-            return np.zeros(0)
-        groups, modes = self.carried.patch.curve.greatest_amplitudes.shape
-
-        def weights_at(times: Floats) -> Floats:
-            return self.shape_weights(self._weights(rig, clip, times))
-
-        return turns((groups, modes), weights_at, keys, weights)
-
-    def exact_shapes(self, vertices: Ints) -> Iterator[SparseDeltas]:
-        """The displacements of each mode of each group of bumps at amplitude 1; none if vertices are projected."""
-        if self.on_skin:
-            rows, numbers = matches(vertices, self.carried.vertices)
-            for heights in self.carried.shapes(numbers).reshape(-1, len(numbers)):
-                yield SparseDeltas(rows, heights[:, None] * self.carried.directions[numbers])
-
-    def exact_weights(self, motion: Motion, _sampled: Floats, times: Floats, state: Activity) -> Floats:
-        """(times, groups · modes) amplitudes with the strength of the clip."""
-        if not self.on_skin:
-            return np.zeros((len(times), 0))
-        return np.asarray(self.carried.patch.clip_strength(motion.clip) * state.amplitudes.reshape(len(times), -1))
-
-    def moved_in_frames(
-        self, plan: MeshPlan, clip: Clip, times: Floats, chosen: Ints, state: Activity
-    ) -> tuple[Ints, Callable[[slice], Floats]] | None:
-        """The vertices that are projected in each frame, and their displacements."""
-        if self.on_skin:
-            return None
-        at, amplitudes = times[chosen], state.amplitudes[chosen]
-
-        def moved(part: slice) -> Floats:
-            return displacements(self.carried, plan.fine, plan.rig, clip, at[part], amplitudes[part])
-
-        return self.carried.vertices, moved
-
-    def raised(self, _times: Floats, state: Activity) -> Bools:
-        """(times,) True where a bump is raised."""
-        return np.asarray(state.amplitudes.any(axis=(1, 2)))
-
-    def telling(self, _exact: Floats, state: Activity) -> set[int]:
-        """The times when the bumps are tallest, the segment is shortest, and the track bends most."""
-        sizes = np.abs(state.amplitudes)
-        tall = np.einsum("fgm->f", sizes)
-        # The straight line between the neighbours misses most here.
-        bend = np.abs(tall[2:] - 2 * tall[1:-1] + tall[:-2])
-        tallest = int(np.argmax(sizes)) // sizes[0].size
-        bends = (1 + np.argsort(-bend, kind="stable")[:_BENDS]).tolist()
-        return {tallest, int(np.argmax(state.shortenings)), *bends}
-
-    def weight_error(self, played: Floats, _exact: Floats, state: Activity, clip: Clip) -> float:
-        """Largest error of an amplitude; 0 if vertices are projected, as weights alone do not give heights then."""
-        if not self.on_skin:
-            return 0.0
-        patch, shown = self.carried.patch, self.columns
-        if self.remix is not None:
-            # An engine's limits asked for other shapes: these are their parts of the curve's shapes.
-            share = self.remix.unmix[shown]
-            shown = np.flatnonzero(share.any(axis=0))
-            played = played @ share[:, shown]
-        greatest, wanted = patch.curve.greatest_amplitudes.reshape(-1), state.amplitudes.reshape(len(played), -1)
-        strength, worst = patch.clip_strength(clip), 0.0
-        for column, number in zip(played.T, shown, strict=True):
-            error = column * greatest[number] - strength * wanted[:, number]
-            worst = max(worst, float(np.abs(error).max(initial=0.0)) * abs(patch.shape_strength))
-        return worst
-
-    def describe(self, plan: MeshPlan) -> Json:
-        """The tool's entry in the report."""
-        return report.describe_tool(plan, self.carried, self.number, self.target_names)
-
-    def describe_clip(self, motion: Motion, state: Activity) -> Json:
-        """The tool's entry in a clip, frame by frame."""
-        return report.describe_activity(self.carried, state, motion.clip)
-
-    def warnings(self, plan: MeshPlan, motions: Sequence[tuple[Motion, Any, Floats]], *, up: str) -> list[str]:
-        """Warnings about the tool's place and activity."""
-        clips = [ClipActivity(motion.clip, motion.times, state) for motion, state, _ in motions]
-        return tool_warnings(plan, self.carried, clips, up=up)
+        turned = self._remixed(
+            effect, in_turn(effect.targets, columns, greatest, _LEAST_SHARE * tolerance / plan.tallest)
+        )
+        return min([effect, turned, fewer], key=lambda choice: choice.most_at_once)
 
 
-def tool_drive(patch: Patch, targets: tuple[str, ...], response: Table | LeaningTable | CurveTable) -> Drive:
-    """A drive by a tool's segment, with its filter and its strengths."""
-    strengths = {clip: each / patch.shape_strength for clip, each in patch.tool.clips.items()}
-    others = patch.clip_strength(None)
-    return Drive(patch.tool.name, patch.segment, targets, response, patch.tool.lag, strengths, others)
+@dataclass(frozen=True, slots=True)
+class _RowRemixes:
+    """Other targets of a tool that is projected in each frame."""
+
+    def with_unit_weights(self, effect: Effect) -> Effect:
+        """The same motion with weights in [0, 1], from those of all clips."""
+        assert isinstance(effect.drive, Drive)
+        rows = effect.drive.rows
+        path = np.concatenate([np.zeros((0, len(effect.targets))), *(each.weights for each in rows.values())])
+        remixed = unit_weights(effect.targets, path)
+        if remixed is None:
+            return effect
+        shapes, mixed = remixed
+        targets = named_targets(effect.identifier, shapes)
+        drive = replace(
+            effect.drive,
+            targets=tuple(each.name for each in targets),
+            response=Table("shortenings", np.zeros(1), np.zeros((1, len(targets)))),
+            rows={name: Rows(each.times, mixed.weights(each.weights)) for name, each in rows.items()},
+        )
+        return replace(effect, targets=targets, drive=drive)
+
+    def with_fewest_targets(self, effect: Effect, _plan: MeshPlan, _tolerance: float, *, at_once: bool) -> Effect:
+        """The effect itself: its shapes are the fewest for the clips."""
+        assert at_once in (True, False)
+        return effect

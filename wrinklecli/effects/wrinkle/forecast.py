@@ -9,7 +9,7 @@ from wrinklecli.character.clip import KEY_GAP, Clip
 from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.effects.sampling import SAMPLING_SHARE
 from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
-from wrinklecli.effects.wrinkle.sample import PER_COORDINATE, compress_displacements
+from wrinklecli.effects.wrinkle.projected import PER_COORDINATE, compress_displacements
 from wrinklecli.errors import BakeError
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.memory import Memory

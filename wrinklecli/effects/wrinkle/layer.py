@@ -7,18 +7,18 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.effects.attached import AnyAttached
-from wrinklecli.effects.effect import Effect, MeshPlan, Motion, SamplingOptions
+from wrinklecli.effects.effect import Effect, MeshPlan, SamplingOptions
+from wrinklecli.effects.sampling import most_overlaps
 from wrinklecli.effects.wrinkle.attach import attach_tools
 from wrinklecli.effects.wrinkle.bounds import bounded
 from wrinklecli.effects.wrinkle.carry import CarriedPatch, carry
 from wrinklecli.effects.wrinkle.creases import creased
 from wrinklecli.effects.wrinkle.demand import demanding
-from wrinklecli.effects.wrinkle.effect import WrinkleEffect
+from wrinklecli.effects.wrinkle.effect import SECTION, wrinkle_effect
 from wrinklecli.effects.wrinkle.forecast import expected_shapes
 from wrinklecli.effects.wrinkle.lines import lines_of
 from wrinklecli.effects.wrinkle.part import WrinklePart
 from wrinklecli.effects.wrinkle.patch import Patch
-from wrinklecli.effects.wrinkle.sample import most_overlaps, sample_wrinkles
 from wrinklecli.effects.wrinkle.warnings import departure_warnings, twin_warnings
 from wrinklecli.errors import BakeError
 from wrinklecli.frozen import dataclass
@@ -44,9 +44,7 @@ class WrinkleLayer:
     carried_patches: tuple[CarriedPatch, ...]
     first: int = 0
 
-    section: ClassVar[str] = WrinkleEffect.section
-    drives_alone: ClassVar[bool] = False
-    samples_anew: ClassVar[bool] = True
+    section: ClassVar[str] = SECTION
     is_solved: ClassVar[bool] = False
 
     @property
@@ -87,7 +85,7 @@ class WrinkleLayer:
             TooMuchError: Its frames would take more memory.
         """
         sizes: list[int] = []
-        bound = plan.max_error / most_overlaps(self.carried_patches)
+        bound = plan.max_error / most_overlaps(plan)
         for carried in self.carried_patches:
             if carried.ring is None:
                 sizes += _group_sizes(carried)
@@ -96,16 +94,12 @@ class WrinkleLayer:
                 sizes += [len(carried.vertices)] * count
         return sizes
 
-    def sample(
-        self,
-        plan: MeshPlan,
-        clips: Sequence[Clip],
-        effects: Sequence[Effect],
-        _motions: Sequence[Motion],
-        how: SamplingOptions,
-    ) -> tuple[list[Effect], list[Motion]]:
-        """Run the tools over clips, at times that suit the effects before them, too."""
-        return sample_wrinkles(self.carried_patches, self.first, plan, clips, effects, how)
+    def effects(
+        self, plan: MeshPlan, clips: Sequence[Clip], before: Sequence[Effect], how: SamplingOptions
+    ) -> list[Effect]:
+        """Make an effect of each tool."""
+        numbered = enumerate(self.carried_patches, start=self.first)
+        return [*before, *(wrinkle_effect(plan, carried, number, clips, how) for number, carried in numbered)]
 
     def warnings(self, plan: MeshPlan, clips: Sequence[Clip]) -> list[str]:
         """Tools at one place, and tools under which the refined surface departs from the old one."""

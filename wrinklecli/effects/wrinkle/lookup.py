@@ -1,36 +1,39 @@
-"""A control curve as tables of numbers, for players that look weights up instead of running the method.
+"""The response of a control curve: the weights of its shapes against its shortening, exactly and as a table.
 
-If the rest length is constant, heights depend on one number, and a table of weights is enough (`tabulate_weights`).
-Otherwise heights depend on two numbers, distance and rest length, and straight lines between several such tables are
-wrong where a group of bumps starts, as heights start like a square root there, and the start moves. (An error of 1/256
-would take about a hundred tables.) But two functions of one number describe a bump: the shortening that fills it
-depends on the distance alone, and its height / (chord + shortening) on the ratio of these two. So these functions are
-tabulated (`tabulate_curve`), and the player distributes the shortening over the bumps itself.
+A weight is an amplitude over the greatest one, and the weight of the morph target that has the shape. The exact
+response makes the table, by which bakes, players and previews look weights up; besides, the proof alone asks it.
 
-The paper has no tables. They work because profiles are homogeneous: if chord and shortening are twice as long, a bump
-is twice as high.
+Profiles are homogeneous: if chord and shortening are twice as long, a bump is twice as high. So weights over the rest
+length depend on one number, 1 - distance / rest length. The paper has no tables.
 """
 
-from collections.abc import Callable
+from collections.abc import Iterable
+from dataclasses import replace
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
 
 from wrinklecli.drive.lag import TAUT
-from wrinklecli.drive.table import TABLE_ERROR, CurveTable
+from wrinklecli.drive.segment import Lengths
+from wrinklecli.drive.table import TABLE_ERROR, Json, Table
 from wrinklecli.effects.wrinkle.curve import ControlCurve
-from wrinklecli.effects.wrinkle.weights import group_starts, weights_at, weights_of
-from wrinklecli.numeric.arrays import Floats, distinct_values
+from wrinklecli.effects.wrinkle.remix import Remix
+from wrinklecli.frozen import dataclass
+from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
 from wrinklecli.numeric.piecewise import key_points
 
-# First tolerance of a bump's capacity, relative.
-_CAPACITY_ERROR = 1e-3
-# First tolerance of a bump's height, relative to the greatest.
-_RISE_ERROR = 1e-3
-# Factor by which the tables get finer until the weights are right,
-_FINER = 4.0
-# and the most times that this happens.
-_MOST_TRIES = 12
+# Rows of `weight_path` for each group of bumps.
+_PATH_ROWS = 65
+# Rows after the last group is full, when only details of a polyline still move.
+_FULL_ROWS = 8
+# The start of a group of bumps is found to the last bits of a float by choosing one of so many parts. (Halves take
+# three times as long, since a curve takes hardly longer for a hundred lengths than for one.)
+_PARTS = 64
+# Rounds of that choice.
+_ROUNDS = 9
+
+
 # Part of the error between rows for the points at which the curve is sampled.
 _OF_POINTS = 0.25
 # First rows after a group's start, over the way to the next group's: heights like a root are 1/2, 1/4, 1/8 … there.
@@ -41,144 +44,119 @@ _LEAST_STEP = 1e-6
 _DECIMALS = 7
 # Rows of a table before refinement.
 _FIRST_ROWS = 17
-# Most times that an interval between two rows is halved.
-_HALVINGS = 12
-# Least part of a bump that is computed, in place of 0, as heights are divided by its root.
-_LEAST_PART = 1e-12
-# Rest lengths at which the tables are checked, at most,
-_MOST_LENGTHS = 33
-# and at least.
-_LEAST_LENGTHS = 5
-# Starts of groups of bumps over all these lengths, which decides their number in between.
-_CHECKED_GROUPS = 200
-# Places of the checks over the way from one group's start to the next; heights begin like the root of these.
-_CHECKED_SHARES = np.concatenate([[0.0], np.geomspace(1e-9, 1.0, 128)])
 
 
-def tabulate_weights(curve: ControlCurve, weights: Callable[[Floats], Floats]) -> tuple[Floats, Floats]:
-    """Tabulate weights against shortening at the nominal rest length, as coarsely as `TABLE_ERROR` allows.
+@dataclass(frozen=True, slots=True, eq=False)
+class CurveResponse:
+    """The exact weights of a tool's targets, from its control curve.
 
-    Heights start like a square root, each group of bumps where the one before it is full, and rows are dense there. A
-    dozen rows are enough for a group; 65 at equal steps of the height were off by 1/15 for a polyline with details.
-
-    Args:
+    Attributes:
         curve: The control curve.
-        weights: From (rows, groups, modes) weights of the curve to (rows, targets) weights of targets.
-
-    Returns:
-        (rows,) 1 - distance / rest length, sorted from 0 to 1, and (rows, targets) weights, straight between rows.
+        columns: (shapes,) numbers of the curve's shapes, group by group and mode by mode, that move a vertex.
+        remix: The other shapes that an engine's limits ask for; None if the shapes are the control curve's.
     """
 
-    def signal(shortenings: Floats) -> Floats:
-        return np.round(weights(weights_at(curve, shortenings)), _DECIMALS)
+    curve: ControlCurve
+    columns: Ints
+    remix: Remix | None = None
 
-    starts = group_starts(curve, curve.rest_length)
-    behind = starts[:-1] + (starts[1:] - starts[:-1]) * _BEHIND[:, None]
-    grid = distinct_values(np.concatenate([np.linspace(0.0, 1.0, _FIRST_ROWS), starts, behind.reshape(-1)]))
-    most = TABLE_ERROR * np.abs(signal(grid)).max(initial=0.0)
-    bounds = {"tolerance": _OF_POINTS * most, "thinning": (1 - _OF_POINTS) * most}
-    points, rows = key_points(grid, signal, **bounds, gap=_LEAST_STEP, step=_LEAST_STEP)
-    return points[rows], signal(points[rows])
+    def at(self, shortenings: Floats) -> Floats:
+        """(rows, targets) weights at (rows,) shortenings over the nominal rest length, 1 - distance / rest length."""
+        return self.mixed(weights_at(self.curve, shortenings))
+
+    def mixed(self, weights: Floats) -> Floats:
+        """(rows, targets) weights from (rows, groups, modes) those of the curve's shapes."""
+        own = weights.reshape(len(weights), -1)[:, self.columns]
+        return own if self.remix is None else self.remix.weights(own)
+
+    def weights(self, reading: Lengths) -> Floats:
+        """(frames, targets) weights at the measurements of a segment."""
+        distances = np.where(reading.active, reading.distances, reading.rest_lengths)
+        amplitudes, _ = self.curve.follow(distances, reading.rest_lengths)
+        return self.mixed(weights_of(self.curve, amplitudes))
+
+    def to_json(self) -> Json:
+        """The rows of its table."""
+        return self.table().to_json()
+
+    def table(self, error: float = TABLE_ERROR) -> Table:
+        """Tabulate the weights, as coarsely as an error over the greatest weight allows.
+
+        Heights start like a square root, each group of bumps where the one before it is full, and rows are dense there.
+        Rows are straight between, sorted from 0 to 1.
+        """
+
+        def signal(shortenings: Floats) -> Floats:
+            return np.round(self.at(shortenings), _DECIMALS)
+
+        starts = group_starts(self.curve)
+        behind = starts[:-1] + (starts[1:] - starts[:-1]) * _BEHIND[:, None]
+        grid = distinct_values(np.concatenate([np.linspace(0.0, 1.0, _FIRST_ROWS), starts, behind.reshape(-1)]))
+        most = error * np.abs(signal(grid)).max(initial=0.0)
+        bounds = {"tolerance": _OF_POINTS * most, "thinning": (1 - _OF_POINTS) * most}
+        points, rows = key_points(grid, signal, **bounds, gap=_LEAST_STEP, step=_LEAST_STEP)
+        return Table("shortenings", points[rows], signal(points[rows]))
 
 
-def tabulate_curve(
-    curve: ControlCurve, shortest: float, longest: float, *, mix: Floats | None = None, positive: bool = False
-) -> CurveTable:
-    """Tabulate a curve for a range of rest lengths, as finely as `TABLE_ERROR` asks for.
+def looked_up(curve: ControlCurve, lengths: Lengths) -> Floats:
+    """(frames, groups, modes) amplitudes at the measurements of a segment, scene units, by the curve's table."""
+    greatest = curve.greatest_amplitudes
+    table = curve_table(curve)
+    found: Floats = table.weights(lengths).reshape(-1, *greatest.shape) * greatest
+    return found
 
-    Args:
-        curve: The control curve.
-        shortest: The least rest length, scene units.
-        longest: The greatest rest length, scene units.
-        mix: (targets, groups · modes) weights of targets for the curve's weights; by default these themselves.
-        positive: True if weights below 0 are 0.
+
+@lru_cache(maxsize=256)
+def curve_table(curve: ControlCurve) -> Table:
+    """The table of the weights of all shapes of a curve, made once."""
+    return CurveResponse(curve, np.arange(curve.greatest_amplitudes.size)).table()
+
+
+def weight_path(curve: ControlCurve) -> Floats:
+    """(rows, groups, modes) weights as the nominal rest length shortens to nothing, in small steps of the heights."""
+    starts = group_starts(curve)
+    steps = np.linspace(0.0, 1.0, _PATH_ROWS) ** 2  # heights start like a square root
+    rising = [low + (high - low) * steps for low, high in pairwise(starts)]
+    rows = distinct_values(np.concatenate([[0.0], *rising, np.linspace(starts[-1], 1.0, _FULL_ROWS)]))
+    return weights_at(curve, rows)
+
+
+def weights_at(curve: ControlCurve, shortenings: Floats) -> Floats:
+    """(rows, groups, modes) weights at (rows,) shortenings over the nominal rest length, 1 - distance / rest length."""
+    lengths = np.full(len(shortenings), curve.rest_length)
+    amplitudes, _ = curve.follow((1.0 - shortenings) * lengths, lengths)
+    return weights_of(curve, amplitudes)
+
+
+def group_starts(curve: ControlCurve) -> Floats:
+    """(groups + 1,) the shortening over the rest length at which each group starts, then at which the last is full."""
+    groups = np.arange(len(curve.groups))
+    low, high = np.full(len(groups), 1.0 - TAUT), np.ones(len(groups))
+    for _ in range(_ROUNDS):
+        tried = np.linspace(low, high, _PARTS + 1)
+        lengths = np.full(tried.size, curve.rest_length)
+        shortenings = curve.shortening((1.0 - tried.reshape(-1)) * lengths, lengths)
+        full = curve.absorb(shortenings, lengths).rising.reshape(tried.shape) > groups
+        full[-1] = True  # the last row stands for groups that are never full
+        first = np.argmax(full[1:], axis=0)
+        low, high = tried[first, groups], tried[first + 1, groups]
+    return np.concatenate([[1.0 - TAUT], high])
+
+
+def fitting_compressible(curve: ControlCurve, lengths: Iterable[tuple[Floats, Floats]]) -> float:
+    """The `compressible`, 0 to 1, with which all bumps are just full at the greatest shortening.
+
+    `lengths` has for each clip (frames,) current lengths l' and (frames,) rest lengths l, scene units.
     """
-    greatest = curve.greatest_amplitudes.reshape(-1)
-    own = np.eye(len(greatest)) if mix is None else mix
-    lengths, distances = _where_to_check(curve, shortest, longest)
-    exact = weights_of(curve, curve.follow(distances, lengths)[0]).reshape(len(lengths), -1)
-    wanted = np.maximum(exact @ own.T, 0.0 if positive else -np.inf)
-    # A relative error e of the capacity moves the start of a group behind m bumps by m e of a bump. As weights start
-    # like a square root, the error of the weight there is √(m e).
-    before = float(curve.sizes[:-1].sum())
-    tolerance = TABLE_ERROR**2 / before if before else _CAPACITY_ERROR
-    finer = 1.0
-    for _ in range(_MOST_TRIES):
-        at, capacities = _capacity_rows(curve, TAUT * longest, tolerance / finer)
-        parts, rises = _rise_rows(curve, _RISE_ERROR / finer)
-        table = CurveTable(
-            taut=TAUT,
-            compressible=curve.compressible,
-            intervals=curve.interval_count,
-            bumps=tuple(float(size) for size in curve.sizes),
-            distances=at,
-            capacities=capacities,
-            parts=parts,
-            rises=rises,
-            mix=own / np.where(greatest != 0, greatest, np.inf),
-            positive=positive,
-        )
-        error = np.abs(table.at(distances, lengths) - wanted).max(initial=0.0)
-        if error <= TABLE_ERROR * np.abs(wanted).max(initial=0.0):
-            return table
-        finer *= _FINER
-    raise ArithmeticError(f"a table of {len(table.distances)} and {len(table.parts)} rows is off by {error:.3g}")
+    reached = max((TAUT - float((distances / rest).min()) for distances, rest in lengths), default=0.0)
+    if reached <= 0.0:
+        return 0.0
+    full = float(group_starts(replace(curve, compressible=0.0))[-1]) - (1.0 - TAUT)
+    asked_full, asked = curve.asked(np.array([full, reached])).tolist()
+    return float(max(0.0, 1.0 - asked_full / asked))
 
 
-def _capacity_rows(curve: ControlCurve, longest: float, tolerance: float) -> tuple[Floats, Floats]:
-    """(rows,) distances of the anchors and a bump's capacities there; none if bumps have no greatest height."""
-
-    def capacities(distances: Floats) -> Floats:
-        return curve.profile.capacity(distances / curve.interval_count, curve.limit)[:, None]
-
-    if np.isinf(curve.max_height):
-        return np.zeros(0), np.zeros(0)
-    rows, values = _rows(capacities, np.linspace(0.0, longest, _FIRST_ROWS), tolerance, relative=True)
-    return rows, values[:, 0]
-
-
-def _rise_rows(curve: ControlCurve, tolerance: float) -> tuple[Floats, Floats]:
-    """(rows,) parts and (rows, modes) rises, as `CurveTable` has them."""
-
-    def rises(parts: Floats) -> Floats:
-        inside = np.maximum(parts, _LEAST_PART)
-        found: Floats = curve.profile.amplitudes(inside, (1.0 - inside) / 2.0, np.inf) / np.sqrt(inside)[:, None]
-        return found
-
-    return _rows(rises, np.linspace(0.0, 1.0, _FIRST_ROWS), tolerance, relative=False)
-
-
-def _rows(
-    function: Callable[[Floats], Floats], rows: Floats, tolerance: float, *, relative: bool
-) -> tuple[Floats, Floats]:
-    """Rows of a table so dense that straight lines are right halfway between, and its (rows, columns) values.
-
-    Args:
-        function: (rows,) to (rows, columns).
-        rows: The first rows, sorted.
-        tolerance: Greatest error, relative to the value there if `relative`, else to the greatest value.
-        relative: See `tolerance`.
-    """
-    values = function(rows)
-    for _ in range(_HALVINGS):
-        middles = (rows[1:] + rows[:-1]) / 2.0
-        between = function(middles)
-        error = np.abs(between - (values[1:] + values[:-1]) / 2.0)
-        size = np.abs(between) if relative else np.abs(values).max(axis=0)
-        fresh = (error > tolerance * size).any(axis=1)
-        if not fresh.any():
-            break
-        places = np.flatnonzero(fresh) + 1
-        rows, values = np.insert(rows, places, middles[fresh]), np.insert(values, places, between[fresh], axis=0)
-    return rows, values
-
-
-def _where_to_check(curve: ControlCurve, shortest: float, longest: float) -> tuple[Floats, Floats]:
-    """(points,) rest lengths and distances, close behind the start of every group of bumps."""
-    count = int(np.clip(_CHECKED_GROUPS // len(curve.groups), _LEAST_LENGTHS, _MOST_LENGTHS))
-    lengths = np.linspace(shortest, longest, count if longest > shortest else 1)
-    starts = [(1.0 - each) * lengths for each in np.stack([group_starts(curve, length) for length in lengths], axis=1)]
-    distances = [high + _CHECKED_SHARES[:, None] * (low - high) for high, low in pairwise(starts)]
-    distances.append(np.linspace(0.0, 1.0, len(_CHECKED_SHARES))[:, None] * starts[-1])
-    together = np.concatenate(distances)
-    return np.broadcast_to(lengths, together.shape).reshape(-1), together.reshape(-1)
+def weights_of(curve: ControlCurve, amplitudes: Floats) -> Floats:
+    """(frames, groups, modes) amplitudes over the greatest; 0 for groups that never rise."""
+    greatest = curve.greatest_amplitudes
+    return amplitudes / np.where(greatest != 0, greatest, 1.0)

@@ -7,7 +7,7 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig
 from wrinklecli.effects.effect import MeshPlan
-from wrinklecli.effects.wrinkle.activity import Activity, ClipActivity, activities, springs_in
+from wrinklecli.effects.wrinkle.activity import Activity, ClipActivity, activities_in, playing
 from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.effects.wrinkle.report import describe_heights, describe_place
@@ -53,10 +53,10 @@ class WrinklePart:
     def reader(self, rig: Rig, clip: Clip | None) -> Signal:
         """What `Activity` has at each time."""
         patches = [self.attached]
-        springs = springs_in(patches, rig, clip)
+        played = playing(patches, rig, clip)
 
         def read(times: Floats) -> Floats:
-            (seen,) = activities(patches, rig, clip, times, springs=springs)
+            (seen,) = activities_in(played, patches, times)
             beside = seen.distances, seen.rest_lengths, seen.shortenings, seen.unabsorbed
             return np.column_stack([*beside, seen.amplitudes.reshape(len(times), -1)])
 

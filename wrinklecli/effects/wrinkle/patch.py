@@ -14,10 +14,10 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.segment import Segment
 from wrinklecli.effects.wrinkle.curve import ControlCurve
+from wrinklecli.effects.wrinkle.lookup import fitting_compressible, group_starts
 from wrinklecli.effects.wrinkle.places import Places, bowed
 from wrinklecli.effects.wrinkle.reach import Reach
 from wrinklecli.effects.wrinkle.variation import Variation, attenuation
-from wrinklecli.effects.wrinkle.weights import fitting_compressible, group_starts
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, smoothstep
 from wrinklecli.numeric.subdivide import Subdivision
@@ -240,7 +240,7 @@ class Patch:
     @property
     def full(self) -> float:
         """The shortening over the nominal rest length at which the last group of bumps is full."""
-        return float(group_starts(self.curve, self.curve.rest_length)[-1])
+        return float(group_starts(self.curve)[-1])
 
     @property
     def bump_width(self) -> float:

@@ -8,20 +8,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from wrinklecli.character.pose import pose_at
-from wrinklecli.effects.effect import MeshPlan, Motion
 from wrinklecli.effects.shapes import Middles, Sample, Shape, make_shapes
 from wrinklecli.effects.wrinkle.bending import Risen
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.places import Places
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, inverses, unit
+from wrinklecli.numeric.arrays import Floats, Ints, inverses, unit
 from wrinklecli.numeric.intersections import edges_of
 from wrinklecli.surface.refine import Refinement
-
-# Frames, evenly spread, in which normals are to be right where displacements are projected, beside those with the
-# greatest weights.
-_FIT_FRAMES = 16
 
 
 def shapes_of(carried: CarriedPatch, fine: Refinement, risen: Sequence[Risen]) -> list[Shape | None]:
@@ -97,28 +91,3 @@ class _Between:
         padded = np.pad(deltas, ((0, 0), (0, 1), (0, 0)))
         straight = (padded[:, self.ends[:, 0]] + padded[:, self.ends[:, 1]]) / 2.0
         return Middles(self.edges, self.heights[group, ..., None] * self.directions - straight)
-
-
-def projected_shapes(
-    plan: MeshPlan, vertices: Ints, deltas: Floats, motions: Sequence[Motion], weights: Sequence[Floats]
-) -> list[Shape | None]:
-    """Shapes that give what is projected in each frame (`attachment: patch`), with normals for some of the frames.
-
-    Args:
-        plan: The mesh.
-        vertices: (vertices,) fine welded vertices, sorted.
-        deltas: (shapes, vertices, 3) bind displacement at weight 1.
-        motions: All clips.
-        weights: (frames, shapes) weights of the shapes in each clip.
-    """
-    together = np.concatenate(weights)
-    even = np.linspace(0, len(together) - 1, _FIT_FRAMES).astype(int)
-    rows = distinct_values(np.concatenate([even, np.argmax(together, axis=0)]))
-    moments = [(each.clip, time) for each in motions for time in each.times.tolist()]
-    return make_shapes(
-        plan.fine,
-        vertices,
-        deltas,
-        tallest=plan.scale * np.sqrt(np.sum(deltas**2, axis=2)).max(axis=1, initial=0.0),
-        samples=[Sample(together[row], pose_at(plan.rig, *moments[row])) for row in rows] if plan.has_normals else [],
-    )

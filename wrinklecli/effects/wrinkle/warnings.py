@@ -10,9 +10,9 @@ from wrinklecli.effects.effect import MeshPlan, Part
 from wrinklecli.effects.turned import count_teeth
 from wrinklecli.effects.wrinkle.activity import ClipActivity
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
+from wrinklecli.effects.wrinkle.lookup import fitting_compressible
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.effects.wrinkle.placement import collision, ground_under
-from wrinklecli.effects.wrinkle.weights import fitting_compressible
 from wrinklecli.errors import counted
 from wrinklecli.numeric.arrays import Bools
 from wrinklecli.surface.path import Curve

@@ -136,5 +136,5 @@ def apply_tools(
         refuse_too_much(job, plan, chosen, job.document.path)
         effects, motions = sample_effects(plan, chosen, sampling)
         encode_morphs(edited, plan, effects, motions)
-        left_out += [each.left_out for each in effects if each.left_out is not None]
+        left_out += [each.words.left_out for each in effects if each.words.left_out is not None]
     return edited.document(), left_out

@@ -247,8 +247,8 @@ def _shortening(drive: StoredDrive, asset: ShownAsset, rig: Rig, clip: Clip, tim
     found = drive.on(joints, rig.morph_names)
     assert isinstance(found, Drive), "only drives by segments are looked for"
     assert isinstance(found.signal, Segment), "only drives by segments are looked for"
-    distances, rest_lengths = found.signal.lengths(rig, clip, times)
-    shares = 1.0 - distances / rest_lengths
+    lengths = found.signal.lengths(rig, clip, times)
+    shares = 1.0 - lengths.distances / lengths.rest_lengths
     most = int(np.argmax(shares))
     if not np.isfinite(shares[most]):
         return {}

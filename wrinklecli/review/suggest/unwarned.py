@@ -13,10 +13,10 @@ import numpy as np
 from wrinklecli.character.clip import Clip, clip_grid
 from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.effects.wrinkle.activity import ClipActivity, activity
+from wrinklecli.effects.wrinkle.lookup import fitting_compressible
 from wrinklecli.effects.wrinkle.part import WrinklePart
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.effects.wrinkle.warnings import departure_warnings, tool_warnings, turned_warnings
-from wrinklecli.effects.wrinkle.weights import fitting_compressible
 from wrinklecli.numeric.processes import in_processes
 from wrinklecli.review.suggest.anatomy import JOINED
 from wrinklecli.review.suggest.fitted_tools import Suggestion
