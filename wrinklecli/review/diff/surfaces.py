@@ -5,16 +5,19 @@ from dataclasses import replace
 
 import numpy as np
 
+from wrinklecli.character.clip import Clip
 from wrinklecli.character.scene import ScenePrimitive
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints
+from wrinklecli.numeric.closest import Tree, on_triangles
 from wrinklecli.review.diff.common_clips import CommonClip
 from wrinklecli.review.diff.difference import Difference
-from wrinklecli.review.diff.soups import CHUNK, Soup, farthest_apart
 
 # Called with the number of further times that are done, which may be a fraction.
 Advance = Callable[[float], None]
 
+# Vertices that are posed at once, over all times of a chunk. This bounds the memory: each takes about 100 bytes.
+_CHUNK = 2**16
 # Squared distance of two normals below which both are unit vectors: a zero vector is at 1 from any unit vector.
 _ZERO_CHORD = 0.99
 
@@ -68,7 +71,7 @@ def compare_vertices(
     used: Ints | slice = seen if len(seen) < len(one.vertices.positions) else slice(None)
     off = np.zeros(len(seen), bool)
     worst, normal = untouched(one, common, float(times[0])).worst, None
-    step = max(1, CHUNK // len(one.vertices.positions))
+    step = max(1, _CHUNK // len(one.vertices.positions))
     for start in range(0, len(times), step):
         now = times[start : start + step]
         first, second = (primitive.posed(clip, now) for primitive, clip in zip((one, other), common.clips, strict=True))
@@ -106,6 +109,51 @@ def _greatest_angle(first: Floats, second: Floats, used: Ints | slice) -> float:
     return float(np.degrees(2.0 * np.arcsin(min(chord / 2.0, 1.0))))
 
 
+@dataclass(frozen=True, slots=True)
+class _Joined:
+    """Primitives that a clip moves, as one surface.
+
+    Attributes:
+        primitives: The primitives, without normals.
+        clip: Moves them; None for the stored pose.
+        starts: (primitives + 1,) the first vertex of each.
+        used: Sorted numbers of the visible vertices.
+        triangles: (triangles, 3); points, and vertices of lines, are triangles without extent.
+    """
+
+    primitives: tuple[ScenePrimitive, ...]
+    clip: Clip | None
+    starts: Ints
+    used: Ints
+    triangles: Ints
+
+    @classmethod
+    def of(cls, primitives: Sequence[ScenePrimitive], clip: Clip | None) -> "_Joined":
+        """Join primitives."""
+        starts = np.cumsum([0] + [len(primitive.vertices.positions) for primitive in primitives])
+        used = [primitive.seen + start for primitive, start in zip(primitives, starts, strict=False)]
+        triangles = [
+            primitive.triangles + start if len(primitive.triangles) else np.repeat(each[:, None], 3, axis=1)
+            for primitive, each, start in zip(primitives, used, starts, strict=False)
+        ]
+        return cls(
+            tuple(primitive.bare for primitive in primitives),
+            clip,
+            starts,
+            np.concatenate(used),
+            np.concatenate(triangles),
+        )
+
+    def vertex(self, number: int) -> tuple[ScenePrimitive, int]:
+        """The primitive that has a vertex, and the vertex's number there."""
+        index = int(np.searchsorted(self.starts, number, side="right")) - 1
+        return self.primitives[index], number - int(self.starts[index])
+
+    def posed(self, times: Floats) -> Floats:
+        """(times, vertices, 3) positions of all primitives, scene units."""
+        return np.concatenate([each.posed(self.clip, times).positions for each in self.primitives], axis=1)
+
+
 def compare_surfaces(
     rest_a: Sequence[ScenePrimitive],
     rest_b: Sequence[ScenePrimitive],
@@ -113,12 +161,49 @@ def compare_surfaces(
     times: Floats,
     advance: Advance,
 ) -> Apart:
-    """Compare primitives with different triangles by the distances of vertices of each from the other's surface."""
-    soups = [Soup.of(primitives, clip) for primitives, clip in zip((rest_a, rest_b), common.clips, strict=True)]
-    far = farthest_apart(soups[0], soups[1], times, advance)
-    primitive, vertex = soups[far.side].vertex(far.vertex)
-    worst = Worst(far.distance, "AB"[far.side], place_of(primitive), primitive.name, vertex, common.name, far.time)
+    """Compare primitives with different triangles by the distances of vertices of each from the other's surface.
+
+    A triangle that is near a vertex at the first time is not far from it at others. So its distance at each time is a
+    good upper bound, and the nearest triangle is searched only where that exceeds the greatest distance found before.
+    """
+    a, b = (_Joined.of(each, clip) for each, clip in zip((rest_a, rest_b), common.clips, strict=True))
+    sides = ((a, b), (b, a))
+    near: list[Ints] = []
+    bounds: list[float] = []
+    step = max(1, _CHUNK // max(each.starts[-1] for each in (a, b)))
+    for now in (times[k : k + step] for k in range(0, len(times), step)):
+        for posed in zip(a.posed(now), b.posed(now), strict=True):
+            for side, (one, other) in enumerate(sides):
+                points, positions = posed[side][one.used], posed[1 - side]
+                if len(near) == side:
+                    near.append(Tree.of(positions, other.triangles).closest_points(points)[0])
+                bounds.append(float(_distances(points, positions[other.triangles[near[side]]]).max()))
+        advance(len(now))
+    farthest, at = 0.0, (0, int(a.used[0]), float(times[0]))
+    # The surfaces and times with the greatest bounds come first: their distances rule out most others.
+    for number in np.argsort(-np.array(bounds), kind="stable"):
+        if bounds[number] <= farthest:
+            break
+        frame, side = divmod(int(number), len(sides))
+        (one, other), now = sides[side], times[frame : frame + 1]
+        points, positions = one.posed(now)[0, one.used], other.posed(now)[0]
+        chosen = np.flatnonzero(_distances(points, positions[other.triangles[near[side]]]) > farthest)
+        if len(chosen):
+            near[side][chosen], _, places = Tree.of(positions, other.triangles).closest_points(points[chosen])
+            distances = np.sqrt(np.sum((points[chosen] - places) ** 2, axis=1))
+            top = int(distances.argmax())
+            if distances[top] > farthest:
+                farthest, at = float(distances[top]), (side, int(one.used[chosen[top]]), float(now[0]))
+    side, vertex, time = at
+    primitive, vertex = sides[side][0].vertex(vertex)
+    worst = Worst(farthest, "AB"[side], place_of(primitive), primitive.name, vertex, common.name, time)
     return Apart(worst, None, None, 0)
+
+
+def _distances(points: Floats, corners: Floats) -> Floats:
+    """(pairs,) distances of (pairs, 3) points, each from its own triangle among (pairs, 3, 3) corners."""
+    _, places = on_triangles(points, corners)
+    return np.asarray(np.sqrt(np.sum((points - places) ** 2, axis=1)))
 
 
 def place_of(primitive: ScenePrimitive) -> str:
