@@ -163,6 +163,16 @@ def test_angles_are_those_between_normals_that_are_there(tmp_path: Path) -> None
     assert found.normal == pytest.approx(2.0, rel=1e-4)
 
 
+@pytest.mark.parametrize("back", [False, True])
+def test_what_one_clip_moves_and_the_other_leaves_is_compared_over_time(tmp_path: Path, back: bool) -> None:
+    """The hat nods in one file, and in the other a node that shows nothing does."""
+    nods, stays = rich(), rich()
+    stays.gltf["animations"][-1]["channels"][0]["target"]["node"] = stays.append("nodes", {"name": "nothing"})
+    found = compared(tmp_path, *((stays, nods) if back else (nods, stays)), posed=True)
+    assert [(each.name, each.distance) for each in found.differences] == [("hat", pytest.approx(0.1))]
+    assert "clip 'nod' at 1 s" in found.differences[0].message
+
+
 def shoes(*places: tuple[str, float]) -> Asset:
     """The asset with nodes that show one more mesh, by their names and x."""
     asset = rich()
