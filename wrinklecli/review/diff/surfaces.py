@@ -9,7 +9,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.scene import ScenePrimitive
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints
-from wrinklecli.numeric.closest import Tree, on_triangles
+from wrinklecli.numeric.closest import ROUNDING, Tree, meets_box
 from wrinklecli.review.diff.common_clips import CommonClip
 from wrinklecli.review.diff.difference import Difference
 
@@ -154,6 +154,32 @@ class _Joined:
         return np.concatenate([each.posed(self.clip, times).positions for each in self.primitives], axis=1)
 
 
+@dataclass(frozen=True, slots=True)
+class _Places:
+    """Places on a surface, for the vertices of another one, to which they are near at some time.
+
+    Attributes:
+        triangles: (points,) triangles of the surface.
+        shares: (points, 3) barycentric coordinates.
+    """
+
+    triangles: Ints
+    shares: Floats
+
+    def distances(self, points: Floats, positions: Floats, triangles: Ints) -> Floats:
+        """(points,) distances from (points, 3) to these places of (triangles, 3) of (vertices, 3) positions."""
+        places = np.einsum("pc,pcx->px", self.shares, positions[triangles[self.triangles]])
+        return np.asarray(np.sqrt(np.sum((points - places) ** 2, axis=1)))
+
+    def search(self, chosen: Ints, points: Floats, positions: Floats, triangles: Ints, reach: float) -> Floats:
+        """(chosen,) distances from (chosen, 3) points to their nearest places, within a reach, which become these."""
+        reach += ROUNDING * (reach + np.abs(positions).max())
+        around = np.flatnonzero(meets_box(positions, points.min(axis=0) - reach, points.max(axis=0) + reach, triangles))
+        found, self.shares[chosen], places = Tree.of(positions, triangles[around]).closest_points(points)
+        self.triangles[chosen] = around[found]
+        return np.asarray(np.sqrt(np.sum((points - places) ** 2, axis=1)))
+
+
 def compare_surfaces(
     rest_a: Sequence[ScenePrimitive],
     rest_b: Sequence[ScenePrimitive],
@@ -163,47 +189,43 @@ def compare_surfaces(
 ) -> Apart:
     """Compare primitives with different triangles by the distances of vertices of each from the other's surface.
 
-    A triangle that is near a vertex at the first time is not far from it at others. So its distance at each time is a
-    good upper bound, and the nearest triangle is searched only where that exceeds the greatest distance found before.
+    The place of a surface that is nearest to a vertex at the first time is not far from it at others. So its distance
+    is a good upper bound, and the nearest place is searched only where that exceeds the greatest distance found before.
     """
     a, b = (_Joined.of(each, clip) for each, clip in zip((rest_a, rest_b), common.clips, strict=True))
     sides = ((a, b), (b, a))
-    near: list[Ints] = []
-    bounds: list[float] = []
+    near: list[_Places] = []
+    bounds = np.zeros(len(times))
     step = max(1, _CHUNK // max(each.starts[-1] for each in (a, b)))
-    for now in (times[k : k + step] for k in range(0, len(times), step)):
-        for posed in zip(a.posed(now), b.posed(now), strict=True):
+    for first in range(0, len(times), step):
+        now = times[first : first + step]
+        for frame, posed in enumerate(zip(a.posed(now), b.posed(now), strict=True), first):
             for side, (one, other) in enumerate(sides):
                 points, positions = posed[side][one.used], posed[1 - side]
                 if len(near) == side:
-                    near.append(Tree.of(positions, other.triangles).closest_points(points)[0])
-                bounds.append(float(_distances(points, positions[other.triangles[near[side]]]).max()))
+                    near.append(_Places(*Tree.of(positions, other.triangles).closest_points(points)[:2]))
+                bounds[frame] = max(bounds[frame], near[side].distances(points, positions, other.triangles).max())
         advance(len(now))
     farthest, at = 0.0, (0, int(a.used[0]), float(times[0]))
-    # The surfaces and times with the greatest bounds come first: their distances rule out most others.
-    for number in np.argsort(-np.array(bounds), kind="stable"):
-        if bounds[number] <= farthest:
+    # The times with the greatest bounds come first: their distances rule out most others.
+    for frame in np.argsort(-bounds, kind="stable").tolist():
+        if bounds[frame] <= farthest:
             break
-        frame, side = divmod(int(number), len(sides))
-        (one, other), now = sides[side], times[frame : frame + 1]
-        points, positions = one.posed(now)[0, one.used], other.posed(now)[0]
-        chosen = np.flatnonzero(_distances(points, positions[other.triangles[near[side]]]) > farthest)
-        if len(chosen):
-            near[side][chosen], _, places = Tree.of(positions, other.triangles).closest_points(points[chosen])
-            distances = np.sqrt(np.sum((points[chosen] - places) ** 2, axis=1))
+        both = [each.posed(times[frame : frame + 1])[0] for each in (a, b)]
+        for side, (one, other) in enumerate(sides):
+            points, positions = both[side][one.used], both[1 - side]
+            reaches = near[side].distances(points, positions, other.triangles)
+            chosen = np.flatnonzero(reaches > farthest)
+            if not len(chosen):
+                continue
+            distances = near[side].search(chosen, points[chosen], positions, other.triangles, float(reaches.max()))
             top = int(distances.argmax())
             if distances[top] > farthest:
-                farthest, at = float(distances[top]), (side, int(one.used[chosen[top]]), float(now[0]))
+                farthest, at = float(distances[top]), (side, int(one.used[chosen[top]]), float(times[frame]))
     side, vertex, time = at
     primitive, vertex = sides[side][0].vertex(vertex)
     worst = Worst(farthest, "AB"[side], place_of(primitive), primitive.name, vertex, common.name, time)
     return Apart(worst, None, None, 0)
-
-
-def _distances(points: Floats, corners: Floats) -> Floats:
-    """(pairs,) distances of (pairs, 3) points, each from its own triangle among (pairs, 3, 3) corners."""
-    _, places = on_triangles(points, corners)
-    return np.asarray(np.sqrt(np.sum((points - places) ** 2, axis=1)))
 
 
 def place_of(primitive: ScenePrimitive) -> str:
