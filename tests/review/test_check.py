@@ -217,7 +217,7 @@ def test_overlaps_are_the_vertices_that_both_tools_move(tmp_path: Path) -> None:
         tool(name="c", origin=[-0.4, -RADIUS, 0.0], target=[0.4, -RADIUS, 0.0]),
     ]
     found = checked(asset, *tools)
-    moved = [set(each.carried.vertices.tolist()) for each in found.tools]
+    moved = [set(each.part.vertices.tolist()) for each in found.tools]
     shared = len(moved[0] & moved[1])
     assert shared > 10
     assert [each["overlaps"] for each in found.data["tools"]] == [

@@ -102,14 +102,26 @@ def test_an_effect_knows_only_those_that_act_before_it() -> None:
         assert not known & set(later), place_of(path)
 
 
-def test_a_bake_knows_effects_only_as_effects() -> None:
-    for path in (PACKAGE / "baking").glob("*.py"):
-        known = {
-            name
-            for name in imports_of(path)
-            if re.match(r"wrinklecli\.effects\.(muscle|flesh|touch|wrinkle|contact)\b", name)
-        }
-        assert not known, f"{place_of(path)} imports {known}"
+# Rooms that know each kind of effect by name: those that make them, and that read their entries.
+KNOWING = ("effects", "drive", "tools")
+
+
+@pytest.mark.parametrize("path", [path for path in SOURCES if room_of(path) not in KNOWING], ids=place_of)
+def test_other_rooms_know_effects_only_as_effects(path: Path) -> None:
+    """They ask what may be asked of any effect, and never what kind it is."""
+    kinds = "|".join(folder.parent.name for folder in (PACKAGE / "effects").glob("*/__init__.py"))
+    known = {name for name in imports_of(path) if re.match(rf"wrinklecli\.effects\.({kinds})\b", name)}
+    assert not known
+    classes = {
+        alias.asname or alias.name
+        for node in nodes_of(path)
+        if isinstance(node, ast.ImportFrom)
+        and (node.module or "").startswith(("wrinklecli.effects", "wrinklecli.drive"))
+        for alias in node.names
+    }
+    asked = [node for node in nodes_of(path) if isinstance(node, ast.Call) and ast.unparse(node.func) == "isinstance"]
+    names = {each.id for node in asked for each in ast.walk(node.args[1]) if isinstance(each, ast.Name)}
+    assert not names & classes
 
 
 def test_rooms_say_what_they_are_for() -> None:

@@ -10,7 +10,6 @@ from wrinklecli.character.anims import NamedNodes
 from wrinklecli.character.clip import KEY_GAP, KEY_STEP, Clip, clip_grid
 from wrinklecli.character.rig import Rig, moving_nodes, read_rig
 from wrinklecli.drive.drive import Drive, StoredDrive
-from wrinklecli.drive.segment import Segment
 from wrinklecli.drive.swing import SwingDrive
 from wrinklecli.drive.touch import TouchDrive
 from wrinklecli.errors import listed, nearest
@@ -141,18 +140,9 @@ class DrivenBody:
     def flat(self, clip: Clip, times: Floats, weights: Floats) -> Iterator[str]:
         """A line for each tool whose (frames, driven targets) weights are 0 at (frames,) seconds of a clip."""
         for drive, columns in zip(self.drives, self.columns, strict=True):
-            if isinstance(drive, SwingDrive | TouchDrive) or weights[:, columns].any() or self._has_own(drive, clip):
-                continue
-            if not isinstance(drive.signal, Segment):
-                continue
-            lengths = drive.signal.lengths(self.rig, clip, times)
-            least = float(np.min(lengths.distances / lengths.rest_lengths))
-            if drive.strengths.get(clip.name, drive.strength) == 0:
-                yield f"{drive.name} stays flat, as its strength is 0 in this clip"
-            elif np.isinf(least):
-                yield f"{drive.name} stays flat, as the body is scaled to nothing"
-            else:
-                yield f"{drive.name} stays flat, as its ends come no closer than {100 * least:.4g} % of its rest length"
+            why = drive.why_flat(self.rig, clip, times)
+            if why is not None and not weights[:, columns].any() and not self._has_own(drive, clip):
+                yield why
 
     def _has_own(self, drive: Drive | SwingDrive | TouchDrive, clip: Clip) -> bool:
         """True if a clip moves targets that belong to it alone, as in the file of its bake."""

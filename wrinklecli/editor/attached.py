@@ -16,10 +16,9 @@ from wrinklecli.character.skin import Skin, pose, prepare
 from wrinklecli.editor.clip_cache import ClipCache
 from wrinklecli.effects.attached import AnyAttached
 from wrinklecli.effects.body import largest_moves, moves_at_rest
-from wrinklecli.effects.effect import MeshPlan, Part, SamplingOptions
+from wrinklecli.effects.effect import MeshPlan, Part, SamplingOptions, Seen
 from wrinklecli.effects.plan import mesh_warnings, skin_parts
 from wrinklecli.effects.sampling import moving_clips, play_below_skin
-from wrinklecli.effects.wrinkle.part import WrinklePart
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, children, distinct_values
@@ -237,14 +236,13 @@ class AttachedTool:
         numbers = cache.numbers(self.ground, self.part, clip)
         return cache.times(clip), self.part.heights(self.plan.fine, clip, numbers)
 
-    def sampled(self, cache: ClipCache, clips: Sequence[Clip]) -> list[tuple[Clip, Floats, Floats]]:
-        """The clips that move its mesh, with (frames,) seconds and (frames, numbers) by which it moves."""
-        moving = moving_clips(self.plan, clips)
-        return [(clip, cache.times(clip), cache.numbers(self.ground, self.part, clip)) for clip in moving]
+    def seen(self, cache: ClipCache, clips: Sequence[Clip]) -> list[Seen]:
+        """What is seen of it in each clip that moves its mesh."""
+        return [cache.seen(self.ground, self.part, clip) for clip in moving_clips(self.plan, clips)]
 
     def facts_in(self, cache: ClipCache, clips: Sequence[Clip]) -> list[Json]:
         """What an artist wants to know of it in each clip that moves its mesh."""
-        return [self.part.facts_in(self.plan, *each) for each in self.sampled(cache, clips)]
+        return [self.part.facts_in(self.plan, each) for each in self.seen(cache, clips)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -320,8 +318,7 @@ class AttachedTools:
         """Collect the warnings of `check` by tool; those about whole meshes have an empty name."""
         found: dict[str, list[str]] = {}
         for tool in self.tools.values():
-            assert isinstance(tool.part, WrinklePart)
-            lines = tool.part.warnings(tool.plan, tool.sampled(cache, clips), up=settings.up)
+            lines = tool.part.words(tool.plan).warnings(tool.plan, tool.seen(cache, clips), up=settings.up)
             _add_by_name(found, [tool.attached.tool.name], lines)
         for plan in (cluster.plan for mesh in self.meshes for cluster in mesh.clusters):
             names = [part.attached.tool.name for part in skin_parts(plan)]

@@ -13,7 +13,8 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip, clip_grid
 from wrinklecli.character.pose import joint_matrices, morph_weights
-from wrinklecli.effects.effect import Part
+from wrinklecli.effects.effect import Part, Seen
+from wrinklecli.effects.sampling import reader, seen_at
 from wrinklecli.numeric.arrays import Floats, distinct_values
 from wrinklecli.numeric.piecewise import Signal
 from wrinklecli.surface.ground import Ground
@@ -69,7 +70,7 @@ class ClipCache:
         self._times = RecentResults(_KEPT_TIMES)
         self._poses = RecentResults(_KEPT_POSES)
         self._weights = RecentResults(_KEPT_POSES)
-        self._readers, self._numbers = RecentResults(_KEPT_NUMBERS), RecentResults(_KEPT_NUMBERS)
+        self._readers, self._seen, self._numbers = (RecentResults(_KEPT_NUMBERS) for _ in range(3))
 
     def times(self, clip: Clip) -> Floats:
         """(frames,) seconds, as `frame_times`."""
@@ -104,10 +105,15 @@ class ClipCache:
         """(frames, morph targets) weights of a mesh over a clip, with those that drives set."""
         return self._weights.get_or_make((ground, clip.name), lambda: morph_weights(ground.rig, clip, self.times(clip)))
 
+    def seen(self, ground: Ground, part: Part, clip: Clip) -> Seen:
+        """What is seen of a tool over a clip, at its frame times."""
+        key = (part.attached.tool, ground, clip.name)
+        return self._seen.get_or_make(key, lambda: seen_at(part, ground.rig, clip, self.times(clip)))
+
     def numbers(self, ground: Ground, part: Part, clip: Clip) -> Floats:
         """(frames, numbers) by which a tool moves over a clip, at its frame times."""
         key = (part.attached.tool, ground, clip.name)
-        return self._numbers.get_or_make(key, lambda: self._reader(ground, part, clip)(self.times(clip)))
+        return self._numbers.get_or_make(key, lambda: part.numbers(clip, self.seen(ground, part, clip).reading))
 
     def numbers_at(self, ground: Ground, part: Part, clip: Clip | None, time: float) -> Floats:
         """(1, numbers) by which a tool moves at a time; in the stored pose without a clip."""
@@ -119,7 +125,7 @@ class ClipCache:
     def _reader(self, ground: Ground, part: Part, clip: Clip | None) -> Signal:
         """The reader of a tool, whose spring follows a clip once."""
         key = (part.attached.tool, ground, None if clip is None else clip.name)
-        return self._readers.get_or_make(key, lambda: part.reader(ground.rig, clip))
+        return self._readers.get_or_make(key, lambda: reader(part, ground.rig, clip))
 
     def _frame(self, clip: Clip, time: float) -> int | None:
         """Number of the frame at exactly this time."""

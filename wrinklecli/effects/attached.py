@@ -93,6 +93,11 @@ class Attached(Protocol[Tool]):
         ...
 
     @property
+    def flatter(self) -> str:
+        """What makes it turn fewer triangles over, as the end of a warning."""
+        ...
+
+    @property
     def moves(self) -> Moves | None:
         """The morph targets by which the effect moves the mesh before later effects see it; None if they do not."""
         ...
@@ -158,6 +163,11 @@ class BelowSkin(ABC):
     def bump_width(self) -> float:
         """The whole of it."""
         return self.span
+
+    @property
+    def flatter(self) -> str:
+        """A lower bump."""
+        return "a lower one avoids it"
 
     @property
     def full(self) -> float:

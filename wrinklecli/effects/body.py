@@ -5,7 +5,7 @@ The rig has their targets among its own, so that the anchors of later effects fo
 
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Sequence
-from typing import ClassVar, Generic, Protocol, Self, TypeVar
+from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar
 
 import numpy as np
 
@@ -13,14 +13,13 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import Pose
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.drive import AnyDrive
-from wrinklecli.effects.effect import Effect, MeshPlan, SamplingOptions, Words, named_targets
+from wrinklecli.effects.effect import Effect, MeshPlan, SamplingOptions, Seen, Words, named_targets
 from wrinklecli.effects.shapes import Sample, Shape, make_shapes
 from wrinklecli.errors import counted
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, Ints, nonzero_rows
 from wrinklecli.numeric.memory import Memory
-from wrinklecli.numeric.piecewise import Signal
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.tools.body import Flesh, Muscle, Touch
 from wrinklecli.tools.records import ToolsFile
@@ -68,11 +67,13 @@ class BodyPart(Generic[AttachedType]):
 
     Attributes:
         deltas: (targets, fine vertices, 3) displacements at weight 1, bind space.
+        layer: All of its kind.
     """
 
     attached: AttachedType
     region: int
     deltas: Floats
+    layer: "BodyLayer[AttachedType]"
 
     @property
     def vertices(self) -> Ints:
@@ -90,15 +91,29 @@ class BodyPart(Generic[AttachedType]):
         """(vertices,) halves: it is one bump."""
         return np.full(len(self.vertices), 0.5)
 
-    def reader(self, rig: Rig, clip: Clip | None) -> Signal:
-        """The weights of its targets."""
-        return self.attached.drive.weights_in(rig.own, clip)
+    @property
+    def drive(self) -> AnyDrive:
+        """The names of its targets, and their weights."""
+        return self.attached.drive
+
+    def sizes(self, fine: Refinement) -> Floats:
+        """(targets,) the largest move of each."""
+        _, moves = moves_at_rest(fine.blended, self.deltas)
+        return np.asarray(np.sqrt((moves**2).sum(axis=2)).max(axis=1, initial=0.0))
+
+    def numbers(self, clip: Clip | None, reading: Any) -> Floats:
+        """(frames, targets) the weights of its targets."""
+        return self.drive.weights(clip, reading)
+
+    def strengths(self, seen: Seen) -> Floats:
+        """(frames,) the greatest weights."""
+        return np.asarray(np.abs(seen.weights).max(axis=1, initial=0.0))
 
     def displacements(
         self, _fine: Refinement, rig: Rig, clip: Clip | None, times: Floats, numbers: Floats | None = None
     ) -> Floats:
         """(frames, vertices, 3) the sums of its targets, bind space."""
-        weights = self.reader(rig, clip)(times) if numbers is None else numbers
+        weights = self.drive.weights_in(rig, clip)(times) if numbers is None else numbers
         return np.asarray(np.tensordot(weights, self.deltas[:, self.vertices], axes=1))
 
     def heights(self, fine: Refinement, _clip: Clip | None, numbers: Floats) -> Floats:
@@ -113,11 +128,20 @@ class BodyPart(Generic[AttachedType]):
         """Its name."""
         return {"name": self.attached.tool.name}
 
-    def facts_in(self, plan: MeshPlan, clip: Clip, times: Floats, numbers: Floats) -> Json:
+    def cuts(self, shortenings: Floats) -> tuple[Floats, Floats]:
+        """(cuts, 0) twice: it has no control curve."""
+        nothing = np.zeros((len(shortenings), 0))
+        return nothing, nothing
+
+    def facts_in(self, plan: MeshPlan, seen: Seen) -> Json:
         """Its largest move in a clip."""
-        heights = self.heights(plan.fine, clip, numbers)
+        heights = self.heights(plan.fine, seen.motion.clip, seen.weights)
         at = int(np.argmax(heights))
-        return {"name": clip.name, "height": float(heights[at]), "time": float(times[at])}
+        return {"name": seen.motion.clip.name, "height": float(heights[at]), "time": float(seen.motion.times[at])}
+
+    def words(self, plan: MeshPlan) -> Words:
+        """What it says of itself."""
+        return self.layer.words(plan, self.attached, self.deltas)
 
     def place_warnings(self, _plan: MeshPlan) -> list[str]:
         """None: what does not fit is refused."""
@@ -155,7 +179,7 @@ class BodyLayer(ABC, Generic[AttachedType]):
     @property
     def parts(self) -> Sequence[BodyPart[AttachedType]]:
         """Each of them."""
-        return [BodyPart(*each) for each in zip(self.attached, self.regions, self.deltas, strict=True)]
+        return [BodyPart(*each, self) for each in zip(self.attached, self.regions, self.deltas, strict=True)]
 
     @property
     def moved(self) -> Sequence[Ints]:
@@ -176,6 +200,10 @@ class BodyLayer(ABC, Generic[AttachedType]):
     ) -> list[Effect]:
         """Make an effect of each."""
         return [*before, *(self.effect(plan, *pair) for pair in zip(self.attached, self.deltas, strict=True))]
+
+    @abstractmethod
+    def words(self, plan: MeshPlan, attached: AttachedType, deltas: Floats) -> Words:
+        """What one of them says of itself."""
 
     @abstractmethod
     def effect(self, plan: MeshPlan, attached: AttachedType, deltas: Floats) -> Effect:

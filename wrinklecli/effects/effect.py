@@ -23,7 +23,6 @@ from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools, Floats, Ints
 from wrinklecli.numeric.guard import Progress
 from wrinklecli.numeric.memory import Memory
-from wrinklecli.numeric.piecewise import Signal
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.rest import Rest
@@ -245,11 +244,21 @@ class Part(Protocol):
         """(vertices,) their places across its crests, from 0 to 1: u, unless crests are bent."""
         ...
 
-    def reader(self, rig: Rig, clip: Clip | None) -> Signal:
-        """A function from (frames,) seconds of a clip to (frames, numbers) by which the effect moves.
+    @property
+    def drive(self) -> AnyDrive:
+        """What moves it: whether it has targets or not, its measurements and weights are those of its drive."""
+        ...
 
-        What they are is known to the effect alone.
-        """
+    def sizes(self, fine: Refinement) -> Floats:
+        """(weights of the drive,) the largest move that each stands for, scene units."""
+        ...
+
+    def numbers(self, clip: Clip | None, reading: Any) -> Floats:
+        """(frames, numbers) by which it moves, from the measurements of its drive; it alone knows what they are."""
+        ...
+
+    def strengths(self, seen: "Seen") -> Floats:
+        """(frames,) how far it is moved: shortenings over the rest length, or greatest weights."""
         ...
 
     def displacements(
@@ -257,12 +266,12 @@ class Part(Protocol):
     ) -> Floats:
         """(frames, vertices, 3) their displacements at (frames,) seconds of a clip, bind space.
 
-        `numbers` are the reader's at these times, if they are known.
+        The `numbers` at these times are found, unless they are known.
         """
         ...
 
     def heights(self, fine: Refinement, clip: Clip | None, numbers: Floats) -> Floats:
-        """(frames,) the height of its highest bump, scene units, by the reader's (frames, numbers) in a clip."""
+        """(frames,) the height of its highest bump by (frames, numbers) in a clip, scene units."""
         ...
 
     def cut(self, clip: Clip | None, numbers: Floats) -> Floats:
@@ -276,11 +285,19 @@ class Part(Protocol):
         """What an artist wants to know of it, whatever moves it: JSON values only; `up` is the axis of positions."""
         ...
 
-    def facts_in(self, plan: MeshPlan, clip: Clip, times: Floats, numbers: Floats) -> Json:
-        """What an artist wants to know of it in a clip: its `name`, the greatest `height` of the effect, its `time`.
+    def facts_in(self, plan: MeshPlan, seen: Seen) -> Json:
+        """What an artist wants to know of it in a clip: its `name`, the greatest `height` of the effect, its `time`."""
+        ...
 
-        The reader has given (frames, numbers) at (frames,) seconds.
+    def cuts(self, shortenings: Floats) -> tuple[Floats, Floats]:
+        """(cuts, points) places and heights along its middle at (cuts,) shortenings over the rest length, scene units.
+
+        There are no points for an effect without a control curve.
         """
+        ...
+
+    def words(self, plan: MeshPlan) -> Words:
+        """What it says of itself."""
         ...
 
     def place_warnings(self, plan: MeshPlan) -> list[str]:

@@ -1,13 +1,14 @@
 """Effects over time: the clips that move them, clips of equal motion, and the weights of their drives in each."""
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip, clip_grid
-from wrinklecli.character.rig import moving_nodes
+from wrinklecli.character.rig import Rig, moving_nodes
 from wrinklecli.drive.play import Playing, play_grid, play_keys
-from wrinklecli.effects.effect import Effect, MeshPlan, Motion, SamplingOptions, Seen
+from wrinklecli.effects.effect import Effect, MeshPlan, Motion, Part, SamplingOptions, Seen
 from wrinklecli.numeric.arrays import Floats, Ints
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.numeric.piecewise import Signal
@@ -57,6 +58,51 @@ def play_below_skin(plan: MeshPlan, clips: Sequence[Clip], how: SamplingOptions)
     motions = play(plan, effects, clips, how) if effects else []
     for number, effect in enumerate(effects):
         yield effect, [motion.seen(number) for motion in motions]
+
+
+def play_parts(plan: MeshPlan, parts: Sequence[Part], clips: Sequence[Clip], how: SamplingOptions) -> list[list[Seen]]:
+    """For each part what is seen of it in each clip, at times between which straight lines give the moves of all."""
+    found: list[list[Seen]] = [[] for _ in parts]
+    bound = plan.max_error / max(most_overlaps(plan), 1)
+    sizes = np.concatenate([np.zeros(0), *(part.sizes(plan.fine) for part in parts)])
+    for clip in clips if parts else ():
+        drives = [part.drive for part in parts]
+        playing = Playing(drives, plan.rig, clip)
+        signal = partial(_moves, playing, sizes)
+        times, keys = play_keys(
+            play_grid(drives, plan.rig, clip, fps=how.fps),
+            lambda _stretch, signal=signal: signal,  # type: ignore[misc]
+            width=len(sizes),
+            tolerance=SAMPLING_SHARE * bound,
+            thinning=KEYS_SHARE * bound,
+        )
+        readings = playing.read(times)
+        motion = Motion(clip, times, keys, tuple(readings), tuple(playing.weights(readings)))
+        for number, each in enumerate(found):
+            each.append(motion.seen(number))
+    return found
+
+
+def _moves(playing: Playing, sizes: Floats, times: Floats) -> Floats:
+    """(frames, weights) moves of (weights,) sizes at (frames,) seconds, scene units."""
+    moves: Floats = playing.at(times) * sizes
+    return moves
+
+
+def seen_at(part: Part, rig: Rig, clip: Clip, times: Floats) -> Seen:
+    """What is seen of a part at (frames,) seconds of a clip."""
+    playing = Playing([part.drive], rig, clip)
+    readings = playing.read(times)
+    return Motion(clip, times, np.arange(len(times)), tuple(readings), tuple(playing.weights(readings))).seen(0)
+
+
+def reader(part: Part, rig: Rig, clip: Clip | None) -> Signal:
+    """A function from (frames,) seconds of a clip to (frames, numbers) by which a part moves.
+
+    Its spring follows the clip once; None is the stored pose.
+    """
+    playing = Playing([part.drive], rig, clip)
+    return lambda times: part.numbers(clip, playing.read(times)[0])
 
 
 def motion_at(plan: MeshPlan, effects: Sequence[Effect], clip: Clip, times: Floats, keys: Ints) -> Motion:

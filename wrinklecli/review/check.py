@@ -15,15 +15,10 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.moved import Motions
 from wrinklecli.character.posing import JointTurn, MorphWeight
 from wrinklecli.character.rig import moving_nodes
-from wrinklecli.effects.effect import MeshPlan, SamplingOptions
+from wrinklecli.effects.effect import MeshPlan, Part, SamplingOptions, Seen
+from wrinklecli.effects.faults import turned_warnings
 from wrinklecli.effects.plan import mesh_warnings, skin_parts, track_warnings
-from wrinklecli.effects.sampling import moving_clips, play_below_skin
-from wrinklecli.effects.wrinkle.activity import ClipActivity, sample_activities
-from wrinklecli.effects.wrinkle.carry import CarriedPatch
-from wrinklecli.effects.wrinkle.layer import carried_patches_of
-from wrinklecli.effects.wrinkle.lookup import fitting_compressible
-from wrinklecli.effects.wrinkle.report import describe_heights, describe_place
-from wrinklecli.effects.wrinkle.warnings import tool_warnings, turned_warnings
+from wrinklecli.effects.sampling import moving_clips, play_below_skin, play_parts
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Ints
@@ -91,10 +86,11 @@ class CheckOptions:
 
 @dataclass(frozen=True, slots=True)
 class CheckedTool:
-    """A tool on its mesh, its activity in each clip that moves the mesh, and its part of the JSON."""
+    """A tool on its mesh, what is seen of it in each clip that moves the mesh, and its part of the JSON."""
 
-    carried: CarriedPatch
-    clips: tuple[ClipActivity, ...]
+    plan: MeshPlan
+    part: Part
+    clips: tuple[Seen, ...]
     data: Json
 
 
@@ -152,8 +148,8 @@ def check(
             refuse_many_samples(job, plan, clips)
             sampling = SamplingOptions(job.settings.sampling.fps, "morph", job.document.memory, progress)
             moving = moving_clips(plan, clips)
-            carried_patches = carried_patches_of(plan)
-            seen = sample_activities(plan, [each.patch for each in carried_patches], moving, sampling)
+            parts = skin_parts(plan)
+            seen = play_parts(plan, parts, moving, sampling)
             baked = [clip for clip in moving if clip.name not in (*job.range, job.pose)]
             warnings += mesh_warnings(plan, job.settings, baked)
             # No tool is at fault, and an option of the bake decides.
@@ -161,9 +157,9 @@ def check(
             for section, found in _check_driven(plan, clips, sampling, job):
                 sections.setdefault(section, []).append(found)
                 warnings += found["warnings"]
-            names = [carried.patch.tool.name for carried in carried_patches]
-            for number, overlaps in enumerate(_overlaps([each.vertices for each in carried_patches], names)):
-                tool = _check_tool(plan, number, seen[number], overlaps, job)
+            shared = _overlaps([each.vertices for each in parts], [each.attached.tool.name for each in parts])
+            for part, own, overlaps in zip(parts, seen, shared, strict=True):
+                tool = _check_tool(plan, part, own, overlaps, job)
                 checked.append(tool)
                 warnings += tool.data["warnings"]
                 progress("checking", len(checked), len(job.settings.tools))
@@ -183,8 +179,8 @@ def check(
 def _clips_to_check(plan: MeshPlan, job: Job) -> list[Clip]:
     """The chosen clips, without motions of the range of motion that move no anchor on this mesh."""
     moving: set[int] = set()
-    for carried in carried_patches_of(plan):
-        joints = [joint for anchor in carried.patch.anchors for joint in anchor.joints]
+    for part in skin_parts(plan):
+        joints = [joint for anchor in part.attached.regions[0].anchors for joint in anchor.joints]
         moving |= moving_nodes(plan.rig, joints)
     if plan.rig.drives:
         moving |= moving_nodes(plan.rig)
@@ -210,28 +206,23 @@ def _check_driven(
         yield effect.section, {**effect.words.describe(plan, effect.target_names), "clips": told, "warnings": lines}
 
 
-def _check_tool(plan: MeshPlan, number: int, every: Sequence[ClipActivity], overlaps: Json, job: Job) -> CheckedTool:
+def _check_tool(plan: MeshPlan, part: Part, every: Sequence[Seen], overlaps: Json, job: Job) -> CheckedTool:
     """Describe a tool in all clips, and in those motions of a range of motion that shorten it most."""
-    carried, up = carried_patches_of(plan)[number], job.settings.up
-    made = [each for each in every if each.clip.name in job.range]
-    shortening = sorted((each for each in made if _shortest(each) > _VISIBLE), key=_shortest, reverse=True)
-    clips = (*(each for each in every if each not in made), *shortening[:_MOST_MOTIONS])
-    data = describe_place(plan, carried, skin_parts(plan)[number].region, up) | overlaps
+    up = job.settings.up
+    own = [each for each in every if each.motion.clip.name not in job.range]
+    made = [(float(part.strengths(each).max()), each) for each in every if each.motion.clip.name in job.range]
+    most = sorted((each for each in made if each[0] > _VISIBLE), key=lambda each: each[0], reverse=True)
+    clips = (*own, *(each for _, each in most[:_MOST_MOTIONS]))
+    lengths = ((each.reading.distances, each.reading.rest_lengths) for each in clips)
+    data = part.facts(plan, up) | overlaps
     data |= {
-        "fitting_compressible": fitting_compressible(
-            carried.patch.curve, ((each.seen.distances, each.seen.rest_lengths) for each in clips)
-        ),
-        "clips": [describe_heights(carried, each) for each in clips],
-        "warnings": tool_warnings(plan, carried, clips, up=up) + turned_warnings(plan, skin_parts(plan)[number], clips),
+        "fitting_compressible": part.attached.fitting_compressible(lengths),
+        "clips": [part.facts_in(plan, each) for each in clips],
+        "warnings": part.words(plan).warnings(plan, clips, up=up) + turned_warnings(plan, part, clips),
     }
     if made and not clips:
         data["warnings"].append(f"{data['name']}: never shortens in the asset's range of motion: no wrinkle")
-    return CheckedTool(carried, clips, data)
-
-
-def _shortest(each: ClipActivity) -> float:
-    """The greatest shortening in a clip, over the rest length."""
-    return float((each.seen.shortenings / each.seen.rest_lengths).max())
+    return CheckedTool(plan, part, clips, data)
 
 
 def _describe_mesh(plan: MeshPlan) -> Json:

@@ -19,8 +19,6 @@ _CURVES = 5
 _SHOWN_SHORTENING = 0.5
 # Shortenings below this part of the rest length count as none.
 _VISIBLE = 1e-3
-# Points of a curve for each control interval, doubled by each level of details.
-_POINTS = 32
 # Distance between the base lines of two curves, over the height of the tallest bump.
 _SPACING = 1.4
 # The least distance between the base lines of two curves, over the rest length.
@@ -100,39 +98,34 @@ def _draw_curves(axes: "Axes", tool: CheckedTool) -> None:
     """The control curve from rest to the greatest shortening of all clips."""
     import matplotlib as mpl
 
-    patch = tool.carried.patch
-    curve, strength = patch.curve, patch.shape_strength
-    greatest = max((float((each.seen.shortenings / each.seen.rest_lengths).max()) for each in tool.clips), default=0.0)
+    greatest = max((float(tool.part.strengths(each).max()) for each in tool.clips), default=0.0)
     reached = greatest > _VISIBLE
     shortenings = np.linspace(0.0, greatest if reached else _SHOWN_SHORTENING, _CURVES)
-    lengths = np.full(len(shortenings), curve.rest_length)
-    distances = (1.0 - shortenings) * lengths
-    amplitudes, _ = curve.follow(distances, lengths)
-    us = np.linspace(0.0, 1.0, _POINTS * 2 ** len(curve.details) * curve.interval_count + 1)
-    heights = strength * np.einsum("fgm,gmu->fu", amplitudes, curve.shapes(us))
+    places, heights = tool.part.cuts(shortenings)
+    length = float(places[0, -1])
     colours = mpl.colormaps["viridis_r"](np.linspace(0.35, 1.0, len(shortenings)))
     # Curves stand one above another on base lines, the shortest on top.
-    step = max(_SPACING * float(np.ptp(heights, axis=1).max()), _LEAST_SPACING * float(lengths[0]))
+    step = max(_SPACING * float(np.ptp(heights, axis=1).max()), _LEAST_SPACING * length)
     bases = step * np.arange(len(shortenings))
-    for share, distance, height, base, colour in zip(shortenings, distances, heights, bases, colours, strict=True):
+    for share, along, height, base, colour in zip(shortenings, places, heights, bases, colours, strict=True):
         # The middle of each curve stays in place, so that its bumps are above each other.
-        along = lengths[0] / 2.0 + distance * (us - 0.5)
-        axes.plot(along, base + height, color=colour, linewidth=1.2)
+        axes.plot(along + (length - along[-1]) / 2.0, base + height, color=colour, linewidth=1.2)
         label = f"{100 * share:.0f} % shorter" if share else "at full length"
-        axes.annotate(label, (lengths[0], base), (6, 0), textcoords="offset points", va="center", color=colour)
+        axes.annotate(label, (length, base), (6, 0), textcoords="offset points", va="center", color=colour)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_yticks([])
     axes.spines["left"].set_visible(False)
-    axes.set_title(_cut(patch.tool.name, _LONGEST_TITLE) + ("" if reached else " (no clip shortens it)"))
+    axes.set_title(_cut(tool.data["name"], _LONGEST_TITLE) + ("" if reached else " (no clip shortens it)"))
 
 
 def _draw_heights(axes: "Axes", tool: CheckedTool) -> None:
     """The height of the tallest bump over the time of each clip."""
-    patch = tool.carried.patch
-    lines = []
+    part, lines = tool.part, []
     for each in tool.clips:
-        heights = patch.tool.strength_in(each.clip.name) * patch.curve.heights(each.seen.amplitudes).max(axis=1)
-        lines.append((each.clip.name, each.times, heights))
+        clip = each.motion.clip
+        heights = part.heights(tool.plan.fine, clip, part.numbers(clip, each.reading))
+        # A furrow is a bump of a negative strength.
+        lines.append((clip.name, each.motion.times, np.sign(part.attached.tool.strength_in(clip.name)) * heights))
     named = sorted(range(len(lines)), key=lambda k: -float(np.abs(lines[k][2]).max()))[:_NAMED]
     for k, (name, times, heights) in enumerate(lines):
         if k in named:

@@ -9,7 +9,7 @@ from kit.asset import Asset, attribute, stored
 from kit.carried import ROOTS, carry_patch, placed
 from kit.limb import limb_asset, tool
 from kit.prepared import prepare
-from wrinklecli.effects.turned import count_turned_over
+from wrinklecli.effects.faults import count_turned_over
 from wrinklecli.effects.wrinkle.bending import turns_of
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.creases import creased

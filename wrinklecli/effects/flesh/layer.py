@@ -11,7 +11,7 @@ from wrinklecli.effects.attached import AnyAttached
 from wrinklecli.effects.body import BodyLayer
 from wrinklecli.effects.effect import Effect, MeshPlan
 from wrinklecli.effects.flesh.attach import AttachedFlesh, attach_flesh
-from wrinklecli.effects.flesh.effect import SECTION, flesh_effect
+from wrinklecli.effects.flesh.effect import SECTION, FleshWords, flesh_effect
 from wrinklecli.effects.flesh.report import in_place
 from wrinklecli.errors import listed
 from wrinklecli.frozen import dataclass
@@ -36,6 +36,10 @@ class FleshLayer(BodyLayer[AttachedFlesh]):
     def sampled_numbers(self) -> int:
         """Weights, as states too."""
         return sum(2 * len(each) for each in self.deltas)
+
+    def words(self, _plan: MeshPlan, attached: AttachedFlesh, deltas: Floats) -> FleshWords:
+        """What one of them says of itself."""
+        return FleshWords(attached, deltas)
 
     def effect(self, plan: MeshPlan, attached: AttachedFlesh, deltas: Floats) -> Effect:
         """The effect of one region."""

@@ -36,9 +36,14 @@ def muscle_effect(plan: MeshPlan, attached: AttachedMuscle, deltas: Floats) -> E
     """The effect of a muscle with (targets, fine vertices, 3) displacements at weight 1, bind space."""
     knots = attached.response.mix
     chosen = np.linspace(len(knots) - 1, 0, min(_FIT_KNOTS, len(knots))).astype(int)
-    words = MuscleWords(attached, deltas, *_fullest(plan, deltas, knots[-1]))
+    words = muscle_words(plan, attached, deltas)
     found = body_effect(SECTION, attached, body_shapes(plan, deltas, knots[chosen]), words)
     return replace(found, exact=attached.response, remixes=words)
+
+
+def muscle_words(plan: MeshPlan, attached: AttachedMuscle, deltas: Floats) -> "MuscleWords":
+    """What a muscle with such displacements says of itself."""
+    return MuscleWords(attached, deltas, *_fullest(plan, deltas, attached.response.mix[-1]))
 
 
 def _fullest(plan: MeshPlan, deltas: Floats, weights: Floats) -> tuple[float, float]:

@@ -8,7 +8,7 @@ from wrinklecli.effects.attached import AnyAttached
 from wrinklecli.effects.body import BodyLayer
 from wrinklecli.effects.effect import Effect, MeshPlan
 from wrinklecli.effects.muscle.attach import AttachedMuscle, attach_muscles
-from wrinklecli.effects.muscle.effect import SECTION, muscle_effect
+from wrinklecli.effects.muscle.effect import SECTION, MuscleWords, muscle_effect, muscle_words
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools, Floats
@@ -28,6 +28,10 @@ class MuscleLayer(BodyLayer[AttachedMuscle]):
     def sampled_numbers(self) -> int:
         """Weights, a distance and a rest length of each muscle."""
         return sum(len(each) + 2 for each in self.deltas)
+
+    def words(self, plan: MeshPlan, attached: AttachedMuscle, deltas: Floats) -> MuscleWords:
+        """What one of them says of itself."""
+        return muscle_words(plan, attached, deltas)
 
     def effect(self, plan: MeshPlan, attached: AttachedMuscle, deltas: Floats) -> Effect:
         """The effect of one muscle."""

@@ -10,7 +10,7 @@ from wrinklecli.effects.attached import AnyAttached
 from wrinklecli.effects.body import BodyLayer
 from wrinklecli.effects.effect import Effect, MeshPlan
 from wrinklecli.effects.touch.attach import FOLDED, AttachedTouch, attach_touches, touches_of
-from wrinklecli.effects.touch.effect import SECTION, touch_effect
+from wrinklecli.effects.touch.effect import SECTION, TouchWords, touch_effect
 from wrinklecli.errors import counted
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
@@ -35,6 +35,10 @@ class TouchLayer(BodyLayer[AttachedTouch]):
     def sampled_numbers(self) -> int:
         """Weights, as states too."""
         return sum(2 * len(each) for each in self.deltas)
+
+    def words(self, _plan: MeshPlan, attached: AttachedTouch, deltas: Floats) -> TouchWords:
+        """What one of them says of itself."""
+        return TouchWords(attached, deltas)
 
     def effect(self, plan: MeshPlan, attached: AttachedTouch, deltas: Floats) -> Effect:
         """The effect of one touch."""

@@ -8,6 +8,7 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.effects.attached import AnyAttached
 from wrinklecli.effects.effect import Effect, MeshPlan, SamplingOptions
+from wrinklecli.effects.faults import departure_warnings
 from wrinklecli.effects.sampling import most_overlaps
 from wrinklecli.effects.wrinkle.attach import attach_tools
 from wrinklecli.effects.wrinkle.bounds import bounded
@@ -19,7 +20,7 @@ from wrinklecli.effects.wrinkle.forecast import expected_shapes
 from wrinklecli.effects.wrinkle.lines import lines_of
 from wrinklecli.effects.wrinkle.part import WrinklePart
 from wrinklecli.effects.wrinkle.patch import Patch
-from wrinklecli.effects.wrinkle.warnings import departure_warnings, twin_warnings
+from wrinklecli.effects.wrinkle.warnings import twin_warnings
 from wrinklecli.errors import BakeError
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Ints

@@ -1,25 +1,25 @@
 """A wrinkling tool on the refined surface, as it answers what may be asked of any effect."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig
-from wrinklecli.effects.effect import MeshPlan
-from wrinklecli.effects.wrinkle.activity import Activity, ClipActivity, activities_in, playing
+from wrinklecli.drive.drive import Drive
+from wrinklecli.drive.segment import Lengths
+from wrinklecli.effects.effect import MeshPlan, Seen
+from wrinklecli.effects.wrinkle.activity import Activity, ClipActivity, curve_drive
 from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
+from wrinklecli.effects.wrinkle.effect import WrinkleWords
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.effects.wrinkle.report import describe_heights, describe_place
-from wrinklecli.effects.wrinkle.warnings import placement_warnings, tool_warnings
+from wrinklecli.effects.wrinkle.warnings import placement_warnings
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, Ints
-from wrinklecli.numeric.piecewise import Signal
 from wrinklecli.surface.refine import Refinement
 
-# Points of a control curve that is drawn.
-_CURVE_POINTS = 200
+# Points of a control curve that is drawn at a moment; and of one for each interval, doubled by each level of details.
+_CURVE_POINTS, _POINTS = 200, 32
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,20 +50,28 @@ class WrinklePart:
         """(vertices,) their places along the control curve."""
         return self.carried.us
 
-    def reader(self, rig: Rig, clip: Clip | None) -> Signal:
-        """What `Activity` has at each time."""
-        patches = [self.attached]
-        played = playing(patches, rig, clip)
+    @property
+    def drive(self) -> Drive:
+        """Its segment and filter, with the table of its control curve; `attachment: patch` has them too."""
+        return curve_drive(self.attached)
 
-        def read(times: Floats) -> Floats:
-            (seen,) = activities_in(played, patches, times)
-            beside = seen.distances, seen.rest_lengths, seen.shortenings, seen.unabsorbed
-            return np.column_stack([*beside, seen.amplitudes.reshape(len(times), -1)])
+    def sizes(self, _fine: Refinement) -> Floats:
+        """(amplitudes,) the greatest height for each."""
+        return np.full(self.attached.curve.greatest_amplitudes.size, self.attached.greatest_height)
 
-        return read
+    def numbers(self, _clip: Clip | None, reading: Lengths) -> Floats:
+        """(frames, numbers) what `Activity` has at each time."""
+        seen = Activity.of(self.attached, reading)
+        beside = seen.distances, seen.rest_lengths, seen.shortenings, seen.unabsorbed
+        return np.column_stack([*beside, seen.amplitudes.reshape(len(seen.distances), -1)])
+
+    def strengths(self, seen: Seen) -> Floats:
+        """(frames,) shortenings over the rest length, without what the tissue takes."""
+        found = Activity.of(self.attached, seen.reading)
+        return np.asarray(found.shortenings / found.rest_lengths)
 
     def _seen(self, numbers: Floats) -> Activity:
-        """The activity of which the reader has made (frames, numbers)."""
+        """The activity that (frames, numbers) are."""
         distances, rest_lengths, shortenings, unabsorbed = numbers[:, :4].T
         amplitudes = numbers[:, 4:].reshape(len(numbers), *self.attached.curve.greatest_amplitudes.shape)
         return Activity(distances, rest_lengths, shortenings, unabsorbed, amplitudes)
@@ -93,14 +101,24 @@ class WrinklePart:
         """What `check` says of it."""
         return describe_place(plan, self.carried, self.region, up)
 
-    def facts_in(self, _plan: MeshPlan, clip: Clip, times: Floats, numbers: Floats) -> Json:
+    def facts_in(self, _plan: MeshPlan, seen: Seen) -> Json:
         """What `check` says of it in a clip."""
-        return describe_heights(self.carried, ClipActivity(clip, times, self._seen(numbers)))
+        found = Activity.of(self.attached, seen.reading)
+        return describe_heights(self.carried, ClipActivity(seen.motion.clip, seen.motion.times, found))
 
-    def warnings(self, plan: MeshPlan, clips: Sequence[tuple[Clip, Floats, Floats]], *, up: str) -> list[str]:
-        """Warnings about its place and its heights in clips, each with (frames,) seconds and the reader's numbers."""
-        seen = [ClipActivity(clip, times, self._seen(numbers)) for clip, times, numbers in clips]
-        return tool_warnings(plan, self.carried, seen, up=up)
+    def cuts(self, shortenings: Floats) -> tuple[Floats, Floats]:
+        """(cuts, points) of the control curve."""
+        curve = self.attached.curve
+        lengths = np.full(len(shortenings), curve.rest_length)
+        distances = (1.0 - shortenings) * lengths
+        amplitudes, _ = curve.follow(distances, lengths)
+        us = np.linspace(0.0, 1.0, _POINTS * 2 ** len(curve.details) * curve.interval_count + 1)
+        heights = self.attached.shape_strength * np.einsum("fgm,gmu->fu", amplitudes, curve.shapes(us))
+        return distances[:, None] * us, heights
+
+    def words(self, plan: MeshPlan) -> WrinkleWords:
+        """What it says of itself."""
+        return WrinkleWords(self.carried, self.region, plan.rig)
 
     def place_warnings(self, plan: MeshPlan) -> list[str]:
         """Warnings about anchors far off, and a patch that reaches across a fold."""

@@ -238,6 +238,12 @@ class Patch:
         return self.curve.max_height
 
     @property
+    def flatter(self) -> str:
+        """Creases that lower wrinkles, or else other wrinkles."""
+        kept = self.tool.creases == "keep"
+        return ("creases: lower avoids" if kept else "lower or fewer bumps, or a place beside the fold, avoid") + " it"
+
+    @property
     def full(self) -> float:
         """The shortening over the nominal rest length at which the last group of bumps is full."""
         return float(group_starts(self.curve)[-1])

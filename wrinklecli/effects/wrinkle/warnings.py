@@ -1,13 +1,12 @@
 """Warnings of a bake and a check about wrinkling tools whose place or activity is probably a mistake."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.effects.effect import MeshPlan, Part
-from wrinklecli.effects.turned import count_teeth
+from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.effects.wrinkle.activity import ClipActivity
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.lookup import fitting_compressible
@@ -16,7 +15,6 @@ from wrinklecli.effects.wrinkle.placement import collision, ground_under
 from wrinklecli.errors import counted
 from wrinklecli.numeric.arrays import Bools
 from wrinklecli.surface.path import Curve
-from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.rest import Rest
 from wrinklecli.tools.records import in_axes
 
@@ -140,45 +138,6 @@ def _room_warnings(plan: MeshPlan, carried: CarriedPatch, clips: Sequence[ClipAc
         f"{carried.patch.tool.name}: wrinkles are taller than the distance to the opposite surface:"
         f" {found.height:.3g} where there is room for {found.room:.3g} at rest, near [{at}];"
         f" {counted(found.count, 'vertex', 'vertices')} reach it"
-    ]
-
-
-def turned_warnings(plan: MeshPlan, part: Part, clips: Sequence[ClipActivity]) -> list[str]:
-    """A warning about triangles that a tool turns over where clips shorten it most."""
-    moment = deepest_moment(clips)
-    if moment is None:
-        return []
-    clip, time = moment
-    count = count_teeth(plan, part, clip, time)
-    if not count:
-        return []
-    kept = part.attached.tool.creases == "keep"
-    remedy = "creases: lower avoids" if kept else "lower or fewer bumps, or a place beside the fold, avoid"
-    return [
-        f"{part.attached.tool.name}: turns {counted(count, 'triangle')} over in {clip.name} at {time:.3g} s, which"
-        f" shows as teeth or dark tiles: {remedy} it"
-    ]
-
-
-def deepest_moment(clips: Sequence[ClipActivity]) -> tuple[Clip, float] | None:
-    """The moment at which clips shorten a tool most, when its wrinkles are tallest; None if no clip shortens it."""
-    found, greatest = None, 0.0
-    for each in clips:
-        shortenings = each.seen.shortenings / each.seen.rest_lengths
-        if shortenings.max(initial=0.0) > greatest:
-            greatest = float(shortenings.max())
-            found = each.clip, float(each.times[int(np.argmax(shortenings))])
-    return found
-
-
-def departure_warnings(fine: Refinement, parts: Iterable[Part]) -> list[str]:
-    """Warnings about tools whose refinement rounds the surface visibly, even where nothing wrinkles."""
-    return [
-        f"{part.attached.tool.name}: refinement moves the surface at rest by {100 * fine.departures[part.region]:.0f} %"
-        " of the tallest wrinkle, as the mesh is coarse for it: scheme: midpoint keeps it as it is"
-        + (", butterfly nearly" if fine.schemes[part.region] == "butterfly_full" else "")
-        for part in parts
-        if fine.departs(part.region)
     ]
 
 

@@ -13,11 +13,11 @@ from wrinklecli.character.anims import NamedNodes
 from wrinklecli.character.clip import Clip, clip_grid
 from wrinklecli.character.pose import joint_matrices, morph_weights
 from wrinklecli.character.rig import Rig
-from wrinklecli.drive.drive import Drive, StoredDrive, wrinkle_entry
-from wrinklecli.drive.segment import Segment
+from wrinklecli.drive.drive import StoredDrive, wrinkle_entry
+from wrinklecli.drive.play import Playing
 from wrinklecli.drive.touch import weights_of
 from wrinklecli.effects.effect import MeshPlan, Part
-from wrinklecli.effects.sampling import moving_clips
+from wrinklecli.effects.sampling import moving_clips, seen_at
 from wrinklecli.errors import AssetError, listed, nearest
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
@@ -107,7 +107,7 @@ def planned_peaks(plans: Sequence[MeshPlan], clips: Sequence[Clip], *, fps: floa
 
 def _row(plan: MeshPlan, part: Part, clip: Clip, times: Floats) -> Json:
     """The facts of an effect in a clip at (frames,) seconds, with the slide and the dent of skin that is dragged."""
-    data = part.facts_in(plan, clip, times, part.reader(plan.rig, clip)(times))
+    data = part.facts_in(plan, seen_at(part, plan.rig, clip, times))
     if (drag := part.attached.drag) is not None:
         (contact,) = drag.drive.contacts_in(plan.rig.own, clip)(np.array([data["time"]]))
         data |= {"slide": float(np.hypot(*contact[:2])), "depth": float(contact[2])}
@@ -245,14 +245,11 @@ def _shortening(drive: StoredDrive, asset: ShownAsset, rig: Rig, clip: Clip, tim
     nodes = NamedNodes.of_body(asset.document.gltf, rig.node, skinned=rig.skinned)
     joints = {name: joint for name in drive.joints if (joint := nodes.joint(name)) is not None}
     found = drive.on(joints, rig.morph_names)
-    assert isinstance(found, Drive), "only drives by segments are looked for"
-    assert isinstance(found.signal, Segment), "only drives by segments are looked for"
-    lengths = found.signal.lengths(rig, clip, times)
-    shares = 1.0 - lengths.distances / lengths.rest_lengths
-    most = int(np.argmax(shares))
-    if not np.isfinite(shares[most]):
+    (lengths,) = Playing([found], rig, clip).read(times)
+    if not lengths.active.any():
         return {}
-    return {"shortening": [float(shares.min()), float(shares[most])], "time": float(times[most])}
+    most = int(np.argmax(np.where(lengths.active, lengths.rows, -np.inf)))
+    return {"shortening": [float(lengths.rows.min()), float(lengths.rows[most])], "time": float(times[most])}
 
 
 def _peak(data: Json, node: int, clips: Sequence[Json]) -> Peak:

@@ -9,7 +9,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.scene import read_scene
 from wrinklecli.character.skin import SkinnedMesh
 from wrinklecli.effects.effect import MeshPlan, Part
-from wrinklecli.effects.turned import turned_over
+from wrinklecli.effects.faults import turned_over
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import (

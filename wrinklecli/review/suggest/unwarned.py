@@ -11,12 +11,10 @@ from functools import partial
 import numpy as np
 
 from wrinklecli.character.clip import Clip, clip_grid
-from wrinklecli.effects.effect import MeshPlan
-from wrinklecli.effects.wrinkle.activity import ClipActivity, activity
-from wrinklecli.effects.wrinkle.lookup import fitting_compressible
-from wrinklecli.effects.wrinkle.part import WrinklePart
-from wrinklecli.effects.wrinkle.patch import Patch
-from wrinklecli.effects.wrinkle.warnings import departure_warnings, tool_warnings, turned_warnings
+from wrinklecli.character.rig import Rig
+from wrinklecli.effects.faults import departure_warnings, turned_warnings
+from wrinklecli.effects.sampling import seen_at
+from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.processes import in_processes
 from wrinklecli.review.suggest.anatomy import JOINED
 from wrinklecli.review.suggest.fitted_tools import Suggestion
@@ -75,14 +73,12 @@ def _mended(placed: Mapping[str, Placement], clips: Sequence[Clip], suggestion: 
     for name in names_of(suggestion, placed):
         placement = placed[name]
         plan, part = placement.plan, placement.part
-        assert isinstance(part, WrinklePart)
-        carried = part.carried
-        seen = [_activity_in(clip, plan, carried.patch) for clip in clips]
-        lines = tool_warnings(plan, carried, seen, up="y") + departure_warnings(plan.fine, [part])
+        seen = [seen_at(part, plan.rig, clip, _frames_of(clip, plan.rig)) for clip in clips]
+        lines = part.words(plan).warnings(plan, seen, up="y") + departure_warnings(plan.fine, [part])
         lines += turned_warnings(plan, part, seen)
         if lines:
-            lengths = ((each.seen.distances, each.seen.rest_lengths) for each in seen)
-            needed = max(needed, math.ceil(100.0 * fitting_compressible(carried.patch.curve, lengths)) / 100.0)
+            lengths = ((each.reading.distances, each.reading.rest_lengths) for each in seen)
+            needed = max(needed, math.ceil(100.0 * part.attached.fitting_compressible(lengths)) / 100.0)
         warnings += lines
     if not warnings:
         return suggestion
@@ -105,9 +101,8 @@ def _shortest_clips(suggestion: Suggestion, clips: Sequence[Clip]) -> list[Clip]
     return [by_name[name] for name in dict.fromkeys(wanted) if name in by_name]
 
 
-def _activity_in(clip: Clip, plan: MeshPlan, patch: Patch) -> ClipActivity:
-    """The activity of a tool at the frames of a clip; of a very long clip, at some."""
+def _frames_of(clip: Clip, rig: Rig) -> Floats:
+    """(frames,) seconds at which a clip is looked at: its frames, or some of a very long one."""
     frames = (clip.end - clip.start) * Sampling().fps
     long = frames > _MOST_FRAMES
-    times = np.linspace(clip.start, clip.end, _MOST_FRAMES) if long else clip_grid(clip, plan.rig, fps=Sampling().fps)
-    return ClipActivity(clip, times, activity(patch, plan.rig, clip, times))
+    return np.linspace(clip.start, clip.end, _MOST_FRAMES) if long else clip_grid(clip, rig, fps=Sampling().fps)

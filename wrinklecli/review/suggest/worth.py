@@ -13,8 +13,8 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.choices import Part
+from wrinklecli.effects.faults import count_teeth
 from wrinklecli.effects.order import KINDS
-from wrinklecli.effects.turned import count_teeth
 from wrinklecli.errors import counted
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.processes import in_processes

@@ -8,10 +8,9 @@ from kit.carried import carry_patch, moved, scattered
 from kit.limb import limb_asset, tool
 from kit.prepared import prepare
 from wrinklecli.character.pose import blend, joint_matrices, transform
-from wrinklecli.effects.turned import count_turned_over, turned_over
-from wrinklecli.effects.wrinkle.activity import ClipActivity, activity
+from wrinklecli.effects.faults import count_turned_over, deepest_moment, turned_over
+from wrinklecli.effects.sampling import seen_at
 from wrinklecli.effects.wrinkle.part import WrinklePart
-from wrinklecli.effects.wrinkle.warnings import deepest_moment
 from wrinklecli.numeric.arrays import face_normals, unit, vertex_normals
 
 
@@ -57,9 +56,8 @@ def test_a_triangle_is_turned_over_by_one_corner() -> None:
 
 def test_the_deepest_moment_is_that_of_the_greatest_shortening() -> None:
     made = prepare(limb_asset(), tool())
-    times = np.linspace(0.0, 2.0, 21)
-    seen = ClipActivity(made.clip, times, activity(made.patch, made.rig, made.clip, times))
-    still = ClipActivity(made.clip, times[:1], activity(made.patch, made.rig, made.clip, times[:1]))
-    assert deepest_moment([still, seen]) == (made.clip, 1.0)
-    assert deepest_moment([still]) is None
-    assert deepest_moment([]) is None
+    part, times = WrinklePart(carry_patch(made)[0], 0), np.linspace(0.0, 2.0, 21)
+    seen, still = (seen_at(part, made.rig, made.clip, each) for each in (times, times[:1]))
+    assert deepest_moment(part, [still, seen]) == (made.clip, 1.0)
+    assert deepest_moment(part, [still]) is None
+    assert deepest_moment(part, []) is None

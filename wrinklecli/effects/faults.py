@@ -1,21 +1,62 @@
-"""Counts the triangles that an effect turns over in a fold: teeth, and dark tiles where light falls on their backs.
+"""Faults of the surface that anyone sees: triangles that an effect turns over in a fold, and refinement that rounds it.
 
-A triangle is turned over if it faces away from the surface around it, by the normal of one of its corners. Skinning
-alone turns triangles over in deep folds, and the surface inside out; those triangles do not count. Not in the paper.
+Turned triangles show as teeth, and as dark tiles where light falls on their backs. A triangle is turned over if it
+faces away from the surface around it, by the normal of one of its corners. Skinning alone turns triangles over in deep
+folds, and the surface inside out; those triangles do not count. Not in the paper.
 """
+
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import blend, joint_matrices, morph_weights, transform
 from wrinklecli.character.rig import Rig
-from wrinklecli.effects.effect import MeshPlan, Part
+from wrinklecli.effects.effect import MeshPlan, Part, Seen
+from wrinklecli.errors import counted
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, determinants, distinct_values, face_normals, vertex_normals
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.rest import carried_normals
 
 # Fraction of the triangles that an effect moves from which on those that it turns over are seen: fewer lie in the fold.
 _SEEN = 0.01
+
+
+def turned_warnings(plan: MeshPlan, part: Part, clips: Sequence[Seen]) -> list[str]:
+    """A warning about triangles that an effect turns over where clips move it most."""
+    moment = deepest_moment(part, clips)
+    if moment is None:
+        return []
+    clip, time = moment
+    count = count_teeth(plan, part, clip, time)
+    if not count:
+        return []
+    return [
+        f"{part.attached.tool.name}: turns {counted(count, 'triangle')} over in {clip.name} at {time:.3g} s, which"
+        f" shows as teeth or dark tiles: {part.attached.flatter}"
+    ]
+
+
+def deepest_moment(part: Part, clips: Sequence[Seen]) -> tuple[Clip, float] | None:
+    """The moment at which clips move an effect most, when its wrinkles are tallest; None if no clip moves it."""
+    found, greatest = None, 0.0
+    for each in clips:
+        strengths = part.strengths(each)
+        if strengths.max(initial=0.0) > greatest:
+            greatest = float(strengths.max())
+            found = each.motion.clip, float(each.motion.times[int(np.argmax(strengths))])
+    return found
+
+
+def departure_warnings(fine: Refinement, parts: Iterable[Part]) -> list[str]:
+    """Warnings about tools whose refinement rounds the surface visibly, even where nothing wrinkles."""
+    return [
+        f"{part.attached.tool.name}: refinement moves the surface at rest by {100 * fine.departures[part.region]:.0f} %"
+        " of the tallest wrinkle, as the mesh is coarse for it: scheme: midpoint keeps it as it is"
+        + (", butterfly nearly" if fine.schemes[part.region] == "butterfly_full" else "")
+        for part in parts
+        if fine.departs(part.region)
+    ]
 
 
 def count_teeth(plan: MeshPlan, part: Part, clip: Clip, time: float) -> int:
