@@ -1,10 +1,10 @@
-"""Crests are seen as bands across a tool; lumps, specks and steps are none. Pictures show what is nearest."""
+"""Crests are seen as bands across a tool; lumps, specks and steps are none."""
 
 import numpy as np
 import pytest
 
 from wrinklecli.numeric.arrays import Floats
-from wrinklecli.review.suggest.look import SIDE, Crests, _DepthBuffer, _places
+from wrinklecli.review.suggest.look import Crests
 from wrinklecli.review.suggest.worth import _LEAST_CONTRAST, _LEAST_CRESTS
 
 BUMPS = 4
@@ -48,32 +48,3 @@ def test_a_place_that_only_gets_darker_shows_no_crests(changes: Floats) -> None:
 def test_nothing_is_seen_of_nothing() -> None:
     nothing = np.zeros(0)
     assert Crests.of(nothing, nothing, nothing, BUMPS) == Crests(0.0, 0.0)
-
-
-def test_a_pixel_shows_the_nearest_triangle_that_its_middle_lies_in() -> None:
-    rng = np.random.default_rng(5)
-    # Some triangles are larger than the picture, some smaller than a pixel, some beside it and some seen from the side.
-    corners = rng.normal(size=(300, 1, 3)) + 10.0 ** rng.uniform(-3.0, 0.5, (300, 1, 1)) * rng.normal(size=(300, 3, 3))
-    corners[:10, 2] = corners[:10, 0] + [0.0, 0.0, 1.0]
-    positions, triangles = corners.reshape(-1, 3), np.arange(900).reshape(-1, 3)
-    places = _places(positions, np.zeros(3), np.eye(3), 1.0)
-    buffer = _DepthBuffer.empty().drawn(places, triangles, np.ones(300, bool))
-    drawn = buffer.picture(places, triangles)
-    depths, numbers = np.full((SIDE, SIDE), -np.inf), np.full((SIDE, SIDE), -1)
-    rows, columns = np.mgrid[:SIDE, :SIDE]
-    for number, (a, b, c) in enumerate(places.T[triangles][10:], 10):
-        edges = np.stack([b - a, c - a], axis=1)[:2]
-        second, third = np.tensordot(np.linalg.inv(edges), np.stack([columns - a[0], rows - a[1]]), axes=1)
-        deep = a[2] + second * (b[2] - a[2]) + third * (c[2] - a[2])
-        nearer = (second >= 0) & (third >= 0) & (second + third <= 1) & (deep > depths)
-        depths[nearer], numbers[nearer] = deep[nearer], number
-    assert np.array_equal(drawn.numbers, numbers)
-    hit = numbers >= 0
-    at = drawn.interpolate(places.T, triangles, hit)
-    assert at == pytest.approx(np.stack([columns, rows, depths], axis=-1)[hit], abs=1e-6)
-    # A part is drawn into a copy of the picture of the other part.
-    some = rng.random(300) < 0.5
-    parts = _DepthBuffer.empty().drawn(places, triangles, some)
-    before = parts.numbers.copy()
-    assert np.array_equal(parts.drawn(places, triangles, ~some).numbers, buffer.numbers)
-    assert np.array_equal(parts.numbers, before)

@@ -125,7 +125,7 @@ def test_the_next_best_take_the_place_of_what_is_left_out(tmp_path: Path) -> Non
 
 
 def test_a_lower_wrinkle_that_is_seen_is_worth_more_than_none(tmp_path: Path) -> None:
-    path = sheet(tmp_path / "a.glb", FLAT, line(-0.1, 0.5, 0.02))
+    path = sheet(tmp_path / "a.glb", FLAT, line(-0.03, 0.5, 0.02))
     low = suggestion(height=2.0)
     assert reasons(judged(path, suggestion(height=8.0))) == [("fold", "crosses")]
     found = judged(path, replace(suggestion(height=8.0), lower=low))
@@ -233,7 +233,7 @@ def test_crests_that_are_seen_better_from_beside_count_as_seen_from_there(
 ) -> None:
     def look_at(_staged: object, _sight: object, side: Side) -> Seen:
         crests = Crests(0.05, 0.4) if side.angles != (45, 30) else Crests(contrast, 0.7)
-        return Seen(side, crests, np.zeros(0, np.intp), np.zeros((2, 1, 1)), 0.0)
+        return Seen(side, crests, np.zeros(0, np.intp), 0.0)
 
     monkeypatch.setattr(worth, "look_at", look_at)
     nothing: Any = None

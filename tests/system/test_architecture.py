@@ -25,7 +25,7 @@ DOORS = {
     "zstandard": {"baking/original"},
     "threadpoolctl": {"numeric/guard"},
     "trimesh": {"baking/frame_files"},
-    "igl": {"numeric/closest"},
+    "igl": {"numeric/closest", "review/preview/rays"},
     "ipctk": {"effects/contact/tissue"},
     "embreex": {"review/preview/preview", "review/preview/rays"},
     "PIL": {"gltf/pixels", "review/preview/cards", "review/preview/preview", "review/preview/sheet_layout"},

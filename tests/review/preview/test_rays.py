@@ -1,12 +1,15 @@
-"""Rays: Embree is not asked for what it cannot have."""
+"""Rays see what is nearest, and Embree is not asked for what it cannot have."""
 
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from kit.limb import limb_asset
+from wrinklecli.numeric.arrays import unit
+from wrinklecli.review.preview.rays import Occluders, first_hits, trace
 
 MAIN = "from wrinklecli.cli import main; main()"
 
@@ -19,3 +22,53 @@ def test_too_little_memory_is_a_line_and_no_crash(tmp_path: Path, size: str) -> 
     ended = subprocess.run([*command, "--max-memory", size], capture_output=True, text=True, check=False)
     assert (ended.returncode, ended.stderr.count("\n")) == (1, 1)
     assert "takes more memory than there is" in ended.stderr
+
+
+@pytest.fixture(params=["Embree", "libigl"])
+def rays(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With Embree, and as where it is not installed."""
+    if request.param == "libigl":
+        monkeypatch.setitem(sys.modules, "embreex.mesh_construction", None)
+    else:
+        pytest.importorskip("embreex.mesh_construction")
+
+
+@pytest.mark.usefixtures("rays")
+def test_a_pixel_shows_the_nearest_triangle_that_its_middle_lies_in() -> None:
+    side, rng = 80, np.random.default_rng(5)
+    # Some triangles are larger than the picture, some smaller than a pixel, and some beside it.
+    corners = rng.normal(size=(300, 1, 3)) + 10.0 ** rng.uniform(-3.0, 0.5, (300, 1, 1)) * rng.normal(size=(300, 3, 3))
+    normals = unit(rng.normal(size=(300, 3, 3)))
+    hits = first_hits(trace(corners, normals, 0.0), (side, side), 0, np.arange(side * side), np.zeros((1, 2)))
+    numbers = np.full(side * side, -1)
+    numbers[hits.pixels] = hits.triangles
+    down, across = np.mgrid[:side, :side].reshape(2, -1)
+    x, y = (2 * across + 1) / side - 1, 1 - (2 * down + 1) / side
+    depths, nearest, close = np.full(side * side, -np.inf), np.full(side * side, -1), np.zeros(side * side, bool)
+    for number, (a, b, c) in enumerate(corners):
+        shares = np.linalg.solve(np.stack([*np.stack([a, b, c]).T[:2], np.ones(3)]), np.stack([x, y, np.ones_like(x)]))
+        deep = np.array([a[2], b[2], c[2]]) @ shares
+        near = (shares >= 0).all(axis=0) & (deep > depths)
+        close |= (np.abs(shares) < 1e-4).any(axis=0)
+        depths[near], nearest[near] = deep[near], number
+    # Rays are float32: pixels on the edges of triangles may see either side.
+    assert np.array_equal(numbers[~close], nearest[~close])
+    assert close.mean() < 0.2
+    at = np.einsum("pk,pka->pa", hits.weights, corners[hits.triangles])
+    assert at[:, :2] == pytest.approx(np.stack([x, y], axis=1)[hits.pixels], abs=1e-4)
+    assert hits.directions == pytest.approx(np.tile([0.0, 0.0, -1.0], (len(at), 1)))
+
+
+@pytest.mark.usefixtures("rays")
+def test_what_lies_between_a_point_and_an_eye_hides_it() -> None:
+    """A square at z = 1 is over one of two points that face up, and one that faces down sees nothing above."""
+    square = np.array([[[0, 0, 1], [1, 0, 1], [1, 1, 1]], [[0, 0, 1], [1, 1, 1], [0, 1, 1]]], float)
+    points = np.array([[0.4, 0.5, 0.0], [2.0, 0.5, 0.0], [2.0, 0.5, 0.0]])
+    normals = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
+    occluders, up = Occluders.of(square), np.array([0.0, 0.0, 1.0])
+    aside = unit(np.array([3.0, 0.0, 1.0]))
+    far = occluders.free(points, normals, np.stack([up, aside, -up]))
+    assert far.tolist() == [[False, True, False], [True, True, False], [False, False, True]]
+    # An eye that is near is in another direction from each point.
+    near = occluders.free(points, normals, unit(np.array([2.0, 0.5, 3.0]) - points)[None])
+    assert near.tolist() == [[False, True, False]]

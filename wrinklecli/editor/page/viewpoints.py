@@ -10,7 +10,7 @@ from wrinklecli.editor.page.drawing import Body, ToolOutline, outline_of
 from wrinklecli.editor.raised import RaisedTool
 from wrinklecli.numeric.arrays import Floats, Ints, unit
 from wrinklecli.review.preview.camera import VIEWS, Camera, camera_axes
-from wrinklecli.review.preview.rays import free_ways
+from wrinklecli.review.preview.rays import Occluders
 
 SIDES = ("front", "right", "back", "left")
 """Views of `preview` that have a button on the page."""
@@ -84,7 +84,7 @@ def _best_camera(outline: ToolOutline, body: Body, points: Floats, hiding: Ints,
         for each in directions
     ]
     eyes = np.array([camera.eye for camera in cameras])
-    seen = free_ways(points[hiding], tested, facing)(unit(eyes[:, None] - tested))
+    seen = Occluders.of(points[hiding]).free(tested, facing, unit(eyes[:, None] - tested))
     scores = np.sum(seen * (np.array([camera.axes[2] for camera in cameras]) @ facing.T).clip(min=0.0), axis=1)
     scores *= 1 - _LEVEL + _LEVEL * np.cos(np.radians([elevation for _, elevation in directions]))
     best = int(np.argmax(scores))

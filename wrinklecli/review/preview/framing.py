@@ -13,7 +13,7 @@ from wrinklecli.review.preview.camera import FACING, VIEWS, Camera, camera_axes,
 from wrinklecli.review.preview.grid import snapped
 from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.preview.preview_options import PreviewOptions
-from wrinklecli.review.preview.rays import free_ways
+from wrinklecli.review.preview.rays import Occluders
 from wrinklecli.review.preview.shown import ShownAsset
 from wrinklecli.review.preview.sides import ANGLES, FACES, LEVELS
 
@@ -184,7 +184,9 @@ def _facing(assets: Sequence[ShownAsset], moments: Sequence[Moment], wrinkles: _
     for moment in (moments[number] for number in chosen):
         for asset, masks in zip(assets, wrinkles.masks, strict=True):
             visible = asset.posed(moment)
-            everything = np.concatenate([np.zeros((0, 3, 3)), *(posed.corners() for _, posed in visible)])
+            if not visible:
+                continue
+            occluders = Occluders.of(np.concatenate([posed.corners() for _, posed in visible]))
             for shown, posed in visible:
                 positions = posed.positions[0]
                 vertices = np.flatnonzero(masks[shown.number])
@@ -196,7 +198,7 @@ def _facing(assets: Sequence[ShownAsset], moments: Sequence[Moment], wrinkles: _
                 if wrinkles.totals.any():
                     weights *= shown.displacements(asset.clip(moment.clip), moment.time)[vertices]
                 normals = vertex_normals(positions, posed.wound())[vertices]
-                free = free_ways(everything, positions[vertices], normals)(backs)
+                free = occluders.free(positions[vertices], normals, backs)
                 scores += (free * np.minimum(backs @ normals.T, FACES)) @ weights
                 whole += FACES * float(weights.sum())
     best = int(np.argmax(scores * LEVELS))

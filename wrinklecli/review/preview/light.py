@@ -20,7 +20,7 @@ _FILL = np.array((0.75, 0.05, 0.65), np.float32)
 _LIGHTS = np.array([(0.78, 0.75, 0.72), (0.126, 0.133, 0.14), (0.228, 0.235, 0.24)], np.float32)
 # The same where the key light rakes over wrinkles, and the fill light is at the camera, which nothing hides from what
 # it sees: what the key light does not reach has a third of the light, as in a portrait, and is not black.
-_RAKING_LIGHTS = np.array([(0.78, 0.75, 0.72), (0.247, 0.25, 0.253), (0.137, 0.141, 0.144)], np.float32)
+RAKING_LIGHTS = np.array([(0.78, 0.75, 0.72), (0.247, 0.25, 0.253), (0.137, 0.141, 0.144)], np.float32)
 # Radius of the key light at unit distance.
 _SOFTNESS = np.float32(0.12)
 # Brightness of the highlight, linear.
@@ -72,9 +72,9 @@ def light_up(
     side = np.array((-1.0 if from_right else 1.0, 1.0, 1.0), np.float32)
     key, fill, lights = unit_rows(side * _KEY[None]), unit_rows(side * _FILL[None])[0], _LIGHTS
     if raking is not None:
-        key, lights = np.array([raking], np.float32), _RAKING_LIGHTS
-    openness = _smooth(_openness(surface, starts, chosen.normals, sets), pixels, shape)[hits.pixels]
-    lit = _smooth(_lit(surface, starts, chosen, sets, key), pixels, shape)[hits.pixels]
+        key, lights = np.array([raking], np.float32), RAKING_LIGHTS
+    openness = smooth(_openness(surface, starts, chosen.normals, sets), pixels, shape)[hits.pixels]
+    lit = smooth(_lit(surface, starts, chosen, sets, key), pixels, shape)[hits.pixels]
     filled = (
         openness * np.maximum(hits.normals @ fill, 0)
         if raking is None
@@ -152,12 +152,12 @@ def _lit(surface: TracedSurface, points: Array, hits: Hits, sets: Ints, key: Arr
     return lit
 
 
-def _smooth(values: Array, places: Ints, shape: tuple[int, int]) -> Array:
-    """Blend the ray sets of neighbours by a box filter over the pixels that have a value."""
+def smooth(values: Array, places: Ints, shape: tuple[int, int], reach: int = REACH) -> Array:
+    """Blend the values of neighbours by a box filter, of a side in pixels, over the pixels that have a value."""
     sums, counts = np.zeros((2, *shape), np.float32)
     sums.ravel()[places] = values
     counts.ravel()[places] = 1
-    sums, counts = (uniform_filter(each, REACH, mode="constant") for each in (sums, counts))
+    sums, counts = (uniform_filter(each, reach, mode="constant") for each in (sums, counts))
     smoothed: Array = (sums / np.maximum(counts, 1e-6)).ravel()
     return smoothed
 

@@ -3,6 +3,7 @@
 import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import chain
 from pathlib import Path
 
@@ -25,7 +26,7 @@ from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.preview.overlay import placed_words
 from wrinklecli.review.preview.peaks import TOOLS, Fact, Peak, baked_peaks_of, planned_peaks
 from wrinklecli.review.preview.preview_options import PreviewOptions, Style
-from wrinklecli.review.preview.rays import free_ways
+from wrinklecli.review.preview.rays import Occluders
 from wrinklecli.review.preview.render import Snapshot, render
 from wrinklecli.review.preview.sheet_layout import Drawn, refuse_large
 from wrinklecli.review.preview.shown import INKS, ShownAsset, read_shown, take_snapshot
@@ -171,7 +172,7 @@ def _place(alone: ShownAsset, moment: Moment) -> tuple[Place, Free]:
     )
     everything = np.concatenate([nothing, *(posed.corners() for _, posed in wrinkled)])
     place = Place.of(before, after)
-    return place, free_ways(everything, place.points, place.normals)
+    return place, partial(Occluders.of(everything).free, place.points, place.normals)
 
 
 def _counted(sections: Sequence[str]) -> str:

@@ -1,7 +1,6 @@
 """The side from which wrinkles are looked at, and the light that shows their relief, for reviews and for `suggest`.
 
-Both are chosen among a few by what the wrinkles do to the surface there. The caller says what is hidden: reviews trace
-rays, which need an optional library, and `suggest` draws depth buffers.
+Both are chosen among a few by what the wrinkles do to the surface there. The caller says what is hidden.
 """
 
 from collections.abc import Callable

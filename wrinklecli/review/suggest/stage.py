@@ -98,8 +98,8 @@ class StagedTool:
         there = flags_of(distinct_values(self.triangles[self.place]), len(self.plain))
         boxes = [_box(each[there]) for each in (self.flat_positions, self.wrinkled)]
         low, high = np.minimum(boxes[0][0], boxes[1][0]), np.maximum(boxes[0][1], boxes[1][1])
-        meets = [_meets(each, self.triangles, low, high) for each in (self.flat_positions, self.wrinkled)]
-        crossings = Crossings.of(self.plain, self.triangles[meets[0] | meets[1]])
+        crossing = [meets(each, self.triangles, low, high) for each in (self.flat_positions, self.wrinkled)]
+        crossings = Crossings.of(self.plain, self.triangles[crossing[0] | crossing[1]])
 
         def count(positions: Floats) -> int:
             edges, triangles = crossings.at(positions)
@@ -168,7 +168,7 @@ class Stage:
         low, high = _box(np.concatenate([plain[faces[place]], wrinkled[faces[place]]]))
         reach = _NEAR * float((high - low).max())
         low, high = low - reach, high + reach
-        near = place | _meets(plain, faces, low, high)
+        near = place | meets(plain, faces, low, high)
         used = distinct_values(faces[near])
         numbers = np.zeros(len(plain), np.intp)
         numbers[used] = np.arange(len(used))
@@ -207,7 +207,7 @@ class Stage:
         found = [np.zeros((0, 3, 3))]
         for corners in self._layers.near(clip, time, low, high, node=plan.rig.node):
             triangles = np.arange(3 * len(corners)).reshape(-1, 3)
-            found.append(corners[_meets(corners.reshape(-1, 3), triangles, low, high)])
+            found.append(corners[meets(corners.reshape(-1, 3), triangles, low, high)])
         return np.concatenate(found)
 
 
@@ -230,7 +230,7 @@ def _box(corners: Floats) -> tuple[Floats, Floats]:
     return points.min(axis=0), points.max(axis=0)
 
 
-def _meets(positions: Floats, triangles: Ints, low: Floats, high: Floats) -> Bools:
+def meets(positions: Floats, triangles: Ints, low: Floats, high: Floats) -> Bools:
     """(triangles,) True if the box round a triangle of (vertices, 3) positions meets that from `low` to `high`."""
     # Some corner is not above the box, and some corner is not below it, along each axis: a bit for each of the six.
     sides = np.packbits(np.concatenate([positions <= high, positions >= low], axis=1), axis=1)[:, 0]

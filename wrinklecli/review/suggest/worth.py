@@ -26,8 +26,8 @@ from wrinklecli.review.suggest.trial import Placement, TrialResult, TriedAsset, 
 from wrinklecli.tools.records import Contact, RefinementSettings, WrinkleTool
 
 # Part of a tool's wrinkles below which other parts hide it: of wrinkles round a limb, half and more are visible, and of
-# those that one sees only at a slant of 75°, between two layers, 0.37.
-_HIDDEN = 0.4
+# those that one sees only at a slant of 75°, between two layers, 0.43.
+_HIDDEN = 0.45
 # Height over the size of a place below which a tool is not raised: a hair on a hand.
 _RAISED = 1e-3
 # Height of a twin over that of the tool above which both must be seen.
