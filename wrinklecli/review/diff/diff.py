@@ -22,7 +22,7 @@ from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.numeric.memory import MAX_MEMORY, Memory
 from wrinklecli.review.diff.common_clips import AnimatedScene, common_clips
 from wrinklecli.review.diff.compare_motion import compare_motion
-from wrinklecli.review.diff.difference import ROUNDINGS, Difference, Limits
+from wrinklecli.review.diff.difference import ROUNDINGS, Difference, Limits, Sides
 from wrinklecli.review.diff.documents import document_differences
 from wrinklecli.review.diff.nodes import pair_nodes
 from wrinklecli.review.diff.surfaces import Worst, when
@@ -202,9 +202,11 @@ def _compare(
     ratio = limit / size if size and limit else DEFAULT_TOLERANCE.value / 100
     found: list[Difference] = []
     if not options.posed:
-        found += document_differences(*documents, Limits(limit or ratio, ratio, _scales(a)), clips=options.clips)
+        nodes, unpaired = pair_nodes(*documents)
+        sides = Sides.of(*documents, Limits(limit or ratio, ratio, _scales(a)), nodes)
+        found += [*unpaired, *document_differences(sides, clips=options.clips)]
         # Nodes that the documents pair are in one order.
-        order = {j: i for i, j in pair_nodes(*documents)[0].items()}
+        order = {j: i for i, j in nodes.items()}
         b = replace(b, primitives=tuple(sorted(b.primitives, key=lambda each: order.get(each.rig.node, math.inf))))
     clips, of_clips = common_clips(a, b, options.clips, options.fps)
     # The comparison of the documents has found the differences of clips too.

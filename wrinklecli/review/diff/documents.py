@@ -12,13 +12,11 @@ from collections.abc import Callable, Iterator, Sequence
 
 from wrinklecli.character.rig import Hierarchy, read_hierarchy, read_rig
 from wrinklecli.errors import AssetError, TooMuchError
-from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import COMPRESSIONS
 from wrinklecli.review.diff.animations import animation_differences
 from wrinklecli.review.diff.difference import (
     Difference,
     Findings,
-    Limits,
     Link,
     Place,
     Sides,
@@ -27,7 +25,7 @@ from wrinklecli.review.diff.difference import (
     without,
 )
 from wrinklecli.review.diff.meshes import image_differences, mesh_differences
-from wrinklecli.review.diff.nodes import node_differences, pair_nodes
+from wrinklecli.review.diff.nodes import node_differences
 from wrinklecli.review.diff.skins import influence_differences, joint_pairs, skin_differences, stored_influences
 from wrinklecli.review.diff.values import accessor_differences, dict_differences
 
@@ -44,17 +42,16 @@ _COMPARISONS: dict[str, Callable[[Sides, int, int], Findings]] = {
 }
 
 
-def document_differences(a: Document, b: Document, limits: Limits, *, clips: Sequence[str] = ()) -> list[Difference]:
-    """All differences between two documents; only the named clips are compared, or all without names.
+def document_differences(sides: Sides, *, clips: Sequence[str] = ()) -> list[Difference]:
+    """All differences between two documents but those of how their nodes are paired.
+
+    Only the named clips are compared, or all without names.
 
     Raises:
         AssetError: A document is malformed.
     """
-    nodes, unpaired = pair_nodes(a, b)
-    sides = Sides.of(a, b, limits, nodes)
     walk = _Walk(sides)
     return [
-        *unpaired,
         *walk.node_differences(),
         *walk.follow(_scene_differences(sides)),
         *walk.follow(animation_differences(sides, clips)),
@@ -72,30 +69,26 @@ class _Walk:
 
     def follow(self, found: Findings) -> Iterator[Difference]:
         """Yield differences, and for each link the differences of the objects to which it leads."""
+        sides = self.sides
         for each in found:
             if isinstance(each, Difference):
                 yield each
-            elif not (reached := self._reached(each))[0] or not reached[1]:
-                if reached[0] or reached[1]:
-                    yield differ("structure", each.place, f"leads somewhere only in {'A' if reached[0] else 'B'}")
-            elif each.kind == "accessors":
-                yield from accessor_differences(self.sides, each.first, each.second, each.place, name=each.name)
-            else:
-                key = each.kind, each.first, each.second
-                if key not in self.met:
-                    self.met.add(key)
-                    yield from self.follow(self._compare(*key))
-
-    def _reached(self, link: Link) -> tuple[bool, bool]:
-        """True, for each document, if a link leads to an object: the references of materials may be broken."""
-        ends = (self.sides.a, link.first), (self.sides.b, link.second)
-        one, other = (index in range(len(document.items(link.kind))) for document, index in ends)
-        return one, other
-
-    def _compare(self, kind: str, i: int, j: int) -> Findings:
-        if kind in _COMPARISONS:
-            return _COMPARISONS[kind](self.sides, i, j)
-        return dict_differences(*self.sides.items(kind, i, j), (kind, i), kind, self.sides.limits)
+                continue
+            # References of materials may be broken.
+            ends = (sides.a, each.first), (sides.b, each.second)
+            in_a, in_b = (index in range(len(document.items(each.kind))) for document, index in ends)
+            key = each.kind, each.first, each.second
+            if in_a != in_b:
+                yield differ("structure", each.place, f"leads somewhere only in {'A' if in_a else 'B'}")
+            elif in_a and each.kind == "accessors":
+                yield from accessor_differences(sides, each.first, each.second, each.place, name=each.name)
+            elif in_a and key not in self.met:
+                self.met.add(key)
+                if each.kind in _COMPARISONS:
+                    yield from self.follow(_COMPARISONS[each.kind](sides, each.first, each.second))
+                else:
+                    pair = sides.items(each.kind, each.first, each.second)
+                    yield from self.follow(dict_differences(*pair, (each.kind, each.first), each.kind, sides.limits))
 
     def node_differences(self) -> Iterator[Difference]:
         """Compare paired nodes with their meshes, skins and cameras."""
