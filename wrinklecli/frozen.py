@@ -5,6 +5,7 @@ a third of its time on them.
 """
 
 import dataclasses
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -25,18 +26,21 @@ else:
         return made
 
 
+_fields = cache(dataclasses.fields)
+
+
 def _init(self: Any, *values: Any, **named: Any) -> None:
     """Set the fields, in order or by name, then run `__post_init__`.
 
     Raises:
         TypeError: A value is missing, or is given twice, or has no field.
     """
-    name, names = type(self).__name__, self.__match_args__
+    name, names, put = type(self).__name__, self.__match_args__, object.__setattr__
     given = dict(zip(names, values, strict=False))
     if len(values) > len(names) or given.keys() & named.keys():
         raise TypeError(f"{name}() got more than one value for a field, or more than it has: {names}")
     given |= named
-    for each in dataclasses.fields(self):
+    for each in _fields(type(self)):
         if each.init and each.name in given:
             value = given.pop(each.name)
         elif each.default is not dataclasses.MISSING:
@@ -47,7 +51,7 @@ def _init(self: Any, *values: Any, **named: Any) -> None:
             raise TypeError(f"{name}() missing {each.name!r}")
         else:  # `__post_init__` sets it
             continue
-        object.__setattr__(self, each.name, value)
+        put(self, each.name, value)
     if given:
         raise TypeError(f"{name}() got an unexpected {next(iter(given))!r}")
     if hasattr(self, "__post_init__"):
@@ -59,21 +63,21 @@ def _refuse(_self: Any, name: str, *_value: Any) -> None:
 
 
 def _repr(self: Any) -> str:
-    shown = [f"{each.name}={getattr(self, each.name)!r}" for each in dataclasses.fields(self) if each.repr]
+    shown = [f"{each.name}={getattr(self, each.name)!r}" for each in _fields(type(self)) if each.repr]
     return f"{type(self).__qualname__}({', '.join(shown)})"
 
 
 def _get_state(self: Any) -> list[Any]:
-    return [getattr(self, each.name) for each in dataclasses.fields(self)]
+    return [getattr(self, each.name) for each in _fields(type(self))]
 
 
 def _set_state(self: Any, state: list[Any]) -> None:
-    for each, value in zip(dataclasses.fields(self), state, strict=True):
+    for each, value in zip(_fields(type(self)), state, strict=True):
         object.__setattr__(self, each.name, value)
 
 
 def _compared(self: Any) -> tuple[Any, ...]:
-    return tuple(getattr(self, each.name) for each in dataclasses.fields(self) if each.compare)
+    return tuple(getattr(self, each.name) for each in _fields(type(self)) if each.compare)
 
 
 def _eq(self: Any, other: Any) -> Any:
@@ -81,7 +85,7 @@ def _eq(self: Any, other: Any) -> Any:
 
 
 def _hash(self: Any) -> int:
-    hashed = (each for each in dataclasses.fields(self) if (each.compare if each.hash is None else each.hash))
+    hashed = (each for each in _fields(type(self)) if (each.compare if each.hash is None else each.hash))
     return hash(tuple(getattr(self, each.name) for each in hashed))
 
 

@@ -3,8 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from wrinklecli.baking.budget import mesh_texture_bytes, texel_bytes, texture_bytes
 from wrinklecli.baking.parts import PARTS, parts_of
 from wrinklecli.baking.refined_mesh import primitives_of, shared_vertices
@@ -14,6 +12,7 @@ from wrinklecli.effects.effect import targets_of
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.split_mesh import Part, split_node
+from wrinklecli.numeric.arrays import distinct_values
 
 # Bytes on a GPU below which a split is not worth a look.
 _MATTERS = 1_000_000
@@ -39,7 +38,7 @@ def weighed(edited: EditedDocument, mesh: BakedMesh) -> BakedMesh:
         return mesh
     document = edited.document()
     parts = _parts(document, edited.source, mesh)
-    vertices = (len(part.targets) * sum(len(np.unique(each)) for each in part.triangles) for part in parts)
+    vertices = (len(part.targets) * sum(len(distinct_values(each)) for each in part.triangles) for part in parts)
     return replace(mesh, split=Split(texel_bytes(plan, sum(vertices))))
 
 

@@ -17,7 +17,7 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import TRIANGLE_FAN, TRIANGLE_STRIP, TRIANGLES, Document
 from wrinklecli.gltf.draco import EXTENSION
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints, components, distinct
+from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints, components, diagonal, distinct
 from wrinklecli.numeric.closest import pairs_within
 
 # Greatest difference of welded vertices in skin weights and, relative to the bounding box's diagonal, in morph deltas
@@ -66,7 +66,7 @@ class Surface:
     @cached_property
     def size(self) -> float:
         """Diagonal of the bounding box, bind units."""
-        return float(np.linalg.norm(np.ptp(self.positions, axis=0)))
+        return diagonal(self.positions)
 
     def dense_weights(self, vertices: Ints, joint_count: int) -> Floats:
         """(vertices, joints) skin weights of some vertices."""
@@ -323,7 +323,7 @@ def _places(document: Document, primitives: list[Json], positions: Floats) -> Fl
         return positions
     firsts, which = distinct(positions)
     places = positions[firsts]
-    tolerance = _WELD_TOLERANCE * float(np.linalg.norm(np.ptp(positions, axis=0)))
+    tolerance = _WELD_TOLERANCE * diagonal(positions)
     groups = components(pairs_within(places, tolerance), len(places))
     _, firsts = np.unique(groups, return_index=True)
     return places[firsts[groups[which]]]
@@ -334,7 +334,7 @@ def _weld(vertices: Vertices, positions: Floats) -> tuple[Ints, Ints, Bools]:
     deltas = vertices.morph_deltas
     joints, weights = vertices.joints, vertices.weights
     _, place = distinct(positions)
-    tolerance = _WELD_TOLERANCE * max(float(np.linalg.norm(np.ptp(positions, axis=0))), 1e-30)
+    tolerance = _WELD_TOLERANCE * max(diagonal(positions), 1e-30)
     leader = np.full(len(positions), -1, np.intp)
     pending = np.arange(len(positions))
     for _ in range(_MOST_TWINS):

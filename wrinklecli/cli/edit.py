@@ -3,7 +3,6 @@
 import re
 import signal
 import threading
-import webbrowser
 from types import FrameType
 from typing import Any
 
@@ -113,6 +112,8 @@ def edit(
         say(f"edits {session.path}; Ctrl-C ends it")
         say_findings(session.notes, ())
     if not no_browser:
+        import webbrowser
+
         webbrowser.open(page.address)
     # In steps, as a thread that waits for ever hears no signal on Windows.
     while not ended.wait(0.5):

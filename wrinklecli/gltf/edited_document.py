@@ -102,8 +102,8 @@ class EditedDocument:
         if normalized:
             accessor["normalized"] = True
         if bounds:
-            accessor["min"] = _json_numbers(stored.min(axis=0))
-            accessor["max"] = _json_numbers(stored.max(axis=0))
+            accessor["min"] = [column.min().item() for column in stored.T]
+            accessor["max"] = [column.max().item() for column in stored.T]
         slot = self._release(replaces)
         # Elements of vertex attributes begin at multiples of 4 bytes (glTF 2.0 §3.6.2.4).
         padding = -stored.itemsize * stored.shape[1] % ALIGNMENT if target == VERTEX_DATA else 0

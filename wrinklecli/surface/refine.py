@@ -25,6 +25,7 @@ from wrinklecli.numeric.arrays import (
     VertexFaces,
     any_of,
     children,
+    diagonal,
     distinct,
     distinct_values,
     flags_of,
@@ -165,7 +166,7 @@ class Refinement:
     @cached_property
     def rest_size(self) -> float:
         """Diagonal of the bounding box at rest, scene units."""
-        return float(np.linalg.norm(np.ptp(self.rest_positions, axis=0)))
+        return diagonal(self.rest_positions)
 
     @property
     def pruned_count(self) -> int:

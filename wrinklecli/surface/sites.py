@@ -13,7 +13,7 @@ from scipy.sparse import csr_array
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, Ints, distinct, unit, weighted_quantiles
+from wrinklecli.numeric.arrays import Floats, Ints, diagonal, distinct, unit, weighted_quantiles
 from wrinklecli.numeric.closest import pairs_within
 from wrinklecli.numeric.processes import in_processes
 from wrinklecli.surface.strain import Gauge, StrainedPart, principal, strain
@@ -89,7 +89,7 @@ def spread_sites(gauge: Gauge) -> Sites:
     crosses = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     areas = np.sqrt(np.sum(crosses**2, axis=1)) / 2.0
     edges = np.sqrt(np.max(np.sum((corners - np.roll(corners, 1, axis=1)) ** 2, axis=2), axis=1))
-    size = float(np.linalg.norm(np.ptp(corners.reshape(-1, 3), axis=0)))
+    size = diagonal(corners.reshape(-1, 3))
     typical = float(weighted_quantiles(edges, areas, np.array([0.5]))[0])
     radius = max(_RADIUS * size, _RADIUS_OF_TRIANGLES * typical)
     while True:

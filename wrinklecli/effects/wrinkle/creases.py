@@ -128,7 +128,7 @@ def _nearer(carried: CarriedPatch, fine: Refinement, rest: Rest, rig: Rig, share
     # A vertex is looked at in each of its coarse triangles, so that their order in the file changes nothing.
     looks, firsts = np.unique(fine.triangles[rows].ravel() * len(sharp) + which, return_index=True)
     vertices = looks // max(len(sharp), 1)
-    moved = np.isin(vertices, carried.vertices)
+    moved = np.isin(vertices, carried.vertices, kind="table")  # else it imports `numpy.ma`
     vertices, firsts = vertices[moved], firsts[moved]
     points = _Points(corners[sharp], which[firsts], fine.subdivision.barycentrics[rows].reshape(-1, 3)[firsts])
     at = np.searchsorted(carried.vertices, vertices)

@@ -193,8 +193,10 @@ def _rooms(fine: Refinement, vertices: Ints, heights: Floats, way: float) -> tup
 def _near_box(fine: Refinement, points: Floats, distance: float, *, slack: float) -> Ints:
     """(triangles,) sorted triangles whose ball at rest comes within a distance of the box round (points, 3)."""
     middles, radii = fine.rest_balls
-    low, high = points.min(axis=0), points.max(axis=0)
-    return np.flatnonzero(np.maximum(low - middles, middles - high).max(axis=1) <= radii + (distance + slack))
+    reach, near = radii + (distance + slack), np.ones(len(radii), bool)
+    for axis, middle in zip(points.T, middles.T, strict=True):
+        near &= (axis.min() - middle <= reach) & (middle - axis.max() <= reach)
+    return np.flatnonzero(near)
 
 
 def _peaks(carried: CarriedPatch, clips: Sequence[ClipActivity]) -> tuple[Floats, Floats]:

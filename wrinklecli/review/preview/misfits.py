@@ -11,7 +11,7 @@ from wrinklecli.character.surface import Surface, read_surface
 from wrinklecli.errors import WrinkleError
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
-from wrinklecli.numeric.arrays import Floats, Ints
+from wrinklecli.numeric.arrays import Floats, Ints, diagonal
 from wrinklecli.review.preview.apply import PlannedTools, RefusedTool
 from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.preview.overlay import Dot, Overlay, Stroke, Word
@@ -175,7 +175,7 @@ def misfit_points(misfits: Sequence[Misfit], asset: ShownAsset, moment: Moment) 
         return np.zeros((0, 3))
     pairs = np.concatenate([np.zeros((0, 2, 3)), *(misfit.places(asset, moment) for misfit in misfits)])
     everything = np.concatenate(visible)
-    reach = _FARTHEST * float(np.linalg.norm(np.ptp(everything, axis=0)))
+    reach = _FARTHEST * diagonal(everything)
     near = np.linalg.norm(pairs[:, 1] - pairs[:, 0], axis=1) <= reach
     points: Floats = np.concatenate([pairs[:, 0], pairs[near, 1]])
     return points

@@ -13,7 +13,7 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import moving_nodes
 from wrinklecli.character.scene import ScenePrimitive
-from wrinklecli.numeric.arrays import Floats, distinct_values, face_normals, unit
+from wrinklecli.numeric.arrays import Floats, diagonal, distinct_values, face_normals, unit
 from wrinklecli.numeric.rays import near_points, ray_hits
 from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.surface.compression import CompressedRegion, triangle_weights
@@ -143,7 +143,7 @@ def is_covered(mesh: MeasuredMesh, layers: Layers, weights: Floats, clip: Clip, 
     outward = np.sign(np.sum(at_rest * mesh.rest.normals[gauge.triangles[chosen]].sum(axis=1), axis=1))
     rays = unit(faces) * outward[:, None]
     starts = own[0][gauge.triangles[chosen]].mean(axis=1)
-    size = float(np.linalg.norm(np.ptp(mesh.rest.positions, axis=0)))
+    size = diagonal(mesh.rest.positions)
     corners = [own[0][gauge.triangles[~np.isin(gauge.pieces, gauge.pieces[chosen])]]]
     low, high = starts.min(axis=0) - _REACH * size, starts.max(axis=0) + _REACH * size
     corners += layers.near(clip, time, low, high, node=mesh.rig.node)

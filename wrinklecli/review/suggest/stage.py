@@ -18,6 +18,7 @@ from wrinklecli.numeric.arrays import (
     Ints,
     any_of,
     children,
+    diagonal,
     distinct_values,
     face_normals,
     flags_of,
@@ -84,7 +85,7 @@ class StagedTool:
     @cached_property
     def size(self) -> float:
         """The diagonal of the box round the place, scene units."""
-        return float(np.linalg.norm(np.ptp(self.plain[self.triangles[self.place]].reshape(-1, 3), axis=0)))
+        return diagonal(self.plain[self.triangles[self.place]].reshape(-1, 3))
 
     @cached_property
     def edge_count(self) -> int:
