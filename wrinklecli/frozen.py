@@ -26,7 +26,7 @@ else:
         return made
 
 
-_fields = cache(dataclasses.fields)
+_fields: Any = cache(dataclasses.fields)
 
 
 def _init(self: Any, *values: Any, **named: Any) -> None:
