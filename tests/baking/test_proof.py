@@ -21,11 +21,11 @@ from wrinklecli.baking.proof import Residual, prove
 from wrinklecli.character import weight_track
 from wrinklecli.character.clip import read_clips
 from wrinklecli.character.pose import blend, joint_matrices, morph_weights, transform
+from wrinklecli.drive import play
 from wrinklecli.effects import plan as plan_module
 from wrinklecli.effects.effect import Effect, MeshPlan, SamplingOptions, Target
 from wrinklecli.effects.plan import plan_mesh
 from wrinklecli.effects.sampling import sample_effects
-from wrinklecli.effects.wrinkle import sample as sample_module
 from wrinklecli.effects.wrinkle.carry import displacements
 from wrinklecli.effects.wrinkle.layer import carried_patches_of
 from wrinklecli.errors import RefusedError
@@ -55,7 +55,10 @@ def method(plan: MeshPlan, asset: Path, clip: str, times: Floats) -> Floats:
     (found,) = (each for each in read_clips(read_document(asset)) if each.name == clip)
     bind = fine.positions + np.tensordot(morph_weights(rig, found, times), fine.morph_deltas, axes=1)
     for carried in carried_patches_of(plan):
-        bind[:, carried.vertices] += displacements(carried, fine, rig, found, times)
+        lengths = carried.patch.segment.lengths(rig, found, times)
+        # By the curve itself, not by its table.
+        amplitudes, _ = carried.patch.curve.follow(lengths.distances, lengths.rest_lengths)
+        bind[:, carried.vertices] += displacements(carried, fine, rig, found, times, amplitudes)
     weights = fine.dense_weights(np.arange(len(fine.positions)), len(rig.joints))
     moved = transform(blend(weights, joint_matrices(rig, found, times)), bind)
     starts, old = fine.surface.vertex_starts, len(fine.surface.weld)
@@ -212,7 +215,7 @@ def test_a_wrong_place_of_a_new_vertex_is_refused_in_a_clip_without_wrinkles(
 
 def test_a_bound_below_what_the_file_can_hold_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The bound stands as it was asked for; only float32's own error is not held against the file."""
-    monkeypatch.setattr(sample_module, "KEY_GAP", 1.0)
+    monkeypatch.setattr(play, "KEY_GAP", 1.0)
     refused(tmp_path, sample("wrist"), PALM, max_error=Length(0.01, percent=True))
 
 
@@ -248,8 +251,8 @@ def test_residuals_are_those_of_an_independent_comparison(
     times = np.union1d(every[:: 1 + len(every) // 60], worst)
     gaps = np.linalg.norm(file.pose(asset, clip, times) - method(made, sample(asset), clip, times), axis=2).max(axis=1)
     at = int(np.searchsorted(times, worst))
-    # Written with four digits.
-    assert gaps[at] == pytest.approx(residual["position"], rel=2e-3, abs=1e-8)
+    # A bound, which adds up what shapes, skin and weights are off: written with four digits.
+    assert gaps[at] <= residual["position"] * (1.0 + 1e-3) <= 1.25 * gaps[at] + 1e-7
     assert gaps.max() <= made.max_error
     assert 0 < residual["position"] <= made.max_error
     assert residual["weights"] <= made.max_error
@@ -312,7 +315,7 @@ def test_targets_of_contact_are_proven_as_those_of_tools(tmp_path: Path) -> None
     found = residual()
     assert 0.0 < found.weights < plan.max_error / 2
     assert found.position < plan.max_error
-    damaged = [each and stray_vertex(each) for each in fold.targets]
+    damaged = [stray_vertex(each) for each in fold.targets]
     with pytest.raises(RefusedError):
         residual([*effects[:-1], dataclasses.replace(fold, targets=tuple(damaged))])
     with pytest.raises(RefusedError):

@@ -26,6 +26,8 @@ from wrinklecli.surface.refine import Refinement
 
 # Frames of a clip at which all vertices are compared, besides those at which an error would show most.
 _FRAMES = 64
+# Frames of a clip besides at which the weights of all targets together are furthest off.
+_WORST = 16
 # Frames of all clips at which normals are compared, which takes several times as long,
 _NORMAL_FRAMES = 96
 # and those of each clip, at least.
@@ -279,7 +281,8 @@ def measure_residual(
     exact = np.concatenate([np.zeros((len(times), 0)), *parts], axis=1)
     # By place, not by name, as a mesh whose extras are no object stores no names.
     played = morph_weights(proof.rig, written, times)[:, len(proof.rig.morph_names) - exact.shape[1] :]
-    chosen = _chosen_times(exact, played)
+    off = np.abs(played - exact) * np.array([target.shape.tallest for target in targets_of(effects)])
+    chosen = _chosen_times(exact, off)
     acting = np.flatnonzero(exact[chosen].any(axis=1))
     shaded = acting[distinct_values(np.linspace(0, len(acting) - 1, min(normal_frames, len(acting))).astype(int))]
     projected, first = [], 0
@@ -294,7 +297,6 @@ def measure_residual(
     normal = None
     if normal_frames and proof.normals is not None:
         normal = float(np.percentile(angles, 99)) if len(angles) else 0.0
-    off = np.abs(played - exact) * np.array([target.shape.tallest for target in targets_of(effects)])
     return Residual(position, time, float(off.max(initial=0.0)), normal)
 
 
@@ -362,11 +364,13 @@ def _all_times(times: Floats) -> Floats:
     return distinct_values(np.concatenate([times, between.astype(np.float32).astype(np.float64)]))
 
 
-def _chosen_times(exact: Floats, played: Floats) -> Ints:
+def _chosen_times(exact: Floats, off: Floats) -> Ints:
     """Sorted numbers of times to compare at: an even choice, and those at which an error would show most.
 
-    There each target acts most, or is furthest off, by (times, targets) exact weights and those of the file.
+    There a target acts most, by its (times, targets) exact weights, or the (times, targets) moves that weights are off
+    are largest.
     """
     even = np.linspace(0, len(exact) - 1, min(_FRAMES, len(exact))).astype(int)
-    telling = [np.argmax(each, axis=0) for each in (np.abs(exact), np.abs(played - exact)) if each.shape[1]]
-    return distinct_values(np.concatenate([even, *telling]))
+    tallest = np.argmax(np.abs(exact), axis=0) if exact.shape[1] else even[:0]
+    worst = np.argsort(-off.sum(axis=1), kind="stable")[:_WORST]
+    return distinct_values(np.concatenate([even, tallest, worst]))

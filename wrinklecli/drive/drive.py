@@ -92,6 +92,12 @@ class Rows:
     times: Floats
     weights: Floats
 
+    @property
+    def corners(self) -> Floats:
+        """(times,) those where a weight differs from 0, and those next to them."""
+        acting = np.pad(self.weights.any(axis=1), 1)
+        return self.times[acting[:-2] | acting[1:-1] | acting[2:]]
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drive:
@@ -174,7 +180,7 @@ class Drive:
     def breaks(self, clip: Clip) -> Floats:
         """(times,) seconds of a clip at which the weights may have corners, besides the clip's own keys."""
         if clip.name in self.rows:
-            return self.rows[clip.name].times
+            return self.rows[clip.name].corners
         return self.signal.breaks(clip) if isinstance(self.signal, Segment) else np.zeros(0)
 
     def why_flat(self, rig: Rig, clip: Clip, times: Floats) -> str | None:

@@ -103,7 +103,7 @@ def test_strict_refuses_it_and_what_shows_it_says_so(monkeypatch: pytest.MonkeyP
 
 
 def test_a_preview_of_tools_resolves_no_contact(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr("wrinklecli.effects.contact.sample.sample_contact", None)
+    monkeypatch.setattr("wrinklecli.effects.contact.sample.resolve_folds", None)
     tools = write_tools(tmp_path / "tools.yaml", tool(**TOOL, contact="resolve"))
     shown = wrinklecli.preview([folding_limb()], tmp_path / "sheet.png", tools=tools, size=(80, 60))
     line = "crease: contact is left out, as a preview of tools is a quick look; a bake has it"

@@ -13,8 +13,9 @@ from kit.creases import resolved
 from kit.limb import limb, tool, write_tools
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.plan import plan_meshes
+from wrinklecli.drive.drive import Drive
 from wrinklecli.effects.contact.crease import PlayerError
-from wrinklecli.effects.contact.effect import ContactEffect, NonNegativeBasis
+from wrinklecli.effects.contact.effect import ContactWords, NonNegativeBasis, contact_effect
 from wrinklecli.effects.contact.fitting import fit_pose
 from wrinklecli.effects.contact.given_up import UnresolvedError
 from wrinklecli.effects.contact.layer import ContactLayer
@@ -77,21 +78,17 @@ def test_a_clip_that_would_cross_more_with_contact_is_left_without_and_a_line_sa
     moment = round(15.0 * left.time)
     assert (left.time, left.before, left.wrinkled) == (moment / 15.0, before[moment], wrinkled[moment])
     assert left.resolved == left.wrinkled > 0
-    found = ContactEffect(
-        identifier="crease_contact",
-        targets=(),
+    words = ContactWords(
         crease=worse,
-        patch=fold.patches[0],
         tools=("crease",),
-        basis=NonNegativeBasis(len(worse.shapes), 1.5),
-        followed=(given_up,),
+        followed={"fold": (TIMES, given_up)},
         remaining=(left,),
         player_errors={"fold": PlayerError(0.0, 0.0, silent=True)},
-        scale=1.0,
     )
-    assert found.drive is not None
+    found = contact_effect(words, "crease_contact", NonNegativeBasis(len(worse.shapes), 1.5), [], ())
+    assert isinstance(found.drive, Drive)
     assert found.drive.strengths == {"fold": 0.0}
-    (line,) = found.warnings(plan, [], up="y")
+    (line,) = words.warnings(plan, [], up="y")
     assert line == (
         f"crease: contact is left out of 'fold', where it would leave more: {left.wrinkled} edges pass through"
         f" triangles at {left.time:.3g} s, {left.before} before the bake ({left.frames} frames in all);"
