@@ -20,8 +20,9 @@ Sections of the extras are played in their order, `SECTIONS`: anchors may move w
 - Its `tension` is a shortening of the distance, `length` scene units times an activation from 0 to 1: the weight of a
   `morph` target, or `keys` of some clips, and 0 in others.
 - Where a muscle has `gains`, its belly moves as its ends come nearer: `weights` are looked up by the distance without
-  the tension, and are multiplied by `gains`, looked up with it. Where it has `lows` too, there are further targets, in
-  the order of the `lows` above 0: a weight below 0 is 0, and over minus its `lows` it is the weight of the further one.
+  the tension, and are multiplied by `gains`, looked up with it.
+- A segment with `lows` has further targets, in the order of the `lows` above 0: a weight below 0 is 0, and over minus
+  its `lows` it is the weight of the further one.
 - The response has rows of `weights`, straight between, at `shortenings`, 1 - distance / rest_length, or at `angles`.
   Where the rest length changes, `curve` takes their place: see `CurveTable`. Angles may have further rows of weights,
   `leaning`, for turns about other axes: the share of each is its `towards` · s / (`axis` · s), at least 0, in the sum
@@ -46,7 +47,7 @@ from wrinklecli.drive.lag import TAUT
 from wrinklecli.drive.point import point_json, read_point
 from wrinklecli.drive.segment import Contraction, Lengths, RestLength, Segment, Tension
 from wrinklecli.drive.swing import SwingDrive, read_swing
-from wrinklecli.drive.table import Json, Response, read_table, stored
+from wrinklecli.drive.table import Json, Response, read_table, split, stored
 from wrinklecli.drive.touch import TouchDrive, read_touch
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, interpolated, unit_quaternions
@@ -114,6 +115,7 @@ class Drive:
         strengths: By clip, factors on the weights.
         strength: The factor in all other clips.
         own: Names of further targets, each of one clip alone, that replace these there.
+        lows: (weights,) as `split` takes them, for engines without weights below 0; None if there may be such.
     """
 
     name: str
@@ -125,6 +127,7 @@ class Drive:
     strengths: Mapping[str, float] = field(default_factory=dict)
     strength: float = 1.0
     own: tuple[str, ...] = ()
+    lows: Floats | None = None
 
     @property
     def nodes(self) -> frozenset[int]:
@@ -168,9 +171,9 @@ class Drive:
             found = self.rows.get("" if clip is None else clip.name)
             if found is None:
                 return np.zeros((len(reading.times), len(self.targets)))
-            return interpolated(reading.times, found.times, found.weights)
+            return split(interpolated(reading.times, found.times, found.weights), self.lows)
         strength = self.strength if clip is None else self.strengths.get(clip.name, self.strength)
-        return strength * (self.response if response is None else response).weights(reading)
+        return split(strength * (self.response if response is None else response).weights(reading), self.lows)
 
     def weights_in(self, rig: Rig, clip: Clip | None) -> Signal:
         """A function from (frames,) seconds of a clip to (frames, targets) weights; None is the stored pose."""
@@ -211,6 +214,7 @@ class Drive:
             **({"strength": stored(self.strength)} if self.strength != 1.0 else {}),
             "targets": list(self.targets),
             **({"own": list(self.own)} if self.own else {}),
+            **({} if self.lows is None else {"lows": stored(self.lows)}),
             **self.response.to_json(),
         }
 
@@ -279,7 +283,10 @@ class StoredDrive:
         if "windows" in data:
             return read_touch(data, nodes, morph_names)
         joint = "joint" in data
-        response = read_table(data, len(self.targets))
+        lows = np.array(data["lows"], np.float64).reshape(-1) if "lows" in data else None
+        response = read_table(data, len(self.targets) if lows is None else len(lows))
+        if lows is not None and (not (lows >= 0).all() or len(lows) + np.count_nonzero(lows) != len(self.targets)):
+            raise ValueError
         return Drive(
             name=self.name,
             signal=_read_angle(data, nodes) if joint else _read_segment(data, nodes, morph_names),
@@ -289,6 +296,7 @@ class StoredDrive:
             strengths={clip: float(factor) for clip, factor in data.get("strengths", {}).items()},
             strength=float(data.get("strength", 1.0)),
             own=tuple(str(name) for name in data.get("own", ())),
+            lows=lows,
         )
 
 

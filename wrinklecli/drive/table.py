@@ -107,24 +107,21 @@ class BellyTable:
         rows: (rows,) shortenings, sorted.
         table: (rows, targets) weights for one more thickness, by the shortening without activation.
         gains: (rows,) thicknesses that are gained over that at rest, by the shortening with activation.
-        lows: (targets,) as `split` takes them; None if weights may be below 0.
     """
 
     rows: Floats
     table: Floats
     gains: Floats
-    lows: Floats | None = None
 
     def weights(self, reading: Lengths | Contraction) -> Floats:
         """(frames, targets) weights at the measurements of a muscle."""
         gains = np.where(reading.active, np.interp(reading.rows, self.rows, self.gains), 0.0)
-        return split(gains[:, None] * interpolated(reading.ends.rows, self.rows, self.table), self.lows)
+        return np.asarray(gains[:, None] * interpolated(reading.ends.rows, self.rows, self.table))
 
     def to_json(self) -> Json:
         """The rows as extras store them."""
-        lows = {} if self.lows is None else {"lows": stored(self.lows)}
         table, gains = stored(self.table, _BELLY_DIGITS), stored(self.gains, _BELLY_DIGITS)
-        return {"shortenings": stored(self.rows), "weights": table, "gains": gains, **lows}
+        return {"shortenings": stored(self.rows), "weights": table, "gains": gains}
 
 
 def split(weights: Floats, lows: Floats | None) -> Floats:
@@ -258,12 +255,10 @@ def read_table(data: Json, targets: int) -> Table | BellyTable | LeaningTable:
 
 
 def _read_belly(data: Json, rows: Floats, targets: int) -> BellyTable:
-    lows = np.array(data["lows"], np.float64) if "lows" in data else None
-    signed = targets if lows is None else targets - int(np.count_nonzero(lows))
-    if "joint" in data or (lows is not None and (lows.shape != (signed,) or not (lows >= 0).all())):
+    if "joint" in data:
         raise ValueError
     gains = np.array(data["gains"], np.float64).reshape(len(rows))
-    return BellyTable(rows, _read_weights(data, len(rows), signed), gains, lows)
+    return BellyTable(rows, _read_weights(data, len(rows), targets), gains)
 
 
 def _read_path(data: Json, targets: int) -> Path:

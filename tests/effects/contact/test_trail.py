@@ -56,7 +56,7 @@ def test_weights_count_less_the_further_the_turn_is_and_nothing_3_degrees_away()
 
 
 def test_a_fold_that_no_joint_bends_meets_nothing() -> None:
-    trail = Trail.of(Lengths(np.zeros(3), np.ones(3)))
+    trail = Trail.of(Lengths(np.zeros(3), np.ones(3), 1.0))
     for frame in range(3):
         assert trail.at(frame) is None
         trail.go_on(frame, np.zeros(1))

@@ -94,10 +94,9 @@ class MuscleWords:
         lows = np.maximum(-np.vstack([thinnest, response.mix]), 0.0).max(axis=0)
         shapes = [target.shape for target in effect.targets]
         minus = [summed([shape], np.array([-low])) for shape, low in zip(shapes, lows.tolist(), strict=True) if low > 0]
-        targets, exact = named_targets(effect.identifier, [*shapes, *minus]), replace(response, lows=lows)
-        names = tuple(each.name for each in targets)
-        drive = replace(self.attached.drive, targets=names, response=exact.table())
-        return replace(effect, targets=targets, drive=drive, exact=exact)
+        targets = named_targets(effect.identifier, [*shapes, *minus])
+        drive = replace(self.attached.drive, targets=tuple(each.name for each in targets), lows=lows)
+        return replace(effect, targets=targets, drive=drive)
 
     def with_fewest_targets(self, effect: Effect, _plan: MeshPlan, _tolerance: float, *, at_once: bool) -> Effect:
         """The effect itself: a muscle has few targets."""

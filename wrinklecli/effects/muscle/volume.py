@@ -11,7 +11,7 @@ the activation takes a part of the belly's length, not of the tendons', which ma
 import numpy as np
 
 from wrinklecli.drive.segment import Contraction, Lengths
-from wrinklecli.drive.table import BellyTable, Json, Table, split
+from wrinklecli.drive.table import BellyTable, Json, Table
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, interpolated
 
@@ -38,8 +38,6 @@ class ConstantVolume:
         gains: (knots,) thicknesses that are gained over that at rest.
         mix: (knots, targets) weights where so much is gained. They are proportional to the gain, and straight between
             the knots: the shape follows the distance of the ends, and the activation makes it higher.
-        lows: (targets,) the size of the most negative weights; if any is above 0, further targets stand for these, so
-            that no weight is below 0.
     """
 
     rest_length: float
@@ -47,7 +45,6 @@ class ConstantVolume:
     knots: Floats
     gains: Floats
     mix: Floats
-    lows: Floats | None = None
 
     @property
     def belly(self) -> float:
@@ -66,15 +63,11 @@ class ConstantVolume:
         """(frames, targets) weights at the measurements of the segment; 0 while the character is hidden."""
         gains = self.thicknesses(np.where(reading.active, reading.distances, self.rest_length)) - 1.0
         ends = np.where(reading.active, reading.ends.distances, self.rest_length)
-        return self.split(gains[:, None] * self._unit_weights(self.thicknesses(ends)))
+        return np.asarray(gains[:, None] * self._unit_weights(self.thicknesses(ends)))
 
     def _unit_weights(self, thicknesses: Floats) -> Floats:
         """(frames, targets) weights for one more thickness, at (frames,) ones that the distance of the ends gives."""
         return interpolated(thicknesses, self.knots, self.mix / self.gains[:, None])
-
-    def split(self, weights: Floats) -> Floats:
-        """(frames, targets) weights with those below 0 on targets of their own, if there are such targets."""
-        return split(weights, self.lows)
 
     def to_json(self) -> Json:
         """The rows of its table."""
@@ -82,13 +75,14 @@ class ConstantVolume:
 
     def table(self) -> Table | BellyTable:
         """A table of the weights by shortenings."""
-        lengths = np.linspace(LONGEST, SHORTEST, _ROWS)
+        # At rest nothing bulges, not by the error of a table either.
+        lengths = np.sort(np.append(np.linspace(SHORTEST, LONGEST, _ROWS), 1.0))[::-1]
         rows = 1.0 - (self.tendons + lengths * self.belly) / self.rest_length
         thicknesses = lengths**-0.5
         gains, weights = thicknesses - 1.0, self._unit_weights(thicknesses)
         if len(self.knots) > 1:
-            return BellyTable(rows, weights, gains, self.lows)
-        return Table("shortenings", rows, self.split(gains[:, None] * weights))
+            return BellyTable(rows, weights, gains)
+        return Table("shortenings", rows, gains[:, None] * weights)
 
 
 def flexed(thicknesses: Floats) -> Floats:

@@ -193,7 +193,12 @@ class _Remixes:
 
     def with_unit_weights(self, effect: Effect) -> Effect:
         """The same motion with weights in [0, 1]: shapes are scaled, and split if their weights may be negative."""
-        return self._remixed(effect, unit_weights(effect.targets, self._path()))
+        found = unit_weights(effect.targets, self._path())
+        if found is None:
+            return effect
+        made = self._remixed(effect, found[0])
+        assert isinstance(made.drive, Drive)
+        return replace(made, drive=replace(made.drive, lows=found[1] if found[1].any() else None))
 
     def with_fewest_targets(self, effect: Effect, plan: MeshPlan, tolerance: float, *, at_once: bool) -> Effect:
         """The fewest targets for the whole range of shortenings; among equals at once, the exact ones are first."""
@@ -217,16 +222,17 @@ class _RowRemixes:
         assert isinstance(effect.drive, Drive)
         rows = effect.drive.rows
         path = np.concatenate([np.zeros((0, len(effect.targets))), *(each.weights for each in rows.values())])
-        remixed = unit_weights(effect.targets, path)
-        if remixed is None:
+        found = unit_weights(effect.targets, path)
+        if found is None:
             return effect
-        shapes, mixed = remixed
+        (shapes, mixed), lows = found
         targets = named_targets(effect.identifier, shapes)
         drive = replace(
             effect.drive,
             targets=tuple(each.name for each in targets),
             response=Table("shortenings", np.zeros(1), np.zeros((1, len(targets)))),
             rows={name: Rows(each.times, mixed.weights(each.weights)) for name, each in rows.items()},
+            lows=lows,
         )
         return replace(effect, targets=targets, drive=drive)
 

@@ -19,42 +19,37 @@ class Remix:
     """Other shapes than a tool's own, which play the same motion within an engine's limits.
 
     Attributes:
-        mix: (own shapes, shapes before the split) factors from weights of the tool's shapes to those of the new.
-        split: Columns of `mix` whose negative weights drive shapes of their own, which stand behind the others.
+        mix: (own shapes, shapes) factors from weights of the tool's shapes to those of the new.
         least: Weights up to this are 0.
     """
 
     mix: Floats
-    split: tuple[int, ...] = ()
     least: float = 0.0
 
     def weights(self, own: Floats) -> Floats:
         """(frames, shapes) weights of the new shapes from (frames, own shapes) weights of the tool's."""
         mixed = own @ self.mix
-        kept = np.where(np.abs(mixed) > self.least, mixed, 0.0)
-        columns = list(self.split)
-        negative = np.maximum(-kept[:, columns], 0.0)
-        kept[:, columns] = np.maximum(kept[:, columns], 0.0)
-        return np.concatenate([kept, negative], axis=1)
+        return np.where(np.abs(mixed) > self.least, mixed, 0.0)
 
 
 Remixed = tuple[list[Shape], Remix]
 """New shapes, and their relation to the tool's own."""
 
 
-def unit_weights(targets: Sequence[Target], path: Floats) -> Remixed | None:
-    """Shapes whose weights lie in [0, 1]; None if the targets' own do.
+def unit_weights(targets: Sequence[Target], path: Floats) -> tuple[Remixed, Floats] | None:
+    """Shapes whose weights lie in [0, 1], and the `lows` by which a drive splits them; None if the targets' own do.
 
-    `path` has (rows, shapes) all weights of the targets.
+    `path` has (rows, shapes) all weights of the targets. Where any is below 0, a negative of the shape stands behind
+    the others.
     """
     peaks = np.abs(path).max(axis=0, initial=0.0)
     peaks[peaks <= _ONE] = 1.0
-    split = tuple(np.flatnonzero((path < 0).any(axis=0)).tolist())
-    if not split and (peaks == 1.0).all():
+    lows = np.where((path < 0).any(axis=0), 1.0, 0.0)
+    if not lows.any() and (peaks == 1.0).all():
         return None
     shapes = [summed([each.shape], np.array([peak])) for each, peak in zip(targets, peaks, strict=True)]
-    negated = [summed([shapes[column]], np.array([-1.0])) for column in split]
-    return [*shapes, *negated], Remix(np.diag(1.0 / peaks), split=split)
+    negated = [summed([shapes[column]], np.array([-1.0])) for column in np.flatnonzero(lows)]
+    return ([*shapes, *negated], Remix(np.diag(1.0 / peaks))), lows
 
 
 def fewest(targets: Sequence[Target], path: Floats, groups: Ints, tolerance: float) -> tuple[Remixed, float] | None:
