@@ -13,8 +13,8 @@ from wrinklecli.editor.page.drawing import Body, body_of, outline_of
 from wrinklecli.editor.page.viewpoints import ASPECT, frame_tool
 from wrinklecli.editor.raised import RaisedTool
 from wrinklecli.gltf.pixels import Bytes, jpeg_of
-from wrinklecli.numeric.arrays import Array, vertex_normals
-from wrinklecli.review.preview.paints import Paint, Texture
+from wrinklecli.numeric.arrays import vertex_normals
+from wrinklecli.review.preview.paints import Paint
 from wrinklecli.review.preview.render import Snapshot, render
 
 _HEIGHT = 126  # pixels: two pictures fill the width of the panel
@@ -64,23 +64,10 @@ def _drawn(
 
 def _snapshot(bodies: Sequence[Body], shown: Sequence[ShownMesh]) -> Snapshot:
     """The triangles of bodies, whose points are at the positions of meshes."""
-    parts: list[tuple[Array, ...]] = []
-    textures: list[Texture] = []
+    parts = []
     for body, mesh in zip(bodies, shown, strict=True):
         normals = vertex_normals(mesh.positions, body.triangles)
         for drawn in body.meshes:
-            texture, corners = drawn.paint.texture, drawn.points[drawn.triangles]
-            if texture is not None and texture not in textures:
-                textures.append(texture)
-            texture_number = -1 if texture is None else textures.index(texture)
-            parts.append(
-                (
-                    mesh.positions[corners],
-                    normals[corners],
-                    drawn.paint.colours[drawn.triangles],
-                    drawn.paint.coordinates[drawn.triangles],
-                    np.full(len(corners), texture_number),
-                )
-            )
-    places, turned, colours, coordinates, numbers = map(np.concatenate, zip(*parts, strict=True))
-    return Snapshot(places, turned, colours, coordinates, numbers, tuple(textures))
+            corners = drawn.points[drawn.triangles]
+            parts.append((mesh.positions[corners], normals[corners], drawn.triangles, drawn.paint))
+    return Snapshot.of(parts)

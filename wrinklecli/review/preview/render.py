@@ -1,5 +1,7 @@
 """Render triangles by rays, without a display or a graphics card. The same triangles give the same picture."""
 
+from collections.abc import Iterable, Sequence
+
 import numpy as np
 
 from wrinklecli.frozen import dataclass
@@ -9,7 +11,7 @@ from wrinklecli.review.preview.camera import Camera, project
 from wrinklecli.review.preview.draw import INK, Mark, ProjectedMark, blend, draw_mark, edge_cover, project_mark
 from wrinklecli.review.preview.light import REACH, light_up
 from wrinklecli.review.preview.overlay import NOTHING, Overlay, draw_overlay
-from wrinklecli.review.preview.paints import Texture, look_up
+from wrinklecli.review.preview.paints import Paint, Texture, look_up
 from wrinklecli.review.preview.preview_options import PLAIN, Style
 from wrinklecli.review.preview.rays import Hits, TracedSurface, first_hits, trace
 
@@ -56,6 +58,23 @@ class Snapshot:
     texture_numbers: Ints
     textures: tuple[Texture, ...] = ()
     marks: tuple[Mark, ...] = ()
+
+    @classmethod
+    def of(cls, parts: Iterable[tuple[Floats, Floats, Ints, Paint]], marks: Sequence[Mark] = ()) -> "Snapshot":
+        """Join parts, which may be none.
+
+        Each has (triangles, 3, 3) corners and their normals, and the (triangles, 3) vertices of its paint there.
+        """
+        joined: list[tuple[Array, ...]] = [(*np.zeros((3, 0, 3, 3)), np.zeros((0, 3, 2)), np.zeros(0, np.intp))]
+        textures: list[Texture] = []
+        for corners, normals, vertices, paint in parts:
+            if paint.texture is not None and paint.texture not in textures:
+                textures.append(paint.texture)
+            number = -1 if paint.texture is None else textures.index(paint.texture)
+            numbers = np.full(len(corners), number)
+            joined.append((corners, normals, paint.colours[vertices], paint.coordinates[vertices], numbers))
+        places, turned, colours, coordinates, numbers = map(np.concatenate, zip(*joined, strict=True))
+        return cls(places, turned, colours, coordinates, numbers, tuple(textures), tuple(marks))
 
 
 @dataclass(frozen=True, slots=True)

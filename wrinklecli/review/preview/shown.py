@@ -21,11 +21,11 @@ from wrinklecli.effects.plan import skin_parts
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.pixels import linear_rgb
-from wrinklecli.numeric.arrays import Array, Floats, Ints, among, children, distinct_values, face_normals, unit
+from wrinklecli.numeric.arrays import Floats, Ints, among, children, distinct_values, face_normals, unit
 from wrinklecli.review.preview.draw import Mark
 from wrinklecli.review.preview.heat import compressions, heat_colours
 from wrinklecli.review.preview.moments import Moment
-from wrinklecli.review.preview.paints import Colour, Paint, Texture, read_paints
+from wrinklecli.review.preview.paints import Colour, Paint, read_paints
 from wrinklecli.review.preview.render import Snapshot
 
 # Bytes that a triangle takes while it is drawn, with Embree's.
@@ -225,10 +225,7 @@ def take_snapshot(asset: ShownAsset, moment: Moment, *, heat: bool) -> Snapshot:
     """
     visible = asset.posed(moment)
     _refuse_many(asset.document, sum(len(posed.triangles) for _, posed in visible))
-    # The empty arrays are for a moment at which nothing is visible.
-    parts: list[tuple[Array, ...]] = [(*np.zeros((3, 0, 3, 3)), np.zeros((0, 3, 2)), np.zeros(0, np.intp))]
-    textures: list[Texture] = []
-    marks: list[Mark] = []
+    parts, marks = [], list[Mark]()
     start = 0
     for shown, posed in visible:
         positions, triangles, paint = posed.positions[0], posed.wound(), shown.paint
@@ -236,21 +233,17 @@ def take_snapshot(asset: ShownAsset, moment: Moment, *, heat: bool) -> Snapshot:
             normals = np.repeat(unit(face_normals(positions, triangles))[:, None], 3, axis=1)
         else:
             normals = posed.normals[0, triangles]
-        brightest = paint.colours.max(axis=1, keepdims=True)
-        colours = paint.colours * np.minimum(1.0, _BRIGHTEST / np.maximum(brightest, _BRIGHTEST))
         if heat:
             colours = linear_rgb(heat_colours(compressions(shown.source, positions)))
-        number = -1
-        if paint.texture is not None and not heat:
-            if paint.texture not in textures:
-                textures.append(paint.texture)
-            number = textures.index(paint.texture)
-        numbers = np.full(len(triangles), number)
-        parts.append((positions[triangles], normals, colours[triangles], paint.coordinates[triangles], numbers))
+            paint = Paint(colours, paint.coordinates, None)
+        else:
+            brightest = paint.colours.max(axis=1, keepdims=True)
+            dimmed = paint.colours * np.minimum(1.0, _BRIGHTEST / np.maximum(brightest, _BRIGHTEST))
+            paint = replace(paint, colours=dimmed)
+        parts.append((positions[triangles], normals, triangles, paint))
         for mark in shown.marks:
             places = mark.places[:, ::-1] if posed.mirrored[0] else mark.places
             tint = 0.0 if heat else mark.tint  # a tint would falsify the colours of compression
             marks.append(replace(mark, triangles=mark.triangles + start, places=places, tint=tint))
         start += len(triangles)
-    corners, normals, colours, coordinates, numbers = map(np.concatenate, zip(*parts, strict=True))
-    return Snapshot(corners, normals, colours, coordinates, numbers, tuple(textures), tuple(marks))
+    return Snapshot.of(parts, marks)
