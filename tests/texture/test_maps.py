@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from kit.bakes import bake_config
+from kit.bakes import bake_config, place
 from kit.characters import CHARACTERS
 from kit.command import Wrinkle, files
 from kit.limb import limb_asset, tool, write_tools
@@ -22,16 +22,17 @@ from kit.variants import PNG
 from wrinklecli import maps
 from wrinklecli.baking.job import BakeOptions, read_job, wrinkles_alone
 from wrinklecli.baking.plan import plan_meshes
+from wrinklecli.character.contacts import Neighbours
 from wrinklecli.effects.effect import SamplingOptions, targets_of
 from wrinklecli.effects.plan import plan_mesh
 from wrinklecli.effects.sampling import sample_effects
 from wrinklecli.effects.shapes import turn_to
-from wrinklecli.effects.wrinkle.effect import WrinkleEffect
 from wrinklecli.gltf.document import read_document
 from wrinklecli.numeric.arrays import unit
 from wrinklecli.numeric.guard import no_progress
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.texture.layout import layouts_of
+from wrinklecli.texture.relief import Relief, plan_finely
 from wrinklecli.texture.texels import covered
 
 CONFIGS = ROOT / "configs"
@@ -302,7 +303,7 @@ def drawn_normals(asset: Path, tools: Path, tool: str, edges: int, side: int) ->
     limits = {"max_vertices": 10**6, "stored": False}
     plan = plan_mesh(job.document, node, own, settings, job.every_clip, job.options.max_error, **limits)
     how = SamplingOptions(30.0, "morph", job.document.memory, no_progress)
-    (effect,) = [each for each in sample_effects(plan, [], how)[0] if isinstance(each, WrinkleEffect)]
+    (effect,), _ = sample_effects(plan, [], how)
     (layout,) = layouts_of(job.document, plan)
     moved, turned = np.zeros(len(plan.fine.positions)), np.zeros((len(plan.fine.positions), 3))
     for target in filter(None, effect.targets):
@@ -376,3 +377,21 @@ def test_normals_are_those_of_a_finely_refined_mesh(name: str, tool: str, edges:
     high = heights > 0.02 * heights.max()
     assert high.sum() > 10_000
     assert np.percentile(angles[high], 95) < 2.0
+
+
+def test_a_bump_that_the_mesh_cannot_show_takes_no_other_bumps_place(tmp_path: Path) -> None:
+    """A finer mesh has shapes of bumps between whose vertices the bake's own mesh has none."""
+    file = write_tools(tmp_path / "t.yaml", tool(bumps=7, strategy="origin"), refinement={"max_levels": 0})
+    job = read_job(place(limb_asset(rings=13, sides=8)), file, BakeOptions())
+    how = SamplingOptions(30.0, "morph", Memory(), no_progress)
+    (plan,) = plan_meshes(job)
+    (effect,), _ = sample_effects(plan, [], how)
+    fine, own = plan_finely(job, 0, job.settings.tools[0], Neighbours(job.document), how, most_edges=12.0)
+    relief = Relief.of(own, fine.fine)
+    assert len(effect.targets) < len(relief.numbers) == 7
+    for target in effect.targets:
+        row = relief.numbers.index(target.number)
+        # Old vertices keep their numbers, and this bump is the highest at its own.
+        at = np.searchsorted(relief.vertices, target.shape.vertices)
+        assert (relief.vertices[at] == target.shape.vertices).all()
+        assert (np.abs(relief.heights[:, at]).argmax(axis=0) == row).all()

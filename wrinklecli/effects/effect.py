@@ -33,10 +33,14 @@ LayerType = TypeVar("LayerType", bound="Layer")
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """A morph target to write: its name and shape."""
+    """A morph target to write: its name and shape, and the number of that among all shapes of the effect.
+
+    Those that move no vertex have no target, so a finer mesh may have targets of more numbers.
+    """
 
     name: str
     shape: Shape
+    number: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -445,8 +449,10 @@ class EffectKind(Protocol):
 
 def named_targets(identifier: str, shapes: Iterable[Shape | None]) -> tuple[Target, ...]:
     """Targets `wrinkle_NAME_1`, `wrinkle_NAME_2` … for the shapes that there are, by an effect's identifier."""
-    there = (shape for shape in shapes if shape is not None)
-    return tuple(Target(f"wrinkle_{identifier}_{number}", shape) for number, shape in enumerate(there, start=1))
+    there = [(number, shape) for number, shape in enumerate(shapes) if shape is not None]
+    return tuple(
+        Target(f"wrinkle_{identifier}_{count}", shape, number) for count, (number, shape) in enumerate(there, start=1)
+    )
 
 
 def targets_of(effects: Iterable[Effect]) -> tuple[Target, ...]:

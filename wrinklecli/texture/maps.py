@@ -340,7 +340,7 @@ def _shown(
 ) -> list[Shown]:
     """The shapes of a tool's targets on the triangles that it moves, each texel the mean of its samples.
 
-    The relief has a shape for each target, whether the bake's own mesh shows it or not.
+    The relief may have shapes that move no vertex of the bake's own mesh, and so have no target.
     """
     size, factor = options.size, options.supersample
     side = size * factor
@@ -361,12 +361,16 @@ def _shown(
     if not parts:
         return []
     texels, sums = _summed(*(np.concatenate(each) for each in zip(*parts, strict=True)))
-    means, count = sums[:, 1:] / sums[:, :1], len(effect.targets)
+    means, count = sums[:, 1:] / sums[:, :1], len(relief.numbers)
+    rows_of = {number: row for row, number in enumerate(relief.numbers)}
     made = []
-    for number, target in enumerate(effect.targets):
-        heights, slopes = means[:, number], means[:, count + 2 * number : count + 2 * number + 2]
+    for target in effect.targets:
+        row = rows_of.get(target.number)
+        if row is None:
+            continue
+        heights, slopes = means[:, row], means[:, count + 2 * row : count + 2 * row + 2]
         moved = np.flatnonzero(heights)
-        if target is not None and len(moved):
+        if len(moved):
             made.append(Shown(target.name, effect.name, texels[moved], heights[moved], slopes[moved]))
     return made
 

@@ -107,12 +107,14 @@ class Relief:
 
     Attributes:
         fine: The mesh.
+        numbers: Those of the targets of the shapes.
         vertices: (vertices,) fine welded vertices that move or turn, sorted.
         heights: (shapes, vertices) scene units at rest, along the normal.
         turns: (shapes, vertices, 3) what is added to the unit bind normal, across it.
     """
 
     fine: Refinement
+    numbers: tuple[int, ...]
     vertices: Ints
     heights: Floats
     turns: Floats
@@ -120,17 +122,16 @@ class Relief:
     @classmethod
     def of(cls, effect: Effect, fine: Refinement) -> "Relief":
         """Take the shapes of an effect on a mesh."""
-        shapes = [None if each is None else each.shape for each in effect.targets]
-        changed = [part for each in shapes if each is not None for part in (each.vertices, each.normal_vertices)]
+        shapes = [each.shape for each in effect.targets]
+        changed = [part for each in shapes for part in (each.vertices, each.normal_vertices)]
         vertices = distinct_values(np.concatenate([np.zeros(0, np.intp), *changed]))
         heights, turns = np.zeros((len(shapes), len(vertices))), np.zeros((len(shapes), len(vertices), 3))
-        for number, shape in enumerate(shapes):
-            if shape is not None:
-                moves = np.einsum("vij,vj->vi", fine.blended[shape.vertices, :, :3], shape.deltas)
-                normals = fine.rest_normals_at(shape.vertices)
-                heights[number, np.searchsorted(vertices, shape.vertices)] = np.einsum("vx,vx->v", moves, normals)
-                turns[number, np.searchsorted(vertices, shape.normal_vertices)] = shape.normal_deltas
-        return cls(fine, vertices, heights, turns)
+        for row, shape in enumerate(shapes):
+            moves = np.einsum("vij,vj->vi", fine.blended[shape.vertices, :, :3], shape.deltas)
+            normals = fine.rest_normals_at(shape.vertices)
+            heights[row, np.searchsorted(vertices, shape.vertices)] = np.einsum("vx,vx->v", moves, normals)
+            turns[row, np.searchsorted(vertices, shape.normal_vertices)] = shape.normal_deltas
+        return cls(fine, tuple(each.number for each in effect.targets), vertices, heights, turns)
 
     def covers(self, triangles: Ints) -> Bools:
         """(triangles,) True for those of which a corner moves or turns."""
