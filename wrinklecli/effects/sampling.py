@@ -140,8 +140,13 @@ def move_sizes(plan: MeshPlan, effects: Sequence[Effect]) -> Floats:
     """(targets,) the largest move of each target at weight 1, scene units.
 
     That of an effect with an error bound of its own is times the plan's bound over it, so that one bound holds for all.
+    Where vertices are projected, all targets move each of them, so their errors add up.
     """
-    factors = [1.0 if each.max_error is None else plan.max_error / each.max_error for each in effects]
+    factors = [
+        (1.0 if each.max_error is None else plan.max_error / each.max_error)
+        * (1.0 if each.projected is None else len(each.targets))
+        for each in effects
+    ]
     sizes = [
         target.shape.tallest * factor for each, factor in zip(effects, factors, strict=True) for target in each.targets
     ]

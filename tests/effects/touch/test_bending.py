@@ -151,7 +151,7 @@ def test_weights_of_changes_are_those_of_slides_times_the_bend(limb: tuple[Path,
     drive = drives["inside"]
     contacts = np.array([[0.5, -0.3, 0.2]]) * [drive.grip, drive.grip, drive.deepest]
     for bend in (0.0, 0.6, -0.4):
-        (weights,) = drive.weights(contacts, np.array([bend]))
+        (weights,) = drive.weights_of_contacts(contacts, np.array([bend]))
         ways, towards, away = weights[:4], weights[-8:-4], weights[-4:]
         assert towards == pytest.approx(max(bend, 0.0) * ways)
         assert away == pytest.approx(max(-bend, 0.0) * ways)

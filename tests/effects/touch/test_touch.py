@@ -43,7 +43,7 @@ def moves(file: Gltf, contact: tuple[float, float, float], node: str = "skin") -
     """(vertices, 3) places at rest, and moves under a slide forward and sideways and a depth."""
     (stored,) = read_bodies(read_document(file.path))[0].drives
     nodes = {each["name"]: number for number, each in enumerate(file.json["nodes"])}
-    weights = stored.on(nodes, []).weights(np.array([contact]))
+    weights = stored.on(nodes, []).weights_of_contacts(np.array([contact]))
     return file.attribute(node, "POSITION"), np.einsum("t,tvx->vx", weights[0], file.deltas(node))
 
 

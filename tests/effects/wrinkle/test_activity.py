@@ -1,7 +1,6 @@
 """Activities of tools in clips: lengths without scale, and the curve's heights for them, independent of other times."""
 
-from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +9,8 @@ import pytest
 from kit.limb import RADIUS, limb_asset, tool
 from kit.prepared import posed_surface, prepare
 from wrinklecli.character.clip import Clip
-from wrinklecli.effects.wrinkle.activity import Activity, activities, activity, further_activities
+from wrinklecli.drive.table import TABLE_ERROR
+from wrinklecli.effects.wrinkle.activity import activities, activity
 from wrinklecli.effects.wrinkle.lookup import weights_of
 from wrinklecli.numeric.arrays import Floats
 
@@ -21,25 +21,12 @@ def test_activities_of_several_tools_are_those_of_each(monkeypatch: pytest.Monke
     times = np.linspace(0.0, 2.0, 12)
     clip = prepared.clip
     single = [activity(patch, prepared.rig, clip, times) for patch in prepared.patches]
-    for at_once in (1, 2**17):
-        monkeypatch.setattr("wrinklecli.effects.wrinkle.activity._ANCHORS_AT_ONCE", at_once)
+    for at_once in (1, 5, 4096):
+        monkeypatch.setattr("wrinklecli.drive.play._CHUNK", at_once)
         found = activities(prepared.patches, prepared.rig, clip, times)
         for one, other in zip(found, single, strict=True):
             assert one.distances == pytest.approx(other.distances, abs=1e-12)
             assert one.amplitudes == pytest.approx(other.amplitudes, abs=1e-9)
-
-
-@pytest.mark.parametrize("known", [[3], [0, 1, 5, 11], range(12)])
-def test_further_activities_go_between_those_that_are_known(known: Sequence[int]) -> None:
-    prepared = prepare(limb_asset(rings=9, sides=8, joints=4), tool(), tool(name="other", strategy="origin"))
-    patches, rig, clip = prepared.patches, prepared.rig, prepared.clip
-    times = np.linspace(0.0, 2.0, 12)
-    at = times[list(known)]
-    some = activities(patches, rig, clip, at)
-    found = further_activities(patches, rig, clip, times, known=some, known_at=at)
-    for one, other in zip(found, activities(patches, rig, clip, times), strict=True):
-        for field in fields(Activity):
-            assert getattr(one, field.name) == pytest.approx(getattr(other, field.name), abs=1e-9)
 
 
 def test_activity_is_the_curve_s_answer_to_the_anchors() -> None:
@@ -48,6 +35,10 @@ def test_activity_is_the_curve_s_answer_to_the_anchors() -> None:
     assert seen.shortenings == pytest.approx(np.maximum(seen.rest_lengths * (1 - 1e-5) - seen.distances, 0))
     assert (seen.unabsorbed <= seen.shortenings).all()
     assert seen.unabsorbed[4] > 0.1
+    wanted, unabsorbed = prepared.patch.curve.follow(seen.distances, seen.rest_lengths)
+    greatest = prepared.patch.curve.greatest_amplitudes
+    assert (np.abs(seen.amplitudes - wanted) <= TABLE_ERROR * greatest).all()
+    assert (seen.unabsorbed == unabsorbed).all()
     heights = prepared.patch.curve.heights(seen.amplitudes)
     assert heights.max() == pytest.approx(0.02 * prepared.patch.span, rel=1e-6)
     weights = weights_of(prepared.patch.curve, seen.amplitudes)
@@ -63,7 +54,7 @@ def test_distance_is_that_of_the_posed_anchors() -> None:
         np.einsum("c,fcx->fx", anchor.barycentrics, moved[:, anchor.vertices])
         for anchor in (prepared.patch.origin, prepared.patch.target)
     ]
-    distances, lengths = prepared.patch.segment.lengths(prepared.rig, prepared.clip, times)
+    distances, lengths, _ = prepared.patch.segment.lengths(prepared.rig, prepared.clip, times)
     assert distances == pytest.approx(np.linalg.norm(ends[1] - ends[0], axis=1), abs=1e-12)
     assert distances.min() < 0.7 * prepared.patch.span
     assert lengths == pytest.approx(prepared.patch.span, abs=0)
@@ -73,7 +64,7 @@ def test_nothing_shortens_at_rest() -> None:
     for asset in (limb_asset(rings=9, sides=8), limb_asset(rings=9, sides=8, clip=None)):
         prepared = prepare(asset)
         clip = prepared.clips[0] if prepared.clips else None
-        distances, lengths = prepared.patch.segment.lengths(prepared.rig, clip, np.zeros(1))
+        distances, lengths, _ = prepared.patch.segment.lengths(prepared.rig, clip, np.zeros(1))
         assert distances == pytest.approx(prepared.patch.span, rel=1e-12)
         assert prepared.patch.curve.shortening(distances, lengths).tolist() == [0.0]
 
@@ -86,7 +77,7 @@ def test_animated_uniform_scale_is_no_shortening(skinned: bool, factor: float) -
     asset.channel(animation, len(asset.gltf["nodes"]) - 1, "scale", [0, 1], [[2.0] * 3, [2.0 * factor] * 3])
     asset.append("animations", animation)
     prepared = prepare(asset, tool(origin=[-0.8, 2 * RADIUS, 0], target=[0.8, 2 * RADIUS, 0]))
-    distances, _ = prepared.patch.segment.lengths(prepared.rig, prepared.clip, np.linspace(0, 1, 9))
+    distances, *_ = prepared.patch.segment.lengths(prepared.rig, prepared.clip, np.linspace(0, 1, 9))
     assert distances == pytest.approx(prepared.patch.span, rel=1e-12)
 
 
@@ -96,7 +87,7 @@ def test_character_hidden_by_scale_makes_no_wrinkles() -> None:
     asset.channel(animation, 3, "scale", [0, 1, 2], [[1.0] * 3, [0.0] * 3, [1e-7] * 3])
     asset.append("animations", animation)
     prepared = prepare(asset)
-    distances, lengths = prepared.patch.segment.lengths(prepared.rig, prepared.clip, np.array([0.0, 1.0, 2.0]))
+    distances, lengths, _ = prepared.patch.segment.lengths(prepared.rig, prepared.clip, np.array([0.0, 1.0, 2.0]))
     assert np.isinf(distances).tolist() == [False, True, True]
     assert prepared.patch.curve.shortening(distances, lengths).tolist() == [0.0, 0.0, 0.0]
 
@@ -122,5 +113,5 @@ def test_rest_length_follows_a_morph_target_from_0_to_1_and_no_further() -> None
     asset.channel(animation, 0, "weights", [0, 1, 2, 3], [[0.7, 0], [0.7, 0.5], [0.7, 2], [0.7, -1]])
     asset.append("animations", animation)
     prepared = prepare(asset, tool(rest_length={"morph": "morph_1", "full": "125%"}))
-    _, lengths = prepared.patch.segment.lengths(prepared.rig, prepared.clip, np.array([0.0, 1.0, 2.0, 3.0]))
+    _, lengths, _ = prepared.patch.segment.lengths(prepared.rig, prepared.clip, np.array([0.0, 1.0, 2.0, 3.0]))
     assert lengths == pytest.approx([0.8, 0.9, 1.0, 0.8], abs=1e-7)

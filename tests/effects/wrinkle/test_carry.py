@@ -59,7 +59,7 @@ def test_displacement_at_rest_has_the_intended_height_along_the_world_normal(
     signed = strength * heights * (1 - np.abs(v)) * facing**2 * (3 - 2 * facing)
     wanted = signed[:, None] * fine.rest_normals[carried.vertices]
     assert np.abs(signed).max() > 0.01 * span, "the case is one"
-    assert world == pytest.approx(wanted, abs=1e-9 * span)  # the smooth curve's own precision
+    assert world == pytest.approx(wanted, abs=1e-7 * span)  # weights in tables have seven decimals
 
 
 @pytest.mark.parametrize("root", ROOTS, ids=str)

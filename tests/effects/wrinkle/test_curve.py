@@ -22,6 +22,8 @@ from wrinklecli.effects.wrinkle.polyline import PolylineProfile, polyline_height
 from wrinklecli.numeric.arrays import Floats
 
 NODES, WEIGHTS = legendre.leggauss(24)
+# The greatest rest length over the nominal one.
+LONGEST = 1.5
 
 
 def plan(**options) -> ControlCurve:
@@ -64,13 +66,13 @@ def curves(draw, profiles=("smooth", "skin", "cloth", "polyline"), details=FEW_D
         max_height=draw(limits),
         compressible=draw(st.sampled_from([0.0, 0.0, 0.3, 0.95])),
         rest_length=length,
-        greatest_rest_length=length * draw(st.floats(1.0, 1.5)),
+        greatest_rest_length=length * LONGEST,
     )
 
 
 def frames_of(curve: ControlCurve, count: int = 9) -> tuple[Floats, Floats]:
     """Current and rest lengths: shortening from none to all, rest lengths up to the greatest."""
-    rest = np.linspace(curve.rest_length, curve.greatest_rest_length, count)
+    rest = np.linspace(curve.rest_length, LONGEST * curve.rest_length, count)
     parts = np.concatenate([[0.0, 1e-15, 1e-9, 1e-3], np.linspace(0.05, 1.0, count - 4)])
     return TAUT * rest * (1 - parts), rest
 
@@ -237,9 +239,10 @@ def test_what_bumps_absorb_adds_up_and_nothing_is_lost(curve):
 @given(curves())
 def test_no_bump_passes_max_height_and_full_ones_reach_it(curve):
     distances, rest = frames_of(curve)
-    heights = exact_heights(curve, curve.shortening(distances, rest), rest)
+    shortenings = curve.shortening(distances, rest)
+    heights = exact_heights(curve, shortenings, rest)
     assert heights.max() <= curve.max_height * (1 + 1e-12)
-    _, unabsorbed = curve.follow(distances, rest)
+    _, unabsorbed = absorb(curve, shortenings, rest)
     full = heights[unabsorbed > 0]
     np.testing.assert_allclose(full, np.full_like(full, curve.max_height), rtol=1e-9)
 
@@ -277,7 +280,7 @@ def test_none_starts_before_the_one_before_it_is_full(curve):
 def test_heights_are_monotone_and_continuous_in_the_shortening(curve):
     # A polyline with details is monotone as long as a bump's chord is more than half of its length.
     parts = np.linspace(0.0, 1.0, 1601) ** 2
-    rest = np.full(len(parts), curve.greatest_rest_length)
+    rest = np.full(len(parts), LONGEST * curve.rest_length)
     distances = TAUT * rest * (1 - parts)
     heights = exact_heights(curve, curve.shortening(distances, rest), rest)
     shares, _ = absorb(curve, curve.shortening(distances, rest), rest)
@@ -360,7 +363,7 @@ def test_everything_scales_with_the_scene(curve, scale):
         profile=curve.profile.kind if isinstance(curve.profile, SmoothProfile) else "polyline",
         max_height=curve.max_height * scale,
         rest_length=curve.rest_length * scale,
-        greatest_rest_length=curve.greatest_rest_length * scale,
+        greatest_rest_length=LONGEST * curve.rest_length * scale,
     )
     distances, rest = frames_of(curve)
     shortenings = curve.shortening(distances, rest)
@@ -458,14 +461,38 @@ def test_a_frame_alone_is_what_it_is_among_others(curve):
 
 
 @given(curves())
-def test_following_is_absorbing_and_rising(curve):
+def test_following_is_absorbing_and_rising_at_the_nominal_rest_length(curve):
     distances, rest = frames_of(curve)
-    shares, unabsorbed = absorb(curve, curve.shortening(distances, rest), rest)
-    amplitudes = amplitudes_of(curve, shares, rest, unabsorbed)
+    scales, nominal = rest / curve.rest_length, np.full(len(rest), curve.rest_length)
+    shares, unabsorbed = absorb(curve, curve.shortening(distances / scales, nominal), nominal)
+    amplitudes = amplitudes_of(curve, shares, nominal, unabsorbed) * scales[:, None, None]
     found, left = curve.follow(distances, rest)
     # Of a wrinkle of 1e-15 of the length, the parts' sum is rounded.
     np.testing.assert_allclose(found, amplitudes, rtol=1e-9, atol=1e-7 * curve.greatest_amplitudes.max())
-    np.testing.assert_array_equal(left, unabsorbed)
+    np.testing.assert_array_equal(left, unabsorbed * scales)
+    np.testing.assert_array_equal(curve.unabsorbed(distances, rest), left)
+
+
+@given(curves(), st.integers(-3, 3).map(lambda power: 2.0**power), st.floats(0.1, 10.0))
+def test_a_longer_curve_has_bumps_that_are_higher_by_as_much(curve, two, factor):
+    distances, rest = frames_of(curve)
+    amplitudes, unabsorbed = curve.follow(distances, rest)
+    for scale, slack in ((two, 0.0), (factor, 1e-7)):
+        scaled, left = curve.follow(scale * distances, scale * rest)
+        atol = slack * scale * curve.greatest_amplitudes.max()
+        np.testing.assert_allclose(scaled, scale * amplitudes, rtol=0, atol=atol)
+        np.testing.assert_allclose(left, scale * unabsorbed, rtol=0, atol=slack * scale * rest.max())
+
+
+@given(curves())
+def test_full_bumps_are_higher_where_the_rest_length_is(curve):
+    """Modes rebuild a polyline with details to 1e-4 only."""
+    distances, rest = frames_of(curve)
+    amplitudes, unabsorbed = curve.follow(distances, rest)
+    heights, limits = curve.heights(amplitudes).max(axis=1), curve.max_height * rest / curve.rest_length
+    slack = 1e-3 if curve.details and isinstance(curve.profile, PolylineProfile) else 1e-9
+    assert (heights <= limits * (1 + slack)).all()
+    np.testing.assert_allclose(heights[unabsorbed > 0], limits[unabsorbed > 0], rtol=slack)
 
 
 @pytest.mark.parametrize("profile", ["smooth", "polyline"])

@@ -119,7 +119,7 @@ def test_the_line_from_end_to_end_keeps_its_length(case: Case, strategy: Any, pr
         length += np.sum(WEIGHTS * np.hypot((high - low) * chord / 2, SLOPES @ heights))
     assert length == pytest.approx(TAUT - unabsorbed, abs=1e-9)
     # Shortenings are spread, and some lie close behind the start of a group of bumps.
-    shortenings = np.unique(np.clip(group_starts(curve, 1.0)[:, None] + [0.0, 1e-9, 1e-4, 0.01, 0.1], 0.0, 1.0))
+    shortenings = np.unique(np.clip(group_starts(curve)[:, None] + [0.0, 1e-9, 1e-4, 0.01, 0.1], 0.0, 1.0))
     amplitudes, unabsorbed = curve.follow(1.0 - shortenings, np.ones(len(shortenings)))
     lengths = curve.lengths(amplitudes, np.minimum(1.0 - shortenings, TAUT))
     assert lengths == pytest.approx(TAUT - unabsorbed, abs=1e-9)

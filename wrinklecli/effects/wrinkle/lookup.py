@@ -7,6 +7,7 @@ Profiles are homogeneous: if chord and shortening are twice as long, a bump is t
 length depend on one number, 1 - distance / rest length. The paper has no tables.
 """
 
+import math
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import lru_cache
@@ -16,7 +17,7 @@ import numpy as np
 
 from wrinklecli.drive.lag import TAUT
 from wrinklecli.drive.segment import Lengths
-from wrinklecli.drive.table import TABLE_ERROR, Json, Table
+from wrinklecli.drive.table import TABLE_ERROR, Json, Table, stored
 from wrinklecli.effects.wrinkle.curve import ControlCurve
 from wrinklecli.effects.wrinkle.remix import Remix
 from wrinklecli.frozen import dataclass
@@ -36,10 +37,8 @@ _ROUNDS = 9
 
 # Part of the error between rows for the points at which the curve is sampled.
 _OF_POINTS = 0.25
-# First rows after a group's start, over the way to the next group's: heights like a root are 1/2, 1/4, 1/8 … there.
-_BEHIND = 0.25 ** np.arange(1, 9)
-# Least step between two rows, shortening over the rest length.
-_LEAST_STEP = 1e-6
+# Least step between two rows, shortening over the rest length: about that of float32 values near 1.
+_LEAST_STEP = 1e-7
 # Decimals of weights that count, as the weight of a full bump changes in its last bits, which need no rows.
 _DECIMALS = 7
 # Rows of a table before refinement.
@@ -90,12 +89,16 @@ class CurveResponse:
             return np.round(self.at(shortenings), _DECIMALS)
 
         starts = group_starts(self.curve)
-        behind = starts[:-1] + (starts[1:] - starts[:-1]) * _BEHIND[:, None]
-        grid = distinct_values(np.concatenate([np.linspace(0.0, 1.0, _FIRST_ROWS), starts, behind.reshape(-1)]))
+        # Heights like a root are 1/2, 1/4, 1/8 … there, down to the error: a line from 0 is off by a quarter of them.
+        halved = 0.25 ** np.arange(1, math.ceil(-math.log2(error)) + 1)
+        behind = starts[:-1] + (starts[1:] - starts[:-1]) * halved[:, None]
+        rows = np.concatenate([np.linspace(0.0, 1.0, _FIRST_ROWS), starts, behind.reshape(-1)])
+        # As extras hold them, for rows must differ there too.
+        grid = distinct_values(np.array(stored(rows)))
         most = error * np.abs(signal(grid)).max(initial=0.0)
         bounds = {"tolerance": _OF_POINTS * most, "thinning": (1 - _OF_POINTS) * most}
-        points, rows = key_points(grid, signal, **bounds, gap=_LEAST_STEP, step=_LEAST_STEP)
-        return Table("shortenings", points[rows], signal(points[rows]))
+        points, keys = key_points(grid, signal, **bounds, gap=_LEAST_STEP, step=_LEAST_STEP)
+        return Table("shortenings", points[keys], signal(points[keys]))
 
 
 def looked_up(curve: ControlCurve, lengths: Lengths) -> Floats:

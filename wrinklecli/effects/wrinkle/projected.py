@@ -78,14 +78,14 @@ def _times(plan: MeshPlan, carried: CarriedPatch, clip: Clip, how: SamplingOptio
         return scale * displacements(carried, plan.fine, plan.rig, clip, times).reshape(len(times), -1)
 
     bound, signal = plan.max_error / most_overlaps(plan), within(how.memory, moves, width, where=clip.name)
-    times, _ = play_keys(
+    times, keys = play_keys(
         clip_grid(clip, plan.rig, fps=how.fps),
         lambda _stretch: signal,
         width=width,
         tolerance=SAMPLING_SHARE * bound,
         thinning=KEYS_SHARE * bound,
     )
-    return times
+    return np.asarray(times[keys])
 
 
 def compress_displacements(
