@@ -2,7 +2,7 @@
 // targets. The mesh stays as it is. Other engines need the same few lines in their material's normal.
 
 import { DataTexture, RepeatWrapping, ShaderChunk, TextureLoader, Vector4 } from 'three';
-import { wrinkleWeights } from './driver.js';
+import { Body } from './body.js';
 import { jointFinder, nameOf, named } from './joints.js';
 
 const texel = (...values) => Object.assign(new DataTexture(new Uint8Array(values), 1, 1), { needsUpdate: true });
@@ -38,7 +38,8 @@ export class WrinkleMaps {
       // The first has the asset's own morph targets, which raise brows and move the anchors of tools.
       const [{ morphTargetDictionary: numbers = {}, morphTargetInfluences: influences = [] }] = meshes;
       const morphWeightOf = (target) => influences[numbers[target]] ?? 0;
-      return { tools: wrinkle.tools, states: wrinkle.tools.map(() => ({})), jointOf, morphWeightOf, uniforms };
+      const body = new Body(wrinkle, { hasJoint: jointOf, warn: (line) => console.warn(`wrinkle: ${node}: ${line}`) });
+      return { body, jointOf, morphWeightOf, uniforms };
     });
   }
 
@@ -80,15 +81,9 @@ export class WrinkleMaps {
 
   /** As `WrinkleDriver.update`. */
   update(clip, time, elapsed = 0) {
-    for (const { tools, states, jointOf, morphWeightOf, uniforms } of this.bodies) {
-      const jointMatrixOf = (name) => jointOf(name).matrixWorld.elements;
-      const found = new Map();
-      tools.forEach((tool, k) => {
-        const weights = wrinkleWeights(tool, jointMatrixOf, { morphWeightOf, clip, time, state: states[k], elapsed });
-        tool.targets.forEach((target, i) => found.set(target, weights[i]));
-      });
-      for (const { targets, value } of uniforms.flat())
-        value.set(...[0, 1, 2, 3].map((i) => found.get(targets[i]) ?? 0));
+    for (const { body, jointOf, morphWeightOf, uniforms } of this.bodies) {
+      const found = body.weights((name) => jointOf(name).matrixWorld.elements, { morphWeightOf, clip, time, elapsed });
+      for (const { targets, value } of uniforms.flat()) value.set(...[0, 1, 2, 3].map((i) => found[targets[i]] ?? 0));
     }
   }
 }

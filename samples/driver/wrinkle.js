@@ -5,7 +5,7 @@ import { activation, tabulated } from './muscle.js';
 import { between } from './polyline.js';
 import { lagged } from './spring.js';
 
-/** Weights while the rest length changes: bumps rise group by group, each until it takes no more. */
+/** Weights by a `curve`, which layout 1 has where the rest length changes: bumps rise by group, each until it takes no more. */
 function followed(curve, distance, length) {
   const { taut, compressible = 0, intervals, bumps, distances, capacities, parts, rises, mix, positive, least = 0 } = curve;
   const ends = taut * length - (1 - compressible) * (taut * length - distance);
@@ -30,11 +30,12 @@ function followed(curve, distance, length) {
  * morphWeightOf  the weight of another morph target by name, where faces move the anchors
  * clip, time     name and seconds, for tools with a strength or rest length of their own in a clip
  * state, elapsed for tools that lag: what `lagged` keeps of the tool from call to call, and seconds since the last
+ * layout         that of the extras, if they have one: from 2 on weights grow with the rest length
  */
 export function wrinkleWeights(
   toolExtras,
   jointMatrixOf,
-  { morphWeightOf = () => 0, clip, time = 0, state = {}, elapsed } = {},
+  { morphWeightOf = () => 0, clip, time = 0, state = {}, elapsed, layout = 1 } = {},
 ) {
   const { rest_length: nominal, rest_length_morph: morph, curve, targets, lag } = toolExtras;
   const { tension } = toolExtras;
@@ -60,5 +61,6 @@ export function wrinkleWeights(
   const found = curve
     ? followed(curve, distance, length)
     : tabulated(toolExtras, 1 - ends / length, 1 - distance / length);
-  return found.map((weight) => weight * (toolExtras.strengths?.[clip] ?? toolExtras.strength ?? 1));
+  const factor = (toolExtras.strengths?.[clip] ?? toolExtras.strength ?? 1) * (layout > 1 ? length / nominal : 1);
+  return found.map((weight) => factor * weight);
 }

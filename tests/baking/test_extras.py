@@ -16,6 +16,7 @@ from kit.player import Floats, Gltf, Json, anchor_distances, described
 from kit.samples import BROW, Editor, config, edited, sharp_keys, spline_keys
 from wrinklecli.baking.track import track
 from wrinklecli.choices import Tracks
+from wrinklecli.drive.table import TABLE_ERROR
 from wrinklecli.review.diff.diff import diff
 
 
@@ -52,9 +53,9 @@ def assert_replayed(file: Gltf, node: str, clip: str, times: Floats, tolerance: 
 def test_extras_are_enough_to_play_the_wrinkles(name: str, config: str, clip: str) -> None:
     after = bake_config(name, config)
     # Between keys tracks are straight and off by up to --max-error; the table is held against the keys. Its own
-    # straight lines are right to 1/256, and float32 and eight digits add a little where a height starts.
+    # straight lines are right to 1/2048, and float32 and eight digits add a little where a height starts.
     times, _ = after.keys(clip, name)
-    assert_replayed(after, name, clip, times, 1 / 256 + 1e-3)
+    assert_replayed(after, name, clip, times, TABLE_ERROR + 1e-3)
 
 
 def test_extras_of_a_clip_that_was_not_baked() -> None:
@@ -79,7 +80,7 @@ def test_extras_say_that_a_tool_acts_in_some_clips_alone(clip: str, acts: bool) 
     assert after.weights("head", "raise_brows", times)[:, -1].any() == acts
     if acts:
         times, _ = after.keys("raise_brows", "head")
-    assert_replayed(after, "head", "raise_brows", times, 1 / 256 + 1e-3)
+    assert_replayed(after, "head", "raise_brows", times, TABLE_ERROR + 1e-3)
 
 
 def without_names(editor: Editor) -> None:
@@ -136,7 +137,7 @@ def test_new_weights_are_right_on_every_kind_of_track(change: Callable[[Editor],
     """Replayed from the extras of the same file, at and between keys, jumps included."""
     after = bake_once(edited("head", change), BROW)
     times = np.setdiff1d(np.linspace(0.0, 2.0, 301), [0.5, 1.25, 2.0])
-    assert_replayed(after, "head", "raise_brows", times, 0.005 + 1 / 256 + 1e-3)
+    assert_replayed(after, "head", "raise_brows", times, 0.005 + TABLE_ERROR + 1e-3)
 
 
 @pytest.mark.parametrize(("morphs", "tracks", "told"), [(1, "all", True), (0, "all", False), (1, "none", False)])

@@ -12,6 +12,7 @@ from kit.asset import Asset
 from kit.bakes import COARSE, bake_config, bake_once, place
 from kit.clients import assert_valid, drive
 from kit.command import Wrinkle
+from kit.layout_1 import baked_in_layout_1
 from kit.limb import limb_asset, tool
 from kit.player import Gltf, Json, differences, wrinkle_columns
 from kit.samples import BENT, BROW, Editor, bystanders, config, edited, sample, skeleton_only
@@ -164,8 +165,8 @@ def test_keys_are_as_few_as_a_bakes(tmp_path: Path) -> None:
 
 
 def test_an_error_below_the_tables_own_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="1/256"):
-        track(body_of("trousers").path, [sample("trousers")], tmp_path, max_error=1 / 256)
+    with pytest.raises(ValueError, match="1/2048"):
+        track(body_of("trousers").path, [sample("trousers")], tmp_path, max_error=1 / 2048)
 
 
 def test_buffers_outside_the_folder_are_read_on_request_only(tmp_path: Path) -> None:
@@ -339,9 +340,10 @@ def test_extras_that_are_not_ours(value: object, tmp_path: Path) -> None:
     ids=json.dumps,
 )
 def test_a_curve_that_is_not_ours(wrong: Json, tmp_path: Path) -> None:
-    editor = Editor(Gltf(body_of("head", "head_keyed").path))
+    editor = Editor(Gltf(baked_in_layout_1().path))
     node = next(node for node in editor.json["nodes"] if "extras" in node)
-    node["extras"]["wrinkle"]["tools"][0]["curve"] |= wrong
+    (tool,) = node["extras"]["wrinkle"]["tools"]
+    tool["curve"] = {**tool["curve"], **wrong}
     with pytest.raises(AssetError, match="wrinkle"):
         track(editor.save(tmp_path / "body.glb"), [sample("head")], tmp_path / "out")
 
@@ -611,8 +613,8 @@ def test_parts_without_skin_move_as_their_node_does(
 def test_extras_of_a_later_layout_are_refused(tmp_path: Path) -> None:
     editor = Editor(Gltf(bake_config("wrist", "wrist").path))
     wrinkled = next(node for node in editor.json["nodes"] if "extras" in node)
-    wrinkled["extras"]["wrinkle"]["layout"] = 2
-    with pytest.raises(AssetError, match="has the layout 2 of a newer `wrinkle`, and this one reads 1"):
+    wrinkled["extras"]["wrinkle"]["layout"] = 3
+    with pytest.raises(AssetError, match="has the layout 3 of a newer `wrinkle`, and this one reads up to 2"):
         track(editor.save(tmp_path / "later.glb"), [sample("wrist")], tmp_path / "tracks")
 
 
@@ -634,7 +636,7 @@ def test_faults_on_the_command_line(wrinkle: Wrinkle, tmp_path: Path) -> None:
     assert wrinkle("track", body, "walk.fbx", "-o", "out").code == 2
     assert wrinkle("track", body, strange, "-o", "out", "--fps", "nan").code == 2
     assert wrinkle("track", body, strange, "-o", "out", "--max-error", "100%").code == 1
-    for wrong in ("1", "0.39%", "nan%", "x%", "101%"):
+    for wrong in ("1", "0.048%", "nan%", "x%", "101%"):
         assert wrinkle("track", body, strange, "-o", "out", "--max-error", wrong).code == 2
     assert not (tmp_path / "out").exists()
     (tmp_path / "file").touch()

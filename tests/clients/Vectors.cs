@@ -36,7 +36,7 @@ static class Vectors
     {
         var found = (Dictionary<string, object>)value;
         var wrinkle = (Dictionary<string, object>)found["wrinkle"];
-        var later = new Dictionary<string, object>(wrinkle) { ["layout"] = 2.0 };
+        var later = new Dictionary<string, object>(wrinkle) { ["layout"] = Body.Layout + 1.0 };
         var problems = new Body(wrinkle, name => name != (string)List(found["joints"])[0],
             name => name != (string)List(found["targets"])[0]).Problems.Concat(new Body(later).Problems);
         var unseen = List(found["runs"]).Select(run => new Body(wrinkle).UnseenRounds((double)((Dictionary<string, object>)run)["seconds"]).ToString());

@@ -31,7 +31,7 @@ func _init():
 		targets.pop_front()
 		var problems = Body.new(each["wrinkle"], joints, targets).problems
 		var later = each["wrinkle"].duplicate()
-		later["layout"] = 2
+		later["layout"] = Body.LAYOUT + 1
 		found[label] = {"runs": runs, "unseen": unseen, "problems": problems + Body.new(later).problems}
 	var file = File.new()
 	file.open("res://played.json", File.WRITE)

@@ -1,7 +1,7 @@
 // The sample driver's answers to the vectors of `samples/driver/vectors.json`, without three.js.
 
 import { readFile } from 'node:fs/promises';
-import { Body } from '../../samples/driver/body.js';
+import { Body, LAYOUT } from '../../samples/driver/body.js';
 
 /**
  * By case `runs`, for each frame of each run the weights of the case's targets, `unseen`, how often each run is played
@@ -22,7 +22,7 @@ function problemsOf({ wrinkle, joints, targets }) {
   const isNot = ([first]) => (name) => name !== first;
   const warn = (line) => problems.push(line);
   new Body(wrinkle, { hasJoint: isNot(joints), hasTarget: isNot(targets), warn });
-  new Body({ ...wrinkle, layout: 2 }, { warn });
+  new Body({ ...wrinkle, layout: LAYOUT + 1 }, { warn });
   return problems;
 }
 

@@ -18,6 +18,7 @@ from kit.asset import Array, Json
 from kit.bakes import bake_config, bake_once, place
 from kit.flesh import body, region
 from kit.folds import FOLDS
+from kit.layout_1 import baked_in_layout_1
 from kit.limb import RADIUS, limb_asset, nose, tool
 from kit.muscles import arm, muscle
 from kit.player import Gltf
@@ -190,7 +191,7 @@ CASES: dict[str, Case] = {
     "unnamed": Case("joints without names, a scaled root, strengths", _unnamed, {"fold": (8, False)}),
     "hidden": Case("a hidden body, targets of one clip, strength", _unnamed, {"fold": (8, False)}, change=_hide),
     "lag": Case("lag, below and above critical damping", _lagging, {"fold": (24, True)}, BETWEEN_FRAMES),
-    "loop": Case("a loop whose spring swings for several rounds", _soft, {"fold": (24, True)}, BETWEEN_FRAMES),
+    "loop": Case("a loop whose spring swings for several rounds", _soft, {"fold": (30, True)}, BETWEEN_FRAMES),
     "rest_length_morph": Case(
         "anchors that a morph target moves, and a rest length that it changes; the polyline; strengths",
         lambda: _brow(**_BUMPS, rest_length=_MORPH, clips={"raise_brows": 0.5}),
@@ -201,6 +202,7 @@ CASES: dict[str, Case] = {
         lambda: _brow(rest_length=_KEYED, strategy="both_ends", bumps=4),
         {"raise_brows": (8, False), "think": (4, False)},
     ),
+    "layout_1": Case("a curve, and weights that do not grow", baked_in_layout_1, {"think": (8, False)}),
     "fold": Case("contact with leaning, paths and null", lambda: _fold("one_sided"), {"bend": (12, False)}),
     "nose": Case("contact that no joint bends", _nose, {"sneer": (12, False)}),
     "muscles": Case(
@@ -279,7 +281,7 @@ def vectors(case: Case) -> Json:
         weights = (
             driven.weights_in(clip)(once)
             if hands is None
-            else touch.weights(_let_go(touch, once, hands), touch.bends_in(driven.rig, clip, once))
+            else touch.weights_of_contacts(_let_go(touch, once, hands), touch.bends_in(driven.rig, clip, once))
         )
         matrices = (
             node_matrices(driven.rig, clip, once, joints.values()).transpose(0, 1, 3, 2).reshape(len(once), -1, 16)

@@ -25,11 +25,11 @@ from wrinklecli.baking.baked_body import read_bodies
 from wrinklecli.baking.track import track
 from wrinklecli.character.clip import KEY_GAP, read_clips
 from wrinklecli.character.rig import read_rig
-from wrinklecli.drive.table import LeaningTable
+from wrinklecli.drive.table import TABLE_ERROR, LeaningTable
 from wrinklecli.gltf.document import read_document
 
 # The table's own straight lines, and what eight digits and float32 add where a height starts.
-TABLE = 1 / 256 + 1e-3
+TABLE = TABLE_ERROR + 1e-3
 
 
 def test_the_sample_is_small() -> None:
@@ -272,8 +272,8 @@ def test_the_driver_says_what_it_does_not_find(tmp_path: Path) -> None:
     assert said(lambda gltf: gltf["nodes"][0]["extras"]["wrinkle"].update(parts=["limb_part2"])) == [
         'wrinkle: limb: there is no part "limb_part2"'
     ]
-    assert said(lambda gltf: gltf["nodes"][0]["extras"]["wrinkle"].update(layout=2)) == [
-        "wrinkle: limb: its extras have layout 2, and this driver reads 1; take a newer driver"
+    assert said(lambda gltf: gltf["nodes"][0]["extras"]["wrinkle"].update(layout=3)) == [
+        "wrinkle: limb: its extras have layout 3, and this driver reads up to 2; take a newer driver"
     ]
     assert said(lambda gltf: gltf["nodes"][0].pop("extras")) == [
         "wrinkle: nothing to drive: no object has extras.wrinkle and morph targets"

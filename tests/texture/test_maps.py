@@ -76,7 +76,7 @@ def test_heights_and_drives_are_those_of_a_bake(tmp_path: Path) -> None:
     found = made(tmp_path / "maps", size=256, kinds=["height"])
     (node,) = [each for each in bake_config("wrist", "wrist").json["nodes"] if "wrinkle" in each.get("extras", {})]
     said = node["extras"]["wrinkle"]
-    assert found.data["nodes"][0]["wrinkle"] == {"method": said["method"], "tools": said["tools"]}
+    assert found.data["nodes"][0]["wrinkle"] == {key: said[key] for key in ("layout", "method", "tools")}
     (one,) = found.data["materials"][0]["sets"]
     heights = one["height"]["scale"] * (
         pixels(tmp_path / "maps" / one["height"]["file"]) / 65535 - one["height"]["zero"]

@@ -4,13 +4,14 @@ from collections.abc import Collection, Sequence
 
 from wrinklecli.character.anims import NamedNodes
 from wrinklecli.character.rig import Rig
+from wrinklecli.drive.drive import LAYOUT
 from wrinklecli.effects.effect import Effect, MeshPlan, targets_of
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.shape import Json
 
 # Raised only when the geometry that the same asset and tools give changes.
-METHOD = 4
+METHOD = 5
 # The section that extras always have: readers know a baked node by it.
 _TOOLS = "tools"
 
@@ -62,6 +63,7 @@ def encode_extras(
         else:
             sections.setdefault(effect.section, []).append(drive.to_json(names, rig.morph_names))
     node["extras"]["wrinkle"] = {
+        "layout": LAYOUT,
         "method": METHOD,
         **({"draft": True} if draft else {}),
         **sections,

@@ -3,7 +3,7 @@
 A bake writes into a node's extras all that is needed: anchors by the names of joints, and a table of weights.
 
 Source: the extras of `extras.encode_extras`. Differs from a bake: weights are straight between the rows of a table,
-right to 1/256 of the greatest.
+right to 1/2048 of the greatest.
 """
 
 import os
@@ -44,7 +44,7 @@ class TrackOptions:
 
     Attributes:
         fps: Frames per second of the grid, which is refined where weights bend.
-        max_error: Greatest error of a weight as a ratio of the greatest weight: above 1/256, the error of the table.
+        max_error: Greatest error of a weight as a ratio of the greatest weight: above 1/2048, the error of the table.
         allow_external: Read buffers and images outside the files' folders too.
         max_memory: Most bytes that reading all files may take.
         strict: Refuse to write if there are warnings.
@@ -64,7 +64,7 @@ class TrackOptions:
             ValueError: `max_error` leaves nothing.
         """
         if not self.max_error > TABLE_ERROR:
-            raise ValueError(f"max_error is {self.max_error}; the table of weights is right to 1/256")
+            raise ValueError(f"max_error is {self.max_error}; the table of weights is right to 1/2048")
         return self.max_error - TABLE_ERROR
 
 
@@ -118,7 +118,7 @@ def track(
 
     Raises:
         RefusedError: There are warnings, and `strict` is set; nothing was written.
-        ValueError: `max_error` is not above 1/256.
+        ValueError: `max_error` is not above 1/2048.
         AssetError: A file is malformed, the body carries no wrinkles, or no joint of any anchor is in an ANIM.
         BakeError: An output would overwrite an input, or cannot be written. All are computed before any is written.
         TypeError: `TrackOptions` lacks a name of `named`.

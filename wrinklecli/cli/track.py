@@ -9,7 +9,7 @@ from wrinklecli.cli.output import say, warn
 from wrinklecli.cli.streams import command_outputs
 from wrinklecli.errors import counted
 
-_LEAST_ERROR = 0.390625  # per cent: 1/256, the error of the table of weights in the extras of a node
+_LEAST_ERROR = 0.048828125  # per cent: 1/2048, the error of the table of weights in the extras of a node
 
 
 def _share(value: str) -> float:

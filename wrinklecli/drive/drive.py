@@ -23,14 +23,16 @@ Sections of the extras are played in their order, `SECTIONS`: anchors may move w
   the tension, and are multiplied by `gains`, looked up with it.
 - A segment with `lows` has further targets, in the order of the `lows` above 0: a weight below 0 is 0, and over minus
   its `lows` it is the weight of the further one.
-- The response has rows of `weights`, straight between, at `shortenings`, 1 - distance / rest_length, or at `angles`.
-  Where the rest length changes, `curve` takes their place: see `CurveTable`. Angles may have further rows of weights,
-  `leaning`, for turns about other axes: the share of each is its `towards` · s / (`axis` · s), at least 0, in the sum
-  2 at most; the rest of 1 is the share of `weights`. Weights below 0 are raised by a multiple of `null`.
+- The response has rows of `weights`, straight between, at `shortenings`, 1 - distance / rest length, or at `angles`.
+  Weights at shortenings grow with the rest length: they are those of the rows times the length now / `rest_length`.
+  Angles may have further rows of weights, `leaning`, for turns about other axes: the share of each is its `towards` · s
+  / (`axis` · s), at least 0, in the sum 2 at most; the rest of 1 is the share of `weights`. Weights below 0 are raised
+  by a multiple of `null`.
 - Flesh has `modes`, springs that follow a joint: see `drive.swing`.
 - A touch has `windows`, directions of the rings of wrinkles round it: see `drive.touch`.
 - `strengths` are factors on the weights in some clips; `strength` is the factor in all others. Weights are 0 where any
   of the targets `own` is not: these belong to one clip alone, which drives them itself.
+- In layout 1 weights do not grow with the rest length; tools whose rest length changes have a `curve`: see `Curve`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -57,8 +59,8 @@ from wrinklecli.tools.records import Lag
 SECTIONS = ("muscles", "flesh", "touches", "tools", "folds")
 """The lists of drives in extras, in the order in which they act."""
 
-LAYOUT = 1
-"""The version of these keys: that of extras without the key `layout`, which those of a later layout must have."""
+LAYOUT = 2
+"""The version of these keys, which extras without the key `layout` have in version 1."""
 
 _Reading = TypeVar("_Reading", covariant=True)
 
@@ -232,6 +234,7 @@ class StoredDrive:
         targets: Names of its morph targets.
         keyed: Names of the clips that key its rest length or its tension.
         data: The whole drive as stored.
+        layout: The version of its keys.
     """
 
     name: str
@@ -239,6 +242,7 @@ class StoredDrive:
     targets: tuple[str, ...]
     keyed: frozenset[str]
     data: Json
+    layout: int
 
     @property
     def measures_segment(self) -> bool:
@@ -258,8 +262,8 @@ class StoredDrive:
         return frozenset(name for anchor in anchors_of(self.data) for name in anchor.get("morphs", {}))
 
     @classmethod
-    def read(cls, data: Json) -> "StoredDrive":
-        """Read and check a drive in extras.
+    def read(cls, data: Json, layout: int = LAYOUT) -> "StoredDrive":
+        """Read and check a drive in extras of a layout.
 
         Raises:
             KeyError, TypeError, ValueError: The extras are not what `bake` writes.
@@ -271,7 +275,7 @@ class StoredDrive:
             joints = [joint for point in points for joint in point["joints"]]
         names = tuple(dict.fromkeys(str(joint) for joint in joints))
         targets = tuple(str(name) for name in data["targets"])
-        drive = cls(str(data.get("name", names[0])), names, targets, _keyed(data), data)
+        drive = cls(str(data.get("name", names[0])), names, targets, _keyed(data), data, layout)
         drive.on({name: number for number, name in enumerate(names)}, sorted(drive.carrying_targets))
         return drive
 
@@ -284,7 +288,7 @@ class StoredDrive:
             return read_touch(data, nodes, morph_names)
         joint = "joint" in data
         lows = np.array(data["lows"], np.float64).reshape(-1) if "lows" in data else None
-        response = read_table(data, len(self.targets) if lows is None else len(lows))
+        response = read_table(data, len(self.targets) if lows is None else len(lows), self.layout)
         if lows is not None and (not (lows >= 0).all() or len(lows) + np.count_nonzero(lows) != len(self.targets)):
             raise ValueError
         return Drive(

@@ -1,6 +1,6 @@
 """The response of a drive: weights are looked up in tables of numbers, so that players need not run the method.
 
-Module `effects.wrinkle.lookup` makes the tables of a control curve, and says why there are two kinds.
+Module `effects.wrinkle.lookup` makes those of a control curve.
 """
 
 from collections.abc import Callable
@@ -33,8 +33,6 @@ _FARTHEST = 2.0
 _NEAR = 0.0872
 # Squared distance of turns below which they are the same: rounding of float32 rotations.
 _SAME = 1e-10
-# Rows of the table that is made of a control curve of layout 1.
-_ROWS_OF_CURVE = 513
 # Most control intervals: 64 bumps with gaps of 64, the most of a tools file, have 4,160.
 _MOST_INTERVALS = 10_000
 
@@ -78,15 +76,18 @@ class Table:
         by: The kind of number: 1 - distance / rest length, or an angle in radians.
         rows: (rows,) numbers, sorted.
         table: (rows, targets) weights, straight between rows, constant beyond.
+        grows: True if weights grow with the rest length; False in layout 1.
     """
 
     by: Literal["shortenings", "angles"]
     rows: Floats
     table: Floats
+    grows: bool = True
 
     def weights(self, reading: Reading) -> Floats:
         """(frames, targets) weights at the measurements of a signal."""
-        found = (interpolated(reading.rows, self.rows, self.table).T * reading.factors).T
+        factors = reading.factors if self.grows else 1.0
+        found = (interpolated(reading.rows, self.rows, self.table).T * factors).T
         return np.where(reading.active[:, None], found, 0.0)
 
     def mapped(self, change: Callable[[Floats], Floats], null: Floats | None = None) -> "Table":
@@ -230,19 +231,63 @@ class LeaningTable:
         return {**self.central.to_json(), "leaning": leaning, **null, **({"paths": paths} if paths else {})}
 
 
-def read_table(data: Json, targets: int) -> Table | BellyTable | LeaningTable:
-    """Read the table of so many targets in extras.
+@dataclass(frozen=True, slots=True, eq=False)
+class Curve:
+    """The control curve that layout 1 has where the rest length changes. It is read and never written.
+
+    Differs from a table of a later layout: the height at which a bump is full does not grow with the rest length.
+
+    Attributes:
+        data: As stored, with all numbers that may be absent.
+        bumps: Bumps of each group, in the order in which groups rise; a bump counts as much as it is wide.
+        limits: (2, rows) distances of the curve's ends, sorted, and the shortening that one bump takes there when full,
+            scene units; None without a limit.
+        parts: (rows,) from 0 to 1: a bump's shortening / (its chord + its shortening).
+        rises: (rows, modes) amplitudes / (chord + shortening) / the root of the part.
+        mix: (targets, groups · modes) weights for amplitudes of 1 scene unit.
+    """
+
+    data: Json
+    bumps: Floats
+    limits: Floats | None
+    parts: Floats
+    rises: Floats
+    mix: Floats
+
+    def weights(self, reading: Lengths) -> Floats:
+        """(frames, targets) weights at the measurements of a segment."""
+        taut = self.data["taut"] * reading.rest_lengths
+        ends = taut - (1.0 - self.data["compressible"]) * np.where(reading.active, taut - reading.distances, 0.0)
+        chords, remaining = 2.0 * ends / self.data["intervals"], np.maximum(taut - ends, 0.0)
+        full = np.inf if self.limits is None else np.interp(ends, *self.limits)
+        amplitudes = []
+        for size in self.bumps:
+            taken = np.minimum(remaining / size, full)
+            remaining = np.maximum(remaining - size * taken, 0.0)
+            wholes = chords + taken
+            shares = taken / np.where(wholes > 0, wholes, 1.0)
+            amplitudes += [wholes * np.sqrt(shares) * np.interp(shares, self.parts, rise) for rise in self.rises.T]
+        made = np.stack(amplitudes, axis=1) @ self.mix.T
+        return np.where((made if self.data["positive"] else np.abs(made)) > self.data["least"], made, 0.0)
+
+    def to_json(self) -> Json:
+        """The curve as extras have it."""
+        return {"curve": self.data}
+
+
+def read_table(data: Json, targets: int, layout: int) -> Table | BellyTable | LeaningTable | Curve:
+    """Read the table of so many targets in extras of a layout.
 
     Raises:
         KeyError, TypeError, ValueError: The extras are not what `bake` writes.
     """
-    if "curve" in data:
-        return _table_of_curve(data["curve"], float(data["rest_length"]), targets)
+    if "curve" in data and "tension" not in data:
+        return _read_curve(data["curve"], targets)
     by: Literal["shortenings", "angles"] = "angles" if "angles" in data else "shortenings"
     rows = _sorted_rows(data[by])
     if "gains" in data:
         return _read_belly(data, rows, targets)
-    found = Table(by, rows, _read_weights(data, len(rows), targets))
+    found = Table(by, rows, _read_weights(data, len(rows), targets), grows=layout > 1)
     if "leaning" not in data:
         return found
     towards = np.array([each["towards"] for each in data["leaning"]], np.float64).reshape(-1, 3)
@@ -273,36 +318,18 @@ def _read_weights(data: Json, rows: int, targets: int) -> Floats:
     return np.array(data["weights"], np.float64).reshape(rows, targets)
 
 
-def _table_of_curve(data: Json, rest_length: float, targets: int) -> Table:
-    """The table of a control curve in extras of layout 1, at its nominal rest length.
-
-    That layout had the height that fills a bump, and a bump's height by its share of the chord, where a rest length is
-    keyed. Differs: heights now grow with the rest length, and the greatest height with them.
-    """
-    sizes = [float(count) for count in data["bumps"]]
-    parts, intervals = _sorted_rows(data["parts"]), int(data["intervals"])
+def _read_curve(data: Json, targets: int) -> Curve:
+    numbers = {key: float(data.get(key, 0.0)) for key in ("taut", "compressible", "intervals", "positive", "least")}
+    bumps, parts = np.array(data["bumps"], np.float64), _sorted_rows(data["parts"])
     rises = np.array(data["rises"], np.float64).reshape(len(parts), -1)
-    mix = np.array(data["mix"], np.float64).reshape(targets, len(sizes) * rises.shape[1])
-    if intervals < 1 or min(sizes) <= 0 or max(intervals, *sizes) > _MOST_INTERVALS or not rest_length > 0:
+    mix = np.array(data["mix"], np.float64).reshape(targets, len(bumps) * rises.shape[1])
+    if not 1 <= numbers["intervals"] <= _MOST_INTERVALS or not (bumps > 0).all() or bumps.max() > _MOST_INTERVALS:
         raise ValueError
-    # Heights start like a square root, so rows crowd where a group may start; 1e-5 of the length is slack.
-    rows = 1.0 - float(data["taut"]) + float(data["taut"]) * np.linspace(0.0, 1.0, _ROWS_OF_CURVE) ** 2
-    taut = float(data["taut"]) * rest_length
-    ends = taut - (1.0 - float(data.get("compressible", 0.0))) * (taut - (1.0 - rows) * rest_length)
-    chords, full = 2.0 * ends / intervals, np.full(len(rows), np.inf)
+    limits = None
     if "distances" in data:
         at = _sorted_rows(data["distances"])
-        full = np.interp(ends, at, np.array(data["capacities"], np.float64).reshape(len(at)))
-    remaining, amplitudes = np.maximum(taut - ends, 0.0), []
-    for size in sizes:
-        taken = np.minimum(remaining / size, full)
-        remaining = np.maximum(remaining - size * taken, 0.0)
-        wholes = chords + taken
-        shares = taken / np.where(wholes > 0, wholes, 1.0)
-        amplitudes += [wholes * np.sqrt(shares) * np.interp(shares, parts, rise) for rise in rises.T]
-    made = np.stack(amplitudes, axis=1) @ mix.T
-    made = np.maximum(made, 0.0) if data.get("positive", False) else made
-    return Table("shortenings", rows, np.where(np.abs(made) > float(data.get("least", 0.0)), made, 0.0))
+        limits = np.stack([at, np.array(data["capacities"], np.float64).reshape(len(at))])
+    return Curve({**data, **numbers}, bumps, limits, parts, rises, mix)
 
 
 def _sorted_rows(values: object) -> Floats:

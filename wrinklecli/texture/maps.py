@@ -14,6 +14,7 @@ from wrinklecli.baking.job import BakeOptions, Job, ToolsPaths, read_job, tools_
 from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.character.contacts import Neighbours
 from wrinklecli.choices import MapKind
+from wrinklecli.drive.drive import LAYOUT
 from wrinklecli.effects.effect import Effect, MeshPlan, Part, SamplingOptions
 from wrinklecli.effects.plan import skin_parts
 from wrinklecli.effects.sampling import sample_effects
@@ -242,6 +243,7 @@ def _drives(gltf: Json, plan: MeshPlan, effects: Sequence[Effect]) -> Json:
     return {
         "node": rig.names[rig.node],
         "wrinkle": {
+            "layout": LAYOUT,
             "method": METHOD,
             "tools": [each.to_json(names, rig.morph_names) for each in drives],
         },

@@ -40,7 +40,7 @@ namespace Wrinkles
     /// <summary>All drives of one node, in the order in which they act.</summary>
     public sealed class Body
     {
-        public const int Layout = 1;
+        public const int Layout = 2;
         // Of a loop that begins at rest so much of a swing is left when it is shown; and rounds that it plays unseen at most.
         const double Left = 0.001, MostRounds = 100;
         /// <summary>A line for each drive that is left out or does not show.</summary>
@@ -51,15 +51,15 @@ namespace Wrinkles
         /// <param name="wrinkle">A node's `extras.wrinkle`: dictionaries, lists, numbers and strings, as `JsonText` reads them.</param>
         public Body(Json wrinkle, Func<string, bool> hasJoint = null, Func<string, bool> hasTarget = null)
         {
-            var layout = Read.Number(wrinkle, "layout", Layout);
+            var layout = Read.Number(wrinkle, "layout", 1);
             if (layout > Layout)
-                Problems.Add($"its extras have layout {layout}, and this driver reads {Layout}; take a newer driver");
+                Problems.Add($"its extras have layout {layout}, and this driver reads up to {Layout}; take a newer driver");
             foreach (var kind in layout > Layout ? new string[0] : new[] { "muscles", "flesh", "touches", "tools", "folds" })
                 foreach (var data in Read.List(wrinkle, kind).Cast<Json>())
                 {
                     // A fold that no joint bends is driven as a tool.
                     var drive = kind == "flesh" ? new Flesh(data) : kind == "touches" ? new Touch(data)
-                        : kind == "folds" && data.ContainsKey("joint") ? new Fold(data) : (Drive)new Segment(data);
+                        : kind == "folds" && data.ContainsKey("joint") ? new Fold(data) : (Drive)new Segment(data, layout > 1);
                     var absent = drive.Joints.Where(name => hasJoint != null && !hasJoint(name)).Distinct().ToList();
                     var lost = drive.Targets.Where(name => hasTarget != null && !hasTarget(name)).ToList();
                     if (absent.Count > 0) Problems.Add($"{drive.Name} is left out, as there is no joint {Quoted(absent)}");
@@ -265,6 +265,7 @@ namespace Wrinkles
         readonly string restMorph, tensionMorph;
         readonly Dictionary<string, Rows> restKeys, tensionKeys = new Dictionary<string, Rows>();
         readonly Spring lag;
+        readonly bool grows;
         readonly Curve curve;
         readonly Rows table, gains;
         readonly double[] lows;
@@ -272,8 +273,10 @@ namespace Wrinkles
         double[] state;
         double before;
 
-        public Segment(Json data) : base(data)
+        /// <param name="grows">Whether weights grow with the rest length: from layout 2 on.</param>
+        public Segment(Json data, bool grows) : base(data)
         {
+            this.grows = grows;
             var points = data.ContainsKey("anchors") ? Read.List(data["anchors"]) : new[] { data["origin"], data["target"] };
             anchors = points.Select(point => new Anchor(point)).ToArray();
             rest = Read.Number(data["rest_length"]);
@@ -321,7 +324,8 @@ namespace Wrinkles
                 belly = x > 0 ? (taut - x) * length : Math.Max(belly, taut * length);
             }
             if (curve != null) return curve.Weights(belly, length);
-            if (gains == null) return table.At(1 - belly / length);
+            var factor = grows ? length / rest : 1;
+            if (gains == null) return table.At(1 - belly / length).Select(weight => factor * weight).ToArray();
             var gain = gains.At(1 - belly / length)[0];
             var found = table.At(1 - ends / length).Select(weight => gain * weight).ToArray();
             if (lows == null) return found;
@@ -354,7 +358,7 @@ namespace Wrinkles
         }
     }
 
-    /// <summary>Weights while the rest length changes: bumps rise group by group, each until it takes no more.</summary>
+    /// <summary>Weights by a `curve`, which layout 1 has where the rest length changes: bumps rise by group, each until it takes no more.</summary>
     sealed class Curve
     {
         readonly double taut, compressible, intervals, least;

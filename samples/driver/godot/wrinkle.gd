@@ -7,7 +7,8 @@
 
 const Numbers = preload("numbers.gd")
 const Joints = preload("joints.gd")
-const LAYOUT = 1
+# The layout of the extras that this reads, and those before it; extras that name none have layout 1.
+const LAYOUT = 2
 # Of a loop that begins at rest so much of a swing is left when it is shown; and rounds that it plays unseen at most.
 const LEFT = 0.001
 const MOST_ROUNDS = 100
@@ -24,6 +25,7 @@ var others = {}
 var root = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]
 var _drives = []
 var _found = {}
+var _layout = 1
 # Of this frame, for the drives: what `weights` gets.
 var matrices = {}
 var morphs = {}
@@ -34,9 +36,9 @@ var elapsed = NAN
 
 # `joints` and `targets`, if not null, are arrays or dictionaries of the names that there are.
 func _init(wrinkle, joints = null, targets = null):
-	var layout = wrinkle.get("layout", LAYOUT)
-	if layout > LAYOUT:
-		problems.append("its extras have layout %d, and this driver reads %d; take a newer driver" % [layout, LAYOUT])
+	_layout = wrinkle.get("layout", 1)
+	if _layout > LAYOUT:
+		problems.append("its extras have layout %d, and this driver reads up to %d; take a newer driver" % [_layout, LAYOUT])
 		return
 	for kind in KINDS:
 		for drive in wrinkle.get(kind, []):
@@ -185,7 +187,8 @@ func _segment(data, state):
 		return _followed(data["curve"], belly, length)
 	var rows = data["shortenings"]
 	if not data.has("gains"):
-		return Numbers.row(rows, data["weights"], 1.0 - belly / length)
+		var factor = length / data["rest_length"] if _layout > 1 else 1.0
+		return Numbers.times(factor, Numbers.row(rows, data["weights"], 1.0 - belly / length))
 	var gain = Numbers.number(rows, data["gains"], 1.0 - belly / length)
 	var found = Numbers.times(gain, Numbers.row(rows, data["weights"], 1.0 - ends / length))
 	var lows = data.get("lows", [])
@@ -203,7 +206,7 @@ func _activation(tension):
 	return Numbers.point(tension["keys"][clip], time) if tension["keys"].has(clip) else 0.0
 
 
-# Weights while the rest length changes: bumps rise group by group, each until it takes no more.
+# Weights by a `curve`, which layout 1 has where the rest length changes: bumps rise by group, each until it takes no more.
 func _followed(curve, distance, length):
 	var taut = curve["taut"] * length
 	var ends = taut - (1.0 - curve.get("compressible", 0.0)) * (taut - distance)
