@@ -10,12 +10,15 @@ export function activation({ keys, morph }, morphWeightOf, clip, time) {
 }
 
 /** Weights by shortenings without and with what activation takes; a belly that travels has its place by the first. */
-export function tabulated({ shortenings, weights, gains, lows }, ends, belly) {
+export function tabulated({ shortenings, weights, gains }, ends, belly) {
   const at = (x) => weights[0].map((_, k) => between(shortenings, weights.map((row) => row[k]), x));
   if (!gains) return at(belly);
   const gain = between(shortenings, gains, belly);
-  const found = at(ends).map((weight) => gain * weight);
-  if (!lows) return found;
-  const below = found.flatMap((weight, k) => (lows[k] > 0 ? [Math.max(-weight, 0) / lows[k]] : []));
-  return [...found.map((weight, k) => (lows[k] > 0 ? Math.max(weight, 0) : weight)), ...below];
+  return at(ends).map((weight) => gain * weight);
+}
+
+/** Weights below 0 on further targets, for engines that have no such weights. */
+export function split(weights, lows) {
+  const below = weights.flatMap((weight, k) => (lows[k] > 0 ? [Math.max(-weight, 0) / lows[k]] : []));
+  return [...weights.map((weight, k) => (lows[k] > 0 ? Math.max(weight, 0) : weight)), ...below];
 }

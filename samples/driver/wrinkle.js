@@ -1,7 +1,7 @@
 // Tools and muscles: weights by the length of a segment or path between anchors, against its rest length.
 
 import { anchor, anchorsOf } from './anchor.js';
-import { activation, tabulated } from './muscle.js';
+import { activation, split, tabulated } from './muscle.js';
 import { between } from './polyline.js';
 import { lagged } from './spring.js';
 
@@ -38,7 +38,7 @@ export function wrinkleWeights(
   { morphWeightOf = () => 0, clip, time = 0, state = {}, elapsed, layout = 1 } = {},
 ) {
   const { rest_length: nominal, rest_length_morph: morph, curve, targets, lag } = toolExtras;
-  const { tension } = toolExtras;
+  const { tension, lows = [] } = toolExtras;
   const posed = anchorsOf(toolExtras).map((each) => anchor(each, jointMatrixOf, morphWeightOf));
   const scale = posed.reduce((sum, each) => sum + each.scale, 0) / posed.length;
   if (scale < 1e-6) {
@@ -62,5 +62,5 @@ export function wrinkleWeights(
     ? followed(curve, distance, length)
     : tabulated(toolExtras, 1 - ends / length, 1 - distance / length);
   const factor = (toolExtras.strengths?.[clip] ?? toolExtras.strength ?? 1) * (layout > 1 ? length / nominal : 1);
-  return found.map((weight) => factor * weight);
+  return split(found.map((weight) => factor * weight), lows);
 }

@@ -111,6 +111,11 @@ def _unnamed() -> Gltf:
     return bake_once(place(asset), crease, tracks="none", max_levels=0)
 
 
+def _sunken() -> Gltf:
+    asset = limb_asset(rings=12, sides=8)
+    return bake_once(place(asset), tool(bumps=1, clips={"fold": -0.5}), tracks="none", max_levels=0, engine="unity")
+
+
 def _lagging() -> Gltf:
     swings = tool(bumps=3, lag={"frequency": 3, "damping": 0.3})
     stiff = tool(
@@ -152,6 +157,16 @@ def _stroke(times: Array) -> Array:
     return np.where(((times % 1.0 > 0.1) & (times % 1.0 < 0.6))[:, None], slides, np.nan)
 
 
+def _scale(found: Json) -> None:
+    """Frames in which scale hides the body."""
+    (run,) = found["runs"]
+    for frame in range(4, 7):
+        for matrix in run["matrices"][frame]:
+            matrix[:12] = [0] * 12
+        assert any(run["weights"][frame])
+        run["weights"][frame] = [0] * len(run["weights"][frame])
+
+
 def _hide(found: Json) -> None:
     """Half the strength, frames in which scale hides the body, and others in which the clip has a target of its own."""
     (tool,), (run,) = found["wrinkle"]["tools"], found["runs"]
@@ -159,10 +174,8 @@ def _hide(found: Json) -> None:
     tool |= {"strength": 0.5, "own": ["own"]}
     found["morphs"] = ["own"]
     run["morphs"] = [[0.3 * (9 <= frame < 12)] for frame in range(len(run["times"]))]
-    for frame in range(4, 7):
-        for matrix in run["matrices"][frame]:
-            matrix[:12] = [0] * 12
-    for frame in (4, 5, 6, 9, 10, 11):
+    _scale(found)
+    for frame in range(9, 12):
         assert run["weights"][frame][0] > 0
         run["weights"][frame] = [0]
 
@@ -189,6 +202,9 @@ CASES: dict[str, Case] = {
     "wrist": Case("wrinkles, two tools", lambda: _sample("wrist"), {"flex": (8, False), "extend": (4, False)}),
     "path": Case("a path", lambda: bake_once("wrist", BENT, tracks="none"), {"flex": (8, False)}),
     "unnamed": Case("joints without names, a scaled root, strengths", _unnamed, {"fold": (8, False)}),
+    "below": Case(
+        "weights below 0 for an engine without such, a hidden body", _sunken, {"fold": (8, False)}, change=_scale
+    ),
     "hidden": Case("a hidden body, targets of one clip, strength", _unnamed, {"fold": (8, False)}, change=_hide),
     "lag": Case("lag, below and above critical damping", _lagging, {"fold": (24, True)}, BETWEEN_FRAMES),
     "loop": Case("a loop whose spring swings for several rounds", _soft, {"fold": (30, True)}, BETWEEN_FRAMES),

@@ -85,10 +85,10 @@ namespace Wrinkles
             Func<string, double> morph = name => found.TryGetValue(name, out var weight) ? weight : frame.MorphWeight(name);
             foreach (var drive in drives)
             {
-                var weights = drive.Weights(frame, morph);
                 // A clip that was baked may have targets of its own, which stand for all.
                 var factor = drive.Own.Any(name => morph(name) != 0) ? 0 : drive.StrengthIn(frame.Clip);
-                for (var k = 0; k < weights.Length; k++) found[drive.Targets[k]] = factor * weights[k];
+                var weights = drive.Split(drive.Weights(frame, morph).Select(weight => factor * weight).ToArray());
+                for (var k = 0; k < weights.Length; k++) found[drive.Targets[k]] = weights[k];
             }
             return found;
         }
@@ -154,14 +154,22 @@ namespace Wrinkles
         public readonly string[] Targets, Own;
         readonly Dictionary<string, double> strengths;
         readonly double strength;
+        /// <summary>By weight, the size below 0 at which its further target has weight 1, and 0 without one.</summary>
+        protected readonly double[] Lows;
         public abstract IEnumerable<string> Joints { get; }
         public virtual IEnumerable<Spring> Springs => new Spring[0];
-        /// <summary>A weight for each target, without the strength.</summary>
+        /// <summary>A weight for each target but the further ones of `lows`, without the strength.</summary>
         public abstract double[] Weights(Frame frame, Func<string, double> morph);
         public double StrengthIn(string clip) => strengths.TryGetValue(clip ?? "", out var factor) ? factor : strength;
 
+        /// <summary>Weights below 0 on further targets, for engines that have no such weights.</summary>
+        public double[] Split(double[] weights) => Lows == null ? weights
+            : weights.Select((weight, k) => Lows[k] > 0 ? Math.Max(weight, 0) : weight)
+                .Concat(weights.Select((weight, k) => Math.Max(-weight, 0) / Lows[k]).Where((_, k) => Lows[k] > 0)).ToArray();
+
         protected Drive(Json data)
         {
+            Lows = data.ContainsKey("lows") ? Read.Numbers(data["lows"]) : null;
             Name = data.ContainsKey("name") ? (string)data["name"] : $"the fold of \"{data["joint"]}\"";
             Targets = Read.Names(data, "targets");
             Own = Read.Names(data, "own");
@@ -268,7 +276,6 @@ namespace Wrinkles
         readonly bool grows;
         readonly Curve curve;
         readonly Rows table, gains;
-        readonly double[] lows;
         // Of the spring: its place and speed, and the shortening at the last frame.
         double[] state;
         double before;
@@ -292,7 +299,6 @@ namespace Wrinkles
             if (data.TryGetValue("curve", out var shape)) curve = new Curve((Json)shape);
             else table = new Rows(data["shortenings"], data["weights"]);
             if (data.ContainsKey("gains")) gains = new Rows(data["shortenings"], data["gains"]);
-            lows = data.ContainsKey("lows") ? Read.Numbers(data["lows"]) : null;
         }
 
         public override IEnumerable<string> Joints => anchors.SelectMany(each => each.Joints);
@@ -311,7 +317,7 @@ namespace Wrinkles
             if (scale < 1e-6)
             {
                 if (lag != null) Lagged(-1, frame.Elapsed);
-                return new double[Targets.Length];
+                return new double[Lows?.Length ?? Targets.Length];
             }
             var length = rest;
             if (restMorph != null) length += V.Clamp(morph(restMorph), 0, 1) * (full - rest);
@@ -324,13 +330,9 @@ namespace Wrinkles
                 belly = x > 0 ? (taut - x) * length : Math.Max(belly, taut * length);
             }
             if (curve != null) return curve.Weights(belly, length);
-            var factor = grows ? length / rest : 1;
-            if (gains == null) return table.At(1 - belly / length).Select(weight => factor * weight).ToArray();
-            var gain = gains.At(1 - belly / length)[0];
-            var found = table.At(1 - ends / length).Select(weight => gain * weight).ToArray();
-            if (lows == null) return found;
-            var above = found.Select((weight, k) => lows[k] > 0 ? Math.Max(weight, 0) : weight);
-            return above.Concat(found.Select((weight, k) => Math.Max(-weight, 0) / lows[k]).Where((_, k) => lows[k] > 0)).ToArray();
+            // A belly that travels has its place by the ends, whatever activation takes.
+            var factor = gains != null ? gains.At(1 - belly / length)[0] : grows ? length / rest : 1;
+            return table.At(1 - (gains != null ? ends : belly) / length).Select(weight => factor * weight).ToArray();
         }
 
         /// <summary>An activation shortens a muscle whose ends stay.</summary>

@@ -82,8 +82,9 @@ func weights(joint_matrices, own_morphs = {}, clip_name = "", seconds = 0.0, sin
 		for target in data.get("own", []):
 			if morph(target) != 0:
 				factor = 0.0
+		values = _split(Numbers.times(factor, values), data.get("lows", []))
 		for k in range(values.size()):
-			_found[data["targets"][k]] = factor * values[k]
+			_found[data["targets"][k]] = values[k]
 	return _found
 
 
@@ -169,7 +170,7 @@ func _segment(data, state):
 	if scale < 1e-6:
 		if lag != null:
 			_lagged(state, lag, -1.0)
-		return Numbers.times(0.0, range(data["targets"].size()))
+		return Numbers.times(0.0, range(data.get("lows", data["targets"]).size()))
 	var length = data["rest_length"]
 	if data.has("rest_length_morph"):
 		var follows = data["rest_length_morph"]
@@ -190,8 +191,11 @@ func _segment(data, state):
 		var factor = length / data["rest_length"] if _layout > 1 else 1.0
 		return Numbers.times(factor, Numbers.row(rows, data["weights"], 1.0 - belly / length))
 	var gain = Numbers.number(rows, data["gains"], 1.0 - belly / length)
-	var found = Numbers.times(gain, Numbers.row(rows, data["weights"], 1.0 - ends / length))
-	var lows = data.get("lows", [])
+	return Numbers.times(gain, Numbers.row(rows, data["weights"], 1.0 - ends / length))
+
+
+# Weights below 0 on further targets, for engines that have no such weights.
+static func _split(found, lows):
 	for k in range(lows.size()):
 		if lows[k] > 0:
 			found.append(Numbers.larger(-found[k], 0.0) / lows[k])
