@@ -209,7 +209,8 @@ class _TreeBuilder:
 
 def plain_values(text: str) -> Any:
     """Read YAML of our own as plain values."""
-    return yaml.safe_load(text)
+    # By libyaml it takes a twelfth of the time: 12 ms less for a bake. PyYAML may be installed without.
+    return yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
 
 
 def tree_of(value: Any) -> Node:
