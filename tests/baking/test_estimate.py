@@ -112,7 +112,7 @@ def test_more_vertices_are_not_projected_than_may_be(tmp_path: Path, monkeypatch
     asset = limb(tmp_path / "limb.glb")
     tools = write_tools(tmp_path / "tools.yaml", ANEW, tool(name="other", attachment="patch"), tool(name="still"))
     (plan,) = plan_meshes(read_job(asset, tools, BakeOptions()))
-    projected = sum(len(vertices) for vertices in plan.layers[0].moved[:2])
+    projected = sum(len(part.vertices) for part in plan.parts[:2])
     assert plan.layers[0].projected == projected
     monkeypatch.setattr(estimate, "_MOST_PROJECTED", 61 * projected)
     assert check(asset, tools).data["tools"]

@@ -65,7 +65,7 @@ def refuse_many_samples(job: Job, plan: MeshPlan, clips: Sequence[Clip]) -> int:
     frames = sum(1 + int((clip.end - clip.start) * fps) for clip in clips)
     _refuse_many_projections(plan, frames)
     numbers = sum(each.sampled_numbers for each in plan.layers)
-    what = f"{frames:,} samples of {counted(sum(len(each.moved) for each in plan.layers), 'tool')}"
+    what = f"{frames:,} samples of {counted(len(plan.parts), 'tool')}"
     job.document.memory.check(_SAMPLED * numbers * frames, what, where=_where(plan))
     return frames
 

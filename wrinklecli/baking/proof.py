@@ -203,7 +203,7 @@ def read_back(edited: EditedDocument, plan: MeshPlan, effects: Sequence[Effect])
     welds = np.concatenate([refined_primitives[number].weld for number in distinct])
     touched = np.zeros(len(fine.positions), bool)
     touched[len(fine.surface.positions) :] = True
-    for vertices in (each for layer in plan.layers for each in layer.moved):
+    for vertices in (part.vertices for part in plan.parts):
         touched[vertices] = True
     compared = touched[welds]
     moving = new_deltas("POSITION")

@@ -42,9 +42,7 @@ def make_timings(clock: StageClock, job: Job, baked: Sequence[BakedMesh], *, byt
     """
     clips = {motion.clip.index: motion.clip for each in baked for motion in each.motions}
     members = [
-        distinct_values(
-            np.concatenate([np.zeros(0, np.intp), *(at for layer in each.plan.layers for at in layer.moved)])
-        )
+        distinct_values(np.concatenate([np.zeros(0, np.intp), *(part.vertices for part in each.plan.parts)]))
         for each in baked
     ]
     frames = sum(len(clip_grid(clip, None, fps=job.settings.sampling.fps)) for clip in clips.values())

@@ -6,11 +6,13 @@ from typing import Any, NamedTuple, Protocol, TypeAlias, TypeVar
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import DrivenTargets, Rig
+from wrinklecli.drive.drive import AnyDrive
 from wrinklecli.drive.segment import Segment
 from wrinklecli.drive.touch import TouchDrive
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.region import Region
+from wrinklecli.tools.body import Flesh, Muscle, Touch
 from wrinklecli.tools.records import EffectTool
 
 Tool = TypeVar("Tool", bound=EffectTool, covariant=True)
@@ -138,6 +140,9 @@ class BelowSkin(ABC):
     """What muscles, flesh and touches answer alike: each moves the body below the skin, and has one bump."""
 
     __slots__ = ()
+
+    tool: Muscle | Flesh | Touch
+    drive: AnyDrive
 
     @property
     @abstractmethod

@@ -4,8 +4,8 @@ The rig has their targets among its own, so that the anchors of later effects fo
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterable, Sequence
-from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar
+from collections.abc import Iterable, Sequence
+from typing import Any, ClassVar, Generic, Self, TypeVar
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import Pose
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.drive import AnyDrive
+from wrinklecli.effects.attached import BelowSkin
 from wrinklecli.effects.effect import Effect, MeshPlan, SamplingOptions, Seen, Words, named_targets
 from wrinklecli.effects.shapes import Sample, Shape, make_shapes
 from wrinklecli.errors import counted
@@ -21,36 +22,16 @@ from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, Ints, nonzero_rows
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.surface.refine import Refinement
-from wrinklecli.tools.body import Flesh, Muscle, Touch
 from wrinklecli.tools.records import ToolsFile
 
 # Vertices of each target by whose moves the largest move in a frame is found.
 _LARGEST = 8
 
 
-class AttachedBody(Protocol):
-    """A muscle, a region of flesh or a touch at rest."""
-
-    @property
-    def tool(self) -> Muscle | Flesh | Touch:
-        """Its entry in the tools file."""
-        ...
-
-    @property
-    def drive(self) -> AnyDrive:
-        """The names of its targets, and their weights."""
-        ...
-
-    @property
-    def keyed_clips(self) -> Collection[str]:
-        """Names of clips that key it."""
-        ...
+AttachedType = TypeVar("AttachedType", bound=BelowSkin)
 
 
-AttachedType = TypeVar("AttachedType", bound=AttachedBody)
-
-
-def body_effect(section: str, attached: AttachedBody, shapes: Sequence[Shape | None], words: Words) -> Effect:
+def body_effect(section: str, attached: BelowSkin, shapes: Sequence[Shape | None], words: Words) -> Effect:
     """The effect of a muscle, a region or a touch, with such shapes."""
     tool = attached.tool
     return Effect(tool.name, section, tool.identifier, named_targets(tool.identifier, shapes), attached.drive, words)
@@ -180,16 +161,6 @@ class BodyLayer(ABC, Generic[AttachedType]):
     def parts(self) -> Sequence[BodyPart[AttachedType]]:
         """Each of them."""
         return [BodyPart(*each, self) for each in zip(self.attached, self.regions, self.deltas, strict=True)]
-
-    @property
-    def moved(self) -> Sequence[Ints]:
-        """The vertices of each."""
-        return [each.vertices for each in self.parts]
-
-    @property
-    def keyed_clips(self) -> frozenset[str]:
-        """The clips that key one of them."""
-        return frozenset(clip for each in self.attached for clip in each.keyed_clips)
 
     def target_sizes(self, _plan: MeshPlan, _clips: Sequence[Clip], _frames: int, _memory: Memory) -> list[int]:
         """The vertices that each target moves."""

@@ -108,6 +108,11 @@ class MeshPlan:
     scale: float
     has_normals: bool
 
+    @property
+    def parts(self) -> "list[Part]":
+        """The effects, as far as they are known before clips are sampled."""
+        return [part for layer in self.layers for part in layer.parts]
+
     def layer(self, kind: type[LayerType]) -> LayerType | None:
         """The layer of a kind; None if there is none."""
         return next((each for each in self.layers if isinstance(each, kind)), None)
@@ -328,18 +333,8 @@ class Layer(Protocol):
         ...
 
     @property
-    def moved(self) -> Sequence[Ints]:
-        """The fine welded vertices that each effect may move."""
-        ...
-
-    @property
     def named_clips(self) -> frozenset[str]:
         """Names of clips in which an effect acts differently from other clips of the same motion."""
-        ...
-
-    @property
-    def keyed_clips(self) -> frozenset[str]:
-        """Names of clips that move an effect, though they may move no joint."""
         ...
 
     @property

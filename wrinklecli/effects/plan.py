@@ -118,7 +118,7 @@ def sketch(attached: AnyAttached, region: int, fine: Refinement, pinned: Bools) 
 
 def skin_parts(plan: MeshPlan) -> list[Part]:
     """The effects that move the skin of a refined mesh after those below it, whose moves the rig has."""
-    return [part for layer in plan.layers for part in layer.parts if part.attached.moves is None]
+    return [part for part in plan.parts if part.attached.moves is None]
 
 
 def plan_on(

@@ -168,13 +168,18 @@ def within(memory: Memory, signal: Signal, width: int, *, where: str) -> Signal:
 
 def moving_clips(plan: MeshPlan, clips: Sequence[Clip]) -> list[Clip]:
     """The clips that move a mesh, or that key an effect on it."""
-    moving, keyed = moving_nodes(plan.rig), {name for each in plan.layers for name in each.keyed_clips}
+    moving, keyed = moving_nodes(plan.rig), _keyed_clips(plan)
     return [clip for clip in clips if clip.name in keyed or any(c.node in moving for c in clip.channels)]
+
+
+def _keyed_clips(plan: MeshPlan) -> set[str]:
+    """The names of clips that key an effect on a mesh."""
+    return {name for part in plan.parts for name in part.attached.keyed_clips}
 
 
 def duplicates_of(plan: MeshPlan, clips: Sequence[Clip]) -> list[int]:
     """For each clip the index of the first with identical motion, as converters write one motion under two names."""
-    named = {name for each in plan.layers for name in (*each.named_clips, *each.keyed_clips)}
+    named = _keyed_clips(plan).union(*(each.named_clips for each in plan.layers))
     first: dict[tuple[str, bytes], int] = {}
     return [
         first.setdefault((clip.name if clip.name in named else "", clip.motion), index)
@@ -184,5 +189,5 @@ def duplicates_of(plan: MeshPlan, clips: Sequence[Clip]) -> list[int]:
 
 def most_overlaps(plan: MeshPlan) -> int:
     """The greatest number of effects that move one vertex: their errors add up there."""
-    moved = np.concatenate([np.zeros(0, np.intp), *(each for layer in plan.layers for each in layer.moved)])
+    moved = np.concatenate([np.zeros(0, np.intp), *(part.vertices for part in plan.parts)])
     return int(np.bincount(moved).max(initial=0))

@@ -13,7 +13,7 @@ from wrinklecli.errors import BakeError, listed, nearest
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Bools, Ints
+from wrinklecli.numeric.arrays import Bools
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.refine import Refinement
@@ -36,16 +36,10 @@ class ContactLayer:
 
     section: ClassVar[str] = "folds"  # as that of effects, whose module other bakes do not import
     named_clips: ClassVar[frozenset[str]] = frozenset()
-    keyed_clips: ClassVar[frozenset[str]] = frozenset()
     sampled_numbers: ClassVar[int] = 0
     projected: ClassVar[int] = 0
     parts: ClassVar[tuple[Part, ...]] = ()
     is_solved: ClassVar[bool] = True
-
-    @property
-    def moved(self) -> Sequence[Ints]:
-        """Nothing, as the reach of a fold is not known before it is solved."""
-        return ()
 
     def target_sizes(self, _plan: MeshPlan, _clips: Sequence[Clip], _frames: int, _memory: Memory) -> list[int]:
         """Nothing, as a fold has few targets and few vertices."""

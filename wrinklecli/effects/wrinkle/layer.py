@@ -23,7 +23,7 @@ from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.effects.wrinkle.warnings import twin_warnings
 from wrinklecli.errors import BakeError
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Ints
+from wrinklecli.numeric.arrays import Bools
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.refine import Refinement
@@ -54,19 +54,9 @@ class WrinkleLayer:
         return [WrinklePart(each, self.first + number) for number, each in enumerate(self.carried_patches)]
 
     @property
-    def moved(self) -> Sequence[Ints]:
-        """The vertices of each tool."""
-        return [each.vertices for each in self.carried_patches]
-
-    @property
     def named_clips(self) -> frozenset[str]:
         """The clips in which a tool has a strength of its own."""
         return frozenset(name for each in self.carried_patches for name in each.patch.tool.clips)
-
-    @property
-    def keyed_clips(self) -> frozenset[str]:
-        """The clips that key the rest length of a tool."""
-        return frozenset(name for each in self.carried_patches for name in each.patch.keyed_clips)
 
     @property
     def projected(self) -> int:
