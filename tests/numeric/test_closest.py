@@ -214,8 +214,9 @@ def test_threads_do_not_change_what_is_found() -> None:
 import hashlib, numpy
 from wrinklecli.numeric.closest import Tree, is_inside
 random = numpy.random.default_rng(5)
-positions, triangles = random.normal(size=(1000, 3)), random.integers(0, 1000, (2000, 3))
-points = random.normal(size=(30_000, 3)).round(1)
+corners = random.normal(size=(1000, 1, 3)) + 0.1 * random.normal(size=(1000, 3, 3))
+positions, triangles = corners.reshape(-1, 3), numpy.arange(3000).reshape(-1, 3)
+points = random.normal(size=(12_000, 3)).round(1)
 found = [*Tree.of(positions, triangles).closest_points(points)]
 found.append(is_inside(points, positions, triangles))
 print(hashlib.sha256(b"".join(each.tobytes() for each in found)).hexdigest())

@@ -174,9 +174,9 @@ def test_shortening_is_of_the_summed_distances() -> None:
 
     def lengths(*ends: list[float]) -> Floats:
         made = prepare(limb_asset(rings=21, sides=16), across(*ends)).patch
-        return made.segment.lengths(prepared.rig, prepared.clip, times)[0]
+        return made.segment.lengths(prepared.rig, prepared.clip, times).distances
 
-    whole, _ = prepared.patch.segment.lengths(prepared.rig, prepared.clip, times)
+    whole = prepared.patch.segment.lengths(prepared.rig, prepared.clip, times).distances
     assert whole == pytest.approx(sum(lengths(a, b) for a, b in pairwise(points)), abs=1e-9)
     assert (whole > lengths(points[0], points[-1]) - 1e-12).all()
 
