@@ -24,6 +24,7 @@ from kit.places import ROOT
 from kit.player import Gltf, Json, anchor_distances
 from kit.samples import BACK, BROW, PALM, Editor, edited, sample
 from wrinklecli.baking import pipeline
+from wrinklecli.drive.table import TABLE_ERROR
 
 WRIST = str(sample("wrist"))
 # 38 % of the segment at a height of 15 %: nothing is left unabsorbed in flex, so nothing is warned of.
@@ -339,7 +340,7 @@ def test_strict_refuses_warnings(wrinkle: Wrinkle, tmp_path: Path, old: Path) ->
 
 def test_max_error_refuses(wrinkle: Wrinkle, tmp_path: Path, old: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_tools(old, BROW)
-    monkeypatch.setattr("wrinklecli.effects.wrinkle.sample.KEY_GAP", 1.0)
+    monkeypatch.setattr("wrinklecli.drive.play.KEY_GAP", 1.0)
     ran = wrinkle("bake", sample("head"), "tools.yaml", "-o", "out.glb", "--max-error", "0.1%", "--report", "r.json")
     assert (ran.code, ran.out, len(ran.lines)) == (3, "", 1)
     assert "--max-error" in ran.lines[0]
@@ -436,9 +437,9 @@ def test_the_report_says_what_every_tool_did(wrinkle: Wrinkle, tmp_path: Path) -
                 error = np.abs(weights - heights[:, 0] / heights.max())
                 keyed = np.isin(np.float32(times), np.float32(file.keys("flex", "wrist")[0]))
                 assert clip["keys"] == keyed.sum() < len(times)
-                assert error[keyed].max() < 2e-6
+                assert error[keyed].max() < TABLE_ERROR
                 # Between keys, tracks take a quarter of --max-error.
-                assert error.max() < 0.0025 * mesh["tallest_wrinkle"] / heights.max() + 2e-6
+                assert error.max() < 0.0025 * mesh["tallest_wrinkle"] / heights.max() + TABLE_ERROR
 
 
 @pytest.mark.usefixtures("old")

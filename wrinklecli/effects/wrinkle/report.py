@@ -42,14 +42,16 @@ def describe_activity(carried: CarriedPatch, seen: Activity, clip: Clip) -> Json
     `heights` are those of the control curve at strength 1; `tallest` is the greatest height of the mesh.
     """
     patch, curve = carried.patch, carried.patch.curve
+    # Details are a part of the proof, so they are by the curve itself.
+    amplitudes, _ = curve.follow(seen.distances, seen.rest_lengths)
     finite = np.where(np.isfinite(seen.distances), seen.distances, seen.rest_lengths)
     # A taut curve is as long as the distance of its ends. A shortened one keeps its length, except for the unabsorbed
     # part. Lengths are those before the tissue takes its part.
     ends = finite + curve.compressible / (1.0 - curve.compressible) * seen.shortenings
     wanted = np.maximum(ends, ends + seen.shortenings) - seen.unabsorbed
-    error = np.abs(curve.lengths(seen.amplitudes, ends) - wanted)
+    error = np.abs(curve.lengths(amplitudes, ends) - wanted)
     deepest = int(seen.shortenings.argmax())
-    lines = patch.line_lengths(seen.amplitudes[deepest], float(ends[deepest]), _LINES) / wanted[deepest] - 1.0
+    lines = patch.line_lengths(amplitudes[deepest], float(ends[deepest]), _LINES) / wanted[deepest] - 1.0
     return {
         "name": patch.tool.name,
         "strength": patch.tool.strength_in(clip.name),
@@ -57,7 +59,7 @@ def describe_activity(carried: CarriedPatch, seen: Activity, clip: Clip) -> Json
         "rest_length": _list(seen.rest_lengths),
         "shortening": _list(seen.shortenings),
         "unabsorbed": _list(seen.unabsorbed),
-        "heights": [_list(frame) for frame in curve.heights(seen.amplitudes)],
+        "heights": [_list(frame) for frame in curve.heights(amplitudes)],
         "curve_length_error": [significant(each, 3) for each in error],
         # Errors of lines beside the segment, relative to its length at the time when it is shortest.
         "line_length_errors": {
@@ -66,7 +68,7 @@ def describe_activity(carried: CarriedPatch, seen: Activity, clip: Clip) -> Json
             "worst": significant(np.abs(lines).max(), 3),
             "rms": significant(np.sqrt(np.mean(lines**2)), 3),
         },
-        "tallest": significant(carried.tallest(seen.amplitudes, clip)),
+        "tallest": significant(carried.tallest(amplitudes, clip)),
     }
 
 
