@@ -348,6 +348,20 @@ def test_a_curve_that_is_not_ours(wrong: Json, tmp_path: Path) -> None:
         track(editor.save(tmp_path / "body.glb"), [sample("head")], tmp_path / "out")
 
 
+def test_a_file_of_layout_1_is_tracked_as_its_driver_plays_it(tmp_path: Path) -> None:
+    """The vectors hold the drivers to it in each frame."""
+    body = baked_in_layout_1()
+    made, report = run(body, sample("head"), tmp_path)
+    assert not report.warnings
+    times, values = made.keys("think", "head")
+    found = drive(body.path, node="head", clip="think", times=times.tolist(), driver=True)
+    names = made.mesh("head")["extras"]["targetNames"]
+    for target in (name for name in names if name.startswith("wrinkle_")):
+        column, weights = values[:, names.index(target)], found[target]
+        assert np.ptp(column) > 0.1
+        assert np.abs(weights[:, 0] - column).max() < 0.01 + 1e-3
+
+
 def test_targets_that_no_extras_drive_rest_in_other_clips_and_stay_in_their_own(tmp_path: Path) -> None:
     asset = place(limb_asset(rings=12, sides=8))
     body = bake_once(asset, tool(), tool(name="paper", attachment="patch"), max_levels=0)

@@ -86,7 +86,7 @@ def test_an_option_is_read(arguments: Sequence[str], key: str, value: object) ->
         [*CHECK, "--morph", "a=1e3"],
         [*BAKE, "--fps", "1001"],
         [*BAKE, "--max-memory", "much"],
-        ["track", "a.glb", "b.glb", "-o", "d", "--max-error", "0.390625%"],
+        ["track", "a.glb", "b.glb", "-o", "d", "--max-error", "0.048828125%"],
         ["track", "a.glb", "b.glb", "-o", "d", "--max-error", "1"],
         ["suggest", "a.glb", "--count", "501"],
     ],
