@@ -7,17 +7,16 @@ import numpy as np
 
 from wrinklecli.baking.baked_body import BakedBody
 from wrinklecli.character.anims import NamedNodes
-from wrinklecli.character.clip import KEY_GAP, KEY_STEP, Clip, clip_grid
+from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig, moving_nodes, read_rig
-from wrinklecli.drive.drive import Drive, StoredDrive
-from wrinklecli.drive.swing import SwingDrive
-from wrinklecli.drive.touch import TouchDrive
+from wrinklecli.drive.drive import AnyDrive, StoredDrive
+from wrinklecli.drive.play import Playing, play_grid, play_keys
 from wrinklecli.errors import listed, nearest
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats
-from wrinklecli.numeric.piecewise import Signal, key_times
+from wrinklecli.numeric.piecewise import Signal
 
 # The error bound leaves this much beside the table's own error: a part for samples and a part for dropped keys.
 _SAMPLING_SHARE = 2 / 3
@@ -89,7 +88,7 @@ class DrivenBody:
         columns: For each drive, the numbers of its targets among the driven ones.
     """
 
-    drives: tuple[Drive | SwingDrive | TouchDrive, ...]
+    drives: tuple[AnyDrive, ...]
     keyed: frozenset[str]
     rig: Rig
     stored: Floats
@@ -126,13 +125,13 @@ class DrivenBody:
 
     def weights_in(self, clip: Clip) -> Signal:
         """(frames,) seconds of a clip to (frames, driven targets) weights; those of absent drives as stored."""
-        pairs = zip(self.drives, self.columns, strict=True)
-        every = [(columns, each.weights_in(self.rig, clip)) for each, columns in pairs if not self._has_own(each, clip)]
+        acting = [number for number, each in enumerate(self.drives) if not self._has_own(each, clip)]
+        playing = Playing([self.drives[number] for number in acting], self.rig, clip)
+        columns = [column for number in acting for column in self.columns[number]]
 
         def weights(times: Floats) -> Floats:
             found = np.tile(self.stored, (len(times), 1))
-            for columns, each in every:
-                found[:, columns] = each(times)
+            found[:, columns] = playing.at(times)
             return found
 
         return weights
@@ -144,7 +143,7 @@ class DrivenBody:
             if why is not None and not weights[:, columns].any() and not self._has_own(drive, clip):
                 yield why
 
-    def _has_own(self, drive: Drive | SwingDrive | TouchDrive, clip: Clip) -> bool:
+    def _has_own(self, drive: AnyDrive, clip: Clip) -> bool:
         """True if a clip moves targets that belong to it alone, as in the file of its bake."""
         channel = clip.channel(self.rig.node, "weights")
         columns = [number for number, name in enumerate(self.rig.morph_names) if name in drive.own]
@@ -153,13 +152,11 @@ class DrivenBody:
     def key_times(self, clip: Clip, *, fps: float, tolerance: float) -> Floats:
         """(keys,) seconds between which straight lines are right to a ratio of the greatest weight."""
         weights = self.weights_in(clip)
-        times, keys = key_times(
-            clip_grid(clip, self.rig, fps=fps),
+        times, keys = play_keys(
+            play_grid(self.drives, self.rig, clip, fps=fps),
             lambda _stretch: weights,
             width=len(self.stored),
             tolerance=_SAMPLING_SHARE * tolerance,
             thinning=_KEYS_SHARE * tolerance,
-            gap=KEY_GAP,
-            step=KEY_STEP,
         )
         return times[keys]
