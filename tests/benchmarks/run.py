@@ -56,12 +56,12 @@ from wrinklecli.character.clip import Clip, read_clips  # noqa: E402
 from wrinklecli.character.pose import joint_matrices, morph_weights  # noqa: E402
 from wrinklecli.character.skin import pose, prepare  # noqa: E402
 from wrinklecli.character.surface import read_triangles  # noqa: E402
+from wrinklecli.drive.play import Playing  # noqa: E402
 from wrinklecli.effects.effect import MeshPlan  # noqa: E402
 from wrinklecli.effects.plan import plan_mesh  # noqa: E402
-from wrinklecli.effects.wrinkle.activity import activities  # noqa: E402
+from wrinklecli.effects.wrinkle.activity import curve_drive  # noqa: E402
 from wrinklecli.effects.wrinkle.bending import rising  # noqa: E402
 from wrinklecli.effects.wrinkle.layer import carried_patches_of  # noqa: E402
-from wrinklecli.effects.wrinkle.lookup import weights_of  # noqa: E402
 from wrinklecli.effects.wrinkle.shapes import shapes_of  # noqa: E402
 from wrinklecli.gltf.document import read_document  # noqa: E402
 from wrinklecli.review.crossings import crossings  # noqa: E402
@@ -311,11 +311,10 @@ def finished(places: Places, sample: str, levels: int, paper: float) -> Iterator
         np.concatenate([np.zeros_like(old), turns]),
     )
     times = np.linspace(clip.start, clip.end, count)
+    tools = Playing([curve_drive(each) for each in patches], rig, clip)
 
     def heights() -> Floats:
-        seen = activities(patches, rig, clip, times)
-        found = [weights_of(p.curve, s.amplitudes).reshape(count, -1) for p, s in zip(patches, seen, strict=True)]
-        return np.concatenate([morph_weights(rig, clip, times), np.concatenate(found, axis=1)[:, shown]], axis=1)
+        return np.concatenate([morph_weights(rig, clip, times), tools.at(times)[:, shown]], axis=1)
 
     known, played = joint_matrices(rig, clip, times), heights()
     homogeneous = np.concatenate([positions, np.ones((len(members), 1))], axis=1)

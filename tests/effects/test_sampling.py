@@ -1,57 +1,112 @@
-"""Motions sampled at more times: old weights stay, and new ones are those of the effect at these times."""
+"""Motions: a weight at a time does not depend on other times, lines between keys are right, and twins share times."""
 
-from typing import Any
+from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kit.carried import carry_patch
-from kit.limb import limb_asset, tool
-from kit.prepared import prepare
-from wrinklecli.effects.effect import Motion, Target
-from wrinklecli.effects.sampling import with_times
-from wrinklecli.effects.shapes import Shape
-from wrinklecli.effects.wrinkle.activity import activity
-from wrinklecli.effects.wrinkle.effect import WrinkleEffect, curve_weights
+from kit.bakes import place
+from kit.limb import RADIUS, limb_asset, tool, write_tools
+from wrinklecli.baking.job import BakeOptions, read_job
+from wrinklecli.baking.plan import plan_meshes
+from wrinklecli.character.clip import KEY_GAP, Clip
+from wrinklecli.effects.effect import Effect, MeshPlan, SamplingOptions, target_weights
+from wrinklecli.effects.sampling import duplicates_of, motion_at, move_sizes, play, sample_effects
+from wrinklecli.numeric.guard import no_progress
+from wrinklecli.numeric.memory import Memory
 
-PREPARED = prepare(limb_asset(rings=9, sides=8), tool(bumps=2, lag={"frequency": 4, "damping": 0.4}))
-CARRIED, _ = carry_patch(PREPARED)
+HOW = SamplingOptions(30.0, "morph", Memory(), no_progress)
+TOOLS = [
+    tool(bumps=2, lag={"frequency": 4, "damping": 0.4}),
+    tool(name="keyed", strategy="origin", bumps=3, rest_length={"keys": {"fold": [[0, "100%"], [1, "120%"]]}}),
+    tool(name="half", origin=[-0.3, RADIUS, 0.0], target=[0.3, RADIUS, 0.0], clips={"other": 0.5}),
+]
 
 
-def effect_and_motion(times: list[float]) -> tuple[WrinkleEffect, Motion]:
-    """The limb's tool, and its clip sampled at sorted times of which every second is a key."""
-    nothing = Shape(np.zeros(0, np.intp), np.zeros((0, 3)), 1.0, np.zeros(0, np.intp), np.zeros((0, 3)))
-    count = CARRIED.patch.curve.greatest_amplitudes.size
-    effect = WrinkleEffect("crease", tuple(Target(str(k), nothing) for k in range(count)), CARRIED, 0)
-    at = np.array(times)
-    found = activity(CARRIED.patch, PREPARED.rig, PREPARED.clip, at)
-    weights = curve_weights(CARRIED.patch, PREPARED.clip, found)
-    return effect, Motion(PREPARED.clip, at, np.arange(0, len(at), 2), (found,), (weights,))
+@cache
+def planned() -> tuple[MeshPlan, Clip, tuple[Effect, ...]]:
+    """A limb with tools of several kinds, and its effects."""
+    made = limb_asset(rings=9, sides=8)
+    made.append("animations", {**made.gltf["animations"][0], "name": "other"})
+    asset = place(made)
+    tools = write_tools(asset.with_name(f"{asset.stem}_sampling.yaml"), *TOOLS)
+    job = read_job(asset, tools, BakeOptions())
+    (plan,) = plan_meshes(job)
+    effects, (motion, _) = sample_effects(plan, job.clips, HOW)
+    return plan, motion.clip, tuple(effects)
 
 
 MOMENTS = st.lists(st.integers(0, 200).map(lambda each: each / 100.0), min_size=2, max_size=12, unique=True)
 
 
 @given(MOMENTS, st.data())
-def test_weights_at_old_times_stay_and_new_ones_are_the_effect_s_own(moments: list[float], data: Any) -> None:
-    fresh = data.draw(st.sets(st.sampled_from(moments), max_size=len(moments) - 1))
-    old = sorted(set(moments) - fresh)
-    effect, motion = effect_and_motion(old)
-    more = with_times([effect], PREPARED.rig, motion, np.array(sorted(fresh)))
-    assert more.times.tolist() == sorted(moments)
-    assert more.times[more.keys].tolist() == motion.times[motion.keys].tolist()
-    kept = np.searchsorted(more.times, motion.times)
-    assert (more.weights[0][kept] == motion.weights[0]).all()
-    _, whole = effect_and_motion(sorted(moments))
-    assert more.weights[0] == pytest.approx(whole.weights[0], abs=1e-12)
-    assert more.states[0].distances == pytest.approx(whole.states[0].distances, abs=1e-12)
-    assert more.states[0].amplitudes == pytest.approx(whole.states[0].amplitudes, abs=1e-12)
+def test_weights_at_a_time_do_not_depend_on_other_times(moments: list[float], data: st.DataObject) -> None:
+    plan, clip, effects = planned()
+    every = np.array(sorted(moments))
+    some = np.array(sorted(data.draw(st.sets(st.sampled_from(moments), min_size=1))))
+    rows = np.searchsorted(every, some)
+    whole, part = (motion_at(plan, effects, clip, times, np.arange(len(times))) for times in (every, some))
+    for one, other in zip(whole.weights, part.weights, strict=True):
+        assert one[rows] == pytest.approx(other, abs=1e-12)
+    for one, other in zip(whole.readings, part.readings, strict=True):
+        assert one.distances[rows] == pytest.approx(other.distances, abs=1e-12)
 
 
-def test_states_may_wait() -> None:
-    effect, motion = effect_and_motion([0.0, 1.0])
-    more = with_times([effect], PREPARED.rig, motion, np.array([0.5]), states=False)
-    assert more.states is motion.states
-    assert with_times([effect], PREPARED.rig, motion, np.zeros(0)) is motion
+def test_straight_lines_between_keys_give_the_weights() -> None:
+    """By a half of the bound, and 1.7 times that where roots start between two times that may be divided."""
+    plan, clip, effects = planned()
+    (motion,) = play(plan, effects, [clip], HOW)
+    sizes, keys = move_sizes(plan, effects), motion.times[motion.keys]
+    assert 2 < len(keys) < len(motion.times)
+    assert (keys[0], keys[-1]) == (clip.start, clip.end)
+    gaps = np.diff(motion.times)
+    wide = gaps >= 2.0 * KEY_GAP
+    between = motion.times[:-1][wide, None] + gaps[wide, None] * np.linspace(0.1, 0.9, 9)
+    times = np.union1d(motion.times, between)
+    exact = target_weights(motion_at(plan, effects, clip, times, np.arange(len(times))))
+    for at, share in ((motion.times, 0.5), (times, 0.5 * 1.7)):
+        lines = np.stack([np.interp(at, keys, column) for column in target_weights(motion)[motion.keys].T], axis=1)
+        assert (np.abs(lines - exact[np.isin(times, at)]) * sizes).max() <= share * plan.max_error
+    assert exact.max() > 0.5
+
+
+def test_clips_of_one_motion_share_times_and_those_with_keys_of_their_own_do_not() -> None:
+    plan, clip, effects = planned()
+    clips = [clip, *(replace(clip, name=name) for name in ("twin", "other", "third"))]
+    assert duplicates_of(plan, clips) == [0, 1, 2, 1]
+    motions = play(plan, effects, clips, HOW)
+    assert motions[3].times is motions[1].times
+    assert (target_weights(motions[3]) == target_weights(motions[1])).all()
+    assert (motions[2].weights[2] != 0).any()
+    halved = motion_at(plan, effects, clips[2], motions[1].times, motions[1].keys)
+    assert halved.weights[2] == pytest.approx(0.5 * motions[1].weights[2], abs=1e-12)
+    # The rest length is keyed in one of the clips alone.
+    assert motions[0].weights[1].max() > motions[1].weights[1].max()
+
+
+def test_an_error_bound_of_its_own_counts_for_an_effect() -> None:
+    plan, _, effects = planned()
+    plain = move_sizes(plan, effects)
+    assert plain == pytest.approx([target.shape.tallest for each in effects for target in each.targets])
+    lax = [replace(effects[0], max_error=4.0 * plan.max_error), *effects[1:]]
+    first = len(effects[0].targets)
+    assert move_sizes(plan, lax)[:first] == pytest.approx(0.25 * plain[:first])
+    assert (move_sizes(plan, lax)[first:] == plain[first:]).all()
+
+
+def test_errors_of_targets_that_all_move_each_vertex_add_up() -> None:
+    plan, _, effects = planned()
+    projected = replace(effects[1], projected=(np.zeros(0, np.intp), lambda _clip, times: np.zeros((len(times), 0, 3))))
+    count = len(effects[1].targets)
+    assert count > 1
+    assert move_sizes(plan, [projected]) == pytest.approx(count * move_sizes(plan, [effects[1]]))
+
+
+def test_frames_are_the_grid_alone() -> None:
+    plan, clip, effects = planned()
+    (motion,) = play(plan, effects, [clip], replace(HOW, mode="frames", fps=10.0))
+    assert motion.times == pytest.approx(np.linspace(0.0, 2.0, 21), abs=1e-6)
+    assert motion.keys.tolist() == list(range(21))

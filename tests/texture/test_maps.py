@@ -306,7 +306,7 @@ def drawn_normals(asset: Path, tools: Path, tool: str, edges: int, side: int) ->
     (effect,), _ = sample_effects(plan, [], how)
     (layout,) = layouts_of(job.document, plan)
     moved, turned = np.zeros(len(plan.fine.positions)), np.zeros((len(plan.fine.positions), 3))
-    for target in filter(None, effect.targets):
+    for target in effect.targets:
         moved[target.shape.vertices] += np.linalg.norm(target.shape.deltas, axis=1)
         turned[target.shape.normal_vertices] += target.shape.normal_deltas
     triangles = plan.fine.triangles[layout.faces]

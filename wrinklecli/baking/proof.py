@@ -43,8 +43,8 @@ class Residual:
     Attributes:
         position: A bound on the distance of each vertex, scene units.
         time: The time at which it is largest, seconds.
-        weights: Largest error of a weight times the move of its shape, scene units, at all frames sampled and between
-            them, unless two are too close for another one (see `KEY_GAP`).
+        weights: Largest move of a vertex by the errors of an effect's weights, scene units, at all frames sampled and
+            between them, unless two are too close for another one (see `KEY_GAP`).
         normal: 99th percentile of the angle between the file's and the true normals, degrees; None without normals.
     """
 
@@ -297,7 +297,35 @@ def measure_residual(
     normal = None
     if normal_frames and proof.normals is not None:
         normal = float(np.percentile(angles, 99)) if len(angles) else 0.0
-    return Residual(position, time, float(off.max(initial=0.0)), normal)
+    ends = np.cumsum([0, *(len(each.targets) for each in effects)])
+    pairs = zip(effects, np.split(played - exact, ends[1:-1], axis=1), strict=True) if len(effects) else ()
+    weights = max((_largest_move([target.shape for target in each.targets], gaps) for each, gaps in pairs), default=0.0)
+    return Residual(position, time, weights, normal)
+
+
+def _largest_move(shapes: Sequence[Shape], gaps: Floats) -> float:
+    """The largest move of a vertex by (times, shapes) errors of weights, scene units.
+
+    Shapes of one effect may overlap, so that errors add up, or make up for each other. Times are looked at as long as
+    their errors without their signs may give a larger move.
+    """
+    sizes = np.array([each.tallest for each in shapes])
+    bounds = np.abs(gaps) @ sizes
+    order = np.argsort(-bounds, kind="stable")
+    if not bounds.any():
+        return 0.0
+    vertices = distinct_values(np.concatenate([each.vertices for each in shapes]))
+    moves = np.zeros((len(shapes), len(vertices), 3))
+    for number, each in enumerate(shapes):
+        moves[number, np.searchsorted(vertices, each.vertices)] = each.deltas
+    longest = np.sqrt((moves**2).sum(axis=2)).max(axis=1)
+    worst, chunk = 0.0, max(_CHUNK // len(vertices), 1)
+    for rows in np.split(order, range(chunk, len(order), chunk)):
+        if bounds[rows[0]] <= worst:
+            break
+        off = (gaps[rows] @ moves.reshape(len(shapes), -1)).reshape(len(rows), -1, 3)
+        worst = max(worst, float((sizes / longest).max()) * float(np.sqrt((off**2).sum(axis=2).max())))
+    return worst
 
 
 @dataclass(frozen=True, slots=True)

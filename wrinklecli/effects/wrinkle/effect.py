@@ -196,9 +196,14 @@ class _Remixes:
         found = unit_weights(effect.targets, self._path())
         if found is None:
             return effect
+        (_, mixed), lows = found
         made = self._remixed(effect, found[0])
         assert isinstance(made.drive, Drive)
-        return replace(made, drive=replace(made.drive, lows=found[1] if found[1].any() else None))
+        assert isinstance(effect.drive, Drive)
+        assert isinstance(effect.drive.response, Table)
+        # The same rows play the same motion exactly.
+        response = effect.drive.response.mapped(mixed.weights)
+        return replace(made, drive=replace(made.drive, response=response, lows=lows if lows.any() else None))
 
     def with_fewest_targets(self, effect: Effect, plan: MeshPlan, tolerance: float, *, at_once: bool) -> Effect:
         """The fewest targets for the whole range of shortenings; among equals at once, the exact ones are first."""

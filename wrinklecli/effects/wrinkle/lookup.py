@@ -93,8 +93,9 @@ class CurveResponse:
         halved = 0.25 ** np.arange(1, math.ceil(-math.log2(error)) + 1)
         behind = starts[:-1] + (starts[1:] - starts[:-1]) * halved[:, None]
         rows = np.concatenate([np.linspace(0.0, 1.0, _FIRST_ROWS), starts, behind.reshape(-1)])
-        # As extras hold them, for rows must differ there too.
-        grid = distinct_values(np.array(stored(rows)))
+        # Rows must differ in the digits that extras hold, too.
+        grid = distinct_values(rows)
+        grid = grid[np.diff(stored(grid), prepend=-1.0) > 0]
         most = error * np.abs(signal(grid)).max(initial=0.0)
         bounds = {"tolerance": _OF_POINTS * most, "thinning": (1 - _OF_POINTS) * most}
         points, keys = key_points(grid, signal, **bounds, gap=_LEAST_STEP, step=_LEAST_STEP)
