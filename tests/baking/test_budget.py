@@ -268,6 +268,16 @@ def test_unity_gets_weights_from_0_to_1_and_the_same_motion(base: Json, strength
     assert names == [f"wrinkle_palm_{number}" for number in range(1, len(names) + 1)]
 
 
+def test_unity_gets_weights_up_to_1_where_a_longer_rest_length_makes_wrinkles_higher() -> None:
+    tool = {**PALM, "clips": {"flex": 2.0}, "rest_length": {"keys": {"flex": [[0, "100%"], [1, "125%"]]}}}
+    plain, held = bake_once("wrist", tool), bake_once("wrist", tool, engine="unity")
+    peaks = [file.keys("flex", "wrist")[1][:, wrinkle_columns(file, "wrist")].max() for file in (plain, held)]
+    assert peaks == pytest.approx([2.0, 1.0], abs=1e-3)
+    assert peaks[1] <= 1
+    apart = plain.pose("wrist", "flex", TIMES) - held.pose("wrist", "flex", TIMES)
+    assert np.abs(apart).max() < 1e-7
+
+
 @pytest.mark.slow
 def test_unity_splits_targets_of_posed_displacements() -> None:
     tool = {**PALM, "attachment": "patch"}

@@ -105,6 +105,18 @@ def test_errors_of_targets_that_all_move_each_vertex_add_up() -> None:
     assert move_sizes(plan, [projected]) == pytest.approx(count * move_sizes(plan, [effects[1]]))
 
 
+def test_weights_up_to_the_least_are_left_out_but_in_the_proof() -> None:
+    plan, clip, effects = planned()
+    (motion,) = play(plan, effects[1:2], [clip], HOW)
+    (weights,), (reading,) = motion.weights, motion.readings
+    fewer = replace(effects[1], least=0.25)
+    found, small = fewer.weights(clip, reading), np.abs(weights) <= 0.25
+    assert weights[small].any()
+    assert not found[small].any()
+    assert (found[~small] == weights[~small]).all()
+    assert (fewer.weights(clip, reading, exact=True) == effects[1].weights(clip, reading, exact=True)).all()
+
+
 def test_frames_are_the_grid_alone() -> None:
     plan, clip, effects = planned()
     (motion,) = play(plan, effects, [clip], replace(HOW, mode="frames", fps=10.0))

@@ -183,6 +183,7 @@ class Effect:
         error: The error of the shapes themselves, where they are fewer than the method's, scene units.
         max_error: The error that the moves of the effect itself may have, scene units; None if it is the plan's.
         remixes: Its way to hold the limits of engines; None if it has one way alone.
+        least: Weights up to this are 0, so that few targets act at a time; the proof counts them.
         projected: The vertices that are projected in each frame, and a function from a clip and (frames,) seconds to
             their (frames, vertices, 3) displacements, bind space, for the proof; None if shapes do not change.
     """
@@ -197,6 +198,7 @@ class Effect:
     error: float = 0.0
     max_error: float | None = None
     remixes: Remixes | None = None
+    least: float = 0.0
     projected: tuple[Ints, Callable[[Clip, Floats], Floats]] | None = None
 
     @property
@@ -208,14 +210,17 @@ class Effect:
         """(frames, targets) weights at the measurements of the drive in a clip; by the exact response for the proof."""
         if self.drive is None:
             return np.zeros((len(reading), 0))
-        return self.drive.weights(clip, reading, self.exact if exact else None)
+        if exact:
+            return self.drive.weights(clip, reading, self.exact)
+        found = self.drive.weights(clip, reading)
+        return np.where(np.abs(found) > self.least, found, 0.0)
 
     @property
     def most_at_once(self) -> int:
         """The greatest number of targets whose weights differ from 0 at a time, as far as one table tells."""
         if not isinstance(self.drive, Drive) or self.drive.rows or not isinstance(self.drive.response, Table):
             return len(self.targets)
-        shown = self.drive.response.table != 0
+        shown = np.abs(self.drive.response.table) > self.least
         return int((shown[:-1] | shown[1:]).sum(axis=1).max(initial=0))
 
     def stored_weights(self, rig: Rig) -> Floats:

@@ -186,9 +186,7 @@ def made_unit(response: CurveResponse, targets: list[Target]) -> Any:
 REMIXES: dict[str, Callable[[CurveResponse, list[Target]], Any]] = {
     "unit weights": made_unit,
     "fewest": made_fewest,
-    "in turn": lambda response, targets: in_turn(
-        targets, response.columns, response.curve.greatest_amplitudes, TABLE_ERROR / 2
-    ),
+    "in turn": lambda response, targets: in_turn(targets, response.columns, response.curve.greatest_amplitudes),
 }
 
 
@@ -216,23 +214,24 @@ def test_targets_may_be_mixtures() -> None:
     assert_right(response, lengths)
 
 
-def test_weights_up_to_the_least_are_left_out() -> None:
-    curve = planned("both_ends")
-    response, lengths = exactly(curve, Remix(np.eye(3), least=TABLE_ERROR / 2)), everywhere(curve)
-    weights, whole = response.weights(lengths), exactly(curve).weights(lengths)
-    small = np.abs(whole) <= TABLE_ERROR / 2
-    assert small.any()
-    assert not weights[small].any()
-    assert (weights[~small] == whole[~small]).all()
-    assert_right(response, lengths)
-
-
 def test_only_shapes_that_move_a_vertex_have_a_column() -> None:
     curve = planned("both_ends")
     whole, lengths = exactly(curve), everywhere(curve)
     some = CurveResponse(curve, np.array([2, 0]))
     assert (some.weights(lengths) == whole.weights(lengths)[:, [2, 0]]).all()
     assert_right(some, lengths)
+
+
+@pytest.mark.parametrize("longest", [1.0, 1.2])
+def test_the_path_of_weights_is_that_of_the_greatest_rest_length(longest: float) -> None:
+    """Engines get as many targets, of weights up to 1, as the highest wrinkles need."""
+    curve = planned("both_ends", longest=longest)
+    path = weight_path(curve)
+    shares = np.linspace(0.0, 1.0, 2001)
+    lengths = Lengths((1.0 - shares) * longest * LENGTH, np.full(2001, longest * LENGTH), LENGTH)
+    assert path.max() == pytest.approx(1.0, abs=1e-9)
+    wanted = exactly(curve).weights(lengths)
+    assert path.reshape(len(path), -1).max(axis=0) == pytest.approx(wanted.max(axis=0), abs=1e-6)
 
 
 def test_amplitudes_that_are_looked_up_are_those_of_the_curve() -> None:

@@ -204,6 +204,7 @@ def test_rest_lengths(wanted: Any, nominal: float, greatest: float) -> None:
     assert patch.span == pytest.approx(0.8, abs=1e-7)
     assert patch.rest_length == pytest.approx(nominal, abs=2e-7)
     assert patch.curve.rest_length == patch.rest_length
+    assert patch.curve.longest * patch.rest_length == pytest.approx(greatest, abs=2e-7)
     ends_meet, _ = patch.curve.follow(np.zeros(1), np.full(1, greatest))
     assert np.abs(ends_meet[0]) == pytest.approx(patch.curve.greatest_amplitudes, rel=1e-6)
 

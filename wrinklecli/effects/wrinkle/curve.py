@@ -78,6 +78,7 @@ class ControlCurve:
             have negative amplitudes; their bounds are sampled, to 2 % or 0.3 % of the greatest of all.
         demand: (2, rows) square roots, sorted: of the fraction of the rest length by which the ends approach, and of
             the fraction that the line on the surface then asks for (see module `demand`). None if both are equal.
+        longest: The greatest rest length over the nominal one.
     """
 
     bumps: Bumps
@@ -90,6 +91,7 @@ class ControlCurve:
     profile: BumpProfile
     greatest_amplitudes: Floats
     demand: Floats | None = None
+    longest: float = 1.0
 
     @property
     def interval_count(self) -> int:
@@ -309,7 +311,8 @@ def plan_curve(
         greatest_amplitudes=np.zeros((len(groups), 1)),
     )
     longest = max(greatest_rest_length or rest_length, rest_length) / rest_length
-    return dataclasses.replace(curve, greatest_amplitudes=longest * _greatest_amplitudes(curve))
+    greatest = longest * _greatest_amplitudes(curve)
+    return dataclasses.replace(curve, greatest_amplitudes=greatest, longest=longest)
 
 
 def _greatest_amplitudes(curve: ControlCurve) -> Floats:

@@ -212,9 +212,9 @@ class _Remixes:
         fewer = effect if reduced is None else self._remixed(effect, *reduced)
         if not at_once:
             return fewer
-        turned = self._remixed(
-            effect, in_turn(effect.targets, columns, greatest, _LEAST_SHARE * tolerance / plan.tallest)
-        )
+        turned = self._remixed(effect, in_turn(effect.targets, columns, greatest))
+        if turned is not effect:
+            turned = replace(turned, least=_LEAST_SHARE * tolerance / plan.tallest)
         return min([effect, turned, fewer], key=lambda choice: choice.most_at_once)
 
 

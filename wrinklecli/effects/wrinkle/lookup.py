@@ -117,12 +117,12 @@ def curve_table(curve: ControlCurve) -> Table:
 
 
 def weight_path(curve: ControlCurve) -> Floats:
-    """(rows, groups, modes) weights as the nominal rest length shortens to nothing, in small steps of the heights."""
+    """(rows, groups, modes) weights as the greatest rest length shortens to nothing, in small steps of the heights."""
     starts = group_starts(curve)
     steps = np.linspace(0.0, 1.0, _PATH_ROWS) ** 2  # heights start like a square root
     rising = [low + (high - low) * steps for low, high in pairwise(starts)]
     rows = distinct_values(np.concatenate([[0.0], *rising, np.linspace(starts[-1], 1.0, _FULL_ROWS)]))
-    return weights_at(curve, rows)
+    return curve.longest * weights_at(curve, rows)
 
 
 def weights_at(curve: ControlCurve, shortenings: Floats) -> Floats:

@@ -20,16 +20,14 @@ class Remix:
 
     Attributes:
         mix: (own shapes, shapes) factors from weights of the tool's shapes to those of the new.
-        least: Weights up to this are 0.
     """
 
     mix: Floats
-    least: float = 0.0
 
     def weights(self, own: Floats) -> Floats:
         """(frames, shapes) weights of the new shapes from (frames, own shapes) weights of the tool's."""
-        mixed = own @ self.mix
-        return np.where(np.abs(mixed) > self.least, mixed, 0.0)
+        mixed: Floats = own @ self.mix
+        return mixed
 
 
 Remixed = tuple[list[Shape], Remix]
@@ -83,7 +81,7 @@ def fewest(targets: Sequence[Target], path: Floats, groups: Ints, tolerance: flo
     return ([summed(old, row) for row in parts], Remix(heights[:, None] * axes.T / peaks)), error(axes)
 
 
-def in_turn(targets: Sequence[Target], columns: Ints, greatest: Floats, least: float) -> Remixed | None:
+def in_turn(targets: Sequence[Target], columns: Ints, greatest: Floats) -> Remixed | None:
     """Shapes of which few act at a time, if a tool's bumps rise one after another; None if they rise together.
 
     Each group of bumps rises when those before it are full, and these stay full. Target k has the first k groups at
@@ -95,7 +93,6 @@ def in_turn(targets: Sequence[Target], columns: Ints, greatest: Floats, least: f
         targets: The tool's own targets.
         columns: (targets,) their numbers among the curve's shapes, group by group and mode by mode.
         greatest: (groups, modes) the greatest amplitudes of the curve.
-        least: Weights up to this may be left out.
     """
     if len(greatest) < 2:
         return None
@@ -111,4 +108,4 @@ def in_turn(targets: Sequence[Target], columns: Ints, greatest: Floats, least: f
             if k:
                 mix[column, acting[k - 1]] = -heights[column] / heights[acting[k - 1]]
     old = [target.shape for target in targets]
-    return [summed(old, row) for row in parts], Remix(mix, least=least)
+    return [summed(old, row) for row in parts], Remix(mix)
