@@ -1,6 +1,7 @@
 """Effects over time: the clips that move them, clips of equal motion, and the weights of their drives in each."""
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
 import numpy as np
@@ -41,12 +42,20 @@ def sample_effects(plan: MeshPlan, clips: Sequence[Clip], how: SamplingOptions) 
 def play(plan: MeshPlan, effects: Sequence[Effect], clips: Sequence[Clip], how: SamplingOptions) -> list[Motion]:
     """Let the drives of effects play clips, at times between which straight lines are right for all of them."""
     motions: list[Motion] = []
-    for done, (clip, first) in enumerate(zip(clips, duplicates_of(plan, clips), strict=True), start=1):
+    # Frames up to the end of each clip.
+    ends = np.ceil(np.cumsum([1.0 + (clip.end - clip.start) * how.fps for clip in clips])).astype(int).tolist()
+    for clip, end, first in zip(clips, ends, duplicates_of(plan, clips), strict=True):
         alike = motions[first] if first < len(motions) else None
-        times, keys = _times(plan, effects, clip, how) if alike is None else (alike.times, alike.keys)
+        report = partial(_report, how, clip, end, ends[-1])
+        times, keys = _times(plan, effects, clip, how, report) if alike is None else (alike.times, alike.keys)
         motions.append(motion_at(plan, effects, clip, times, keys))
-        how.progress("sampling", done, len(clips))
+        how.progress("sampling", end, ends[-1])
     return motions
+
+
+def _report(how: SamplingOptions, clip: Clip, end: int, total: int, seconds: float) -> None:
+    """Tell the frames that are sampled at some seconds of a clip, at whose end they are `end` of `total`."""
+    how.progress("sampling", end - math.ceil((clip.end - seconds) * how.fps), total)
 
 
 def play_below_skin(plan: MeshPlan, clips: Sequence[Clip], how: SamplingOptions) -> Iterator[tuple[Effect, list[Seen]]]:
@@ -118,18 +127,28 @@ def read(plan: MeshPlan, effects: Sequence[Effect], clip: Clip, times: Floats) -
     return [times if each.drive is None else next(driven) for each in effects]
 
 
-def _times(plan: MeshPlan, effects: Sequence[Effect], clip: Clip, how: SamplingOptions) -> tuple[Floats, Ints]:
-    """(frames,) seconds at which a clip is sampled, and the numbers of the (keys,) that a track needs."""
+def _times(
+    plan: MeshPlan, effects: Sequence[Effect], clip: Clip, how: SamplingOptions, report: Callable[[float], None]
+) -> tuple[Floats, Ints]:
+    """(frames,) seconds at which a clip is sampled, and the numbers of the (keys,) that a track needs.
+
+    `report` is called with the seconds that are done.
+    """
     if how.mode == "frames":
         grid = clip_grid(clip, None, fps=how.fps)
         return grid, np.arange(len(grid))
     drives = [each.drive for each in effects if each.drive is not None]
     playing, sizes = Playing(drives, plan.rig, clip), move_sizes(plan, effects)
     signal = within(how.memory, lambda times: playing.at(times) * sizes, len(sizes), where=clip.name)
+
+    def signal_on(stretch: Floats) -> Signal:
+        report(float(stretch[0]))
+        return signal
+
     bound = plan.max_error / max(most_overlaps(plan), 1)
     return play_keys(
         play_grid(drives, plan.rig, clip, fps=how.fps),
-        lambda _stretch: signal,
+        signal_on,
         width=len(sizes),
         tolerance=SAMPLING_SHARE * bound,
         thinning=KEYS_SHARE * bound,
