@@ -79,27 +79,34 @@ class CurveResponse:
         return self.table().to_json()
 
     def table(self, error: float = TABLE_ERROR) -> Table:
-        """Tabulate the weights, as coarsely as an error over the greatest weight allows.
+        """Tabulate the weights, right to an error over the greatest weight."""
+        if self.remix is None and error >= TABLE_ERROR:
+            return curve_table(self.curve).mapped(lambda weights: weights[:, self.columns])
+        return _tabulated(self, error)
 
-        Heights start like a square root, each group of bumps where the one before it is full, and rows are dense there.
-        Rows are straight between, sorted from 0 to 1.
-        """
 
-        def signal(shortenings: Floats) -> Floats:
-            return np.round(self.at(shortenings), _DECIMALS)
+def _tabulated(response: CurveResponse, error: float) -> Table:
+    """Tabulate a response as coarsely as an error over its greatest weight allows.
 
-        starts = group_starts(self.curve)
-        # Heights like a root are 1/2, 1/4, 1/8 … there, down to the error: a line from 0 is off by a quarter of them.
-        halved = 0.25 ** np.arange(1, math.ceil(-math.log2(error)) + 1)
-        behind = starts[:-1] + (starts[1:] - starts[:-1]) * halved[:, None]
-        rows = np.concatenate([np.linspace(0.0, 1.0, _FIRST_ROWS), starts, behind.reshape(-1)])
-        # Rows must differ in the digits that extras hold, too.
-        grid = distinct_values(rows)
-        grid = grid[np.diff(stored(grid), prepend=-1.0) > 0]
-        most = error * np.abs(signal(grid)).max(initial=0.0)
-        bounds = {"tolerance": _OF_POINTS * most, "thinning": (1 - _OF_POINTS) * most}
-        points, keys = key_points(grid, signal, **bounds, gap=_LEAST_STEP, step=_LEAST_STEP)
-        return Table("shortenings", points[keys], signal(points[keys]))
+    Heights start like a square root, each group of bumps where the one before it is full, and rows are dense there.
+    Rows are straight between, sorted from 0 to 1.
+    """
+
+    def signal(shortenings: Floats) -> Floats:
+        return np.round(response.at(shortenings), _DECIMALS)
+
+    starts = group_starts(response.curve)
+    # Heights like a root are 1/2, 1/4, 1/8 … there, down to the error: a line from 0 is off by a quarter of them.
+    halved = 0.25 ** np.arange(1, math.ceil(-math.log2(error)) + 1)
+    behind = starts[:-1] + (starts[1:] - starts[:-1]) * halved[:, None]
+    rows = np.concatenate([np.linspace(0.0, 1.0, _FIRST_ROWS), starts, behind.reshape(-1)])
+    # Rows must differ in the digits that extras hold, too.
+    grid = distinct_values(rows)
+    grid = grid[np.diff(stored(grid), prepend=-1.0) > 0]
+    most = error * np.abs(signal(grid)).max(initial=0.0)
+    bounds = {"tolerance": _OF_POINTS * most, "thinning": (1 - _OF_POINTS) * most}
+    points, keys = key_points(grid, signal, **bounds, gap=_LEAST_STEP, step=_LEAST_STEP)
+    return Table("shortenings", points[keys], signal(points[keys]))
 
 
 def looked_up(curve: ControlCurve, lengths: Lengths) -> Floats:
@@ -113,7 +120,7 @@ def looked_up(curve: ControlCurve, lengths: Lengths) -> Floats:
 @lru_cache(maxsize=256)
 def curve_table(curve: ControlCurve) -> Table:
     """The table of the weights of all shapes of a curve, made once."""
-    return CurveResponse(curve, np.arange(curve.greatest_amplitudes.size)).table()
+    return _tabulated(CurveResponse(curve, np.arange(curve.greatest_amplitudes.size)), TABLE_ERROR)
 
 
 def weight_path(curve: ControlCurve) -> Floats:
