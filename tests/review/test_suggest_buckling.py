@@ -113,7 +113,7 @@ def test_half_a_tube_is_no_limb(tmp_path: Path) -> None:
 
 def folded(folder: Path, monkeypatch: pytest.MonkeyPatch, *, installed: bool, joint: str = "LeftLeg") -> Suggestions:
     """Suggestions for a bare limb that folds through itself."""
-    monkeypatch.setattr("wrinklecli.review.suggest.worth.has_contact", lambda: installed)
+    monkeypatch.setattr("wrinklecli.effects.contact.layer.ContactKind.is_installed", property(lambda _: installed))
     return suggested(folder, limb_of("skin", joint, angle=75.0, rings=16, sides=10))
 
 
