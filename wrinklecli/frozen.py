@@ -18,7 +18,8 @@ else:
             return dataclasses.dataclass(slots=slots, eq=eq, kw_only=kw_only)
 
         def made(cls):
-            for name, method in (_METHODS | _COMPARING if eq else _METHODS).items():
+            # A class without slots has a state by itself, or by methods of its own.
+            for name, method in (_METHODS | (_COMPARING if eq else {}) | (_STATE if slots else {})).items():
                 if name not in vars(cls):
                     setattr(cls, name, method)
             return dataclasses.dataclass(init=False, repr=False, eq=False, slots=slots, kw_only=kw_only)(cls)
@@ -94,7 +95,6 @@ _METHODS = {
     "__repr__": _repr,
     "__setattr__": _refuse,
     "__delattr__": _refuse,
-    "__getstate__": _get_state,
-    "__setstate__": _set_state,
 }
+_STATE = {"__getstate__": _get_state, "__setstate__": _set_state}
 _COMPARING = {"__eq__": _eq, "__hash__": _hash}

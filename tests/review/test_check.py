@@ -682,6 +682,6 @@ def test_teeth_are_named_with_their_clip_and_time(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["wrist", "head", "head_keyed", "trousers", "body"])
 def test_the_samples_have_no_teeth(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if name != "trousers":  # whose knees bend by more than 90°, and hide a few such triangles in the fold
-        monkeypatch.setattr("wrinklecli.effects.wrinkle.turned._SEEN", 0.0)
+        monkeypatch.setattr("wrinklecli.effects.faults._SEEN", 0.0)
     found = check(sample(name.split("_")[0]), ROOT / "configs" / f"{name}.yaml")
     assert not [line for line in found.warnings if "over in" in line]

@@ -141,15 +141,20 @@ def test_wrinkles_that_are_projected_in_each_frame_are_lowered_too(
     baked(folding_limb(), tmp_path, "off", like=whole)
     (fold,) = report.data["folds"]
     assert 0.0 < fold["heights"]["whole"] < 1.0
-    off, lowered = (Gltf(tmp_path / f"{name}.glb").deltas("limb") for name in ("off", "resolve"))
+    files = [Gltf(tmp_path / f"{name}.glb") for name in ("off", "resolve")]
+    times = np.linspace(0.0, 2.0, 41)
+    # What both files displace over time, in bind space.
+    off, lowered = (np.tensordot(each.weights("limb", "fold", times), each.deltas("limb"), axes=1) for each in files)
     sizes, lower = np.linalg.norm(off, axis=2), np.linalg.norm(lowered, axis=2)
-    assert (lower <= sizes + 1e-7).all()
-    # Each shape points the same way, and is lower by the same factor at a vertex.
-    assert np.sum(off * lowered, axis=2) == pytest.approx(sizes * lower, abs=1e-6)
-    factors = np.divide(lower, sizes, out=np.full_like(sizes, np.nan), where=sizes > 1e-3 * sizes.max())
-    shared = ~np.isnan(factors).any(axis=0)
-    assert shared.any()
-    assert np.ptp(factors[:, shared], axis=0).max() < 1e-3
+    slack = 0.02 * sizes.max()  # both are within a hundredth of the method
+    assert (lower <= sizes + slack).all()
+    # A displacement points the same way, and is lower by the same factor at a vertex at all times.
+    assert np.sum(off * lowered, axis=2) == pytest.approx(sizes * lower, abs=slack * sizes.max())
+    tall = sizes.max(axis=0) > 0.3 * sizes.max()
+    factors = (sizes * lower).sum(axis=0)[tall] / (sizes**2).sum(axis=0)[tall]
+    assert tall.any()
+    assert np.abs(lower[:, tall] - factors * sizes[:, tall]).max() < slack
+    assert factors.min() < 0.9
     totals = [crossings(tmp_path / f"{name}.glb").data["clips"][0]["totals"] for name in ("off", "resolve")]
     assert totals[1][-1] < totals[0][-1]
 
