@@ -102,11 +102,6 @@ def test_rows_of_a_clip_are_nothing_in_others(named: str | None) -> None:
     assert Playing([unmeasured], rig, limb().clip).at(times).any()
 
 
-def test_a_clip_with_rows_or_keys_of_its_own_is_a_special_one() -> None:
-    special = [each.special_clips for each in drives()]
-    assert special == [set(), set(), set(), {"fold"}, {"fold"}, set(), {"fold"}]
-
-
 def test_the_grid_has_the_corners_of_all_drives() -> None:
     grid = play_grid(drives(), limb().rig, limb().clip, fps=3.0)
     assert set(np.float32([0.0, 1.5, *ROWS.times])) <= set(np.float32(grid))

@@ -145,12 +145,6 @@ class Drive:
         """True if it sets weights in clips of other files, too."""
         return self.signal is not None
 
-    @property
-    def special_clips(self) -> frozenset[str]:
-        """Names of the clips in which it acts differently from other clips of the same motion."""
-        keyed = self.signal.keyed_clips if isinstance(self.signal, Segment) else frozenset()
-        return frozenset(self.strengths) | frozenset(self.rows) | keyed
-
     def reader(self, rig: Rig, clip: Clip | None) -> Reader[Lengths | Contraction | Angles | Moments]:
         """A function from (frames,) seconds of a clip, and rows known there as in `node_rows`, to measurements."""
         if self.signal is None or (clip is not None and clip.name in self.rows):

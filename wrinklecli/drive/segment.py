@@ -145,11 +145,6 @@ class Segment:
     rest_length: RestLength
     tension: Tension | None = None
 
-    @property
-    def keyed_clips(self) -> frozenset[str]:
-        """Names of the clips that key its rest length or its tension."""
-        return frozenset(self.rest_length.keys) | (frozenset(self.tension.keys) if self.tension else frozenset())
-
     def breaks(self, clip: Clip) -> Floats:
         """(times,) seconds at which a clip keys its rest length or its tension."""
         keyed = [self.rest_length.keys, *([self.tension.keys] if self.tension else [])]

@@ -159,11 +159,6 @@ class SwingDrive:
         pairs = zip(self.modes, signals, strict=True)
         return Swing(tuple(respond(mode.spring, each, periodic=periodic) for mode, each in pairs))
 
-    @property
-    def special_clips(self) -> frozenset[str]:
-        """None: a joint alone moves it."""
-        return frozenset()
-
     def reader(self, rig: Rig, clip: Clip | None) -> Callable[[Floats, dict[int, Floats]], Floats]:
         """A function from (frames,) seconds of a clip, and rows known as in `node_rows`, to (frames, targets) weights.
 

@@ -271,11 +271,6 @@ class TouchDrive:
         sines = np.zeros(len(slides)) if bends is None else bends
         return weights_of(slides, depths, self.windows, self.rises, self.turn, None if self.limb is None else sines)
 
-    @property
-    def special_clips(self) -> frozenset[str]:
-        """Names of the clips that key the touch, or in which the node touches."""
-        return frozenset((*self.keys, *self.ends))
-
     def reader(self, rig: Rig, clip: Clip | None) -> Callable[[Floats, dict[int, Floats]], Floats]:
         """A function from (frames,) seconds of a clip, and rows known as in `node_rows`, to (frames, targets) weights.
 
