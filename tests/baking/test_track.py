@@ -663,7 +663,7 @@ def test_faults_on_the_command_line(wrinkle: Wrinkle, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["wrist", "head_keyed"])
 def test_a_bake_s_own_tracks_are_those_of_its_stored_drives(name: str) -> None:
-    """What a player looks up by the extras of the file is what the bake has written into its clips."""
+    """A player looks up by the extras of the file what the bake has written into its clips."""
     file = bake_config(name.removesuffix("_keyed"), name)
     document = read_document(file.path)
     (body,) = read_bodies(document)

@@ -56,7 +56,7 @@ def test_weights_at_a_time_do_not_depend_on_other_times(moments: list[float], da
 
 
 def test_straight_lines_between_keys_give_the_weights() -> None:
-    """By a half of the bound, and 1.7 times that where roots start between two times that may be divided."""
+    """Lines are off by half of the bound, and 1.7 times that where roots start between two divisible times."""
     plan, clip, effects = planned()
     (motion,) = play(plan, effects, [clip], HOW)
     sizes, keys = move_sizes(plan, effects), motion.times[motion.keys]

@@ -20,7 +20,7 @@ CURVE: Json = {
     "mix": [[305.72, 0.0], [-152.86, 305.72]],
     "least": 0.05,
 }
-"""That of the sample head's brow, of fewer rows, with tissue that gives way, one weight below 0 and a least weight."""
+"""The curve of the sample head's brow, with fewer rows, soft tissue, one weight below 0 and a least weight."""
 
 SHORTENINGS = (-0.1, 0.001, 0.04, 0.1, 0.2, 1.0)
 

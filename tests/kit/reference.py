@@ -24,7 +24,7 @@ Place = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Ours:
-    """What differs from the paper.
+    """The ways in which our method differs from the paper.
 
     Attributes:
         fade: Heights fade where the surface turns away from the patch, between cosines of 0.6 and 0.2.
@@ -39,7 +39,7 @@ class Ours:
 
 AS_BAKED = Ours()
 PROJECTED = Ours(skin=False)
-"""With `attachment: patch`."""
+"""The departures that are left with `attachment: patch`."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What the package itself makes of a clip before it is encoded, vertex by vertex: no pruning, targets or tracks."""
+"""The package's own result for a clip before it is encoded, vertex by vertex: no pruning, targets or tracks."""
 
 from dataclasses import dataclass
 from functools import cache

@@ -49,7 +49,7 @@ from wrinklecli.drive.lag import TAUT
 from wrinklecli.drive.point import point_json, read_point
 from wrinklecli.drive.segment import Contraction, Lengths, RestLength, Segment, Tension
 from wrinklecli.drive.swing import SwingDrive, read_swing
-from wrinklecli.drive.table import Json, Response, read_table, split, stored
+from wrinklecli.drive.table import Json, Response, Weights, read_table, split, stored
 from wrinklecli.drive.touch import TouchDrive, read_touch
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, interpolated, unit_quaternions
@@ -161,7 +161,7 @@ class Drive:
 
         return read
 
-    def weights(self, clip: Clip | None, reading: Any, response: Response | None = None) -> Floats:
+    def weights(self, clip: Clip | None, reading: Any, response: Weights | None = None) -> Floats:
         """(frames, targets) weights at measurements in a clip, by another response than its own if there is one."""
         if isinstance(reading, Moments):
             found = self.rows.get("" if clip is None else clip.name)

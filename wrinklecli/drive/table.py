@@ -56,12 +56,16 @@ class Reading(Protocol):
         ...
 
 
-class Response(Protocol):
+class Weights(Protocol):
     """A function from the measurements of a signal to the weights of some targets."""
 
     def weights(self, reading: Any) -> Floats:
         """(frames, targets) weights at the measurements of a signal."""
         ...
+
+
+class Response(Weights, Protocol):
+    """Such a function that extras can hold."""
 
     def to_json(self) -> Json:
         """The rows as extras store them."""

@@ -15,7 +15,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig
 from wrinklecli.choices import Mode
 from wrinklecli.drive.drive import AnyDrive, Drive
-from wrinklecli.drive.table import Response, Table
+from wrinklecli.drive.table import Table, Weights
 from wrinklecli.effects.attached import AnyAttached
 from wrinklecli.effects.shapes import Shape
 from wrinklecli.frozen import dataclass
@@ -194,7 +194,7 @@ class Effect:
     targets: tuple[Target, ...]
     drive: AnyDrive | None
     words: Words
-    exact: Response | None = None
+    exact: Weights | None = None
     error: float = 0.0
     max_error: float | None = None
     remixes: Remixes | None = None

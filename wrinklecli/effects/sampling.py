@@ -8,6 +8,7 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip, clip_grid
 from wrinklecli.character.rig import Rig, moving_nodes
+from wrinklecli.drive.drive import AnyDrive
 from wrinklecli.drive.play import Playing, play_grid, play_keys
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, Part, SamplingOptions, Seen
 from wrinklecli.numeric.arrays import Floats, Ints
@@ -72,19 +73,11 @@ def play_below_skin(plan: MeshPlan, clips: Sequence[Clip], how: SamplingOptions)
 def play_parts(plan: MeshPlan, parts: Sequence[Part], clips: Sequence[Clip], how: SamplingOptions) -> list[list[Seen]]:
     """For each part what is seen of it in each clip, at times between which straight lines give the moves of all."""
     found: list[list[Seen]] = [[] for _ in parts]
-    bound = plan.max_error / max(most_overlaps(plan), 1)
     sizes = np.concatenate([np.zeros(0), *(part.sizes(plan.fine) for part in parts)])
     for clip in clips if parts else ():
         drives = [part.drive for part in parts]
         playing = Playing(drives, plan.rig, clip)
-        signal = partial(_moves, playing, sizes)
-        times, keys = play_keys(
-            play_grid(drives, plan.rig, clip, fps=how.fps),
-            lambda _stretch, signal=signal: signal,  # type: ignore[misc]
-            width=len(sizes),
-            tolerance=SAMPLING_SHARE * bound,
-            thinning=KEYS_SHARE * bound,
-        )
+        times, keys = _keyed(plan, drives, clip, how, partial(_moves, playing, sizes), len(sizes))
         readings = playing.read(times)
         motion = Motion(clip, times, keys, tuple(readings), tuple(playing.weights(readings)))
         for number, each in enumerate(found):
@@ -99,7 +92,7 @@ def _moves(playing: Playing, sizes: Floats, times: Floats) -> Floats:
 
 
 def seen_at(part: Part, rig: Rig, clip: Clip, times: Floats) -> Seen:
-    """What is seen of a part at (frames,) seconds of a clip."""
+    """Play a part at (frames,) seconds of a clip."""
     playing = Playing([part.drive], rig, clip)
     readings = playing.read(times)
     return Motion(clip, times, np.arange(len(times)), tuple(readings), tuple(playing.weights(readings))).seen(0)
@@ -139,17 +132,30 @@ def _times(
         return grid, np.arange(len(grid))
     drives = [each.drive for each in effects if each.drive is not None]
     playing, sizes = Playing(drives, plan.rig, clip), move_sizes(plan, effects)
-    signal = within(how.memory, lambda times: playing.at(times) * sizes, len(sizes), where=clip.name)
+    signal = within(how.memory, partial(_moves, playing, sizes), len(sizes), where=clip.name)
+    return _keyed(plan, drives, clip, how, signal, len(sizes), report)
+
+
+def _keyed(
+    plan: MeshPlan,
+    drives: Sequence[AnyDrive],
+    clip: Clip,
+    how: SamplingOptions,
+    moves: Signal,
+    width: int,
+    report: Callable[[float], None] = lambda _seconds: None,
+) -> tuple[Floats, Ints]:
+    """Find times between which straight lines give so many moves of drives, scene units, and the keys among them."""
 
     def signal_on(stretch: Floats) -> Signal:
         report(float(stretch[0]))
-        return signal
+        return moves
 
     bound = plan.max_error / max(most_overlaps(plan), 1)
     return play_keys(
         play_grid(drives, plan.rig, clip, fps=how.fps),
         signal_on,
-        width=len(sizes),
+        width=width,
         tolerance=SAMPLING_SHARE * bound,
         thinning=KEYS_SHARE * bound,
     )

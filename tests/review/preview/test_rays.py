@@ -26,7 +26,7 @@ def test_too_little_memory_is_a_line_and_no_crash(tmp_path: Path, size: str) -> 
 
 @pytest.fixture(params=["Embree", "libigl"])
 def rays(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With Embree, and as where it is not installed."""
+    """Runs a test with Embree, and as where it is not installed."""
     if request.param == "libigl":
         monkeypatch.setitem(sys.modules, "embreex.mesh_construction", None)
     else:

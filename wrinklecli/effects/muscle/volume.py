@@ -11,7 +11,7 @@ the activation takes a part of the belly's length, not of the tendons', which ma
 import numpy as np
 
 from wrinklecli.drive.segment import Contraction, Lengths
-from wrinklecli.drive.table import BellyTable, Json, Table
+from wrinklecli.drive.table import BellyTable, Table
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, interpolated
 
@@ -68,10 +68,6 @@ class ConstantVolume:
     def _unit_weights(self, thicknesses: Floats) -> Floats:
         """(frames, targets) weights for one more thickness, at (frames,) ones that the distance of the ends gives."""
         return interpolated(thicknesses, self.knots, self.mix / self.gains[:, None])
-
-    def to_json(self) -> Json:
-        """The rows of its table."""
-        return self.table().to_json()
 
     def table(self) -> Table | BellyTable:
         """A table of the weights by shortenings."""

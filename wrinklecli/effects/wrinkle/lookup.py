@@ -17,7 +17,7 @@ import numpy as np
 
 from wrinklecli.drive.lag import TAUT
 from wrinklecli.drive.segment import Lengths
-from wrinklecli.drive.table import TABLE_ERROR, Json, Table, stored
+from wrinklecli.drive.table import TABLE_ERROR, Table, stored
 from wrinklecli.effects.wrinkle.curve import ControlCurve
 from wrinklecli.effects.wrinkle.remix import Remix
 from wrinklecli.frozen import dataclass
@@ -73,10 +73,6 @@ class CurveResponse:
         distances = np.where(reading.active, reading.distances, reading.rest_lengths)
         amplitudes, _ = self.curve.follow(distances, reading.rest_lengths)
         return self.mixed(weights_of(self.curve, amplitudes))
-
-    def to_json(self) -> Json:
-        """The rows of its table."""
-        return self.table().to_json()
 
     def table(self, error: float = TABLE_ERROR) -> Table:
         """Tabulate the weights, right to an error over the greatest weight."""
