@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from wrinklecli.cli import cli
+from wrinklecli.effects.order import KINDS
 
 TESTS = Path(__file__).parents[1]
 PACKAGE = TESTS.parent / "wrinklecli"
@@ -94,7 +95,7 @@ def test_rooms_are_the_folders() -> None:
 
 def test_an_effect_knows_only_those_that_act_before_it() -> None:
     effects = [path.parent.name for path in sorted((PACKAGE / "effects").glob("*/__init__.py"))]
-    acting = [name.lower() for name in re.findall(r"(\w+)Kind\(\)", (PACKAGE / "effects" / "order.py").read_text())]
+    acting = list(KINDS.values())
     assert sorted(acting) == sorted(effects)
     for path in (PACKAGE / "effects").glob("*/*.py"):
         known = {name.split(".")[2] for name in imports_of(path) if name.startswith("wrinklecli.effects.")}

@@ -4,31 +4,46 @@ import atexit
 import gc
 import os
 import sys
+from collections import UserDict
+from importlib import import_module
 
 import click
 
-from wrinklecli.cli.bake import bake
-from wrinklecli.cli.batch import batch
-from wrinklecli.cli.check import check
-from wrinklecli.cli.completion import completion
-from wrinklecli.cli.demo import demo
-from wrinklecli.cli.diff import diff
-from wrinklecli.cli.doctor import doctor
-from wrinklecli.cli.edit import edit
-from wrinklecli.cli.inspect import inspect
-from wrinklecli.cli.maps import maps
 from wrinklecli.cli.output import say
-from wrinklecli.cli.preview import preview
-from wrinklecli.cli.schema import schema
 from wrinklecli.cli.streams import is_of_output, may_be_lost, open_streams
-from wrinklecli.cli.suggest import suggest
-from wrinklecli.cli.track import track
 from wrinklecli.errors import WrinkleError
 
 _BUG = 70  # EX_SOFTWARE of sysexits.h
 # New objects before Python searches for garbage; 700 by default. A small bake makes fewer than this. Imported modules
 # stay to the end, and searching them again and again is an eighth of the time of a small bake.
 _BEFORE_COLLECTION = 100_000
+# In the order of use; the module of the same name has each.
+_COMMANDS = (
+    "demo",
+    "inspect",
+    "suggest",
+    "edit",
+    "check",
+    "bake",
+    "maps",
+    "preview",
+    "diff",
+    "track",
+    "batch",
+    "schema",
+    "completion",
+    "doctor",
+)
+
+
+class _Commands(UserDict[str, click.Command]):
+    """The commands by their names. Each is imported when it is asked for: a bake needs few of their modules."""
+
+    def __getitem__(self, name: str) -> click.Command:
+        if name not in self:
+            raise KeyError(name)
+        command: click.Command = getattr(import_module(f"wrinklecli.cli.{name}"), name)
+        return command
 
 
 class _InOrder(click.Group):
@@ -40,31 +55,13 @@ class _InOrder(click.Group):
 
 @click.group(
     cls=_InOrder,
+    commands=_Commands.fromkeys(_COMMANDS),
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
     epilog="Example: wrinkle bake samples/trousers.glb configs/trousers.yaml -o out.glb",
 )
 @click.version_option(package_name="wrinklecli", prog_name="wrinkle")
 def cli() -> None:
     """Bake dynamic wrinkles into animated glTF characters."""
-
-
-for _command in (
-    demo,
-    inspect,
-    suggest,
-    edit,
-    check,
-    bake,
-    maps,
-    preview,
-    diff,
-    track,
-    batch,
-    schema,
-    completion,
-    doctor,
-):
-    cli.add_command(_command)
 
 
 def main() -> None:

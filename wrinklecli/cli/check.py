@@ -101,9 +101,9 @@ def _emit_tables(data: dict[str, Any]) -> None:
     for note in data["notes"]:
         emit(f"note: {note}")
         emit("")
-    from wrinklecli.effects.order import KINDS
+    from wrinklecli.effects.order import KINDS, kind_of
 
-    effects = [(kind, effect) for kind in KINDS for effect in data.get(kind.section, ())]
+    effects = [(kind_of(section), effect) for section in KINDS for effect in data.get(section, ())]
     for kind, effect in effects:
         emit(f"{effect['name']} on {effect['node']}", style={"bold": True})
         for line in kind.lines(effect):

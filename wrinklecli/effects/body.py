@@ -149,13 +149,13 @@ class BodyLayer(ABC, Generic[AttachedType]):
     projected: ClassVar[int] = 0
 
     @classmethod
-    def of(cls, plan: MeshPlan, numbered: Iterable[tuple[int, AttachedType]]) -> Self | None:
-        """Let the refined surface carry them, each with the number of its first region; None if there are none."""
+    def of(cls, plan: MeshPlan, numbered: Iterable[tuple[int, AttachedType]]) -> Self:
+        """Let the refined surface carry them, each with the number of its first region."""
         pairs = list(numbered)
         regions, every = tuple(number for number, _ in pairs), tuple(each for _, each in pairs)
         names = plan.rig.morph_names
         columns = [[names.index(name) for name in each.drive.targets] for each in every]
-        return cls(every, regions, tuple(plan.fine.morph_deltas[each] for each in columns)) if every else None
+        return cls(every, regions, tuple(plan.fine.morph_deltas[each] for each in columns))
 
     @property
     def parts(self) -> Sequence[BodyPart[AttachedType]]:

@@ -6,6 +6,7 @@ write, and the drive that sets their weights, in the clips of the asset and in t
 one order, and each sees the body as moved by those before it.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple, Protocol, TypeVar
 
@@ -383,36 +384,31 @@ class Layer(Protocol):
         ...
 
 
-class EffectKind(Protocol):
-    """One kind of effect, from tools to a layer."""
-
-    @property
-    def section(self) -> str:
-        """The key of extras and report under which these effects stand."""
-        ...
+class EffectKind(ABC):
+    """One kind of effect, from the tools that ask for it to a layer of them."""
 
     @property
     def is_installed(self) -> bool:
         """True if the libraries that it needs are installed."""
-        ...
+        return True
 
+    @abstractmethod
     def attach(self, tools: Sequence[EffectTool], ground: Ground, settings: ToolsFile) -> Sequence[AnyAttached]:
-        """Attach the tools of this kind to a mesh at rest.
+        """Attach those of the tools that are of this kind to a mesh at rest.
 
         Raises:
             WrinkleError: Tools do not fit, a line for each.
         """
-        ...
 
-    def bound(self, attached: Sequence[AnyAttached], ground: Ground) -> Sequence[AnyAttached]:
+    def bound(self, attached: Sequence[AnyAttached], ground: Ground) -> Sequence[AnyAttached]:  # noqa: ARG002
         """Let tools that are attached end where features of the surface and masks end them.
 
         Raises:
             WrinkleError: Nothing is left of some, a line for each.
         """
-        ...
+        return attached
 
-    def sketch(self, attached: AnyAttached, region: int, fine: Refinement, pinned: Bools) -> Part | None:
+    def sketch(self, attached: AnyAttached, region: int, fine: Refinement, pinned: Bools) -> Part | None:  # noqa: ARG002
         """Let a refined surface carry a tool of this kind quickly, as while someone drags it.
 
         Args:
@@ -422,15 +418,16 @@ class EffectKind(Protocol):
             pinned: (coarse vertices,) True for those that must not move.
 
         Returns:
-            None for another kind, and for an effect that moves the body with its rig.
+            None for an effect that moves the body with its rig.
 
         Raises:
             BakeError: It moves no vertex.
         """
-        ...
+        return None
 
-    def plan(self, plan: MeshPlan, ground: Ground, attached: Sequence[tuple[int, AnyAttached]]) -> Layer | None:
-        """The layer of this kind on a refined mesh; None if no tool asks for it.
+    @abstractmethod
+    def plan(self, plan: MeshPlan, ground: Ground, attached: Sequence[tuple[int, AnyAttached]]) -> Layer:
+        """The layer of this kind on a refined mesh.
 
         Args:
             plan: The mesh with the layers before this one.
@@ -440,11 +437,10 @@ class EffectKind(Protocol):
         Raises:
             BakeError: Tools do not fit, a line for each.
         """
-        ...
 
+    @abstractmethod
     def lines(self, entry: Json) -> list[str]:
         """What `check` prints of its entry for one of these effects."""
-        ...
 
 
 def named_targets(identifier: str, shapes: Iterable[Shape | None]) -> tuple[Target, ...]:

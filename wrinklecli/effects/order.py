@@ -1,10 +1,24 @@
-"""The kinds of effects, in the order in which they act on a body. A new kind is one more entry here."""
+"""The kinds of effects, in the order in which they act on a body. A bake imports those that its tools ask for."""
 
-from wrinklecli.effects.contact.layer import ContactKind
+from collections.abc import Iterable
+from functools import cache
+from importlib import import_module
+
 from wrinklecli.effects.effect import EffectKind
-from wrinklecli.effects.flesh.layer import FleshKind
-from wrinklecli.effects.muscle.layer import MuscleKind
-from wrinklecli.effects.touch.layer import TouchKind
-from wrinklecli.effects.wrinkle.layer import WrinkleKind
+from wrinklecli.tools.records import EffectTool
 
-KINDS: tuple[EffectKind, ...] = (MuscleKind(), FleshKind(), TouchKind(), WrinkleKind(), ContactKind())
+KINDS = {"muscles": "muscle", "flesh": "flesh", "touches": "touch", "tools": "wrinkle", "folds": "contact"}
+"""The folder of each kind, by the section of its effects. A new kind is one more entry here."""
+
+
+@cache
+def kind_of(section: str) -> EffectKind:
+    """The kind whose effects stand in a section."""
+    kind: EffectKind = import_module(f"wrinklecli.effects.{KINDS[section]}.layer").KIND
+    return kind
+
+
+def kinds_of(tools: Iterable[EffectTool]) -> list[EffectKind]:
+    """The kinds of effects that act for some tools, in their order."""
+    sections = {section for tool in tools for section in tool.sections}
+    return [kind_of(section) for section in KINDS if section in sections]

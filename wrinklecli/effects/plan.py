@@ -12,7 +12,7 @@ from wrinklecli.character.contacts import Neighbours
 from wrinklecli.character.surface import influence_count
 from wrinklecli.effects.attached import AnyAttached, Attached
 from wrinklecli.effects.effect import MeshPlan, Part
-from wrinklecli.effects.order import KINDS
+from wrinklecli.effects.order import kind_of, kinds_of
 from wrinklecli.errors import BakeError, WrinkleError
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, determinants, median
@@ -80,7 +80,7 @@ def attach_effects(
     """
     attached: list[AnyAttached] = []
     problems: list[WrinkleError] = []
-    for kind in KINDS:
+    for kind in kinds_of(tools):
         try:
             own = kind.bound(kind.attach(tools, ground, settings), ground)
         except WrinkleError as error:
@@ -106,14 +106,15 @@ def attach_one(
         WrinkleError: It does not fit.
     """
     settings = settings or ToolsFile(path=ground.document.path)
-    kind, attached = next((kind, found) for kind in KINDS if (found := kind.attach([tool], ground, settings)))
+    kind = kind_of(tool.sections[0])
+    attached = kind.attach([tool], ground, settings)
     (one,) = kind.bound(attached, ground) if bounded else attached
     return one
 
 
 def sketch(attached: AnyAttached, region: int, fine: Refinement, pinned: Bools) -> Part | None:
     """Let a refined surface carry a tool quickly, as `EffectKind.sketch` does."""
-    return next((part for kind in KINDS if (part := kind.sketch(attached, region, fine, pinned)) is not None), None)
+    return kind_of(attached.tool.sections[0]).sketch(attached, region, fine, pinned)
 
 
 def skin_parts(plan: MeshPlan) -> list[Part]:
@@ -167,10 +168,8 @@ def plan_on(
     )
     firsts = np.cumsum([0, *(len(each.regions) for each in attached)]).tolist()
     numbered = list(zip(firsts, attached, strict=False))
-    for kind in KINDS:
-        layer = kind.plan(plan, ground, numbered)
-        if layer is not None:
-            plan = replace(plan, layers=(*plan.layers, layer))
+    for kind in kinds_of(each.tool for each in attached):
+        plan = replace(plan, layers=(*plan.layers, kind.plan(plan, ground, numbered)))
     return plan
 
 

@@ -136,6 +136,8 @@ class BodyEffect:
     where: str = ""
     places: Mapping[tuple[str, ...], str] = field(default_factory=dict, hash=False, compare=False)
 
+    sections: ClassVar[tuple[str, ...]]
+
     @classmethod
     def fields_of(cls, values: Mapping[str, Any], _known: Mapping[str, Preset]) -> dict[str, Any]:
         """The fields that the keys of a file give."""
@@ -165,6 +167,8 @@ class Muscle(BodyEffect):
             offset. `insertion`, the end on the bone that the muscle turns, is alike.
         activation: None for a muscle that its length alone thickens.
     """
+
+    sections: ClassVar[tuple[str, ...]] = ("muscles",)
 
     origin: Point = key(
         END,
@@ -244,6 +248,8 @@ class Flesh(BodyEffect):
         gravity: The share of gravity, 0 to 1.
         carrier: If it is one of `meshes` that moves with the region, the number of the region's own node.
     """
+
+    sections: ClassVar[tuple[str, ...]] = ("flesh",)
 
     at: Position | Marker | None = key(
         ANCHOR, "Middle of the region, on the skin: world space at rest in scene units, or {marker: NODE}.",
@@ -434,6 +440,8 @@ class Touch(BodyEffect):
         wrinkles: None for a slide without rings.
         keys: Each clip's keys: seconds, ascending, the slide forward and sideways, and the tip's depth.
     """
+
+    sections: ClassVar[tuple[str, ...]] = ("touches",)
 
     at: Position | Marker = key(
         ANCHOR, "Middle of the place, on the skin: world space at rest in scene units, or {marker: NODE}.",

@@ -403,6 +403,11 @@ class EffectTool(Protocol):
         ...
 
     @property
+    def sections(self) -> tuple[str, ...]:
+        """The kinds of effects that act for it, by their sections in extras and report, its own first."""
+        ...
+
+    @property
     def optional(self) -> bool:
         """True if an absent node or clip is a note, not an error."""
         ...
@@ -674,6 +679,11 @@ class WrinkleTool:
     def identifier(self) -> str:
         """The name in letters, digits and `_`, as in the morph targets `wrinkle_IDENTIFIER_1`; unique too."""
         return identifier(self.name)
+
+    @property
+    def sections(self) -> tuple[str, ...]:
+        """Wrinkles, and folds where contact keeps them apart."""
+        return ("tools",) if self.contact is None else ("tools", "folds")
 
     @property
     def idle(self) -> bool:

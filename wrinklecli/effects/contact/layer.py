@@ -7,16 +7,14 @@ from typing import TYPE_CHECKING, ClassVar
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.effects.attached import AnyAttached
-from wrinklecli.effects.effect import Effect, MeshPlan, Part, SamplingOptions
+from wrinklecli.effects.effect import Effect, EffectKind, MeshPlan, Part, SamplingOptions
 from wrinklecli.effects.wrinkle.layer import WrinkleLayer
 from wrinklecli.errors import BakeError, listed, nearest
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Bools
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.surface.ground import Ground
-from wrinklecli.surface.refine import Refinement
 from wrinklecli.tools.records import EffectTool, ToolsFile, WrinkleTool
 
 if TYPE_CHECKING:
@@ -62,10 +60,8 @@ class ContactLayer:
         ]
 
 
-class ContactKind:
+class ContactKind(EffectKind):
     """Contact has no tools of its own: wrinkling tools ask for it."""
-
-    section: ClassVar[str] = ContactLayer.section
 
     @property
     def is_installed(self) -> bool:
@@ -80,14 +76,7 @@ class ContactKind:
         """Nothing."""
         return ()
 
-    def bound(self, attached: Sequence[AnyAttached], _ground: Ground) -> Sequence[AnyAttached]:
-        """They themselves."""
-        return attached
-
-    def sketch(self, _attached: AnyAttached, _region: int, _fine: Refinement, _pinned: Bools) -> None:
-        """None, as it has no tools."""
-
-    def plan(self, plan: MeshPlan, ground: Ground, _attached: Sequence[tuple[int, AnyAttached]]) -> ContactLayer | None:
+    def plan(self, plan: MeshPlan, ground: Ground, _attached: Sequence[tuple[int, AnyAttached]]) -> ContactLayer:
         """Find the folds of the tools that ask for contact.
 
         Raises:
@@ -96,8 +85,6 @@ class ContactKind:
         wrinkles = plan.layer(WrinkleLayer)
         carried = wrinkles.carried_patches if wrinkles else ()
         chosen = [number for number, each in enumerate(carried) if each.patch.tool.contact is not None]
-        if not chosen:
-            return None
         tools = [carried[number].patch.tool for number in chosen]
         if not self.is_installed:
             message = "contact needs ipctk, which is not installed: pip install 'wrinklecli[contact]'"
@@ -112,6 +99,9 @@ class ContactKind:
         obstacles = partial(read_scene_meshes, ground.document, ground.rig.node)
         folds, without = find_folds(carried, chosen, plan.fine, ground.rest, ground.rig, parts, obstacles)
         return ContactLayer(tuple(folds), tuple(carried[number].patch.tool.name for number in without))
+
+
+KIND = ContactKind()
 
 
 def _check_ignored(document: Document, tools: Sequence[WrinkleTool]) -> None:

@@ -12,8 +12,9 @@ from wrinklecli.effects.flesh.report import describe_swing, region_warnings
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, significant
+from wrinklecli.tools.body import Flesh
 
-SECTION = "flesh"
+(SECTION,) = Flesh.sections
 """The key of extras and report under which flesh stands."""
 
 # Least error of a region over its limit: float32 stores weights up to 1, and their products with shapes, no better.

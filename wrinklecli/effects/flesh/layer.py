@@ -9,17 +9,15 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.drive.swing import nonnegative
 from wrinklecli.effects.attached import AnyAttached
 from wrinklecli.effects.body import BodyLayer
-from wrinklecli.effects.effect import Effect, MeshPlan
+from wrinklecli.effects.effect import Effect, EffectKind, MeshPlan
 from wrinklecli.effects.flesh.attach import AttachedFlesh, attach_flesh
 from wrinklecli.effects.flesh.effect import SECTION, FleshWords, flesh_effect
 from wrinklecli.effects.flesh.report import in_place
 from wrinklecli.errors import listed
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Bools, Floats
+from wrinklecli.numeric.arrays import Floats
 from wrinklecli.surface.ground import Ground
-from wrinklecli.surface.refine import Refinement
-from wrinklecli.tools.body import Flesh
 from wrinklecli.tools.records import EffectTool, ToolsFile
 
 # Part of the limit to which a mode is raised where normals are fitted: flesh is seldom further out of its place.
@@ -63,11 +61,8 @@ class FleshLayer(BodyLayer[AttachedFlesh]):
         ]
 
 
-class FleshKind:
+class FleshKind(EffectKind):
     """Flesh."""
-
-    section: ClassVar[str] = SECTION
-    is_installed: ClassVar[bool] = True
 
     def attach(self, tools: Sequence[EffectTool], ground: Ground, settings: ToolsFile) -> Sequence[AnyAttached]:
         """Attach the regions to joints and the surface at rest, and solve them.
@@ -75,17 +70,9 @@ class FleshKind:
         Raises:
             WrinkleError: Regions do not fit, a line for each.
         """
-        own = [tool for tool in tools if isinstance(tool, Flesh)]
-        return attach_flesh(own, ground, settings) if own else []
+        return attach_flesh(tools, ground, settings)
 
-    def bound(self, attached: Sequence[AnyAttached], _ground: Ground) -> Sequence[AnyAttached]:
-        """They themselves: their shapes have their masks."""
-        return attached
-
-    def sketch(self, _attached: AnyAttached, _region: int, _fine: Refinement, _pinned: Bools) -> None:
-        """None, as it moves the body with its rig."""
-
-    def plan(self, plan: MeshPlan, _ground: Ground, attached: Sequence[tuple[int, AnyAttached]]) -> FleshLayer | None:
+    def plan(self, plan: MeshPlan, _ground: Ground, attached: Sequence[tuple[int, AnyAttached]]) -> FleshLayer:
         """Let the refined surface carry the regions."""
         return FleshLayer.of(plan, [(number, each) for number, each in attached if isinstance(each, AttachedFlesh)])
 
@@ -103,3 +90,6 @@ class FleshKind:
                 for each in entry["clips"]
             ),
         ]
+
+
+KIND = FleshKind()

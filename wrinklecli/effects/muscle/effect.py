@@ -15,9 +15,10 @@ from wrinklecli.errors import listed
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, significant
+from wrinklecli.tools.body import Muscle
 from wrinklecli.tools.records import in_axes
 
-SECTION = "muscles"
+(SECTION,) = Muscle.sections
 """The key of extras and report under which muscles stand."""
 
 # Thicknesses of a belly that travels at which its normals are right.

@@ -6,14 +6,13 @@ from typing import ClassVar
 from wrinklecli.character.clip import Clip
 from wrinklecli.effects.attached import AnyAttached
 from wrinklecli.effects.body import BodyLayer
-from wrinklecli.effects.effect import Effect, MeshPlan
+from wrinklecli.effects.effect import Effect, EffectKind, MeshPlan
 from wrinklecli.effects.muscle.attach import AttachedMuscle, attach_muscles
 from wrinklecli.effects.muscle.effect import SECTION, MuscleWords, muscle_effect, muscle_words
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Bools, Floats
+from wrinklecli.numeric.arrays import Floats
 from wrinklecli.surface.ground import Ground
-from wrinklecli.surface.refine import Refinement
 from wrinklecli.tools.body import Muscle
 from wrinklecli.tools.records import EffectTool, ToolsFile
 
@@ -45,11 +44,8 @@ class MuscleLayer(BodyLayer[AttachedMuscle]):
         return [f"{names}: there is no clip that moves the body: muscles swell only in a player with a driver"]
 
 
-class MuscleKind:
+class MuscleKind(EffectKind):
     """Muscles."""
-
-    section: ClassVar[str] = SECTION
-    is_installed: ClassVar[bool] = True
 
     def attach(self, tools: Sequence[EffectTool], ground: Ground, settings: ToolsFile) -> Sequence[AnyAttached]:
         """Attach the muscles to the rig and the surface at rest.
@@ -58,16 +54,9 @@ class MuscleKind:
             WrinkleError: Muscles do not fit, a line for each.
         """
         own = [tool for tool in tools if isinstance(tool, Muscle)]
-        return attach_muscles(own, ground, {tool.node for tool in settings.muscles}) if own else []
+        return attach_muscles(own, ground, {tool.node for tool in settings.muscles})
 
-    def bound(self, attached: Sequence[AnyAttached], _ground: Ground) -> Sequence[AnyAttached]:
-        """They themselves: skin follows a muscle whatever lies on it."""
-        return attached
-
-    def sketch(self, _attached: AnyAttached, _region: int, _fine: Refinement, _pinned: Bools) -> None:
-        """None, as it moves the body with its rig."""
-
-    def plan(self, plan: MeshPlan, _ground: Ground, attached: Sequence[tuple[int, AnyAttached]]) -> MuscleLayer | None:
+    def plan(self, plan: MeshPlan, _ground: Ground, attached: Sequence[tuple[int, AnyAttached]]) -> MuscleLayer:
         """Let the refined surface carry the muscles."""
         return MuscleLayer.of(plan, [(number, each) for number, each in attached if isinstance(each, AttachedMuscle)])
 
@@ -94,3 +83,6 @@ class MuscleKind:
                 for name, low, high, bulge, volume in table
             ),
         ]
+
+
+KIND = MuscleKind()

@@ -26,7 +26,7 @@ from wrinklecli.surface.mask import read_mask
 from wrinklecli.surface.refine import Refinement, refine
 from wrinklecli.surface.rest import asked_positions, named_node
 from wrinklecli.tools.body import Touch
-from wrinklecli.tools.records import EffectTool, ToolsFile, in_axes
+from wrinklecli.tools.records import ToolsFile, in_axes
 
 FOLDED, TURNED = -0.7, -0.95
 """Strains at the greatest slide below which a warning says so, and below which a bake is refused: at -1 triangles turn
@@ -398,8 +398,3 @@ def _deltas(
     deltas = np.zeros(whole.shape)
     deltas[:, chosen] = np.einsum("vab,mvb->mva", inverses(fine.blended[chosen]), whole[:, chosen])
     return deltas
-
-
-def touches_of(tools: Sequence[EffectTool]) -> list[Touch]:
-    """The touches among the tools of a mesh."""
-    return [tool for tool in tools if isinstance(tool, Touch)]

@@ -11,8 +11,9 @@ from wrinklecli.effects.touch.attach import FOLDED, AttachedTouch
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, significant
+from wrinklecli.tools.body import Touch
 
-SECTION = "touches"
+(SECTION,) = Touch.sections
 """The key of extras and report under which touches stand."""
 
 # Part of the greatest slide below which nobody sees the skin move.

@@ -8,15 +8,15 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.effects.attached import AnyAttached
 from wrinklecli.effects.body import BodyLayer
-from wrinklecli.effects.effect import Effect, MeshPlan
-from wrinklecli.effects.touch.attach import FOLDED, AttachedTouch, attach_touches, touches_of
+from wrinklecli.effects.effect import Effect, EffectKind, MeshPlan
+from wrinklecli.effects.touch.attach import FOLDED, AttachedTouch, attach_touches
 from wrinklecli.effects.touch.effect import SECTION, TouchWords, touch_effect
 from wrinklecli.errors import counted
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Bools, Floats
+from wrinklecli.numeric.arrays import Floats
 from wrinklecli.surface.ground import Ground
-from wrinklecli.surface.refine import Refinement
+from wrinklecli.tools.body import Touch
 from wrinklecli.tools.records import EffectTool, ToolsFile
 
 # Slides over the greatest at which normals are fitted, in as many directions.
@@ -63,11 +63,8 @@ class TouchLayer(BodyLayer[AttachedTouch]):
         return []
 
 
-class TouchKind:
+class TouchKind(EffectKind):
     """Touches."""
-
-    section: ClassVar[str] = SECTION
-    is_installed: ClassVar[bool] = True
 
     def attach(self, tools: Sequence[EffectTool], ground: Ground, settings: ToolsFile) -> Sequence[AnyAttached]:
         """Attach the touches to the surface at rest, and solve the slide of its skin.
@@ -75,17 +72,10 @@ class TouchKind:
         Raises:
             WrinkleError: Touches do not fit, a line for each.
         """
-        own = touches_of(tools)
-        return attach_touches(own, ground, settings) if own else []
+        own = [tool for tool in tools if isinstance(tool, Touch)]
+        return attach_touches(own, ground, settings)
 
-    def bound(self, attached: Sequence[AnyAttached], _ground: Ground) -> Sequence[AnyAttached]:
-        """They themselves: their shapes have their masks."""
-        return attached
-
-    def sketch(self, _attached: AnyAttached, _region: int, _fine: Refinement, _pinned: Bools) -> None:
-        """None, as it moves the body with its rig."""
-
-    def plan(self, plan: MeshPlan, _ground: Ground, attached: Sequence[tuple[int, AnyAttached]]) -> TouchLayer | None:
+    def plan(self, plan: MeshPlan, _ground: Ground, attached: Sequence[tuple[int, AnyAttached]]) -> TouchLayer:
         """Let the refined surface carry the touches."""
         return TouchLayer.of(plan, [(number, each) for number, each in attached if isinstance(each, AttachedTouch)])
 
@@ -116,3 +106,6 @@ class TouchKind:
                 for each in entry["clips"]
             ),
         ]
+
+
+KIND = TouchKind()

@@ -7,7 +7,7 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.effects.attached import AnyAttached
-from wrinklecli.effects.effect import Effect, MeshPlan, SamplingOptions
+from wrinklecli.effects.effect import Effect, EffectKind, MeshPlan, SamplingOptions
 from wrinklecli.effects.faults import departure_warnings
 from wrinklecli.effects.sampling import most_overlaps
 from wrinklecli.effects.wrinkle.attach import attach_tools
@@ -23,6 +23,7 @@ from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.effects.wrinkle.warnings import twin_warnings
 from wrinklecli.errors import BakeError
 from wrinklecli.frozen import dataclass
+from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.surface.ground import Ground
@@ -98,12 +99,8 @@ class WrinkleLayer:
         return twins + departure_warnings(plan.fine, self.parts)
 
 
-class WrinkleKind:
+class WrinkleKind(EffectKind):
     """Wrinkling tools."""
-
-    section: ClassVar[str] = WrinkleLayer.section
-    is_installed: ClassVar[bool] = True
-    lines = staticmethod(lines_of)
 
     def attach(self, tools: Sequence[EffectTool], ground: Ground, settings: ToolsFile) -> Sequence[AnyAttached]:
         """Attach the tools to the surface at rest.
@@ -130,7 +127,7 @@ class WrinkleKind:
         """
         return WrinklePart(carry(attached, fine, pinned), region) if isinstance(attached, Patch) else None
 
-    def plan(self, plan: MeshPlan, ground: Ground, attached: Sequence[tuple[int, AnyAttached]]) -> WrinkleLayer | None:
+    def plan(self, plan: MeshPlan, ground: Ground, attached: Sequence[tuple[int, AnyAttached]]) -> WrinkleLayer:
         """Let the refined surface carry the tools.
 
         Raises:
@@ -146,7 +143,14 @@ class WrinkleKind:
                 problems.append(error)
         if problems:
             raise BakeError.of_all(problems)
-        return WrinkleLayer(tuple(carried), min(patches)) if patches else None
+        return WrinkleLayer(tuple(carried), min(patches))
+
+    def lines(self, entry: Json) -> list[str]:
+        """The lines of a tool, and tables of its bumps and clips."""
+        return lines_of(entry)
+
+
+KIND = WrinkleKind()
 
 
 def carried_patches_of(plan: MeshPlan) -> tuple[CarriedPatch, ...]:

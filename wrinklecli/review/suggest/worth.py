@@ -14,7 +14,7 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.choices import Part
 from wrinklecli.effects.faults import count_teeth
-from wrinklecli.effects.order import KINDS
+from wrinklecli.effects.order import kind_of
 from wrinklecli.errors import counted
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.processes import in_processes
@@ -226,7 +226,7 @@ def _judge(stage: Stage, suggestion: Suggestion, placed: dict[str, Placement]) -
             return Dropped(name, suggestion.mesh, "not raised", 0.0)
     limb = suggestion.part in _OF_CONTACT and not suggestion.by_morph
     touches = limb and suggestion.shortening < _DEEPEST and any(_has_slit(look.tallest) for look in looks)
-    resolved = touches and all(kind.is_installed for kind in KINDS)
+    resolved = touches and kind_of("folds").is_installed
     # A twin that a clip hardly raises is hardly seen either; one that rises as far must look as good.
     tallest = max((look.staged.height for look in looks), default=0.0)
     near = suggestion.by_morph or suggestion.part in _LOOKED_AT_NEAR
