@@ -10,13 +10,15 @@ const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a
 /**
  * Where a place of the world is, forward, sideways and above the skin of a touch, scene units at rest.
  *
- * What a player's own tip moves along the skin, the difference of two such places, is what `driver.touch` takes.
+ * What a player's own tip moves along the skin, the difference of two such places, is what `driver.touch` takes. Infinitely
+ * far away where the skin is scaled to nothing.
  */
 export function placeOnSkin({ anchors, bend, pad }, place, jointMatrixOf, morphWeightOf = () => 0) {
   const [middle, ...ends] = anchors.map((each) => anchor(each, jointMatrixOf, morphWeightOf).place);
   const [a, b, c] = ends.map((end) => end.map((x, i) => x - middle[i]));
   const way = place.map((x, i) => x - middle[i]);
   const volume = dot(a, cross(b, c)) / pad;
+  if (!(Math.abs(volume) >= 1e-18 * pad ** 2)) return [Infinity, Infinity, Infinity];
   const [f, s, h] = [cross(b, c), cross(c, a), cross(a, b)].map((normal) => dot(way, normal) / volume);
   return [f, s, h - bend[0] * f * f - bend[1] * f * s - bend[2] * s * s];
 }
@@ -48,8 +50,10 @@ function contact(extras, { jointMatrixOf, morphWeightOf, clip, time, state, elap
     const [f, s, depth] = columns.map((column) => left * between(times, column, time));
     return { slide: [f, s], depth: Math.max(depth, 0) };
   }
+  if (!(elapsed >= 0)) Object.assign(state, { clip: undefined, tip: null, held: false, slide: [0, 0], left: [0, 0], since: 0 });
   const at = () => anchor(by, jointMatrixOf, morphWeightOf).place;
-  const tip = by && !hand ? placeOnSkin(extras, at(), jointMatrixOf, morphWeightOf) : null;
+  const place = by && !hand ? placeOnSkin(extras, at(), jointMatrixOf, morphWeightOf) : null;
+  const tip = place && place[2] < Infinity ? place : null;
   const before = state.tip ?? tip;
   const held = Boolean(hand) || (tip && tip[2] < deepest && Math.hypot(tip[0], tip[1]) < pad + (state.held ? grip : 0));
   // Within a frame the tip comes or goes where it passes that height.
@@ -65,9 +69,9 @@ function contact(extras, { jointMatrixOf, morphWeightOf, clip, time, state, elap
   else if (held || (state.held && tip)) slide = slide.map((x, i) => x + to[i] - from[i]);
   // Beyond its grip the tip slips.
   const slip = Math.min(1, grip / (Math.hypot(...slide) || 1));
-  if (held || state.held) Object.assign(state, { left: slide.map((x) => x * slip), since: tip && !held ? -gone * elapsed : 0 });
-  state.since = (state.since ?? 0) + (held ? 0 : elapsed || 0);
-  const left = held ? 1 : remaining(release, state.since);
+  if (held || state.held) Object.assign(state, { left: slide.map((x) => x * slip), since: state.tip && !held ? -gone * elapsed : 0 });
+  if (!held && elapsed > 0) state.since = (state.since ?? 0) + elapsed;
+  const left = held ? 1 : remaining(release, state.since ?? 0);
   const depth = held ? Math.min(Math.max(hand ? hand.depth : -tip[2], 0), deepest) : 0;
   return Object.assign(state, { clip, time, tip, held, depth, slide: (state.left ?? [0, 0]).map((x) => left * x) });
 }
@@ -80,7 +84,7 @@ function contact(extras, { jointMatrixOf, morphWeightOf, clip, time, state, elap
  * morphWeightOf  the weight of another morph target by name, where faces move the place
  * clip, time     name and seconds, for slides that a clip keys
  * state          of the touch, kept from call to call: an object, {} to begin with
- * elapsed        seconds since the last call, for skin that is let go
+ * elapsed        seconds since the last call; where it is not known, the skin is at rest
  * hand           {slide: [forward, sideways], depth} where the player's own tip touches, scene units
  */
 export function touchWeights(

@@ -51,7 +51,7 @@ static class Vectors
         {
             var body = new Body((Dictionary<string, object>)found["wrinkle"]);
             var times = Numbers(run["times"]);
-            var elapsed = Numbers(run["elapsed"]);
+            var elapsed = List(run["elapsed"]).Select(each => (double?)each ?? double.NaN).ToArray();
             var matrices = List(run["matrices"]).Select(row => List(row).Select(Numbers).ToArray()).ToArray();
             var rows = List(run["morphs"]).Select(Numbers).ToArray();
             var frames = elapsed.Select((seconds, number) =>

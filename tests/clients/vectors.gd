@@ -64,7 +64,8 @@ func played(body, each, run):
 			var hand = run["hands"][k]
 			hands[each["wrinkle"]["touches"][0]["name"]] = {"slide": [hand[0], hand[1]], "depth": hand[2]}
 		body.others = run.get("others", [{}])[k if run.has("others") else 0]
-		var weights = body.weights(matrices, morphs, run["clip"], run["times"][k], run["elapsed"][number], hands)
+		var elapsed = NAN if run["elapsed"][number] == null else run["elapsed"][number]
+		var weights = body.weights(matrices, morphs, run["clip"], run["times"][k], elapsed, hands)
 		var row = []
 		for target in each["targets"]:
 			row.append(weights[target])

@@ -33,7 +33,7 @@ function weightsOf({ wrinkle, joints, morphs, targets }, { clip, times, elapsed,
     const [touch] = body.touches;
     const [forward, sideways, depth] = hands?.[k] ?? [];
     const found = body.weights((joint) => matrices[k][joints.indexOf(joint)], {
-      ...{ clip, time: times[k], elapsed: frame ? seconds : 0 },
+      ...{ clip, time: times[k], elapsed: seconds ?? NaN },
       hands: hands?.[k] ? { [touch.name]: { slide: [forward, sideways], depth } } : {},
       morphWeightOf: (name) => rows[k]?.[morphs.indexOf(name)] ?? 0,
     });

@@ -36,6 +36,7 @@ def plate(
     clips: bool = True,
     tip: Array | None = None,
     turns: bool = True,
+    sizes: dict[float, float] | None = None,
 ) -> Asset:
     """A square of skin in the plane y = 0 that faces +y, on a joint that a clip `drag` turns.
 
@@ -46,6 +47,7 @@ def plate(
         clips: False for an asset without a clip.
         tip: (keys, 3) places of a node `tip` before the joint, evenly in the clip `drag`; there is none without.
         turns: False for a joint that keeps still, so that the clip may loop.
+        sizes: By second of the clip the joint's scale from then on.
     """
     asset = Asset()
     line = np.linspace(-size / 2, size / 2, cells + 1)
@@ -81,6 +83,10 @@ def plate(
         turn: Array = np.array([[0, 0, 0, 1.0], [0, 0.3826834, 0, 0.9238795]])
         if turns:
             asset.channel(animation, 1, "rotation", np.array([0.0, SECONDS]), turn)
+        if sizes is not None:
+            asset.channel(
+                animation, 1, "scale", [*sizes], np.array([*sizes.values()])[:, None].repeat(3, axis=1), "STEP"
+            )
         if tip is not None:
             asset.channel(animation, 2, "translation", np.linspace(0.0, SECONDS, len(tip)), tip)
         asset.append("animations", animation)

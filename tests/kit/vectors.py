@@ -129,9 +129,9 @@ def _soft() -> Gltf:
     return bake_once(place(limb_asset(rings=12, sides=8)), swings, tracks="none", max_levels=0)
 
 
-def _touched(tip: Array | None = None, bend: float = 0.0, turns: bool = True, **keys: Any) -> Gltf:
+def _touched(tip: Array | None = None, plate_of: dict[str, Any] | None = None, **keys: Any) -> Gltf:
     return bake_once(
-        place(plate(tip=tip, bend=bend, turns=turns)),
+        place(plate(tip=tip, **(plate_of or {}))),
         top={"touches": [touch(**keys)], "refinement": {"max_levels": 0}},
         tracks="none",
     )
@@ -167,6 +167,14 @@ def _scale(found: Json) -> None:
         run["weights"][frame] = [0] * len(run["weights"][frame])
 
 
+def _anew(found: Json) -> None:
+    """The clip once more, in whose first frame the seconds since the last one are not known: all is at rest again."""
+    (run,) = found["runs"]
+    assert any(run["weights"][-1])
+    run["rounds"] = 2
+    run["elapsed"] = [*run["elapsed"], None, *run["elapsed"][1:]]
+
+
 def _hide(found: Json) -> None:
     """Half the strength, frames in which scale hides the body, and others in which the clip has a target of its own."""
     (tool,), (run,) = found["wrinkle"]["tools"], found["runs"]
@@ -186,6 +194,7 @@ _WAYS = np.array(
 _RUBS = np.array(
     [(-0.005, -0.001, 0), (0.009, -0.001, 0), (0, -0.001, 0.009), (-0.009, -0.001, 0), (-0.005, -0.001, 0)]
 )
+_STAYS = np.array([(-0.005, 0.03, 0), (-0.005, -0.001, 0), *2 * [(0.004, -0.001, 0.003)], (0.004, -0.001, -0.002)])
 _CRITICAL = {"frequency": 4, "damping": 1}
 _MORPH = {"morph": "browsUp", "full": "115%"}
 _BUMPS = {
@@ -234,15 +243,28 @@ CASES: dict[str, Case] = {
         {"drag": (32, False)},
         BETWEEN_FRAMES,
     ),
+    "anew": Case(
+        "a touch by a node on a body that scale hides, which still touches as the clip is played anew from rest",
+        lambda: _touched(
+            _STAYS,
+            by="tip",
+            keys={},
+            plate_of={"sizes": {0: 1, 1.125: 0, 1.375: 1}},
+            release={"frequency": 20, "damping": 1},
+        ),
+        {"drag": (8, False)},
+        BETWEEN_FRAMES,
+        change=_anew,
+    ),
     "rub": Case(
         "a touch by a node that never lets go, in a loop: the skin begins where it ends",
-        lambda: _touched(_RUBS, by="tip", keys={}, turns=False),
+        lambda: _touched(_RUBS, by="tip", keys={}, plate_of={"turns": False}),
         {"drag": (24, True)},
         BETWEEN_FRAMES,
     ),
     "hand": Case(
         "a touch by the player, whose ways are turned from forward to the skin's curvatures",
-        lambda: _touched(keys={}, bend=25.0, towards=[0.05, 0.0, 0.03]),
+        lambda: _touched(keys={}, plate_of={"bend": 25.0}, towards=[0.05, 0.0, 0.03]),
         {"drag": (12, False)},
         hand=_stroke,
     ),

@@ -142,10 +142,10 @@ def test_a_driver_knows_how_often_a_loop_is_played_unseen(language: str) -> None
     rounds = {}
     for name, case in due().items():
         for run, unseen in zip(case["runs"], DRIVERS[language]()[name]["unseen"], strict=True):
-            if run["rounds"] > 1:
+            if run["rounds"] > 1 and None not in run["elapsed"]:
                 rounds[name] = run["rounds"] - 1
                 assert unseen == rounds[name], name
-            elif not any("lag" in each for each in case["wrinkle"]["tools"]) and name != "tip":
+            elif not any("lag" in each for each in case["wrinkle"]["tools"]) and name not in ("tip", "anew"):
                 assert unseen == 0, name
     assert rounds == {"lag": 1, "loop": 6, "flesh": 1, "rub": 1}
 

@@ -113,7 +113,10 @@ class TouchDrive:
         return frozenset(node for point in points for node in point.nodes.tolist())
 
     def tip_in(self, rig: Rig, clip: Clip | None, times: Floats) -> Floats:
-        """(frames, 3) the tip's place forward, sideways and above the skin, at (frames,) seconds, scene units."""
+        """(frames, 3) the tip's place forward, sideways and above the skin, at (frames,) seconds, scene units.
+
+        It is infinitely far away where the skin is scaled to nothing.
+        """
         assert self.tip is not None
         middle, axes, shown, (tip,) = self.axes_in(rig, clip, times, [self.tip])
         found = self.pad * np.linalg.solve(axes, (tip - middle)[:, :, None])[:, :, 0]
@@ -135,7 +138,7 @@ class TouchDrive:
         places = [carried_places(each, carriers, len(times))[0].T for each in points]
         middle, *ends = places[: len(self.anchors)]
         axes = np.stack([end - middle for end in ends], axis=2)
-        shown = np.abs(determinants(axes)) > LEAST_SCALE * self.pad**3
+        shown = np.abs(determinants(axes)) >= (LEAST_SCALE * self.pad) ** 3
         return middle, np.where(shown[:, None, None], axes, np.eye(3)), shown, places[len(self.anchors) :]
 
     def remaining(self, seconds: Floats) -> Floats:
@@ -175,7 +178,7 @@ class TouchDrive:
         times = np.unique(np.concatenate([times, *(b[(b > clip.start) & (b < clip.end)] for b in breaks)]))
         tips = self.tip_in(rig, clip, times)
         strokes = self._strokes_of(rig, clip, times, tips, np.zeros((0, 4)))
-        if not strokes or not clip.loops or not float(np.abs(tips[-1] - tips[0]).max()) < _SAME * self.pad:
+        if not strokes or not clip.loops or not np.allclose(tips[-1], tips[0], 0.0, _SAME * self.pad):
             return strokes
         for _ in range(_ROUNDS):
             first, last = self._released(strokes, np.array([clip.start, clip.end]))[:, :2]
@@ -207,7 +210,8 @@ class TouchDrive:
                         edge,
                     )
                 elif changed > rows[-1][0]:
-                    rows.append(self._row(changed, rows[-1], edge - before))
+                    # A tip beside skin that is scaled to nothing is nowhere: it lets go where it was.
+                    rows.append(self._row(changed, rows[-1], (edge if np.isfinite(edge).all() else before) - before))
             if held:
                 row = self._row(time, rows[-1] if rows else np.zeros(4), tip - before, depth=-float(tip[2]))
                 rows = [*rows, row] if not rows or time > rows[-1][0] else [row]

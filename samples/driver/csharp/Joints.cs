@@ -292,13 +292,15 @@ namespace Wrinkles
             return volume != 0 ? V.Clamp(V.Dot(way, V.Cross(a, b)) / volume, -1, 1) : 0;
         }
 
-        /// <summary>Where a place of the world is: forward, sideways and above the skin, scene units at rest.</summary>
+        /// <summary>Where a place of the world is: forward, sideways and above the skin, scene units at rest. Null where the skin
+        /// is scaled to nothing.</summary>
         double[] OnSkin(double[] place, Frame frame, Func<string, double> morph)
         {
             var middle = anchors[0].Place(frame, morph);
             var (a, b, c) = (Way(1, middle, frame, morph), Way(2, middle, frame, morph), Way(3, middle, frame, morph));
             var way = V.Minus(place, middle);
             var volume = V.Dot(a, V.Cross(b, c)) / pad;
+            if (!(Math.Abs(volume) >= 1e-18 * pad * pad)) return null;
             var (f, s, h) = (V.Dot(way, V.Cross(b, c)) / volume, V.Dot(way, V.Cross(c, a)) / volume, V.Dot(way, V.Cross(a, b)) / volume);
             return new[] { f, s, h - bend[0] * f * f - bend[1] * f * s - bend[2] * s * s };
         }
@@ -313,6 +315,8 @@ namespace Wrinkles
                 var at = rows.At(frame.Time).Select(x => rest * x).ToArray();
                 return (at[0], at[1], Math.Max(at[2], 0));
             }
+            // Where the seconds since the last frame are not known, the skin is at rest.
+            if (!(frame.Elapsed >= 0)) (clip, tip, held, slide, left, since) = (null, null, false, new double[2], new double[2], 0);
             var now = by != null && hand == null ? OnSkin(by.Place(frame, morph), frame, morph) : null;
             var before = tip ?? now;
             var touches = hand != null
@@ -332,7 +336,7 @@ namespace Wrinkles
             // Beyond its grip the tip slips.
             var slip = Math.Min(1, grip / Math.Max(V.Length(asked), 1e-30));
             if (touches || held)
-                (left, since) = (asked.Select(x => x * slip).ToArray(), now != null && !touches ? -gone * frame.Elapsed : 0);
+                (left, since) = (asked.Select(x => x * slip).ToArray(), tip != null && !touches ? -gone * frame.Elapsed : 0);
             if (!touches && frame.Elapsed > 0) since += frame.Elapsed;
             var remaining = touches ? 1 : release.Remaining(since);
             var depth = touches ? V.Clamp(hand != null ? hand.Depth : -now[2], 0, deepest) : 0;

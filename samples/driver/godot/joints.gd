@@ -256,7 +256,8 @@ static func _bend(body, data):
 	return Numbers.held(Numbers.dot(way, Numbers.cross(axes[0], axes[1])) / volume, -1.0, 1.0) if volume != 0 else 0.0
 
 
-# Where a place of the world is: forward, sideways and above the skin, scene units at rest.
+# Where a place of the world is: forward, sideways and above the skin, scene units at rest. Null where the skin is scaled to
+# nothing.
 static func _on_skin(body, data, place):
 	var middle = body.placed(data["anchors"][0])[0]
 	var axes = []
@@ -264,6 +265,8 @@ static func _on_skin(body, data, place):
 		axes.append(Numbers.sum(body.placed(data["anchors"][k])[0], middle, -1.0))
 	var way = Numbers.sum(place, middle, -1.0)
 	var volume = Numbers.dot(axes[0], Numbers.cross(axes[1], axes[2])) / data["pad"]
+	if not abs(volume) >= 1e-18 * data["pad"] * data["pad"]:
+		return null
 	var f = Numbers.dot(way, Numbers.cross(axes[1], axes[2])) / volume
 	var s = Numbers.dot(way, Numbers.cross(axes[2], axes[0])) / volume
 	var h = Numbers.dot(way, Numbers.cross(axes[0], axes[1])) / volume
@@ -277,6 +280,9 @@ static func _contact(body, data, state, hand):
 		var rest = Numbers.remaining(data["release"], body.time - rows[-1][0])
 		var depth = Numbers.larger(Numbers.point(rows, body.time, 3), 0.0)
 		return Numbers.times(rest, [Numbers.point(rows, body.time, 1), Numbers.point(rows, body.time, 2), depth])
+	# Where the seconds since the last frame are not known, the skin is at rest.
+	if not body.elapsed >= 0:
+		state.clear()
 	var deepest = data["deepest"]
 	var now = null
 	if data.has("by") and hand == null:
@@ -310,7 +316,7 @@ static func _contact(body, data, state, hand):
 		# Beyond its grip the tip slips.
 		var slip = data["grip"] / Numbers.larger(Numbers.length(asked), 1e-30)
 		state["left"] = Numbers.times(Numbers.smaller(1.0, slip), asked)
-		state["since"] = -gone * body.elapsed if now != null and not touches else 0.0
+		state["since"] = -gone * body.elapsed if state.get("tip") != null and not touches else 0.0
 	if not touches and body.elapsed > 0:
 		state["since"] = state.get("since", 0.0) + body.elapsed
 	var remaining = 1.0 if touches else Numbers.remaining(data["release"], state.get("since", 0.0))

@@ -210,6 +210,18 @@ def test_a_loop_ends_as_it_begins(ways: list[tuple[float, float, float]]) -> Non
     assert start == pytest.approx(end, abs=0.003)
 
 
+def test_a_tip_lets_go_of_skin_that_is_hidden() -> None:
+    """Scale hides the body at both ends of a loop, as where a character comes and goes."""
+    sizes = {0.0: 0.0, 0.5: 1.0, 1.5: 0.0}
+    file = baked(
+        place(plate(tip=np.array([(-0.005, -0.001, 0), (0.004, -0.001, 0)]), sizes=sizes, turns=False)),
+        touch(by="tip", keys={}, release={"frequency": 8, "damping": 1}),
+        levels=0,
+    )
+    hidden, shown, late = file.weights("skin", "drag", np.array([0.0, 1.4, 2.0]))
+    assert [hidden[0], shown[0], late[0]] == pytest.approx([0.0, 0.405, 0.0], abs=0.005)
+
+
 def test_the_distance_is_that_of_the_posed_skin() -> None:
     """On a bent plate that turns, the tip's height is right to a part of a millimetre within the pad."""
     angles = np.array([-0.25, 0.0, 0.2])
