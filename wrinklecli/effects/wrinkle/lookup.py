@@ -135,6 +135,7 @@ def weights_at(curve: ControlCurve, shortenings: Floats) -> Floats:
     return weights_of(curve, amplitudes)
 
 
+@lru_cache(maxsize=256)
 def group_starts(curve: ControlCurve) -> Floats:
     """(groups + 1,) the shortening over the rest length at which each group starts, then at which the last is full."""
     groups = np.arange(len(curve.groups))
