@@ -9,8 +9,8 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig
-from wrinklecli.character.scene_meshes import SceneMesh, read_scene_meshes
-from wrinklecli.character.skin import SkinnedMesh, skinned_mesh
+from wrinklecli.character.scene_meshes import read_scene_meshes
+from wrinklecli.character.skin import SkinnedMesh
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct, distinct_values
@@ -86,17 +86,14 @@ def read_scene_surface(document: Document, wholes: Mapping[int, int]) -> SceneSu
         AssetError: A mesh, a skin or the hierarchy is malformed.
     """
     meshes = read_scene_meshes(document)
-    skinned = tuple(
-        skinned_mesh(each.rig, each.weights, each.positions, each.morph_deltas, each.triangles) for each in meshes
-    )
-    starts = np.cumsum([0, *(len(each.positions) for each in meshes)])
+    starts = np.cumsum([0, *(len(each.bind_positions) for each in meshes)])
     triangles = [each.triangles + start for each, start in zip(meshes, starts.tolist(), strict=False)]
     carriers = [_joints(each.rig, wholes)[np.argmax(each.weights, axis=1)] for each in meshes]
-    positions = _posed(skinned, None, np.zeros(1))[0]
+    positions = _posed(meshes, None, np.zeros(1))[0]
     whole_of = _wholes([each.rig for each in meshes], wholes)
     joined = _joined(meshes, starts, whole_of)
     return SceneSurface(
-        meshes=skinned,
+        meshes=meshes,
         wholes=whole_of,
         starts=starts,
         positions=positions,
@@ -121,7 +118,7 @@ def _joints(rig: Rig, wholes: Mapping[int, int]) -> Ints:
     return rig.joints if rig.skinned else np.array([wholes.get(rig.node, rig.node)], np.intp)
 
 
-def _joined(meshes: Sequence[SceneMesh], starts: Ints, wholes: Ints) -> Ints:
+def _joined(meshes: Sequence[SkinnedMesh], starts: Ints, wholes: Ints) -> Ints:
     """(vertices,) for each vertex of all meshes the first one that moves alike in its place, in a part of its whole."""
     first = np.arange(starts[-1])
     for whole in distinct_values(wholes):
@@ -129,21 +126,21 @@ def _joined(meshes: Sequence[SceneMesh], starts: Ints, wholes: Ints) -> Ints:
         if len(parts) == 1:
             continue
         vertices = np.concatenate([np.arange(starts[part], starts[part + 1]) for part in parts])
-        _, places = distinct(np.concatenate([meshes[part].positions for part in parts]))
+        _, places = distinct(np.concatenate([meshes[part].bind_positions for part in parts]))
         met = np.bincount(places)[places] > 1
         names = sorted({name for part in parts for name in meshes[part].rig.morph_names})
-        ends = np.cumsum([len(meshes[part].positions) for part in parts])[:-1]
+        ends = np.cumsum([len(meshes[part].bind_positions) for part in parts])[:-1]
         split = zip(parts, np.split(met, ends), strict=True)
         firsts, which = distinct(np.concatenate([_motions(meshes[part], chosen, names) for part, chosen in split]))
         first[vertices[met]] = vertices[met][firsts[which]]
     return first
 
 
-def _motions(mesh: SceneMesh, chosen: Bools, names: Sequence[str]) -> Floats:
+def _motions(mesh: SkinnedMesh, chosen: Bools, names: Sequence[str]) -> Floats:
     """(chosen, columns) all that moves the chosen (vertices,): positions, weights, deltas of morph targets by name."""
     still = np.zeros((int(chosen.sum()), 3))
-    deltas = dict(zip(mesh.rig.morph_names, mesh.morph_deltas[:, chosen], strict=True))
-    return np.hstack([mesh.positions[chosen], mesh.weights[chosen], *(deltas.get(name, still) for name in names)])
+    deltas = dict(zip(mesh.rig.morph_names, mesh.deltas[:, chosen], strict=True))
+    return np.hstack([mesh.bind_positions[chosen], mesh.weights[chosen], *(deltas.get(name, still) for name in names)])
 
 
 def _posed(meshes: Sequence[SkinnedMesh], clip: Clip | None, times: Floats) -> Floats:

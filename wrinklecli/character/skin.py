@@ -14,7 +14,7 @@ from typing import Self
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.character.pose import joint_matrices, morph_weights
+from wrinklecli.character.pose import blend, joint_matrices, morph_weights, transform
 from wrinklecli.character.rig import Rig
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, cross, dot
@@ -187,6 +187,11 @@ class SkinnedMesh:
         triangles = numbers[self.triangles]
         return replace(self, skin=self.skin.of(vertices), triangles=triangles[(triangles >= 0).all(axis=1)])
 
+    def part(self, chosen: Bools) -> Self:
+        """The mesh with the chosen (triangles,) and their vertices only."""
+        vertices, local = np.unique(self.triangles[chosen], return_inverse=True)
+        return replace(self, skin=self.skin.of(vertices), triangles=local.reshape(-1, 3))
+
     def posed(
         self, clip: Clip | None, times: Floats, *, weights: Floats | None = None, offsets: Floats | None = None
     ) -> PosedMesh:
@@ -207,6 +212,33 @@ class SkinnedMesh:
         assert positions is not None
         determinants = np.ones(len(times)) if self.rig.skinned else np.linalg.det(matrices[:, 0, :3, :3])
         return PosedMesh(self.triangles, positions, normals, determinants < 0, determinants == 0)
+
+    def carried(self, clip: Clip | None, times: Floats, offsets: Floats | None = None) -> tuple[Floats, Floats]:
+        """Pose the mesh, as `posed` does, with the matrices that carry moves in bind space along.
+
+        Returns:
+            (frames, vertices, 3) world positions, and (frames, vertices, 3, 3) matrices from bind to world space.
+        """
+        blended = blend(self.skin.weights.T, joint_matrices(self.rig, clip, times, self.acting))
+        bind = self.bind_positions + np.tensordot(morph_weights(self.rig, clip, times), self.deltas, axes=1)
+        return transform(blended, bind if offsets is None else bind + offsets), blended[..., :3]
+
+    @property
+    def bind_positions(self) -> Floats:
+        """(vertices, 3) positions without morph targets, bind space."""
+        return self.skin.places[:, 0].T
+
+    @property
+    def deltas(self) -> Floats:
+        """(morph targets, vertices, 3) added by each at weight 1, bind space."""
+        return self.skin.places[:, 1:].transpose(1, 2, 0)
+
+    @property
+    def weights(self) -> Floats:
+        """(vertices, joints) skin weights of all the rig's joints."""
+        weights = np.zeros((self.skin.weights.shape[1], max(len(self.rig.joints), 1)))
+        weights[:, self.acting] = self.skin.weights.T
+        return weights
 
     def positions_at(self, clip: Clip | None, time: float) -> Floats:
         """(vertices, 3) positions at a time of a clip, or without a clip in the stored pose."""

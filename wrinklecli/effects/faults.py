@@ -10,7 +10,6 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.character.pose import blend, joint_matrices, morph_weights, transform
 from wrinklecli.character.rig import Rig
 from wrinklecli.effects.effect import MeshPlan, Part, Seen
 from wrinklecli.errors import counted
@@ -79,18 +78,15 @@ def count_turned_over(part: Part, fine: Refinement, rig: Rig, clip: Clip | None,
     times = np.array([time])
     own = fine.triangles[fine.around.faces_of(part.vertices)]
     used, faces = np.unique(fine.triangles[fine.around.faces_of(distinct_values(own))], return_inverse=True)
-    weights = fine.dense_weights(used, fine.weights.shape[1])
-    acting = np.flatnonzero(weights.any(axis=0))
-    blended = blend(weights[:, acting], joint_matrices(rig, clip, times, acting))
-    morphs = morph_weights(rig, clip, times)[0]
-    bind = fine.positions[used] + np.tensordot(morphs, fine.morph_deltas[:, used], axes=1)
-    wrinkled = bind.copy()
-    wrinkled[np.searchsorted(used, part.vertices)] += part.displacements(fine, rig, clip, times)[0]
+    moves = np.zeros((1, len(used), 3))
+    moves[:, np.searchsorted(used, part.vertices)] = part.displacements(fine, rig, clip, times)
+    mesh = fine.skinned(rig, used)
+    (skinned, matrices), (wrinkled, _) = mesh.carried(clip, times), mesh.carried(clip, times, moves)
     shown, faces = np.searchsorted(used, own), faces.reshape(-1, 3)
-    before, after = (_turned_over(transform(blended, each)[0], shown, faces) for each in (bind, wrinkled))
+    before, after = (_turned_over(each[0], shown, faces) for each in (skinned, wrinkled))
     # Where the surface is inside out, by the normals that joints carry, it is hidden behind what it has passed through.
-    outwards = np.sign(determinants(blended[0, :, :, :3]))[:, None] * carried_normals(blended[0], fine.normals_at(used))
-    hidden = turned_over(face_normals(transform(blended, bind)[0], shown), outwards[shown])
+    outwards = np.sign(determinants(matrices[0]))[:, None] * carried_normals(matrices[0], fine.normals_at(used))
+    hidden = turned_over(face_normals(skinned[0], shown), outwards[shown])
     return int((after & ~before & ~hidden).sum())
 
 

@@ -109,7 +109,7 @@ def test_the_line_of_a_mesh_runs_where_v_is_0_from_end_to_end() -> None:
     path = [[x, RADIUS, 0.13 * x] for x in (-0.4, -0.2, 0.0, 0.2, 0.4)]
     prepared = folded(path=path)
     carried, fine = carry_patch(prepared)
-    line = _Line.of_mesh(carried, fine, len(prepared.rig.joints))
+    line = _Line.of_mesh(carried, fine, prepared.rig)
     assert line is not None
     points = np.einsum("pk,pkx->px", line.shares, line.rest_points[line.corners])
     u, v = prepared.patch.coordinates(points)

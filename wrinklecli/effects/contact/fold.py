@@ -11,9 +11,9 @@ from functools import cached_property
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.character.pose import blend, joint_matrices, morph_weights, node_matrices, transform
+from wrinklecli.character.pose import node_matrices
 from wrinklecli.character.rig import Rig
-from wrinklecli.character.scene_meshes import SceneMesh
+from wrinklecli.character.skin import SkinnedMesh
 from wrinklecli.choices import Part
 from wrinklecli.effects.contact.hinge import Hinge, hinge_of
 from wrinklecli.effects.contact.rise import Rise, rise_of
@@ -62,7 +62,6 @@ class Fold:
         rest: Its rest pose.
         fine: The refined surface.
         carried: All tools on the mesh.
-        weights: (vertices, joints) skin weights.
         others: The parts of other meshes that may touch the fold.
     """
 
@@ -77,8 +76,7 @@ class Fold:
     rest: Rest
     fine: Refinement
     carried: tuple[CarriedPatch, ...]
-    weights: Floats
-    others: tuple[SceneMesh, ...] = ()
+    others: tuple[SkinnedMesh, ...] = ()
 
     @property
     def per_clip(self) -> bool:
@@ -88,8 +86,13 @@ class Fold:
     @cached_property
     def rest_positions(self) -> Floats:
         """(vertices, 3) world space at rest, followed by the vertices of other meshes."""
-        others = [each.posed(self.rest.clip, self.rest.time)[0][0] for each in self.others]
+        others = [each.carried(self.rest.clip, self.rest.time)[0][0] for each in self.others]
         return np.concatenate([self.fine.rest_positions[self.vertices], *others])
+
+    @cached_property
+    def mesh(self) -> SkinnedMesh:
+        """Its vertices, ready to be posed without wrinkles."""
+        return self.fine.skinned(self.rig, self.vertices)
 
     @cached_property
     def crossings(self) -> Crossings:
@@ -115,18 +118,14 @@ class Fold:
             (frames, vertices, 3) world space, and (frames, vertices, 3, 3) matrices from bind space, both followed by
             the vertices of other meshes.
         """
-        blended = blend(self.weights, joint_matrices(self.rig, clip, times))
-        bind = self.fine.positions[self.vertices] + np.tensordot(
-            morph_weights(self.rig, clip, times), self.fine.morph_deltas[:, self.vertices], axes=1
-        )
+        moves = np.zeros((len(times), len(self.vertices), 3))
         for carried, here, there in self.moved:
             amplitudes = None
             if clip is not None and clip.index < 0:
                 amplitudes = looked_up(carried.patch.curve, carried.patch.segment.lengths(self.rig, clip, times))
-            bind[:, here] += displacements(carried, self.fine, self.rig, clip, times, amplitudes)[:, there]
-        others = [each.posed(clip, times) for each in self.others]
-        positions = np.concatenate([transform(blended, bind), *(each[0] for each in others)], axis=1)
-        return positions, np.concatenate([blended[..., :3], *(each[1] for each in others)], axis=1)
+            moves[:, here] += displacements(carried, self.fine, self.rig, clip, times, amplitudes)[:, there]
+        every = [self.mesh.carried(clip, times, moves), *(each.carried(clip, times) for each in self.others)]
+        return np.concatenate([each[0] for each in every], axis=1), np.concatenate([each[1] for each in every], axis=1)
 
     def at_height(self, factor: float, chosen: Collection[int] | None = None) -> "Fold":
         """The fold with all wrinkles, or those of some tools by their numbers, at a part of their height."""
@@ -152,7 +151,7 @@ class Fold:
         """Nodes with other meshes that cross themselves at some of (frames,) seconds of a clip, and not at rest."""
         if not self.others or not len(times):
             return set()
-        counts = [len(self.vertices), *(len(each.positions) for each in self.others)]
+        counts = [len(self.vertices), *(len(each.bind_positions) for each in self.others)]
         owners = np.repeat(np.arange(len(counts)), counts)
         chosen = times[distinct_values(np.linspace(0, len(times) - 1, _MOMENTS).astype(int))]
         found = set[int]()
@@ -175,7 +174,7 @@ def find_folds(
     rest: Rest,
     rig: Rig,
     parts: Sequence[Part | None],
-    obstacles: Callable[[Collection[str]], Sequence[SceneMesh]] | None = None,
+    obstacles: Callable[[Collection[str]], Sequence[SkinnedMesh]] | None = None,
 ) -> tuple[list[Fold], list[int]]:
     """Find the folds of the chosen tools, and the tools that nothing shortens; tools over one joint share a fold.
 
@@ -206,21 +205,21 @@ def find_folds(
     return folds, without
 
 
-def _with_obstacles(fold: Fold, obstacles: Sequence[SceneMesh]) -> Fold:
+def _with_obstacles(fold: Fold, obstacles: Sequence[SkinnedMesh]) -> Fold:
     """Add the parts of other meshes that come near a fold in its joint's motion, by their bounding boxes."""
     looks = [fold.hinge.turn(np.linspace(0.0, end, _NEARNESS_POSES)) for end in fold.hinge.ends]
     moments = [(look, np.array([time])) for look in looks for time in np.linspace(0.0, 1.0, _NEARNESS_POSES)]
     boxes = [(places.min(axis=0), places.max(axis=0)) for places in (fold.posed(*each)[0][0] for each in moments)]
-    triangles, others, count = [fold.triangles], list[SceneMesh](), len(fold.vertices)
+    triangles, others, count = [fold.triangles], list[SkinnedMesh](), len(fold.vertices)
     for obstacle in obstacles:
         near = np.zeros(len(obstacle.triangles), bool)
         for moment, (low, high) in zip(moments, boxes, strict=True):
-            corners = obstacle.posed(*moment)[0][0][obstacle.triangles]
+            corners = obstacle.carried(*moment)[0][0][obstacle.triangles]
             near |= ((corners.max(axis=1) >= low) & (corners.min(axis=1) <= high)).all(axis=1)
         if near.any():
             others.append(obstacle.part(near))
             triangles.append(others[-1].triangles + count)
-            count += len(others[-1].positions)
+            count += len(others[-1].bind_positions)
     own = np.concatenate([fold.own, np.zeros(count - len(fold.own), bool)])
     return replace(fold, others=tuple(others), triangles=np.concatenate(triangles), own=own)
 
@@ -275,7 +274,6 @@ def _fold_at(site: _Site, patches: Sequence[Patch], fine: Refinement, rest: Rest
         rest=rest,
         fine=fine,
         carried=tuple(site.carried),
-        weights=fine.dense_weights(vertices, len(rig.joints)),
     )
 
 
@@ -294,7 +292,6 @@ def grown(fold: Fold, further: Ints, distance: float) -> Fold:
         vertices=vertices,
         triangles=np.concatenate([triangles, others]),
         own=np.concatenate([own, fold.own[count:]]),
-        weights=fine.dense_weights(vertices, len(fold.rig.joints)),
     )
 
 

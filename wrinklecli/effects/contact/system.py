@@ -146,7 +146,6 @@ def union(folds: Sequence[Fold]) -> Fold:
         own=np.concatenate([own, np.zeros(count - len(vertices), bool)]),
         radius=float(np.mean([each.radius for each in folds])),
         pivot=np.mean([each.pivot for each in folds], axis=0),
-        weights=folds[0].fine.dense_weights(vertices, len(folds[0].rig.joints)),
         others=tuple(other for each in folds for other in each.others),
     )
 

@@ -19,8 +19,9 @@ from dataclasses import replace
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.character.pose import blend, joint_matrices, morph_weights, node_matrices, transform
+from wrinklecli.character.pose import blend, node_matrices, transform
 from wrinklecli.character.rig import Rig
+from wrinklecli.character.skin import SkinnedMesh, skinned_mesh
 from wrinklecli.character.surface import Surface
 from wrinklecli.drive.lag import TAUT
 from wrinklecli.effects.wrinkle.bending import MOMENTS, bent_node, turns_of
@@ -64,7 +65,7 @@ def demand_of(patch: Patch, surface: Surface, rest: Rest, rig: Rig) -> Floats | 
     place = node_matrices(rig, None, np.zeros(1), [node])[0, 0, :3, 3]
     if not _BETWEEN[0] < path.locate(place).u < _BETWEEN[1]:
         return None
-    line = _Line.of_path(patch, path, surface, rest, len(rig.joints))
+    line = _Line.of_path(patch, path, surface, rest, rig)
     return None if line is None else _demand(patch, line, rig)
 
 
@@ -77,7 +78,7 @@ def demanding(carried: CarriedPatch, fine: Refinement, rig: Rig) -> CarriedPatch
     patch = carried.patch
     if patch.curve.demand is None or carried.ring is not None:
         return carried
-    line = _Line.of_mesh(carried, fine, len(rig.joints))
+    line = _Line.of_mesh(carried, fine, rig)
     demand = None if line is None else _demand(patch, line, rig)
     if demand is None:
         return carried
@@ -95,7 +96,7 @@ def _demand(patch: Patch, line: "_Line", rig: Rig) -> Floats | None:
     heights = line.heights(amplitudes)
     wanted = line.rest_length * curve.rest_length / patch.span
     roots, asked = [0.0], [0.0]
-    for points, directions, share in zip(*line.posed(rig, motion, times), shares, strict=True):
+    for points, directions, share in zip(*line.posed(motion, times), shares, strict=True):
         found = np.maximum.accumulate(line.lengths(points, directions, heights))
         # There is no demand if the line is long enough without wrinkles, or if no wrinkles make it long enough.
         if found[0] < wanted < found[-1]:
@@ -135,8 +136,7 @@ class _Line:
     """The line of the surface under a path: points mixed from a few vertices, which joints move and wrinkles raise.
 
     Attributes:
-        weights: (vertices, joints) skin weights.
-        stored: (1 + morph targets, vertices, 3) positions and morph deltas, bind space.
+        mesh: The vertices, without triangles that matter.
         directions: (vertices, 3) displacement for a height of 1, bind space.
         shapes: (groups, modes, vertices) heights per unit of amplitude.
         rest_points: (vertices, 3) world space at rest.
@@ -144,8 +144,7 @@ class _Line:
         shares: (points, k) weight of each; a row sums to 1.
     """
 
-    weights: Floats
-    stored: Floats
+    mesh: SkinnedMesh
     directions: Floats
     shapes: Floats
     rest_points: Floats
@@ -153,7 +152,7 @@ class _Line:
     shares: Floats
 
     @classmethod
-    def of_path(cls, patch: Patch, path: Curve, surface: Surface, rest: Rest, joint_count: int) -> "_Line | None":
+    def of_path(cls, patch: Patch, path: Curve, surface: Surface, rest: Rest, rig: Rig) -> "_Line | None":
         """The line below a path at rest, under smooth wrinkles; None if its blended matrices are singular."""
         feet = [rest.closest_point(point)[:2] for point in path.points[::_EVERY]]
         corners = surface.triangles[[triangle for triangle, _ in feet]]
@@ -168,16 +167,16 @@ class _Line:
             found: Floats = np.einsum("pc,pcx->px", barycentrics, values)
             return found[behind - 1] + t * (found[behind] - found[behind - 1])
 
-        of_corners = surface.dense_weights(corners.reshape(-1), joint_count).reshape(*corners.shape, -1)
+        of_corners = surface.dense_weights(corners.reshape(-1), len(rig.joints)).reshape(*corners.shape, -1)
         weights = mixed(of_corners)
         blended = blend(weights, rest.matrices[None])[0]
         if singular(blended).any():
             return None
         normals = unit(mixed(rest.normals_at(corners.reshape(-1)).reshape(*corners.shape, 3)))
-        stored = np.concatenate([surface.positions[None], surface.morph_deltas])
+        positions, *deltas = (mixed(each[corners]) for each in (surface.positions, *surface.morph_deltas))
+        none = np.zeros((0, 3), np.intp)
         return cls(
-            weights=weights,
-            stored=np.stack([mixed(each[corners]) for each in stored]),
+            mesh=skinned_mesh(rig, weights, positions, np.reshape(deltas, (-1, *positions.shape)), none),
             directions=np.einsum("pij,pj->pi", inverses(blended), normals),
             shapes=patch.curve.shapes(us),
             rest_points=transform(blended[None], mixed(rest.bind_positions[corners]))[0],
@@ -186,7 +185,7 @@ class _Line:
         )
 
     @classmethod
-    def of_mesh(cls, carried: CarriedPatch, fine: Refinement, joint_count: int) -> "_Line | None":
+    def of_mesh(cls, carried: CarriedPatch, fine: Refinement, rig: Rig) -> "_Line | None":
         """The line on which v = 0 cuts a refined mesh; None if its edges are too long to show the bumps."""
         patch = carried.patch
         triangles = fine.triangles[children(fine.subdivision.parents, patch.members)]
@@ -217,8 +216,7 @@ class _Line:
         directions[at] = carried.directions[moved] / patch.shape_strength
         shapes[..., at] = carried.shapes(moved)
         return cls(
-            weights=fine.dense_weights(used, joint_count),
-            stored=np.concatenate([fine.positions[None], fine.morph_deltas])[:, used],
+            mesh=fine.skinned(rig, used),
             directions=directions,
             shapes=shapes,
             rest_points=fine.rest_positions[used],
@@ -237,11 +235,10 @@ class _Line:
         of_vertices: Floats = np.einsum("tgm,gmv->vt", amplitudes, self.shapes)
         return of_vertices[self.corners].transpose(0, 2, 1)
 
-    def posed(self, rig: Rig, motion: Clip, times: Floats) -> tuple[Floats, Floats]:
+    def posed(self, motion: Clip, times: Floats) -> tuple[Floats, Floats]:
         """(frames, vertices, 3) positions at (frames,) seconds of a motion, and directions, both in world space."""
-        blended = blend(self.weights, joint_matrices(rig, motion, times))
-        morphed = self.stored[0] + np.tensordot(morph_weights(rig, motion, times), self.stored[1:], axes=1)
-        return transform(blended, morphed), np.einsum("fvij,vj->fvi", blended[..., :3], self.directions)
+        positions, matrices = self.mesh.carried(motion, times)
+        return positions, np.einsum("fvij,vj->fvi", matrices, self.directions)
 
     def lengths(self, points: Floats, directions: Floats, heights: Floats) -> Floats:
         """(tried,) lengths of the line under `heights`, from (vertices, 3) posed points and directions, scene units."""
