@@ -41,6 +41,8 @@ def _materials(values: tuple[str, ...]) -> dict[str, str]:
 )
 @click.argument("asset", type=opt.FILE)
 @opt.file("-o", "--output", metavar="OUT", text="The YAML file; left out, or '-': standard output.")
+@opt.flag("--merge", text="Add to OUT what it does not have, and keep all lines that it has.")
+@opt.flag("--force", text="Write over OUT, whatever it has.")
 @opt.anim()
 @opt.clip("Look at this clip only; may be repeated.")
 @opt.whole(
@@ -77,7 +79,16 @@ def _materials(values: tuple[str, ...]) -> dict[str, str]:
 @opt.json("Print JSON to standard output; YAML goes to -o alone.")
 @opt.verbose("Say of each tool that is not worth it why.")
 @opt.quiet("Print no table and no notes.")
-def suggest(asset: str, output: str | None, as_json: bool, verbose: bool, quiet: bool, **options: Any) -> None:
+def suggest(
+    asset: str,
+    output: str | None,
+    merge: bool,
+    force: bool,
+    as_json: bool,
+    verbose: bool,
+    quiet: bool,
+    **options: Any,
+) -> None:
     """Find where the clips of ASSET (glTF) compress its surface most, and write a tools file for `wrinkle bake`.
 
     Each tool gets a material, skin, cloth or leather: by the colours and the fine contrast of the textures under its
@@ -107,8 +118,11 @@ def suggest(asset: str, output: str | None, as_json: bool, verbose: bool, quiet:
     With --touch, the file has touches alone: places to which a clip brings a fingertip that is not of the same arm.
     Fingers are known by the names of joints. Places, tips and times are measured, reach and grip are guesses.
 
-    The file bakes as it is, and is made to be edited. A table of the suggestions goes to standard error. If there is
-    nothing to suggest, as for a rigid asset, nothing is written and the exit code is 1, so that a pipeline stops.
+    The file bakes as it is, and is made to be edited. So a file that is there already is refused, unless --merge adds
+    to it what it does not have, or --force writes over it, as in a Makefile whose file nobody edits. A suggestion is
+    there already if the file has its name for its node; what was deleted comes back. A table of the suggestions goes to
+    standard error. If there is nothing to suggest, as for a rigid asset, nothing is written and the exit code is 1, so
+    that a pipeline stops.
 
     --json prints {"suggest": 1, "asset", "reason", "notes", "dropped", "tools"}; "dropped" has "name", "reason" and
     "value" of each tool that is not worth it. Each of "tools" has "name", "node", "origin", "between", "target",
@@ -126,10 +140,14 @@ def suggest(asset: str, output: str | None, as_json: bool, verbose: bool, quiet:
     alone = [f"'--{name}'" for name in ("face", "muscles", "flesh", "touch") if options[name]]
     if len(alone) > 1:
         raise click.UsageError(f"{' and '.join(alone)} are one or the other.")
+    if merge and force:
+        raise click.UsageError("'--merge' and '--force' are one or the other.")
+    if merge and output in (None, "-"):
+        raise click.UsageError("'--merge' needs a file: -o FILE.")
     if options["face"] and options["presets"]:
         raise click.UsageError("'--face' takes no '--presets': those of faces are built in.")
 
-    from wrinklecli.errors import AssetError
+    from wrinklecli.errors import AssetError, ConfigError, counted
 
     with command_outputs() as outputs:
         from wrinklecli.gltf.files import files_named
@@ -139,6 +157,17 @@ def suggest(asset: str, output: str | None, as_json: bool, verbose: bool, quiet:
         to_file = output is not None and output != "-"
         if output is not None and to_file:
             outputs.claim(output)
+            if outputs.would_replace(output) and not (merge or force):
+                message = "is there already; --merge adds what it does not have, --force writes over it"
+                raise ConfigError(message, where=output)
+        before = None
+        if merge and output is not None and outputs.would_replace(output):
+            from wrinklecli.review.suggest.merged import merged
+            from wrinklecli.tools.files_beside import load_text
+            from wrinklecli.tools.records import ToolsFile
+
+            before = load_text(output)
+            merged(output, before, "version: 1\n", external=options["allow_external"])  # refuses a wrong one now
         outputs.protect([*files_named([asset, *options["anims"]]), *options["presets"]])
         options["jobs"] = options["jobs"] or core_count()
         options["folder"] = os.path.dirname(output) if output is not None and to_file else ""
@@ -150,8 +179,15 @@ def suggest(asset: str, output: str | None, as_json: bool, verbose: bool, quiet:
             emit_json(_json(asset, found))
         if not found.text:
             raise AssetError(f"nothing to suggest: {found.reason}", where=asset)
+        text = found.text
+        if before is not None and output is not None:
+            made = merged(output, before, text, external=options["allow_external"])
+            text = made.text
+            added = [counted(count, *ToolsFile.LISTS[key]) for key, count in made.added.items()]
+            if not quiet:
+                say_findings([f"{output}: {f'{added[0]} added' if added else 'nothing is new'}"], ())
         if to_file or not as_json:
-            write_text(output, found.text, outputs)
+            write_text(output, text, outputs)
     if not quiet:
         for table, numbers in _tables(found):
             _say_table(table, numbers)

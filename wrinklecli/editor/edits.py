@@ -19,7 +19,7 @@ from wrinklecli.errors import ConfigError, WrinkleError, nearest
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.tools.materials import Preset, presets
-from wrinklecli.tools.mirror import exchange_sides, split_side
+from wrinklecli.tools.mirror import exchange_sides, numbered, split_side
 from wrinklecli.tools.read import read_values
 from wrinklecli.tools.records import ToolsFile, identifier, in_axes
 from wrinklecli.tools.schema import POINT_KEYS, TOOL_KEYS
@@ -412,12 +412,7 @@ class Edits:
 
     def _new_name(self, stem: str) -> str:
         """Number a stem so that no tool has the name; a side of the stem stays at its end."""
-        taken = self._taken_names()
-        body, side = (stem[:-2], stem[-2:]) if stem[-2:] in (".L", ".R") else (stem, "")
-        number = 1
-        while identifier(name := f"{body}_{number}{side}") in taken:
-            number += 1
-        return name
+        return numbered(stem, self._taken_names())
 
     def _taken_names(self) -> set[str]:
         """The identifiers of all tools, with mirrored and disabled ones."""

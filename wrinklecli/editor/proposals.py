@@ -12,7 +12,7 @@ from wrinklecli.numeric.arrays import Floats, unit
 from wrinklecli.review.suggest.draft import written_length
 from wrinklecli.review.suggest.suggest import Suggestions
 from wrinklecli.tools.json_schema import defaults_of
-from wrinklecli.tools.records import WrinkleTool, in_axes
+from wrinklecli.tools.records import WrinkleTool
 from wrinklecli.tools.yaml_edit import ToolsText
 
 _SAME_WAY = 0.8  # cosine of the directions of two tools from which they make the same folds; crossing ones are two
@@ -72,16 +72,3 @@ def proposals_of(found: Suggestions) -> list[Proposal]:
         )
         for each, values in zip(found.tools, file.tools if found.text else (), strict=True)
     ]
-
-
-def to_axes(values: Mapping[str, Any], up: str) -> dict[str, Any]:
-    """Convert Y-up places in the keys of a tool to the axes of a file."""
-    turned = dict(values)
-    for key in ("origin", "target"):
-        if key in turned:
-            turned[key] = list(in_axes(turned[key], up))
-    if "path" in turned:
-        turned["path"] = [list(in_axes(point, up)) for point in turned["path"]]
-    if up == "z" and turned.get("mirror") in ("y", "z"):
-        turned["mirror"] = {"y": "z", "z": "y"}[turned["mirror"]]
-    return turned

@@ -20,7 +20,7 @@ from wrinklecli.editor.clip_cache import RecentResults, frame_times
 from wrinklecli.editor.edits import Draft, Edits, Step, length_of
 from wrinklecli.editor.free_pose import POSE, FreePose
 from wrinklecli.editor.hand import Hand, slide_to
-from wrinklecli.editor.proposals import Proposal, proposals_of, proposed_keys, to_axes
+from wrinklecli.editor.proposals import Proposal, proposals_of, proposed_keys
 from wrinklecli.editor.raised import RaisedTool, raised_tool
 from wrinklecli.editor.store import Store
 from wrinklecli.errors import ConfigError, WrinkleError
@@ -35,7 +35,7 @@ from wrinklecli.surface.bones import below_skin
 from wrinklecli.tools.effective import EffectiveValue, effective_values, inherited_values
 from wrinklecli.tools.mirror import exchange_sides
 from wrinklecli.tools.read import read_values
-from wrinklecli.tools.records import EffectTool, ToolsFile, identifier, in_axes
+from wrinklecli.tools.records import EffectTool, ToolsFile, WrinkleTool, identifier, in_axes, with_axes
 from wrinklecli.tools.schema import KINDS
 
 _GRIP = 0.6  # slide that a touch allows by itself, over its pad: the default of `grip`
@@ -333,7 +333,7 @@ class Session(Edits):
             file, name = self._base.file, proposal.name
             if identifier(name) in self._taken_names():
                 name = self._new_name(name)
-            values = to_axes(proposal.values, file.up) | {"name": name}
+            values = with_axes(WrinkleTool, proposal.values, file.up) | {"name": name}
             if file.defaults.get("mirror") not in (None, "none"):
                 values.setdefault("mirror", "none")
             self._become(file.with_tool(values), f"accept {name}")

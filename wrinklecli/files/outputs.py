@@ -127,6 +127,13 @@ class Outputs:
         written = [each.staged for each in self._outputs.get(_real(os.fspath(path)), ()) if each.staged]
         return written[0] if written else os.fspath(path) if os.path.exists(path) else None
 
+    def would_replace(self, path: str | os.PathLike[str]) -> bool:
+        """True if a path names a file with content, which an output would replace."""
+        path = os.fspath(path)
+        with suppress(OSError, ValueError):
+            return not _is_written_through(path) and os.stat(path).st_size > 0
+        return False
+
     def own(self, paths: Iterable[str]) -> None:
         """Note files of an earlier run for the same purpose, which may be replaced although their content differs."""
         self._own |= set(map(_real, paths))

@@ -1,12 +1,12 @@
 """Mirrors a tool to the other side, and finds the part of a name that says a side."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from typing import Any
 
 from wrinklecli.tools.body import ActivationMorph
-from wrinklecli.tools.records import Position, RestLengthMorph, moved_point, with_points
+from wrinklecli.tools.records import Position, RestLengthMorph, identifier, moved_point, with_points
 
 _SIDES = {"L": "R", "l": "r", "Left": "Right", "left": "right", "LEFT": "RIGHT"}
 _OTHER_SIDE = _SIDES | {right: left for left, right in _SIDES.items()}
@@ -28,6 +28,15 @@ def split_side(name: str) -> tuple[str, str]:
     if match is None:
         return name, ""
     return name[: match.start()] + name[match.end() :], match[0][0].upper()
+
+
+def numbered(stem: str, taken: Collection[str]) -> str:
+    """A stem with the least number from which no taken identifier comes; a side of the stem stays at its end."""
+    body, side = (stem[:-2], stem[-2:]) if stem[-2:] in (".L", ".R") else (stem, "")
+    number = 1
+    while identifier(name := f"{body}_{number}{side}") in taken:
+        number += 1
+    return name
 
 
 def mirrored(record: type, values: Mapping[str, Any], axis: str) -> dict[str, Any]:

@@ -718,6 +718,20 @@ def with_points(record: type, values: Mapping[str, Any], moved: Callable[[Point]
     return found
 
 
+def with_axes(record: type, values: Mapping[str, Any], up: str) -> dict[str, Any]:
+    """Plain values of a record's keys, Y-up, in the axes of a file."""
+
+    def moved(point: Any) -> Any:
+        if isinstance(point, Mapping):
+            return {**point, "offset": list(in_axes(point["offset"], up))} if "offset" in point else point
+        return point if isinstance(point, str) else list(in_axes(point, up))
+
+    turned = with_points(record, values, moved)
+    if up == "z" and turned.get("mirror") in ("y", "z"):
+        turned["mirror"] = {"y": "z", "z": "y"}[turned["mirror"]]
+    return turned
+
+
 # Keys that say where a tool is or in which clips it works, not what wrinkles.
 _NOT_OF_PRESETS = ("name", "node", "origin", "target", "path", "mirror", "material", "clips", "enabled", "optional")
 _MAX_PRESET_FILES = 16  # each may take the time of a tools file
