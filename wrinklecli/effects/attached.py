@@ -96,7 +96,7 @@ class Attached(Protocol[Tool]):
 
     @property
     def flatter(self) -> str:
-        """What makes it turn fewer triangles over, as the end of a warning."""
+        """A remedy that makes it turn fewer triangles over, as the end of a warning."""
         ...
 
     @property
@@ -137,7 +137,7 @@ AnyAttached: TypeAlias = Attached[Any]
 
 
 class BelowSkin(ABC):
-    """What muscles, flesh and touches answer alike: each moves the body below the skin, and has one bump."""
+    """The answers that muscles, flesh and touches share: each moves the body below the skin, and has one bump."""
 
     __slots__ = ()
 

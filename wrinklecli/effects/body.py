@@ -121,7 +121,7 @@ class BodyPart(Generic[AttachedType]):
         return {"name": seen.motion.clip.name, "height": float(heights[at]), "time": float(seen.motion.times[at])}
 
     def words(self, plan: MeshPlan) -> Words:
-        """What it says of itself."""
+        """Its words about itself."""
         return self.layer.words(plan, self.attached, self.deltas)
 
     def place_warnings(self, _plan: MeshPlan) -> list[str]:
@@ -174,7 +174,7 @@ class BodyLayer(ABC, Generic[AttachedType]):
 
     @abstractmethod
     def words(self, plan: MeshPlan, attached: AttachedType, deltas: Floats) -> Words:
-        """What one of them says of itself."""
+        """The words of one of them about itself."""
 
     @abstractmethod
     def effect(self, plan: MeshPlan, attached: AttachedType, deltas: Floats) -> Effect:

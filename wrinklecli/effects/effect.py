@@ -128,7 +128,7 @@ class Seen(NamedTuple):
 
 
 class Words(Protocol):
-    """What an effect says of itself to people."""
+    """An effect's words about itself, for people."""
 
     @property
     def remedy(self) -> str:
@@ -157,16 +157,25 @@ class Words(Protocol):
         ...
 
 
-class Remixes(Protocol):
+class Remixes(ABC):
     """Other morph targets that play the same motion, for the limits of engines."""
 
+    __slots__ = ()
+
+    @abstractmethod
     def with_unit_weights(self, effect: "Effect") -> "Effect":
         """The effect with weights in [0, 1]."""
-        ...
 
-    def with_fewest_targets(self, effect: "Effect", plan: MeshPlan, tolerance: float, *, at_once: bool) -> "Effect":
+    def with_fewest_targets(
+        self,
+        effect: "Effect",
+        plan: MeshPlan,  # noqa: ARG002
+        tolerance: float,  # noqa: ARG002
+        *,
+        at_once: bool,  # noqa: ARG002
+    ) -> "Effect":
         """The effect with the fewest targets, or the fewest `at_once`, within a tolerance, scene units."""
-        ...
+        return effect
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -261,7 +270,7 @@ class Part(Protocol):
 
     @property
     def drive(self) -> AnyDrive:
-        """What moves it: whether it has targets or not, its measurements and weights are those of its drive."""
+        """Its drive, which gives its measurements and weights, whether it has targets or not."""
         ...
 
     def sizes(self, fine: Refinement) -> Floats:
@@ -297,11 +306,11 @@ class Part(Protocol):
         ...
 
     def facts(self, plan: MeshPlan, up: str) -> Json:
-        """What an artist wants to know of it, whatever moves it: JSON values only; `up` is the axis of positions."""
+        """The facts that an artist wants of it, whatever moves it: JSON values only; `up` is the axis of positions."""
         ...
 
     def facts_in(self, plan: MeshPlan, seen: Seen) -> Json:
-        """What an artist wants to know of it in a clip: its `name`, the greatest `height` of the effect, its `time`."""
+        """Facts that an artist wants of it in a clip: its `name`, the greatest `height` of the effect, its `time`."""
         ...
 
     def cuts(self, shortenings: Floats) -> tuple[Floats, Floats]:
@@ -312,7 +321,7 @@ class Part(Protocol):
         ...
 
     def words(self, plan: MeshPlan) -> Words:
-        """What it says of itself."""
+        """Its words about itself."""
         ...
 
     def place_warnings(self, plan: MeshPlan) -> list[str]:
@@ -440,7 +449,7 @@ class EffectKind(ABC):
 
     @abstractmethod
     def lines(self, entry: Json) -> list[str]:
-        """What `check` prints of its entry for one of these effects."""
+        """The lines that `check` prints for the entry of one of these effects."""
 
 
 def named_targets(identifier: str, shapes: Iterable[Shape | None]) -> tuple[Target, ...]:

@@ -108,7 +108,7 @@ class Region(Protocol):
 
 
 class SmoothRegion(ABC):
-    """What regions share whose displacement is smooth: no furrows, no features, and nothing at their whole border."""
+    """Answers of regions whose displacement is smooth: no furrows, no features, and nothing at their whole border."""
 
     __slots__ = ()
 

@@ -96,7 +96,7 @@ def contact_effect(
 
 @dataclass(frozen=True, slots=True)
 class ContactWords:
-    """What a fold with contact says of itself.
+    """The words of a fold with contact about itself.
 
     Attributes:
         crease: The fold with the shapes that resolve contact.
@@ -194,7 +194,7 @@ class ContactWords:
 
 @dataclass(frozen=True, slots=True)
 class GivenUpWords:
-    """What a fold says that asks for contact and is given up: it has no targets, and says why.
+    """The words of a fold that asks for contact and is given up: it has no targets, and says why.
 
     Attributes:
         tools: Names of all tools over the fold.

@@ -34,7 +34,7 @@ def flesh_effect(plan: MeshPlan, attached: AttachedFlesh, deltas: Floats, rows: 
 
 @dataclass(frozen=True, slots=True)
 class FleshWords:
-    """What a region says of itself; `deltas` are (targets, fine vertices, 3) displacements at weight 1, bind space."""
+    """A region's words about itself; `deltas` are (targets, fine vertices, 3) displacements at weight 1, bind space."""
 
     attached: AttachedFlesh
     deltas: Floats

@@ -36,7 +36,7 @@ class FleshLayer(BodyLayer[AttachedFlesh]):
         return sum(2 * len(each) for each in self.deltas)
 
     def words(self, _plan: MeshPlan, attached: AttachedFlesh, deltas: Floats) -> FleshWords:
-        """What one of them says of itself."""
+        """The words of one of them about itself."""
         return FleshWords(attached, deltas)
 
     def effect(self, plan: MeshPlan, attached: AttachedFlesh, deltas: Floats) -> Effect:

@@ -26,7 +26,7 @@ _SAMPLED, _MOST_SAMPLES = 30.0, 300
 
 
 class _Region(Protocol):
-    """What is told of an `AttachedFlesh`."""
+    """The entry of an `AttachedFlesh`."""
 
     @property
     def tool(self) -> Flesh: ...

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from wrinklecli.effects.body import body_effect, body_shapes, body_summary, moves_at_rest
-from wrinklecli.effects.effect import Effect, MeshPlan, Seen, named_targets
+from wrinklecli.effects.effect import Effect, MeshPlan, Remixes, Seen, named_targets
 from wrinklecli.effects.muscle.attach import AttachedMuscle
 from wrinklecli.effects.muscle.meeting import passes_through
 from wrinklecli.effects.muscle.volume import SHORTEST, THINNEST
@@ -43,7 +43,7 @@ def muscle_effect(plan: MeshPlan, attached: AttachedMuscle, deltas: Floats) -> E
 
 
 def muscle_words(plan: MeshPlan, attached: AttachedMuscle, deltas: Floats) -> "MuscleWords":
-    """What a muscle with such displacements says of itself."""
+    """The words of a muscle with such displacements about itself."""
     return MuscleWords(attached, deltas, *_fullest(plan, deltas, attached.response.mix[-1]))
 
 
@@ -62,8 +62,8 @@ def _fullest(plan: MeshPlan, deltas: Floats, weights: Floats) -> tuple[float, fl
 
 
 @dataclass(frozen=True, slots=True)
-class MuscleWords:
-    """What a muscle says of itself, and its other targets for engines.
+class MuscleWords(Remixes):
+    """A muscle's words about itself, and its other targets for engines.
 
     Attributes:
         attached: The muscle at rest.
@@ -98,11 +98,6 @@ class MuscleWords:
         targets = named_targets(effect.identifier, [*shapes, *minus])
         drive = replace(self.attached.drive, targets=tuple(each.name for each in targets), lows=lows)
         return replace(effect, targets=targets, drive=drive)
-
-    def with_fewest_targets(self, effect: Effect, _plan: MeshPlan, _tolerance: float, *, at_once: bool) -> Effect:
-        """The effect itself: a muscle has few targets."""
-        assert at_once in (True, False)
-        return effect
 
     def describe(self, plan: MeshPlan, targets: tuple[str, ...]) -> Json:
         """The muscle's entry in the report; lengths are scene units, volumes cubic ones."""

@@ -29,7 +29,7 @@ class MuscleLayer(BodyLayer[AttachedMuscle]):
         return sum(len(each) + 2 for each in self.deltas)
 
     def words(self, plan: MeshPlan, attached: AttachedMuscle, deltas: Floats) -> MuscleWords:
-        """What one of them says of itself."""
+        """The words of one of them about itself."""
         return muscle_words(plan, attached, deltas)
 
     def effect(self, plan: MeshPlan, attached: AttachedMuscle, deltas: Floats) -> Effect:

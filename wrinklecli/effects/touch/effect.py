@@ -34,7 +34,7 @@ def touch_effect(plan: MeshPlan, attached: AttachedTouch, deltas: Floats, rows: 
 
 @dataclass(frozen=True, slots=True)
 class TouchWords:
-    """What a touch says of itself; `deltas` are (targets, fine vertices, 3) displacements at weight 1, bind space."""
+    """A touch's words about itself; `deltas` are (targets, fine vertices, 3) displacements at weight 1, bind space."""
 
     attached: AttachedTouch
     deltas: Floats

@@ -37,7 +37,7 @@ class TouchLayer(BodyLayer[AttachedTouch]):
         return sum(2 * len(each) for each in self.deltas)
 
     def words(self, _plan: MeshPlan, attached: AttachedTouch, deltas: Floats) -> TouchWords:
-        """What one of them says of itself."""
+        """The words of one of them about itself."""
         return TouchWords(attached, deltas)
 
     def effect(self, plan: MeshPlan, attached: AttachedTouch, deltas: Floats) -> Effect:

@@ -10,7 +10,7 @@ from wrinklecli.character.pose import pose_at
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.drive import Drive, Moments, Rows
 from wrinklecli.drive.table import TABLE_ERROR, LeaningTable, Table
-from wrinklecli.effects.effect import Effect, MeshPlan, SamplingOptions, Seen, Target, named_targets
+from wrinklecli.effects.effect import Effect, MeshPlan, Remixes, SamplingOptions, Seen, Target, named_targets
 from wrinklecli.effects.shapes import Sample, make_shapes
 from wrinklecli.effects.wrinkle import report
 from wrinklecli.effects.wrinkle.activity import Activity, ClipActivity, activity
@@ -98,7 +98,7 @@ def _projected(
 
 @dataclass(frozen=True, slots=True)
 class WrinkleWords:
-    """What a tool says of itself.
+    """A tool's words about itself.
 
     Attributes:
         carried: The tool on the refined surface.
@@ -146,7 +146,7 @@ def tool_drive(patch: Patch, targets: tuple[str, ...], response: Table | Leaning
 
 
 @dataclass(frozen=True, slots=True)
-class _Remixes:
+class _Remixes(Remixes):
     """The targets of a tool on the skin, and others that play the same motion.
 
     Attributes:
@@ -159,29 +159,34 @@ class _Remixes:
     exact: CurveResponse
     table_error: float
 
-    def effect(self, targets: tuple[Target, ...], words: WrinkleWords, error: float = 0.0) -> Effect:
-        """The effect with such targets, whose shapes are off by an error, scene units."""
+    def effect(
+        self, targets: tuple[Target, ...], words: WrinkleWords, error: float = 0.0, table: Table | None = None
+    ) -> Effect:
+        """The effect with such targets, whose shapes are off by an error, scene units, and its table."""
         patch, names = self.carried.patch, tuple(each.name for each in targets)
+        response = self.exact.table(self.table_error) if table is None else table
         return Effect(
             name=patch.tool.name,
             section=SECTION,
             identifier=patch.tool.identifier,
             targets=targets,
-            drive=tool_drive(patch, names, self.exact.table(self.table_error)),
+            drive=tool_drive(patch, names, response),
             words=words,
             exact=self.exact,
             error=error,
             remixes=self,
         )
 
-    def _remixed(self, effect: Effect, remixed: Remixed | None, error: float = 0.0) -> Effect:
+    def _remixed(
+        self, effect: Effect, remixed: Remixed | None, error: float = 0.0, table: Table | None = None
+    ) -> Effect:
         """The effect with other shapes; itself if there are none."""
         if remixed is None:
             return effect
         shapes, mixed = remixed
         assert isinstance(effect.words, WrinkleWords)
         return replace(self, exact=replace(self.exact, remix=mixed)).effect(
-            named_targets(effect.identifier, shapes), effect.words, effect.error + error
+            named_targets(effect.identifier, shapes), effect.words, effect.error + error, table
         )
 
     def _path(self) -> Floats:
@@ -196,14 +201,13 @@ class _Remixes:
         found = unit_weights(effect.targets, self._path())
         if found is None:
             return effect
-        (_, mixed), lows = found
-        made = self._remixed(effect, found[0])
-        assert isinstance(made.drive, Drive)
+        remixed, lows = found
         assert isinstance(effect.drive, Drive)
         assert isinstance(effect.drive.response, Table)
         # The same rows play the same motion exactly.
-        response = effect.drive.response.mapped(mixed.weights)
-        return replace(made, drive=replace(made.drive, response=response, lows=lows if lows.any() else None))
+        made = self._remixed(effect, remixed, table=effect.drive.response.mapped(remixed[1].weights))
+        assert isinstance(made.drive, Drive)
+        return replace(made, drive=replace(made.drive, lows=lows if lows.any() else None))
 
     def with_fewest_targets(self, effect: Effect, plan: MeshPlan, tolerance: float, *, at_once: bool) -> Effect:
         """The fewest targets for the whole range of shortenings; among equals at once, the exact ones are first."""
@@ -219,8 +223,8 @@ class _Remixes:
 
 
 @dataclass(frozen=True, slots=True)
-class _RowRemixes:
-    """Other targets of a tool that is projected in each frame."""
+class _RowRemixes(Remixes):
+    """Other targets of a tool that is projected in each frame, of which it has the fewest for its clips already."""
 
     def with_unit_weights(self, effect: Effect) -> Effect:
         """The same motion with weights in [0, 1], from those of all clips."""
@@ -240,8 +244,3 @@ class _RowRemixes:
             lows=lows,
         )
         return replace(effect, targets=targets, drive=drive)
-
-    def with_fewest_targets(self, effect: Effect, _plan: MeshPlan, _tolerance: float, *, at_once: bool) -> Effect:
-        """The effect itself: its shapes are the fewest for the clips."""
-        assert at_once in (True, False)
-        return effect

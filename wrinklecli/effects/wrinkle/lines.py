@@ -1,4 +1,4 @@
-"""What `check` says of a wrinkling tool, as lines for people."""
+"""The lines that `check` prints for a wrinkling tool."""
 
 import math
 from typing import Any

@@ -98,11 +98,11 @@ class WrinklePart:
         return np.stack([us * (distance if np.isfinite(distance) else 0.0), heights], axis=1)
 
     def facts(self, plan: MeshPlan, up: str) -> Json:
-        """What `check` says of it."""
+        """The entry of `check` for it."""
         return describe_place(plan, self.carried, self.region, up)
 
     def facts_in(self, _plan: MeshPlan, seen: Seen) -> Json:
-        """What `check` says of it in a clip."""
+        """The entry of `check` for it in a clip."""
         found = Activity.of(self.attached, seen.reading)
         return describe_heights(self.carried, ClipActivity(seen.motion.clip, seen.motion.times, found))
 
@@ -117,7 +117,7 @@ class WrinklePart:
         return distances[:, None] * us, heights
 
     def words(self, plan: MeshPlan) -> WrinkleWords:
-        """What it says of itself."""
+        """Its words about itself."""
         return WrinkleWords(self.carried, self.region, plan.rig)
 
     def place_warnings(self, plan: MeshPlan) -> list[str]:

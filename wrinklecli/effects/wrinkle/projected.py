@@ -29,7 +29,7 @@ PER_COORDINATE = 3.0**0.5
 
 @dataclass(frozen=True, slots=True)
 class Projection:
-    """What is projected in all clips, as few shapes.
+    """Displacements projected in all clips, as few shapes.
 
     Attributes:
         deltas: (shapes, vertices, 3) bind displacement at weight 1.
