@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 import wrinklecli
+from kit.asset import attribute
 from kit.bakes import bake_once
 from kit.clients import assert_valid, compare_with_three
-from kit.limb import blendshape_limb, tool, write_tools
+from kit.limb import LENGTH, blendshape_limb, limb_asset, tool, write_tools
 from kit.player import Gltf, Json
 from kit.samples import PALM, Editor, edited, sample, three_materials, two_parts
 from wrinklecli.gltf.references import accessor_references
@@ -174,3 +175,21 @@ def test_dense_is_dense_for_refined_targets_of_the_asset_too(tmp_path: Path) -> 
     )
     assert not any("sparse" in accessor for accessor in Gltf(tmp_path / "o.glb").json["accessors"])
     assert_valid(tmp_path / "o.glb")
+
+
+@pytest.mark.parametrize("stops", ["features", "none"])
+def test_seams_that_are_equal_but_for_rounding_stay_closed(stops: str, tmp_path: Path) -> None:
+    """The seam along the tool as exporters of cylinders write it: the last vertex of a ring is at the sine of 2π."""
+    tools = write_tools(tmp_path / "tools.yaml", tool(stops=stops), refinement={"max_levels": 0})
+    found = []
+    for apart in (0.0, 1e-6 * LENGTH):
+        asset = limb_asset(rings=12, sides=8)
+        positions = attribute(asset, 0, "POSITION").reshape(12, 9, 3)
+        positions[:, 8, 2] += np.float32(apart)
+        wrinklecli.bake(asset.write(tmp_path / "limb.glb"), tools, tmp_path / "out.glb")
+        baked = Gltf(tmp_path / "out.glb")
+        heights = np.abs(baked.deltas("limb")).max(axis=(0, 2))
+        open_by = np.abs(heights[: 12 * 9].reshape(12, 9)[:, 8] - heights[: 12 * 9].reshape(12, 9)[:, 0]).max()
+        found.append((heights.max(), open_by, len(heights)))
+    assert found[0][0] > 0.01
+    assert found[1] == pytest.approx(found[0], abs=1e-5)

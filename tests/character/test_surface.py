@@ -13,6 +13,7 @@ from kit.limb import RADIUS, limb_asset, limb_positions
 from kit.prepared import as_document
 from wrinklecli.character.rig import read_rig
 from wrinklecli.character.surface import Surface, influence_count, read_surface, read_triangles
+from wrinklecli.character.weld import weld
 from wrinklecli.errors import AssetError
 from wrinklecli.numeric.arrays import distinct, distinct_values, face_normals, median, normals_at, unit, vertex_normals
 
@@ -157,10 +158,47 @@ def test_zero_and_minus_zero_are_one_place() -> None:
     assert surface.weld[0] == surface.weld[3]
 
 
-def test_positions_a_bit_apart_are_two_places() -> None:
-    places = SQUARE.astype(np.float32)
-    places[4, 0] = np.nextafter(np.float32(1), np.float32(2))
-    assert len(surface_of(points(places)).positions) == 5
+@pytest.mark.parametrize(("times", "places"), [(1 - 1e-6, 4), (1 + 1e-6, 5)])
+def test_positions_within_a_millionth_of_the_box_are_one_place(times: float, places: int) -> None:
+    moved = SQUARE.copy()
+    moved[4, 0] += times * 1e-6 * np.sqrt(2.0)
+    welded = weld(moved, np.zeros((0, 6, 3)), np.zeros((6, 1), np.intp), np.ones((6, 1)))
+    assert len(welded.models) == places
+    # Files store float32.
+    bit = SQUARE.astype(np.float32)
+    bit[4, 0] = np.nextafter(np.float32(1), np.float32(2))
+    assert len(surface_of(points(bit)).positions) == 4
+
+
+@given(seed=st.integers(0, 999))
+def test_what_rounds_is_one_point_whatever_the_order(seed: int) -> None:
+    """Copies differ by less than the limits, and those of another point by more: neither depends on the numbers."""
+    rng = np.random.default_rng(seed)
+    count, copies = 12, 4
+    grid = np.repeat(rng.integers(0, 2, (count, 3)).astype(float), copies, axis=0)
+    joints = np.tile([0, 1, 2], (count * copies, 1))
+    shares = rng.integers(1, 4, (count, 3))
+    weights = np.repeat(shares / shares.sum(axis=1, keepdims=True), copies, axis=0)
+    deltas = np.repeat(rng.integers(0, 2, (1, count, 3)).astype(float), copies, axis=1)
+    of_point = {tuple(row): k for k, row in enumerate(np.hstack([grid, weights, deltas[0]]).tolist())}
+    wanted = [of_point[tuple(row)] for row in np.hstack([grid, weights, deltas[0]]).tolist()]
+    size = np.linalg.norm(np.ptp(grid, axis=0))
+    grid += 0.3e-6 * size * rng.uniform(-1, 1, grid.shape)
+    weights += 0.3e-4 * rng.uniform(-1, 1, weights.shape)
+    deltas += 0.3e-6 * size * rng.uniform(-1, 1, deltas.shape)
+    one = weld(grid, deltas, joints, weights)
+    assert len(set(wanted)) == len(one.models) == len(set(zip(wanted, one.points.tolist(), strict=True)))
+
+    order = rng.permutation(count * copies)
+    other = weld(grid[order], deltas[:, order], joints[order], weights[order])
+    assert {*one.models[one.points][order].tolist()} == {*order[other.models].tolist()}
+    assert (one.models[one.points][order] == order[other.models[other.points]]).all()
+    assert (one.twins[one.points][order] == other.twins[other.points]).all()
+
+
+def test_stray_vertices_that_nothing_draws_do_not_tell_the_size() -> None:
+    asset = points([*SQUARE, [1e9, 0, 0]], faces=[[0, 1, 2], [3, 4, 5]])
+    assert len(surface_of(asset).positions) == 5
 
 
 @pytest.mark.parametrize(
@@ -170,8 +208,9 @@ def test_positions_a_bit_apart_are_two_places() -> None:
         ([1, 0, 0, 0], [0.75, 0.25, 0, 0], True),  # another order
         ([1, 1, 0, 2], [0.5, 0.25, 0.25, 0], True),  # a joint twice, one without weight
         ([0, 1, 0, 0], [0.5, 1.5, 0, 0], True),  # not normalised
-        ([0, 1, 0, 0], [0.25 + 4e-7, 0.75, 0, 0], True),  # within 1e-6
-        ([0, 1, 0, 0], [0.25 + 1e-5, 0.75, 0, 0], False),
+        ([0, 1, 0, 0], [0.25 + 1e-4, 0.75, 0, 0], True),  # 2e-5 and 8e-5 off, normalised
+        ([0, 1, 2, 0], [0.25, 0.74995, 5e-5, 0], True),  # a joint that hardly counts
+        ([0, 1, 0, 0], [0.25 + 2e-4, 0.75, 0, 0], False),
         ([0, 2, 0, 0], [0.25, 0.75, 0, 0], False),
         ([0, 1, 2, 0], [0.25, 0.65, 0.1, 0], False),
     ],

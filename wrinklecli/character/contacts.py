@@ -2,21 +2,19 @@
 
 from collections.abc import Container, Iterator
 from functools import cached_property
-from itertools import pairwise, product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wrinklecli.character.pose import joint_matrices
 from wrinklecli.character.rig import Rig, read_hierarchy, read_rig
 from wrinklecli.character.skin import skinned_mesh
 from wrinklecli.character.surface import Surface, Vertices, dense_influences, read_all_triangles, read_vertices
+from wrinklecli.character.weld import SAME
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values
+from wrinklecli.numeric.cells import leaders
 
-# Greatest distance of vertices that touch, relative to the bounding box's diagonal.
-_CONTACT = 1e-6
 # Slack of boxes, relative to their coordinates: rounding errors are far smaller.
 _ROUNDING = 1e-9
 
@@ -51,11 +49,7 @@ class _Shown:
 
     def seen(self) -> Floats:
         """(seen, 3) the posed vertices of triangles, and all those of a primitive that has none, as of points."""
-        used = np.zeros(len(self.vertices.positions), np.bool_)
-        used[self.triangles] = True
-        for first, end in pairwise(self.vertices.starts.tolist()):
-            used[first:end] |= not used[first:end].any()
-        return self.posed()[used]
+        return self.posed()[self.vertices.seen(self.triangles)]
 
     def box(self) -> Floats:
         """(2, 3) least and greatest coordinates, world space, of a box round all vertices in the stored pose.
@@ -158,7 +152,7 @@ def contacts_of(
     contacts = surface.twins.copy()
     # The reach depends on the size in world space, as bind space may have quantised units.
     low, high = positions.min(axis=0), positions.max(axis=0)
-    reach = _CONTACT * float(np.linalg.norm(high - low))
+    reach = SAME * float(np.linalg.norm(high - low))
     if reach > 0:
         for node, posed in neighbours.near(rig.node, low - 2.0 * reach, high + 2.0 * reach):
             if node not in along:
@@ -167,24 +161,13 @@ def contacts_of(
 
 
 def _touching(positions: Floats, others: Floats, reach: float) -> Bools:
-    """(vertices,) True if one of (others, 3) lies within `reach` along each axis, and perhaps if one is twice as far.
-
-    Both are sorted into cells of this side; (vertices, 3) positions may extend over 2^20 cells.
-    """
+    """(vertices,) True for those of (vertices, 3) that lie where one of (others, 3) does."""
     low, high = positions.min(axis=0) - reach, positions.max(axis=0) + reach
     others = others[((others >= low) & (others <= high)).all(axis=1)]
-    touching = np.zeros(len(positions), bool)
-    if not len(others):
-        return touching
-    inside = ((positions >= others.min(axis=0) - reach) & (positions <= others.max(axis=0) + reach)).all(axis=1)
-    mine = np.floor((positions[inside] - low) / reach).astype(np.int64)
-    taken = distinct_values(_cell_numbers(np.floor((others - low) / reach).astype(np.int64)))
-    touching[inside] = np.any(
-        [np.isin(_cell_numbers(mine + offset), taken) for offset in product((-1, 0, 1), repeat=3)], axis=0
-    )
+    touching = np.zeros(len(positions), np.bool_)
+    if len(others):
+        low, high = others.min(axis=0) - reach, others.max(axis=0) + reach
+        near = np.flatnonzero(((positions >= low) & (positions <= high)).all(axis=1))
+        places = leaders(np.concatenate([positions[near], others]), reach)
+        touching[near] = np.isin(places[: len(near)], places[len(near) :])
     return touching
-
-
-def _cell_numbers(cells: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(cells,) one number for each (x, y, z), of 20 bits and a sign per coordinate."""
-    return cells[:, 0] << 42 | (cells[:, 1] & 0x1FFFFF) << 21 | (cells[:, 2] & 0x1FFFFF)

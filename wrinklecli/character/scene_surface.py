@@ -4,6 +4,7 @@ Each node's mesh is welded first, so that seams are no borders and triangles tha
 """
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -11,9 +12,10 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.scene_meshes import read_scene_meshes
 from wrinklecli.character.skin import SkinnedMesh
+from wrinklecli.character.weld import weld
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct, distinct_values
+from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
 from wrinklecli.numeric.intersections import Crossings
 
 # Coordinates that are posed at once. Bounds the memory.
@@ -119,28 +121,26 @@ def _joints(rig: Rig, wholes: Mapping[int, int]) -> Ints:
 
 
 def _joined(meshes: Sequence[SkinnedMesh], starts: Ints, wholes: Ints) -> Ints:
-    """(vertices,) for each vertex of all meshes the first one that moves alike in its place, in a part of its whole."""
+    """(vertices,) for each vertex of all meshes the first one that is the same point of a part of its whole."""
     first = np.arange(starts[-1])
     for whole in distinct_values(wholes):
-        parts = np.flatnonzero(wholes == whole).tolist()
-        if len(parts) == 1:
+        numbers = np.flatnonzero(wholes == whole).tolist()
+        if len(numbers) == 1:
             continue
-        vertices = np.concatenate([np.arange(starts[part], starts[part + 1]) for part in parts])
-        _, places = distinct(np.concatenate([meshes[part].bind_positions for part in parts]))
-        met = np.bincount(places)[places] > 1
-        names = sorted({name for part in parts for name in meshes[part].rig.morph_names})
-        ends = np.cumsum([len(meshes[part].bind_positions) for part in parts])[:-1]
-        split = zip(parts, np.split(met, ends), strict=True)
-        firsts, which = distinct(np.concatenate([_motions(meshes[part], chosen, names) for part, chosen in split]))
-        first[vertices[met]] = vertices[met][firsts[which]]
+        parts = [meshes[number] for number in numbers]
+        vertices = np.concatenate([np.arange(starts[number], starts[number + 1]) for number in numbers])
+        names = sorted({name for part in parts for name in part.rig.morph_names})
+        deltas = np.zeros((len(names), len(vertices), 3))
+        ends = np.cumsum([0, *(len(part.bind_positions) for part in parts)]).tolist()
+        for part, (begin, end) in zip(parts, pairwise(ends), strict=True):
+            deltas[[names.index(name) for name in part.rig.morph_names], begin:end] = part.deltas
+        places, weights = (
+            np.vstack([each.bind_positions for each in parts]),
+            np.vstack([each.weights for each in parts]),
+        )
+        points = weld(places, deltas, np.broadcast_to(np.arange(weights.shape[1]), weights.shape), weights).points
+        first[vertices] = vertices[np.unique(points, return_index=True)[1][points]]
     return first
-
-
-def _motions(mesh: SkinnedMesh, chosen: Bools, names: Sequence[str]) -> Floats:
-    """(chosen, columns) all that moves the chosen (vertices,): positions, weights, deltas of morph targets by name."""
-    still = np.zeros((int(chosen.sum()), 3))
-    deltas = dict(zip(mesh.rig.morph_names, mesh.deltas[:, chosen], strict=True))
-    return np.hstack([mesh.bind_positions[chosen], mesh.weights[chosen], *(deltas.get(name, still) for name in names)])
 
 
 def _posed(meshes: Sequence[SkinnedMesh], clip: Clip | None, times: Floats) -> Floats:

@@ -6,25 +6,21 @@ point of the artist's mesh moves as one.
 
 from collections.abc import Sequence
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from wrinklecli.character.rig import LARGEST, Rig, in_range
 from wrinklecli.character.skin import SkinnedMesh, skinned_mesh
+from wrinklecli.character.weld import weld
 from wrinklecli.errors import AssetError
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import TRIANGLE_FAN, TRIANGLE_STRIP, TRIANGLES, Document
 from wrinklecli.gltf.draco import EXTENSION
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints, components, diagonal, distinct
-from wrinklecli.numeric.closest import pairs_within
+from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints, diagonal, flags_of
 
-# Greatest difference of welded vertices in skin weights and, relative to the bounding box's diagonal, in morph deltas
-# and, after Draco, which rounds each primitive separately, in positions.
-_WELD_TOLERANCE = 1e-6
-# Most welded vertices at one place with which others are compared; a vertex unlike all of these stays unwelded.
-_MOST_TWINS = 1000
 # Bytes of a morph target's delta of a vertex, three float64,
 _DELTA_BYTES = 24
 # and of a weight.
@@ -79,33 +75,29 @@ class Surface:
 
 
 def read_surface(document: Document, rig: Rig) -> Surface:
-    """Weld the primitives of a rig's mesh.
-
-    Two glTF vertices are welded if their bind positions are equal to the bit, and their skin influences and morph
-    deltas to 1e-6. (Position alone would glue touching lips.)
+    """Weld the primitives of a rig's mesh, as `weld` tells.
 
     Raises:
         AssetError: An attribute is missing, malformed or not finite, or there is no triangle.
     """
     vertices = read_vertices(document, rig)
-    primitives = document.items("meshes")[rig.mesh]["primitives"]
     parts = _triangle_parts(document, rig, vertices)
     corners = np.concatenate(parts)
     if not len(corners):
         raise AssetError("has no triangles", where=document.where("meshes", rig.mesh))
-    weld, firsts, twins = _weld(vertices, _places(document, primitives, vertices.positions))
+    welded = weld(vertices.positions, vertices.morph_deltas, vertices.joints, vertices.weights, vertices.seen(corners))
     return Surface(
-        positions=vertices.positions[firsts],
-        morph_deltas=vertices.morph_deltas[:, firsts],
-        joints=vertices.joints[firsts],
-        weights=vertices.weights[firsts],
+        positions=vertices.positions[welded.models],
+        morph_deltas=vertices.morph_deltas[:, welded.models],
+        joints=vertices.joints[welded.models],
+        weights=vertices.weights[welded.models],
         normals=np.zeros_like(vertices.positions) if vertices.normals is None else vertices.normals,
-        triangles=weld[corners],
+        triangles=welded.points[corners],
         corners=corners,
         primitives=np.repeat(np.arange(len(parts)), [len(part) for part in parts]),
-        weld=weld,
+        weld=welded.points,
         vertex_starts=vertices.starts,
-        twins=twins,
+        twins=welded.twins,
     )
 
 
@@ -130,6 +122,13 @@ class Vertices:
     weights: Floats
     normals: Floats | None
     normal_deltas: Floats | None
+
+    def seen(self, triangles: Ints) -> Bools:
+        """(vertices,) True for those of (triangles, 3), and for all of a primitive that has none, as of points."""
+        seen = flags_of(triangles.ravel(), len(self.positions))
+        for first, end in pairwise(self.starts.tolist()):
+            seen[first:end] |= not seen[first:end].any()
+        return seen
 
 
 def read_vertices(
@@ -315,46 +314,6 @@ def _triangle_parts(document: Document, rig: Rig, vertices: "Vertices") -> list[
         read_triangles(document, primitive, int(count), f"{where}/primitives/{index}") + start
         for index, (primitive, count, start) in enumerate(zip(primitives, counts, vertices.starts[:-1], strict=True))
     ]
-
-
-def _places(document: Document, primitives: list[Json], positions: Floats) -> Floats:
-    """(vertices, 3) positions to weld by: after Draco, vertices within the tolerance take the position of the first."""
-    if not any(document.is_draco(primitive["attributes"]["POSITION"]) for primitive in primitives):
-        return positions
-    firsts, which = distinct(positions)
-    places = positions[firsts]
-    tolerance = _WELD_TOLERANCE * diagonal(positions)
-    groups = components(pairs_within(places, tolerance), len(places))
-    _, firsts = np.unique(groups, return_index=True)
-    return places[firsts[groups[which]]]
-
-
-def _weld(vertices: Vertices, positions: Floats) -> tuple[Ints, Ints, Bools]:
-    """The welded vertex of each vertex, the first vertex of each welded one, and flags of welded ones with twins."""
-    deltas = vertices.morph_deltas
-    joints, weights = vertices.joints, vertices.weights
-    _, place = distinct(positions)
-    tolerance = _WELD_TOLERANCE * max(diagonal(positions), 1e-30)
-    leader = np.full(len(positions), -1, np.intp)
-    pending = np.arange(len(positions))
-    for _ in range(_MOST_TWINS):
-        if not len(pending):
-            break
-        first_here = np.full(int(place.max()) + 1, len(positions), np.intp)
-        np.minimum.at(first_here, place[pending], pending)
-        first = first_here[place[pending]]
-        same = (
-            (joints[pending] == joints[first]).all(axis=1)
-            & (np.abs(weights[pending] - weights[first]) <= _WELD_TOLERANCE).all(axis=1)
-            & (np.abs(deltas[:, pending] - deltas[:, first]) <= tolerance).all(axis=(0, 2))
-        )
-        leader[pending[same]] = first[same]
-        pending = pending[~same]
-    leader[pending] = pending
-    leads = leader == np.arange(len(leader))
-    firsts, weld = np.flatnonzero(leads), (np.cumsum(leads) - 1)[leader]
-    twins = np.bincount(place[firsts])[place[firsts]] > 1
-    return weld, firsts, twins
 
 
 def dense_influences(joints: Ints, weights: Floats, joint_count: int) -> Floats:

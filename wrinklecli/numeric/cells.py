@@ -1,9 +1,11 @@
 """Points in the cells of a grid: those near a place are found without a look at each."""
 
+from itertools import product
+
 import numpy as np
 
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, Ints, runs
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, distinct, runs
 
 # Mean number of points in a grid cell, if the points lie on one layer of cells, as those of a surface roughly do.
 _CELL_POINTS = 16
@@ -11,6 +13,10 @@ _CELL_POINTS = 16
 _MOST_CELLS = 2**10
 # Balls that are looked at together: files store neighbours one after another.
 _BALLS = 2**8
+# Bits of a step along an axis in the number of a cell, with steps to spare, and of the steps in a coarse cell.
+_STEP_BITS, _COARSE_BITS = 21, 8
+# Half of the cells round a cell, as steps along the axes: the other half has it among its own.
+_HALF = [step for step in product((-1, 0, 1), repeat=3) if step > (0, 0, 0)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,3 +69,59 @@ class Cells:
     def numbers_in(self, cells: Ints) -> Ints:
         """Indices of the points in cells, one cell after another."""
         return self.numbers[runs(self.starts[cells], self.counts[cells])]
+
+
+def leaders(points: Floats, reach: float) -> Ints:
+    """(points,) the first point of each one's group of (points, 3), which extend over at most a million reaches.
+
+    Points within a reach along each axis are in one group, and so are points that a chain of others connects. Where
+    several points share a cell as wide as a reach, two of them may be up to twice as far apart.
+    """
+    firsts = np.arange(len(points))
+    if not reach > 0 or len(points) < 2:
+        chosen, which = distinct(points)
+        return chosen[which]
+    steps = np.floor((points - points.min(axis=0)) / reach).astype(np.int64) + 1
+    doubtful = np.flatnonzero(_near_another(steps))
+    numbers = _numbers(steps[doubtful])
+    order = np.argsort(numbers, kind="stable")
+    numbers, sorted_points = numbers[order], points[doubtful[order]]
+    starts = np.flatnonzero(np.diff(numbers, prepend=-1))
+    cells = numbers[starts]
+    least, greatest = (each.reduceat(sorted_points, starts) for each in (np.minimum, np.maximum))
+    links = [np.zeros((0, 2), np.intp)]
+    for step in _HALF:
+        beside = cells + _numbers(np.array([step]))
+        at = np.minimum(np.searchsorted(cells, beside), len(cells) - 1)
+        one = np.flatnonzero(cells[at] == beside)
+        other, across = at[one], np.array(step)
+        gaps = np.where(across > 0, least[other] - greatest[one], least[one] - greatest[other])
+        near = (gaps <= reach)[:, across != 0].all(axis=1)
+        links.append(np.stack([one[near], other[near]], axis=1))
+    groups = components(np.concatenate(links), len(cells))[np.cumsum(np.diff(numbers, prepend=-1) != 0) - 1]
+    lowest = np.full(len(cells), len(points))
+    np.minimum.at(lowest, groups, doubtful[order])
+    firsts[doubtful[order]] = lowest[groups]
+    return firsts
+
+
+def _near_another(steps: Ints) -> Bools:
+    """(points,) False for those that are alone in a coarse cell, and not at its border; `steps` are (points, 3)."""
+    numbers = _numbers(steps >> _COARSE_BITS)
+    order = np.argsort(numbers, kind="stable")
+    equal = np.diff(numbers[order]) == 0
+    found = np.zeros(len(steps), np.bool_)
+    found[order[1:]] = equal
+    found[order[:-1]] |= equal
+    last = 2**_COARSE_BITS - 1
+    for axis in steps.T:
+        within = axis & last
+        found |= (within == 0) | (within == last)
+    return found
+
+
+def _numbers(steps: Ints) -> Ints:
+    """(cells,) a number for each of (cells, 3) steps; numbers of sums are sums of numbers."""
+    x, y, z = steps.T
+    numbers: Ints = (x << 2 * _STEP_BITS) + (y << _STEP_BITS) + z
+    return numbers

@@ -3,6 +3,7 @@
 import numpy as np
 
 from wrinklecli.character.scene import ScenePrimitive
+from wrinklecli.character.weld import weld
 from wrinklecli.gltf.pixels import linear_rgb
 from wrinklecli.numeric.arrays import Floats, Ints, face_normals
 from wrinklecli.review.preview.paints import Colour
@@ -30,9 +31,8 @@ def heat_colours(losses: Floats) -> Floats:
 def compressions(primitive: ScenePrimitive, positions: Floats) -> Floats:
     """(vertices,) compression against the stored pose, of (vertices, 3) world-space positions."""
     stored = primitive.positions_at(None, 0.0)
-    # Vertices of a seam are one place.
-    _, places = np.unique(primitive.vertices.positions, axis=0, return_inverse=True)
-    places = places.reshape(-1)
+    vertices = primitive.vertices
+    places = weld(vertices.positions, vertices.morph_deltas, vertices.joints, vertices.weights).points
     return _means(stored, positions, primitive.triangles, places)[places]
 
 
