@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import field
 from typing import Any, ClassVar, Literal, TypeAlias, get_args
 
-from wrinklecli.choices import Axis, MaterialName, Profile
+from wrinklecli.choices import PROFILES, Axis, MaterialName, Profile
 from wrinklecli.frozen import dataclass
 from wrinklecli.tools.json_schema import (
     FLAG,
@@ -358,7 +358,7 @@ LIFTED = 1.5
 """Height of rings over that of a tool's wrinkles of the same stuff: a tip lifts skin off what is below it."""
 
 _SUBSTANCES = get_args(MaterialName)
-_PROFILES: tuple[Profile, ...] = ("smooth", "skin", "cloth")
+_PROFILES = tuple(each for each in PROFILES if each != "polyline")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -389,7 +389,7 @@ class TouchWrinkles:
         read=lambda value: None if value == "none" else value,
     )
     profile: Profile | None = key(
-        {**one_of(*_PROFILES, none=True)}, "Shape of a ring: smooth, skin or cloth. Default: the material's.", None
+        {**one_of(*_PROFILES, none=True)}, f"Shape of a ring: {', '.join(_PROFILES)}. Default: the material's.", None
     )
     variation: float | None = key(
         {**number(0, 1), "type": ["number", "null"]},
