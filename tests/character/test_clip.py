@@ -10,8 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from kit.asset import Asset
+from kit.asset import Asset, Interpolation
 from kit.limb import limb_asset
+from kit.pointers import add_pointer, by_pointers
 from kit.prepared import as_document, limb, rotation_matrix
 from wrinklecli.character.clip import KEY_GAP, Channel, Clip, clip_grid, linear_keys, read_clips, sample
 from wrinklecli.character.pose import morph_weights
@@ -127,6 +128,75 @@ def test_channels_of_extensions_are_left_out() -> None:
     asset.gltf["animations"][0]["channels"] += [{"sampler": 0, "target": pointer}, {"sampler": 0, "target": {}}]
     (clip,) = read_clips(as_document(asset))
     assert [(c.index, c.node, c.path) for c in clip.channels] == [(0, 2, "rotation")]
+
+
+@pytest.mark.parametrize("weights", ["nodes", "meshes"])
+@pytest.mark.parametrize("interpolation", ["LINEAR", "STEP", "CUBICSPLINE"])
+def test_pointers_at_nodes_are_read_as_their_channels(interpolation: Interpolation, weights: str) -> None:
+    asset = limb_asset(rings=3, sides=4, morphs=2, morph_clip=interpolation, interpolation=interpolation)
+    (plain,) = read_clips(as_document(asset))
+    (pointed,) = read_clips(as_document(by_pointers(asset, weights=weights)))
+    assert plain.moves_as(pointed)
+    assert [channel.index for channel in plain.channels] == [channel.index for channel in pointed.channels]
+
+
+KINDS: list[Interpolation] = ["LINEAR", "STEP", "CUBICSPLINE"]
+
+
+@pytest.mark.parametrize("first", KINDS)
+@pytest.mark.parametrize("second", KINDS)
+def test_single_weights_move_as_each_does_alone(first: Interpolation, second: Interpolation) -> None:
+    rng = np.random.default_rng(3)
+    asset = limb_asset(rings=3, sides=4, morphs=3, weights_at="mesh")
+    alone = []
+    for number, kind, times in ((0, first, KEYS), (2, second, np.array([0.0, 1.0, 1.5, 4.0]))):
+        values = rng.uniform(0, 1, (4, 3) if kind == "CUBICSPLINE" else 4)
+        add_pointer(asset, f"/nodes/0/weights/{number}", times, values, kind)
+        alone.append(channel(stored(values).reshape(*values.shape, 1), kind, path="weights", keys=times))
+    document = as_document(asset)
+    (clip,) = read_clips(document)
+    joined = clip.channel(0, "weights")
+    assert joined is not None
+    assert joined.interpolation == (
+        first if first == second else "CUBICSPLINE" if "CUBICSPLINE" in (first, second) else "LINEAR"
+    )
+    # But for the millisecond before each jump in which straight lines cross over.
+    steps = [each for each in alone if each.interpolation == "STEP" and joined.interpolation != "STEP"]
+    jumps = np.concatenate([np.zeros(0), *(each.times for each in steps)])
+    at = TIMES[~((TIMES[:, None] > jumps - 1.1 * KEY_GAP) & (TIMES[:, None] < jumps)).any(axis=1)]
+    played = sample(joined, at)
+    assert played[:, 0] == pytest.approx(sample(alone[0], at)[:, 0], abs=1e-6)
+    assert played[:, 2] == pytest.approx(sample(alone[1], at)[:, 0], abs=1e-6)
+    assert (played[:, 1] == read_rig(document, 0).morph_weights[1]).all()
+
+
+def test_weights_of_the_node_go_before_those_of_its_mesh() -> None:
+    asset = limb_asset(rings=3, sides=4, morphs=2)
+    add_pointer(asset, "/nodes/0/weights/1", [0.0, 1.0], [0.5, 0.75])
+    add_pointer(asset, "/meshes/0/weights", [0.0, 2.0], np.array([[0.0, 1.0], [1.0, 1.0]]))
+    (clip,) = read_clips(as_document(asset))
+    joined = clip.channel(0, "weights")
+    assert joined is not None
+    assert sample(joined, np.array([0.0, 1.0, 2.0])) == pytest.approx(np.array([[0, 0.5], [0.5, 0.75], [1, 0.75]]))
+
+
+def test_weights_of_a_mesh_move_each_node_that_shows_it() -> None:
+    asset = limb_asset(rings=3, sides=4, morphs=2, morph_clip="LINEAR")
+    shown = [{"name": "copy", "mesh": 0, "skin": 0}, {"name": "held", "mesh": 0, "skin": 0, "weights": [0.0, 0.0]}]
+    copy, held = (asset.append("nodes", node) for node in shown)
+    (clip,) = read_clips(as_document(by_pointers(asset, weights="meshes")))
+    first, second = clip.channel(0, "weights"), clip.channel(copy, "weights")
+    assert first is not None
+    assert second is not None
+    assert np.array_equal(first.values, second.values)
+    assert clip.channel(held, "weights") is None
+
+
+def test_a_malformed_pointer_at_weights_is_refused_as_a_channel_is() -> None:
+    asset = limb_asset(rings=3, sides=4, morphs=2)
+    add_pointer(asset, "/meshes/0/weights", [0.0, 1.0, 2.0], [0.0, 1.0, 0.0])
+    with pytest.raises(AssetError, match="channels/1: a key of weights has 1 numbers, not 2"):
+        read_clips(as_document(asset))
 
 
 @pytest.mark.parametrize(

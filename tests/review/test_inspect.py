@@ -311,6 +311,7 @@ def test_json_has_these_keys(wrinkle: Wrinkle, tmp_path: Path) -> None:
         "deforming",
         "skins",
         "clips",
+        "unplayed",
         "wrinkles",
         "replaceable",
         "files",

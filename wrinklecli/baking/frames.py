@@ -16,6 +16,7 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.character.skin import pose, prepare
 from wrinklecli.effects.effect import Motion, target_weights, targets_of
 from wrinklecli.frozen import dataclass
+from wrinklecli.gltf.animated import drop_channels, moves_weights
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.edited_document import VERTEX_DATA, EditedDocument
 from wrinklecli.gltf.shape import Json
@@ -124,7 +125,8 @@ def encode_frames(edited: EditedDocument, mesh: BakedMesh, progress: Progress) -
     template = edited.gltf["meshes"][node["mesh"]]
     for key in ("mesh", "skin", "weights"):
         node.pop(key, None)
-    _drop_weight_channels(edited, rig.node)
+    for animation in edited.gltf.get("animations", []):
+        drop_channels(animation, [each for each in animation["channels"] if moves_weights(each, rig.node)])
     refined_primitives = primitives_of(mesh.plan.fine)
     bounds = np.cumsum([0] + [len(refined.weld) for refined in refined_primitives])
     nodes, meshes = edited.gltf["nodes"], edited.gltf["meshes"]
@@ -167,23 +169,6 @@ def _frame_mesh(edited: EditedDocument, template: Json, posed: PosedFrame, bound
         kept = {key: value for key, value in primitive.items() if key not in ("attributes", "targets")}
         primitives.append({"attributes": attributes, **kept})
     return {"primitives": primitives}
-
-
-def _drop_weight_channels(edited: EditedDocument, node: int) -> None:
-    """Remove the channels that drove the morph targets of a mesh that is gone, with their samplers."""
-    for animation in edited.gltf.get("animations", []):
-        gone = [
-            channel
-            for channel in animation["channels"]
-            if channel.get("target", {}).get("node") == node and channel["target"].get("path") == "weights"
-        ]
-        animation["channels"] = [channel for channel in animation["channels"] if channel not in gone]
-        used = sorted({channel["sampler"] for channel in animation["channels"]})
-        dropped = {channel["sampler"] for channel in gone} - set(used)
-        kept = [index for index in range(len(animation["samplers"])) if index not in dropped]
-        animation["samplers"] = [animation["samplers"][index] for index in kept]
-        for channel in animation["channels"]:
-            channel["sampler"] = kept.index(channel["sampler"])
 
 
 def _add_root(edited: EditedDocument, rig: Rig, node: int) -> None:

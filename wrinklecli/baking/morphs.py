@@ -25,6 +25,7 @@ from wrinklecli.character.weight_track import Track, pad, widen
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, Target, target_weights, targets_of
 from wrinklecli.effects.shapes import Shape, turn_to
 from wrinklecli.frozen import dataclass
+from wrinklecli.gltf.animated import drop_channels, forget_pointers, moves_weights, pointer_of, without_pointer
 from wrinklecli.gltf.document import Document, stored_bytes
 from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.shape import Json
@@ -100,6 +101,24 @@ def _encode_tracks(edited: EditedDocument, rig: Rig, motions: Sequence[Motion], 
         channel = motion.clip.channel(rig.node, "weights")
         times, weights = motion.times[motion.keys], target_weights(motion)[motion.keys]
         encode_track(edited, motion.clip, rig.node, widen(channel, rig, motion.clip, times, weights))
+    _widen_idle_pointers(edited, rig, len(stored))
+    forget_pointers(edited.gltf)
+
+
+def _widen_idle_pointers(edited: EditedDocument, rig: Rig, count: int) -> None:
+    """Give so many zeros to the channels that go on naming the mesh: its node has weights of its own, which count."""
+    pointer, source = f"/meshes/{edited.gltf['nodes'][rig.node]['mesh']}/weights", edited.source
+    for animation in edited.gltf.get("animations", []):
+        for channel in animation["channels"]:
+            if pointer_of(channel) == pointer:
+                old = animation["samplers"][channel["sampler"]]
+                values = source.stored(old["output"]).reshape(-1, len(rig.morph_names))
+                widened = edited.add(
+                    np.pad(values, ((0, 0), (0, count))).reshape(-1),
+                    normalized=bool(source.items("accessors")[old["output"]].get("normalized")),
+                )
+                channel["sampler"] = len(animation["samplers"])
+                animation["samplers"].append(old | {"output": widened})
 
 
 def encode_mesh(
@@ -282,26 +301,35 @@ def turned_normals(
 
 
 def encode_track(edited: EditedDocument, clip: Clip, node: int, track: Track) -> None:
-    """Write a weights channel into a clip, in place of the one that the node had there."""
+    """Write a weights channel into a clip, in place of those that move the weights of the node there.
+
+    The node shows its mesh alone. The channel names the node, even where these were pointers: players without
+    KHR_animation_pointer show it too, and the extension forbids channels of all weights and of a single one side by
+    side.
+    """
     animation = edited.gltf["animations"][clip.index]
-    channel = clip.channel(node, "weights")
-    old_sampler = None
-    if channel is not None:
-        entry = animation["channels"][channel.index]
-        users = sum(each.get("sampler") == entry["sampler"] for each in animation["channels"])
-        old_sampler = entry["sampler"] if users == 1 else None
+    channels = animation["channels"]
+    # Weights of a mesh do not move a node that has weights of its own.
+    held = any("weights" in each for each in edited.source.items("nodes")[node : node + 1])
+    mesh = None if held else edited.gltf["nodes"][node].get("mesh")
+    old = [each for each in channels if moves_weights(each, node, mesh)]
+    entry = old[-1] if old else {"sampler": None, "target": {}}
+    users = sum(each.get("sampler") == entry["sampler"] for each in channels)
+    old_sampler = entry["sampler"] if old and users == 1 else None
     sampler = animation["samplers"][old_sampler] if old_sampler is not None else {}
     times = track.times.astype(np.float32)
     sampler = dict(sampler)
     sampler["input"] = edited.add(times, bounds=True, replaces=sampler.get("input"))
     sampler["interpolation"] = track.interpolation
     sampler["output"] = edited.add(track.values.astype(np.float32).reshape(-1), replaces=sampler.get("output"))
-    if old_sampler is not None:
-        animation["samplers"][old_sampler] = sampler
-        return
-    animation["samplers"].append(sampler)
-    number = len(animation["samplers"]) - 1
-    if channel is not None:
-        animation["channels"][channel.index]["sampler"] = number
+    if old_sampler is None:
+        animation["samplers"].append(sampler)
     else:
-        animation["channels"].append({"sampler": number, "target": {"node": node, "path": "weights"}})
+        animation["samplers"][old_sampler] = sampler
+    entry["sampler"] = len(animation["samplers"]) - 1 if old_sampler is None else old_sampler
+    entry["target"] = without_pointer(entry["target"]) | {"node": node, "path": "weights"}
+    if not old:
+        channels.append(entry)
+    for dropped in drop_channels(animation, old[:-1]):
+        for key in ("input", "output"):
+            edited.discard(dropped[key], like=sampler[key])

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from wrinklecli.drive.drive import wrinkle_entry
 from wrinklecli.errors import AssetError, BakeError, TooMuchError
+from wrinklecli.gltf.animated import check_channels
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.images import read_image
@@ -310,6 +311,7 @@ def _restored(document: Document, content: bytes) -> Document:
         if image is None:
             images[index] = document.items("images")[index]
     check_asset(restored, document.path)
+    check_channels(restored, document.path)
     buffers = tuple(_joined(document, memoryview(dead), made["sizes"], made["kept"]))
     if len(buffers) != len(restored.get("buffers", [])):
         raise ValueError("another number of buffers")

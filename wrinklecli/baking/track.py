@@ -27,6 +27,7 @@ from wrinklecli.drive.table import TABLE_ERROR
 from wrinklecli.errors import AssetError, BakeError, RefusedError, counted, listed
 from wrinklecli.files.outputs import Outputs, part_of
 from wrinklecli.frozen import dataclass
+from wrinklecli.gltf.animated import Channels, forget_pointers
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.files import files_named
@@ -287,17 +288,18 @@ def track_body(
     for clip in clips if follow else ():
         for _, place in others:
             _follow(edited, clip, node, place)
+    forget_pointers(edited.gltf)
     return tracks
 
 
 def _follow(edited: EditedDocument, clip: Clip, node: int, part: int) -> None:
     """Let a part's node move as another node in a clip, in so far as the clip does not move it already."""
-    animation = edited.gltf["animations"][clip.index]
+    channels, moves = edited.gltf["animations"][clip.index]["channels"], Channels(edited.gltf)
+    moved = [(channel, each) for channel in channels if (each := moves.moved(channel)) is not None]
     for path in TRANSFORM_DEFAULTS:
-        channel = clip.channel(node, path)
-        if channel is not None and clip.channel(part, path) is None:
-            sampler = animation["channels"][channel.index]["sampler"]
-            animation["channels"].append({"sampler": sampler, "target": {"node": part, "path": path}})
+        own = [channel["sampler"] for channel, each in moved if each.path == path and node in each.nodes]
+        if own and clip.channel(part, path) is None:
+            channels.append({"sampler": own[-1], "target": {"node": part, "path": path}})
 
 
 def _track_of(part: BakedPart, made: Track, names: Sequence[str]) -> Track:

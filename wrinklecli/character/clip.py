@@ -4,16 +4,18 @@ Source: glTF 2.0 specification, §3.11 and appendix C (animation).
 """
 
 import hashlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
-from wrinklecli.character.rig import LARGEST, TRANSFORM_DEFAULTS, Rig, in_range, morph_target_names, moving_nodes
+from wrinklecli.character.rig import LARGEST, TRANSFORM_DEFAULTS, Rig, in_range, moving_nodes, stored_weights
 from wrinklecli.errors import AssetError, BakeError, listed, nearest
 from wrinklecli.frozen import dataclass
+from wrinklecli.gltf.animated import Animated, Channels, target_count
 from wrinklecli.gltf.document import Document
-from wrinklecli.gltf.shape import Json, moves_node
+from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, float32_values, unit_quaternions
 
 KEY_GAP = 1e-3
@@ -35,7 +37,7 @@ class Channel:
     """One animated property.
 
     Attributes:
-        index: The channel's index in its animation.
+        index: The channel's index in its animation; of several that move weights of one node, that of the first.
         path: translation, rotation, scale or weights.
         times: (keys,) seconds, strictly ascending.
         values: (keys, components), or (keys, 3, components) for CUBICSPLINE: in-tangent, value, out-tangent.
@@ -62,7 +64,7 @@ class Clip:
     Attributes:
         index: The animation's index in the document; -1 if it is in none.
         name: The animation's name, or `animation_0` by index.
-        channels: The channels with a node and a path of the core specification.
+        channels: What moves nodes and morph weights, by a node and a path or by a pointer.
         start: Time of the first key, seconds.
         end: Time of the last key, seconds.
     """
@@ -130,7 +132,7 @@ class Clip:
 
 
 def read_clips(document: Document) -> tuple[Clip, ...]:
-    """Read the document's animations that have a channel of the core specification.
+    """Read the document's animations that move a node or morph weights.
 
     If two animations have one name, the later one gets `#` and its index behind it.
 
@@ -139,8 +141,9 @@ def read_clips(document: Document) -> tuple[Clip, ...]:
     """
     clips: list[Clip] = []
     names: set[str] = set()
+    known = Channels(document.gltf)
     for index, animation in enumerate(document.items("animations")):
-        channels = tuple(_read_channels(document, animation, index))
+        channels = tuple(_read_channels(document, animation, index, known))
         if not channels:
             continue
         name = animation.get("name") or f"animation_{index}"
@@ -152,37 +155,86 @@ def read_clips(document: Document) -> tuple[Clip, ...]:
     return tuple(clips)
 
 
-def _read_channels(document: Document, animation: Json, index: int) -> Iterable[Channel]:
-    samplers = animation.get("samplers", [])
+def _read_channels(document: Document, animation: Json, index: int, known: Channels) -> Iterator[Channel]:
+    """Read the channels that move nodes; those that move weights of one node by pointers become one."""
+    found: list[tuple[Animated, Channel]] = []
+    pieces: dict[int, list[tuple[Animated, Channel]]] = {}
     for number, channel in enumerate(animation.get("channels", [])):
-        if not moves_node(channel):
+        moved = known.moved(channel)
+        if moved is None:
             continue
-        node, path, sampler = channel["target"]["node"], channel["target"]["path"], samplers[channel["sampler"]]
-        at = document.where("animations", index, "channels", number)
-        times, values = (document.accessor(sampler[key]) for key in ("input", "output"))
-        interpolation = sampler.get("interpolation", "LINEAR")
-        if interpolation not in ("LINEAR", "STEP", "CUBICSPLINE"):
-            raise AssetError(f"interpolation {interpolation!r} is not of glTF 2.0", where=at)
-        groups = 3 if interpolation == "CUBICSPLINE" else 1
-        if times.ndim != 1 or not np.isfinite(times).all() or (np.diff(times) <= 0).any():
-            raise AssetError("key times must rise", where=at)
-        if values.size == 0 or values.size % (len(times) * groups):
-            raise AssetError(f"{len(times)} key times do not fit {values.size} values", where=at)
-        if not in_range(values):
-            raise AssetError(f"a key value is not a finite number, or above {LARGEST:g}", where=at)
-        shape = (len(times), 3, -1) if groups == 3 else (len(times), -1)
-        values = values.reshape(shape)
-        wanted = len(TRANSFORM_DEFAULTS[path]) if path != "weights" else _target_count(document, node)
-        if values.shape[-1] != wanted:
-            raise AssetError(f"a key of {path} has {values.shape[-1]} numbers, not {wanted}", where=at)
-        yield Channel(number, node, path, times, values.astype(np.float64), interpolation)
+        where = document.where("animations", index, "channels", number)
+        sampler = animation["samplers"][channel["sampler"]]
+        wanted = 1 if moved.element is not None else _width(document, moved)
+        read = _read_channel(document, sampler, number, moved, wanted, where)
+        for node in moved.nodes:
+            found.append((moved, replace(read, node=node)))
+            if moved.path == "weights":
+                pieces.setdefault(node, []).append(found[-1])
+    for moved, channel in found:
+        parts = pieces[channel.node] if moved.path == "weights" else []
+        several = len(parts) > 1 and any(each.mesh is not None for each, _ in parts)
+        if not several and all(each.element is None for each, _ in parts):
+            yield channel
+        elif channel is parts[0][1]:
+            yield _joined_weights(parts, stored_weights(document, channel.node))
 
 
-def _target_count(document: Document, node: int) -> int:
-    animated = document.items("nodes")[node]
-    if "mesh" not in animated:
-        return 0
-    return len(morph_target_names(document.items("meshes")[animated["mesh"]]))
+def _width(document: Document, moved: Animated) -> int:
+    """The numbers of a key of a whole property."""
+    if moved.path != "weights":
+        return len(TRANSFORM_DEFAULTS[moved.path])
+    return target_count(document.gltf, document.items("nodes")[moved.nodes[0]].get("mesh"))
+
+
+def _read_channel(document: Document, sampler: Json, number: int, moved: Animated, wanted: int, where: str) -> Channel:
+    """Read a channel for the first of the nodes that it moves."""
+    times, values = (document.accessor(sampler[key]) for key in ("input", "output"))
+    interpolation = sampler.get("interpolation", "LINEAR")
+    if interpolation not in ("LINEAR", "STEP", "CUBICSPLINE"):
+        raise AssetError(f"interpolation {interpolation!r} is not of glTF 2.0", where=where)
+    groups = 3 if interpolation == "CUBICSPLINE" else 1
+    if times.ndim != 1 or not np.isfinite(times).all() or (np.diff(times) <= 0).any():
+        raise AssetError("key times must rise", where=where)
+    if values.size == 0 or values.size % (len(times) * groups):
+        raise AssetError(f"{len(times)} key times do not fit {values.size} values", where=where)
+    if not in_range(values):
+        raise AssetError(f"a key value is not a finite number, or above {LARGEST:g}", where=where)
+    values = values.reshape((len(times), 3, -1) if groups == 3 else (len(times), -1))
+    if values.shape[-1] != wanted:
+        raise AssetError(f"a key of {moved.path} has {values.shape[-1]} numbers, not {wanted}", where=where)
+    return Channel(number, moved.nodes[0], moved.path, times, values.astype(np.float64), interpolation)
+
+
+def _joined_weights(parts: Sequence[tuple[Animated, Channel]], stored: Floats) -> Channel:
+    """One channel of all weights of a node from several, each of which moves one or all of them.
+
+    Weights of the node go before those of its mesh, then later channels before earlier ones. Weights that none moves
+    are as `stored`. The keys are those of all parts; the interpolation is theirs if they agree. Otherwise STEP becomes
+    LINEAR (see `linear_keys`), and beside CUBICSPLINE straight lines get their secants as tangents, so that each
+    weight moves as before.
+    """
+    owner = np.full(len(stored), -1)
+    for number, (moved, _) in sorted(enumerate(parts), key=lambda each: each[1][0].mesh is None):
+        owner[slice(None) if moved.element is None else moved.element] = number
+    moving = [(parts[number][1], np.flatnonzero(owner == number)) for number in np.unique(owner[owner >= 0])]
+    kinds = {channel.interpolation for channel, _ in moving}
+    kind = kinds.pop() if len(kinds) == 1 else "CUBICSPLINE" if "CUBICSPLINE" in kinds else "LINEAR"
+    keys = [each.times if kind == "STEP" else linear_keys(each) for each, _ in moving]
+    times = distinct_values(np.concatenate(keys))
+    values = np.tile(stored, (len(times), 1))
+    into, out = np.zeros(values.shape), np.zeros(values.shape)
+    for channel, columns in moving:
+        places = columns if channel.values.shape[-1] == len(stored) else [0]
+        values[:, columns] = sample(channel, times)[:, places]
+        if channel.interpolation == "CUBICSPLINE":
+            into[:, columns], out[:, columns] = (each[:, places] for each in spline_slopes(channel, times))
+        elif len(times) > 1:
+            secants = np.diff(values[:, columns], axis=0) / np.diff(times)[:, None]
+            into[1:, columns], out[:-1, columns] = secants, secants
+    first = parts[0][1]
+    whole = np.stack([into, values, out], axis=1) if kind == "CUBICSPLINE" else values
+    return Channel(first.index, first.node, "weights", times, whole, kind)
 
 
 def unknown_clip(name: str, names: Sequence[str]) -> str:
@@ -268,6 +320,29 @@ def _slerp(points: Floats, before: Ints, t: Floats) -> Floats:
         first, second = np.where(straight, 1.0 - t, first), np.where(straight, t, second)
     between: Floats = first * _at(start, before) + second * _at(stop, before)
     return unit_quaternions(between) if near.any() else between
+
+
+def spline_slopes(channel: Channel, at: Floats) -> tuple[Floats, Floats]:
+    """(keys, targets) derivatives per second of a CUBICSPLINE channel before and after each time."""
+    keys, values = channel.times, channel.values
+    slopes = []
+    for side in ("left", "right"):
+        if len(keys) == 1:
+            slopes.append(np.zeros((len(at), values.shape[2])))
+            continue
+        piece = np.searchsorted(keys, at, side="left" if side == "left" else "right") - 1
+        outside = (piece < 0) | (piece > len(keys) - 2)
+        piece = np.clip(piece, 0, len(keys) - 2)
+        span = (keys[piece + 1] - keys[piece])[:, None]
+        t = (at - keys[piece])[:, None] / span
+        change = values[piece + 1, 1] - values[piece, 1]
+        slope = (
+            6.0 * (t - t * t) * change / span
+            + (1.0 - 4.0 * t + 3.0 * t * t) * values[piece, 2]
+            + (3.0 * t * t - 2.0 * t) * values[piece + 1, 0]
+        )
+        slopes.append(np.where(outside[:, None], 0.0, slope))
+    return slopes[0], slopes[1]
 
 
 def clip_grid(clip: Clip, rig: Rig | None, *, fps: float, corners: Floats | None = None) -> Floats:

@@ -14,6 +14,7 @@ import numpy as np
 
 from wrinklecli.errors import AssetError
 from wrinklecli.frozen import dataclass
+from wrinklecli.gltf.animated import target_count
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, affine_rows, composed_rows, unit_quaternions
@@ -156,11 +157,6 @@ def read_rig(document: Document, node: int, hierarchy: Hierarchy | None = None) 
     joints, inverse_binds = np.array([node], np.intp), np.eye(4)[None]
     if "skin" in mesh_node:
         joints, inverse_binds = _read_skin(document, mesh_node["skin"])
-    primitives = mesh.get("primitives") or [{}]
-    count = len(primitives[0].get("targets", []))
-    weights = np.zeros(count)
-    stored: Sequence[float] = (mesh_node if "weights" in mesh_node else mesh).get("weights", ())
-    weights[: len(stored)] = stored[:count]
     return Rig(
         node=node,
         mesh=mesh_node["mesh"],
@@ -172,8 +168,18 @@ def read_rig(document: Document, node: int, hierarchy: Hierarchy | None = None) 
         rows=hierarchy.rows,
         names=hierarchy.names,
         morph_names=tuple(morph_target_names(mesh)),
-        morph_weights=weights,
+        morph_weights=stored_weights(document, node),
     )
+
+
+def stored_weights(document: Document, node: int) -> Floats:
+    """(morph targets,) stored weights of a node with a mesh: its own, or else those of the mesh, or else 0."""
+    mesh_node = document.items("nodes")[node]
+    mesh = document.items("meshes")[mesh_node["mesh"]]
+    weights = np.zeros(target_count(document.gltf, mesh_node["mesh"]))
+    stored: Sequence[float] = (mesh_node if "weights" in mesh_node else mesh).get("weights", ())
+    weights[: len(stored)] = stored[: len(weights)]
+    return weights
 
 
 def read_parents(document: Document) -> Ints:

@@ -8,7 +8,7 @@ Source: glTF 2.0 §3.11 and appendix C.
 
 import numpy as np
 
-from wrinklecli.character.clip import Channel, Clip, linear_keys, sample
+from wrinklecli.character.clip import Channel, Clip, linear_keys, sample, spline_slopes
 from wrinklecli.character.pose import morph_weights
 from wrinklecli.character.rig import Rig
 from wrinklecli.frozen import dataclass
@@ -60,7 +60,7 @@ def _widen_spline(channel: Channel, times: Floats, weights: Floats) -> Track:
     """Widen a CUBICSPLINE channel."""
     union = distinct_values(np.concatenate([times, channel.times]))
     values = sample(channel, union)
-    into, out = _spline_slopes(channel, union)
+    into, out = spline_slopes(channel, union)
     fresh = interpolated(union, times, weights)
     slopes = np.diff(fresh, axis=0) / np.diff(union)[:, None] if len(union) > 1 else np.zeros((0, fresh.shape[1]))
     edge = np.zeros((1, fresh.shape[1]))
@@ -68,26 +68,3 @@ def _widen_spline(channel: Channel, times: Floats, weights: Floats) -> Track:
     fresh_into, fresh_out = np.concatenate([edge, slopes]), np.concatenate([slopes, edge])
     stacked = [np.concatenate(pair, axis=1) for pair in ((into, fresh_into), (values, fresh), (out, fresh_out))]
     return Track(union, np.stack(stacked, axis=1), "CUBICSPLINE")
-
-
-def _spline_slopes(channel: Channel, at: Floats) -> tuple[Floats, Floats]:
-    """(keys, targets) derivatives per second of a CUBICSPLINE channel before and after each time."""
-    keys, values = channel.times, channel.values
-    slopes = []
-    for side in ("left", "right"):
-        if len(keys) == 1:
-            slopes.append(np.zeros((len(at), values.shape[2])))
-            continue
-        piece = np.searchsorted(keys, at, side="left" if side == "left" else "right") - 1
-        outside = (piece < 0) | (piece > len(keys) - 2)
-        piece = np.clip(piece, 0, len(keys) - 2)
-        span = (keys[piece + 1] - keys[piece])[:, None]
-        t = (at - keys[piece])[:, None] / span
-        change = values[piece + 1, 1] - values[piece, 1]
-        slope = (
-            6.0 * (t - t * t) * change / span
-            + (1.0 - 4.0 * t + 3.0 * t * t) * values[piece, 2]
-            + (3.0 * t * t - 2.0 * t) * values[piece + 1, 0]
-        )
-        slopes.append(np.where(outside[:, None], 0.0, slope))
-    return slopes[0], slopes[1]

@@ -24,8 +24,8 @@ def inspect(asset: str, allow_external: bool, max_memory: int, as_json: bool) ->
     Vertices are the file's own. Keys of a clip are those of its longest channel.
 
     --json prints {"inspect": 1, "asset", "version", "generator", "extensions_used", "extensions_required",
-    "meshes", "bounds", "nodes", "deforming", "skins", "clips", "wrinkles", "replaceable", "files", "bytes"}; within
-    version 1, keys are only added. "bounds", and the joints' places, are those of the pose as stored.
+    "meshes", "bounds", "nodes", "deforming", "skins", "clips", "unplayed", "wrinkles", "replaceable", "files",
+    "bytes"}; within version 1, keys are only added. "bounds", and the joints' places, are those of the pose as stored.
 
     Exit codes: 0 done; 1 the input is at fault; 2 wrong usage; 70 a bug.
     """
@@ -54,6 +54,7 @@ def _emit_tree(data: dict[str, Any]) -> None:
     )
     _emit_list("skins", list(_skins(data["skins"])))
     _emit_list("clips", [_clip(each) for each in data["clips"]])
+    _emit_list("channels that move no node, and are kept as they are", list(_unplayed(data["unplayed"])))
     for each in data["wrinkles"]:
         _emit_list(f"wrinkles on {each['node']}", _wrinkles(each))
     if data["replaceable"] is not None:
@@ -174,6 +175,14 @@ def _clip(clip: dict[str, Any]) -> str:
         span = f"{clip['end'] - clip['start']:.4g} s" + (f" from {clip['start']:.4g} s" if clip["start"] else "")
     channels = ", ".join(f"{count} {path}" for path, count in clip["channels"].items())
     return f"{clip['name']}: {span}, {counted(clip['keys'], 'key')}, {counted(clip['nodes'], 'node')}: {channels}"
+
+
+def _unplayed(channels: Sequence[dict[str, Any]]) -> Iterator[str]:
+    pointers: dict[str, list[str]] = {}
+    for each in channels:
+        pointers.setdefault(each["animation"], []).append(each["pointer"] or "nothing that is known")
+    for name, moved in pointers.items():
+        yield f"{name}: {', '.join(dict.fromkeys(moved))}"
 
 
 def _wrinkles(each: dict[str, Any]) -> list[str]:

@@ -18,6 +18,7 @@ import numpy as np
 from wrinklecli.errors import AssetError, TooMuchError
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf import draco, meshopt
+from wrinklecli.gltf.animated import check_channels
 from wrinklecli.gltf.files import local_file, read_data_uri, read_file
 from wrinklecli.gltf.new_data import aligned
 from wrinklecli.gltf.references import draco_primitives, is_placeholder, view_parts
@@ -409,6 +410,7 @@ def read_document(
     gltf = parse_json(text, name)
     files = [name]
     check_asset(gltf, name)
+    check_channels(gltf, name)
     document = Document(name, gltf, (), (), allow_external, memory=memory)
     buffers = []
     for index, buffer in enumerate(document.items("buffers")):

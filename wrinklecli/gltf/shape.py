@@ -136,8 +136,6 @@ _SHAPE: Json = {
     "samplers": [{"name": str}],
     "cameras": [{"name": str}],
 }
-# Properties of a node that channels animate (glTF 2.0 §3.11).
-ANIMATED_PATHS = ("translation", "rotation", "scale", "weights")
 _KINDS = {
     int: "a whole number of 0 or more",
     float: "a number",
@@ -210,7 +208,6 @@ def check_asset(gltf: Json, path: str) -> None:
                 raise _misfit(value, list, path, (kind,))
             counts[kind] = len(value)
     _check_shape(gltf, _SHAPE, _Limits(path, counts), ())
-    _check_channels(gltf, path)
     version = gltf.get("asset", {}).get("version")
     if not isinstance(version, str) or not version.startswith("2."):
         raise AssetError(f"asset.version is {version!r}; glTF 2.0 is read", where=place(path, "asset", "version"))
@@ -271,24 +268,6 @@ def _is_of(value: Any, kind: type) -> bool:
         # An integer in JSON may be too large for a float.
         return type(value) is float or (type(value) is int and abs(value) <= sys.float_info.max)
     return type(value) is kind
-
-
-def _check_channels(gltf: Json, path: str) -> None:
-    """Check that each channel of a node has a sampler with input and output."""
-    for index, animation in enumerate(gltf.get("animations", [])):
-        samplers = animation.get("samplers", [])
-        for number, channel in enumerate(animation.get("channels", [])):
-            if moves_node(channel):
-                which = channel.get("sampler", len(samplers))
-                if which >= len(samplers) or not {"input", "output"} <= samplers[which].keys():
-                    where = place(path, "animations", index, "channels", number)
-                    raise AssetError("has no sampler with input and output", where=where)
-
-
-def moves_node(channel: Json) -> bool:
-    """True if a channel animates a node's property in the core specification."""
-    target = channel.get("target", {})
-    return "node" in target and target.get("path") in ANIMATED_PATHS
 
 
 def _check_uri(value: Any, path: str, pointer: tuple[str | int, ...]) -> None:

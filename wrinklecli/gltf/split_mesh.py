@@ -4,6 +4,7 @@ Source: glTF 2.0 §3.7.2 (meshes), §3.7.2.2 (morph targets), §3.11 (animation)
 """
 
 import copy
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain, count
 from typing import Any
@@ -12,12 +13,15 @@ import numpy as np
 
 from wrinklecli.errors import BakeError
 from wrinklecli.frozen import dataclass
+from wrinklecli.gltf.animated import EXTENSION, pointer_of
 from wrinklecli.gltf.edited_document import INDEX_DATA, VERTEX_DATA, EditedDocument, index_type
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Ints
 
 # Extensions of a node that apply to its mesh; others, such as lights, would be there twice.
 _OF_MESHES = ("KHR_node_visibility", "EXT_mesh_gpu_instancing")
+# What follows `/nodes/0` in pointers at properties of a node that parts have too.
+_OF_PARTS = re.compile(rf"/(translation|rotation|scale)$|/extensions/({'|'.join(_OF_MESHES)})/")
 # Extensions of a document whose lists have objects with a mesh, or a node, and mostly the index of a morph target.
 _BINDING = {"VRM": "mesh", "VRMC_vrm": "node"}
 
@@ -214,10 +218,14 @@ def _follow(edited: EditedDocument, node: int, part: int, targets: Sequence[int]
     for animation in edited.gltf.get("animations", []):
         for channel in list(animation["channels"]):
             target = channel["target"]
-            if target.get("node") != node or (target.get("path") == "weights" and not targets):
-                continue
+            pointer = pointer_of(channel) or ""
             made: Json = copy.deepcopy(channel)
-            made["target"]["node"] = part
+            if _OF_PARTS.match(pointer.removeprefix(f"/nodes/{node}")):
+                made["target"]["extensions"][EXTENSION]["pointer"] = pointer.replace(f"/{node}/", f"/{part}/", 1)
+            elif target.get("node") == node and (target.get("path") != "weights" or targets):
+                made["target"]["node"] = part
+            else:
+                continue
             if target.get("path") == "weights":
                 sampler = animation["samplers"][channel["sampler"]]
                 made["sampler"] = len(animation["samplers"])
@@ -272,15 +280,14 @@ def _bind_in(value: Any, key: str, places: Sequence[int], parts: Sequence[Part])
 
 
 def _refuse_pointers(edited: EditedDocument, node: int) -> None:
-    """Raise BakeError if an animation names a node or its mesh in a pointer."""
+    """Raise BakeError if an animation names the weights of a node, or its mesh, in a pointer."""
     mesh = edited.gltf["nodes"][node]["mesh"]
     for animation in edited.gltf.get("animations", []):
         for channel in animation["channels"]:
-            extension = channel["target"].get("extensions", {}).get("KHR_animation_pointer", {})
-            pointer = str(extension.get("pointer", ""))
-            if f"{pointer}/".startswith((f"/nodes/{node}/", f"/meshes/{mesh}/")):
+            pointer = pointer_of(channel) or ""
+            if f"{pointer}/".startswith((f"/nodes/{node}/weights/", f"/meshes/{mesh}/")):
                 raise BakeError(
-                    f"cannot be split: {animation.get('name')!r} moves {pointer} by KHR_animation_pointer",
+                    f"cannot be split: {animation.get('name')!r} moves {pointer} by {EXTENSION}",
                     where=edited.source.where("nodes", node),
                 )
 

@@ -20,11 +20,12 @@ from wrinklecli.character.scene import read_scene
 from wrinklecli.drive.drive import anchors_of, wrinkle_entry
 from wrinklecli.errors import AssetError, WrinkleError
 from wrinklecli.frozen import dataclass
+from wrinklecli.gltf.animated import Channels, pointer_of
 from wrinklecli.gltf.document import TRIANGLE_FAN, TRIANGLE_STRIP, TRIANGLES, Document, read_document
 from wrinklecli.gltf.files import local_file, path_of
 from wrinklecli.gltf.images import read_image
 from wrinklecli.gltf.references import accessor_references, accessor_views, draco_views, view_parts
-from wrinklecli.gltf.shape import COMPRESSIONS, Json, moves_node
+from wrinklecli.gltf.shape import COMPRESSIONS, Json
 from wrinklecli.numeric.arrays import distinct_values
 from wrinklecli.numeric.guard import guarded
 from wrinklecli.numeric.memory import MAX_MEMORY, Memory
@@ -102,6 +103,7 @@ def _describe(document: Document) -> Json:
         "deforming": list(_deforming(document, meshes)),
         "skins": [_describe_skin(document, index, hierarchy) for index in range(len(document.items("skins")))],
         "clips": list(_clips(document)),
+        "unplayed": list(_unplayed(document)),
         "wrinkles": list(_wrinkles(document)),
         "replaceable": _is_replaceable(document),
         "files": files,
@@ -217,13 +219,16 @@ def _parents(joints: list[int], hierarchy: Hierarchy) -> list[int | None]:
 def _clips(document: Document) -> Iterator[Json]:
     """The animations by the names that `--clip` takes, with the times that their accessors state."""
     names: set[str] = set()
+    known = Channels(document.gltf)
     for index, animation in enumerate(document.items("animations")):
         paths = Counter[str]()
-        nodes, inputs = set(), set()
-        for channel in filter(moves_node, animation.get("channels", [])):
-            paths[channel["target"]["path"]] += 1
-            nodes.add(channel["target"]["node"])
-            inputs.add(animation["samplers"][channel["sampler"]]["input"])
+        nodes, inputs = set[int](), set()
+        for channel in animation.get("channels", []):
+            moved = known.moved(channel)
+            if moved is not None:
+                paths[moved.path] += 1
+                nodes.update(moved.nodes)
+                inputs.add(animation["samplers"][channel["sampler"]]["input"])
         if not inputs:
             continue
         name = animation.get("name") or f"animation_{index}"
@@ -239,6 +244,15 @@ def _clips(document: Document) -> Iterator[Json]:
             "nodes": len(nodes),
             "channels": dict(sorted(paths.items())),
         }
+
+
+def _unplayed(document: Document) -> Iterator[Json]:
+    """The channels that move no node, and what they move by a pointer; a bake keeps them as they are."""
+    known = Channels(document.gltf)
+    for index, animation in enumerate(document.items("animations")):
+        for channel in animation.get("channels", []):
+            if known.moved(channel) is None:
+                yield {"animation": animation.get("name") or f"animation_{index}", "pointer": pointer_of(channel)}
 
 
 def _bounds(accessors: Iterable[Json], key: str) -> list[float]:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from wrinklecli.character.clip import Channel, Clip, read_clips, sample
+from wrinklecli.gltf.animated import Channels
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.review.diff.difference import (
@@ -56,7 +57,7 @@ def animation_differences(sides: Sides, chosen: Sequence[str]) -> Findings:
         yield from dict_differences(first[i], second[j], ("animations", i), "animations", sides.limits, skip=skip)
         if i in clips_a and j in clips_b:
             yield from _clip_differences(sides, clips_a[i], clips_b[j])
-        yield from _other_channel_differences(sides, i, j, clips_a.get(i), clips_b.get(j))
+        yield from _other_channel_differences(sides, i, j)
 
 
 def _properties(animation: Json) -> set[tuple[Any, Any]]:
@@ -125,9 +126,9 @@ def _channel_differences(
         yield differ("animation", place, message, name=clip)
 
 
-def _other_channel_differences(sides: Sides, i: int, j: int, clip_a: Clip | None, clip_b: Clip | None) -> Findings:
-    """Compare the channels that move no node, such as those of KHR_animation_pointer, in their order."""
-    others_a, others_b = _other_channels(sides.a, i, clip_a), _other_channels(sides.b, j, clip_b)
+def _other_channel_differences(sides: Sides, i: int, j: int) -> Findings:
+    """Compare the channels that move no node, as some of KHR_animation_pointer do, in their order."""
+    others_a, others_b = _other_channels(sides.a, i), _other_channels(sides.b, j)
     place: Place = ("animations", i, "channels")
     name = sides.a.items("animations")[i].get("name")
     if len(others_a) != len(others_b):
@@ -147,11 +148,11 @@ def _other_channel_differences(sides: Sides, i: int, j: int, clip_a: Clip | None
         yield from dict_differences(sampler_a, sampler_b, at, "animations", sides.limits, name=name)
 
 
-def _other_channels(document: Document, animation: int, clip: Clip | None) -> list[tuple[int, Json]]:
-    """The channels of an animation that its clip does not have, with their numbers."""
-    played = {channel.index for channel in clip.channels} if clip else set()
+def _other_channels(document: Document, animation: int) -> list[tuple[int, Json]]:
+    """The channels of an animation that move no node, with their numbers."""
+    known = Channels(document.gltf)
     channels = document.items("animations")[animation].get("channels", [])
-    return [(number, channel) for number, channel in enumerate(channels) if number not in played]
+    return [(number, channel) for number, channel in enumerate(channels) if known.moved(channel) is None]
 
 
 def _sampler(document: Document, animation: int, channel: Json) -> Json:
