@@ -291,7 +291,7 @@ def test_normals_follow_the_wrinkles() -> None:
         assert np.percentile(angles, 99) < min(8, np.percentile(unbent, 99) / 2)
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("risen", [0.5, 1.0])
 @pytest.mark.parametrize(
     ("name", "clip"),

@@ -44,11 +44,11 @@ def run(arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
 @pytest.mark.parametrize(
     "command",
     [
-        "suggest limb.glb -o new.yaml --json",
+        "inspect limb.glb",
         "--help",
         "schema",
         "check limb.glb tools.yaml --plot new.svg",
-        "inspect limb.glb",
+        "suggest limb.glb -o new.yaml --json",
         "--version",
     ],
 )

@@ -1,5 +1,6 @@
 """Suggested tools: the meshes that are looked at, the file, the command, limits and damaged assets."""
 
+import importlib
 import json
 import os
 import subprocess
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from kit.asset import Asset, stored
 from kit.limb import limb, limb_asset
 from kit.samples import edited, shared_mesh, two_meshes
-from kit.suggested import ends, middle, run
+from kit.suggested import ends, middle, run, suggest_once
 from wrinklecli import bake
 from wrinklecli.errors import AssetError, BakeError, WrinkleError
 from wrinklecli.review.suggest.suggest import suggest
@@ -88,10 +89,18 @@ def test_an_asset_without_clips_is_looked_at_in_its_range_of_motion(tmp_path: Pa
     (tool,) = {each.tool for each in found.tools[:1]}
     assert middle(tool)[1] > 0.2, "the limb folds towards +y"
     (tmp_path / "tools.yaml").write_text(found.text)
-    bake(path, tmp_path / "tools.yaml", tmp_path / "out.glb")
-    assert {each.clip for each in suggest(path, clips=["morph_0"]).tools} == {"morph_0"}
-    folded = limb(tmp_path / "folded.glb")
-    assert not any("looked at" in note for note in suggest(folded).notes)
+    bake(path, tmp_path / "tools.yaml", tmp_path / "out.glb", max_levels=0)
+
+
+@pytest.mark.slow
+def test_of_the_range_of_motion_morph_targets_may_be_asked_for(tmp_path: Path) -> None:
+    found = suggest(limb(tmp_path / "limb.glb", clip=None, morphs=1), clips=["morph_0"])
+    assert {each.clip for each in found.tools} == {"morph_0"}
+
+
+def test_an_asset_with_clips_is_looked_at_in_its_range_of_motion_where_asked(tmp_path: Path) -> None:
+    folded = limb(tmp_path / "limb.glb")
+    assert not any("looked at" in note for note in suggest_once(folded).notes)
     result = run(folded, "--range-of-motion", "-o", tmp_path / "own.yaml")
     assert "1 joint" in result.stderr
     assert result.exit_code == 0
@@ -126,7 +135,7 @@ def test_tools_name_their_node_where_several_meshes_deform(tmp_path: Path) -> No
     found = suggest(path, count=4, everything=True)
     assert {each.tool.node for each in found.tools} == {"limb", "twin"}
     (tmp_path / "tools.yaml").write_text(found.text)
-    bake(path, tmp_path / "tools.yaml", tmp_path / "out.glb")
+    bake(path, tmp_path / "tools.yaml", tmp_path / "out.glb", max_levels=0)
     alone = suggest(path, count=4, node="twin", everything=True)
     assert {each.tool.node for each in alone.tools} == {"twin"}
 
@@ -140,7 +149,7 @@ def test_a_node_of_any_name_can_be_named(tmp_path: Path, name: str) -> None:
     found = suggest(path, count=1, node=name, everything=True)
     assert parse_tools(found.text).tools[0].node == name
     (tmp_path / "tools.yaml").write_text(found.text, encoding="utf-8")
-    bake(path, tmp_path / "tools.yaml", tmp_path / "out.glb")
+    bake(path, tmp_path / "tools.yaml", tmp_path / "out.glb", max_levels=0)
     assert run(path, "--node", name, "--count", 1, "--all").exit_code == 0
 
 
@@ -163,7 +172,7 @@ def test_a_node_that_no_tool_could_name_is_left_out_with_a_note(name: str | None
 def test_a_mesh_without_normals_keeps_its_flat_faces(tmp_path: Path) -> None:
     flat = suggest(limb(tmp_path / "flat.glb", normals=False), everything=True)
     assert parse_tools(flat.text).refinement.scheme == "midpoint"
-    assert parse_tools(suggest(limb(tmp_path / "smooth.glb")).text).refinement.scheme == "butterfly"
+    assert parse_tools(suggest_once(limb(tmp_path / "limb.glb")).text).refinement.scheme == "butterfly"
 
 
 # The command
@@ -171,7 +180,7 @@ def test_a_mesh_without_normals_keeps_its_flat_faces(tmp_path: Path) -> None:
 
 def test_the_file_says_what_the_record_says(tmp_path: Path) -> None:
     path = limb(tmp_path / "limb.glb", joints=3, angle=200.0)
-    found = suggest(path)
+    found = suggest_once(path)
     read = {tool.name: tool for tool in parse_tools(found.text).tools}
     for each in found.tools:
         tool = read[each.tool.name]
@@ -196,12 +205,27 @@ def test_the_file_bakes_without_a_length_that_no_bump_takes(tmp_path: Path) -> N
     assert not [line for line in report.warnings if "not absorbed" in line]
 
 
+@pytest.fixture
+def each_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Commands that ask for the same suggestions get them from the first."""
+    found: dict[str, Any] = {}
+
+    def remembered(asset: str, *, progress: Any, folder: str, **options: Any) -> Any:
+        key = repr((asset, options))
+        if key not in found:
+            found[key] = suggest(asset, progress=progress, folder=folder, **options)
+        return found[key]
+
+    monkeypatch.setattr(importlib.import_module("wrinklecli.review.suggest.suggest"), "suggest", remembered)
+
+
+@pytest.mark.usefixtures("each_once")
 def test_command_writes_the_file_and_a_table(tmp_path: Path) -> None:
     path = limb(tmp_path / "limb.glb")
     result = run(path, "-o", tmp_path / "tools.yaml", "--count", 1)
     assert result.exit_code == 0
     assert result.stdout == ""
-    assert (tmp_path / "tools.yaml").read_text() == suggest(path, count=1).text
+    assert (tmp_path / "tools.yaml").read_text() == suggest_once(path, count=1).text
     note, head, row = result.stderr.splitlines()
     assert note == "note: limb: skin, as nothing says what it is made of (a guess)"
     assert head.split() == ["tool", "by", "clip", "at", "shortens", "from", "to"]
@@ -209,11 +233,12 @@ def test_command_writes_the_file_and_a_table(tmp_path: Path) -> None:
     for arguments in ([path, "--count", 1], [path, "--count", 1, "-o", "-"]):
         result = run(*arguments)
         assert result.stdout == (tmp_path / "tools.yaml").read_text()
-    result = run(path, "-q")
+    result = run(path, "--count", 1, "-q")
     assert result.stderr == ""
     assert result.stdout
 
 
+@pytest.mark.usefixtures("each_once")
 def test_json_has_these_keys(tmp_path: Path) -> None:
     path = limb(tmp_path / "limb.glb")
     result = run(path, "--json", "-q")

@@ -35,7 +35,7 @@ Json = dict[str, Any]
 def test_a_bent_tube_folds_on_its_inner_side_along_the_tube(tmp_path: Path, options: Json) -> None:
     # Facets of a limb without normals bend, and would leave the tool out.
     everything = not options.get("normals", True)
-    found = suggest(limb(tmp_path / "limb.glb", **options), everything=everything)
+    found = suggest_once(limb(tmp_path / "limb.glb", **options), **({"everything": True} if everything else {}))
     best = found.tools[0]
     x, y, z = middle(best.tool)
     assert abs(x) < 0.15 * best.span
@@ -49,20 +49,20 @@ def test_a_bent_tube_folds_on_its_inner_side_along_the_tube(tmp_path: Path, opti
 
 
 def test_two_bends_are_one_mirrored_tool(tmp_path: Path) -> None:
-    found = suggest(limb(tmp_path / "limb.glb", joints=3, angle=200.0), count=1)
-    (best,) = found.tools
+    found = suggest_once(limb(tmp_path / "limb.glb", joints=3, angle=200.0))
+    best, *_ = found.tools
     assert best.mirrored
     assert best.tool.name.endswith(".L")
     assert abs(middle(best.tool)[0]) == pytest.approx(LENGTH / 6, abs=0.2)
     assert middle(best.tool)[1] > 0.7 * RADIUS
-    left, right = parse_tools(found.text).tools
+    left, right, *_ = parse_tools(found.text).tools
     assert (right.name, ends(right)[0].tolist()) == (f"{left.name[:-1]}R", (ends(left)[0] * [-1, 1, 1]).tolist())
 
 
 @pytest.mark.quick(1)
 @pytest.mark.parametrize("scale", [0.001, 100.0])
 def test_suggestions_scale_with_the_asset(tmp_path: Path, scale: float) -> None:
-    plain = suggest(limb(tmp_path / "plain.glb"), count=1).tools[0]
+    plain = suggest_once(limb(tmp_path / "limb.glb")).tools[0]
     scaled = suggest(limb(tmp_path / "scaled.glb", root={"scale": [scale] * 3}), count=1).tools[0]
     assert np.abs(np.array(ends(scaled.tool)) / scale - np.array(ends(plain.tool))).max() < 0.02 * plain.span
     assert scaled.tool.width.value / scale == pytest.approx(plain.tool.width.value)
@@ -276,7 +276,7 @@ def test_suggestions_do_not_lie_on_one_another() -> None:
                 assert not (0.1 < u < 0.9 and abs(v) < 0.5 and height < 0.25 * first.span)
 
 
-@pytest.mark.quick(3)
+@pytest.mark.slow
 def test_a_skirt_over_both_legs_has_one_tool_across_its_middle(tmp_path: Path) -> None:
     """A pair would overlap, and a tool of one thigh would fold half of a sheet that folds as a whole."""
     asset = CHARACTERS["knight_tabard"]().write(tmp_path / "knight.glb")

@@ -28,7 +28,7 @@ def with_lines() -> Asset:
 
 
 def two_halves() -> Asset:
-    asset = limb_asset(indices=None, **SMALL)
+    asset = limb_asset(rings=5, sides=5, indices=None)
     attribute(asset, 0, "POSITION").reshape(-1, 3, 3)[::2, :, 2] += 3.0
     return asset
 

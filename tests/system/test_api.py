@@ -46,7 +46,9 @@ def test_importing_the_package_imports_nothing_more() -> None:
     assert set(done.stdout.split()) - {"importlib", "typing"} <= set(sys.stdlib_module_names) | {"wrinklecli"}
 
 
-@pytest.mark.parametrize("name", FUNCTIONS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name in ("suggest", "track"))) for name in FUNCTIONS]
+)
 def test_examples_run(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for file in ("samples/wrist.glb", "configs/wrist.yaml"):
         (tmp_path / file).parent.mkdir()

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -56,10 +57,16 @@ def test_commands_on_damaged_files_end_in_order(tmp_path: Path, first: int) -> N
         attacked(make_case(number), folder)
 
 
+@cache
+def many_cases() -> list[Case]:
+    """As many attacks as it takes for each way to be among them."""
+    return [make_case(number) for number in range(5000)]
+
+
 def test_every_option_is_attacked() -> None:
     given: dict[str, set[str]] = {name: set() for name in cli.commands}
-    for number in range(5000):
-        command, *arguments = make_case(number).arguments
+    for case in many_cases():
+        command, *arguments = case.arguments
         given[command].update(arguments)
     for name, command in cli.commands.items():
         # Other processes and the home folder are for tests of their own, and a browser for nobody.
@@ -69,7 +76,7 @@ def test_every_option_is_attacked() -> None:
 
 
 def test_every_way_in_is_attacked() -> None:
-    cases = [make_case(number) for number in range(5000)]
+    cases = many_cases()
     parts = {"asset", "tools", "record", "data", "asset bytes", "tools bytes", "geometry", "later", "kill"}
     parts |= {"presets", "presets bytes"}
     parts |= {"manifest", "manifest bytes", "side", "side bytes", "visit"}

@@ -190,7 +190,8 @@ REMIXES: dict[str, Callable[[CurveResponse, list[Target]], Any]] = {
 }
 
 
-@pytest.mark.parametrize("kind", PROFILES)
+# Curves of a polyline with details take five times as long as others.
+@pytest.mark.parametrize("kind", [*PROFILES[:4], pytest.param(PROFILES[4], marks=pytest.mark.slow)])
 @pytest.mark.parametrize("strategy", ["origin", "both_ends"])
 @pytest.mark.parametrize("name", REMIXES)
 def test_other_targets_that_play_the_same_are_looked_up_too(name: str, strategy: Strategy, kind: Any) -> None:

@@ -38,12 +38,12 @@ OTHER_KNEE = replace(KNEE, origin=(-0.1587, 0.6507, -0.0619), target=(-0.0562, 0
 CASES = {
     "wrist": Case("wrist", "flex", (PALM,)),
     "back": Case("wrist", "extend", (BACK,)),
-    "forehead": Case("head", "raise_brows", (BROW,)),
     "brow": Case(
         "head",
         "raise_brows",
         (Tool((0.028, 0.2400, 0.0847), (0.028, 0.2880, 0.0635), 0.056, 5, "both_ends", "linear", max_height=0.003),),
     ),
+    "forehead": Case("head", "raise_brows", (BROW,)),
     "knees": Case("trousers", "squat", (KNEE, OTHER_KNEE)),
 }
 
@@ -72,16 +72,19 @@ def off(case: Case, ours: Ours, **keys: Any) -> float:
     return float((gaps[displaced] > OFF * heights.max()).mean())
 
 
+@pytest.mark.quick(3)
 @pytest.mark.parametrize("name", CASES)
 def test_the_preset_is_the_paper(name: str) -> None:
     assert off(CASES[name], PROJECTED, attachment="patch") == 0.0
 
 
+@pytest.mark.quick(3)
 @pytest.mark.parametrize("name", CASES)
 def test_the_preset_is_the_paper_on_the_skin(name: str) -> None:
     assert off(CASES[name], AS_BAKED) == 0.0
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("name", ["wrist", "knees"])
 def test_wrinkles_that_are_lower_in_creases_are_not_the_paper_s(name: str) -> None:
     assert off(CASES[name], AS_BAKED, creases="lower") > 0.05
