@@ -11,7 +11,7 @@ from kit.clients import pose_with_normals
 from kit.prepared import as_document
 from kit.samples import Editor, edited, sample, shared_mesh, two_meshes, two_parts
 from wrinklecli.character.clip import read_clips
-from wrinklecli.character.scene import ScenePrimitive, read_scene, scene_nodes
+from wrinklecli.character.scene import ScenePrimitive, drawn_with, read_scene, scene_nodes
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import read_document
 
@@ -59,6 +59,37 @@ def test_only_the_default_scene_is_shown() -> None:
     assert set(children) <= set(scene_nodes(document))
     del document.gltf["scenes"]
     assert scene_nodes(document) == list(range(len(document.items("nodes"))))
+
+
+def test_what_is_drawn_with_a_node() -> None:
+    """Two bodies of two and three levels with a hat on the first ones, in one scene, and a hidden one beside them."""
+    nodes = [
+        {"extensions": {"MSFT_lod": {"ids": [1]}}, "children": [2]},
+        {"children": [3]},
+        {},
+        {},
+        {"extensions": {"MSFT_lod": {"ids": [5, 6]}}},
+        {},
+        {},
+        {"extensions": {"KHR_node_visibility": {"visible": False}}, "children": [8, 9]},
+        {},
+        {},
+        {},
+        {"children": [12]},
+        {},
+    ]
+    asset = Asset()
+    asset.gltf |= {"nodes": nodes, "scenes": [{"nodes": [0, 1, 4, 7]}, {"nodes": [4, 10]}]}
+    document = as_document(asset)
+    assert scene_nodes(document) == [0, 2, 4]
+    assert drawn_with(document, 2) == [0, 2, 4]
+    assert drawn_with(document, 3) == [1, 3, 5], "the second level of each"
+    assert drawn_with(document, 6) == [1, 3, 6, 10], "the last level of each, in both scenes"
+    assert drawn_with(document, 4) == [0, 2, 4, 10], "in both scenes that hold it"
+    assert drawn_with(document, 8) == [0, 2, 4, 7, 8, 9], "as if it were not hidden"
+    assert drawn_with(document, 12) == [11, 12], "below the same root, in no scene"
+    del document.gltf["scenes"]
+    assert scene_nodes(document) == [0, 2, 4, 10, 11, 12]
 
 
 def test_a_node_scaled_to_nothing_is_hidden_and_one_mirrored_winds_the_other_way() -> None:

@@ -1,4 +1,4 @@
-"""Finds the vertices at which a mesh touches itself or another mesh of its file: a gap opens there if one moves."""
+"""Finds the vertices at which a mesh touches itself or another one that is drawn with it: a gap opens if one moves."""
 
 from collections.abc import Container, Iterator
 from functools import cached_property
@@ -6,14 +6,16 @@ from functools import cached_property
 import numpy as np
 
 from wrinklecli.character.pose import joint_matrices
-from wrinklecli.character.rig import Rig, read_hierarchy, read_rig
+from wrinklecli.character.rig import Hierarchy, Rig, read_hierarchy, read_rig
+from wrinklecli.character.scene import drawn_with
 from wrinklecli.character.skin import skinned_mesh
 from wrinklecli.character.surface import Surface, Vertices, dense_influences, read_all_triangles, read_vertices
 from wrinklecli.character.weld import SAME
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, diagonal, distinct_values, flags_of
 from wrinklecli.numeric.cells import leaders
+from wrinklecli.numeric.edges import Edges
 
 # Slack of boxes, relative to their coordinates: rounding errors are far smaller.
 _ROUNDING = 1e-9
@@ -66,73 +68,88 @@ class _Shown:
 
 
 class Neighbours:
-    """All meshes of a file in the stored pose, by the nodes that show them, read on demand."""
+    """The meshes of a file in the stored pose, by the nodes that show them, read on demand."""
 
     def __init__(self, document: Document) -> None:
         self._document = document
-        self._nodes = np.array([i for i, node in enumerate(document.items("nodes")) if "mesh" in node], np.intp)
+        self._known: dict[tuple[int, ...], tuple[Vertices, Ints, Ints]] = {}  # several nodes may show one mesh
+        self._shown: dict[int, _Shown] = {}
+        self._corners: dict[int, Floats] = {}  # many muscles may ask for triangles
+        self._boxes: dict[int, Floats] = {}
+        self._drawn: dict[int, Ints] = {}
 
     def near(self, node: int, low: Floats, high: Floats) -> Iterator[tuple[int, Floats]]:
-        """Other nodes, and (seen, 3) world positions of each one's mesh that may reach into a box of (3,) bounds.
+        """The nodes that are drawn with a node, and (seen, 3) world positions of meshes that may reach into a box.
+
+        `low` and `high` are the (3,) bounds.
 
         Raises:
             AssetError: A mesh or a skin is malformed.
         """
-        for number in self._meeting(node, low, high):
-            yield int(self._nodes[number]), self._shown[number].seen()
+        for other in self._meeting(node, low, high):
+            yield other, self._of(other).seen()
 
     def triangles_near(self, node: int, low: Floats, high: Floats) -> Iterator[Floats]:
-        """(triangles, 3, 3) world corners of each other node's mesh that may reach into a box of (3,) bounds.
+        """(triangles, 3, 3) world corners of the same meshes.
 
         Raises:
             AssetError: A mesh or a skin is malformed.
         """
-        for number in self._meeting(node, low, high):
-            if number not in self._corners:
-                shown = self._shown[number]
-                self._corners[number] = shown.posed()[shown.triangles]
-            yield self._corners[number]
+        for other in self._meeting(node, low, high):
+            if other not in self._corners:
+                shown = self._of(other)
+                self._corners[other] = shown.posed()[shown.triangles]
+            yield self._corners[other]
 
     def _meeting(self, node: int, low: Floats, high: Floats) -> list[int]:
-        """The numbers of other nodes whose meshes may reach into a box."""
-        if len(self._nodes) < 2:
-            return []
-        boxes = self._boxes
-        slack = _ROUNDING * np.abs(boxes).max(axis=(1, 2))[:, None]
-        meets = ((boxes[:, 0] - slack <= high) & (boxes[:, 1] + slack >= low)).all(axis=1) & (self._nodes != node)
-        found: list[int] = np.flatnonzero(meets).tolist()
+        """The other nodes that are drawn with a node and whose meshes may reach into a box."""
+        if node not in self._drawn:
+            nodes = self._document.items("nodes")
+            shown = [each for each in drawn_with(self._document, node) if each != node and "mesh" in nodes[each]]
+            self._boxes |= {each: self._of(each).box() for each in shown if each not in self._boxes}
+            # Scaled to nothing, a mesh is not drawn (glTF 2.0 §3.5.3).
+            large = [each for each in shown if (self._boxes[each][0] != self._boxes[each][1]).any()]
+            self._drawn[node] = np.array(large, np.intp)
+        drawn = self._drawn[node]
+        boxes = np.array([self._boxes[each] for each in drawn.tolist()]).reshape(-1, 2, 3)
+        slack = _ROUNDING * np.abs(boxes).max(axis=(1, 2), initial=0.0)[:, None]
+        meets = ((boxes[:, 0] - slack <= high) & (boxes[:, 1] + slack >= low)).all(axis=1)
+        found: list[int] = drawn[meets].tolist()
         return found
 
-    @cached_property
-    def _corners(self) -> dict[int, Floats]:
-        """The triangles of meshes that were asked for: many muscles may ask."""
-        return {}
-
-    @cached_property
-    def _shown(self) -> list[_Shown]:
-        hierarchy = read_hierarchy(self._document)
-        known: dict[tuple[int, ...], tuple[Vertices, Ints, Ints]] = {}  # several nodes may show one mesh
-        shown = []
-        for node in self._nodes.tolist():
-            rig = read_rig(self._document, node, hierarchy)
+    def _of(self, node: int) -> _Shown:
+        if node not in self._shown:
+            rig = read_rig(self._document, node, self._hierarchy)
             key = (rig.mesh, rig.skinned, len(rig.joints))
-            if key not in known:
+            if key not in self._known:
                 vertices = read_vertices(self._document, rig)
                 acting = distinct_values(vertices.joints[vertices.weights > 0])
-                known[key] = vertices, acting, read_all_triangles(self._document, rig, vertices)
-            shown.append(_Shown(rig, *known[key]))
-        return shown
+                self._known[key] = vertices, acting, read_all_triangles(self._document, rig, vertices)
+            self._shown[node] = _Shown(rig, *self._known[key])
+        return self._shown[node]
 
     @cached_property
-    def _boxes(self) -> Floats:
-        """(nodes, 2, 3)."""
-        return np.stack([each.box() for each in self._shown])
+    def _hierarchy(self) -> Hierarchy:
+        return read_hierarchy(self._document)
+
+
+@dataclass(frozen=True, slots=True)
+class Contacts:
+    """The places at which a gap would open if the vertices there moved.
+
+    Attributes:
+        held: (vertices,) whether a vertex has a twin or touches a vertex of another mesh at rest.
+        copies: The nodes of other meshes that are copies of this one, or levels of detail: they hold nothing.
+    """
+
+    held: Bools
+    copies: tuple[int, ...]
 
 
 def contacts_of(
     neighbours: Neighbours, rig: Rig, surface: Surface, positions: Floats, along: Container[int] = ()
-) -> Bools:
-    """Mark the vertices at which a gap would open if they moved.
+) -> Contacts:
+    """Find the vertices at which a gap would open if they moved.
 
     All vertices are compared, also those that nothing displaces: an edge along another mesh leaves it when it is split.
 
@@ -143,21 +160,36 @@ def contacts_of(
         positions: (vertices, 3) world space at rest.
         along: Nodes whose meshes move along, so that no gap opens.
 
-    Returns:
-        (vertices,) whether a vertex has a twin or touches a vertex of another mesh at rest.
-
     Raises:
         AssetError: Another mesh is malformed.
     """
-    contacts = surface.twins.copy()
+    held, copies = surface.twins.copy(), []
     # The reach depends on the size in world space, as bind space may have quantised units.
     low, high = positions.min(axis=0), positions.max(axis=0)
     reach = SAME * float(np.linalg.norm(high - low))
     if reach > 0:
         for node, posed in neighbours.near(rig.node, low - 2.0 * reach, high + 2.0 * reach):
-            if node not in along:
-                contacts |= _touching(positions, posed, reach)
-    return contacts
+            touching = _touching(positions, posed, reach)
+            if node not in along and touching.any():
+                if _is_copy(surface.triangles, positions, posed, touching, reach):
+                    copies.append(node)
+                else:
+                    held |= touching
+    return Contacts(held, tuple(copies))
+
+
+def _is_copy(triangles: Ints, positions: Floats, others: Floats, touching: Bools, reach: float) -> bool:
+    """True if the mesh of (others, 3) is the same surface as this one, such as a coarser level of it.
+
+    It is about as large, and most vertices of one lie at the other's. Neighbours meet at borders, which do not count:
+    there one goes on as the other, or caps it.
+    """
+    smaller, larger = sorted((diagonal(positions), diagonal(others)))
+    edges = Edges.of(triangles)
+    inner = np.flatnonzero(~flags_of(edges.vertices[edges.counts == 1], len(positions)))
+    of_theirs = _touching(others, positions[inner], reach).sum()
+    most = 2 * of_theirs > len(others) or 2 * touching[inner].sum() > len(inner)
+    return bool(most and 2.0 * smaller > larger)
 
 
 def _touching(positions: Floats, others: Floats, reach: float) -> Bools:

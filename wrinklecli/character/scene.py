@@ -6,7 +6,7 @@ normals and skin weights.
 Source: glTF 2.0 §3.5 (scenes), §3.7.2.2 (morph targets), §3.7.3.3 (skinned meshes).
 """
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -49,22 +49,67 @@ class ScenePrimitive(SkinnedMesh):
 
 
 def scene_nodes(document: Document) -> list[int]:
-    """Sorted nodes of the default scene; all nodes if the file has no scene."""
-    nodes, scenes = document.items("nodes"), document.items("scenes")
-    if not scenes:
-        return list(range(len(nodes)))
-    found: set[int] = set()
-    stack = list(scenes[document.gltf.get("scene", 0)].get("nodes", []))
-    while stack:
-        node = stack.pop()
-        if node not in found:
-            found.add(node)
-            stack += nodes[node].get("children", [])
-    return sorted(found)
+    """Sorted nodes that are drawn of the default scene; of all nodes if the file has no scene."""
+    scenes = document.items("scenes")
+    number = document.gltf.get("scene", 0)
+    return sorted(_drawn(document, scenes[number].get("nodes", []) if scenes else _roots(document), 0, ()))
+
+
+def drawn_with(document: Document, node: int) -> list[int]:
+    """Sorted nodes that are drawn where a node is: of the scenes that hold it, at its level of detail.
+
+    A node that no scene draws stands among those below its root; one that is hidden is looked at as if it were not.
+    """
+    parents, above = read_parents(document), [node]
+    while parents[above[-1]] >= 0:
+        above.append(int(parents[above[-1]]))
+    levels = {each: level for other in document.items("nodes") for level, each in enumerate(_levels(other), 1)}
+    level = next((levels[each] for each in above if each in levels), 0)
+    found = [_drawn(document, scene.get("nodes", []), level, above) for scene in document.items("scenes")]
+    held = [each for each in found if node in each]
+    if not held:
+        scenes = document.items("scenes")
+        held = [_drawn(document, [above[-1]] if scenes else _roots(document), level, above)]
+    return sorted(set[int]().union(*held))
+
+
+def _roots(document: Document) -> list[int]:
+    return [node for node, parent in enumerate(read_parents(document).tolist()) if parent < 0]
+
+
+def _drawn(document: Document, roots: Sequence[int], level: int, shown: Collection[int]) -> set[int]:
+    """The nodes below roots that are drawn at a level of detail: of each node with levels this one, or its last.
+
+    Source: MSFT_lod and KHR_node_visibility. Hidden nodes that are among `shown` count as visible.
+    """
+    nodes = document.items("nodes")
+
+    def below(roots: Iterable[int], without: Collection[int] = ()) -> set[int]:
+        found: set[int] = set()
+        stack = list(roots)
+        while stack:
+            node = stack.pop()
+            visible = nodes[node].get("extensions", {}).get("KHR_node_visibility", {}).get("visible", True)
+            if node not in found and node not in without and (visible or node in shown):
+                found.add(node)
+                stack += nodes[node].get("children", [])
+        return found
+
+    every = below(roots)
+    leveled = {node: [node, *_levels(nodes[node])] for node in every if _levels(nodes[node])}
+    chosen = {each[min(level, len(each) - 1)] for each in leveled.values()}
+    others = {one for each in leveled.values() for one in each} - chosen
+    return below([*roots, *sorted(chosen)], others)
+
+
+def _levels(node: Json) -> list[int]:
+    """The nodes that stand for a node where it is small, by MSFT_lod."""
+    found: list[int] = node.get("extensions", {}).get("MSFT_lod", {}).get("ids", [])
+    return found
 
 
 def deforming_nodes(document: Document) -> list[int]:
-    """Sorted nodes of the default scene whose meshes a skin or morph targets deform."""
+    """Sorted nodes that are drawn of the default scene, whose meshes a skin or morph targets deform."""
     return [node for node in scene_nodes(document) if deforms(document, node)]
 
 

@@ -10,18 +10,18 @@ from wrinklecli.gltf.document import Document
 
 
 def read_scene_meshes(
-    document: Document, without: int | None = None, ignored: Collection[str] = ()
+    document: Document, chosen: Collection[int] | None = None, ignored: Collection[str] = ()
 ) -> tuple[SkinnedMesh, ...]:
-    """Read every mesh of the default scene except those of the node `without` and of nodes with `ignored` names.
+    """Read every mesh of the default scene, or of chosen nodes, except those of nodes with `ignored` names.
 
     Raises:
         AssetError: A mesh, a skin or the hierarchy is malformed.
     """
     nodes, hierarchy = document.items("nodes"), read_hierarchy(document)
     found = []
-    for node in scene_nodes(document):
+    for node in scene_nodes(document) if chosen is None else chosen:
         shown = nodes[node]
-        if node == without or shown.get("name") in ignored or "mesh" not in shown:
+        if shown.get("name") in ignored or "mesh" not in shown:
             continue
         if not has_triangles(document, shown["mesh"]):
             continue

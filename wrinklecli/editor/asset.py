@@ -281,7 +281,7 @@ class LoadedAsset:
                     patch = waiting.pop(part.attached.tool.name, None)
                     if patch is not None and patch is not part.attached:
                         try:
-                            made = sketch(patch, part.region, cluster.plan.fine, ground.contacts)
+                            made = sketch(patch, part.region, cluster.plan.fine, ground.contacts.held)
                         except WrinkleError as error:
                             problems[part.attached.tool.name] = error.lines[0]
                             continue

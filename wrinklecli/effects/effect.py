@@ -98,6 +98,7 @@ class MeshPlan:
         max_error: Scene units.
         scale: World over bind units, at rest.
         has_normals: True if the mesh has NORMALs, so that shapes need them too.
+        copies: The names of nodes that show a copy of the mesh at its place.
     """
 
     rig: Rig
@@ -108,6 +109,7 @@ class MeshPlan:
     max_error: float
     scale: float
     has_normals: bool
+    copies: tuple[str, ...]
 
     @property
     def parts(self) -> "list[Part]":

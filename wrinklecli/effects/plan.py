@@ -147,7 +147,7 @@ def plan_on(
         [region for each in attached for region in each.regions],
         rig,
         settings=settings.refinement,
-        contacts=ground.contacts,
+        contacts=ground.contacts.held,
         influences=min(most, influences or sys.maxsize),
         poses=ground.poses,
         tolerance=_PRUNING_SHARE * bound,
@@ -165,6 +165,7 @@ def plan_on(
         has_normals=any(
             "NORMAL" in each.get("attributes", {}) for each in document.items("meshes")[rig.mesh]["primitives"]
         ),
+        copies=tuple(rig.names[node] for node in ground.contacts.copies),
     )
     firsts = np.cumsum([0, *(len(each.regions) for each in attached)]).tolist()
     numbered = list(zip(firsts, attached, strict=False))
@@ -187,7 +188,12 @@ def _with_moves(fine: Refinement, attached: Sequence[AnyAttached], names: Sequen
 def mesh_warnings(plan: MeshPlan, settings: ToolsFile, clips: Sequence[Clip]) -> list[str]:
     """Warnings about a mesh with all its effects, for clips that are baked."""
     where = plan.rig.names[plan.rig.node]
-    warnings = [line for layer in plan.layers for line in layer.warnings(plan, clips)]
+    warnings = [
+        f"{where}: {name} counts as a copy of it, as most vertices of one are at those of the other: it holds no"
+        " wrinkles down, and has only those of its own tools"
+        for name in plan.copies
+    ]
+    warnings += [line for layer in plan.layers for line in layer.warnings(plan, clips)]
     if plan.fine.subdivision.limited:
         warnings.append(
             f"{where}: {plan.fine.subdivision.limited} edges are still too long for the wrinkles at max_levels"

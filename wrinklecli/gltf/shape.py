@@ -76,7 +76,11 @@ _SHAPE: Json = {
             "rotation": _Numbers(4),
             "scale": _Numbers(3),
             "weights": [float],
-            "extensions": {"EXT_mesh_gpu_instancing": {"attributes": {"*": _ACCESSOR}}},
+            "extensions": {
+                "EXT_mesh_gpu_instancing": {"attributes": {"*": _ACCESSOR}},
+                "KHR_node_visibility": {"visible": bool},
+                "MSFT_lod": {"ids": [_NODE]},
+            },
         }
     ],
     "meshes": [

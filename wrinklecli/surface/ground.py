@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.character.contacts import Neighbours, contacts_of
+from wrinklecli.character.contacts import Contacts, Neighbours, contacts_of
 from wrinklecli.character.pose import joint_matrices
 from wrinklecli.character.rig import DrivenTargets, Rig, read_rig
 from wrinklecli.character.surface import Surface, read_surface
 from wrinklecli.errors import AssetError
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
-from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints, distinct_values
+from wrinklecli.numeric.arrays import Array, Floats, Ints, distinct_values
 from wrinklecli.numeric.closest import Tree
 from wrinklecli.numeric.rays import ray_hits
 from wrinklecli.surface.rest import Rest, rest_pose
@@ -53,8 +53,8 @@ class Ground:
     max_error: Length = ONE_PERCENT
 
     @cached_property
-    def contacts(self) -> Bools:
-        """(vertices,) those that must stay where they are, as `contacts_of` marks them."""
+    def contacts(self) -> Contacts:
+        """The vertices that must stay where they are, and copies of the mesh."""
         return contacts_of(self.neighbours, self.rig, self.surface, self.rest.positions)
 
     @cached_property
@@ -101,6 +101,8 @@ class Ground:
         others = self.neighbours.near(self.rig.node, *box), self.neighbours.triangles_near(self.rig.node, *box)
         for (node, points), corners in zip(*others, strict=True):
             # Clothes may have few vertices, and so may the skin: those of both count.
+            if node in self.contacts.copies:
+                continue
             over = self._within(points, below, reaches, box)
             if over >= _FEW or _meeting(places[rising], rays, corners, box) >= _FEW:
                 found.append(self.rig.names[node])

@@ -47,7 +47,7 @@ def errors(asset: Path, spot: Json, clip: str, time: float) -> tuple[float, floa
         attached.regions,
         ground.rig,
         settings=replace(settings.refinement, max_levels=1),
-        contacts=ground.contacts,
+        contacts=ground.contacts.held,
         influences=influence_count(document, ground.rig),
         poses=ground.poses[:1],
         tolerance=np.inf,

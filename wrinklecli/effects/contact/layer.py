@@ -91,12 +91,15 @@ class ContactKind(EffectKind):
             raise BakeError(message, where=tools[0].place("contact"))
         # Imported here, as other bakes need none of it.
         from wrinklecli.character.bones import read_bones
+        from wrinklecli.character.scene import drawn_with
         from wrinklecli.character.scene_meshes import read_scene_meshes
         from wrinklecli.effects.contact.fold import find_folds
 
         _check_ignored(ground.document, tools)
         parts = read_bones(ground.document).parts
-        obstacles = partial(read_scene_meshes, ground.document, ground.rig.node)
+        own = (ground.rig.node, *ground.contacts.copies)
+        others = [node for node in drawn_with(ground.document, ground.rig.node) if node not in own]
+        obstacles = partial(read_scene_meshes, ground.document, others)
         folds, without = find_folds(carried, chosen, plan.fine, ground.rest, ground.rig, parts, obstacles)
         return ContactLayer(tuple(folds), tuple(carried[number].patch.tool.name for number in without))
 

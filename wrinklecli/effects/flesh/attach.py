@@ -145,7 +145,7 @@ def _attach(tool: Flesh, ground: Ground, settings: ToolsFile) -> AttachedFlesh:
     chosen = np.flatnonzero(_moving(ground, place))
     moved = swings.moves(rest.positions[chosen])
     follows = np.zeros(len(rest.positions))
-    follows[chosen] = _fading(ground, ground.contacts, chosen, _SEAM * place.radius)
+    follows[chosen] = _fading(ground, ground.contacts.held, chosen, _SEAM * place.radius)
     moved *= follows[chosen, None]
     sizes = np.sqrt((moved**2).sum(axis=2)).max(axis=1, initial=0.0)
     if not sizes.max() > 0 or not (sizes > _LEAST_MOVE * sizes.max()).all():
@@ -196,7 +196,7 @@ def _attach_over(tool: Flesh, skin: Ground, ground: Ground, settings: ToolsFile)
     follows *= 1.0 - smoothstep(np.clip(away / reach - 1.0, 0.0, 1.0))
     names = (*tool.meshes, skin.rig.names[skin.rig.node])
     along = {node for node, name in enumerate(ground.rig.names) if name in names}
-    contacts = contacts_of(ground.neighbours, ground.rig, ground.surface, rest.positions, along)
+    contacts = contacts_of(ground.neighbours, ground.rig, ground.surface, rest.positions, along).held
     follows *= _fading(ground, contacts, around, _SEAM * place.radius)
     moved = region.swings.moves(places) * (region.factors[:, None] * follows)[:, :, None]
     deltas = _deltas(rest, around, moved)

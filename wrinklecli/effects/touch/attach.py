@@ -158,7 +158,7 @@ def _attach(tool: Touch, ground: Ground, settings: ToolsFile) -> AttachedTouch:
         disc.both,
         ground.rig,
         settings=settings.refinement,
-        contacts=ground.contacts,
+        contacts=ground.contacts.held,
         influences=influence_count(ground.document, ground.rig),
         poses=ground.poses[:1],
         tolerance=np.inf,

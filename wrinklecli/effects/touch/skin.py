@@ -148,7 +148,7 @@ def _still(ground: Ground, place: Place, soft: Floats | None) -> Bools:
     """(vertices,) True for those that do not move: of other meshes, materials, limbs, and hard ones of a mask."""
     rest, surface = ground.rest, ground.surface
     triangles = rest.triangles
-    still = ground.contacts.copy()
+    still = ground.contacts.held.copy()
     looks = ground.looks[surface.primitives]
     triangle, _, _ = rest.closest_point(place.at)
     other = looks != looks[triangle]

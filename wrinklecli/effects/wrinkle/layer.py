@@ -137,7 +137,7 @@ class WrinkleKind(EffectKind):
         patches = {number: each for number, each in attached if isinstance(each, Patch)}
         for patch in patches.values():
             try:
-                lowered = creased(carry(patch, plan.fine, ground.contacts), plan.fine, plan.rest, plan.rig)
+                lowered = creased(carry(patch, plan.fine, ground.contacts.held), plan.fine, plan.rest, plan.rig)
                 carried.append(demanding(lowered, plan.fine, plan.rig))
             except BakeError as error:
                 problems.append(error)
