@@ -152,7 +152,7 @@ def felt_flesh(folder: Path, edits: int = 20) -> Felt:
 def _opened(session: Session) -> tuple[Page, ClientConnection]:
     """A page, and a tab that takes all that is sent and draws nothing."""
     page = Page(session)
-    tab = connect(f"ws://127.0.0.1:{page.port}", subprotocols=[f"viser-v{viser.__version__}"], max_size=None)
+    tab = connect(page.address.replace("http", "ws", 1), subprotocols=[f"viser-v{viser.__version__}"], max_size=None)
     threading.Thread(target=lambda: [None for _ in tab], daemon=True).start()
     return page, tab
 

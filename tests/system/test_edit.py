@@ -116,7 +116,7 @@ def test_a_tool_is_drawn_tuned_and_saved(tmp_path: Path) -> None:
     session = Session(asset)
     page = Page(session)
     try:
-        with browsing(tmp_path, f"http://127.0.0.1:{page.port}", SIZE) as tab:
+        with browsing(tmp_path, page.address, SIZE) as tab:
             until(page.server.get_clients, "a connected tab")
             take_picture(tab, "opened")
             (client,) = page.server.get_clients().values()
@@ -175,7 +175,7 @@ def test_a_proposal_is_pictured_pointed_at_taken_and_compared(tmp_path: Path) ->
     page = Page(session)
     card = "document.querySelector('[data-wrinkle-key] img')"
     try:
-        with browsing(tmp_path, f"http://127.0.0.1:{page.port}", SIZE) as tab:
+        with browsing(tmp_path, page.address, SIZE) as tab:
             until(page.server.get_clients, "a connected tab")
             tab.wait("document.body.innerText.includes('Find places proposes tools')")
             tab.press_button("Find places")
@@ -232,7 +232,7 @@ def test_contact_is_resolved_on_demand_and_played(tmp_path: Path) -> None:
     session = Session(*elbow().write(tmp_path, contact="resolve"))
     page = Page(session)
     try:
-        with browsing(tmp_path, f"http://127.0.0.1:{page.port}", SIZE) as tab:
+        with browsing(tmp_path, page.address, SIZE) as tab:
             until(page.server.get_clients, "a connected tab")
             tab.press_button("elbow")
             tab.wait("document.body.innerText.includes('is tallest')")

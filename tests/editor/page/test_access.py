@@ -27,7 +27,7 @@ def asset(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def own(asset: Path) -> Iterator[Page]:
-    """A page for this machine."""
+    """A page for this machine, which other users reach too."""
     page = Page(Session(asset), names=["Studio.example"])
     yield page
     page.close()
@@ -39,6 +39,11 @@ def shared(asset: Path) -> Iterator[Page]:
     page = Page(Session(asset), "0.0.0.0")
     yield page
     page.close()
+
+
+def cookie_of(page: Page) -> str:
+    """The cookie that a browser has after it has opened the printed address."""
+    return f"wrinkle_edit_{page.port}={page.address.rpartition('=')[2]}"
 
 
 def got(page: Page, path: str = "/", **headers: str | list[str] | None) -> tuple[int, http.client.HTTPMessage, bytes]:
@@ -97,14 +102,14 @@ NAMES = {
 
 @pytest.mark.parametrize("host", NAMES)
 def test_the_page_is_asked_for_by_an_address_or_a_known_name(own: Page, host: str) -> None:
-    status, headers, _ = got(own, Host=host)
+    status, headers, _ = got(own, Host=host, Cookie=cookie_of(own))
     assert status == (200 if NAMES[host] else 403)
     assert NAMES[host] == (headers["Content-Security-Policy"] == "frame-ancestors 'none'")
 
 
 def test_a_request_names_one_host(own: Page) -> None:
-    assert got(own, Host=None)[0] == 403
-    assert got(own, Host=["127.0.0.1:PORT", "evil.example"])[0] == 403
+    assert got(own, Host=None, Cookie=cookie_of(own))[0] == 403
+    assert got(own, Host=["127.0.0.1:PORT", "evil.example"], Cookie=cookie_of(own))[0] == 403
 
 
 ORIGINS = {
@@ -130,21 +135,25 @@ ORIGINS = {
 
 @pytest.mark.parametrize(("host", "origin"), ORIGINS)
 def test_no_other_site_is_let_in(own: Page, host: str, origin: str) -> None:
-    assert got(own, Host=host, Origin=origin)[0] == (200 if ORIGINS[host, origin] else 403)
-    assert opens(own, Host=host, Origin=origin) == ORIGINS[host, origin]
+    assert got(own, Host=host, Origin=origin, Cookie=cookie_of(own))[0] == (200 if ORIGINS[host, origin] else 403)
+    assert opens(own, Host=host, Origin=origin, Cookie=cookie_of(own)) == ORIGINS[host, origin]
 
 
 def test_the_page_shows_no_other_server(own: Page) -> None:
     for query in ("?websocket=ws://evil.example", "?playbackPath=http://evil.example/a.viser", "?websocket"):
-        assert got(own, f"/{query}")[0] == 403
-    assert opens(own)
-    assert own.address == f"http://127.0.0.1:{own.port}"
+        assert got(own, f"/{query}", Cookie=cookie_of(own))[0] == 403
+    assert opens(own, Cookie=cookie_of(own))
 
 
-def test_others_need_the_token_of_the_address(shared: Page, caplog: pytest.LogCaptureFixture) -> None:
+@pytest.mark.parametrize("host", ["127.0.0.1", "0.0.0.0"])
+def test_all_need_the_token_of_the_address(
+    request: pytest.FixtureRequest, caplog: pytest.LogCaptureFixture, host: str
+) -> None:
+    """Other users of this machine too, who reach its ports."""
+    shared: Page = request.getfixturevalue("own" if host == "127.0.0.1" else "shared")
     caplog.set_level(logging.DEBUG)
     start, _, token = shared.address.partition("/?token=")
-    assert start == f"http://0.0.0.0:{shared.port}"
+    assert start == f"http://{host}:{shared.port}"
     assert len(token) >= 32
     for path in (
         "/",
@@ -170,11 +179,28 @@ def test_others_need_the_token_of_the_address(shared: Page, caplog: pytest.LogCa
     assert token not in "".join(each.getMessage() for each in caplog.records if each.name != "websockets.client")
 
 
-def test_each_page_has_another_token_and_this_machine_none() -> None:
-    tokens = [Access.to(host).token for host in ("0.0.0.0", "0.0.0.0", "::", "10.0.0.1", "studio.example")]
-    assert len({*tokens, None}) == 6
-    assert [Access.to(host).token for host in ("127.0.0.1", "127.0.0.2", "::1", "localhost")] == [None] * 4
-    assert Access("::1").address(80) == "http://[::1]:80"
+def test_each_page_has_another_token() -> None:
+    tokens = [Access.to(host).token for host in ("0.0.0.0", "0.0.0.0", "::", "127.0.0.1", "localhost", "localhost")]
+    assert len(set(tokens)) == 6
+    assert Access("::1", (), "abc").address(80) == "http://[::1]:80/?token=abc"
+
+
+PATHS = [
+    "/../../etc/passwd",
+    "/%2e%2e/%2e%2e/etc/passwd",
+    "//etc/passwd",
+    "/limb.glb",
+    "/../server.py",
+    "/assets/../..",
+]
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_the_page_serves_its_own_files_alone(own: Page, path: str) -> None:
+    """To one who may open it."""
+    status, _, data = got(own, path, Cookie=cookie_of(own))
+    assert status in (403, 404) or b"<html" in data
+    assert not any(each in data for each in (b"root:", b"glTF", b"import "))
 
 
 @pytest.mark.parametrize("name", ["", "http://studio.example", "studio.example:80", "*", "a b"])

@@ -61,7 +61,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
 
 def tab(page: Page) -> ClientConnection:
     """A tab that shows the page."""
-    address = f"ws://127.0.0.1:{page.port}"
+    address = page.address.replace("http", "ws", 1)
     connection = connect(address, subprotocols=[f"viser-v{viser.__version__}"], max_size=None)  # type: ignore
     threading.Thread(target=lambda: [None for _ in connection], daemon=True).start()
     connection.send(msgspec.msgpack.encode(CAMERA))

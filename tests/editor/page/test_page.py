@@ -1,16 +1,20 @@
 """The page for those who mean it no good: what they send ends at most their own tab."""
 
 import contextlib
+import gc
 from collections.abc import Iterator
 from pathlib import Path
 
 import msgspec
 import pytest
 import viser
+from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
+from kit.browser import until
 from kit.limb import limb
+from wrinklecli.editor.page import server
 from wrinklecli.editor.page.page import Page
 from wrinklecli.editor.session import Session
 from wrinklecli.errors import WrinkleError
@@ -39,7 +43,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
 
 
 def tab(page: Page, **options: object) -> ClientConnection:
-    address = f"ws://127.0.0.1:{page.port}"
+    address = page.address.replace("http", "ws", 1)
     return connect(address, subprotocols=[f"viser-v{viser.__version__}"], max_size=None, **options)  # type: ignore
 
 
@@ -61,6 +65,30 @@ def test_many_tabs_show_one_session(page: Page) -> None:
     with contextlib.ExitStack() as stack:
         tabs = [stack.enter_context(tab(page)) for _ in range(TABS)]
         assert all(len(each.recv(timeout=20)) > 1000 for each in tabs)
+
+
+def test_tabs_that_are_gone_leave_nothing(page: Page) -> None:
+    """Each has some hundred kilobytes, and Python looks for them rarely, if at all."""
+    gc.disable()
+    try:
+        for _ in range(8):
+            gone = tab(page)
+            gone.recv(timeout=10)
+            gone.socket.close()
+        until(lambda: sum(isinstance(each, ServerConnection) for each in gc.get_objects()) <= 2, "no old connections")
+    finally:
+        gc.enable()
+
+
+def test_a_tab_for_which_no_memory_is_left_is_refused(page: Page, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The packing of messages would end the process where there is none."""
+
+    def none_left(_size: int) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(server, "leave_room", none_left)
+    with pytest.raises(InvalidStatus, match="503"):
+        tab(page)
 
 
 def test_other_pages_are_not_let_in(page: Page) -> None:

@@ -1,8 +1,9 @@
-"""Decides who may connect to the page: whoever asks for it by a known name, and has its token where others reach it.
+"""Decides who may connect to the page: whoever asks for it by a known name, and has its token.
 
 Any site that a browser shows may connect to the ports of this machine, and its owner may let a name point here. So a
-request has to name the page by an address or by a known name, and its site has to be the page itself. The token stands
-in the printed address, as in Jupyter; a cookie keeps it for the files that the page loads and for its websocket.
+request has to name the page by an address or by a known name, and its site has to be the page itself. All users of this
+machine reach its ports too, so a page that no other machine reaches has a token as well. It stands in the printed
+address, as in Jupyter; a cookie keeps it for the files that the page loads and for its websocket.
 """
 
 import ipaddress
@@ -30,27 +31,25 @@ class Access:
     Attributes:
         host: The host.
         names: Names by which the page may be asked for, beside the host, `localhost` and addresses.
-        token: The secret of the printed address; None if only this machine reaches the page.
+        token: The secret of the printed address.
     """
 
     host: str
-    names: tuple[str, ...] = ()
-    token: str | None = None
+    names: tuple[str, ...]
+    token: str
 
     @classmethod
     def to(cls, host: str, names: Sequence[str] = ()) -> "Access":
-        """Make the rules for a host and further names, with a new token unless the host is this machine."""
-        return cls(host, tuple(names), None if is_own(host) else secrets.token_urlsafe(_TOKEN_BYTES))
+        """Make the rules for a host and further names, with a new token."""
+        return cls(host, tuple(names), secrets.token_urlsafe(_TOKEN_BYTES))
 
     def address(self, port: int) -> str:
         """The address of the page at a port."""
         host = f"[{self.host}]" if ":" in self.host else self.host
-        return f"http://{host}:{port}" + (f"/?token={self.token}" if self.token else "")
+        return f"http://{host}:{port}/?token={self.token}"
 
     def headers(self, port: int) -> Mapping[str, str]:
         """The headers of all answers at a port, by name."""
-        if self.token is None:
-            return _HEADERS
         return {**_HEADERS, "Set-Cookie": f"{_cookie(port)}={self.token}; Path=/; HttpOnly; SameSite=Strict"}
 
     def refusal(
@@ -74,12 +73,11 @@ class Access:
         # The page would take others, even one that lets it show what another server sends.
         if any(key != "token" for key, _ in query):
             return "the page's address has no other options than token"
-        if self.token is not None:
-            pairs = (pair.strip().partition("=") for each in cookies for pair in each.split(";"))
-            found = [*(value for _, value in query), *(value for name, _, value in pairs if name == _cookie(port))]
-            token = self.token.encode()
-            if not any(secrets.compare_digest(each.encode(errors="surrogateescape"), token) for each in found):
-                return "this page opens at the whole address that the command has printed, with its token"
+        pairs = (pair.strip().partition("=") for each in cookies for pair in each.split(";"))
+        found = [*(value for _, value in query), *(value for name, _, value in pairs if name == _cookie(port))]
+        token = self.token.encode()
+        if not any(secrets.compare_digest(each.encode(errors="surrogateescape"), token) for each in found):
+            return "this page opens at the whole address that the command has printed, with its token"
         return None
 
     def _is_known(self, host: str) -> bool:

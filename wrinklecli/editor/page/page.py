@@ -113,7 +113,7 @@ class Page:
 
     @property
     def address(self) -> str:
-        """Address of the page, with its token if it has one."""
+        """Address of the page, with its token."""
         return self._access.address(self.port)
 
     def close(self) -> None:

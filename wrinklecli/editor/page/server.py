@@ -1,6 +1,8 @@
 """Serve the page at one address and port, only to those who may connect, and only with messages that tabs send."""
 
+import asyncio
 import contextlib
+import gc
 import http
 import logging
 import socket
@@ -16,7 +18,12 @@ from websockets.http11 import Request, Response
 from wrinklecli.editor.page.access import Access
 from wrinklecli.editor.page.messages import MAX_BYTES, is_sent
 from wrinklecli.errors import WrinkleError
+from wrinklecli.numeric.memory import leave_room
 
+# Seconds in which the tasks of a connection that has ended end too.
+_COLLECT_SECONDS = 0.5
+# Bytes of the messages that a tab gets first, rounded up: a mesh of 200,000 vertices, packed and sent.
+_TAB = 50 * 10**6
 _Answer: TypeAlias = Callable[[ServerConnection, Request], Response | None]
 """Answers a request, or returns None to open a websocket."""
 
@@ -34,6 +41,7 @@ def serve(access: Access, port: int) -> viser.ViserServer:
     logging.getLogger("websockets.server").setLevel(logging.CRITICAL + 1)
     usual = websockets.asyncio.server.serve
     served: list[viser.ViserServer] = []
+    collected = _Collected()
 
     def controls() -> Mapping[str, Any]:
         return served[0].gui._gui_input_handle_from_uuid if served else {}
@@ -43,6 +51,10 @@ def serve(access: Access, port: int) -> viser.ViserServer:
             while not is_sent(data := await super().recv(decode), controls()):
                 pass
             return data
+
+        def connection_lost(self, exc: Exception | None) -> None:
+            super().connection_lost(exc)
+            collected.soon(self.loop)
 
     def checked_serve(*arguments: Any, process_request: _Answer, **options: Any) -> Any:
         options |= {"max_size": MAX_BYTES, "create_connection": CheckedConnection}
@@ -64,6 +76,27 @@ def serve(access: Access, port: int) -> viser.ViserServer:
     return server
 
 
+class _Collected:
+    """Frees what connections leave behind, in cycles, as Python itself would do after 100,000 more objects.
+
+    A connection keeps what it has sent, up to a megabyte. A limit of memory is reached after some hundreds, and there
+    the packing of messages ends the process.
+    """
+
+    def __init__(self) -> None:
+        self._asked = False
+
+    def soon(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Free it when the tasks of the connection have ended, once for all that end until then."""
+        if not self._asked:
+            self._asked = True
+            loop.call_later(_COLLECT_SECONDS, self._collect)
+
+    def _collect(self) -> None:
+        self._asked = False
+        gc.collect()
+
+
 def _checked(answer: _Answer, access: Access, port: int) -> _Answer:
     """Answer the requests to a port that `access` does not refuse."""
 
@@ -75,7 +108,13 @@ def _checked(answer: _Answer, access: Access, port: int) -> _Answer:
         response = answer(connection, request)
         if response is not None:
             response.headers.update(access.headers(port))
-        return response
+            return response
+        try:
+            leave_room(_TAB)
+        except MemoryError:
+            reason = "no memory is left for one more tab; close others, or raise --max-memory"
+            return connection.respond(http.HTTPStatus.SERVICE_UNAVAILABLE, f"wrinkle edit: {reason}\n")
+        return None
 
     return checked_answer
 
