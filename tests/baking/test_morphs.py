@@ -184,6 +184,7 @@ AT_REST: Json = {"rest_length": {"keys": {"flex": [[0.0, "100%"]]}}}
 TANGENTIAL: Json = {**PALM, "strategy": "both_ends", "bumps": 5}
 
 
+@pytest.mark.slow
 def test_tangent_targets_keep_tangents_in_the_surface() -> None:
     """Across the bent normals, and where the triangles' own edges carry them, at several weights of all tools.
 

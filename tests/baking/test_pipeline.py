@@ -12,9 +12,10 @@ import pytest
 import yaml
 
 import wrinklecli
-from kit.bakes import COARSE, bake_config, bake_once
+from kit.bakes import COARSE, bake_config, bake_once, place
 from kit.clients import assert_valid
-from kit.limb import write_tools
+from kit.limb import limb_asset, write_tools
+from kit.limb import tool as limb_tool
 from kit.places import ROOT
 from kit.player import Gltf, Json, anchor_distances, described, wrinkle_columns
 from kit.samples import BACK, BROW, PALM, Editor, edited, sample, without_animations
@@ -138,13 +139,13 @@ for asset, tools, out in json.loads(sys.argv[1]):
 def test_same_bytes_from_another_process_and_folder(tmp_path: Path) -> None:
     """With another hash seed and two BLAS threads, which change the last bits of what BLAS computes."""
     patch = {**PALM, "attachment": "patch", "bumps": 2, "clips": {"extend": 0}}
-    polyline = {**BROW, "profile": "polyline", "details": [0.2], "strategy": "origin"}
+    polyline = limb_tool(profile="polyline", details=[0.2], strategy="origin")
     jobs, expected = [], []
-    for number, (asset, tool) in enumerate((("wrist", patch), ("head", polyline))):
-        tools = write_tools(tmp_path / f"elsewhere {number}.yaml", tool)
-        relative = os.path.relpath(sample(asset), tmp_path)
+    for number, (asset, chosen) in enumerate(((sample("wrist"), patch), (place(limb_asset()), polyline))):
+        tools = write_tools(tmp_path / f"elsewhere {number}.yaml", chosen)
+        relative = os.path.relpath(asset, tmp_path)
         jobs.append((relative, tools.name, f"{number}.glb"))
-        expected.append(bake_once(asset, tool).path.read_bytes())
+        expected.append(bake_once(asset, chosen).path.read_bytes())
     threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "2")
     subprocess.run(
         [sys.executable, "-W", "error", "-c", RUN, json.dumps(jobs)],

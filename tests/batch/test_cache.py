@@ -187,7 +187,8 @@ def test_a_file_of_presets_is_an_input(wrinkle: Wrinkle, folder: Path) -> None:
     assert "studio.yaml" in (folder / "o.d").read_text().split()
 
 
-@pytest.mark.parametrize("uri", ["", ".", "tex", "http://127.0.0.1:9/skin.png", "../skin.png", "none.png"])
+@pytest.mark.quick(3)
+@pytest.mark.parametrize("uri", ["", "tex", "none.png", ".", "http://127.0.0.1:9/skin.png", "../skin.png"])
 def test_a_reference_that_is_no_file_beside_is_not_kept(uri: str, wrinkle: Wrinkle, folder: Path) -> None:
     asset = limb_asset(rings=7, sides=6)
     asset.gltf["images"] = [{"uri": uri}]
@@ -379,14 +380,14 @@ def test_a_job_with_such_a_record_is_baked(name: str, batch: Batch, folder: Path
     assert (told["result"], any("c/" in line for line in told["warnings"])) == ("hit", False)
 
 
-@pytest.mark.quick(4)
+@pytest.mark.quick(2)
 @pytest.mark.parametrize(
     "note",
     [
         {"parts": 5},
-        {"parts": {}},
         {"parts": {"asset": 3, "names": {"out": ["x"]}, "options": {"frames": 1}, "anims": [1]}},
         {"parts": {"names": {"out": "../../victim", "report": None, "timings": None}, "asset": {"\ud800": 1}}},
+        {"parts": {}},
         {"parts": deep(600)},
         {"parts": {"program": deep(600)}},
         [],

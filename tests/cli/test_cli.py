@@ -442,6 +442,7 @@ def test_the_report_says_what_every_tool_did(wrinkle: Wrinkle, tmp_path: Path) -
                 assert error.max() < 0.0025 * mesh["tallest_wrinkle"] / heights.max() + TABLE_ERROR
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("old")
 def test_a_report_is_the_same_every_time(wrinkle: Wrinkle, tmp_path: Path) -> None:
     for name in ("a.json", "b.json"):

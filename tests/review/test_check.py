@@ -299,12 +299,6 @@ def test_a_patch_over_two_layers_is_warned_of_by_their_share(fold: float, tmp_pa
         assert share == pytest.approx(100 * 2 * fold / (2 * REACH), abs=8.0)
 
 
-@pytest.mark.slow
-def test_no_sample_s_tool_is_warned_of() -> None:
-    for asset, config in (("wrist", "wrist"), ("head", "head"), ("head", "head_keyed"), ("trousers", "trousers")):
-        assert check(sample(asset), ROOT / "configs" / f"{config}.yaml").warnings == ()
-
-
 @pytest.mark.parametrize("strength", [1.0, -1.0])
 @pytest.mark.parametrize("share", [0.1, 0.9, 1.1])
 def test_wrinkles_taller_than_the_room_are_warned_of(strength: float, share: float, tmp_path: Path) -> None:
@@ -680,8 +674,8 @@ def test_teeth_are_named_with_their_clip_and_time(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["wrist", "head", "head_keyed", "trousers", "body"])
-def test_the_samples_have_no_teeth(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_samples_have_no_teeth_and_no_warning(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if name != "trousers":  # whose knees bend by more than 90°, and hide a few such triangles in the fold
         monkeypatch.setattr("wrinklecli.effects.faults._SEEN", 0.0)
     found = check(sample(name.split("_")[0]), ROOT / "configs" / f"{name}.yaml")
-    assert not [line for line in found.warnings if "over in" in line]
+    assert not [line for line in found.warnings if "over in" in line or name != "body"]

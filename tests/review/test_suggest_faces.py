@@ -42,7 +42,7 @@ VARIANTS: dict[str, tuple[Face, Callable[[Face], Asset], list[str]]] = {
 }
 # The face of another variant by other names, in other units or axes: its tools are found anew, and not judged again,
 # which takes longest.
-ALIKE = ("facs", "muscles", "vrm 0", "centimetres", "z up")
+ALIKE = ("all of arkit", "facs", "muscles", "vroid", "vrm 0", "centimetres", "z up")
 QUICK = "facs"
 BY_TIME = [QUICK, *(pytest.param(name, marks=pytest.mark.slow) for name in VARIANTS if name != QUICK)]
 

@@ -49,6 +49,7 @@ def test_clothes_over_a_region_are_named(tmp_path: Path, monkeypatch: pytest.Mon
     assert 'meshes: ["mesh_1", "mesh_2"]' in found.text
 
 
+@pytest.mark.slow
 def test_flesh_on_a_coarse_mesh_is_left_out(tmp_path: Path) -> None:
     """A cartoon's cheeks have one vertex each, which would stand out as a spike; the right one has it, too.
 
@@ -61,7 +62,6 @@ def test_flesh_on_a_coarse_mesh_is_left_out(tmp_path: Path) -> None:
         assert line in found.notes
 
 
-@pytest.mark.slow
 def test_flesh_of_one_side_is_left_out(wrinkle: Wrinkle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A cartoon that lacks the skin of its right cheek: the left one alone would look like a fault."""
     monkeypatch.setattr("wrinklecli.review.suggest.flesh.LEAST_VERTICES", 1)

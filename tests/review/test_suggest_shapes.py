@@ -85,8 +85,6 @@ BENT = [
     Shape(sides=120, rings=240, angle=70.0, blend=0.4),
     Shape(sides=200, rings=17, seam=True),
     Shape(sides=200, rings=40, turn=TURNED, capped=True),
-    Shape(sides=50, rings=60, blend=0.8, turn=TURNED),
-    Shape(sides=100, rings=17, seam=True, inside="x"),
 ]
 
 

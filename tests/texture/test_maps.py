@@ -375,7 +375,7 @@ TABARD = {
 )
 def test_normals_are_those_of_a_finely_refined_mesh(name: str, tool: str, edges: int, tmp_path: Path) -> None:
     """At 95 % of the texels with wrinkles within 2°, at full height, from the images to a mesh finer than theirs."""
-    size = 1024
+    size = 512
     if name in CHARACTERS:
         asset, tools = CHARACTERS[name]().write(tmp_path / "asset.glb"), write_tools(tmp_path / "tools.yaml", TABARD)
     else:
@@ -384,7 +384,7 @@ def test_normals_are_those_of_a_finely_refined_mesh(name: str, tool: str, edges:
     mapped = mapped_normals(asset, tools, tool, tmp_path / "maps", size)[texels]
     angles = np.degrees(np.arccos(np.clip(np.sum(mapped * drawn, axis=1), -1.0, 1.0)))
     high = heights > 0.02 * heights.max()
-    assert high.sum() > 10_000
+    assert high.sum() > 2500
     assert np.percentile(angles[high], 95) < 2.0
 
 

@@ -228,7 +228,7 @@ def test_the_distance_is_that_of_the_posed_skin() -> None:
     """On a bent plate that turns, the tip's height is right to a part of a millimetre within the pad."""
     angles = np.array([-0.25, 0.0, 0.2])
     above = 0.042 * np.stack([np.sin(angles), np.cos(angles), 0 * angles], axis=1) - [0.0, 0.04, 0.0]
-    file = baked(place(plate(bend=25.0, cells=60, size=0.2, tip=above)), touch(by="tip", keys={}))
+    file = baked(place(plate(bend=25.0, cells=40, size=0.2, tip=above)), touch(by="tip", keys={}))
     document = read_document(file.path)
     (stored,) = read_bodies(document)[0].drives
     tips = stored.on({"bone": 1, "tip": 2}, []).tip_in(

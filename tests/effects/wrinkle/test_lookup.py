@@ -124,7 +124,7 @@ def test_compressible_tissue_is_looked_up_too(strategy: Strategy, compressible: 
     assert_right(response, between_rows(response.table().rows))
 
 
-@pytest.mark.parametrize(("bumps", "gap"), [(1, 0), (64, 1), (5, 1), (3, 12)])
+@pytest.mark.parametrize(("bumps", "gap"), [(1, 0), pytest.param(64, 1, marks=pytest.mark.slow), (5, 1), (3, 12)])
 def test_any_number_of_bumps_with_any_gap(bumps: int, gap: int) -> None:
     response = exactly(planned("origin", bumps=bumps, gap=gap, height=0.25 / bumps))
     assert_right(response, everywhere(response.curve))
