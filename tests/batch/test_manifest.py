@@ -132,7 +132,7 @@ jobs:
         "m.yaml:7: jobs[1].max_levels: found 12, expected a whole number from 0 to 8",
         "m.yaml:8: jobs[1].engine: found unit, expected three, unity, spec8, vtk or godot3; did you mean unity?",
         "m.yaml:9: jobs[2].out: found {stm}, expected {stem} or {folder}",
-        "m.yaml:10: jobs[3].out: found 'a.txt', which ends neither in .glb nor .gltf",
+        "m.yaml:10: jobs[3].out: found 'a.txt', which does not end in '.glb', '.gltf', '.vrm'",
         "m.yaml:11: jobs[4]: anims and tracked go together: files, and the folder for them",
         "m.yaml:12: jobs[5]: 'b.glb' is an output of another asset too: each needs a name of its own",
         "m.yaml:13: jobs[6].out: required, but missing",

@@ -219,6 +219,7 @@ def test_truncated_gltf_and_its_buffer_are_refused(tmp_path: Path) -> None:
         (b'{"asset": {"version": "2.0"}, "nodes": ' + b"9" * 5000 + b"}", "neither a .glb nor JSON"),
         (b"{}", "asset.version is None"),
         (b'{"asset": {"version": "1.0"}}', "asset.version is '1.0'"),
+        (b'{"asset": {"version": "1.0"}, "meshes": {"body": {}}, "scene": "all"}', "asset.version is '1.0'"),
         (b'{"asset": {"version": 2.0}}', "#/asset/version: is 2.0"),
         (b'{"asset": []}', "#/asset: is []"),
         (b'{"asset": {"version": "2.0"}, "buffers": {}}', "#/buffers: is {}"),
@@ -263,7 +264,7 @@ def test_unreadable_file_is_refused(tmp_path: Path) -> None:
         ("accessors", "count", 10, "#/accessors/0: 10 elements of 12 bytes from byte 0 do not fit"),
         ("accessors", "count", 0, "#/accessors/0: count is 0"),
         ("accessors", "count", -1, "#/accessors/0/count: is -1"),
-        ("accessors", "count", 1e3, "#/accessors/0/count: is 1000.0"),
+        ("accessors", "count", 9.5, "#/accessors/0/count: is 9.5"),
         ("accessors", "count", True, "#/accessors/0/count: is True"),
         ("accessors", "count", 2**40, "#/accessors/0: count is"),
         ("accessors", "byteOffset", 4, "#/accessors/0: 9 elements .* do not fit"),
@@ -400,3 +401,62 @@ def test_any_value_replaced_by_junk_is_read_or_refused(tmp_path: Path, junk: Any
         except Exception as error:
             faults.append(f"/{'/'.join(map(str, place))}: {error!r}")
     assert not faults, f"{len(faults)} tracebacks:\n" + "\n".join(faults)
+
+
+def test_a_pointer_of_git_lfs_in_place_of_a_buffer_is_named(tmp_path: Path) -> None:
+    (tmp_path / "a.bin").write_bytes(b"version https://git-lfs.github.com/spec/v1\noid sha256:0\n")
+    gltf = {"asset": {"version": "2.0"}, "buffers": [{"uri": "a.bin", "byteLength": 400}]}
+    (tmp_path / "a.gltf").write_text(json.dumps(gltf))
+    with pytest.raises(AssetError, match="#/buffers/0: is a pointer of Git LFS, not the file itself"):
+        read_document(tmp_path / "a.gltf")
+
+
+def with_floats(value: Any) -> Any:
+    """JSON whose integers are written as 1.0."""
+    if isinstance(value, dict):
+        return {key: with_floats(each) for key, each in value.items()}
+    if isinstance(value, list):
+        return [with_floats(each) for each in value]
+    return float(value) if type(value) is int else value
+
+
+def kinds(value: Any) -> Any:
+    """JSON with the types of its numbers in their place."""
+    if isinstance(value, dict):
+        return {key: kinds(each) for key, each in value.items()}
+    return [kinds(each) for each in value] if isinstance(value, list) else type(value)
+
+
+def test_integers_written_as_floats_are_integers(tmp_path: Path) -> None:
+    asset = limb_asset(rings=5, sides=4, morphs=2, morph_clip="LINEAR", sparse="base", indices="u2", uvs=True)
+    info = {"index": 0, "texCoord": 0, "extensions": {"KHR_texture_transform": {"texCoord": 0}}}
+    asset.append("materials", {"pbrMetallicRoughness": {"baseColorTexture": info}, "extras": {"size": 2}})
+    asset.append("textures", {"source": 0, "sampler": 0, "extensions": {"EXT_texture_webp": {"source": 0}}})
+    asset.append("images", {"bufferView": 0, "mimeType": "image/png"})
+    asset.append("samplers", {"wrapS": 33071, "wrapT": 33648})
+    asset.gltf["meshes"][0]["primitives"][0]["material"] = 0
+    asset.gltf["nodes"][0]["extensions"] = {"MSFT_lod": {"ids": [1]}}
+    asset.gltf["extensions"] = {"VRM": {"humanoid": {"humanBones": [{"bone": "hips", "node": 1}]}}}
+    asset.gltf["buffers"] = [{"byteLength": len(asset.data)}]
+    wanted = read_document(asset.write(tmp_path / "a.glb")).gltf
+    text = json.dumps(with_floats({**asset.gltf, "buffers": [{"byteLength": len(asset.data)}]})).encode()
+    (tmp_path / "b.glb").write_bytes(pack_glb(text, bytes(asset.data)))
+    read = read_document(tmp_path / "b.glb")
+    assert read.gltf == wanted
+    for kind in ("nodes", "accessors"):  # numbers of which stay as they are
+        for entries in (wanted, read.gltf):
+            for each in entries[kind]:
+                for key in ("min", "max", "translation", "weights"):
+                    each.pop(key, None)
+    del wanted["materials"][0]["extras"], read.gltf["materials"][0]["extras"]
+    for entries in (wanted, read.gltf):
+        entries["meshes"][0].pop("weights", None)
+    assert kinds(read.gltf) == kinds(wanted)
+    assert np.array_equal(read.accessor(0), read_document(tmp_path / "a.glb").accessor(0))
+
+
+def test_numbers_with_a_fraction_are_no_integers(tmp_path: Path) -> None:
+    asset = limb_asset(rings=3, sides=4)
+    asset.gltf["accessors"][0]["count"] = 2.5
+    with pytest.raises(AssetError, match=r"#/accessors/0/count: is 2.5, not a whole number"):
+        written(asset, tmp_path)

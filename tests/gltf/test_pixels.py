@@ -17,5 +17,10 @@ def test_large_textures_are_reduced_and_huge_ones_refused() -> None:
     for most in (12_000, 60_000):
         header[16:24] = most.to_bytes(4) + most.to_bytes(4)
         header[29:33] = zlib.crc32(bytes(header[12:29])).to_bytes(4)
-        with pytest.raises(ValueError, match="too large"):
+        with pytest.raises(ValueError, match=r"^is too large: it has more than [\d,]+ pixels$"):
             read_pixels(bytes(header))
+
+
+def test_what_is_no_image_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"^cannot be read: it is no PNG, JPEG or WebP$"):
+        read_pixels(b"GIF89a" + bytes(64))

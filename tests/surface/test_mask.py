@@ -227,7 +227,7 @@ ODD = {
     ),
     "an image that is none": (
         {"image": "tools.yaml"},
-        r"mask.image: 'tools.yaml' cannot be read: cannot identify",
+        r"mask.image: 'tools.yaml' cannot be read: it is no PNG, JPEG or WebP",
     ),
     "a folder": (
         {"image": "."},

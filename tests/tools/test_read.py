@@ -406,7 +406,8 @@ def test_bad_lists_of_tools(tools, expected):
 def test_names_must_differ_once_they_are_sanitised():
     other = "  - {name: brow_L, origin: [0, 0, 0], target: [1, 0, 0], width: 1}\n"
     assert lines_of(f"{HEAD}    width: 1\n{other}") == [
-        "t.yaml:7: tools[1].name: found brow_L, but tools[0] has that name: they must differ in letters, digits or _"
+        "t.yaml:7: tools[1].name: found brow_L, but tools[0] is 'brow_L' in morph targets: names differ in"
+        " A-Z, a-z, 0-9, _"
     ]
     assert first_tool().identifier == "brow_L"
 
@@ -453,7 +454,7 @@ def test_everything_wrong_is_reported_at_once_in_the_order_of_lines():
         "t.yaml:5: tools[0].name: found a, expected a side to exchange for mirror, such as brow.L or left_brow",
         "t.yaml:6: tools[0].origin[2]: found x, expected a number from -1e9 to 1e9",
         "t.yaml:8: tools[1].origin: required, but missing",
-        "t.yaml:8: tools[1].name: found a, but tools[0] has that name: they must differ in letters, digits or _",
+        "t.yaml:8: tools[1].name: found a, but tools[0] is 'a' in morph targets: names differ in A-Z, a-z, 0-9, _",
         "t.yaml:9: tools[1].widht: unknown key, did you mean width?",
     ]
 

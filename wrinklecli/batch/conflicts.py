@@ -17,6 +17,7 @@ from wrinklecli.batch import stores
 from wrinklecli.batch.cache import ENTRIES, TAG
 from wrinklecli.batch.jobs import BatchJob, uris_beside
 from wrinklecli.files.claims import Claims, Clash, Identities, Identity
+from wrinklecli.files.formats import MODEL_ENDINGS
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.files import path_beside, references
 from wrinklecli.texture.map_files import MAPS_JSON
@@ -31,7 +32,6 @@ _BUFFER = re.compile(r"(.+)-[0-9a-f]{12}\.bin")
 # Other names of the protocols of stores, and protocols of local files.
 _SAME_STORES = {"s3a": "s3", "gcs": "gs", "abfss": "abfs", "az": "abfs"}
 _LOCAL = ("file", "local")
-_MODELS = (".glb", ".gltf")
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,7 +196,7 @@ class _Batch:
         clash = self._claims.add_output(path, owner)
         self._note(clash)
         self._add(path, owner, self._written_below)
-        if not path.lower().endswith(_MODELS):
+        if not path.lower().endswith(MODEL_ENDINGS):
             self._add_above(path, self._used_below)
         return clash is None
 

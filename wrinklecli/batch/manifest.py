@@ -15,8 +15,9 @@ from wrinklecli.batch.conflicts import BatchFiles, kept_apart
 from wrinklecli.batch.jobs import BatchJob
 from wrinklecli.batch.manifest_schema import JOB_KEYS, MANIFEST_SCHEMA, OPTION_KEYS, OWN_KEYS
 from wrinklecli.batch.tables import read_csv, read_json_lines
-from wrinklecli.errors import ConfigError
+from wrinklecli.errors import ConfigError, listed
 from wrinklecli.files.claims import is_path
+from wrinklecli.files.formats import MODEL_ENDINGS
 from wrinklecli.tools.checked import Format, Place, check
 from wrinklecli.tools.json_schema import Items
 from wrinklecli.tools.yaml_tree import Node, Problem, path_to, printable, read_tree
@@ -25,7 +26,6 @@ _FORMAT = Format(MANIFEST_SCHEMA, [Items("job", JOB_KEYS, OWN_KEYS)])
 _READERS = {".yaml": read_tree, ".yml": read_tree, ".csv": read_csv, ".jsonl": read_json_lines}
 _LISTS = ("tools", "anims", "anim", "clip", "tool")
 _PATHS = ("tools", "anims", "anim", "out", "tracked", "frames_dir", "maps_dir", "report", "timings")
-_OUTPUT_ENDINGS = (".glb", ".gltf")
 _MAX_MANIFEST = 10**8  # bytes: as many jobs as there may be, of 1 kB
 
 
@@ -158,8 +158,8 @@ class _Jobs:
                 job[key] = (value,) if isinstance(value, str) else tuple(value)
             else:
                 job[key] = value
-        if known == len(self._problems) and not job["out"].lower().endswith(_OUTPUT_ENDINGS):
-            message = f"found {printable(job['out'])!r}, which ends neither in .glb nor .gltf"
+        if known == len(self._problems) and not job["out"].lower().endswith(MODEL_ENDINGS):
+            message = f"found {printable(job['out'])!r}, which does not end in {listed(MODEL_ENDINGS)}"
             self._refuse(line, f"{entry}.out", message)
         if known < len(self._problems):
             return

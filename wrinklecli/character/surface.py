@@ -191,7 +191,7 @@ def read_primitive(
         deltas = np.zeros((len(chosen), count, 3))
         for index, target in enumerate(chosen):
             if name in target:
-                deltas[index] = _attribute(document, target[name], count, 3, where)
+                deltas[index] = _attribute(document, target, name, count, 3, f"{where}/targets/{index}")
         return deltas
 
     joints, weights = read_influences(document, primitive, rig, count, where)
@@ -203,7 +203,7 @@ def read_primitive(
         morph_deltas=deltas_of("POSITION"),
         joints=joints,
         weights=weights,
-        normals=_attribute(document, attributes["NORMAL"], count, 3, where) if has_normals else None,
+        normals=_attribute(document, attributes, "NORMAL", count, 3, where) if has_normals else None,
         normal_deltas=deltas_of("NORMAL") if has_normals else None,
     )
 
@@ -214,14 +214,19 @@ def read_positions(document: Document, primitive: Json, where: str) -> Floats:
     if "POSITION" not in attributes:
         raise AssetError("has no POSITION", where=where)
     count = len(document.accessor(attributes["POSITION"], user=where))
-    positions: Floats = _attribute(document, attributes["POSITION"], count, 3, where)
+    positions: Floats = _attribute(document, attributes, "POSITION", count, 3, where)
     return positions
 
 
-def _attribute(document: Document, index: int, count: int, size: int, where: str) -> Any:
-    values = document.accessor(index, user=where)
-    if values.shape != (count, size) or not in_range(values):
-        message = f"accessor {index} must hold {size} finite numbers up to {LARGEST:g} for {count} vertices"
+def _attribute(document: Document, attributes: Json, name: str, count: int, size: int, where: str) -> Any:
+    values = document.accessor(attributes[name], user=where)
+    if values.shape != (count, size):
+        message = f"{name} (accessor {attributes[name]}) must hold {size} numbers for {count} vertices"
+        raise AssetError(message, where=where)
+    if not in_range(values):
+        with np.errstate(invalid="ignore"):
+            first = int(np.argmin((np.abs(values) <= LARGEST).all(axis=1)))
+        message = f"{name} (accessor {attributes[name]}) of vertex {first} is not a finite number, or above {LARGEST:g}"
         raise AssetError(message, where=where)
     return values
 
@@ -251,7 +256,7 @@ def read_influences(document: Document, primitive: Json, rig: Rig, count: int, w
     if not sets:
         raise AssetError("belongs to a skinned node but has no JOINTS_0 and WEIGHTS_0", where=where)
     joints, weights = (
-        np.concatenate([_attribute(document, attributes[f"{kind}_{k}"], count, 4, where) for k in range(sets)], axis=1)
+        np.concatenate([_attribute(document, attributes, f"{kind}_{k}", count, 4, where) for k in range(sets)], axis=1)
         for kind in ("JOINTS", "WEIGHTS")
     )
     joints, weights = joints.astype(np.intp), np.maximum(weights.astype(np.float64), 0.0)

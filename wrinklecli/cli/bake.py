@@ -11,7 +11,8 @@ from wrinklecli.choices import Engine, FrameFormat, Mode, Storage, Tracks
 from wrinklecli.cli import options as opt
 from wrinklecli.cli.output import Progress, say, say_findings
 from wrinklecli.cli.streams import command_outputs
-from wrinklecli.errors import WrinkleError
+from wrinklecli.errors import WrinkleError, listed
+from wrinklecli.files.formats import MODEL_ENDINGS
 
 # Control characters, wildcards, and characters that end a list of files or have a meaning in Make or Ninja.
 _NOT_CARRIED = re.compile(r"[\x00-\x1f\x7f*?\[;|<>^`]")
@@ -128,8 +129,8 @@ def bake(
         raise click.UsageError("'--maps-dir' goes without '--replace': maps are made of an asset without wrinkles.")
     if output is None and depfile is not None:
         raise click.UsageError("'--depfile' needs '-o'.")
-    if output is not None and not output.lower().endswith((".glb", ".gltf")):
-        raise click.BadParameter(f"{output!r} ends neither in .glb nor .gltf", param_hint="-o")
+    if output is not None and not output.lower().endswith(MODEL_ENDINGS):
+        raise click.BadParameter(f"{output!r} does not end in {listed(MODEL_ENDINGS)}", param_hint="-o")
     with command_outputs() as outputs, Progress(quiet=quiet, lines=progress) as shown:
         from wrinklecli.baking.job import BakeOptions
         from wrinklecli.baking.report import as_json

@@ -16,13 +16,13 @@ from wrinklecli.cli import options as opt
 from wrinklecli.cli.output import Progress, emit, say, warn
 from wrinklecli.cli.streams import job_outputs, leave_at_signals
 from wrinklecli.errors import WrinkleError, counted
+from wrinklecli.files.formats import MODEL_ENDINGS
 
 if TYPE_CHECKING:
     from wrinklecli.batch.jobs import Outcome
 
 CACHE = ".wrinkle-cache"
 _VERSION = 1
-_MODELS = (".glb", ".gltf")
 # The exit code of the command for the worst outcome of a job, the worst first.
 _EXIT_CODES = {"bug": 70, "failed": 1, "refused": 3}
 
@@ -79,7 +79,7 @@ def batch(
     Exit codes: 0 done; 1 MANIFEST is at fault and nothing was baked, or a job failed; 2 wrong usage; 3 jobs were
     refused (--strict, and by limits in MANIFEST), none failed otherwise; 70 a bug.
     """
-    pattern = manifest.lower().endswith(_MODELS)
+    pattern = manifest.lower().endswith(MODEL_ENDINGS)
     _refuse_usage(manifest, pattern=pattern, jobs=jobs, scheduler=scheduler, dashboard=dashboard, given=given)
 
     from wrinklecli.batch.cache_keys import program

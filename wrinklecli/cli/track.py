@@ -7,7 +7,8 @@ import click
 from wrinklecli.cli import options as opt
 from wrinklecli.cli.output import say, warn
 from wrinklecli.cli.streams import command_outputs
-from wrinklecli.errors import counted
+from wrinklecli.errors import counted, listed
+from wrinklecli.files.formats import MODEL_ENDINGS
 
 _LEAST_ERROR = 0.048828125  # per cent: 1/2048, the error of the table of weights in the extras of a node
 
@@ -52,8 +53,8 @@ def track(baked: str, anims: tuple[str, ...], folder: str, quiet: bool, verbose:
     written; 70 a bug.
     """
     for path in anims:
-        if not path.lower().endswith((".glb", ".gltf")):
-            raise click.BadParameter(f"{path!r} ends neither in .glb nor .gltf", param_hint="ANIM")
+        if not path.lower().endswith(MODEL_ENDINGS):
+            raise click.BadParameter(f"{path!r} does not end in {listed(MODEL_ENDINGS)}", param_hint="ANIM")
 
     with command_outputs() as outputs:
         from wrinklecli.baking.track import track as run

@@ -4,6 +4,9 @@ import re
 
 from wrinklecli.frozen import dataclass
 
+MODEL_ENDINGS = (".glb", ".gltf", ".vrm")
+"""Endings of files that are written as glTF; all but .gltf are in the container of a .glb."""
+
 _EXPORT = "; open it in Blender, or in what made it, and export glTF (.glb)"
 _UNPACK = "; unpack it first"
 _STILL = ", which has neither skin nor clips"

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from wrinklecli.errors import AssetError, TooMuchError
+from wrinklecli.files.formats import foreign_format
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf import draco, meshopt
 from wrinklecli.gltf.animated import check_channels
@@ -428,7 +429,10 @@ def read_document(
             raise AssetError("has no data: no uri, and no binary chunk of a .glb", where=where)
         length = _whole(buffer, "byteLength", where, least=1)
         if len(content) < length:
-            raise AssetError(f"has {len(content)} bytes of {length}; is the file truncated?", where=where)
+            what = foreign_format(bytes(content), uri or name)
+            raise AssetError(
+                f"is {what}" if what else f"has {len(content)} bytes of {length}; is the file truncated?", where=where
+            )
         buffers.append(content[:length])
     return replace(document, buffers=tuple(buffers), files=tuple(dict.fromkeys(files)))
 

@@ -55,18 +55,20 @@ def read_channel(data: bytes | memoryview, channel: Channel) -> Array:
 @contextmanager
 def _opened(data: bytes | memoryview) -> "Iterator[Image.Image]":
     """Open a PNG, JPEG or WebP image, and turn the errors of Pillow into ValueError while the block runs."""
-    from PIL import Image
+    from PIL import Image, UnidentifiedImageError
 
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", Image.DecompressionBombWarning)
             with Image.open(io.BytesIO(data), formats=("PNG", "JPEG", "WEBP")) as image:
                 yield image
+    except UnidentifiedImageError as error:
+        raise ValueError("cannot be read: it is no PNG, JPEG or WebP") from error
     except (OSError, SyntaxError, EOFError, OverflowError) as error:
         raise ValueError(f"cannot be read: {error}") from error
     except (Image.DecompressionBombWarning, Image.DecompressionBombError) as error:
         # A few bytes that claim to be a huge image could fill memory.
-        raise ValueError(f"is too large: {error}") from error
+        raise ValueError(f"is too large: it has more than {Image.MAX_IMAGE_PIXELS:,} pixels") from error
 
 
 def linear_rgb(colours: Array) -> Array:

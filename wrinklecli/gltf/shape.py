@@ -140,6 +140,8 @@ _SHAPE: Json = {
     "samplers": [{"name": str}],
     "cameras": [{"name": str}],
 }
+# Keys of integers in parts that are not checked: appearance, expressions and bones of a VRM, levels of detail.
+_REFERENCES = frozenset(("index", "texCoord", "source", "sampler", "wrapS", "wrapT", "node", "mesh", "ids", "target"))
 _KINDS = {
     int: "a whole number of 0 or more",
     float: "a number",
@@ -204,6 +206,11 @@ def check_asset(gltf: Json, path: str) -> None:
     Raises:
         AssetError: A type is wrong, or a required extension of geometry is unknown.
     """
+    asset = gltf.get("asset", {})
+    version = asset.get("version") if isinstance(asset, dict) else "2.0"
+    if not str(version).startswith("2."):
+        # First, since most of glTF 1.0 has other types.
+        raise AssetError(f"asset.version is {version!r}; glTF 2.0 is read", where=place(path, "asset", "version"))
     counts: dict[str, int] = {}
     for kind, shape in _SHAPE.items():
         if isinstance(shape, list):
@@ -212,9 +219,10 @@ def check_asset(gltf: Json, path: str) -> None:
                 raise _misfit(value, list, path, (kind,))
             counts[kind] = len(value)
     _check_shape(gltf, _SHAPE, _Limits(path, counts), ())
-    version = gltf.get("asset", {}).get("version")
-    if not isinstance(version, str) or not version.startswith("2."):
-        raise AssetError(f"asset.version is {version!r}; glTF 2.0 is read", where=place(path, "asset", "version"))
+    parts = [each for kind in ("materials", "textures", "samplers", "bufferViews") for each in gltf.get(kind, [])]
+    for part in (gltf.get("extensions"), *parts, *(node.get("extensions") for node in gltf.get("nodes", []))):
+        if isinstance(part, dict):
+            _read_references(part)
     for index, name in enumerate(gltf.get("extensionsRequired", [])):
         about_geometry = _GEOMETRY_WORDS.search(name) and not _APPEARANCE_WORDS.search(name)
         if about_geometry and name not in _GEOMETRY_EXTENSIONS:
@@ -232,36 +240,56 @@ class _Limits:
     counts: dict[str, int]
 
 
-def _check_shape(value: Any, shape: Any, limits: _Limits, pointer: tuple[str | int, ...]) -> None:
-    """Check that a value at a pointer, and all values below it, have a shape."""
-    if isinstance(shape, dict):
-        if not isinstance(value, dict):
-            raise _misfit(value, dict, limits.path, pointer)
-        every = shape.get("*")
-        for key, child in value.items():
-            inner = shape.get(key, every)
+def _check_shape(value: Any, shape: Any, limits: _Limits, pointer: tuple[str | int, ...]) -> Any:
+    """Check that a value at a pointer, and all values below it, have a shape; give it with integers as such.
+
+    JSON has one kind of number: 1.0 is an integer, too, and its place in an object or array gets 1.
+    """
+    if isinstance(shape, dict | list):
+        kind = dict if isinstance(shape, dict) else list
+        if not isinstance(value, kind):
+            raise _misfit(value, kind, limits.path, pointer)
+        every = shape.get("*") if isinstance(shape, dict) else shape[0]
+        for key, child in value.items() if isinstance(value, dict) else enumerate(value):
+            inner = shape.get(key, every) if isinstance(shape, dict) else every
             if inner is not None:
-                _check_shape(child, inner, limits, (*pointer, key))
-    elif isinstance(shape, list):
-        if not isinstance(value, list):
-            raise _misfit(value, list, limits.path, pointer)
-        for index, child in enumerate(value):
-            _check_shape(child, shape[0], limits, (*pointer, index))
-    elif isinstance(shape, _Numbers):
+                value[key] = _check_shape(child, inner, limits, (*pointer, key))
+        return value
+    if isinstance(shape, _Numbers):
         _check_shape(value, [float], limits, pointer)
         if len(value) != shape.count:
             message = f"has {len(value)} numbers, not {shape.count}"
             raise AssetError(message, where=place(limits.path, *pointer))
-    elif isinstance(shape, _Index):
+        return value
+    if isinstance(shape, _Uri):
+        _check_uri(value, limits.path, pointer)
+        return value
+    if shape is int or isinstance(shape, _Index):
+        value = _whole(value)
+    if isinstance(shape, _Index):
         if type(value) is not int or value < 0:
             raise _misfit(value, int, limits.path, pointer)
         if value >= limits.counts[shape.kind]:
             message = f"refers to {shape.kind}[{value}], but there are {limits.counts[shape.kind]}"
             raise AssetError(message, where=place(limits.path, *pointer[:-1]))
-    elif isinstance(shape, _Uri):
-        _check_uri(value, limits.path, pointer)
     elif not _is_of(value, shape):
         raise _misfit(value, shape, limits.path, pointer)
+    return value
+
+
+def _whole(value: Any) -> Any:
+    """A number without a fraction as an integer; all else as it is."""
+    # Above 2^53 not every integer is a float.
+    return int(value) if isinstance(value, float) and value.is_integer() and abs(value) <= 2**53 else value
+
+
+def _read_references(value: Any) -> None:
+    """Write the references below a part that is not checked as integers."""
+    for key, child in value.items() if isinstance(value, dict) else enumerate(value):
+        if key in _REFERENCES:
+            value[key] = [_whole(each) for each in child] if isinstance(child, list) else _whole(child)
+        if key != "extras" and isinstance(child, dict | list):
+            _read_references(child)
 
 
 def _is_of(value: Any, kind: type) -> bool:

@@ -145,7 +145,10 @@ def _problems_of(tool: _Effect, kind: Kind, owners: Mapping[str, str]) -> Iterat
     values, parts = tool.values, tool.node.children
     if "name" in values and (owner := owners.get(identifier(values["name"]))) is not None:
         shown = parts["name"].shown
-        message = f"found {shown}, but {owner} has that name: they must differ in letters, digits or _"
+        message = (
+            f"found {shown}, but {owner} is {identifier(values['name'])!r} in morph targets: names differ in"
+            " A-Z, a-z, 0-9, _"
+        )
         yield Problem(parts["name"].line, f"{tool.path}.name", message)
     for first, second in pairwise(kind.points):
         if first in values and values[first] == values.get(second):
