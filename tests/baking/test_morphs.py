@@ -13,9 +13,11 @@ import yaml
 from numpy.typing import NDArray
 
 import wrinklecli
-from kit.bakes import COARSE, bake_config, bake_once
-from kit.clients import assert_valid
-from kit.limb import write_tools
+from kit.asset import stored
+from kit.bakes import COARSE, bake_config, bake_once, place, report_of
+from kit.clients import assert_valid, validate
+from kit.command import Wrinkle
+from kit.limb import limb_asset, tool, write_tools
 from kit.places import FOLDER, ROOT
 from kit.player import DTYPES, WIDTHS, Gltf, Json, differences, wrinkle_columns
 from kit.samples import (
@@ -490,3 +492,54 @@ def test_both_containers_hold_the_same(ending: str, tmp_path: Path) -> None:
     for index in range(len(made.json["accessors"])):
         assert np.array_equal(made.stored(index), reference.stored(index))
     assert_valid(tmp_path / f"out.{ending}")
+
+
+def test_names_on_primitives_are_read_and_joined() -> None:
+    asset = limb_asset(rings=12, sides=8, morphs=2, morph_clip="LINEAR", primitives=2)
+    mesh, names = asset.gltf["meshes"][0], ["bulge", "squash"]
+    mesh.pop("extras", None)
+    for primitive in mesh["primitives"]:
+        primitive["extras"] = {"targetNames": names, "kept": True}
+    after = bake_once(place(asset), tool(rest_length={"morph": "squash", "full": "95%"}))
+    joined = after.mesh("limb")["extras"]["targetNames"]
+    assert joined[:2] == names
+    assert joined[2:] == [f"wrinkle_crease_{number + 1}" for number in range(len(joined) - 2)]
+    assert len(joined) > 2
+    for primitive in after.mesh("limb")["primitives"]:
+        assert primitive["extras"] == {"targetNames": joined, "kept": True}
+        assert len(primitive["targets"]) == len(joined)
+
+
+def test_keys_before_0_s_make_no_more_of_them(tmp_path: Path) -> None:
+    asset = limb_asset(rings=12, sides=8, morphs=1, morph_clip="LINEAR")
+    for sampler in asset.gltf["animations"][0]["samplers"]:
+        sampler["input"] = asset.accessor(stored(asset, sampler["input"])[:, 0] - 0.5, bounds=True)
+    source = asset.write(tmp_path / "limb.glb")
+    after = bake_once(place(asset), tool())
+    times, weights = after.keys("fold", "limb")
+    assert times[0] == 0.0
+    assert weights[:, 1:].max() > 0.2
+    before, made = validate([source, after.path])
+    assert made.errors < before.errors
+    assert [line for line in report_of(after).data["warnings"] if "fold has keys before 0 s" in line]
+    body = bake_once(place(limb_asset(rings=12, sides=8, morphs=1)), tool(), tracks="none")
+    (tracked,) = wrinklecli.track(body.path, [source], tmp_path / "made")
+    assert [line for line in tracked.warnings if "fold has keys before 0 s" in line]
+
+
+def test_a_node_with_a_matrix_is_said_not_to_move() -> None:
+    asset = limb_asset(rings=12, sides=8)
+    joint, matrix = asset.gltf["nodes"][2], np.eye(4)
+    matrix[3, :3] = joint.pop("translation")
+    joint["matrix"] = matrix.ravel().tolist()
+    warnings = report_of(bake_once(place(asset), tool())).data["warnings"]
+    assert any("clips cannot move 'joint_1': a node with a matrix is not animated" in line for line in warnings)
+
+
+def test_a_vrm_is_written_as_a_glb(tmp_path: Path, wrinkle: Wrinkle) -> None:
+    limb_asset(rings=12, sides=8).write(tmp_path / "limb.glb")
+    write_tools(tmp_path / "tools.yaml")
+    for name in ("a.glb", "b.vrm"):
+        ran = wrinkle("bake", tmp_path / "limb.glb", tmp_path / "tools.yaml", "-o", tmp_path / name)
+        assert ran.code == 0, ran.lines
+    assert (tmp_path / "a.glb").read_bytes() == (tmp_path / "b.vrm").read_bytes()

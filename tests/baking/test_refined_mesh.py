@@ -8,7 +8,7 @@ import pytest
 
 import wrinklecli
 from kit.asset import attribute
-from kit.bakes import bake_once
+from kit.bakes import bake_once, place
 from kit.clients import assert_valid, compare_with_three
 from kit.limb import LENGTH, blendshape_limb, limb_asset, tool, write_tools
 from kit.player import Gltf, Json
@@ -193,3 +193,21 @@ def test_seams_that_are_equal_but_for_rounding_stay_closed(stops: str, tmp_path:
         found.append((heights.max(), open_by, len(heights)))
     assert found[0][0] > 0.01
     assert found[1] == pytest.approx(found[0], abs=1e-5)
+
+
+@pytest.mark.parametrize("mode", ["morph", "frames"])
+def test_new_normals_are_unit_where_old_ones_cancel(mode: str) -> None:
+    asset = limb_asset(rings=12, sides=8, tangents=True)
+    normals, tangents = attribute(asset, 0, "NORMAL"), attribute(asset, 0, "TANGENT")
+    signs = np.where(np.arange(len(normals)) % 2, 1.0, -1.0)[:, None]
+    normals[:], tangents[:, :3] = signs * [0.0, 1.0, 0.0], signs * [1.0, 0.0, 0.0]
+    normals[: len(normals) // 2 : 2] = 0.0
+    top = {"sampling": {"fps": 2}, "refinement": {"max_levels": 1}}
+    after = bake_once(place(asset), tool(), top=top, mode=mode)
+    for mesh in after.json["meshes"][-1:]:
+        attributes = mesh["primitives"][0]["attributes"]
+        new = slice(len(normals), None)
+        assert len(after.array(attributes["NORMAL"])[new])
+        for name in ("NORMAL", "TANGENT"):
+            lengths = np.linalg.norm(after.array(attributes[name])[new, :3], axis=1)
+            assert lengths == pytest.approx(1.0, abs=1e-5)

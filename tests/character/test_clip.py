@@ -140,6 +140,25 @@ def test_pointers_at_nodes_are_read_as_their_channels(interpolation: Interpolati
     assert [channel.index for channel in plain.channels] == [channel.index for channel in pointed.channels]
 
 
+@pytest.mark.parametrize("interpolation", ["LINEAR", "STEP", "CUBICSPLINE"])
+@pytest.mark.parametrize("path", ["translation", "rotation", "scale", "weights"])
+def test_keys_before_the_start_of_players_give_way_to_one_at_0(path: str, interpolation: Interpolation) -> None:
+    rng = np.random.default_rng(5)
+    width = {"rotation": 4, "weights": 2}.get(path, 3)
+    values = rng.uniform(-1, 1, (5, 3, width) if interpolation == "CUBICSPLINE" else (5, width))
+    for keys in ([-1.0, -0.25, 0.5, 1.0, 2.0], [-2.0, -1.0, 0.0, 0.5, 1.0], [-5.0, -4.0, -3.0, -2.0, -1.0]):
+        asset = limb_asset(rings=3, sides=4, morphs=2, clip=None)
+        moved: dict[str, Any] = {}
+        asset.channel(moved, 0 if path == "weights" else 2, path, keys, values, interpolation)
+        asset.append("animations", moved)
+        (clip,) = read_clips(as_document(asset))
+        assert clip.early
+        assert clip.start == 0.0
+        at = np.concatenate([np.linspace(0.0, 2.5, 41), [each for each in keys if each >= 0.0]])
+        wanted = channel(stored(values), interpolation, path=path, keys=np.array(keys))
+        assert sample(clip.channels[0], at) == pytest.approx(sample(wanted, at), abs=1e-9)
+
+
 KINDS: list[Interpolation] = ["LINEAR", "STEP", "CUBICSPLINE"]
 
 

@@ -44,6 +44,15 @@ def test_expressions_of_a_vrm_set_all_parts(tmp_path: Path) -> None:
     assert group["binds"][1:] == [{"mesh": mesh, "index": 0, "weight": 50}]
 
 
+def test_names_on_primitives_go_with_their_targets(tmp_path: Path) -> None:
+    asset = limb_asset(morphs=2, primitives=2, rings=5, sides=4)
+    for primitive in asset.gltf["meshes"][0]["primitives"]:
+        primitive["extras"] = {"targetNames": ["bulge", "squash"]}
+    gltf = halved(written(asset, tmp_path), (1,)).gltf
+    first, second = ([each["extras"]["targetNames"] for each in mesh["primitives"]] for mesh in gltf["meshes"])
+    assert (first, second) == ([["bulge", "squash"]], [["squash"]])
+
+
 def test_what_names_a_mesh_in_a_text_cannot_be_split(tmp_path: Path) -> None:
     asset = limb_asset(morphs=2, primitives=2, rings=5, sides=4)
     target: dict[str, Any] = {

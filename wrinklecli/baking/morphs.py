@@ -25,7 +25,14 @@ from wrinklecli.character.weight_track import Track, pad, widen
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, Target, target_weights, targets_of
 from wrinklecli.effects.shapes import Shape, turn_to
 from wrinklecli.frozen import dataclass
-from wrinklecli.gltf.animated import drop_channels, forget_pointers, moves_weights, pointer_of, without_pointer
+from wrinklecli.gltf.animated import (
+    drop_channels,
+    forget_pointers,
+    has_target_names,
+    moves_weights,
+    pointer_of,
+    without_pointer,
+)
 from wrinklecli.gltf.document import Document, stored_bytes
 from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.shape import Json
@@ -167,8 +174,7 @@ def encode_mesh(
             _add_targets(edited, primitive, targets, refined, base, smooth, written)
     if not targets:
         return
-    if isinstance(mesh.setdefault("extras", {}), dict):
-        mesh["extras"]["targetNames"] = old_names + [target.name for target in targets]
+    _name_targets(mesh, old_names + [target.name for target in targets])
     # VTK plays no target of a mesh without weights.
     mesh["weights"] = mesh.get("weights", [0.0] * len(old_names))[: len(old_names)] + [0.0] * len(targets)
     if "weights" in node or stored.any():
@@ -205,13 +211,19 @@ def add_idle_targets(edited: EditedDocument, node: Json, names: Sequence[str], o
             nothing = np.zeros(0, np.intp), np.zeros((0, 3))
             idle[kind] = edited.add_deltas(*nothing, count=count, bounds=kind == "POSITION")
         primitive["targets"] = [old[own.index(name)] if name in own else dict(idle) for name in names]
-    if isinstance(mesh.setdefault("extras", {}), dict):
-        mesh["extras"]["targetNames"] = list(names)
+    _name_targets(mesh, names)
     mesh.setdefault("weights", [0.0] * len(own))
     for holder in (mesh, node):
         if "weights" in holder:
             weights = [*holder["weights"], *[0.0] * len(own)]  # weights may be fewer than targets; the others are 0
             holder["weights"] = [weights[own.index(name)] if name in own else 0.0 for name in names]
+
+
+def _name_targets(mesh: Json, names: Sequence[str]) -> None:
+    """Name the morph targets of a mesh, and of its primitives where these have names, too."""
+    for holder in (mesh, *filter(has_target_names, mesh["primitives"])):
+        if isinstance(holder.setdefault("extras", {}), dict):
+            holder["extras"]["targetNames"] = list(names)
 
 
 def tangent_deltas(tangents: Floats, normals: Floats, normal_deltas: Floats) -> Floats:

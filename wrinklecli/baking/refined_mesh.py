@@ -20,6 +20,8 @@ from wrinklecli.surface.refine import Refinement
 
 # Components of the attributes that are vectors. TANGENT has a handedness too, except in morph targets.
 _VECTORS = {"POSITION": 3, "NORMAL": 3, "TANGENT": 4}
+# Length of a sum of directions, relative to the nearest one, at and below which it is float32's rounding error.
+_CANCELLED = 1e-6
 
 
 Key = tuple[Any, ...]
@@ -64,9 +66,20 @@ class RefinedPrimitive:
         mixed: Floats = np.einsum("vk,vk...->v...", self.shares, values[self.sources])
         return mixed
 
+    def mix_directions(self, directions: Floats) -> Floats:
+        """(new vertices, 3) unit vectors of (old vertices, 3) normals or tangents.
+
+        Where these take each other back, as on an edge between opposite sides, the nearest old vertex gives its own.
+        """
+        mixed, nearest = self.mix(directions), directions[self.heaviest()]
+        lost = (np.square(mixed).sum(axis=1) <= _CANCELLED**2 * np.square(nearest).sum(axis=1))[:, None]
+        units = unit(np.where(lost, nearest, mixed))
+        # Old vertices without a direction have none to give.
+        return np.where((units == 0.0).all(axis=1, keepdims=True), [0.0, 0.0, 1.0], units)
+
     def mix_tangents(self, tangents: Floats) -> Floats:
         """(new vertices, 4) of (old vertices, 4) tangents; the fourth number is a handedness, which cannot be mixed."""
-        return np.concatenate([unit(self.mix(tangents[:, :3])), tangents[self.heaviest(), 3:]], axis=1)
+        return np.concatenate([self.mix_directions(tangents[:, :3]), tangents[self.heaviest(), 3:]], axis=1)
 
     def heaviest(self) -> Ints:
         """(new vertices,) the old vertex that is nearest to each; the first among equals."""
@@ -122,7 +135,7 @@ def base_normals(source: Document, primitive: Json, refined: RefinedPrimitive) -
     if "NORMAL" not in primitive.get("attributes", {}):
         return None
     old = unit(source.accessor(primitive["attributes"]["NORMAL"]))
-    return np.concatenate([old, unit(refined.mix(old))])
+    return np.concatenate([old, refined.mix_directions(old)])
 
 
 def base_tangents(source: Document, primitive: Json, refined: RefinedPrimitive) -> Floats | None:
@@ -247,7 +260,7 @@ def _refined_attribute(
     if name == "POSITION":
         return np.concatenate([old, fine.positions[refined.new_weld]]).astype(np.float32), False
     if name == "NORMAL":
-        return np.concatenate([old, unit(refined.mix(old))]).astype(np.float32), False
+        return np.concatenate([old, refined.mix_directions(old)]).astype(np.float32), False
     if name == "TANGENT":
         return np.concatenate([old, refined.mix_tangents(old)]).astype(np.float32), False
     kind, _, number = name.partition("_")

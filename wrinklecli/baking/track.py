@@ -203,6 +203,11 @@ def _track_file(
         )
     if not clips:
         warnings.append(f"{document.path}: has no clip")
+    warnings += [
+        f"{document.path}: {clip.name} has keys before 0 s, where players begin: its weights are written from 0 s on"
+        for clip in clips
+        if clip.early
+    ]
     tracked: dict[str, None] = {}
     notes: list[str] = []
     flat: list[str] = []

@@ -67,6 +67,7 @@ class Clip:
         channels: What moves nodes and morph weights, by a node and a path or by a pointer.
         start: Time of the first key, seconds.
         end: Time of the last key, seconds.
+        early: True if the file has keys before 0 s, where players begin; `channels` begin there.
     """
 
     index: int
@@ -74,6 +75,7 @@ class Clip:
     channels: tuple[Channel, ...]
     start: float
     end: float
+    early: bool = False
 
     @cached_property
     def by_target(self) -> dict[tuple[int, str], Channel]:
@@ -149,9 +151,11 @@ def read_clips(document: Document) -> tuple[Clip, ...]:
         name = animation.get("name") or f"animation_{index}"
         name = f"{name}#{index}" if name in names else name
         names.add(name)
+        early = any(channel.times[0] < 0.0 for channel in channels)
+        channels = tuple(map(_from_zero, channels)) if early else channels
         start = min(float(channel.times[0]) for channel in channels)
         end = max(float(channel.times[-1]) for channel in channels)
-        clips.append(Clip(index, name, channels, start, end))
+        clips.append(Clip(index, name, channels, start, end, early))
     return tuple(clips)
 
 
@@ -178,6 +182,21 @@ def _read_channels(document: Document, animation: Json, index: int, known: Chann
             yield channel
         elif channel is parts[0][1]:
             yield _joined_weights(parts, stored_weights(document, channel.node))
+
+
+def _from_zero(channel: Channel) -> Channel:
+    """A channel with a key at 0 s in place of those before, which plays the same from there on."""
+    times, values = channel.times, channel.values
+    if times[0] >= 0.0:
+        return channel
+    kept, zero = times > 0.0, np.zeros(1)
+    if channel.interpolation == "CUBICSPLINE":
+        # Rotations are not scaled to unit length before the whole polynomial is known.
+        into, out = spline_slopes(channel, zero)
+        first = np.stack([into, sample(replace(channel, path="weights"), zero), out], axis=1)
+    else:
+        first = sample(channel, zero)
+    return replace(channel, times=np.append(zero, times[kept]), values=np.concatenate([first, values[kept]]))
 
 
 def _width(document: Document, moved: Animated) -> int:

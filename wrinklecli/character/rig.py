@@ -14,7 +14,7 @@ import numpy as np
 
 from wrinklecli.errors import AssetError
 from wrinklecli.frozen import dataclass
-from wrinklecli.gltf.animated import target_count
+from wrinklecli.gltf.animated import has_target_names, target_count
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, affine_rows, composed_rows, unit_quaternions
@@ -81,7 +81,7 @@ class Rig(Hierarchy):
         skinned: True if the node has a skin.
         joints: (joints,) nodes; the mesh's own node if there is no skin.
         inverse_binds: (joints, 4, 4) bind space to joint space.
-        morph_names: One for each morph target, from the mesh's `extras.targetNames`.
+        morph_names: One for each morph target, see `morph_target_names`.
         morph_weights: (morph targets,) stored weights of the node, or else of the mesh.
         drives: Effects that move the mesh too. Their targets are the last of the morph targets.
     """
@@ -194,12 +194,14 @@ def read_parents(document: Document) -> Ints:
 
 
 def morph_target_names(mesh: Json) -> list[str]:
-    """A name for each morph target of a mesh: from `extras.targetNames`, or else `target_0` by index."""
-    extras = mesh.get("extras")
-    names = extras.get("targetNames") if isinstance(extras, dict) else None
-    names = names if isinstance(names, list) else []
-    count = len((mesh.get("primitives") or [{}])[0].get("targets", []))
-    return [str(names[k]) if k < len(names) else f"target_{k}" for k in range(count)]
+    """A name for each morph target of a mesh: from `extras.targetNames`, or else `target_0` by index.
+
+    Where the mesh has no names, those of a primitive count, as older VRM files have them there.
+    """
+    primitives = mesh.get("primitives") or [{}]
+    named = filter(has_target_names, (mesh, *primitives))
+    names: list[Any] = next((each["extras"]["targetNames"] for each in named), [])
+    return [str(names[k]) if k < len(names) else f"target_{k}" for k in range(len(primitives[0].get("targets", [])))]
 
 
 def _refuse_cycles(parents: Ints, document: Document) -> None:

@@ -9,11 +9,12 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.contacts import Neighbours
+from wrinklecli.character.rig import moving_nodes
 from wrinklecli.character.surface import influence_count
 from wrinklecli.effects.attached import AnyAttached, Attached
 from wrinklecli.effects.effect import MeshPlan, Part
 from wrinklecli.effects.order import kind_of, kinds_of
-from wrinklecli.errors import BakeError, WrinkleError
+from wrinklecli.errors import BakeError, WrinkleError, listed
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, determinants, median
 from wrinklecli.numeric.memory import MAX_VERTICES
@@ -194,6 +195,14 @@ def mesh_warnings(plan: MeshPlan, settings: ToolsFile, clips: Sequence[Clip]) ->
         for name in plan.copies
     ]
     warnings += [line for layer in plan.layers for line in layer.warnings(plan, clips)]
+    moving, rig = moving_nodes(plan.rig), plan.rig
+    moved = {channel.node for clip in clips for channel in clip.channels if channel.path != "weights"}
+    fixed = [rig.names[node] for node in sorted(moved & moving) if "matrix" in rig.locals[node]]
+    if fixed:
+        warnings.append(
+            f"{where}: clips cannot move {listed(fixed)}: a node with a matrix is not animated (glTF 2.0); export"
+            " translation, rotation and scale in its place"
+        )
     if plan.fine.subdivision.limited:
         warnings.append(
             f"{where}: {plan.fine.subdivision.limited} edges are still too long for the wrinkles at max_levels"
@@ -203,9 +212,14 @@ def mesh_warnings(plan: MeshPlan, settings: ToolsFile, clips: Sequence[Clip]) ->
 
 
 def track_warnings(plan: MeshPlan, clips: Sequence[Clip]) -> list[str]:
-    """Warnings about clips that get a track of weights on a mesh whose own morph targets they left alone."""
+    """Warnings about clips that get a track of weights: before 0 s, or on a mesh whose own targets they left alone."""
     rig, where = plan.rig, plan.rig.names[plan.rig.node]
-    return [
+    early = [
+        f"{where}: {clip.name} has keys before 0 s, where players begin: its weights are written from 0 s on"
+        for clip in clips
+        if clip.early
+    ]
+    return early + [
         f"{where}: {clip.name} gets a weights channel, which will hold the morph targets that were free there;"
         " --tracks none avoids it"
         for clip in clips

@@ -98,6 +98,12 @@ def target_count(gltf: Json, mesh: int | None) -> int:
     return len((meshes[mesh].get("primitives") or [{}])[0].get("targets", []))
 
 
+def has_target_names(holder: Json) -> bool:
+    """True if the extras of a mesh or a primitive hold names of morph targets."""
+    extras = holder.get("extras")
+    return isinstance(extras, dict) and isinstance(extras.get("targetNames"), list)
+
+
 def check_channels(gltf: Json, path: str) -> None:
     """Check that each channel that moves a node has a sampler with input and output; AssetError otherwise."""
     channels = Channels(gltf)

@@ -13,7 +13,7 @@ import numpy as np
 
 from wrinklecli.errors import BakeError
 from wrinklecli.frozen import dataclass
-from wrinklecli.gltf.animated import EXTENSION, pointer_of
+from wrinklecli.gltf.animated import EXTENSION, has_target_names, pointer_of
 from wrinklecli.gltf.edited_document import INDEX_DATA, VERTEX_DATA, EditedDocument, index_type
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Ints
@@ -64,7 +64,8 @@ def split_node(edited: EditedDocument, node: int, parts: Sequence[Part]) -> list
         for k in sorted(owners, key=lambda k: -len(parts[k].triangles[number])):
             alone = len(owners) == 1
             triangles, targets = parts[k].triangles[number], parts[k].targets
-            primitives[k].append(divided.whole(targets) if alone else divided.take(triangles, targets))
+            made = divided.whole(targets) if alone else divided.take(triangles, targets)
+            primitives[k].append(_with_targets(made, targets))
         divided.drop_left_over()
     nodes = [node]
     for k, part in enumerate(parts[1:], start=1):
@@ -163,14 +164,14 @@ class _Divided:
 
 
 def _with_targets(holder: Json, kept: Sequence[int]) -> Json:
-    """Reduce the lists of a mesh or node over morph targets to some targets; empty lists are removed."""
+    """Reduce the lists of a mesh, primitive or node over morph targets to some targets; empty lists are removed."""
     held = dict(holder)
     if "weights" in held:
         held["weights"] = [held["weights"][number] for number in kept]
         if not kept:
             del held["weights"]
-    extras = held.get("extras")
-    if isinstance(extras, dict) and "targetNames" in extras:
+    if has_target_names(held):
+        extras = held["extras"]
         names = [extras["targetNames"][number] for number in kept]
         held["extras"] = {key: each for key, each in extras.items() if key != "targetNames"}
         held["extras"] |= {"targetNames": names} if names else {}
