@@ -8,16 +8,16 @@
 A change flips a sign, a comparison, a condition or a flag, moves a constant or the end of a slice, swaps min and max,
 or makes a predicate constant. Annotations, messages of errors and decorators of dataclasses stay as they are.
 
-First the quick tests run once under coverage (`pip install coverage`), each file in a process of its own, because files
-share bakes. The folder DIR keeps this map and copies of the tree; nothing is written to the real tree. A change meets
-the tests that run its line, those of its own room first and fast ones before others, and then the rest of the tests
-of these files, which may look at the same bakes. A person must judge which of the survivors change no behaviour.
+A change meets the quick tests near it: files that import its module or are named like it, then tests that look at much
+at once, then the other files of its room. They stop after 20 s of processor, so that the figure is a lower bound:
+tests of other rooms might notice more. The folder DIR keeps copies of the tree; nothing is written to the real tree. A
+person must judge which of the survivors change no behaviour.
 """
 
 import argparse
 import ast
 import copy
-import json
+import multiprocessing
 import os
 import queue
 import random
@@ -30,28 +30,21 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import accumulate
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import pytest
-from coverage import Coverage, CoverageData
 
 ROOT = Path(__file__).resolve().parents[2]
-MOST = 70.0  # seconds under coverage of the quick tests that a change meets
+MOST = 20.0  # seconds of processor of the quick tests that a change meets
 NETS = ("tests/system/test_goldens.py", "tests/review/preview/test_pictures.py")  # tests that look at much at once
-PATIENCE = 90.0  # seconds that tests may take beyond four times their usual time: a change may make a loop endless
-SLOW_PATIENCE = 1200.0  # seconds that the slow tests of a room may take
+PATIENCE = 1200.0  # seconds that tests may take on a busy machine: a change may make a loop endless
 UNTOUCHED = ("annotation", "returns", "exc", "msg", "op", "ops", "ctx")  # fields of nodes
-COVERAGE = """
-[run]
-data_file = {work}/coverage
-parallel = true
-source = wrinklecli
-relative_files = true
-context = ${{MUTANTS_TEST-}}
-disable_warnings = no-data-collected, module-not-imported, module-not-measured
-"""
+
+# Processes fork from one that has imported what tests need, but nothing of the package: an import takes a second.
+FORKS = multiprocessing.get_context("forkserver")
+FORKS.set_forkserver_preload(["hypothesis.strategies", "pytest", "scipy.sparse.linalg", "scipy.spatial", "yaml", "igl"])
 
 OPERATORS: dict[type, type] = {
     ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.FloorDiv: ast.Mult,
@@ -60,7 +53,6 @@ OPERATORS: dict[type, type] = {
 }  # fmt: skip
 NAMES = {"min": "max", "minimum": "maximum", "any": "all", "argmin": "argmax"}
 NAMES |= {new: old for old, new in NAMES.items()}
-Lines = tuple[int, int] | None
 
 
 def variants(node: ast.AST) -> Iterator[ast.AST]:
@@ -98,15 +90,8 @@ def variants(node: ast.AST) -> Iterator[ast.AST]:
             yield from (with_(body=[ast.Return(ast.Constant(value))]) for value in (True, False))
 
 
-def nodes_of(node: ast.AST, lines: Lines = None, *, late: bool = False) -> Iterator[tuple[ast.AST, int, Lines]]:
-    """All nodes below a node that may change, each with its line and the lines of its statement.
-
-    Args:
-        node: A module, or a node in it.
-        lines: First and last line of the statement around the node.
-        late: The node is in the body of a function. Lines of other statements are None: they run when the module is
-            imported, before any test.
-    """
+def nodes_of(node: ast.AST, line: int = 1) -> Iterator[tuple[ast.AST, int]]:
+    """All nodes below a node at a line that may change, each with its line."""
     for field, value in ast.iter_fields(node):
         if field in UNTOUCHED or (field == "decorator_list" and "dataclass" in " ".join(map(ast.unparse, value))):
             continue
@@ -115,17 +100,10 @@ def nodes_of(node: ast.AST, lines: Lines = None, *, late: bool = False) -> Itera
                 continue
             if isinstance(each, ast.keyword) and each.arg == "strict":  # an assertion of zip
                 continue
-            span = lines
-            if isinstance(each, ast.FunctionDef):
-                span = (each.body[0].lineno, each.end_lineno or each.lineno)
-            elif isinstance(each, ast.stmt):  # a compound statement is its head alone
-                body = getattr(each, "body", None)
-                span = (each.lineno, max(each.lineno, body[0].lineno - 1) if body else each.end_lineno or each.lineno)
-            late_here = late or (isinstance(node, ast.FunctionDef) and field == "body")
+            here = getattr(each, "lineno", line)
             if next(variants(each), None) is not None:
-                line = getattr(each, "lineno", span[0] if span else 1)
-                yield each, line, span if late_here or isinstance(each, ast.FunctionDef) else None
-            yield from nodes_of(each, span, late=late_here)
+                yield each, here
+            yield from nodes_of(each, here)
 
 
 class Replacement(ast.NodeTransformer):
@@ -140,11 +118,10 @@ class Replacement(ast.NodeTransformer):
 
 @dataclass(frozen=True)
 class Mutant:
-    """A changed module: path below the tree, line and statement of the place, old and new expression, new text."""
+    """A changed module: path below the tree, line of the place, old and new expression, new text."""
 
     path: str
     line: int
-    lines: Lines
     change: str
     text: str
 
@@ -155,43 +132,69 @@ def mutants(tree: Path, count: int, seed: int, only: str) -> Iterator[Mutant]:
     known = [
         (path, k)
         for path in paths
-        for k, (_, line, _) in enumerate(nodes_of(ast.parse((tree / path).read_text())))
+        for k, (_, line) in enumerate(nodes_of(ast.parse((tree / path).read_text())))
         if only in f"{path}:{line}:"
     ]
     chance = random.Random(seed)
     for path, k in chance.sample(known, min(count, len(known))):
         module = ast.parse((tree / path).read_text())
-        old, line, lines = list(nodes_of(module))[k]
+        old, line = list(nodes_of(module))[k]
         new = chance.choice(list(variants(old)))
         change = " → ".join(ast.unparse(ast.fix_missing_locations(each)) for each in (old, new))
         if isinstance(new, ast.FunctionDef):
             change = f"{new.name}(): {ast.unparse(new.body[0])}"
         changed = Replacement(old, new).visit(module)
-        yield Mutant(path, line, lines, change, ast.unparse(ast.fix_missing_locations(changed)))
+        yield Mutant(path, line, change, ast.unparse(ast.fix_missing_locations(changed)))
 
 
-class Recorder:
-    """A plugin of pytest that tells coverage which test runs, also in processes that a test starts."""
-
-    def __init__(self) -> None:
-        self.seconds: Counter[str] = Counter()
+class Budget:
+    """A plugin of pytest that skips tests once the processor has worked long enough, here and in what tests start."""
 
     @pytest.hookimpl(tryfirst=True)
-    def pytest_runtest_setup(self, item: pytest.Item) -> None:
-        os.environ["MUTANTS_TEST"] = item.nodeid
-        current = Coverage.current()
-        assert current is not None
-        current.switch_context(item.nodeid)
+    def pytest_runtest_setup(self) -> None:
+        if sum(os.times()[:4]) > MOST:
+            pytest.skip("near tests have had their time")
 
-    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        self.seconds[report.nodeid] += report.duration
 
-    def pytest_sessionfinish(self) -> None:
-        Path(os.environ["MUTANTS_SECONDS"]).write_text(json.dumps(self.seconds))
+def run_tests(tree: Path, arguments: list[str], said: Path) -> None:
+    """Run pytest in a tree, in a process of its own, until a test fails; what it says goes to a file."""
+    os.chdir(tree)
+    os.environ["PYTHONPATH"] = str(tree)
+    sys.path.insert(0, str(tree))
+    with said.open("w") as file:
+        for stream in (1, 2):
+            os.dup2(file.fileno(), stream)
+    options = ["-x", "-q", "-p", "no:cacheprovider", "-W", "ignore::pytest.PytestAssertRewriteWarning"]
+    code = pytest.main([*options, *arguments], plugins=[] if "-m" in arguments else [Budget()])
+    sys.stdout.flush()
+    sys.exit(code)
+
+
+@cache
+def test_files(tree: Path) -> dict[str, frozenset[str]]:
+    """The test files of a tree, and the modules and names that each imports."""
+    files = {}
+    for path in sorted((tree / "tests").rglob("test_*.py")):
+        nodes = [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.ImportFrom)]
+        names = {f"{node.module}.{alias.name}" for node in nodes for alias in node.names}
+        files[str(path.relative_to(tree))] = frozenset({f"{node.module}" for node in nodes} | names)
+    return files
+
+
+def near_tests(tree: Path, path: str) -> list[str]:
+    """The test files that a change of a module meets, in their order."""
+    parts = Path(path).with_suffix("").parts
+    files, words = test_files(tree), {*re.findall(r"[a-z0-9]+", parts[-1])}
+    importers = [name for name in files if ".".join(parts) in files[name]]
+    own = [name for name in files if name.startswith(f"tests/{parts[1]}")]
+    namesakes = [name for name in own if words & {*re.findall(r"[a-z0-9]+", name.rpartition("/")[2])}]
+    folder = [name for name in own if Path(name).parts[1:-1] == parts[1:-1]]
+    order = [*(name for name in importers if name in own), *namesakes, *importers, *NETS, *folder, *own]
+    return list(dict.fromkeys(order))
 
 
 class Bench:
-    """Copies of the tree, and a map of the quick tests: how long each takes, and which lines it runs."""
+    """Copies of the tree in which changes are tested."""
 
     def __init__(self, work: Path, jobs: int) -> None:
         """Copy the tree `jobs` times into the folder `work`, where this has not been done."""
@@ -215,69 +218,27 @@ class Bench:
         yield tree
         self._idle.put(tree)
 
-    def _run(self, tree: Path, *command: str, limit: float | None = None, **more: str) -> tuple[int, str]:
-        where: dict[str, Any] = {"cwd": tree, "env": os.environ | {"PYTHONPATH": str(tree)} | more}
-        ran = subprocess.run(
-            [sys.executable, *command], capture_output=True, text=True, timeout=limit, check=False, **where
-        )
-        return ran.returncode, ran.stdout
-
-    def measure(self) -> None:
-        """Make the map."""
-        settings = self.work / "coveragerc"
-        settings.write_text(COVERAGE.format(work=self.work))
-
-        def record(path: str) -> None:
-            seconds = self.work / f"seconds-{path.replace('/', '-')}.json"
-            with self.tree() as tree:
-                more = {"COVERAGE_PROCESS_START": str(settings), "MUTANTS_SECONDS": str(seconds)}
-                self._run(tree, __file__, path, "--record", **more)
-
-        tree = self.work / "tree-0"
-        with ThreadPoolExecutor(self.jobs) as pool:
-            list(pool.map(record, sorted(str(path.relative_to(tree)) for path in tree.rglob("tests/**/test_*.py"))))
-        self._run(tree, "-m", "coverage", "combine", "-q", f"--rcfile={settings}")
-
-    def tests_of(self, mutant: Mutant) -> list[str]:
-        """The quick tests that a change meets, in their order."""
-        seconds, data = self.seconds(), CoverageData(str(self.work / "coverage"))
-        data.read()
-        first, last = mutant.lines or (0, sys.maxsize)
-        lines = data.contexts_by_lineno(mutant.path)
-        own = {name.strip("|") for line, names in lines.items() if first <= line <= last for name in names}
-        own &= seconds.keys()
-        room = f"tests/{Path(mutant.path).parts[1]}/"
-        files = {test.partition("::")[0] for test in own}
-        every = [test for test in seconds if test.partition("::")[0] in files or (not own and test.startswith(room))]
-        every.sort(key=lambda test: (test not in own, not test.startswith((room, *NETS)), seconds[test]))
-        return [
-            test for test, past in zip(every, accumulate(seconds[test] for test in every), strict=True) if past <= MOST
-        ]
-
-    def seconds(self) -> dict[str, float]:
-        """The time of each quick test under coverage."""
-        found = (json.loads(path.read_text()) for path in self.work.glob("seconds-*.json"))
-        return {test: time for each in found for test, time in each.items()}
-
-    def failing(self, tree: Path, arguments: list[str], limit: float = SLOW_PATIENCE) -> str:
+    def failing(self, tree: Path, arguments: list[str]) -> str:
         """The first test that fails, as pytest is run with some arguments; empty where all pass."""
-        try:
-            code, said = self._run(tree, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *arguments, limit=limit)
-        except subprocess.TimeoutExpired:
+        said = self.work / f"{tree.name}.txt"
+        process = FORKS.Process(target=run_tests, args=(tree, arguments, said))
+        process.start()
+        process.join(PATIENCE)
+        if process.exitcode is None:
+            process.kill()
             return "time limit"
-        failed = re.search(r"^(?:FAILED|ERROR) (.+?)(?: - |$)", said, re.MULTILINE)
-        return failed[1] if failed else "" if code in (0, 5) else f"exit code {code}"
+        failed = re.search(r"^(?:FAILED|ERROR) (.+?)(?: - |$)", said.read_text(), re.MULTILINE)
+        return failed[1] if failed else "" if process.exitcode in (0, 5) else f"exit code {process.exitcode}"
 
-    def judge(self, mutant: Mutant, runs: list[tuple[str, list[str], float]]) -> str:
-        """The kind of the run that notices a change, and the test; a run has a kind, arguments and a time limit."""
+    def judge(self, mutant: Mutant, runs: list[tuple[str, list[str]]]) -> str:
+        """The kind of the run that notices a change, and the test; a run has a kind and arguments."""
         with self.tree() as tree:
-            place, listed = tree / mutant.path, self.work / f"{tree.name}.txt"
+            place = tree / mutant.path
             original = place.read_text()
-            for kind, arguments, limit in runs:
-                listed.write_text("\n".join(arguments))
+            for kind, arguments in runs:
                 place.write_text(mutant.text)
                 try:
-                    test = self.failing(tree, [f"@{listed}"], limit)
+                    test = self.failing(tree, arguments)
                 finally:
                     place.write_text(original)
                 if "::" in test and self.failing(tree, ["-m", "slow or not slow", test]):
@@ -290,33 +251,24 @@ class Bench:
 def main() -> None:
     """Measure a sample, and print each change and how many were noticed."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("work", type=Path, help="a folder for the map and for copies of the tree")
+    parser.add_argument("work", type=Path, help="a folder for copies of the tree")
     parser.add_argument("--count", type=int, default=100)
     parser.add_argument("--seed", type=int, default=28)
     parser.add_argument("--only", default="")
-    parser.add_argument("--tests", nargs="*", help="in place of those that the map gives")
+    parser.add_argument("--tests", nargs="*", help="in place of those near a change")
     parser.add_argument("--slow", action="store_true")
     parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--record", action="store_true", help=argparse.SUPPRESS)
     chosen = parser.parse_args()
-    if chosen.record:
-        raise SystemExit(pytest.main(["-q", "-p", "no:cacheprovider", str(chosen.work)], plugins=[Recorder()]))
     bench = Bench(chosen.work.resolve(), chosen.jobs)
-    if chosen.tests is None and not (bench.work / "coverage").exists():
-        bench.measure()
-    picked = list(mutants(bench.work / "tree-0", chosen.count, chosen.seed, chosen.only))
-    seconds = bench.seconds()
-
-    def runs(mutant: Mutant) -> Iterator[tuple[str, list[str], float]]:
-        quick = bench.tests_of(mutant) if chosen.tests is None else chosen.tests
-        if quick:
-            yield "quick", quick, PATIENCE + 4.0 * sum(seconds.get(test, PATIENCE) for test in quick)
-        folder = f"tests/{Path(mutant.path).parts[1]}"
-        if chosen.slow and (bench.work / "tree-0" / folder).is_dir():
-            yield "slow", ["-m", "slow", folder], SLOW_PATIENCE
+    first = bench.work / "tree-0"
+    picked = list(mutants(first, chosen.count, chosen.seed, chosen.only))
 
     def judge(mutant: Mutant) -> str:
-        verdict = bench.judge(mutant, list(runs(mutant)))
+        runs = [("quick", near_tests(first, mutant.path) if chosen.tests is None else chosen.tests)]
+        folder = f"tests/{Path(mutant.path).parts[1]}"
+        if chosen.slow and (first / folder).is_dir():
+            runs.append(("slow", ["-m", "slow", folder]))
+        verdict = bench.judge(mutant, runs)
         print(f"{mutant.path}:{mutant.line}: {mutant.change}: {verdict}", flush=True)
         return verdict.partition(" ")[0]
 

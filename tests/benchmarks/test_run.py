@@ -75,7 +75,6 @@ def test_batches_with_killed_workers_are_compared() -> None:
 
 @pytest.mark.slow
 def test_a_change_of_the_program_meets_its_tests(tmp_path: Path) -> None:
-    pytest.importorskip("coverage")
     tests = "tests/numeric/test_spring.py"
     chosen = ("--count", "1", "--seed", "1", "--only", "numeric/spring.py:5", "--tests", tests)
     command = [sys.executable, str(RUN.with_name("mutants.py")), str(tmp_path), *chosen]
