@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -32,3 +33,49 @@ def test_a_touch_has_a_target_for_each_of_its_shapes(windows: list[float], limb:
     else:
         with pytest.raises(ValueError):  # noqa: PT011  # it has no words: who reads extras says where they are
             StoredDrive.read(data)
+
+
+def full_palm(**other: Any) -> dict[str, Any]:
+    """A drive with all that a touch may have."""
+    return {
+        **PALM,
+        "windows": [0.0, 2.0, -2.0],
+        "limb": [ANCHOR] * 2,
+        "by": ANCHOR,
+        "turn": 0.3,
+        "rises": [[0.0, 0.0], [0.5, 1.0], [0.9, 0.2]],
+        "keys": {"once": [[0.5, 0.1, 0.2, 0.3]], "twice": [[-0.5, 0.4, 0.3, 0.2], [0.1, 0.1, 0.2, 0.3]]},
+        "ends": {"once": [0.8], "twice": [0.2, 0.1]},
+        "targets": [f"wrinkle_palm_{k}" for k in range(16)],
+    } | other
+
+
+def test_a_stored_touch_is_read_as_it_was() -> None:
+    drive = StoredDrive.read(full_palm()).on({"hand": 0}, ())
+    written = drive.to_json(["hand"], ())
+    assert written == full_palm()
+
+
+@pytest.mark.parametrize(
+    "forged",
+    [
+        *({key: value} for key in ("pad", "grip", "deepest") for value in (0.0, -1.0, np.nan, np.inf)),
+        *({"release": {"frequency": 4.0, "damping": 1.0, key: value}}
+          for key in ("frequency", "damping") for value in (0.0, -1.0, 1e4, np.nan)),
+        *({"keys": {"a": [[0.0] * 4], "b": keys}}
+          for keys in ([], [[0.0] * 4] * 2, [[0.5, 0, 0, 0], [0.0, 1, 1, 1]],
+                       [[0, 0, 0, 0], [1, 0, 0, 0], [1, 1, 1, 1]], [[0.0, np.nan, 0.0, 0.0]])),
+        {"ends": {"a": [0.5], "b": [0.5, np.inf]}},
+        {"windows": [0.0, np.nan, 1.0]},
+        {"bend": [0.0, 0.0, np.inf]},
+        {"turn": np.nan},
+        *({"rises": rises} for rises in ([], [[0.0, 0.0], [0.0, 1.0]], [[0.0, 0.0], [-0.5, 1.0]], [[0.0, np.nan]],
+                                         [[0.0, 0.0], [1.0, 0.5], [1.0, 1.0]])),
+        *({"limb": [ANCHOR] * count} for count in (1, 3)),
+        *({"anchors": [ANCHOR] * count} for count in (3, 5)),
+    ],
+    ids=str,
+)  # fmt: skip
+def test_a_forged_touch_is_refused(forged: dict[str, Any]) -> None:
+    with pytest.raises(ValueError):  # noqa: PT011  # it has no words: who reads extras says where they are
+        StoredDrive.read(full_palm(**forged))

@@ -342,9 +342,8 @@ def read_touch(data: Json, nodes: Mapping[str, int], morph_names: Sequence[str])
     targets = tuple(str(name) for name in data["targets"])
     positive = min(pad, grip, deepest) > 0 and 0 < frequency < _MOST and 0 < damping < _MOST
     rising = all(len(each) and (np.diff(each[:, 0]) > 0).all() for each in keys.values())
-    finite = all(
-        np.isfinite(each).all() for each in (windows, rises, bend, np.array(turn), *keys.values(), *ends.values())
-    )
+    numbers = np.array([pad, grip, deepest, turn])
+    finite = all(np.isfinite(each).all() for each in (numbers, windows, rises, bend, *keys.values(), *ends.values()))
     limb = tuple(read_point(each, nodes, morph_names) for each in data.get("limb", ()))
     count = TouchDrive.slides + len(windows) + (TouchDrive.bent if limb else 0)
     if not (positive and rising and finite) or len(targets) != count or len(limb) not in (0, 2):
