@@ -185,9 +185,9 @@ def plan_smooth(details: tuple[float, ...], kind: Profile = "smooth") -> SmoothP
     """Build the interpolants of a smooth bump with these details, which solve A for all D and x at once."""
     levels = np.arange(len(details) + 1)
     ratios = np.sqrt(np.array([1.0, *(np.array(details) / (1 - math.fsum(details)))])) / 2**levels
-    # sin²(2ᵏπτ) = (1 − T_m(c))/2 with m = 2ᵏ, c = cos 2πτ; and d²T_m/dτ² = −(2πm)² T_m.
+    # sin²(2ᵏπτ) = (1 − T_m(c))/2 with m = 2ᵏ, c = cos 2πτ; and d²T_m/dτ² = −(2πm)² T_m. Factors change no root.
     series = np.zeros(2 ** len(details) + 1)
-    series[2**levels] = -ratios / 2
+    series[2**levels] = ratios
     bends = series * np.arange(len(series)) ** 2.0
     turns = [np.real(chebyshev.chebroots(c)) for c in (chebyshev.chebder(series), bends) if len(c) > 1]
     points = np.arccos(np.clip(np.concatenate(turns), -1.0, 1.0)) / (2 * np.pi)
