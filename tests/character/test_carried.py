@@ -1,6 +1,7 @@
 """Points that nodes and morph targets carry: the weighted sum over nodes, whether anything moves these or not."""
 
 from dataclasses import replace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -85,3 +86,23 @@ def test_motions_posed_at_once_are_those_posed_one_by_one(seed: int) -> None:
         places, scales = zip(*(carried_places(point, each, len(TIMES)) for each in apart), strict=True)
         assert place == pytest.approx(np.concatenate(places, axis=1), abs=1e-12)
         assert scale == pytest.approx(np.concatenate(scales), abs=1e-12)
+
+
+@given(st.integers(0, 1000))
+def test_drives_move_the_points_that_their_targets_carry(seed: int) -> None:
+    """A drive moves one coordinate of one node's part of a point alone; a drive that moves none is not asked."""
+    numbers = np.random.default_rng(seed)
+    rig, clip = rig_and_clip(numbers)
+    clip = replace(clip, channels=clip.channels[:2])
+    values = numbers.uniform(size=len(TIMES))
+    acting, idle = (Mock(targets=(name,)) for name in ("acting", "idle"))
+    acting.weights_in.return_value = lambda _times: values[:, None]
+    idle.weights_in.side_effect = AssertionError
+    driven, plain = rig.driven_by([idle, acting]), random_point(numbers)
+    moves = np.zeros((2, 3, 4))
+    moves[1, seed % 3, seed % 2] = 1.0
+    points = [replace(plain, points=np.concatenate([plain.points, each])) for each in (moves, 0.0 * moves)]
+    carriers = pose_carriers(points, driven, clip, TIMES)
+    place, before = (carried_places(point, carriers, len(TIMES))[0] for point in points)
+    column = node_matrices(rig, clip, TIMES, [1 + seed % 3])[:, 0, :3, seed % 2]
+    assert place - before == pytest.approx((values[:, None] * column).T, abs=1e-12)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.arrays import Floats, Ints
 from wrinklecli.numeric.elements import CORNERS, POISSON, Tissue, cube_stiffness, factorised, ritz_modes
 
 
@@ -32,11 +32,12 @@ def test_a_stretched_cube_holds_the_energy_of_hookes_law(axis: int) -> None:
     assert 0.5 * flat @ cube_stiffness() @ flat == pytest.approx(0.5 * modulus * 0.01**2)
 
 
+@pytest.mark.parametrize("corner", CORNERS)
 @pytest.mark.parametrize(("axis", "other"), [(0, 1), (1, 2), (2, 0)])
-def test_a_bent_cube_holds_the_energy_of_its_uneven_strain(axis: int, other: int) -> None:
-    """Its sides move by the product of two coordinates; the change of volume counts as that of the centre."""
+def test_a_bent_cube_holds_the_energy_of_its_uneven_strain(axis: int, other: int, corner: Ints) -> None:
+    """Its sides move by the product of two distances from any corner; the change of volume counts as at the centre."""
     bent = np.zeros((8, 3))
-    bent[:, axis] = np.prod(CORNERS[:, [axis, other]], axis=1)
+    bent[:, axis] = np.prod(np.abs(CORNERS - corner)[:, [axis, other]], axis=1)
     bulk, shear = 1 / (3 * (1 - 2 * POISSON)), 1 / (2 * (1 + POISSON))
     flat = bent.reshape(-1)
     assert flat @ cube_stiffness() @ flat == pytest.approx(shear * 7 / 9 + bulk / 4)

@@ -8,6 +8,7 @@ import pytest
 from wrinklecli.numeric.arrays import Bools, Floats, unit
 from wrinklecli.review.preview.sides import (
     ANGLES,
+    FACES,
     LEVELS,
     Free,
     Place,
@@ -102,6 +103,18 @@ def test_a_place_is_seen_from_straight_above_unless_much_is_hidden_there() -> No
     hidden = side_above(place, lambda ways: ~(ways[:, 2:] > 0.95) | half)
     assert hidden.axes[2, 2] <= 0.95
     assert hidden.visible > 0.6
+
+
+def test_the_normal_of_a_place_is_that_of_most_of_its_wrinkles() -> None:
+    """A triangle counts by its area times its height."""
+    normals = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+    place = Place(np.zeros((2, 3)), normals, normals, np.array([2.0, 1.0]), np.array([1.0, 4.0]))
+    above = side_above(place, lambda ways: np.ones((len(ways), 2), np.bool_))
+    assert above.angles == (63, 0)
+    x, _, z = above.axes[2]
+    assert x > FACES
+    assert above.score == pytest.approx(4.0 * FACES + 2.0 * z)
+    assert above.visible == pytest.approx(above.score / (6.0 * FACES))
 
 
 @pytest.mark.parametrize("normal", [*np.eye(3), *-np.eye(3), *unit(np.random.default_rng(4).normal(size=(8, 3)))])
