@@ -299,6 +299,7 @@ def test_a_patch_over_two_layers_is_warned_of_by_their_share(fold: float, tmp_pa
         assert share == pytest.approx(100 * 2 * fold / (2 * REACH), abs=8.0)
 
 
+@pytest.mark.quick(3)
 @pytest.mark.parametrize("strength", [1.0, -1.0])
 @pytest.mark.parametrize("share", [0.1, 0.9, 1.1])
 def test_wrinkles_taller_than_the_room_are_warned_of(strength: float, share: float, tmp_path: Path) -> None:
@@ -347,6 +348,7 @@ def test_collisions_are_the_same_in_small_portions_and_found_among_fewer_vertice
     assert thinned != whole
 
 
+@pytest.mark.quick(3)
 @pytest.mark.parametrize("turned", [False, True])
 @pytest.mark.parametrize(("shift", "near"), [(0.02, True), (0.07, True), (0.09, False)])
 def test_tools_nearly_on_top_of_each_other_are_warned_of(

@@ -16,8 +16,8 @@ from wrinklecli.review.suggest.unwarned import unwarned
 from wrinklecli.review.suggest.worth import Dropped, Worthwhile
 from wrinklecli.tools.records import Length, RefinementSettings
 
-# The built characters that get tools; those of the dressed one in other colours are the same.
-BUILT = ("dressed", "avatar", "tubes", "cartoon", "knight_tabard", "low_poly_smooth")
+# The built characters that get tools. Those of the dressed one, in any colours, are the same as on its low-poly mesh.
+BUILT = ("avatar", "tubes", "cartoon", "knight_tabard", "low_poly_smooth")
 SAMPLES = ("wrist", "trousers", "head", "body")
 # The assets of others that get tools.
 REAL = ("cesium_man.glb", "hand.glb", "head_male.glb", "simple_skin.gltf", "trousers.glb")

@@ -185,6 +185,7 @@ def limb_with(*names: str | None) -> Asset:
     return asset
 
 
+@pytest.mark.quick(4)
 @pytest.mark.parametrize(
     "names",
     [
@@ -442,7 +443,7 @@ def served(folder: Path, **files: Path) -> None:
 def test_maps_look_as_the_bake_does(tmp_path: Path) -> None:
     """Side by side in three.js in raking light: what the maps change is what the bake changes."""
     config = ROOT / "configs" / "wrist.yaml"
-    maps(sample("wrist"), config, tmp_path / "made", size=512)
+    maps(sample("wrist"), config, tmp_path / "made", size=256)
     served(tmp_path, baked_glb=bake_config("wrist", "wrist").path, plain_glb=sample("wrist"), maps=tmp_path / "made")
     query = "baked=baked.glb&plain=plain.glb&maps=maps&clip=extend&from=50&far=0.8&turn=0"
     rest, bent, without = halves(tmp_path, *(f"{query}&{more}" for more in ("time=0", "time=0.7", "time=0.7&without")))

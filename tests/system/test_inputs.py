@@ -695,7 +695,7 @@ def test_resources_of_every_kind(tmp_path: Path, out: str) -> None:
         assert after.stored(k).tobytes() == before.stored(k).tobytes()
 
 
-@pytest.mark.quick(5)
+@pytest.mark.quick(3)
 @pytest.mark.parametrize("form", ["glb", "file", "data", "percent", "folder"])
 @pytest.mark.parametrize("ending", [".glb", ".gltf"])
 def test_containers(tmp_path: Path, form: Any, ending: str) -> None:

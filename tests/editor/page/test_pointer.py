@@ -86,6 +86,7 @@ def tools_of(page: Page) -> dict[str, Any]:
     return {tool["name"]: tool for tool in yaml.safe_load(page.session.text)["tools"]}
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("nearly", [0.0, 1e-9, 1e-3, -5e-3])
 def test_two_clicks_on_one_spot_leave_one_end(page: Page, nearly: float) -> None:
     page._pointer._begin_new()
@@ -139,6 +140,7 @@ def test_a_tool_that_does_not_fit_says_so_at_once(page: Page, monkeypatch: pytes
     assert message.endswith("Drag its ends, or Undo.")
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize(
     ("tool", "number", "ways"),
     [
@@ -206,6 +208,7 @@ def test_a_draft_that_is_refused_leaves_the_one_before_it(page: Page) -> None:
     assert page.session.text == TOOLS
 
 
+@pytest.mark.quick(4)
 @pytest.mark.parametrize(
     ("steps", "value"),
     [

@@ -114,6 +114,7 @@ NOTHING: dict[str, tuple[Callable[[Asset], Any], str]] = {
 }
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("name", NOTHING)
 def test_tools_are_not_shown_on_nothing(tmp_path: Path, name: str) -> None:
     change, said = NOTHING[name]
