@@ -2,9 +2,13 @@
 
 import json
 import pickle
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -15,6 +19,7 @@ from kit.kept import identity, kept
 from kit.places import ROOT
 from wrinklecli.cli import cli
 from wrinklecli.numeric.arrays import unit
+from wrinklecli.numeric.guard import Progress
 from wrinklecli.review.suggest.fitted_tools import Suggestion
 from wrinklecli.review.suggest.suggest import Suggestions, suggest
 from wrinklecli.tools.records import WrinkleTool
@@ -48,6 +53,21 @@ def _suggested(asset: Path, options: str) -> Suggestions:
     found = pickle.loads((kept(("suggest", *identity(asset), options), make) / "found").read_bytes())
     assert isinstance(found, Suggestions)
     return found
+
+
+@contextmanager
+def each_once() -> Iterator[None]:
+    """A block in which commands that ask for the same suggestions get them from the first."""
+    found: dict[str, Suggestions] = {}
+
+    def remembered(asset: str, *, progress: Progress, folder: str, **options: Any) -> Suggestions:
+        key = repr((asset, options))
+        if key not in found:
+            found[key] = suggest(asset, progress=progress, folder=folder, **options)
+        return found[key]
+
+    with mock.patch.object(sys.modules[suggest.__module__], "suggest", remembered):
+        yield
 
 
 def middle(tool: WrinkleTool) -> Floats:

@@ -1,6 +1,5 @@
 """Suggested tools: the meshes that are looked at, the file, the command, limits and damaged assets."""
 
-import importlib
 import json
 import os
 import subprocess
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 from kit.asset import Asset, stored
 from kit.limb import limb, limb_asset
 from kit.samples import edited, shared_mesh, two_meshes
-from kit.suggested import ends, middle, run, suggest_once
+from kit.suggested import each_once, ends, middle, run, suggest_once
 from wrinklecli import bake
 from wrinklecli.errors import AssetError, BakeError, WrinkleError
 from wrinklecli.review.suggest.suggest import suggest
@@ -205,21 +204,7 @@ def test_the_file_bakes_without_a_length_that_no_bump_takes(tmp_path: Path) -> N
     assert not [line for line in report.warnings if "not absorbed" in line]
 
 
-@pytest.fixture
-def each_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Commands that ask for the same suggestions get them from the first."""
-    found: dict[str, Any] = {}
-
-    def remembered(asset: str, *, progress: Any, folder: str, **options: Any) -> Any:
-        key = repr((asset, options))
-        if key not in found:
-            found[key] = suggest(asset, progress=progress, folder=folder, **options)
-        return found[key]
-
-    monkeypatch.setattr(importlib.import_module("wrinklecli.review.suggest.suggest"), "suggest", remembered)
-
-
-@pytest.mark.usefixtures("each_once")
+@each_once()
 def test_command_writes_the_file_and_a_table(tmp_path: Path) -> None:
     path = limb(tmp_path / "limb.glb")
     result = run(path, "-o", tmp_path / "tools.yaml", "--count", 1)
@@ -238,7 +223,7 @@ def test_command_writes_the_file_and_a_table(tmp_path: Path) -> None:
     assert result.stdout
 
 
-@pytest.mark.usefixtures("each_once")
+@each_once()
 def test_json_has_these_keys(tmp_path: Path) -> None:
     path = limb(tmp_path / "limb.glb")
     result = run(path, "--json", "-q")

@@ -11,6 +11,7 @@ from kit.asset import stored
 from kit.characters import avatar, cartoon, dressed
 from kit.command import Wrinkle
 from kit.limb import limb
+from kit.suggested import each_once
 
 
 @pytest.fixture(scope="module")
@@ -78,6 +79,7 @@ def test_flesh_of_one_side_is_left_out(wrinkle: Wrinkle, tmp_path: Path, monkeyp
 
 
 @pytest.mark.slow
+@each_once()
 def test_the_command_prints_a_file_and_json(wrinkle: Wrinkle, person: Path) -> None:
     ran = wrinkle("suggest", person, "--flesh", "-q")
     listed = yaml.safe_load(ran.out)["flesh"]

@@ -12,6 +12,7 @@ from kit.characters import avatar, cartoon, dressed, tubes
 from kit.command import Wrinkle
 from kit.limb import limb
 from kit.player import Gltf
+from kit.suggested import each_once
 from wrinklecli.review.check import check
 from wrinklecli.tools.records import JointPoint
 
@@ -84,6 +85,7 @@ def test_a_limb_without_names_gets_none(wrinkle: Wrinkle, tmp_path: Path) -> Non
     assert not (tmp_path / "muscles.yaml").exists()
 
 
+@each_once()
 def test_the_command_prints_a_file_and_json(wrinkle: Wrinkle, tmp_path: Path) -> None:
     asset = tubes().write(tmp_path / "tubes.glb")
     ran = wrinkle("suggest", asset, "--muscles")
