@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from kit.asset import Asset, Json, attribute
+from kit.asset import Asset, Json, attribute, stored
 from kit.limb import RADIUS, limb_asset, limb_positions, tool
 from kit.prepared import Prepared, prepare
 from wrinklecli.character.contacts import Contacts, Neighbours, contacts_of
@@ -126,3 +126,16 @@ def test_only_meshes_that_are_drawn_together_hold_each_other() -> None:
     hidden = {"extensions": {"KHR_node_visibility": {"visible": False}}}
     assert changed(lambda gltf, node: gltf["nodes"][node].update(hidden)) == 0
     assert changed(lambda gltf, node: gltf["nodes"][0].update(extensions={"MSFT_lod": {"ids": [node]}})) == 0
+
+
+def test_a_mesh_that_is_not_finite_holds_nothing_and_is_named() -> None:
+    asset = with_neighbour([[0.0, 0.25, 0.0], [0.25, 0.25, 0.0], [-0.25, 0.25, 0.0]])
+    accessor = asset.gltf["meshes"][1]["primitives"][0]["attributes"]["POSITION"]
+    stored(asset, accessor)[2, 1] = np.nan
+    prepared = prepare(asset)
+    contacts = contacts_in(prepared)
+    assert not contacts.held.any()
+    assert list(contacts.unread) == [len(asset.gltf["nodes"]) - 1]
+    (line,) = contacts.unread.values()
+    assert "#/meshes/1/primitives/0: POSITION (accessor" in line
+    assert "of vertex 2 is not a finite number" in line

@@ -11,6 +11,7 @@ from wrinklecli.character.scene import drawn_with
 from wrinklecli.character.skin import skinned_mesh
 from wrinklecli.character.surface import Surface, Vertices, dense_influences, read_all_triangles, read_vertices
 from wrinklecli.character.weld import SAME
+from wrinklecli.errors import AssetError, TooMuchError
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, diagonal, distinct_values, flags_of
@@ -77,24 +78,18 @@ class Neighbours:
         self._corners: dict[int, Floats] = {}  # many muscles may ask for triangles
         self._boxes: dict[int, Floats] = {}
         self._drawn: dict[int, Ints] = {}
+        self.unread: dict[int, str] = {}  # nodes whose mesh cannot be read, and why: they are left out
 
     def near(self, node: int, low: Floats, high: Floats) -> Iterator[tuple[int, Floats]]:
         """The nodes that are drawn with a node, and (seen, 3) world positions of meshes that may reach into a box.
 
         `low` and `high` are the (3,) bounds.
-
-        Raises:
-            AssetError: A mesh or a skin is malformed.
         """
         for other in self._meeting(node, low, high):
             yield other, self._of(other).seen()
 
     def triangles_near(self, node: int, low: Floats, high: Floats) -> Iterator[Floats]:
-        """(triangles, 3, 3) world corners of the same meshes.
-
-        Raises:
-            AssetError: A mesh or a skin is malformed.
-        """
+        """(triangles, 3, 3) world corners of the same meshes."""
         for other in self._meeting(node, low, high):
             if other not in self._corners:
                 shown = self._of(other)
@@ -106,6 +101,7 @@ class Neighbours:
         if node not in self._drawn:
             nodes = self._document.items("nodes")
             shown = [each for each in drawn_with(self._document, node) if each != node and "mesh" in nodes[each]]
+            shown = [each for each in shown if self._can_be_read(each)]
             self._boxes |= {each: self._of(each).box() for each in shown if each not in self._boxes}
             # Scaled to nothing, a mesh is not drawn (glTF 2.0 §3.5.3).
             large = [each for each in shown if (self._boxes[each][0] != self._boxes[each][1]).any()]
@@ -116,6 +112,15 @@ class Neighbours:
         meets = ((boxes[:, 0] - slack <= high) & (boxes[:, 1] + slack >= low)).all(axis=1)
         found: list[int] = drawn[meets].tolist()
         return found
+
+    def _can_be_read(self, node: int) -> bool:
+        try:
+            self._of(node)
+        except TooMuchError:
+            raise
+        except AssetError as error:
+            self.unread[node] = str(error)
+        return node not in self.unread
 
     def _of(self, node: int) -> _Shown:
         if node not in self._shown:
@@ -140,10 +145,12 @@ class Contacts:
     Attributes:
         held: (vertices,) whether a vertex has a twin or touches a vertex of another mesh at rest.
         copies: The nodes of other meshes that are copies of this one, or levels of detail: they hold nothing.
+        unread: Other nodes whose mesh cannot be read, and why: they hold nothing.
     """
 
     held: Bools
     copies: tuple[int, ...]
+    unread: dict[int, str]
 
 
 def contacts_of(
@@ -159,9 +166,6 @@ def contacts_of(
         surface: This mesh, welded; vertices with an unwelded twin are marked.
         positions: (vertices, 3) world space at rest.
         along: Nodes whose meshes move along, so that no gap opens.
-
-    Raises:
-        AssetError: Another mesh is malformed.
     """
     held, copies = surface.twins.copy(), []
     # The reach depends on the size in world space, as bind space may have quantised units.
@@ -175,7 +179,7 @@ def contacts_of(
                     copies.append(node)
                 else:
                     held |= touching
-    return Contacts(held, tuple(copies))
+    return Contacts(held, tuple(copies), neighbours.unread)
 
 
 def _is_copy(triangles: Ints, positions: Floats, others: Floats, touching: Bools, reach: float) -> bool:

@@ -99,6 +99,7 @@ class MeshPlan:
         scale: World over bind units, at rest.
         has_normals: True if the mesh has NORMALs, so that shapes need them too.
         copies: The names of nodes that show a copy of the mesh at its place.
+        unread: A line for each other mesh that cannot be read.
     """
 
     rig: Rig
@@ -110,6 +111,7 @@ class MeshPlan:
     scale: float
     has_normals: bool
     copies: tuple[str, ...]
+    unread: tuple[str, ...]
 
     @property
     def parts(self) -> "list[Part]":

@@ -167,6 +167,7 @@ def plan_on(
             "NORMAL" in each.get("attributes", {}) for each in document.items("meshes")[rig.mesh]["primitives"]
         ),
         copies=tuple(rig.names[node] for node in ground.contacts.copies),
+        unread=tuple(ground.contacts.unread.values()),
     )
     firsts = np.cumsum([0, *(len(each.regions) for each in attached)]).tolist()
     numbered = list(zip(firsts, attached, strict=False))
@@ -194,6 +195,7 @@ def mesh_warnings(plan: MeshPlan, settings: ToolsFile, clips: Sequence[Clip]) ->
         " wrinkles down, and has only those of its own tools"
         for name in plan.copies
     ]
+    warnings += [f"{line}: this mesh holds no wrinkles of {where} down" for line in plan.unread]
     warnings += [line for layer in plan.layers for line in layer.warnings(plan, clips)]
     moving, rig = moving_nodes(plan.rig), plan.rig
     moved = {channel.node for clip in clips for channel in clip.channels if channel.path != "weights"}

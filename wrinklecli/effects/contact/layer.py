@@ -97,7 +97,7 @@ class ContactKind(EffectKind):
 
         _check_ignored(ground.document, tools)
         parts = read_bones(ground.document).parts
-        own = (ground.rig.node, *ground.contacts.copies)
+        own = (ground.rig.node, *ground.contacts.copies, *ground.contacts.unread)
         others = [node for node in drawn_with(ground.document, ground.rig.node) if node not in own]
         obstacles = partial(read_scene_meshes, ground.document, others)
         folds, without = find_folds(carried, chosen, plan.fine, ground.rest, ground.rig, parts, obstacles)
