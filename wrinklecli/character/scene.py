@@ -171,12 +171,12 @@ def _read_node(
                 primitive=number,
                 where=where,
                 vertices=vertices,
-                colour=_base_colour(_material(document, primitive)),
+                colour=_base_colour(material_of(document, primitive)),
             )
         yield replace(known[key], rig=rig)
 
 
-def _material(document: Document, primitive: Json) -> Json:
+def material_of(document: Document, primitive: Json) -> Json:
     """A primitive's material; empty if it has none, or one that does not exist."""
     materials = document.items("materials")
     number = primitive.get("material", len(materials))

@@ -34,6 +34,16 @@ def read_pixels(data: bytes | memoryview) -> Bytes:
         return pixels
 
 
+def read_alpha(data: bytes | memoryview) -> Bytes | None:
+    """(height, width, 1) alpha of an image, reduced if large; None if it is opaque, ValueError as for `read_pixels`."""
+    with _opened(data) as image:
+        if not image.has_transparency_data:
+            return None
+        alpha = image.convert("RGBA").getchannel("A")
+        factor = math.ceil(max(alpha.size) / _SIDE)
+        return np.asarray(alpha.reduce(factor) if factor > 1 else alpha)[..., None]
+
+
 def read_channel(data: bytes | memoryview, channel: Channel) -> Array:
     """(height, width) stored values of one channel, 0 to 1, as float32; ValueError if it cannot be read.
 

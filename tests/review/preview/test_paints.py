@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from kit.asset import ARRAY_BUFFER, Asset
+from kit.asset import ARRAY_BUFFER, Asset, attribute
 from kit.limb import limb_asset
 from kit.pictures import SIZE, covered, draw, picture
 from wrinklecli.errors import AssetError
@@ -41,6 +41,32 @@ def test_a_material_shows_its_colour_its_texture_and_the_colours_of_vertices(tmp
     assert len(warnings) == 1
     assert "without its texture" in warnings[0]
     assert np.abs(drawn("vertices", {}, colors=True)[0] - plain).max() > 5
+
+
+def test_a_masked_material_shows_where_its_alpha_reaches_the_cutoff(tmp_path: Path) -> None:
+    lace = Image.new("RGBA", (64, 64), (200, 200, 200, 255))
+    lace.paste((0, 0, 0, 100), (0, 0, 64, 32))
+    file = io.BytesIO()
+    lace.save(file, "PNG")
+
+    def share(*, factor: float = 1.0, **more: Any) -> float:
+        asset = limb_asset(rings=9, sides=12)
+        look = {"baseColorTexture": {"index": 0}, "baseColorFactor": [1.0, 1.0, 1.0, factor]}
+        textured(asset, look, file.getvalue())
+        asset.gltf["materials"][0] |= more
+        # Seen from the side, half of the limb: the two halves of the texture lie along it.
+        uvs = attribute(asset, 0, "TEXCOORD_0")
+        uvs[:] = np.stack([uvs[:, 0], (attribute(asset, 0, "POSITION")[:, 0] + 1.0) / 2.0], axis=1)
+        draw([asset.write(tmp_path / "a.glb")], tmp_path / "a.png", rest=True, size=SIZE)
+        return float(covered(picture(tmp_path / "a.png")[22:]).mean())
+
+    whole = share()
+    assert share(alphaMode="BLEND") == whole
+    assert share(alphaMode="MASK", alphaCutoff=0.25) == whole
+    assert share(alphaMode="MASK", alphaCutoff=0) == whole
+    nothing = share(alphaMode="MASK", factor=0.4)  # but for what is written below the picture
+    # The half that stays is the nearer one.
+    assert 0.5 < (share(alphaMode="MASK") - nothing) / (whole - nothing) < 0.8
 
 
 def textured(asset: Asset, material: Json, image: bytes) -> None:

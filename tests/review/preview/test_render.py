@@ -12,6 +12,7 @@ from kit.limb import tool, write_tools
 from kit.pictures import SIZE, covered, draw, limb, picture, reds
 from wrinklecli.review.preview import render
 from wrinklecli.review.preview.camera import Camera, camera_axes
+from wrinklecli.review.preview.cutouts import Cutouts
 from wrinklecli.review.preview.draw import Mark
 from wrinklecli.review.preview.paints import Texture
 from wrinklecli.review.preview.preview_options import Style
@@ -202,3 +203,24 @@ def test_light_ends_on_a_coarse_mesh_that_is_refined_where_it_did_before(tmp_pat
     )
     shown = picture(tmp_path / "a.png").astype(int)
     assert np.abs(shown[20:, :200] - shown[20:, 204:]).max() <= 4
+
+
+def test_what_alpha_cuts_out_shows_what_is_behind() -> None:
+    holes = np.zeros((2, 2, 1), np.uint8)
+    holes[0, 0] = holes[1, 1] = 255
+    texture = Texture(holes.repeat(32, 0).repeat(32, 1))
+    back, front = square(half=0.5, at=-0.2, colour=(1, 0, 0)), square(half=0.5, colour=(0, 0, 1))
+    frame = both(back, front)
+    alphas = np.concatenate([np.full((2, 3), np.inf), np.full((2, 3), 2.0)])
+    cutouts = Cutouts(alphas, frame.coordinates, np.array([-1, -1, 0, 0]), (texture,))
+    shown = render.render(replace(frame, cutouts=cutouts), HEAD_ON, size=(64, 64)).astype(int)
+    for (row, column), way in {(24, 24): 2, (40, 40): 2, (24, 40): 0, (40, 24): 0}.items():
+        assert shown[row, column, way] > shown[row, column, 2 - way] + 60
+    # Light falls through, too: no holes of a shadow on what is behind.
+    assert np.array_equal(cutouts.whole(), [True, True, False, False])
+    alone = render.render(
+        replace(front, cutouts=Cutouts(np.full((2, 3), 0.9), front.coordinates, np.full(2, -1), ())),
+        HEAD_ON,
+        size=(64, 64),
+    )
+    assert not covered(alone).any()

@@ -117,7 +117,7 @@ def _openness(surface: TracedSurface, points: Array, normals: Array, sets: Ints)
         directions += y * bitangents
         directions += np.sqrt(1 - square) * normals
         # Lengths are even from 0 to _FAR, so that the part of the rays that hit falls linearly to 0.
-        free = surface.rays.run(points, directions, dists=_FAR * length[:, 0], query="OCCLUDED") < 0
+        free = surface.shades.run(points, directions, dists=_FAR * length[:, 0], query="OCCLUDED") < 0
         openness += free / np.float32(_AMBIENT_RAYS)
     return openness
 
@@ -146,7 +146,7 @@ def _lit(surface: TracedSurface, points: Array, hits: Hits, sets: Ints, key: Arr
         leaving = np.flatnonzero((met["primID"] >= 0) & (ways > 0) & alike & (met["tfar"] < _SOON))
         out = below[leaving]
         starts[out] = inside[out] + (met["tfar"][leaving, None] + LIFT) * directions[out]
-        free += (surface.rays.run(starts, directions, query="OCCLUDED") < 0) / np.float32(_SHADOW_RAYS)
+        free += (surface.shades.run(starts, directions, query="OCCLUDED") < 0) / np.float32(_SHADOW_RAYS)
     lit = np.zeros(len(hits.normals), np.float32)
     lit[facing_it] = free
     return lit

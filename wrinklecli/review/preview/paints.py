@@ -5,11 +5,11 @@ from itertools import product
 
 import numpy as np
 
-from wrinklecli.character.scene import ScenePrimitive
+from wrinklecli.character.scene import ScenePrimitive, material_of
 from wrinklecli.errors import AssetError
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
-from wrinklecli.gltf.pixels import Bytes, linear_rgb, read_pixels
+from wrinklecli.gltf.pixels import Bytes, linear_rgb, read_alpha, read_pixels
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Array, Floats, Ints
 
@@ -23,7 +23,7 @@ _DECODED = linear_rgb(np.arange(256) / 255.0).astype(np.float32)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Texture:
-    """A (height, width, 3) sRGB image that colours a surface; equal only to itself.
+    """A (height, width, channels) image of a surface, as a rule sRGB; equal only to itself.
 
     `wraps` says how it continues beyond [0, 1], across and down: by "repeat", "mirror" or "clamp".
     """
@@ -33,12 +33,31 @@ class Texture:
 
 
 @dataclass(frozen=True, slots=True)
+class Cutout:
+    """What shows of a primitive with `alphaMode: MASK`.
+
+    Attributes:
+        alphas: (vertices,) alpha over the cutoff: below 1 nothing shows.
+        coordinates: (vertices, 2) texture coordinates.
+        texture: Its one channel multiplies the alpha.
+    """
+
+    alphas: Floats
+    coordinates: Floats
+    texture: Texture | None
+
+
+@dataclass(frozen=True, slots=True)
 class Paint:
-    """The base colours of a primitive: (vertices, 3) linear RGB, times a texture at (vertices, 2) coordinates."""
+    """The base colours of a primitive: (vertices, 3) linear RGB, times a texture at (vertices, 2) coordinates.
+
+    `cutout` is what shows of it; None for all.
+    """
 
     colours: Floats
     coordinates: Floats
     texture: Texture | None
+    cutout: Cutout | None = None
 
 
 def read_paints(document: Document, primitives: Sequence[ScenePrimitive]) -> tuple[list[Paint], list[str]]:
@@ -48,11 +67,13 @@ def read_paints(document: Document, primitives: Sequence[ScenePrimitive]) -> tup
         AssetError: Colours of vertices are malformed.
     """
     textures: dict[str, Texture] = {}
+    masks: dict[str, Texture | None] = {}
     paints, warnings = [], []
     for source in primitives:
         primitive = document.items("meshes")[source.rig.mesh]["primitives"][source.primitive]
         count = len(source.vertices.positions)
-        texture, coordinates = None, np.zeros((count, 2))
+        texture, mask, coordinates = None, None, np.zeros((count, 2))
+        masked = material_of(document, primitive).get("alphaMode") == "MASK"
         try:
             info = texture_info(document, primitive)
             if info:
@@ -61,10 +82,14 @@ def read_paints(document: Document, primitives: Sequence[ScenePrimitive]) -> tup
                 if key not in textures:
                     textures[key] = read_texture(document, info)
                 texture = textures[key]
+                if masked and key not in masks:
+                    masks[key] = _read_mask(document, info)
+                mask = masks.get(key)
         except (AssetError, ArithmeticError, ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
             # Without a texture a picture still shows the wrinkles.
             warnings.append(f"{source.where}: drawn without its texture: {error}")
-        paints.append(Paint(source.colour * vertex_colours(document, primitive, count), coordinates, texture))
+        cutout = Cutout(_alphas(document, primitive, count), coordinates, mask) if masked else None
+        paints.append(Paint(source.colour * vertex_colours(document, primitive, count), coordinates, texture, cutout))
     return paints, warnings
 
 
@@ -77,8 +102,35 @@ def texture_info(document: Document, primitive: Json, key: str = "baseColorTextu
     return info
 
 
+def _alphas(document: Document, primitive: Json, count: int) -> Floats:
+    """(vertices,) alpha of a masked material and of COLOR_0, over the cutoff; infinite if that is 0."""
+    material = material_of(document, primitive)
+    look, cutoff = material.get("pbrMetallicRoughness"), material.get("alphaCutoff", 0.5)
+    factors = look.get("baseColorFactor") if isinstance(look, dict) else None
+    alphas = np.ones(count)
+    if "COLOR_0" in primitive["attributes"]:
+        stored = document.accessor(primitive["attributes"]["COLOR_0"])
+        alphas = np.nan_to_num(stored[:, 3].astype(np.float64)) if stored.shape == (count, 4) else alphas
+    if isinstance(factors, list) and len(factors) == 4 and isinstance(factors[3], int | float):
+        alphas = alphas * factors[3]
+    return alphas / cutoff if isinstance(cutoff, int | float) and cutoff > 0 else np.full(count, np.inf)
+
+
 def read_texture(document: Document, info: Json) -> Texture:
     """Read the texture of an entry; AssetError if its file may not be read, ValueError if it is malformed."""
+    data, wraps = _image(document, info)
+    return Texture(read_pixels(data), wraps)
+
+
+def _read_mask(document: Document, info: Json) -> Texture | None:
+    """Read the alpha of a texture, if it has any, as `read_texture` does."""
+    data, wraps = _image(document, info)
+    alpha = read_alpha(data)
+    return None if alpha is None else Texture(alpha, wraps)
+
+
+def _image(document: Document, info: Json) -> tuple[bytes | memoryview, tuple[str, str]]:
+    """The bytes of a texture's image, and how it continues beyond its borders."""
     where = document.where("textures")
     texture = document.item("textures", info.get("index"), user=where)
     webp = texture.get("extensions", {}).get("EXT_texture_webp", {})
@@ -91,7 +143,7 @@ def read_texture(document: Document, info: Json) -> Texture:
         data = document.view(image.get("bufferView"), user=where)
     sampler = document.item("samplers", texture["sampler"], user=where) if "sampler" in texture else {}
     across, down = (_WRAPS.get(sampler.get(key, 0), "repeat") for key in ("wrapS", "wrapT"))
-    return Texture(read_pixels(data), (across, down))
+    return data, (across, down)
 
 
 def texture_coordinates(document: Document, primitive: Json, info: Json, count: int) -> Floats:
@@ -123,19 +175,22 @@ def _attribute(document: Document, primitive: Json, name: str, count: int, size:
     return values[:, :size].astype(np.float64)
 
 
-def look_up(texture: Texture, places: Floats) -> Array:
-    """(places, 3) linear RGB of a texture at (places, 2) coordinates, interpolated between the four nearest pixels."""
+def look_up(texture: Texture, places: Floats, values: Array = _DECODED) -> Array:
+    """(places, channels) of a texture at (places, 2) coordinates, interpolated between the four nearest pixels.
+
+    `values` are those of the 256 stored ones: linear RGB if not said.
+    """
     rows, columns = texture.pixels.shape[:2]
     scaled = places * (columns, rows) - 0.5
     floor = np.floor(scaled)
     fractions = (scaled - floor).astype(np.float32)
-    mixed = np.zeros((len(places), 3), np.float32)
+    mixed = np.zeros((len(places), texture.pixels.shape[2]), np.float32)
     for right, down in product((0, 1), (0, 1)):
         across = fractions[:, 0] if right else 1 - fractions[:, 0]
         weight = across * (fractions[:, 1] if down else 1 - fractions[:, 1])
         x = _wrapped(floor[:, 0] + right, columns, texture.wraps[0])
         y = _wrapped(floor[:, 1] + down, rows, texture.wraps[1])
-        mixed += weight[:, None] * _DECODED[texture.pixels[y, x]]
+        mixed += weight[:, None] * values[texture.pixels[y, x]]
     return mixed
 
 

@@ -3,6 +3,7 @@
 The same triangles give the same hits: rays follow fixed patterns.
 """
 
+from collections.abc import Callable
 from dataclasses import fields
 from typing import Any
 
@@ -20,6 +21,8 @@ _NEAR = 0.01
 _EMBREE = 2**28
 # Bytes that Embree takes for a triangle; measured were 120.
 _EMBREE_TRIANGLE = 240
+# Layers of hair or lace through which a ray passes; what is behind more of them does not show.
+_LAYERS = 32
 # Units of libigl's tree in half a picture's height: it takes triangles for none whose area is below 1e-6 units.
 _TREE_SIZE = 1e4
 
@@ -30,6 +33,7 @@ class TracedSurface:
 
     Attributes:
         rays: Embree's scene, which finds the triangles that rays hit.
+        shades: The same of the triangles that throw shadows.
         corners: (triangles, 3, 3) positions.
         normals: (triangles, 3, 3) unit normals of the corners.
         faces: (triangles, 3) unit normals of the triangles.
@@ -37,13 +41,21 @@ class TracedSurface:
     """
 
     rays: Any
+    shades: Any
     corners: Array
     normals: Array
     faces: Array
     tangent: float
 
 
-def trace(places: Floats, normals: Floats, tangent: float = TANGENT, *, triangles: Ints | None = None) -> TracedSurface:
+def trace(
+    places: Floats,
+    normals: Floats,
+    tangent: float = TANGENT,
+    *,
+    triangles: Ints | None = None,
+    whole: Bools | None = None,
+) -> TracedSurface:
     """Prepare a surface in camera space for rays.
 
     Args:
@@ -51,10 +63,14 @@ def trace(places: Floats, normals: Floats, tangent: float = TANGENT, *, triangle
         normals: (triangles, 3, 3) unit normals of the corners.
         tangent: As in `TracedSurface`.
         triangles: (triangles, 3) vertices.
+        whole: (triangles,) True for those that throw shadows; None for all.
     """
     corners = places if triangles is None else places[triangles]
+    rays = _traced(places, triangles)
     return TracedSurface(
-        rays=_traced(places, triangles),
+        rays=rays,
+        # A triangle in one point is never hit.
+        shades=rays if whole is None else _traced(np.append(corners[whole], np.zeros((1, 3, 3)), axis=0), None),
         corners=np.ascontiguousarray(corners, np.float32),
         normals=normals.astype(np.float32),
         faces=unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])).astype(np.float32),
@@ -143,7 +159,14 @@ class Hits:
         return Hits(*(np.concatenate(each) for each in both))
 
 
-def first_hits(surface: TracedSurface, size: tuple[int, int], first: int, pixels: Ints, offsets: Array) -> Hits:
+def first_hits(
+    surface: TracedSurface,
+    size: tuple[int, int],
+    first: int,
+    pixels: Ints,
+    offsets: Array,
+    shown: Callable[[Ints, Array], Bools] | None = None,
+) -> Hits:
     """Trace primary rays.
 
     Args:
@@ -152,6 +175,7 @@ def first_hits(surface: TracedSurface, size: tuple[int, int], first: int, pixels
         first: Row of the picture at which the band begins.
         pixels: (pixels,) numbers of the pixels to trace in the band.
         offsets: (rays, 2) of the rays of a pixel from its middle, down and across, pixels.
+        shown: Tells of points, by triangles and (points, 3) weights, if they show. Rays pass through others.
     """
     width, height = size
     down, across = np.divmod(np.repeat(pixels, len(offsets)), width)
@@ -168,6 +192,8 @@ def first_hits(surface: TracedSurface, size: tuple[int, int], first: int, pixels
         eyes[:, 1] = 1 - middles[:, 1] * 2 / height
         eyes[:, 2] = surface.corners[..., 2].max(initial=0) + 1
     traced = surface.rays.run(eyes, directions, output=True)
+    if shown is not None:
+        traced = _passed(surface, eyes, directions, traced, shown)
     hit = np.flatnonzero(traced["primID"] >= 0)
     found, directions = traced["primID"][hit].astype(np.intp), directions[hit]
     u, v = traced["u"][hit], traced["v"][hit]
@@ -188,6 +214,28 @@ def first_hits(surface: TracedSurface, size: tuple[int, int], first: int, pixels
         sides=sides,
         normals=unit_rows(normals) * sides,
     )
+
+
+def _passed(
+    surface: TracedSurface, eyes: Array, directions: Array, traced: Any, shown: Callable[[Ints, Array], Bools]
+) -> Any:
+    """What Embree finds of rays, behind the points that do not show."""
+    traced = {key: np.array(traced[key]) for key in ("primID", "tfar", "u", "v")}
+    passing = np.flatnonzero(traced["primID"] >= 0)
+    for layer in range(_LAYERS + 1):
+        u, v = traced["u"][passing], traced["v"][passing]
+        weights = np.stack([1 - u - v, u, v], axis=1)
+        passing = passing[~shown(traced["primID"][passing].astype(np.intp), weights)]
+        if not len(passing) or layer == _LAYERS:
+            break
+        far = traced["tfar"][passing] + LIFT
+        behind = surface.rays.run(eyes[passing] + far[:, None] * directions[passing], directions[passing], output=True)
+        for key in ("primID", "u", "v"):
+            traced[key][passing] = behind[key]
+        traced["tfar"][passing] = far + behind["tfar"]
+        passing = passing[traced["primID"][passing] >= 0]
+    traced["primID"][passing] = -1
+    return traced
 
 
 def in_sight(surface: TracedSurface, points: Floats) -> Bools:

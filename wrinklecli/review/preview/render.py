@@ -8,6 +8,7 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.pixels import Bytes, srgb
 from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints
 from wrinklecli.review.preview.camera import Camera, project
+from wrinklecli.review.preview.cutouts import Cutouts
 from wrinklecli.review.preview.draw import INK, Mark, ProjectedMark, blend, draw_mark, edge_cover, project_mark
 from wrinklecli.review.preview.light import REACH, light_up
 from wrinklecli.review.preview.overlay import NOTHING, Overlay, draw_overlay
@@ -49,6 +50,7 @@ class Snapshot:
         texture_numbers: (triangles,) into `textures`; -1 for none.
         textures: They multiply the colours.
         marks: Tools to draw on the triangles.
+        cutouts: What of the triangles shows; None for all.
     """
 
     corners: Floats
@@ -58,6 +60,7 @@ class Snapshot:
     texture_numbers: Ints
     textures: tuple[Texture, ...] = ()
     marks: tuple[Mark, ...] = ()
+    cutouts: Cutouts | None = None
 
     @classmethod
     def of(cls, parts: Iterable[tuple[Floats, Floats, Ints, Paint]], marks: Sequence[Mark] = ()) -> "Snapshot":
@@ -67,14 +70,17 @@ class Snapshot:
         """
         joined: list[tuple[Array, ...]] = [(*np.zeros((3, 0, 3, 3)), np.zeros((0, 3, 2)), np.zeros(0, np.intp))]
         textures: list[Texture] = []
+        cutouts = []
         for corners, normals, vertices, paint in parts:
+            cutouts.append((vertices, paint.cutout))
             if paint.texture is not None and paint.texture not in textures:
                 textures.append(paint.texture)
             number = -1 if paint.texture is None else textures.index(paint.texture)
             numbers = np.full(len(corners), number)
             joined.append((corners, normals, paint.colours[vertices], paint.coordinates[vertices], numbers))
         places, turned, colours, coordinates, numbers = map(np.concatenate, zip(*joined, strict=True))
-        return cls(places, turned, colours, coordinates, numbers, tuple(textures), tuple(marks))
+        cut = Cutouts.of(cutouts)
+        return cls(places, turned, colours, coordinates, numbers, tuple(textures), tuple(marks), cut)
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,8 +124,9 @@ def _scene(snapshot: Snapshot, camera: Camera, size: tuple[int, int], style: Sty
     if style.wire:
         finer = (size[0] * _SAMPLES, size[1] * _SAMPLES)
         projected = project(local, finer, camera.tangent).astype(np.float32)
+    whole = None if snapshot.cutouts is None else snapshot.cutouts.whole()
     return _Scene(
-        surface=trace(local, snapshot.normals @ camera.axes.T, camera.tangent),
+        surface=trace(local, snapshot.normals @ camera.axes.T, camera.tangent, whole=whole),
         snapshot=snapshot,
         colours=snapshot.colours.astype(np.float32),
         projected=projected,
@@ -151,10 +158,11 @@ def _band(scene: _Scene, size: tuple[int, int], style: Style, top: int, bottom: 
 
 def _sampled(scene: _Scene, size: tuple[int, int], style: Style, shape: tuple[int, int], first: int) -> Hits:
     """Trace a ray for each pixel of a band of `shape` rows and columns, and more rays for the uneven ones."""
-    hits = first_hits(scene.surface, size, first, np.arange(shape[0] * shape[1]), np.zeros((1, 2)))
+    shown = None if scene.snapshot.cutouts is None else scene.snapshot.cutouts.shown
+    hits = first_hits(scene.surface, size, first, np.arange(shape[0] * shape[1]), np.zeros((1, 2)), shown)
     uneven = _uneven(scene, hits, shape, style)
     offsets = (np.stack(np.divmod(np.arange(_SAMPLES**2), _SAMPLES), axis=1) + 0.5) / _SAMPLES - 0.5
-    finer = first_hits(scene.surface, size, first, np.flatnonzero(uneven), offsets)
+    finer = first_hits(scene.surface, size, first, np.flatnonzero(uneven), offsets, shown)
     return hits.only(~uneven[hits.pixels]).joined(finer)
 
 

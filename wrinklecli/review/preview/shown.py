@@ -235,7 +235,7 @@ def take_snapshot(asset: ShownAsset, moment: Moment, *, heat: bool) -> Snapshot:
             normals = posed.normals[0, triangles]
         if heat:
             colours = linear_rgb(heat_colours(compressions(shown.source, positions)))
-            paint = Paint(colours, paint.coordinates, None)
+            paint = replace(paint, colours=colours, texture=None)
         else:
             brightest = paint.colours.max(axis=1, keepdims=True)
             dimmed = paint.colours * np.minimum(1.0, _BRIGHTEST / np.maximum(brightest, _BRIGHTEST))
