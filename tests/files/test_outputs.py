@@ -5,8 +5,11 @@ import re
 import socket
 import stat
 import threading
+import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +17,7 @@ import pytest
 
 from kit.command import files
 from wrinklecli.errors import BakeError
+from wrinklecli.files import workplace
 from wrinklecli.files.outputs import Outputs
 
 
@@ -123,6 +127,33 @@ def test_the_main_output_comes_last(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert moved == ["begin", "a", "b", "main"]
 
 
+def test_runs_that_end_at_once_leave_the_files_of_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each renames three files, and takes its time for it."""
+    real = os.replace
+
+    def replace(source: str, target: str) -> None:
+        time.sleep(0.01)
+        real(source, target)
+
+    monkeypatch.setattr(os, "replace", replace)
+
+    def write(content: bytes) -> None:
+        with Outputs() as outputs:
+            for name in ("a", "b", "c"):
+                outputs.add_bytes(tmp_path / name, content)
+
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(write, [bytes([number]) for number in range(8)]))
+    assert len(set(files(tmp_path).values())) == 1
+
+
+def test_a_lock_that_others_hold_for_ever_ends_no_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(workplace, "_PATIENCE", 0.01)
+    with workplace.locked(str(tmp_path)), Outputs() as outputs:
+        outputs.add_bytes(tmp_path / "out", b"new")
+    assert files(tmp_path) == {"out": b"new"}
+
+
 def test_an_interrupt_after_the_last_renaming_takes_nothing_back(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -185,7 +216,7 @@ def test_what_is_dropped_goes_with_the_others(tmp_path: Path) -> None:
             outputs.protect([tmp_path / "input"])
             outputs.add_bytes(tmp_path / "out", b"new")
             for name in ("gone", "input", "out", "absent"):
-                outputs.drop(str(tmp_path / name))
+                outputs.drop(partial(list, [str(tmp_path / name)]))
             if names(tmp_path) == {"gone", "input", "out"}:
                 raise BakeError("no")
 

@@ -17,6 +17,7 @@ from kit.documents import arrays, same_bits, written
 from kit.drawn import CHARACTERS
 from kit.limb import limb, limb_asset
 from wrinklecli.errors import AssetError, BakeError
+from wrinklecli.files.outputs import Outputs
 from wrinklecli.gltf import writer
 from wrinklecli.gltf.document import read_document
 from wrinklecli.gltf.edited_document import VERTEX_DATA, EditedDocument
@@ -219,6 +220,59 @@ def test_glb_beyond_4_gib_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyP
     with pytest.raises(BakeError, match="--frames-dir"):
         write(edited, tmp_path / "out.glb")
     assert not (tmp_path / "out.glb").exists()
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+@pytest.mark.parametrize("before", [None, 0, 1])
+def test_bakes_to_one_gltf_at_once_leave_one_of_them_whole(
+    tmp_path: Path, order: tuple[int, int], before: int | None
+) -> None:
+    """Whichever ends first, and whichever OUT is from before."""
+    source = limb(tmp_path / "a.glb", rings=3, sides=4)
+
+    def edited(number: int) -> EditedDocument:
+        made = EditedDocument(read_document(source))
+        made.add(np.full(3, number, np.float32))
+        return made
+
+    out = tmp_path / "out.gltf"
+    if before is not None:
+        write(edited(before), out)
+    runs = [Outputs(), Outputs()]
+    for number, outputs in enumerate(runs):
+        write(edited(number), out, outputs=outputs)
+    for number in order:
+        with runs[number]:
+            pass
+        found, wanted = read_document(out), edited(number)
+        assert found.buffers[-1][: wanted.new_size] == b"".join(wanted.new_data())
+    named = {each["uri"] for each in json.loads(out.read_text())["buffers"]}
+    assert named == {path.name for path in tmp_path.glob("*.bin")}
+
+
+@pytest.mark.parametrize("same", [True, False])
+def test_an_image_that_another_bake_has_put_meanwhile_stays(tmp_path: Path, same: bool) -> None:
+    """Its name is taken then, as if that bake had ended before this one began."""
+    (tmp_path / "out").mkdir()
+    runs = [Outputs(), Outputs()]
+    for number, outputs in enumerate(runs):
+        (tmp_path / str(number)).mkdir()
+        (tmp_path / str(number) / "skin.png").write_bytes(PNG + bytes([0 if same else number]))
+        asset = limb_asset(rings=4, sides=4)
+        asset.gltf["images"] = [{"uri": "skin.png"}]
+        edited = EditedDocument(written(asset, tmp_path / str(number), "a.gltf"))
+        write(edited, tmp_path / "out" / f"{number}.gltf", outputs=outputs)
+    with runs[0]:
+        pass
+    before = {*os.listdir(tmp_path / "out")}
+    if same:
+        with runs[1]:
+            pass
+        return
+    with pytest.raises(BakeError, match=r"skin\.png: is there already and is another image"), runs[1]:
+        pass
+    assert {*os.listdir(tmp_path / "out")} < before, "the folder of the second run is gone"
+    assert (tmp_path / "out" / "skin.png").read_bytes() == PNG + b"\0"
 
 
 @pytest.mark.parametrize("ending", ["glb", "gltf"])

@@ -2,7 +2,8 @@
 
 Each file is written into a folder of this run, `.wrinkle-…`, beside its destination. When all are complete, they are
 renamed to their destinations, the main ones last. So a file is complete at any moment, and an error, or a signal before
-the renaming, changes nothing. If a run is killed during the renaming, which no system does for several files at once,
+the renaming, changes nothing. Runs that end at once rename one after another, as each locks the folders, so that the
+files are those of one of them. If a run is killed during the renaming, which no system does for several files at once,
 some files are old and some new, the last main output old; a later run removes its folder.
 """
 
@@ -11,14 +12,14 @@ import os
 import re
 import stat
 from collections.abc import Callable, Iterable
-from contextlib import AbstractContextManager, nullcontext, suppress
+from contextlib import AbstractContextManager, ExitStack, nullcontext, suppress
 from itertools import chain
 from types import TracebackType
 from typing import IO, TypeAlias
 
 from wrinklecli.errors import BakeError
 from wrinklecli.files.claims import Claims, Clash
-from wrinklecli.files.workplace import Workplace
+from wrinklecli.files.workplace import Workplace, locked
 from wrinklecli.frozen import dataclass
 
 Write: TypeAlias = Callable[[IO[bytes]], object]
@@ -34,6 +35,7 @@ class _Output:
         through: True for a device or a pipe, which is written to and not replaced.
         staged: Temporary path; None before the file is written.
         last: True for a main output, which is renamed after the others.
+        refusal: The message if another file has its place by then; None for one that may be replaced.
     """
 
     path: str
@@ -41,6 +43,7 @@ class _Output:
     through: bool
     staged: str | None = None
     last: bool = False
+    refusal: str | None = None
 
 
 class Outputs:
@@ -53,7 +56,7 @@ class Outputs:
         self._at_commit = at_commit
         self._claims = Claims[str]()  # an owner is what a file is besides, for messages
         self._outputs: dict[str, list[_Output]] = {}  # by real path; a device may have several
-        self._dropped: list[str] = []
+        self._dropped: list[Callable[[], Iterable[str]]] = []
         self._own: set[str] = set()
         self._folders: list[str] = []  # new ones, outermost first
         self._workplaces: dict[str, Workplace] = {}  # by parent folder
@@ -117,6 +120,11 @@ class Outputs:
         """Write a file with some content, as `add` does."""
         return self.add(path, lambda file: file.write(data), last=last, durable=durable)
 
+    def add_new(self, path: str | os.PathLike[str], data: bytes | memoryview, refusal: str) -> None:
+        """Write a file with some content, and refuse with a message if another one has its place at the commit."""
+        self.add_bytes(path, data)
+        self._outputs[_real(os.fspath(path))][-1].refusal = refusal
+
     @property
     def written(self) -> list[str]:
         """The paths of the files that have been written, as the user typed them."""
@@ -126,6 +134,11 @@ class Outputs:
         """The file with the content that a path will have, staged or existing, if any."""
         written = [each.staged for each in self._outputs.get(_real(os.fspath(path)), ()) if each.staged]
         return written[0] if written else os.fspath(path) if os.path.exists(path) else None
+
+    def is_input(self, path: str | os.PathLike[str]) -> bool:
+        """True if a file was noted by `protect`, by whatever name."""
+        clash = self._claims.owner_of(os.fspath(path))
+        return clash is not None and _real(os.fspath(path)) not in self._outputs
 
     def would_replace(self, path: str | os.PathLike[str]) -> bool:
         """True if a path names a file with content, which an output would replace."""
@@ -162,9 +175,12 @@ class Outputs:
             if not os.path.isdir(path):  # otherwise another process has made it meanwhile
                 raise _unwritable(path, error) from error
 
-    def drop(self, path: str) -> None:
-        """Remove a file after the commit, unless it is an input or an output."""
-        self._dropped.append(path)
+    def drop(self, find: Callable[[], Iterable[str]]) -> None:
+        """Remove files after the commit, unless they are inputs or outputs.
+
+        `find` names them right before the first renaming, when no other run changes them any more.
+        """
+        self._dropped.append(find)
 
     def discard(self) -> None:
         """Remove everything that is not committed. This may be called at any moment, also from a signal handler."""
@@ -210,11 +226,18 @@ class Outputs:
                     _keep_mode_and_owner(output)
             except OSError as error:
                 raise _unwritable(output.path, error) from error
-        self._at_commit()
-        self._rename([each for each in written if not each.through])
-        self._folders.clear()
-        for path in self._dropped:
-            if self._claims.owner_of(path) is None:
+        renamed = [each for each in written if not each.through]
+        with ExitStack() as stack:
+            for folder in sorted({os.path.dirname(each.target) for each in renamed}):
+                stack.enter_context(locked(folder))
+            dropped = [path for find in self._dropped for path in find() if self._claims.owner_of(path) is None]
+            for each in renamed:
+                if each.refusal is not None and _is_other(each.target, str(each.staged)):
+                    raise BakeError(each.refusal, where=each.path)
+            self._at_commit()
+            self._rename(renamed)
+            self._folders.clear()
+            for path in dropped:
                 with suppress(OSError):
                     os.unlink(path)
 
@@ -322,6 +345,16 @@ def _keep_mode_and_owner(output: _Output) -> None:
             except OSError:  # the new group gets no more rights than everyone
                 mode &= 0o707 | (mode & 0o007) << 3
     os.chmod(str(output.staged), mode)
+
+
+def _is_other(path: str, staged: str) -> bool:
+    """True if a file is there and has other bytes than one that is staged."""
+    import filecmp
+
+    try:
+        return not filecmp.cmp(path, staged, shallow=False)
+    except FileNotFoundError:
+        return False
 
 
 def _keep_copy(path: str, copy: str) -> None:

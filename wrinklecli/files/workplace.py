@@ -9,7 +9,8 @@ import re
 import shutil
 import stat
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from functools import cache
 
 try:
@@ -20,6 +21,33 @@ except ImportError:  # Windows has no such locks, so that folders of killed runs
 _NAME = re.compile(r"\.wrinkle-([0-9a-f]{8})-[0-9a-f]{16}")
 # Seconds after which a folder of another machine is removed: no run leaves its folder unchanged for so long.
 _STALE = 7 * 24 * 3600.0
+
+
+# Seconds for which a run waits for others that rename their files, each of which takes a thousandth; whoever may read a
+# folder can hold its lock for ever. And seconds between two looks.
+_PATIENCE, _LOOK = 10.0, 0.005
+
+
+@contextmanager
+def locked(folder: str) -> Iterator[None]:
+    """Keep other runs from renaming files in a folder; on a disk without locks, and on Windows, nothing does."""
+    descriptor = None
+    with suppress(OSError):
+        descriptor = os.open(folder or os.curdir, os.O_RDONLY) if fcntl else None
+    try:
+        end = time.monotonic() + _PATIENCE
+        while descriptor is not None and time.monotonic() < end:
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError:
+                time.sleep(_LOOK)
+            except OSError:
+                break
+        yield
+    finally:
+        if descriptor is not None:
+            os.close(descriptor)
 
 
 class Workplace:

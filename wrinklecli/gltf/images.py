@@ -69,14 +69,16 @@ def put_image(uri: str, data: memoryview, out: str, outputs: Outputs) -> str:
         digest = hashlib.sha256(data).hexdigest()[:12]
         uri = uri_of(f"{stem}-{digest}{os.path.splitext(path_of(uri))[1]}")
     path = os.path.join(folder, path_of(uri))
-    there = outputs.found(path)
+    there, refusal = outputs.found(path), "is there already and is another image; choose another folder"
     if there is not None and os.path.getsize(there) == len(data) and read_file(there) == data:
         outputs.protect([there])
-    elif there is None or outputs.is_own(path):
+    elif there is None:
         outputs.make_folders(os.path.dirname(path))
+        outputs.add_new(path, data, refusal)
+    elif outputs.is_own(path):
         outputs.add_bytes(path, data)
     else:
-        raise BakeError("is there already and is another image; choose another folder", where=path)
+        raise BakeError(refusal, where=path)
     return uri
 
 

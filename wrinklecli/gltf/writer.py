@@ -216,8 +216,7 @@ def _write_gltf(edited: EditedDocument, out: str, seal: Seal, outputs: Outputs) 
         name = _buffer_file(out, digest.hexdigest())
         gltf["buffers"][-1] |= {"uri": uri_of(name), "byteLength": edited.new_size + len(tail)}
         written += _put_buffer(name, chain(edited.new_data(), [tail]), out, outputs)
-    for path in _old_buffer_files(out):
-        outputs.drop(path)
+    outputs.drop(lambda: _old_buffer_files(out))
     return written + outputs.add_bytes(out, _dump(gltf, indent=2) + b"\n", last=True)
 
 
@@ -300,11 +299,14 @@ def _buffer_file(out: str, digest: str) -> str:
 
 
 def _put_buffer(name: str, content: Iterable[Bytes], out: str, outputs: Outputs) -> int:
-    """Write a buffer's file beside OUT, unless one with this name and content exists, and give its size."""
+    """Write a buffer's file beside OUT, unless an input or another buffer is that file, and give its size.
+
+    One that an earlier bake has left is written again: another bake that ends meanwhile may remove it.
+    """
     path = os.path.join(os.path.dirname(out), name)
     there = outputs.found(path)
-    if there is not None and _is_buffer_file(there, name, out):
-        outputs.protect([there])
+    own = there is not None and (there != path or outputs.is_input(path))
+    if there is not None and own and _is_buffer_file(there, name, out):
         return os.path.getsize(there)
     return outputs.add(path, lambda file: file.writelines(content))
 
