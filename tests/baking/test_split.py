@@ -129,6 +129,19 @@ def test_parts_move_as_the_whole_did_to_the_bit(
     assert target_bytes(parted.path) < target_bytes(whole.path)
 
 
+def test_each_target_of_a_part_moves_it(pair: tuple[Gltf, Gltf]) -> None:
+    """Or turns normals where one would see it."""
+    _, parted = pair
+    document = read_document(parted.path)
+    for node in nodes_of(parted):
+        for number, name in enumerate(targets_of(parted, node)):
+            if name.startswith("wrinkle_"):
+                targets = [each["targets"][number] for each in parted.mesh(node)["primitives"]]
+                moves = any(document.changes(each["POSITION"])[1].any() for each in targets)
+                turns = [np.abs(document.changes(each["NORMAL"])[1]).max(initial=0) for each in targets]
+                assert moves or max(turns) > parts._UNSEEN / 2, (node, name)
+
+
 def test_the_original_comes_back_from_parts(pair: tuple[Gltf, Gltf], tmp_path: Path) -> None:
     whole, parted = pair
     tools = parted.path.parent / "tools.yaml"

@@ -23,6 +23,9 @@ _WORTH = 131_072
 _MOST = 16
 # Largest kinds of faces that are compared with each other, as time grows with the square; the others join these first.
 _COMPARED = 192
+# Length of a NORMAL delta, 2.3°, that no one sees where two parts meet: a hundredth of the normals of a shape are as far
+# off, as those of its heights are fitted together.
+_UNSEEN = 0.04
 # A target has two texels of four floats for a vertex, POSITION and NORMAL, and surfaces two faces for a vertex.
 _BYTES_OF_FACE = 16
 
@@ -30,7 +33,10 @@ _BYTES_OF_FACE = 16
 def parts_of(
     document: Document, primitives: Sequence[Json], refined_primitives: Sequence[RefinedPrimitive], *, own: int
 ) -> list[Part]:
-    """Divide a mesh; there is a single part if nothing is gained. No part lacks a morph target that changes it.
+    """Divide a mesh; there is a single part if nothing is gained. No part lacks a morph target that moves it.
+
+    Where a wrinkle ends, it turns the normals of vertices that it does not move, and so may reach a vertex of the next
+    part. Targets that do no more in a part, and turn them by less than anyone sees, are not in it.
 
     Faces that the same targets move begin as one part. Then the two parts that cost the least together are joined, as
     long as this is little. Faces of a part need not lie together. The first part, for the node itself, gets all `own`
@@ -38,12 +44,15 @@ def parts_of(
     they cost the least.
     """
     faces = [each.triangles if len(each.triangles) else np.arange(len(each.weld))[None] for each in refined_primitives]
-    moved = _moved_faces(document, primitives, refined_primitives, faces)
+    moved = _moved_faces(document, primitives, refined_primitives, faces, least_turn=0.0)
     packed = np.packbits(moved, axis=1)
     rows = packed.view(np.dtype((np.void, packed.shape[1]))).reshape(-1)
     _, firsts, kind_of, counts = np.unique(rows, return_index=True, return_inverse=True, return_counts=True)
     sets, groups = _joined(moved[firsts], counts.astype(np.float64))
     part_of = groups[kind_of]
+    seen = _moved_faces(document, primitives, refined_primitives, faces, least_turn=_UNSEEN)
+    for part, needed in enumerate(sets[:, own:]):
+        needed &= seen[part_of == part, own:].any(axis=0)
     sizes = np.bincount(part_of, minlength=len(sets))
     missing = sizes * (~sets[:, :own]).sum(axis=1) + np.where(sets[:, own:].any(axis=1), 0, len(moved) * (own + 1))
     first = int(np.argmin(missing))
@@ -66,14 +75,22 @@ def _moved_faces(
     primitives: Sequence[Json],
     refined_primitives: Sequence[RefinedPrimitive],
     faces: Sequence[Ints],
+    *,
+    least_turn: float,
 ) -> Bools:
-    """(faces, targets) True if a target changes anything at a corner of a face, in any primitive."""
+    """(faces, targets) True if a target changes anything at a corner of a face, in any primitive.
+
+    A NORMAL delta counts if it is longer than `least_turn`.
+    """
     count = 1 + max(int(each.weld.max(initial=0)) for each in refined_primitives)
     moved = np.zeros((count, len(primitives[0]["targets"])), bool)
     for primitive, refined in zip(primitives, refined_primitives, strict=True):
         for number, target in enumerate(primitive["targets"]):
-            for index in target.values():
-                moved[refined.weld[document.changes(index)[0]], number] = True
+            for name, index in target.items():
+                rows, deltas = document.changes(index)
+                if name == "NORMAL" and least_turn:
+                    rows = rows[np.linalg.norm(deltas, axis=1) > least_turn]
+                moved[refined.weld[rows], number] = True
     corners = [refined.weld[each] for refined, each in zip(refined_primitives, faces, strict=True)]
     return np.concatenate([moved[each].any(axis=1) for each in corners])
 
