@@ -2,6 +2,7 @@
 
 import io
 import json
+import os
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -82,6 +83,16 @@ def test_each_file_is_there_and_its_values_are_sound(tmp_path: Path) -> None:
     assert masks.astype(int).sum(axis=2).max() <= 256
     heights = pixels(tmp_path / "maps" / one["height"]["file"]) / 65535 - one["height"]["zero"]
     assert (masks.max(axis=2)[np.abs(heights) > 0.1] > 0).all()
+
+
+def test_names_and_files_may_hold_what_is_no_character(tmp_path: Path) -> None:
+    """Half a surrogate pair, which some exporters cut from a name, and a file's name that is not UTF-8."""
+    asset = limb_asset(rings=8, sides=8)
+    asset.gltf["nodes"][0]["name"] = "li\ud800mb"
+    path = asset.write(tmp_path / os.fsdecode(b"a\xff.glb"))
+    maps(path, write_tools(tmp_path / "tools.yaml", tool()), tmp_path / "made", size=64, kinds=["height"])
+    data = json.loads((tmp_path / "made" / "maps.json").read_bytes())
+    assert (data["asset"], data["materials"][0]["node"]) == (path.name, "li\ud800mb")
 
 
 @pytest.mark.slow

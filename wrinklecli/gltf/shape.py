@@ -200,6 +200,16 @@ def parse_json(data: bytes, name: str) -> Json:
     raise AssetError(f"the JSON is nested more than {_DEPTH_LIMIT} levels deep", where=name)
 
 
+def json_bytes(value: Json, *, indent: int | None = None) -> bytes:
+    """A value as JSON in UTF-8; names of nodes and of files may hold half a surrogate pair, which is escaped."""
+    separators = (",", ":") if indent is None else (",", ": ")
+    text = json.dumps(value, ensure_ascii=False, allow_nan=False, indent=indent, separators=separators)
+    try:
+        return text.encode()
+    except UnicodeEncodeError:
+        return json.dumps(value, allow_nan=False, indent=indent, separators=separators).encode()
+
+
 def check_asset(gltf: Json, path: str) -> None:
     """Check the types of all JSON that is read, and that no required extension is unknown.
 

@@ -5,7 +5,6 @@ Source: glTF 2.0 specification, §3.6 (binary data storage), §4 (GLB).
 
 import copy
 import hashlib
-import json
 import os
 import re
 import struct
@@ -24,7 +23,7 @@ from wrinklecli.gltf.files import path_of, read_file, uri_of
 from wrinklecli.gltf.images import image_type, images_to_bring, lies_beside, put_image
 from wrinklecli.gltf.new_data import ALIGNMENT
 from wrinklecli.gltf.references import compressions, view_parts
-from wrinklecli.gltf.shape import Json
+from wrinklecli.gltf.shape import Json, json_bytes
 
 Bytes: TypeAlias = bytes | memoryview
 
@@ -104,7 +103,7 @@ def _write_glb(edited: EditedDocument, out: str, seal: Seal, outputs: Outputs) -
     size = sum(len(part) for part in layout.contents[0]) + edited.new_size + len(tail)
     if size:
         gltf["buffers"][0]["byteLength"] = size
-    text = _dump(gltf)
+    text = json_bytes(gltf)
     text += b" " * (-len(text) % ALIGNMENT)
     padding = bytes(-size % ALIGNMENT)
     total = 12 + 8 + len(text) + (8 + size + len(padding) if size else 0)
@@ -217,7 +216,7 @@ def _write_gltf(edited: EditedDocument, out: str, seal: Seal, outputs: Outputs) 
         gltf["buffers"][-1] |= {"uri": uri_of(name), "byteLength": edited.new_size + len(tail)}
         written += _put_buffer(name, chain(edited.new_data(), [tail]), out, outputs)
     outputs.drop(lambda: _old_buffer_files(out))
-    return written + outputs.add_bytes(out, _dump(gltf, indent=2) + b"\n", last=True)
+    return written + outputs.add_bytes(out, json_bytes(gltf, indent=2) + b"\n", last=True)
 
 
 def _lay_out_gltf(edited: EditedDocument, images: list[Json], out: str) -> tuple[Layout, list[tuple[str, list[Bytes]]]]:
@@ -344,12 +343,3 @@ def _without_idle_compressions(gltf: Json, source: Json) -> Json:
 def _set_offset(view: Json, offset: int) -> None:
     if offset or "byteOffset" in view:
         view["byteOffset"] = offset
-
-
-def _dump(gltf: Json, *, indent: int | None = None) -> bytes:
-    separators = (",", ":") if indent is None else (",", ": ")
-    text = json.dumps(gltf, ensure_ascii=False, allow_nan=False, indent=indent, separators=separators)
-    try:
-        return text.encode()
-    except UnicodeEncodeError:  # half a surrogate pair, which some exporters cut from a name, needs an escape
-        return json.dumps(gltf, allow_nan=False, indent=indent, separators=separators).encode()

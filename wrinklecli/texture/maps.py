@@ -1,6 +1,5 @@
 """Makes wrinkle maps: lay the tools on the mesh, evaluate them at texels, pack shapes that do not meet, write."""
 
-import json
 import os
 import re
 from collections.abc import Iterator, Sequence
@@ -23,7 +22,7 @@ from wrinklecli.files.outputs import Outputs, part_of
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.pixels import png_of
-from wrinklecli.gltf.shape import Json
+from wrinklecli.gltf.shape import Json, json_bytes
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, flags_of
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.numeric.memory import MAX_MEMORY
@@ -219,8 +218,7 @@ def make_maps(
         }
         for name, content in files.items():
             outputs.add_bytes(os.path.join(folder, name), content)
-        text = json.dumps(data, indent=1, ensure_ascii=False) + "\n"
-        outputs.add_bytes(os.path.join(folder, MAPS_JSON), text.encode(), last=True)
+        outputs.add_bytes(os.path.join(folder, MAPS_JSON), json_bytes(data, indent=1) + b"\n", last=True)
         paths = tuple(os.path.join(folder, name) for name in (MAPS_JSON, *files))
         return Maps(data, paths, job.inputs, job.notes, tuple(warnings))
 
