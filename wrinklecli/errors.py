@@ -64,6 +64,18 @@ class RefusedError(BakeError):
     exit_code = 3
 
 
+def refuse_warnings(warnings: Sequence[str], *, where: str, shown: bool = False) -> None:
+    """Refuse what has warnings, as `--strict` asks: a line for each, unless they are `shown` already, and one for why.
+
+    Raises:
+        RefusedError: There is a warning.
+    """
+    if warnings:
+        lines = [] if shown else [RefusedError(f"warning: {line}") for line in warnings]
+        why = RefusedError(f"refused by --strict: {counted(len(warnings), 'warning')}", where=where)
+        raise RefusedError.of_all([*lines, why])
+
+
 def shortened(text: str, longest: int) -> str:
     """Cut the middle out of text that is longer than `longest` characters."""
     half = longest // 2

@@ -172,3 +172,11 @@ def test_a_path_that_no_file_has_is_refused(key: str, path: str) -> None:
 def test_half_a_character_is_refused(key: str) -> None:
     job = {"asset": "chars/a/a.glb", "tools": "t.yaml", "out": "o.glb", key: "x\udbff/a.glb"}
     assert complaints("m.jsonl", json.dumps(job)) == ["m.jsonl:1: JSON: \\udbff is half of a character"]
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, '{"asset":' * 100_000])
+def test_json_that_is_nested_too_deep_is_said_in_our_words(
+    text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert complaints("m.jsonl", text) == ["m.jsonl:1: JSON: nested deeper than any job"]

@@ -231,7 +231,13 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
             yield from (*some("--verbose", share=0.3), *some("--fps", "3", share=0.5), *some("--tolerance", "1"))
             yield from (*some("--quiet", share=0.05), *some("--allow-external"), *some(*memory, share=0.1))
         case "suggest":
-            yield from (asset, *some("--json", share=0.3), *some("-o", "found.yaml", share=0.5), "--fps", "4")
+            yield from (
+                asset,
+                *some("--json", share=0.3),
+                *some("-o", "found.yaml", *some(chance.choice(["--force", "--merge"])), share=0.5),
+                "--fps",
+                "4",
+            )
             yield from (*some("--node", "limb"), *some("--count", "2"), *some("--clip", "fold"), *some("--all"))
             yield from some("--material", chance.choice(["limb=cloth", "limb=hard", "nowhere=skin"]))
             yield from some(

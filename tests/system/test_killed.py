@@ -14,7 +14,7 @@ COMMANDS = {
     "bake": ("bake limb.glb tools.yaml -o out.gltf --report r.json --depfile out.d", "out.gltf"),
     "frames": ("bake limb.glb tools.yaml -o out.glb --mode frames --fps 1 --frames-dir a/b", "out.glb"),
     "track": ("track baked.glb limb.glb bent.gltf -o tracked", "tracked/bent.gltf"),
-    "suggest": ("suggest limb.glb --all -o new.yaml", "new.yaml"),
+    "suggest": ("suggest limb.glb --all --force -o new.yaml", "new.yaml"),
     "check": ("check limb.glb tools.yaml --plot new.svg", "new.svg"),
     "preview": ("preview limb.glb -o new.png --rest --size 32x32", "new.png"),
     "schema": ("schema -o new.json", "new.json"),

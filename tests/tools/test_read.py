@@ -297,6 +297,8 @@ BAD_FILES = [
     ("a: 1\n---\nb: 1", ["2: YAML: but found another document, expected a single document in the stream"]),
     ("a: 1\nb: \x07", ["2: YAML: character U+0007 is not allowed"]),
     ('a: "\\U00110000"', ["1: YAML: chr() arg not in range(0x110000)"]),
+    ("version: 1\ntools: !more {a: 1}", ["2: tools: found the tag !more, expected a value without it"]),
+    ("version: 1\ntools: !include b.yaml", ["2: tools: found the tag !include, expected a value without it"]),
     ("[" * 5000, ["1: YAML: nested more than 32 levels deep"]),
     ("- " * 5000, ["1: YAML: nested more than 32 levels deep"]),
     ("a: &a [*a]", ["1: YAML: nested more than 32 levels deep: an alias stands within its own anchor"]),

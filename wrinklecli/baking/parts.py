@@ -23,8 +23,8 @@ _WORTH = 131_072
 _MOST = 16
 # Largest kinds of faces that are compared with each other, as time grows with the square; the others join these first.
 _COMPARED = 192
-# Length of a NORMAL delta, 2.3°, that no one sees where two parts meet: a hundredth of the normals of a shape are as far
-# off, as those of its heights are fitted together.
+# Length of a NORMAL delta, 2.3°, that no one sees where two parts meet: one in a hundred normals of a shape is as far
+# off, as all heights of a wrinkle share its delta.
 _UNSEEN = 0.04
 # A target has two texels of four floats for a vertex, POSITION and NORMAL, and surfaces two faces for a vertex.
 _BYTES_OF_FACE = 16

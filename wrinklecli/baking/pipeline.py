@@ -21,7 +21,7 @@ from wrinklecli.baking.timings import StageClock, make_timings
 from wrinklecli.choices import Mode
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, SamplingOptions
 from wrinklecli.effects.sampling import sample_effects
-from wrinklecli.errors import BakeError, RefusedError
+from wrinklecli.errors import BakeError, refuse_warnings
 from wrinklecli.files.outputs import Outputs, part_of
 from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.images import image_files
@@ -111,8 +111,8 @@ def _bake(
         with clock.stage("report"):
             images = image_files(job.document, out) if out is not None else []
             report = make_report(job, baked, images=images, tracks=bool(morphed) and options.tracks == "all")
-            if options.strict and report.warnings:
-                raise RefusedError.of_all(RefusedError(line) for line in report.warnings)
+            if options.strict:
+                refuse_warnings(report.warnings, where=os.fspath(asset))
         written = _write(job, edited, posed, out, outputs, clock, progress)
         timings = make_timings(clock, job, baked, bytes_written=written)
         return replace(report, bytes_written=written or 0, timings=timings)

@@ -24,7 +24,7 @@ from wrinklecli.character.rig import TRANSFORM_DEFAULTS
 from wrinklecli.character.weight_track import Track, pad, widen
 from wrinklecli.drive.drive import StoredDrive
 from wrinklecli.drive.table import TABLE_ERROR
-from wrinklecli.errors import AssetError, BakeError, RefusedError, counted, listed
+from wrinklecli.errors import AssetError, BakeError, counted, listed, refuse_warnings
 from wrinklecli.files.outputs import Outputs, part_of
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.animated import Channels, forget_pointers
@@ -151,8 +151,8 @@ def track(
                 edited.append(EditedDocument(read(anim)))
                 results.append(_track_file(edited[-1], bodies, path, fps=options.fps, tolerance=tolerance))
         warnings = [line for result in results for line in result.warnings]
-        if options.strict and warnings:
-            raise RefusedError.of_all(RefusedError(line) for line in warnings)
+        if options.strict:
+            refuse_warnings(warnings, where=os.fspath(baked))
         for each, path in zip(edited, paths, strict=True):
             write(each, path, outputs=written)
         return results

@@ -20,7 +20,7 @@ from wrinklecli.files.claims import is_path
 from wrinklecli.files.formats import MODEL_ENDINGS
 from wrinklecli.tools.checked import Format, Place, check
 from wrinklecli.tools.json_schema import Items
-from wrinklecli.tools.yaml_tree import Node, Problem, path_to, printable, read_tree
+from wrinklecli.tools.yaml_tree import Node, Problem, path_to, printable, read_tree, without_tagged
 
 _FORMAT = Format(MANIFEST_SCHEMA, [Items("job", JOB_KEYS, OWN_KEYS)])
 _READERS = {".yaml": read_tree, ".yml": read_tree, ".csv": read_csv, ".jsonl": read_json_lines}
@@ -91,7 +91,7 @@ class _Jobs:
         for each in conflicts:
             if each.job is not None:
                 self._refuse(*self._places[each.job], each.message)
-        for problem in sorted(self._problems, key=lambda each: each.line):
+        for problem in sorted(without_tagged(self._problems), key=lambda each: each.line):
             errors.append(ConfigError(problem.message, where=self._where(problem.line, problem.path)))
         if errors:
             raise ConfigError.of_all(errors)

@@ -47,6 +47,8 @@ def read_json_lines(text: str) -> tuple[Node | None, list[Problem]]:
             _refuse_surrogates(value)
         except (ValueError, RecursionError) as error:
             reason = getattr(error, "msg", None) or str(error)
+            if isinstance(error, RecursionError):
+                reason = "nested deeper than any job"
             problems.append(Problem(line, "", f"JSON: {printable(reason, 80)}"))
             continue
         jobs.append(_node(value, line))

@@ -1,6 +1,5 @@
 """`wrinkle check`."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import click
@@ -8,7 +7,7 @@ import click
 from wrinklecli.cli import options as opt
 from wrinklecli.cli.output import Progress, emit, emit_json, warn
 from wrinklecli.cli.streams import command_outputs
-from wrinklecli.errors import RefusedError, counted
+from wrinklecli.errors import counted, refuse_warnings
 
 _MOST_PLACES = 8  # of a clip, with the most crossings; the others are summed
 
@@ -92,7 +91,7 @@ def check(
         else:
             _emit_tables(made.data)
         if strict:
-            _refuse(made.warnings, tools)
+            refuse_warnings(made.warnings, where=tools, shown=True)
         if plot is not None:
             outputs.add_bytes(plot, draw_check(made, plot.lower().rpartition(".")[2]))
 
@@ -138,7 +137,7 @@ def _emit_crossings(asset: str, tools: str | None, *, as_json: bool, strict: boo
         for warning in found.warnings:
             warn(warning)
     if strict:
-        _refuse(found.warnings, tools or asset)
+        refuse_warnings(found.warnings, where=tools or asset, shown=True)
 
 
 def _emit_counts(data: dict[str, Any]) -> None:
@@ -165,13 +164,3 @@ def _most(clip: dict[str, Any]) -> str:
         return ""
     most = max(range(len(counts)), key=counts.__getitem__)
     return f", most at {clip['times'][most]:.3g} s ({_changed([each[most] for each in clip['counts']])})"
-
-
-def _refuse(warnings: Sequence[str], where: str) -> None:
-    """Refuse if there are warnings.
-
-    Raises:
-        RefusedError: There is one.
-    """
-    if warnings:
-        raise RefusedError(f"refused by --strict: {counted(len(warnings), 'warning')}", where=where)

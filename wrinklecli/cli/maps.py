@@ -8,7 +8,7 @@ from wrinklecli.choices import MapKind
 from wrinklecli.cli import options as opt
 from wrinklecli.cli.output import Progress, say, say_findings
 from wrinklecli.cli.streams import command_outputs
-from wrinklecli.errors import RefusedError
+from wrinklecli.errors import refuse_warnings
 
 _SMALLEST = 16
 _LARGEST = 8192  # texels of a side, samples included: the most that common graphics cards take is 16,384
@@ -79,8 +79,8 @@ def maps(asset: str, tools: str, folder: str, strict: bool, quiet: bool, **optio
         from wrinklecli.texture.maps import maps as run
 
         made = run(asset, tools, folder, outputs=outputs, progress=progress.show, **options)
-        if strict and made.warnings:
-            raise RefusedError.of_all(RefusedError(line) for line in made.warnings)
+        if strict:
+            refuse_warnings(made.warnings, where=asset)
     if quiet:
         return
     say_findings(made.notes, made.warnings)

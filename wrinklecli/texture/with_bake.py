@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from wrinklecli.baking.job import BakeOptions, ToolsPaths
 from wrinklecli.baking.pipeline import bake
 from wrinklecli.baking.report import Report
-from wrinklecli.errors import RefusedError
+from wrinklecli.errors import refuse_warnings
 from wrinklecli.files.outputs import Outputs
 from wrinklecli.numeric.guard import Progress, no_progress
 
@@ -38,6 +38,6 @@ def bake_with_maps(
     baked = bake(asset, tools, out, options, outputs=outputs, progress=progress)
     shared = {name: getattr(options, name) for name in ("only", "anims", "allow_external", "max_memory")}
     mapped = make_maps(asset, tools, maps_dir, MapOptions(**shared), outputs, progress)
-    if options.strict and mapped.warnings:
-        raise RefusedError.of_all(RefusedError(line) for line in mapped.warnings)
+    if options.strict:
+        refuse_warnings(mapped.warnings, where=os.fspath(asset))
     return baked, mapped

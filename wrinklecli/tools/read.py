@@ -28,7 +28,7 @@ from wrinklecli.tools.records import (
     with_points,
 )
 from wrinklecli.tools.schema import KINDS, PRESETS_SCHEMA, TOOLS_SCHEMA, Kind
-from wrinklecli.tools.yaml_tree import Node, Problem, path_to, printable, read_tree, tree_of
+from wrinklecli.tools.yaml_tree import Node, Problem, path_to, printable, read_tree, tree_of, without_tagged
 
 Keys: TypeAlias = tuple[str, ...]
 
@@ -306,7 +306,7 @@ def _raise_all(problems: Sequence[Problem], name: str, others: Sequence[ConfigEr
     if problems or others:
         own = (
             ConfigError(problem.message, where=f"{shown_name}:{problem.line}: {problem.path}".rstrip(": "))
-            for problem in sorted(problems, key=lambda problem: problem.line)
+            for problem in sorted(without_tagged(problems), key=lambda problem: problem.line)
         )
         raise ConfigError.of_all([*own, *others])
 

@@ -6,7 +6,7 @@ Source: YAML 1.1 as PyYAML's SafeLoader reads it. Differs: see `_Composer`.
 import json
 import math
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 import yaml
@@ -37,11 +37,19 @@ class Node:
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """A fault at a line and a path of the file, such as `tools[0].width`."""
+    """A fault at a line and a path of the file, such as `tools[0].width`; `of_tag` if it is the value's tag."""
 
     line: int
     path: str
     message: str
+    of_tag: bool = False
+
+
+def without_tagged(problems: Iterable[Problem]) -> list[Problem]:
+    """Problems without those of a value that has a tag, as nobody knows what it was meant to be."""
+    problems = list(problems)
+    tagged = {problem.path for problem in problems if problem.of_tag}
+    return [problem for problem in problems if problem.of_tag or problem.path not in tagged]
 
 
 class _TooMuchError(yaml.MarkedYAMLError):
@@ -158,7 +166,7 @@ class _TreeBuilder:
     def _check_tag(self, kind: str, accepted: Collection[str], line: int, path: str) -> None:
         if kind not in accepted:
             message = f"found the tag {printable(kind)}, expected a value without it"
-            self.problems.append(Problem(line, path, message))
+            self.problems.append(Problem(line, path, message, of_tag=True))
 
     def _members(
         self, node: yaml.MappingNode, path: str, depth: int, *, report: bool
