@@ -43,6 +43,14 @@ def test_a_triangle_without_area_or_of_a_hundred_squares_covers_nothing() -> Non
     assert not len(hits(100.0 * SQUARE[FACES], 8)[0])
 
 
+def test_a_triangle_of_up_to_two_squares_covers_its_texels() -> None:
+    uvs = 1.9 * SQUARE[FACES] + 0.05
+    texels, triangles, _ = hits(uvs, 10)
+    assert len(texels) >= 19**2
+    assert (np.unique(texels).tolist(), np.unique(triangles).tolist()) == (list(range(100)), [0, 1])
+    assert not len(hits(2.3 * SQUARE[FACES], 10)[0])
+
+
 def test_a_step_moves_by_one_texel() -> None:
     uvs = np.array([[[0.1, 0.2], [0.7, 0.3], [0.2, 0.8]]])
     steps = texture_steps(uvs, 32)[0]

@@ -58,9 +58,9 @@ class Workers:
     If `scheduler` is the address of a Dask scheduler, its workers bake instead.
     """
 
-    count: int = 1
-    scheduler: str | None = None
-    dashboard: bool = False
+    count: int
+    scheduler: str | None
+    dashboard: bool
 
 
 def refuse_without_dask(workers: Workers) -> None:
