@@ -238,7 +238,7 @@ def take_snapshot(asset: ShownAsset, moment: Moment, *, heat: bool) -> Snapshot:
             paint = replace(paint, colours=colours, texture=None)
         else:
             brightest = paint.colours.max(axis=1, keepdims=True)
-            dimmed = paint.colours * np.minimum(1.0, _BRIGHTEST / np.maximum(brightest, _BRIGHTEST))
+            dimmed = paint.colours * (_BRIGHTEST / np.maximum(brightest, _BRIGHTEST))
             paint = replace(paint, colours=dimmed)
         parts.append((positions[triangles], normals, triangles, paint))
         for mark in shown.marks:
