@@ -136,6 +136,24 @@ def test_folders_of_outputs_are_made(chars: Wrinkle, tmp_path: Path) -> None:
     assert made == {"c0.glb", "c0.json", "c2.glb"}
 
 
+def test_folders_of_jobs_that_fail_do_not_stay(chars: Wrinkle, tmp_path: Path) -> None:
+    """But those that were there, or in which another job has written."""
+    (tmp_path / "bad.yaml").write_text("version: 1\ntools: []\n")
+    (tmp_path / "empty").mkdir()
+    jobs = [
+        {"asset": "chars/c0.glb", "tools": "bad.yaml", "out": "new/a/out.glb", "report": "new/b/r.json"},
+        {"asset": "chars/c0.glb", "tools": "bad.yaml", "out": "empty/c/out.glb"},
+        {"asset": "chars/c0.glb", "tools": "bad.yaml", "out": "both/a/out.glb"},
+        {"asset": "chars/c0.glb", "tools": "tools.yaml", "out": "both/b/out.glb"},
+    ]
+    (tmp_path / "m.jsonl").write_text("\n".join(map(json.dumps, jobs)))
+    assert chars("batch", "m.jsonl", "--keep-going").code == 1
+    found = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*") if path.is_dir()}
+    assert {name for name in found if not name.startswith(".wrinkle-cache")} == {
+        *("chars", "out", "empty", "both", "both/b")
+    }
+
+
 def test_urls_reports_tracks_and_merged_tools(chars: Wrinkle, tmp_path: Path) -> None:
     fsspec = pytest.importorskip("fsspec")
     store = fsspec.filesystem("memory")

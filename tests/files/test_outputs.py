@@ -255,6 +255,17 @@ def test_a_read_only_folder(tmp_path: Path) -> None:
     assert (tmp_path / "out.glb").read_bytes() == b"old"
 
 
+def test_a_disk_that_cannot_be_written_is_said_to_be_read_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A folder without permission is another fault, with another cure."""
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    with fails(BakeError, "out: cannot be written: Permission denied") as outputs:
+        outputs.claim(tmp_path / "out")
+    flags = os.statvfs_result((0,) * 8 + (os.ST_RDONLY, 255))
+    monkeypatch.setattr(os, "statvfs", lambda _: flags)
+    with fails(BakeError, "out: cannot be written: Read-only file system") as outputs:
+        outputs.claim(tmp_path / "out")
+
+
 def test_a_new_file_is_as_readable_as_any_other(tmp_path: Path) -> None:
     (tmp_path / "plain").write_bytes(b"")
     put(tmp_path / "new")

@@ -113,7 +113,7 @@ def bake_options(job: BatchJob) -> BakeOptions:
 
 
 def _make_folders(here: Staged) -> None:
-    """Make the folders of the outputs. They stay if the job fails, as another job may be about to write there."""
+    """Make the folders of the outputs. If the job fails, they go when the batch ends."""
     for _, folder in here.roots.values():
         try:
             os.makedirs(folder or ".", exist_ok=True)

@@ -1,13 +1,16 @@
 """Run all jobs of a batch: one after another in this process, or on workers of Dask."""
 
+import os
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 
 from wrinklecli.batch.cache import Cache
 from wrinklecli.batch.cluster import Workers, refuse_without_dask, run_on_dask
 from wrinklecli.batch.jobs import BatchJob, Outcome
-from wrinklecli.batch.stores import StoreError, absolute
+from wrinklecli.batch.staging import roots_of
+from wrinklecli.batch.stores import StoreError, absolute, is_url
 from wrinklecli.batch.worker import OpenOutputs, Settings, fetch_job, run_job
 from wrinklecli.errors import WrinkleError
 from wrinklecli.files.outputs import Outputs
@@ -34,6 +37,18 @@ def run_jobs(
     Raises:
         WrinkleError: The cache's store, or Dask's scheduler, does not answer, or Dask is missing.
     """
+    with _without_empty_folders(jobs):
+        yield from _outcomes(jobs, settings, workers, open_outputs, tell, warn)
+
+
+def _outcomes(
+    jobs: Sequence[BatchJob],
+    settings: Settings,
+    workers: Workers,
+    open_outputs: OpenOutputs,
+    tell: Callable[[str], object],
+    warn: Callable[[str], object],
+) -> Iterator[Outcome]:
     if workers.scheduler is None and workers.count == 1:
         _open_cache(settings, warn)
         for job in jobs:
@@ -57,6 +72,26 @@ def run_jobs(
             yield outcome
     if to_bake:
         yield from run_on_dask(to_bake, settings, workers, tell)
+
+
+@contextmanager
+def _without_empty_folders(jobs: Sequence[BatchJob]) -> Iterator[None]:
+    """In the end, remove the folders of outputs that were made for jobs that failed.
+
+    None goes earlier, as another job may be about to write there.
+    """
+    made: set[str] = set()
+    for job in jobs:
+        for folder, _ in roots_of(job, job).values():
+            while folder and not is_url(folder) and folder not in made and not os.path.lexists(folder):
+                made.add(folder)
+                folder = os.path.dirname(folder)
+    try:
+        yield
+    finally:
+        for folder in sorted(made, key=len, reverse=True):
+            with suppress(OSError):  # it has files, or was never made
+                os.rmdir(folder)
 
 
 def _open_cache(settings: Settings, warn: Callable[[str], object]) -> None:

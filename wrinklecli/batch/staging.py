@@ -44,7 +44,7 @@ def staged(job: BatchJob) -> Iterator[Staged]:
         StoreError: A store does not answer.
     """
     if not any(map(stores.is_url, (*job.inputs, *job.outputs))):
-        yield Staged(job, {}, set(), _roots(job, job))
+        yield Staged(job, {}, set(), roots_of(job, job))
         return
     with stores.scratch() as folder:
         yield _Stager(folder, job.max_memory).staged(job)
@@ -70,7 +70,7 @@ class _Stager:
             file=self._output,
             folder=partial(self._output, is_folder=True),
         )
-        return Staged(local, self._given, self._fetched, _roots(job, local))
+        return Staged(local, self._given, self._fetched, roots_of(job, local))
 
     def _place(self, url: str, kind: str) -> str:
         """The local path of a URL; files of one folder stay together."""
@@ -132,7 +132,8 @@ def _unread(path: str, error: OSError) -> AssetError:
     return AssetError(f"cannot be read: {error.strerror or error}{hint}", where=path)
 
 
-def _roots(given: BatchJob, local: BatchJob) -> dict[str, tuple[str, str]]:
+def roots_of(given: BatchJob, local: BatchJob) -> dict[str, tuple[str, str]]:
+    """The folders of a job's outputs, as the manifest and as this process names them, by root."""
     pairs = {root: (_folder(given, root), _folder(local, root)) for root in ROOTS}
     return {root: (there, here) for root, (there, here) in pairs.items() if there is not None and here is not None}
 
