@@ -41,6 +41,23 @@ def opened(path: Path) -> Edits:
     return edits
 
 
+@pytest.mark.parametrize("edited", [False, True])
+def test_a_file_that_is_removed_is_said_to_be_gone_and_loses_nothing(path: Path, edited: bool) -> None:
+    edits = opened(path)
+    if edited:
+        edits.set_value("a.L", ("bumps",), 9)
+    text = edits.text
+    path.unlink()
+    assert edits.merge()
+    assert edits.notes[-1] == f"{path}: has been removed; saving writes it again"
+    assert (edits.text, edits.changed, edits.merge()) == (text, True, False)
+    # Killed now, the next run has it all.
+    assert opened(path).text == text
+    edits.save()
+    assert path.read_text() == text
+    assert not edits.changed
+
+
 def test_what_others_write_meanwhile_is_merged_tool_by_tool(path: Path) -> None:
     edits = opened(path)
     edits.set_value("a.L", ("bumps",), 7)

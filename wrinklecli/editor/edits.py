@@ -275,6 +275,11 @@ class Edits:
             now = self._store.on_disk()
             if now == self._store.base:
                 return False
+            if self._store.is_gone:  # which deletes no tool: all of them are unsaved now
+                self._store.base = now
+                self._keep()
+                self.notes.append(f"{self.path}: has been removed; saving writes it again")
+                return True
             current = self._merged(self._base, now)
             before = self._merged_steps(self._steps[: self._at][::-1], now)[::-1]
             after = self._merged_steps(self._steps[self._at + 1 :], now)

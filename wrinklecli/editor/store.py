@@ -52,13 +52,18 @@ class Store:
         if claims.add_output(self.path, self.path) is not None:
             raise BakeError("is an input too, and would be overwritten when the tools are saved", where=self.path)
 
+    @property
+    def is_gone(self) -> bool:
+        """True if there is no file."""
+        return not os.path.lexists(self.path)
+
     def on_disk(self) -> str:
         """Read the file; if there is none, return the text of a new one.
 
         Raises:
             ConfigError: The file cannot be read.
         """
-        return load_text(self.path) if os.path.lexists(self.path) else _NEW_FILE
+        return _NEW_FILE if self.is_gone else load_text(self.path)
 
     def keep(self, text: str) -> None:
         """Write unsaved text to the side file, or remove the side file if everything is saved.
