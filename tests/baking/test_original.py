@@ -144,7 +144,7 @@ def test_same_bytes_as_from_the_original(case: str, ending: str, tmp_path: Path)
     assert files(tmp_path / "direct") == files(tmp_path / "replaced")
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("asset", "config"), [("wrist", "wrist"), ("head", "head"), ("head", "head_keyed"), ("trousers", "trousers")]
 )

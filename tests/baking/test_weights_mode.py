@@ -15,6 +15,7 @@ from kit.samples import sample
 from wrinklecli import diff, maps
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("name", ["trousers", "head"])
 def test_clips_have_the_weights_of_a_whole_bake_and_the_mesh_is_as_it_was(name: str) -> None:
     whole, made, before = bake_config(name, name), bake_config(name, name, mode="weights"), Gltf(sample(name))

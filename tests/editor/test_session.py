@@ -412,6 +412,7 @@ def test_a_proposal_is_tried_alone_where_it_is_tallest(session: Session) -> None
     assert taken.time == tried.time
 
 
+@pytest.mark.slow
 def test_a_place_that_has_a_tool_is_taken_for_what_runs_the_same_way(tmp_path: Path) -> None:
     session = Session(limb(tmp_path / "limb.glb", rings=20, sides=12), tmp_path / "tools.yaml")
     offers = session.proposals()

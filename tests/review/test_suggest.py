@@ -97,6 +97,7 @@ def test_of_the_range_of_motion_morph_targets_may_be_asked_for(tmp_path: Path) -
     assert {each.clip for each in found.tools} == {"morph_0"}
 
 
+@pytest.mark.slow
 def test_an_asset_with_clips_is_looked_at_in_its_range_of_motion_where_asked(tmp_path: Path) -> None:
     folded = limb(tmp_path / "limb.glb")
     assert not any("looked at" in note for note in suggest_once(folded).notes)

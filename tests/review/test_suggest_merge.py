@@ -1,5 +1,6 @@
 """`wrinkle suggest` and a tools file that is there already: it is kept, written over or merged, as asked."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,7 +8,7 @@ import click
 import pytest
 
 from kit.limb import limb
-from kit.suggested import run
+from kit.suggested import each_once, run
 from wrinklecli.errors import WrinkleError
 from wrinklecli.review.suggest.merged import merged
 from wrinklecli.tools.read import parse_tools
@@ -34,6 +35,12 @@ tools:
     path: [[0, 1, 0], [0, 2, 0.1], [0, 3, 0]]
     width: 0.2
 """
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _once() -> Iterator[None]:
+    with each_once():
+        yield
 
 
 @pytest.fixture(scope="module")

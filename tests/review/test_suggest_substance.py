@@ -277,7 +277,7 @@ def compared(candidates: Sequence[Candidate], truth: dict[str, str]) -> list[tup
     return [(stem, "" if it is None else it.kind, truth.get(stem.split("_")[0], truth[""])) for stem, it in stems]
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("name", ["low_poly_flat", "dressed_brown", "dressed", "robot", "knight_tabard"])
 def test_each_place_of_a_clip_has_its_substance(tmp_path: Path, name: str) -> None:
     found = compared(places_on(tmp_path, characters.CHARACTERS[name]()), TRUTH[name])

@@ -407,6 +407,7 @@ def test_normals_are_those_of_a_finely_refined_mesh(name: str, tool: str, edges:
     assert np.percentile(angles[high], 95) < 2.0
 
 
+@pytest.mark.slow
 def test_a_bump_that_the_mesh_cannot_show_takes_no_other_bumps_place(tmp_path: Path) -> None:
     """A finer mesh has shapes of bumps between whose vertices the bake's own mesh has none."""
     file = write_tools(tmp_path / "t.yaml", tool(bumps=5, strategy="origin"), refinement={"max_levels": 0})

@@ -297,6 +297,7 @@ def test_two_clicks_make_a_touch_that_the_shown_clip_drags(page: Page) -> None:
     assert np.abs(moved[: len(without)] - without).max() > 0.08
 
 
+@pytest.mark.slow
 def test_a_touch_needs_no_clip(tmp_path: Path) -> None:
     """A tip that only a player moves."""
     session = Session(limb(tmp_path / "limb.glb", clip=None), tmp_path / "tools.yaml")

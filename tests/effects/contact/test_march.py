@@ -17,7 +17,7 @@ from wrinklecli.effects.contact.march import _direction, _energy, march
 from wrinklecli.effects.contact.tissue import FREE, SOFT, SkinnedPose, Tissue
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @settings(max_examples=2, phases=[Phase.explicit, Phase.generate])
 @given(radius=st.floats(40, 80), width=st.floats(50, 150), bump=st.floats(0, 6))
 @example(radius=76.72348742133249, width=83.99595266258446, bump=5.545185716566744)  # flat: edges in a triangle's plane
