@@ -59,3 +59,18 @@ def test_one_error_reports_several_problems() -> None:
     again = WrinkleError.of_all([AssetError("one", where="a"), both, AssetError("one", where="c")])
     assert again.lines == ("a: one", "b: two", "c: one")
     assert (both.exit_code, RefusedError("two").exit_code) == (1, 3)
+
+
+@given(st.lists(st.integers(0, 200), min_size=1, max_size=300), st.integers(1, 60))
+def test_very_many_lines_are_cut_to_the_first_and_a_number(found: list[int], part: int) -> None:
+    """Whether problems come one by one or in parts, each is a line or is counted."""
+    numbers = list(dict.fromkeys(found))
+    alone = [AssetError("is odd", where=str(number)) for number in numbers]
+    parts = (WrinkleError.of_all(alone[first : first + part]) for first in range(0, len(alone), part))
+    for error in (WrinkleError.of_all(iter(alone)), WrinkleError.of_all(parts)):
+        shown, more = min(len(numbers), 50), len(numbers) - 50
+        assert error.lines[:shown] == tuple(f"{number}: is odd" for number in numbers[:shown])
+        assert error.places[:shown] == tuple(map(str, numbers[:shown]))
+        assert error.lines[shown:] == ((f"and {more:,} more",) if more > 0 else ())
+        assert len(error.places) == len(error.lines)
+        assert error.more == max(more, 0)

@@ -4,6 +4,7 @@ import difflib
 from collections.abc import Iterable, Sequence
 
 _LONGEST = 600  # characters of a message, and of its place
+_MOST_LINES = 50  # lines of an error: a screen; who mends these sees the others
 _MOST_LISTED = 20  # names in a message
 _MOST_NAMES = 1000  # among which a hint is searched
 _LONGEST_NAME = 100  # characters of a name for a hint; people type no longer ones
@@ -20,6 +21,7 @@ class WrinkleError(Exception):
     Attributes:
         lines: The lines to print.
         places: `where` of each line.
+        more: The number of problems that have no line; the last line says so.
     """
 
     exit_code = 1
@@ -29,16 +31,29 @@ class WrinkleError(Exception):
         line = shortened(message, _LONGEST)
         self.lines: tuple[str, ...] = (f"{shortened(where, _LONGEST)}: {line}" if where else line,)
         self.places: tuple[str, ...] = (where,)
+        self.more = 0
 
     def __str__(self) -> str:
         return "\n".join(self.lines)
 
     @classmethod
     def of_all(cls, problems: Iterable["WrinkleError"]) -> "WrinkleError":
-        """One error that reports all the problems at once, a line each; a problem of many tools has one line."""
-        error = cls("")
-        pairs = (pair for each in problems for pair in zip(each.places, each.lines, strict=True))
-        error.places, error.lines = zip(*dict.fromkeys(pairs), strict=True)
+        """One error that reports all the problems at once, a line each; a problem of many tools has one line.
+
+        Of very many lines, the first are kept and the others are counted: a generator of problems takes no memory.
+        """
+        error, kept, more = cls(""), dict[tuple[str, str], None](), 0
+        for each in problems:
+            pairs = list(zip(each.places, each.lines, strict=True))
+            for pair in pairs[:-1] if each.more else pairs:
+                if len(kept) < _MOST_LINES:
+                    kept[pair] = None
+                else:
+                    more += pair not in kept
+            more += each.more
+        if more:
+            kept["", f"and {more:,} more"] = None
+        error.places, error.lines, error.more = *zip(*kept, strict=True), more
         return error
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import click
 import pytest
 
+from kit import hostile
 from wrinklecli.baking.job import BakeOptions
 from wrinklecli.batch.build import bake_options
 from wrinklecli.batch.jobs import BatchJob
@@ -180,3 +181,20 @@ def test_json_that_is_nested_too_deep_is_said_in_our_words(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert complaints("m.jsonl", text) == ["m.jsonl:1: JSON: nested deeper than any job"]
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize(
+    ("name", "text", "first"),
+    [
+        ("m.jsonl", "{1}\n" * 400_001, "m.jsonl:100001: found more lines, expected at most 100,000 jobs"),
+        ("m.jsonl", "{1}\n" * 100_000, "m.jsonl:1: JSON: Expecting property name enclosed in double quotes"),
+        ("m.csv", "asset\n" + "a,b\n" * 400_000, "m.csv:100002: found more rows, expected at most 100,000 jobs"),
+    ],
+)
+def test_a_flood_of_mistakes_is_a_screen_of_lines(name: str, text: str, first: str) -> None:
+    with hostile.bounded(seconds=30.0, megabytes=150.0):
+        line, *others = complaints(name, text)
+    assert line == first
+    assert others == [] or (len(others), others[-1]) == (50, "and 99,950 more")

@@ -168,3 +168,12 @@ def test_solvers_with_little_memory_end_in_a_line(tmp_path: Path, memory: str, e
     if ran.returncode:
         (line,) = ran.stderr.splitlines()
         assert line == f"{asset}: takes more memory than there is, or than --max-memory allows"
+
+
+@pytest.mark.slow
+def test_a_thousand_tools_off_the_mesh_are_a_screen_of_lines(wrinkle: Wrinkle, tmp_path: Path) -> None:
+    limb(tmp_path / "limb.glb", rings=5, sides=4)
+    far = [tool(name=f"t{number}", origin=[-0.5, 9.0 + number, 0.0]) for number in range(1000)]
+    write_tools(tmp_path / "tools.yaml", *far)
+    ran = wrinkle("bake", "limb.glb", "tools.yaml", "-o", "out.glb")
+    assert (ran.code, len(ran.lines), ran.lines[-1]) == (1, 51, "and 950 more")

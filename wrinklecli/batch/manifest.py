@@ -8,6 +8,7 @@ import os
 import posixpath
 import re
 from collections.abc import Iterator, Mapping
+from itertools import chain
 from typing import Any
 
 from wrinklecli.batch import stores
@@ -18,7 +19,7 @@ from wrinklecli.batch.tables import read_csv, read_json_lines
 from wrinklecli.errors import ConfigError, listed
 from wrinklecli.files.claims import is_path
 from wrinklecli.files.formats import MODEL_ENDINGS
-from wrinklecli.tools.checked import Format, Place, check
+from wrinklecli.tools.checked import Format, Place, check, crowded
 from wrinklecli.tools.json_schema import Items
 from wrinklecli.tools.yaml_tree import Node, Problem, path_to, printable, read_tree, without_tagged
 
@@ -53,9 +54,11 @@ def read_manifest(
     files = BatchFiles(path, report, cache)
     jobs = _Jobs(files, given, problems)
     if root is not None:
-        refused, wrong = check(root, _FORMAT)
+        too_many = crowded(root, _FORMAT)
+        refused, wrong = (too_many, None) if too_many else check(root, _FORMAT)
         problems += refused
-        jobs.add_all(root, wrong)
+        if wrong is not None:
+            jobs.add_all(root, wrong)
     return jobs.finished()
 
 
@@ -87,14 +90,16 @@ class _Jobs:
             ConfigError: There are problems.
         """
         jobs, conflicts = kept_apart(self._jobs, [entry for _, entry in self._places], self._files)
-        errors = [ConfigError(each.message, where=each.path) for each in conflicts if each.job is None]
+        of_batch = [ConfigError(each.message, where=each.path) for each in conflicts if each.job is None]
         for each in conflicts:
             if each.job is not None:
                 self._refuse(*self._places[each.job], each.message)
-        for problem in sorted(without_tagged(self._problems), key=lambda each: each.line):
-            errors.append(ConfigError(problem.message, where=self._where(problem.line, problem.path)))
-        if errors:
-            raise ConfigError.of_all(errors)
+        if of_batch or self._problems:
+            of_jobs = (
+                ConfigError(problem.message, where=self._where(problem.line, problem.path))
+                for problem in sorted(without_tagged(self._problems), key=lambda each: each.line)
+            )
+            raise ConfigError.of_all(chain(of_batch, of_jobs))
         return jobs
 
     def add_all(self, root: Node, wrong: set[Place]) -> None:

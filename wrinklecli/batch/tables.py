@@ -6,7 +6,7 @@ import json
 import re
 from typing import Any
 
-from wrinklecli.batch.manifest_schema import JOB_KEYS
+from wrinklecli.batch.manifest_schema import JOB_KEYS, MAX_JOBS
 from wrinklecli.tools.yaml_tree import Node, Problem, printable
 
 _SEPARATOR = ";"  # between the items of a list in a cell
@@ -22,8 +22,10 @@ def read_csv(text: str) -> tuple[Node | None, list[Problem]]:
         keys = [cell.strip() for cell in next(rows)]
         if len(set(keys)) < len(keys):
             return None, [Problem(1, "", "two columns have the same key")]
-        for row in rows:
+        for number, row in enumerate(rows):
             line = rows.line_num
+            if number == MAX_JOBS:
+                return None, [Problem(line, "", f"found more rows, expected at most {MAX_JOBS:,} jobs")]
             if len(row) > len(keys):
                 problems.append(Problem(line, "", f"found {len(row)} cells, expected at most {len(keys)}"))
             cells = zip(keys, row, strict=False)
@@ -39,9 +41,10 @@ def read_json_lines(text: str) -> tuple[Node | None, list[Problem]]:
     """Read a file with a JSON object in each line; empty lines are skipped."""
     jobs: list[Node] = []
     problems: list[Problem] = []
-    for line, each in enumerate(text.split("\n"), start=1):
-        if not each.strip():
-            continue
+    lines = [(line, each) for line, each in enumerate(text.split("\n"), start=1) if each.strip()]
+    if len(lines) > MAX_JOBS:
+        return None, [Problem(lines[MAX_JOBS][0], "", f"found more lines, expected at most {MAX_JOBS:,} jobs")]
+    for line, each in lines:
         try:
             value = json.loads(each, parse_constant=refuse_constant)
             _refuse_surrogates(value)

@@ -47,6 +47,16 @@ def at(root: Node, place: Place) -> tuple[Node, str]:
     return functools.reduce(lambda node, step: node.children[step], place, root), functools.reduce(path_to, place, "")
 
 
+def crowded(root: Node, form: Format) -> list[Problem]:
+    """The problems of lists with more items than a file may have: their items need no look, nor a line each."""
+    return [
+        Problem(child.line, str(key), refusal(child, schema["errorMessage"]))
+        for key, child in root.children.items()
+        if isinstance(child.value, list) and (schema := form.schema["properties"].get(key))
+        if len(child.value) > schema.get("maxItems", len(child.value))
+    ]
+
+
 def check(root: Node, form: Format) -> tuple[list[Problem], set[Place]]:
     """The problems that the schema finds, and the places of refused values and of all that holds them."""
     unknown: dict[Place, Schema] = {}  # the known keys, at each mapping with an unknown one

@@ -8,12 +8,12 @@ valid keys become records: tools inherit defaults, mirrored tools are made, and 
 import os
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence, Set
 from dataclasses import replace
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import Any, TypeAlias
 
 from wrinklecli.errors import ConfigError
 from wrinklecli.frozen import dataclass
-from wrinklecli.tools.checked import Format, Place, at, check, refusal
+from wrinklecli.tools.checked import Format, Place, at, check, crowded, refusal
 from wrinklecli.tools.files_beside import load_text, path_beside
 from wrinklecli.tools.json_schema import readers_of
 from wrinklecli.tools.materials import Preset, presets, presets_of
@@ -308,7 +308,7 @@ def _raise_all(problems: Sequence[Problem], name: str, others: Sequence[ConfigEr
             ConfigError(problem.message, where=f"{shown_name}:{problem.line}: {problem.path}".rstrip(": "))
             for problem in sorted(without_tagged(problems), key=lambda problem: problem.line)
         )
-        raise ConfigError.of_all([*own, *others])
+        raise ConfigError.of_all(chain(own, others))
 
 
 def _parsed(
@@ -325,6 +325,8 @@ def _parsed(
     owners: dict[str, str] = {}
     others: list[ConfigError] = []
     if root is not None:
+        if too_many := crowded(root, _FORMAT):
+            _raise_all([*problems, *too_many], name)
         refused, wrong = check(root, _FORMAT)
         header, odd = _read(root, (), ToolsFile, wrong)
         if "presets" in header and known is None and not isinstance(root.value["presets"], dict):

@@ -104,7 +104,8 @@ def _without(tools: Sequence[WrinkleTool], misfits: Sequence[RefusedTool]) -> li
 def _at_fault(error: WrinkleError, tools: Sequence[WrinkleTool]) -> list[RefusedTool] | None:
     """The tools that an error names, each with its first line; None if a line is about something else."""
     found: dict[str, RefusedTool] = {}
-    for place, line in zip(error.places, error.lines, strict=True):
+    pairs = list(zip(error.places, error.lines, strict=True))
+    for place, line in pairs[:-1] if error.more else pairs:
         # Several tools may inherit a key; the place of a mirrored tool is its source's place and one more word.
         of_place = [tool for tool in tools if place in tool.places.values()]
         around = [tool for tool in tools if place.startswith(tool.where)]
