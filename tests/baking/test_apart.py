@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wrinklecli.baking.apart import Frames, Pair
-from wrinklecli.character.skin import Skin, pose, prepare
+from wrinklecli.character.skin import Influences, Skin, pose, prepare
 from wrinklecli.numeric.arrays import Floats
 
 FRAMES, VERTICES, JOINTS = 5, 40, 3
@@ -42,7 +42,10 @@ def bodies(
     matrices[:, :, :3, 3] = chance.normal(size=(FRAMES, JOINTS, 3))
     matrices[:, :, 3, 3] = 1.0
     played, offsets = chance.random((FRAMES, shapes)), 0.1 * chance.normal(size=(FRAMES, 3, VERTICES))
-    first, second = prepare(weights, positions, deltas), prepare(stored, near(positions), near(deltas))
+    first, second = (
+        prepare(Influences.of(weights), positions, deltas),
+        prepare(Influences.of(stored), near(positions), near(deltas)),
+    )
     after = Frames(matrices, near(played) if shapes else played, near(offsets))
     return Pair(first, second), Frames(matrices, played, offsets), after
 
@@ -58,7 +61,7 @@ def all_distances(pair: Pair, before: Frames, after: Frames) -> Floats:
 
 def differing(pair: Pair) -> np.ndarray:
     """(vertices,) True where skin weights differ by more than those that float32 rounds."""
-    return np.abs(pair.second.weights - pair.first.weights).sum(axis=0) > 1e-6
+    return np.abs(pair.second.influences.dense() - pair.first.influences.dense()).sum(axis=0) > 1e-6
 
 
 @given(
@@ -101,7 +104,7 @@ def test_bodies_that_are_the_same_are_nowhere_apart(seed: int) -> None:
 def test_under_one_joint_that_stretches_nothing_the_bound_of_a_shape_is_its_move(seed: int, apart: float) -> None:
     """The bound is tight: it is the distance wherever all joints turn alike, and no skin weight differs."""
     pair, before, after = bodies(seed, apart=apart)
-    pair = Pair(pair.first, dataclasses.replace(pair.second, weights=pair.first.weights))
+    pair = Pair(pair.first, dataclasses.replace(pair.second, influences=pair.first.influences))
     pair = Pair(pair.first, dataclasses.replace(pair.second, places=pair.first.places))
     matrices = np.repeat(before.matrices[:, :1], JOINTS, axis=1)
     before, after = (dataclasses.replace(each, matrices=matrices) for each in (before, after))
@@ -119,7 +122,7 @@ def test_one_damaged_number_is_found(damaged: str, moved: bool) -> None:
     if not moved:
         before, after = (dataclasses.replace(each, offsets=None) for each in (before, after))
     second, vertex, frame = pair.second, 17, 3
-    weights, places, matrices = second.weights.copy(), second.places.copy(), after.matrices.copy()
+    weights, places, matrices = second.influences.dense(), second.places.copy(), after.matrices.copy()
     offsets = np.zeros((FRAMES, 3, VERTICES)) if after.offsets is None else after.offsets.copy()
     if damaged == "weights":
         weights[:2, vertex] += [0.01, -0.01]
@@ -131,7 +134,7 @@ def test_one_damaged_number_is_found(damaged: str, moved: bool) -> None:
         offsets[frame, 2, vertex] += 0.01
     else:
         matrices[frame, 1, 0, 3] += 0.01
-    pair = Pair(pair.first, Skin(weights, places, None))
+    pair = Pair(pair.first, Skin(Influences.of(weights.T), places, None))
     after = Frames(matrices, after.weights, offsets)
     bounds, distances = pair.bounds(before, after), all_distances(pair, before, after)
     assert distances.max() > 1e-3
@@ -146,6 +149,6 @@ def test_one_damaged_number_is_found(damaged: str, moved: bool) -> None:
 
 
 def test_bodies_without_vertices_are_nowhere_apart() -> None:
-    nothing = prepare(np.zeros((0, 1)), np.zeros((0, 3)), np.zeros((0, 0, 3)))
+    nothing = prepare(Influences.of(np.zeros((0, 1))), np.zeros((0, 3)), np.zeros((0, 0, 3)))
     frames = Frames(np.tile(np.eye(4), (2, 1, 1, 1)), np.zeros((2, 0)), np.zeros((2, 3, 0)))
     assert Pair(nothing, nothing).bounds(frames, frames).shape == (2, 0)

@@ -54,7 +54,7 @@ from kit.limb import tool as limb_tool  # noqa: E402
 from kit.tube import write_tube  # noqa: E402
 from wrinklecli.character.clip import Clip, read_clips  # noqa: E402
 from wrinklecli.character.pose import joint_matrices, morph_weights  # noqa: E402
-from wrinklecli.character.skin import pose, prepare  # noqa: E402
+from wrinklecli.character.skin import Influences, pose, prepare  # noqa: E402
 from wrinklecli.character.surface import read_triangles  # noqa: E402
 from wrinklecli.drive.play import Playing  # noqa: E402
 from wrinklecli.effects.effect import MeshPlan  # noqa: E402
@@ -304,7 +304,7 @@ def finished(places: Places, sample: str, levels: int, paper: float) -> Iterator
     deltas = np.array([spread(each.vertices, each.deltas, members) for each in shapes])
     turns = np.array([spread(each.normal_vertices, each.normal_deltas, members) for each in shapes])
     skin = prepare(
-        weights,
+        Influences.of(weights),
         positions,
         np.concatenate([old, deltas]),
         fine.normals[members],

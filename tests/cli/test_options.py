@@ -8,6 +8,7 @@ import click
 import pytest
 
 from wrinklecli.cli import cli
+from wrinklecli.numeric import memory
 from wrinklecli.tools.records import Length
 
 BAKE = ["bake", "a.glb", "t.yaml", "-o", "out.glb"]
@@ -38,7 +39,6 @@ def read(arguments: Sequence[str]) -> dict[str, Any]:
         (BAKE, "tracks", "all"),
         (BAKE, "frames_format", "obj"),
         (BAKE, "engine", None),
-        (BAKE, "max_memory", 1_000_000_000),
         ([*BAKE, "--clip", "a", "--clip", "b"], "clips", ("a", "b")),
         ([*BAKE, "--tool", "a"], "only", ("a",)),
         ([*BAKE, "--anim", "walk.glb"], "anims", ("walk.glb",)),
@@ -129,3 +129,23 @@ def test_every_path_is_one() -> None:
     }
     assert named <= set(paths())
     assert {("bake", "frames_dir"), ("batch", "cache"), ("batch", "out"), ("track", "folder")} <= named
+
+
+@pytest.mark.parametrize(
+    ("arguments", "most"),
+    [
+        (BAKE, 20 * 10**9),
+        ([*BAKE, "--max-memory", "2GB"], 2 * 10**9),
+        (["suggest", "a.glb"], 20 * 10**9),
+        (["edit", "a.glb"], 20 * 10**9),
+        (["edit", "a.glb", "--host", "127.0.0.2"], 20 * 10**9),
+        (["edit", "a.glb", "--host", "0.0.0.0"], 10**9),
+        (["edit", "a.glb", "--host", "studio.example"], 10**9),
+        (["edit", "a.glb", "--host", "0.0.0.0", "--max-memory", "3GB"], 3 * 10**9),
+    ],
+)
+def test_a_person_s_command_may_take_half_of_what_is_free_and_a_server_1_gb(
+    monkeypatch: pytest.MonkeyPatch, arguments: list[str], most: int
+) -> None:
+    monkeypatch.setattr(memory, "available_memory", lambda: 40 * 10**9)
+    assert read(arguments)["max_memory"] == most

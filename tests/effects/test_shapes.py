@@ -185,7 +185,7 @@ def test_normals_of_what_undoes_a_fold_are_true_where_the_pose_folds_the_surface
     still = np.zeros((1, len(carried.vertices), 3))
     around = DisplacedNormals.of(fine, carried.vertices)
     touched, normals = around.touched, around.in_poses(still, [pose], folded=True)
-    blended = blend(fine.dense_weights(np.arange(len(fine.positions)), fine.weights.shape[1]), pose.matrices[None])
+    blended = blend(fine.dense_weights(np.arange(len(fine.positions)), fine.weights.joint_count), pose.matrices[None])
     true = vertex_normals(transform(blended, fine.positions)[0], fine.triangles)[touched]
     shown = carried_normals(blended[0, touched], fine.normals[touched])
     alike = np.sum(true * shown, axis=1)

@@ -18,6 +18,8 @@ from wrinklecli.effects.wrinkle.attach import attach_tools
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.memory import Memory
+from wrinklecli.surface.prune import Poses
 from wrinklecli.surface.refine import Refinement, refine
 from wrinklecli.surface.rest import Rest, rest_pose
 from wrinklecli.tools.read import parse_tools
@@ -56,7 +58,7 @@ class Prepared:
             settings=self.settings.refinement,
             contacts=np.zeros(len(self.surface.positions), bool) if contacts is None else contacts,
             influences=influences,
-            poses=joint_matrices(self.rig, None, np.zeros(1)),
+            poses=Poses(self.rig, (), Memory()),
             tolerance=tolerance,
         )
 

@@ -8,6 +8,7 @@ from signal import SIGKILL
 import pytest
 
 from wrinklecli.effects.contact.given_up import UNSETTLED, GivenUp, UnresolvedError
+from wrinklecli.numeric.memory import _ITSELF, held
 from wrinklecli.numeric.processes import core_count, in_processes
 
 
@@ -80,3 +81,17 @@ def test_a_process_that_ends_before_its_work_is_an_error() -> None:
 
 def test_there_is_a_core() -> None:
     assert core_count() >= 1
+
+
+@pytest.mark.skipif(not os.path.exists("/proc/self/statm"), reason="needs Linux")
+def test_processes_share_the_memory_and_what_needs_more_than_a_share_is_worked_out_here() -> None:
+    """Of 200 MB for two, one item needs 10 MB, another one 150 MB."""
+
+    def fill(size: int) -> tuple[int, int]:
+        return len(bytearray(size)), os.getpid()
+
+    room = 200 * 10**6 - _ITSELF
+    with held(room):
+        (few, there), (many, here) = in_processes(fill, [10**7, 15 * 10**7], 2)
+    assert (few, many) == (10**7, 15 * 10**7)
+    assert (there == os.getpid(), here == os.getpid()) == (False, True)

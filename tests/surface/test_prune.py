@@ -1,5 +1,7 @@
 """Pruned skin weights keep their sums, move between near joints, and the error that pruning makes is measured."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -8,7 +10,10 @@ from numpy.typing import NDArray
 
 from kit.limb import RADIUS, limb_asset, tool
 from kit.prepared import Prepared, prepare
-from wrinklecli.surface.prune import joint_distances, prune, pruning_errors
+from wrinklecli.character.pose import joint_matrices
+from wrinklecli.errors import TooMuchError
+from wrinklecli.numeric.memory import Memory
+from wrinklecli.surface.prune import Poses, joint_distances, prune, pruning_errors
 
 Floats = NDArray[np.float64]
 
@@ -124,3 +129,24 @@ def test_distances_of_some_joints_are_those_among_all() -> None:
     chosen = np.array([1, 3, 4])
     some = joint_distances(prepared.rig, prepared.patches, chosen)
     assert np.array_equal(some, distances_of(prepared)[np.ix_(chosen, chosen)])
+
+
+def test_poses_are_of_the_joints_and_the_clips_that_move_them() -> None:
+    """A motion of a joint further out moves nothing of a region, and takes no memory; the matrices are true."""
+    asset = limb_asset(rings=5, sides=4, joints=6, clip=None)
+    turns = np.array([[0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 0.6, 0.8]])
+    for joint in range(6):
+        animation: dict[str, Any] = {"name": f"turn {joint}"}
+        asset.channel(animation, 1 + joint, "rotation", [0.0, 1.0], turns)
+        asset.append("animations", animation)
+    made = prepare(asset)
+    poses = Poses(made.rig, tuple(made.clips), Memory())
+    found = poses.of(np.array([1, 2]))
+    assert found.shape == (1 + 33 * 3, 2, 4, 4)
+    assert poses.of(np.array([1, 2])) is found
+    still, times = joint_matrices(made.rig, None, np.zeros(1)), np.linspace(0.0, 1.0, 33)
+    moved = [joint_matrices(made.rig, clip, times) for clip in made.clips]
+    assert np.array_equal(found, np.concatenate([still, *moved[:3]])[:, 1:3])
+    assert all((each[:, 1:3] == still[:, 1:3]).all() for each in moved[3:])
+    with pytest.raises(TooMuchError, match=r"^limb: 100 poses of 2 joints would take 76.8 kB.*: raise --max-memory$"):
+        Poses(made.rig, tuple(made.clips), Memory(76_000)).of(np.array([1, 2]))

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from kit.limb import RADIUS, limb_asset, tool
 from kit.prepared import Prepared, prepare
-from wrinklecli.character.pose import joint_matrices
-from wrinklecli.surface.prune import joint_distances, pruning_errors
+from wrinklecli.numeric.memory import Memory
+from wrinklecli.surface.prune import Poses, joint_distances, pruning_errors
 from wrinklecli.surface.refine import Refinement, _weights, refine
 
 Floats = NDArray[np.float64]
@@ -153,15 +153,14 @@ def test_weights_of_all_vertices_sum_to_1(joints: int) -> None:
     assert dense.sum(axis=1) == pytest.approx(1.0, abs=1e-14)
     assert (dense >= 0).all()
     assert fine.weights_pruned.sum(axis=1) == pytest.approx(1.0, abs=1e-14)
-    assert np.array_equal(dense[len(prepared.surface.positions) :], fine.weights)
+    assert np.array_equal(dense[len(prepared.surface.positions) :], fine.weights.dense().T)
 
 
 def test_edge_whose_weights_cannot_be_stored_is_left_whole() -> None:
     """Adjacent rings depend on different pairs of joints, so midpoints between them need more than two."""
     asset = limb_asset(rings=7, sides=6, joints=9)
     prepared = prepare(asset)
-    times = np.linspace(0, 2, 9)
-    poses = joint_matrices(prepared.rig, prepared.clip, times)
+    poses = Poses(prepared.rig, (prepared.clip,), Memory())
     distances = joint_distances(prepared.rig, prepared.patches, np.arange(9))
     found = {}
     for tolerance in (1e-3, np.inf):
@@ -177,7 +176,7 @@ def test_edge_whose_weights_cannot_be_stored_is_left_whole() -> None:
             tolerance=tolerance,
         )
         fresh = fine.bind_positions[len(prepared.surface.positions) :]
-        errors = pruning_errors(fine.weights, fresh, distances, 2, poses)
+        errors = pruning_errors(fine.weights.dense().T, fresh, distances, 2, poses.of(np.arange(9)))
         found[tolerance] = (len(fresh), errors.max(initial=0.0), fine.subdivision.blocked)
     assert found[np.inf][1] > 1e-3, "the case is one"
     assert found[1e-3][1] <= 1e-3

@@ -10,6 +10,7 @@ stretches a vector. So the distance is at most a static one, of shapes and skin,
 The few vertices whose skin weights differ by more than rounding are posed.
 """
 
+from collections.abc import Iterator
 from functools import cached_property
 
 import numpy as np
@@ -22,6 +23,8 @@ from wrinklecli.numeric.arrays import Floats, Ints
 _DIAGONAL = 3.0**0.5
 # Sum of the differences of skin weights above which a vertex is posed: float32 weights of four joints differ by less.
 _ROUNDED = 1e-6
+# Vertices whose weights of all joints are written out at once.
+_AT_ONCE = 2**13
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,8 +62,14 @@ class Pair:
     @cached_property
     def _moved_weight(self) -> Floats:
         """(vertices,) sums of the differences of skin weights without their signs."""
-        found: Floats = np.abs(self.second.weights - self.first.weights).sum(axis=0)
-        return found
+        found = [np.abs(second - first).sum(axis=0) for first, second in self._dense()]
+        return np.concatenate([np.zeros(0), *found])
+
+    def _dense(self) -> Iterator[tuple[Floats, Floats]]:
+        """(joints, vertices) skin weights of both, of some vertices after the other."""
+        for first in range(0, len(self.first), _AT_ONCE):
+            part = slice(first, first + _AT_ONCE)
+            yield self.first.influences.at(part).dense(), self.second.influences.at(part).dense()
 
     @cached_property
     def _gaps(self) -> Floats:
@@ -95,7 +104,7 @@ class Pair:
         # The square of a joint's factor is an eigenvalue of the transposed matrix times itself: at most a sum of a row.
         squares = np.abs(linear.transpose(0, 1, 3, 2) @ linear).sum(axis=3)
         factors = np.sqrt(squares.max(axis=2, initial=0.0))
-        stretches = factors @ np.abs(self.second.weights)
+        stretches = np.concatenate([factors[:, :0], *(factors @ np.abs(second) for _, second in self._dense())], axis=1)
         # Two joints take one vertex to places that are no farther apart.
         spread = np.abs(origins - origins[:, :1]).sum(axis=2).max(axis=1, initial=0.0)
         spread += 2.0 * factors.max(axis=1, initial=0.0) * _DIAGONAL * self._reach

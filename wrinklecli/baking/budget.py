@@ -42,7 +42,7 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools, Floats, float32_values, significant
-from wrinklecli.surface.ground import poses_of
+from wrinklecli.surface.prune import Poses
 
 # Part of the error bound for fewer shapes, as for `attachment: patch`.
 _REDUCTION_SHARE = 0.25
@@ -312,8 +312,11 @@ def _judge_influences(document: Document, plan: MeshPlan, clips: Sequence[Clip],
     over = np.flatnonzero(((whole > 0) & (first == 0)).any(axis=1))
     first /= np.where(kept > 0, kept, 1.0)
     error = 0.0
-    for pose in poses_of(rig, clips) if len(over) else []:
-        want, got = (transform(blend(each[over], pose[None]), stored.positions[over]) for each in (whole, first))
+    acting = np.flatnonzero(whole[over].any(axis=0))
+    for pose in Poses(rig, tuple(clips), document.memory).of(acting) if len(over) else []:
+        want, got = (
+            transform(blend(each[over][:, acting], pose[None]), stored.positions[over]) for each in (whole, first)
+        )
         error = max(error, float(np.sqrt(np.sum((got - want) ** 2, axis=2)).max()))
     if error > plan.max_error:
         raise RefusedError(

@@ -10,9 +10,9 @@ from wrinklecli.baking.refined_mesh import RefinedPrimitive, primitives_of, shar
 from wrinklecli.character.clip import KEY_GAP, Clip, read_clips
 from wrinklecli.character.pose import Pose, joint_matrices, morph_weights, pose_at
 from wrinklecli.character.rig import Rig, read_rig
-from wrinklecli.character.skin import prepare
+from wrinklecli.character.skin import Influences, prepare
 from wrinklecli.character.sparse_targets import SparseDeltas, Targets, read_sparse_deltas
-from wrinklecli.character.surface import dense_influences, read_vertices
+from wrinklecli.character.surface import read_vertices
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, targets_of
 from wrinklecli.effects.sampling import duplicates_of, read
 from wrinklecli.effects.shapes import DisplacedNormals, Shape, summed_middles, turn_to
@@ -212,7 +212,7 @@ def read_back(edited: EditedDocument, plan: MeshPlan, effects: Sequence[Effect])
         compared[target.vertices] = True
     chosen = np.flatnonzero(compared)
     rows = np.where(compared, np.cumsum(compared) - 1, -1)
-    dense = dense_influences(stored.joints[chosen], stored.weights[chosen], len(rig.joints))
+    stored_weights = Influences(stored.joints[chosen].T, stored.weights[chosen].T, len(rig.joints))
     vertices, normals = welds[chosen], None
     if stored.normals is not None:
         turning = [target.of_rows(rows) for target in new_deltas("NORMAL")]
@@ -225,11 +225,11 @@ def read_back(edited: EditedDocument, plan: MeshPlan, effects: Sequence[Effect])
             shapes.append(SparseDeltas(own, shape.deltas[numbers]))
             if each.projected is None:
                 errors[own] = np.maximum(errors[own], each.error)
-    exact = fine.dense_weights(vertices, len(plan.rig.joints))
-    joints = np.flatnonzero(exact.any(axis=0) | dense.any(axis=0))
+    exact = fine.influences(len(plan.rig.joints)).at(vertices)
+    joints = distinct_values(np.concatenate([exact.acting, stored_weights.acting]))
     bodies = Pair(
-        prepare(exact[:, joints], fine.positions[vertices], fine.morph_deltas[:old, vertices]),
-        prepare(dense[:, joints], stored.positions[chosen], stored.morph_deltas[:, chosen]),
+        prepare(exact.among(joints), fine.positions[vertices], fine.morph_deltas[:old, vertices]),
+        prepare(stored_weights.among(joints), stored.positions[chosen], stored.morph_deltas[:, chosen]),
     )
     return Proof(
         rig,

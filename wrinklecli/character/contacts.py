@@ -8,8 +8,8 @@ import numpy as np
 from wrinklecli.character.pose import joint_matrices
 from wrinklecli.character.rig import Hierarchy, Rig, read_hierarchy, read_rig
 from wrinklecli.character.scene import drawn_with
-from wrinklecli.character.skin import skinned_mesh
-from wrinklecli.character.surface import Surface, Vertices, dense_influences, read_all_triangles, read_vertices
+from wrinklecli.character.skin import Influences, skinned_mesh
+from wrinklecli.character.surface import Surface, Vertices, read_all_triangles, read_vertices
 from wrinklecli.character.weld import SAME
 from wrinklecli.errors import AssetError, TooMuchError
 from wrinklecli.frozen import dataclass
@@ -46,8 +46,8 @@ class _Shown:
     def posed(self) -> Floats:
         """(vertices, 3) in the stored pose, world space."""
         vertices, rig = self.vertices, self.rig
-        weights = dense_influences(vertices.joints, vertices.weights, len(rig.joints))
-        mesh = skinned_mesh(rig, weights, vertices.positions, vertices.morph_deltas, self.triangles)
+        influences = Influences(vertices.joints.T, vertices.weights.T, len(rig.joints))
+        mesh = skinned_mesh(rig, influences, vertices.positions, vertices.morph_deltas, self.triangles)
         return mesh.positions_at(None, 0.0)
 
     def seen(self) -> Floats:

@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from wrinklecli.character.rig import Hierarchy, morph_target_names, read_hierarchy, read_parents, read_rig
-from wrinklecli.character.skin import SkinnedMesh, acting_joints, prepare
-from wrinklecli.character.surface import Vertices, dense_influences, read_primitive, read_triangles
+from wrinklecli.character.skin import Influences, SkinnedMesh, acting_joints, prepare
+from wrinklecli.character.surface import Vertices, read_primitive, read_triangles
 from wrinklecli.errors import AssetError, TooMuchError
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
@@ -155,12 +155,12 @@ def _read_node(
         key = (rig.mesh, number, rig.skinned, len(rig.joints))
         if key not in known:
             vertices = read_primitive(document, primitive, rig, where)
-            weights = dense_influences(vertices.joints, vertices.weights, len(rig.joints))
-            acting = acting_joints(rig, weights)
+            influences = Influences(vertices.joints.T, vertices.weights.T, len(rig.joints))
+            acting = acting_joints(rig, influences)
             known[key] = ScenePrimitive(
                 rig=rig,
                 skin=prepare(
-                    weights[:, acting],
+                    influences.among(acting),
                     vertices.positions,
                     vertices.morph_deltas,
                     vertices.normals,

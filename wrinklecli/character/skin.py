@@ -2,7 +2,7 @@
 
 A `SkinnedMesh` is a mesh ready to be posed, a `PosedMesh` the same at some times. The arrays of a `Skin` hold the
 coordinates of all vertices one after another, so that every operation runs along whole rows, and chunks of time stay in
-a core's cache.
+a core's cache. Skin weights are kept by the few joints of each vertex, and written out for all joints chunk by chunk.
 
 Source: glTF 2.0 §3.7.2.2 (morph targets), §3.7.3.3 (skinning). Differs from engines that turn normals by the blended
 matrices themselves, whose normals lean where joints scale or shear.
@@ -17,7 +17,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import blend, joint_matrices, morph_weights, transform
 from wrinklecli.character.rig import Rig
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, cross, dot
+from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints, cross, distinct_values, dot
 
 # Vertices times frames that are posed at once. Matrix products of half as many are slow; twice as many leave the cache,
 # and the allocator gives their memory back to the system each time.
@@ -25,27 +25,98 @@ _CHUNK = 2**13
 
 
 @dataclass(frozen=True, slots=True)
+class Influences:
+    """Skin weights by the few joints that each vertex follows: of 250 joints, most meshes have four at a vertex.
+
+    Attributes:
+        joints: (influences, vertices) numbers of joints.
+        weights: (influences, vertices), 0 where a vertex has fewer.
+        joint_count: The number of all joints.
+    """
+
+    joints: Ints
+    weights: Floats
+    joint_count: int
+
+    @classmethod
+    def of(cls, dense: Floats, columns: Ints | None = None, joint_count: int | None = None) -> "Influences":
+        """Those of (vertices, joints) skin weights; of some joints alone if `columns` has their numbers."""
+        counts = np.count_nonzero(dense, axis=1)
+        vertices, joints = np.nonzero(dense)
+        slots = np.arange(len(vertices)) - np.repeat(np.cumsum(counts) - counts, counts)
+        found = np.zeros((max(int(counts.max(initial=0)), 1), len(dense)), np.intp)
+        weights = np.zeros(found.shape)
+        found[slots, vertices] = joints if columns is None else columns[joints]
+        weights[slots, vertices] = dense[vertices, joints]
+        return cls(found, weights, dense.shape[1] if joint_count is None else joint_count)
+
+    def __len__(self) -> int:
+        """The number of vertices."""
+        return int(self.joints.shape[1])
+
+    @property
+    def acting(self) -> Ints:
+        """(acting,) sorted numbers of the joints that have any weight."""
+        return distinct_values(self.joints[self.weights > 0])
+
+    def among(self, joints: Ints) -> "Influences":
+        """The same by the numbers among (joints,) sorted joints, which have all weight."""
+        numbers = np.zeros(self.joint_count, np.intp)
+        numbers[joints] = np.arange(len(joints))
+        return Influences(numbers[self.joints], self.weights, len(joints))
+
+    def at(self, vertices: "Ints | slice") -> "Influences":
+        """The same of some vertices."""
+        return Influences(self.joints[:, vertices], self.weights[:, vertices], self.joint_count)
+
+    def before(self, others: "Influences") -> "Influences":
+        """These, and those of other vertices behind them."""
+        both = (self, others)
+        most = max(len(each.joints) for each in both)
+
+        def padded(rows: Array) -> Array:
+            return np.pad(rows, ((0, most - len(rows)), (0, 0)))
+
+        joints, weights = (
+            np.concatenate([padded(getattr(each, name)) for each in both], axis=1) for name in ("joints", "weights")
+        )
+        return Influences(joints, weights, self.joint_count)
+
+    def dense(self) -> Floats:
+        """(joints, vertices) skin weights."""
+        found = np.zeros((self.joint_count, len(self)))
+        every = np.arange(len(self))
+        for joints, weights in zip(self.joints, self.weights, strict=True):
+            found[joints, every] += weights
+        return found
+
+
+@dataclass(frozen=True, slots=True)
 class Skin:
     """Vertices ready to be posed.
 
     Attributes:
-        weights: (joints, vertices) skin weights, columns summing to 1.
+        influences: Skin weights, which sum to 1 at each vertex.
         places: (3, 1 + shapes, vertices) bind positions, then the deltas of each shape at weight 1.
         turns: (3, 1 + shapes, vertices) unit normals, then their deltas; None without normals.
     """
 
-    weights: Floats
+    influences: Influences
     places: Floats
     turns: Floats | None
+
+    def __len__(self) -> int:
+        """The number of vertices."""
+        return len(self.influences)
 
     def of(self, vertices: Ints) -> "Skin":
         """The same of (vertices,) some vertices."""
         turns = None if self.turns is None else self.turns[:, :, vertices]
-        return Skin(self.weights[:, vertices], self.places[:, :, vertices], turns)
+        return Skin(self.influences.at(vertices), self.places[:, :, vertices], turns)
 
 
 def prepare(
-    weights: Floats,
+    influences: Influences,
     positions: Floats,
     deltas: Floats,
     normals: Floats | None = None,
@@ -54,7 +125,7 @@ def prepare(
     """Lay out arrays that do not change with time.
 
     Args:
-        weights: (vertices, joints) skin weights, rows summing to 1.
+        influences: Skin weights, which sum to 1 at each vertex.
         positions: (vertices, 3) bind space.
         deltas: (shapes, vertices, 3) added by each shape, such as a morph target, at weight 1.
         normals: (vertices, 3) unit, bind space.
@@ -63,7 +134,7 @@ def prepare(
     turns = None
     if normals is not None and normal_deltas is not None:
         turns = _by_coordinate(normals, normal_deltas)
-    return Skin(np.ascontiguousarray(weights.T), _by_coordinate(positions, deltas), turns)
+    return Skin(influences, _by_coordinate(positions, deltas), turns)
 
 
 def _by_coordinate(base: Floats, deltas: Floats) -> Floats:
@@ -83,14 +154,14 @@ def pose(skin: Skin, matrices: Floats, weights: Floats, offsets: Floats | None =
         (frames, 3, vertices) world positions, scene units, and unit normals turned by the inverse transposes of the
         blended matrices; None without normals.
     """
-    positions = np.zeros((len(matrices), 3, skin.weights.shape[1]))
+    positions = np.zeros((len(matrices), 3, len(skin)))
     normals = None if skin.turns is None else np.zeros_like(positions)
     factors = np.concatenate([np.ones((len(matrices), 1)), weights], axis=1)
     rows = np.ascontiguousarray(matrices[:, :, :3].transpose(2, 3, 0, 1))
     a, b, c = rows[:, :3]
     mirroring = bool((dot(a, cross(b, c)) < 0).any())
     for block in (slice(k, k + _CHUNK) for k in range(0, positions.shape[2], _CHUNK)):
-        joint_weights = skin.weights[:, block]
+        joint_weights = skin.influences.at(block).dense()
         vertex_count = joint_weights.shape[1]
         step = max(1, _CHUNK // vertex_count)
         for now in (slice(k, k + step) for k in range(0, len(matrices), step)):
@@ -182,7 +253,7 @@ class SkinnedMesh:
 
     def only(self, vertices: Ints) -> Self:
         """The mesh with (vertices,) sorted vertices only, and with the triangles that have no others."""
-        numbers = np.full(self.skin.weights.shape[1], -1)
+        numbers = np.full(len(self.skin), -1)
         numbers[vertices] = np.arange(len(vertices))
         triangles = numbers[self.triangles]
         return replace(self, skin=self.skin.of(vertices), triangles=triangles[(triangles >= 0).all(axis=1)])
@@ -219,7 +290,7 @@ class SkinnedMesh:
         Returns:
             (frames, vertices, 3) world positions, and (frames, vertices, 3, 3) matrices from bind to world space.
         """
-        blended = blend(self.skin.weights.T, joint_matrices(self.rig, clip, times, self.acting))
+        blended = blend(self.skin.influences.dense().T, joint_matrices(self.rig, clip, times, self.acting))
         bind = self.bind_positions + np.tensordot(morph_weights(self.rig, clip, times), self.deltas, axes=1)
         return transform(blended, bind if offsets is None else bind + offsets), blended[..., :3]
 
@@ -236,8 +307,8 @@ class SkinnedMesh:
     @property
     def weights(self) -> Floats:
         """(vertices, joints) skin weights of all the rig's joints."""
-        weights = np.zeros((self.skin.weights.shape[1], max(len(self.rig.joints), 1)))
-        weights[:, self.acting] = self.skin.weights.T
+        weights = np.zeros((len(self.skin), max(len(self.rig.joints), 1)))
+        weights[:, self.acting] = self.skin.influences.dense().T
         return weights
 
     def positions_at(self, clip: Clip | None, time: float) -> Floats:
@@ -245,20 +316,20 @@ class SkinnedMesh:
         return np.asarray(self.bare.posed(clip, np.array([time])).positions[0])
 
 
-def acting_joints(rig: Rig, weights: Floats) -> Ints:
-    """(acting,) sorted numbers of the joints that have any of (vertices, joints) weights."""
-    return np.flatnonzero(weights.any(axis=0)) if rig.skinned else np.arange(1)
+def acting_joints(rig: Rig, influences: Influences) -> Ints:
+    """(acting,) sorted numbers of the joints that have any weight."""
+    return influences.acting if rig.skinned else np.arange(1)
 
 
-def skinned_mesh(rig: Rig, weights: Floats, positions: Floats, deltas: Floats, triangles: Ints) -> SkinnedMesh:
+def skinned_mesh(rig: Rig, influences: Influences, positions: Floats, deltas: Floats, triangles: Ints) -> SkinnedMesh:
     """Make a mesh without normals ready to be posed.
 
     Args:
         rig: Of the node that shows it.
-        weights: (vertices, joints) skin weights, rows summing to 1.
+        influences: Skin weights, which sum to 1 at each vertex.
         positions: (vertices, 3) bind space.
         deltas: (morph targets, vertices, 3) added by each at weight 1.
         triangles: (triangles, 3) vertices.
     """
-    acting = acting_joints(rig, weights)
-    return SkinnedMesh(rig, prepare(weights[:, acting], positions, deltas), acting, triangles)
+    acting = acting_joints(rig, influences)
+    return SkinnedMesh(rig, prepare(influences.among(acting), positions, deltas), acting, triangles)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from wrinklecli.character.rig import LARGEST, Rig, in_range
-from wrinklecli.character.skin import SkinnedMesh, skinned_mesh
+from wrinklecli.character.skin import Influences, SkinnedMesh, skinned_mesh
 from wrinklecli.character.weld import weld
 from wrinklecli.errors import AssetError
 from wrinklecli.frozen import dataclass
@@ -68,10 +68,13 @@ class Surface:
         """(vertices, joints) skin weights of some vertices."""
         return dense_influences(self.joints[vertices], self.weights[vertices], joint_count)
 
+    def influences(self, joint_count: int) -> Influences:
+        """The skin weights of all vertices, by their joints."""
+        return Influences(self.joints.T, self.weights.T, joint_count)
+
     def skinned(self, rig: Rig) -> SkinnedMesh:
         """The surface as a rig moves it."""
-        weights = dense_influences(self.joints, self.weights, len(rig.joints))
-        return skinned_mesh(rig, weights, self.positions, self.morph_deltas, self.triangles)
+        return skinned_mesh(rig, self.influences(len(rig.joints)), self.positions, self.morph_deltas, self.triangles)
 
 
 def read_surface(document: Document, rig: Rig) -> Surface:

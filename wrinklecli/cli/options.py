@@ -7,7 +7,7 @@ from typing import Any, get_args
 
 import click
 
-from wrinklecli.numeric.memory import MAX_VERTICES, held, parse_bytes
+from wrinklecli.numeric.memory import MAX_MEMORY, MAX_VERTICES, default_memory, held, parse_bytes
 
 # Decorates a command's function, as `click.option(…)` does.
 Option = Callable[[Callable[..., Any]], Callable[..., Any]]
@@ -55,14 +55,26 @@ def _weights(values: tuple[str, ...]) -> tuple[Any, ...]:
     return tuple((name, float(weight)) for name, weight in found)
 
 
-def _memory(context: click.Context, parameter: click.Parameter, value: str) -> int:
-    """Read a size in decimal units as bytes, and hold the process to it until the command ends."""
+def _memory(context: click.Context, parameter: click.Parameter, value: str | None) -> int:
+    """Read a size in decimal units as bytes, and hold the process to it until the command ends.
+
+    A page that other machines reach gets no more memory than a job of a batch.
+    """
     try:
-        size = parse_bytes(value)
+        size = parse_bytes(value) if value is not None else MAX_MEMORY if _is_served(context) else default_memory()
     except ValueError as error:
         raise click.BadParameter(str(error), param=parameter) from error
     context.with_resource(held(size))
     return size
+
+
+def _is_served(context: click.Context) -> bool:
+    """True if the command lets other machines reach its page; options that are given are read before defaults."""
+    if "host" not in context.params:
+        return False
+    from wrinklecli.editor.page.access import is_own
+
+    return not is_own(context.params["host"])
 
 
 def _number(value: float | None) -> float | None:
@@ -204,8 +216,7 @@ max_levels = whole("--max-levels", bounds=(0, 8), text="Overrides refinement.max
 # Bytes; the process is held to them while the command runs.
 max_memory = valued(
     "--max-memory",
-    text="Refuse what would take more memory, such as 500MB or 4GB.",
-    default="1GB",
+    text="Refuse what would take more memory, such as 500MB or 4GB; by default half of what is free, and at least 1GB.",
     metavar="SIZE",
     callback=_memory,
 )

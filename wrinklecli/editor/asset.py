@@ -310,14 +310,14 @@ class LoadedAsset:
         def made() -> Skin:
             surface, acting = ground.surface, distinct_values(ground.surface.joints)
             count = len(surface.positions)
-            weights = surface.dense_weights(np.arange(count), len(ground.rig.joints))
+            influences = surface.influences(len(ground.rig.joints)).among(acting)
             deltas = surface.morph_deltas.copy() if ground.rig.drives else surface.morph_deltas
             for cluster in clusters if ground.rig.drives else ():
                 # Effects below the skin move it by the normals of the refined surface.
                 refined = cluster.plan.fine.morph_deltas[:, :count]
                 other = refined != surface.morph_deltas
                 deltas[other] = refined[other]
-            return prepare(weights[:, acting], surface.positions, deltas)
+            return prepare(influences, surface.positions, deltas)
 
         # Rest poses share the skin, unless effects below it move it too.
         return self._skins.get_or_make((ground, *clusters) if ground.rig.drives else ground.rig.node, made)

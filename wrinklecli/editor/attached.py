@@ -54,8 +54,8 @@ class Cluster:
     def from_plan(cls, plan: MeshPlan) -> "Cluster":
         """Find the triangles that differ from the coarse mesh."""
         fine, old = plan.fine, len(plan.fine.surface.positions)
-        weights = fine.weights[:, distinct_values(fine.surface.joints)]
-        skin = prepare(weights, fine.positions[old:], fine.morph_deltas[:, old:])
+        influences = fine.weights.among(distinct_values(fine.surface.joints))
+        skin = prepare(influences, fine.positions[old:], fine.morph_deltas[:, old:])
         return cls(plan, (), np.zeros(0, np.intp), np.zeros(0, np.intp), skin).with_parts(skin_parts(plan))
 
     def with_parts(self, parts: Iterable[Part]) -> "Cluster":
@@ -153,7 +153,7 @@ class PlayableMesh:
     @cached_property
     def shifts(self) -> list[int]:
         """Offset from the vertex numbers of each cluster's plan to those of this mesh, for new vertices."""
-        counts = [each.skin.weights.shape[1] for each in self.clusters]
+        counts = [len(each.skin) for each in self.clusters]
         shifts: list[int] = np.cumsum([0, *counts])[:-1].tolist()
         return shifts
 
@@ -170,7 +170,7 @@ class PlayableMesh:
             weights = weights.copy()
             weights[0, list(held)] = list(held.values())
         skins = (self.skin, *(each.skin for each in self.clusters))
-        ends = np.cumsum([0, *(each.weights.shape[1] for each in skins)])
+        ends = np.cumsum([0, *(len(each) for each in skins)])
         offsets = np.zeros((1, 3, int(ends[-1])))
         for cluster, shift in zip(self.clusters, self.shifts, strict=True):
             for part in cluster.parts if wrinkled else ():

@@ -252,7 +252,7 @@ class DisplacedNormals:
             sides.reshape(-1, 3),
             np.searchsorted(around, touched),
             np.searchsorted(around, vertices),
-            fine.dense_weights(around, fine.weights.shape[1]),
+            fine.dense_weights(around, fine.weights.joint_count),
             fine.normals_at(touched),
         )
 

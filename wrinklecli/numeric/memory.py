@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 from wrinklecli.errors import TooMuchError
 
-# Bytes. A real-time character takes a tenth of this, and eight bakes at once fit a common machine.
+# Bytes that a job of a batch may take, or of a server: a real-time character takes a tenth, and eight fit a machine.
 MAX_MEMORY = 10**9
 # Most new vertices of a mesh unless an option allows more: ten times a real-time character.
 MAX_VERTICES = 200_000
@@ -65,14 +65,12 @@ def held(size: int) -> Iterator[None]:
 
     This serves where memory cannot be estimated before it is taken.
     """
-    try:
-        import resource
-
-        with open("/proc/self/statm") as file:
-            taken = int(file.read().split()[5]) * resource.getpagesize()
-    except (ImportError, OSError):  # not a Linux
+    taken = _taken()
+    if taken is None:
         yield
         return
+    import resource
+
     soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
     most = taken + size + _ITSELF
     if soft != resource.RLIM_INFINITY:
@@ -82,6 +80,26 @@ def held(size: int) -> Iterator[None]:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
+
+
+def share(count: int) -> None:
+    """Leave this process one of so many equal shares of what `held` leaves it, as several take the rest."""
+    try:
+        import resource
+    except ImportError:  # not a Unix
+        return
+    taken, (most, hard) = _taken(), resource.getrlimit(resource.RLIMIT_DATA)
+    if taken is not None and most != resource.RLIM_INFINITY:
+        resource.setrlimit(resource.RLIMIT_DATA, (taken + max(most - taken, 0) // count, hard))
+
+
+def _taken() -> int | None:
+    """Bytes of data that this process takes; None where the system does not say."""
+    try:
+        with open("/proc/self/statm") as file:
+            return int(file.read().split()[5]) * os.sysconf("SC_PAGE_SIZE")
+    except OSError:  # not a Linux
+        return None
 
 
 def leave_room(size: int) -> None:
@@ -112,6 +130,64 @@ def physical_memory() -> int | None:
         return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, OSError, ValueError):  # Windows has no sysconf
         return None
+
+
+def available_memory(root: str = "/") -> int | None:
+    """Bytes that are free for new work, of the machine and of the control groups that hold this process.
+
+    None where the system does not say. `root` is where its files are.
+    """
+    found = [_number_in(os.path.join(root, "proc/meminfo"), "MemAvailable:", 1024)]
+    if found == [None]:
+        found = [physical_memory()]
+    for line in _lines_of(os.path.join(root, "proc/self/cgroup")):
+        _, kinds, path = line.split(":", 2)
+        if kinds not in ("", "memory"):
+            continue
+        base, most, taken, cached = _GROUP_FILES[kinds]
+        base = os.path.join(root, base)
+        folder = os.path.normpath(base + path)
+        while folder.startswith(base):
+            files = [_number_in(os.path.join(folder, name), key) for name, key in (most, taken, cached)]
+            if files[0] is not None:
+                # The system gives back what it keeps of files when a group needs it.
+                found.append(max(files[0] - (files[1] or 0) + (files[2] or 0), 0))
+            folder = os.path.dirname(folder)
+    return min((each for each in found if each is not None), default=None)
+
+
+# By the kind of a control group its folder, then the files and keys of its limit, of what it takes, and of files kept.
+_GROUP_FILES = {
+    "": ("sys/fs/cgroup", ("memory.max", ""), ("memory.current", ""), ("memory.stat", "inactive_file")),
+    "memory": (
+        "sys/fs/cgroup/memory",
+        ("memory.limit_in_bytes", ""),
+        ("memory.usage_in_bytes", ""),
+        ("memory.stat", "total_inactive_file"),
+    ),
+}
+
+
+def _lines_of(path: str) -> list[str]:
+    """The lines of a file of the system; none if it is not there."""
+    try:
+        with open(path, encoding="utf-8", errors="replace") as file:
+            return file.read().splitlines()
+    except OSError:
+        return []
+
+
+def _number_in(path: str, key: str, unit: int = 1) -> int | None:
+    """The number behind a key at the start of a line, times a unit; None if it is not there, or `max`."""
+    for line in _lines_of(path):
+        if line.startswith(key) and (words := line.removeprefix(key).split()) and words[0].isdecimal():
+            return int(words[0]) * unit
+    return None
+
+
+def default_memory() -> int:
+    """Bytes that a command of a person may take: half of what is free at its start, and at least 1 GB."""
+    return max(MAX_MEMORY, (available_memory() or 0) // 2)
 
 
 def parse_bytes(text: str) -> int:

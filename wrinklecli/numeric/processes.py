@@ -11,6 +11,7 @@ from traceback import format_exception
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from wrinklecli.numeric.guard import one_thread
+from wrinklecli.numeric.memory import share
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
@@ -41,7 +42,8 @@ def in_processes(
 
     With a `size`, the largest items are begun first, so that no process is left with a long one in the end. A result
     is given as soon as it is there, while others are still worked out. This process has no further threads meanwhile,
-    so it may copy itself.
+    so it may copy itself. The processes share the memory that `held` leaves this one; an item that needs more than such
+    a share is worked out here.
 
     Results come back as copies, but what they hold of the `shared` objects is these themselves. Where the system has
     no `fork`, or there is one process or item, the work is done here, each piece when its result is asked for.
@@ -67,7 +69,7 @@ def in_processes(
     try:
         for _ in range(min(jobs, len(items))):
             results, end = context.Pipe(duplex=False)
-            process = context.Process(target=_work, args=(function, items, objects, tasks, end))
+            process = context.Process(target=_work, args=(function, items, objects, tasks, end, min(jobs, len(items))))
             process.start()
             end.close()
             workers[results] = process
@@ -85,7 +87,10 @@ def in_processes(
                     else:
                         found[done] = data
             result, error = objects.read(found.pop(number))
-            if error is not None:
+            if isinstance(error, MemoryError):
+                # What is too large for a share may fit in all of the memory.
+                result = function(items[number])
+            elif error is not None:
                 raise error
             yield result
     finally:
@@ -97,19 +102,25 @@ def in_processes(
 
 
 def _work(
-    function: Callable[[Any], Any], items: Sequence[Any], objects: "_Shared", tasks: int, results: "Connection"
+    function: Callable[[Any], Any],
+    items: Sequence[Any],
+    objects: "_Shared",
+    tasks: int,
+    results: "Connection",
+    count: int,
 ) -> None:
-    """Work items out in a process of its own, until none is left."""
+    """Work items out in one of `count` processes, until none is left."""
+    share(count)
     with one_thread():
         while task := os.read(tasks, _NUMBER):
-            number, found, error = int.from_bytes(task, "little"), None, None
+            number = int.from_bytes(task, "little")
             try:
-                found = function(items[number])
-            except Exception as raised:
-                error = raised
+                data = objects.written((function(items[number]), None))
+            except Exception as error:
                 # The place is not sent along; the text of it is.
-                error.add_note("".join(format_exception(raised)))
-            results.send((number, objects.written((found, error))))
+                error.add_note("".join(format_exception(error)))
+                data = objects.written((None, error))
+            results.send((number, data))
 
 
 class _Shared:

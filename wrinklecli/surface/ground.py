@@ -10,22 +10,17 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.contacts import Contacts, Neighbours, contacts_of
-from wrinklecli.character.pose import joint_matrices
 from wrinklecli.character.rig import DrivenTargets, Rig, read_rig
 from wrinklecli.character.surface import Surface, read_surface
-from wrinklecli.errors import AssetError
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Array, Floats, Ints, distinct_values
 from wrinklecli.numeric.closest import Tree
 from wrinklecli.numeric.rays import ray_hits
+from wrinklecli.surface.prune import Poses
 from wrinklecli.surface.rest import Rest, rest_pose
 from wrinklecli.tools.records import ONE_PERCENT, EffectTool, Length, ToolsFile
 
-# Poses of a clip at which pruned skin weights are judged before the proof.
-_POSES = 33
-# Matrices of all clips and joints at most, which take half a gigabyte: there are fewer poses where there would be more.
-_MOST_MATRICES = 2**22
 # Vertices that another mesh has at least over this one, or this one below it, if it is part of what one wears.
 _FEW = 4
 
@@ -75,9 +70,9 @@ class Ground:
         return {}
 
     @cached_property
-    def poses(self) -> Floats:
-        """(poses, joints, 4, 4) a few of every clip, as `poses_of`."""
-        return poses_of(self.rig, self.clips, distinct_values(self.surface.joints))
+    def poses(self) -> Poses:
+        """A few of every clip."""
+        return Poses(self.rig, self.clips, self.document.memory)
 
     def meshes_over(self, reaches: Floats) -> tuple[str, ...]:
         """Name the other meshes that lie over this one as clothes do.
@@ -168,29 +163,3 @@ def _meeting(starts: Floats, rays: Floats, corners: Floats, box: tuple[Floats, F
     near = (corners.min(axis=1) <= high).all(axis=1) & (corners.max(axis=1) >= low).all(axis=1)
     numbers, _, distances = ray_hits(starts, rays, corners[near])
     return len(distinct_values(numbers[distances < 1.0]))
-
-
-def poses_of(rig: Rig, clips: Sequence[Clip], joints: Ints | None = None) -> Floats:
-    """(poses, joints, 4, 4) a few poses of every clip of the asset, whichever are baked.
-
-    Args:
-        rig: Of a mesh.
-        clips: Of the asset.
-        joints: Those that any vertex follows; the matrices of others are left 0. All where left out.
-
-    Raises:
-        AssetError: There are too many.
-    """
-    count = min(_POSES, _MOST_MATRICES // max(len(clips) * len(rig.joints), 1))
-    if not count:
-        message = f"has {len(clips)} clips of {len(rig.joints)} joints; the product may be {_MOST_MATRICES:,}"
-        raise AssetError(message, where=rig.names[rig.node])
-    chosen = np.arange(len(rig.joints)) if joints is None else joints
-    poses = np.zeros((1 + len(clips) * count, len(rig.joints), 4, 4))
-    poses[:1, chosen] = joint_matrices(rig, None, np.zeros(1), chosen)
-    for number, clip in enumerate(clips):
-        first = 1 + number * count
-        poses[first : first + count, chosen] = joint_matrices(
-            rig, clip, np.linspace(clip.start, clip.end, count), chosen
-        )
-    return poses

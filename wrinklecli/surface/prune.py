@@ -10,23 +10,78 @@ has to be pruned.
 """
 
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.pose import joint_matrices
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import Surface
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values
+from wrinklecli.numeric.memory import Memory
 from wrinklecli.numeric.red_green import Level
 from wrinklecli.surface.region import Region
 from wrinklecli.surface.rest import Rest
 
+# Poses of a clip at which pruned skin weights are judged before the proof.
+_POSES = 33
+# Bytes of a matrix, and of its copies in the product with weights.
+_MATRIX_BYTES = 3 * 128
 # Numbers in the products that are computed at once, to bound memory.
 _NUMBERS_AT_ONCE = 2**20
 # Skin weights of two anchors that differ by less than this are equal up to rounding.
 _SAME_WEIGHTS = 1e-6
 # Length of a bone that bends under a region; other bones have length 1.
 _BENDING_LENGTH = 1000.0
+
+
+@dataclass(frozen=True, eq=False)
+class Poses:
+    """The stored pose, and a few poses of every clip of the asset, whichever are baked.
+
+    Attributes:
+        rig: Of a mesh.
+        clips: Of the asset.
+        memory: The limit on matrices.
+    """
+
+    rig: Rig
+    clips: tuple[Clip, ...]
+    memory: Memory
+
+    def of(self, joints: Ints) -> Floats:
+        """(poses, joints, 4, 4) matrices of some joints, bind to world space, in poses in which any of these is moved.
+
+        A character may have hundreds of clips, of which a region follows a few: a motion of a finger moves no knee.
+
+        Raises:
+            TooMuchError: They would take more memory than there may be.
+        """
+        key = joints.tobytes()
+        if key not in self._known:
+            # Tools that are tried again and again ask for the same joints.
+            self._known.clear()
+            self._known[key] = self._matrices(joints)
+        return self._known[key]
+
+    @cached_property
+    def _known(self) -> dict[bytes, Floats]:
+        return {}
+
+    def _matrices(self, joints: Ints) -> Floats:
+        moving = {node for joint in joints.tolist() for node in self.rig.upwards(int(self.rig.joints[joint]))}
+        clips = [clip for clip in self.clips if not clip.nodes.isdisjoint(moving)]
+        count = 1 + _POSES * len(clips)
+        what, where = f"{count:,} poses of {len(joints):,} joints", self.rig.names[self.rig.node]
+        self.memory.check(_MATRIX_BYTES * count * len(joints), what, where=where)
+        poses = np.zeros((count, len(joints), 4, 4))
+        poses[:1] = joint_matrices(self.rig, None, np.zeros(1), joints)
+        for part, clip in zip(poses[1:].reshape(-1, _POSES, len(joints), 4, 4), clips, strict=True):
+            part[:] = joint_matrices(self.rig, clip, np.linspace(clip.start, clip.end, _POSES), joints)
+        return poses
 
 
 def pruning_errors(weights: Floats, positions: Floats, distances: Floats, influences: int, poses: Floats) -> Floats:
@@ -147,7 +202,7 @@ def forbidden_splits(
     *,
     contacts: Bools,
     influences: int,
-    poses: Floats,
+    poses: Poses,
     tolerance: float,
 ) -> Callable[[Level], Bools]:
     """Make a function that marks the (edges,) of a level that must not be split.
@@ -161,7 +216,7 @@ def forbidden_splits(
     # Most joints move no vertex of a region.
     acting = distinct_values(surface.joints[used])
     coarse_weights = spread_weights(surface, used, len(rig.joints), acting)
-    distances, acting_poses = joint_distances(rig, regions, acting), poses[:, acting]
+    distances = joint_distances(rig, regions, acting)
 
     def forbidden(level: Level) -> Bools:
         touching = np.zeros(max(int(level.edges.max(initial=0)) + 1, len(contacts)), bool)
@@ -170,9 +225,11 @@ def forbidden_splits(
         edges = distinct_values(level.triangle_edges[near[level.parents]])
         weights = level.of_midpoints(edges, coarse_weights)
         many = (weights > 0).sum(axis=1) > influences
+        if not many.any():
+            return found
         edges, weights = edges[many], weights[many]
         positions = level.of_midpoints(edges, rest.bind_positions)
-        found[edges] |= pruning_errors(weights, positions, distances, influences, acting_poses) > tolerance
+        found[edges] |= pruning_errors(weights, positions, distances, influences, poses.of(acting)) > tolerance
         return found
 
     return forbidden

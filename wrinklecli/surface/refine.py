@@ -14,7 +14,7 @@ import numpy as np
 
 from wrinklecli.character.pose import transform
 from wrinklecli.character.rig import Rig
-from wrinklecli.character.skin import SkinnedMesh, skinned_mesh
+from wrinklecli.character.skin import Influences, SkinnedMesh, skinned_mesh
 from wrinklecli.character.surface import Surface
 from wrinklecli.choices import Scheme
 from wrinklecli.frozen import dataclass
@@ -36,7 +36,7 @@ from wrinklecli.numeric.closest import balls
 from wrinklecli.numeric.memory import MAX_VERTICES
 from wrinklecli.numeric.red_green import Level
 from wrinklecli.numeric.subdivide import Subdivision, subdivide
-from wrinklecli.surface.prune import forbidden_splits, joint_distances, prune, spread_weights
+from wrinklecli.surface.prune import Poses, forbidden_splits, joint_distances, prune, spread_weights
 from wrinklecli.surface.region import Region, members_of
 from wrinklecli.surface.rest import Rest, carried_normals
 from wrinklecli.surface.rounding import LaidSurface, hard_edges, rounded
@@ -73,7 +73,7 @@ class Refinement:
         bind_positions: (vertices, 3) positions under the morph weights of the rest pose, bind space.
         blended: (vertices, 3, 4) bind to world space at rest.
         rest_positions: (vertices, 3) world space at rest.
-        weights: (new vertices, joints) skin weights before pruning.
+        weights: Skin weights of new vertices before pruning.
         joints_pruned: (new vertices, influences) the joints that the file can store.
         weights_pruned: (new vertices, influences).
         corners: (triangles, 3) glTF vertices.
@@ -95,7 +95,7 @@ class Refinement:
     bind_positions: Floats
     blended: Floats
     rest_positions: Floats
-    weights: Floats
+    weights: Influences
     joints_pruned: Ints
     weights_pruned: Floats
     corners: Ints
@@ -171,7 +171,7 @@ class Refinement:
     @property
     def pruned_count(self) -> int:
         """Number of new welded vertices that have more joints than the file can store."""
-        return int(((self.weights > 0).sum(axis=1) > self.weights_pruned.shape[1]).sum())
+        return int(((self.weights.weights > 0).sum(axis=0) > self.weights_pruned.shape[1]).sum())
 
     @property
     def triangles(self) -> Ints:
@@ -189,8 +189,12 @@ class Refinement:
         dense = np.zeros((len(vertices), joint_count))
         is_old = vertices < old
         dense[is_old] = self.surface.dense_weights(vertices[is_old], joint_count)
-        dense[~is_old] = self.weights[vertices[~is_old] - old]
+        dense[~is_old] = self.weights.at(vertices[~is_old] - old).dense().T
         return dense
+
+    def influences(self, joint_count: int) -> Influences:
+        """The skin weights of all vertices before pruning, by their joints."""
+        return self.surface.influences(joint_count).before(self.weights)
 
     def skinned(self, rig: Rig, vertices: Ints | None = None) -> SkinnedMesh:
         """The mesh, or (vertices,) sorted ones with the triangles that have no others, as a rig moves it."""
@@ -198,7 +202,7 @@ class Refinement:
         triangles = self.triangles[flags_of(chosen, len(self.positions))[self.triangles].all(axis=1)]
         return skinned_mesh(
             rig,
-            self.dense_weights(chosen, len(rig.joints)),
+            self.influences(len(rig.joints)).at(chosen),
             self.positions[chosen],
             self.morph_deltas[:, chosen],
             np.searchsorted(chosen, triangles),
@@ -214,7 +218,7 @@ def refine(
     settings: RefinementSettings,
     contacts: Bools,
     influences: int,
-    poses: Floats,
+    poses: Poses,
     tolerance: float,
     max_vertices: int = MAX_VERTICES,
 ) -> Refinement:
@@ -232,7 +236,7 @@ def refine(
         settings: `refinement` of the tools file.
         contacts: (vertices,) True for vertices that touch another mesh: an edge between two of these is not split.
         influences: Greatest number of joints of a vertex in the file.
-        poses: (poses, joints, 4, 4) poses of the asset's clips, bind to world space.
+        poses: Poses of the asset's clips.
         tolerance: Scene units. An edge is not split if the midpoint's skin weights, pruned to `influences`, would move
             the midpoint further off in any pose.
         max_vertices: Greatest number of new vertices.
@@ -268,9 +272,8 @@ def refine(
     )
     bind = placed.positions + np.tensordot(rest.morph_weights, placed.morph_deltas, axes=1)
     old = len(surface.positions)
-    weights = _new_weights(surface, subdivision, len(rig.joints))
-    acting = np.flatnonzero(weights.any(axis=0))
-    joints_pruned, weights_pruned = prune(weights[:, acting], joint_distances(rig, regions, acting), influences)
+    weights, acting = _new_weights(surface, subdivision, len(rig.joints))
+    joints_pruned, weights_pruned = prune(weights, joint_distances(rig, regions, acting), influences)
     joints_pruned = np.where(weights_pruned > 0, np.append(acting, 0)[joints_pruned], 0)
     corners, sources, shares, primitives, weld = _split_corners(surface, subdivision)
     faceted = hard.faceted & (settings.scheme == "butterfly")
@@ -283,7 +286,7 @@ def refine(
         bind_positions=bind,
         blended=blended,
         rest_positions=np.concatenate([rest.positions, transform(blended[None, old:], bind[old:])[0]]),
-        weights=weights,
+        weights=Influences.of(weights, acting, len(rig.joints)),
         joints_pruned=joints_pruned,
         weights_pruned=weights_pruned,
         corners=corners,
@@ -484,14 +487,15 @@ def _at(corners: Ints, vertices: Ints, values: Floats, scratch: Floats) -> Float
     return taken
 
 
-def _new_weights(surface: Surface, subdivision: Subdivision, joint_count: int) -> Floats:
-    """(new vertices, joints) skin weights, before pruning."""
+def _new_weights(surface: Surface, subdivision: Subdivision, joint_count: int) -> tuple[Floats, Ints]:
+    """(new vertices, acting) skin weights before pruning, and the (acting,) joints that have any."""
     old = len(surface.positions)
     if subdivision.linear is None:
-        return np.zeros((0, joint_count))
+        return np.zeros((0, 0)), np.zeros(0, np.intp)
     split = distinct_values(subdivision.linear.columns[subdivision.linear.starts[old] :])
-    dense = spread_weights(surface, split, joint_count)
-    return subdivision.linear.of_rows(np.arange(old, subdivision.vertex_count), dense)
+    acting = distinct_values(surface.joints[split][surface.weights[split] > 0])
+    dense = spread_weights(surface, split, joint_count, acting)
+    return subdivision.linear.of_rows(np.arange(old, subdivision.vertex_count), dense), acting
 
 
 def _split_corners(surface: Surface, subdivision: Subdivision) -> tuple[Ints, Ints, Floats, Ints, Ints]:

@@ -49,7 +49,7 @@ def errors(asset: Path, spot: Json, clip: str, time: float) -> tuple[float, floa
         settings=replace(settings.refinement, max_levels=1),
         contacts=ground.contacts.held,
         influences=influence_count(document, ground.rig),
-        poses=ground.poses[:1],
+        poses=replace(ground.poses, clips=()),
         tolerance=np.inf,
     )
     posed = read_ground(document, node, [], replace(settings, rest=RestFrame(clip=clip, time=time)), clips)

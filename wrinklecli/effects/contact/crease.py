@@ -173,7 +173,7 @@ class Surface:
         the joint as far, and clips that do are solved themselves.
         """
         fold, lean = self.fold, self.fold.hinge.leanings[number]
-        way = _way(end, fold.hinge.stride * (_LEANING_STRIDES if lean.any() else 1.0))
+        way = _sweep(fold, lean, end)
         clip = fold.hinge.turn(way, tilt=lean)
         times = np.linspace(0.0, 1.0, len(way))
         steps, poses = Steps(), list[SolvedPose]()
@@ -697,6 +697,16 @@ def _loses_volume(found: Solution, moved: Floats) -> bool:
 def _way(end: float, stride: float) -> Floats:
     """(poses,) evenly spaced values from 0 to an end."""
     return np.linspace(0.0, end, int(np.ceil(abs(end) / stride)) + 1)
+
+
+def _sweep(fold: Fold, lean: Floats, end: float) -> Floats:
+    """(poses,) the turns of a sweep of a leaning to an end."""
+    return _way(end, fold.hinge.stride * (_LEANING_STRIDES if lean.any() else 1.0))
+
+
+def sweep_poses(fold: Fold) -> int:
+    """The number of poses of all sweeps of a fold, if none ends early."""
+    return sum(len(_sweep(fold, lean, end)) for lean in fold.hinge.leanings for end in fold.hinge.ends)
 
 
 def distances_from_crossings(fold: Fold, further: Ints | None = None) -> Floats | None:

@@ -21,6 +21,7 @@ from wrinklecli.effects.effect import Effect, MeshPlan, SamplingOptions, named_t
 from wrinklecli.effects.sampling import duplicates_of
 from wrinklecli.effects.shapes import Sample, Shape, make_shapes, summed
 from wrinklecli.effects.wrinkle.effect import WrinkleWords
+from wrinklecli.errors import listed
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, interpolated, matches
 from wrinklecli.numeric.guard import one_thread
@@ -49,8 +50,11 @@ _MOST_SHAPES_OF_CLIPS = 9
 _CLIP_POSES = 12
 # Rounds in which poses that cross with such shapes are added to those that they are made of.
 _ROUNDS = 3
-# Bytes of solutions that are kept while the shapes are made; clips beyond that are solved again.
-_KEPT_BYTES = 1e9
+# Part of the memory for solutions that are kept while the shapes are made; clips beyond that are solved again.
+_KEPT = 0.5
+# Bytes of a vertex, and of one that is free to move, in a solution: a position, and a matrix. A solution takes about
+# twice as much, and contact acts in about half of the frames.
+_VERTEX_BYTES, _FREE_BYTES = 24, 72
 # Most folds that are solved together: two limbs that meet, or share a trunk. In a fist each finger meets all others; a
 # union of three of them takes minutes, and tears.
 _MOST_TOGETHER = 2
@@ -78,7 +82,9 @@ def resolve_folds(
     leave_room(_ROOM)
     with one_thread():
         systems = _systems(folds, clips)
-        chosen = _Clips.of(plan, clips, how, kept=_KEPT_BYTES / max(1, min(how.jobs, len(systems))))
+        at_once = max(1, min(how.jobs, len(systems)))
+        _refuse_large(systems, clips, how, at_once, where=plan.rig.names[plan.rig.node])
+        chosen = _Clips.of(plan, clips, how, kept=_KEPT * how.memory.left / at_once)
         # Processes beyond one for each system solve its folds, their sweeps and its clips.
         work = partial(_solved_system, clips=chosen, jobs=max(1, how.jobs // max(1, len(systems))))
         shared = [*(fold for members in systems for fold, _ in members), *chosen.clips.values()]
@@ -90,6 +96,34 @@ def resolve_folds(
             done += len(members)
             how.progress("contact", done, len(folds))
         return with_lowered_wrinkles(plan, made, clips, how)
+
+
+def _refuse_large(
+    systems: "Sequence[list[tuple[Fold, Floats | None]]]",
+    clips: Sequence[Clip],
+    how: SamplingOptions,
+    at_once: int,
+    *,
+    where: str,
+) -> None:
+    """Check that memory holds what so many systems of folds solve at once: their sweeps, and a clip of each.
+
+    Raises:
+        TooMuchError: It would take more memory than there may be; to solve it takes minutes.
+    """
+    from wrinklecli.effects.contact.crease import sweep_poses
+
+    longest = max((1 + int((clip.end - clip.start) * how.fps) for clip in clips), default=0)
+    needs = []
+    for members in systems:
+        folds = [fold for fold, apart in members if apart is not None]
+        frames = longest + sum(map(sweep_poses, folds))
+        vertices = sum(len(fold.vertices) for fold in folds)
+        needs.append((frames * (_VERTEX_BYTES * vertices + _FREE_BYTES * _free_count(members)), frames, folds))
+    largest = sorted(needs, key=lambda each: -each[0])[:at_once]
+    names = listed(patch.tool.name for _, _, folds in largest for fold in folds for patch in fold.patches)
+    what = f"{sum(frames for _, frames, _ in largest):,} poses of the folds {names}, solved for contact,"
+    how.memory.check(sum(size for size, _, _ in largest), what, where=where)
 
 
 @dataclass(frozen=True, slots=True)

@@ -160,7 +160,7 @@ def _attach(tool: Touch, ground: Ground, settings: ToolsFile) -> AttachedTouch:
         settings=settings.refinement,
         contacts=ground.contacts.held,
         influences=influence_count(ground.document, ground.rig),
-        poses=ground.poses[:1],
+        poses=replace(ground.poses, clips=()),
         tolerance=np.inf,
     )
     slides = slides_on(fine, fine.rest_positions, place, hold)

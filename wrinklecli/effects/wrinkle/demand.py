@@ -21,7 +21,7 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import blend, node_matrices, transform
 from wrinklecli.character.rig import Rig
-from wrinklecli.character.skin import SkinnedMesh, skinned_mesh
+from wrinklecli.character.skin import Influences, SkinnedMesh, skinned_mesh
 from wrinklecli.character.surface import Surface
 from wrinklecli.drive.lag import TAUT
 from wrinklecli.effects.wrinkle.bending import MOMENTS, bent_node, turns_of
@@ -176,7 +176,7 @@ class _Line:
         positions, *deltas = (mixed(each[corners]) for each in (surface.positions, *surface.morph_deltas))
         none = np.zeros((0, 3), np.intp)
         return cls(
-            mesh=skinned_mesh(rig, weights, positions, np.reshape(deltas, (-1, *positions.shape)), none),
+            mesh=skinned_mesh(rig, Influences.of(weights), positions, np.reshape(deltas, (-1, *positions.shape)), none),
             directions=np.einsum("pij,pj->pi", inverses(blended), normals),
             shapes=patch.curve.shapes(us),
             rest_points=transform(blended[None], mixed(rest.bind_positions[corners]))[0],

@@ -72,7 +72,7 @@ def ring_around(patch: Patch, members: Ints, kept: Floats, fine: Refinement) -> 
         (np.ones(local.size), (local.reshape(-1), np.repeat(np.arange(len(local)), 3))),
         shape=(len(around), len(local)),
     )
-    weights = fine.dense_weights(around, fine.weights.shape[1])
+    weights = fine.dense_weights(around, fine.weights.joint_count)
     joints = np.flatnonzero(weights.any(axis=0))
     return Ring(
         vertices=around,

@@ -233,7 +233,7 @@ def _scales(scene: AnimatedScene) -> dict[int, float]:
     scales: dict[int, float] = {}
     for primitive in scene.primitives:
         matrices = joint_matrices(primitive.rig, None, np.zeros(1), primitive.acting)[0, :, :3, :3]
-        shares = primitive.skin.weights.sum(axis=1)
+        shares = primitive.skin.influences.dense().sum(axis=1)
         scale = float(shares @ np.cbrt(np.abs(np.linalg.det(matrices))) / shares.sum())
         if scale > 0:
             scales[primitive.rig.mesh] = max(scale, scales.get(primitive.rig.mesh, 0.0))

@@ -12,7 +12,6 @@ import numpy as np
 
 from wrinklecli.character.bones import read_bones, words_of
 from wrinklecli.character.rig import Rig
-from wrinklecli.character.scene import read_scene
 from wrinklecli.choices import Part
 from wrinklecli.errors import AssetError, counted, listed, nearest
 from wrinklecli.frozen import dataclass
@@ -36,6 +35,7 @@ from wrinklecli.review.suggest.substance import (
 )
 from wrinklecli.review.suggest.suggest_options import SuggestOptions
 from wrinklecli.review.suggest.swatch import Pictures
+from wrinklecli.review.suggest.trial import TriedAsset
 from wrinklecli.surface.compression import CompressedRegion, triangle_weights
 from wrinklecli.tools.mirror import split_side
 
@@ -58,7 +58,7 @@ _OPPOSITE = -0.3
 
 
 def choose_candidates(
-    document: Document, candidates: Sequence[Candidate], options: SuggestOptions
+    asset: TriedAsset, candidates: Sequence[Candidate], options: SuggestOptions
 ) -> tuple[list[Candidate], list[str], list[str]]:
     """Find the materials of candidates, and leave out those that an artist would not wrinkle.
 
@@ -69,11 +69,12 @@ def choose_candidates(
     Raises:
         AssetError: No node, mesh or material has a name in `options.materials`.
     """
+    document = asset.document
     _refuse_unknown(document, options.materials)
     pictures = Pictures(document)
     judged = list(_judged(document, candidates, options, pictures))
     seen = [] if options.everything else [each.candidate for each in judged if not each.fault]
-    hidden = _hidden(document, seen, options.jobs)
+    hidden = _hidden(asset, seen)
     chosen: list[Candidate] = []
     notes: Counter[str] = Counter(pictures.notes)
     hard: dict[str, None] = {}
@@ -168,7 +169,7 @@ def _has_tail(rig: Rig) -> bool:
     return any(_TAIL.search(words_of(rig.names[joint])) for joint in rig.joints.tolist())
 
 
-def _hidden(document: Document, candidates: Sequence[Candidate], jobs: int) -> dict[int, str]:
+def _hidden(asset: TriedAsset, candidates: Sequence[Candidate]) -> dict[int, str]:
     """Why nobody sees a region, by its `id`; instances, which share theirs, are looked at once."""
     if not candidates:
         return {}
@@ -177,13 +178,13 @@ def _hidden(document: Document, candidates: Sequence[Candidate], jobs: int) -> d
     for each in regions.values():
         by_pose.setdefault((each.clip.index, each.time), []).append(each)
     clips = {id(each.clip): each.clip for each in candidates}
-    layers = Layers(read_scene(document, leave_out_malformed=True), list(clips.values()))
+    layers = Layers(asset.scene, list(clips.values()))
 
     def in_pose(those: Sequence[Candidate]) -> list[str]:
         return [_where_hidden(each, layers) for each in those]
 
     poses = [by_pose[key] for key in sorted(by_pose)]
-    found = in_processes(in_pose, poses, jobs)
+    found = in_processes(in_pose, poses, asset.jobs)
     return {
         id(each.region): why
         for those, reasons in zip(poses, found, strict=True)

@@ -6,12 +6,11 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.character.scene import read_scene
+from wrinklecli.character.scene import ScenePrimitive
 from wrinklecli.character.skin import SkinnedMesh
 from wrinklecli.effects.effect import MeshPlan, Part
 from wrinklecli.effects.faults import turned_over
 from wrinklecli.frozen import dataclass
-from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import (
     Bools,
     Floats,
@@ -144,12 +143,17 @@ class StagedTool:
 class Stage:
     """Poses suggested tools, amid all meshes of the scene."""
 
-    def __init__(self, document: Document, clips: Sequence[Clip]) -> None:
+    def __init__(self, scene: Sequence[ScenePrimitive], clips: Sequence[Clip]) -> None:
         """`clips` are all from which poses are asked for; the last of a name counts."""
         self._clips = {clip.name: clip for clip in clips}
-        self._layers = Layers(read_scene(document, leave_out_malformed=True), list(clips))
+        self._layers = Layers(scene, list(clips))
         self._mesh = lru_cache(_KNOWN)(self._read)
         self._plain = lru_cache(_KNOWN)(self._pose)
+
+    def let_go(self) -> None:
+        """Forget the plans that were posed, and their poses: they have been judged."""
+        self._mesh.cache_clear()
+        self._plain.cache_clear()
 
     def clip(self, name: str) -> Clip:
         """The clip of a name."""

@@ -140,7 +140,8 @@ def suggest(
             clips = (*others, *limit_to_body(generated, read_rig(document, next(iter(nodes))), read_bones(document)))
         meshes = measure_meshes(document, nodes, clips, options, progress) if clips else []
         candidates = find_candidates(meshes, read_bones(document).parts, progress, jobs=options.jobs)
-        chosen, reasons, hard = choose_candidates(document, candidates, options)
+        tried = TriedAsset(document, joined.clips, jobs=options.jobs)
+        chosen, reasons, hard = choose_candidates(tried, candidates, options)
         rigid = {mesh.rig.names[mesh.rig.node]: None for mesh, _ in meshes if is_rigid(mesh.gauge)}
         hard = [*(f"{name} is rigid" for name in rigid), *hard]
         flat = all(candidate.mesh.flat for candidate in chosen)
@@ -158,7 +159,6 @@ def suggest(
             least = f"no clip compresses the surface by more than {100 * LEAST_LOSS:g} % anywhere that a tool fits"
             reason = _joined([*hard, least])
         scheme: Scheme = "midpoint" if flat else "butterfly"
-        tried = TriedAsset(document, joined.clips, jobs=options.jobs)
         found = worthwhile(
             tried,
             fitted,

@@ -104,7 +104,7 @@ class _Skin(NamedTuple):
     def of(cls, ground: Ground) -> "_Skin":
         """Look up the weights."""
         mesh = ground.surface.skinned(ground.rig)
-        return cls(ground, mesh, ground.rig.joints[mesh.acting[mesh.skin.weights.argmax(axis=0)]])
+        return cls(ground, mesh, ground.rig.joints[mesh.acting[mesh.skin.influences.dense().argmax(axis=0)]])
 
     def other_triangles(self, arm: frozenset[int]) -> Ints:
         """(triangles,) those no corner of which is of an arm."""
@@ -300,7 +300,7 @@ def _mover(contact: _Contact) -> int:
     """The node that moves most of the place of a contact."""
     corners = contact.skin.ground.surface.triangles[contact.triangle]
     mesh = contact.skin.mesh
-    return int(mesh.rig.joints[mesh.acting[int((mesh.skin.weights[:, corners] @ contact.shares).argmax())]])
+    return int(mesh.rig.joints[mesh.acting[int((mesh.skin.influences.at(corners).dense() @ contact.shares).argmax())]])
 
 
 def _free_name(joint: str, taken: "dict[str, SuggestedTouch]") -> str:

@@ -6,13 +6,14 @@ triangles become short enough for them.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
 from wrinklecli.baking.job import BakeOptions, tools_by_node
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.contacts import Neighbours
+from wrinklecli.character.scene import ScenePrimitive, read_scene
 from wrinklecli.effects.effect import MeshPlan, Part
 from wrinklecli.effects.plan import attach_effects, plan_on, skin_parts
 from wrinklecli.errors import WrinkleError
@@ -82,6 +83,11 @@ class TriedAsset:
         self.clips = tuple(clips)
         self._neighbours = Neighbours(document)
         self._grounds: dict[int, Ground] = {}
+
+    @cached_property
+    def scene(self) -> tuple[ScenePrimitive, ...]:
+        """All primitives that the scene shows, without malformed ones."""
+        return read_scene(self.document, leave_out_malformed=True)
 
     def ground(self, node: int) -> Ground:
         """The mesh of a node at rest; suggested tools are laid out in the stored pose."""

@@ -125,7 +125,7 @@ class Worthwhile:
         refinement: Fine enough for the tools.
         dropped: Those that are not worth it.
         notes: A line for each tool that no refinement shows.
-        placed: The tools that were looked at, and their twins, on refined meshes, by name.
+        placed: Those of the tools that were looked at, and their twins, on refined meshes, by name.
     """
 
     tools: list[Suggestion]
@@ -174,14 +174,16 @@ def worthwhile(
         if everything:
             found.tools.extend(trial.tools)
             continue
-        stage = stage or Stage(asset.document, (*joined, *asset.clips))
-        found.placed.update(trial.placed)
+        stage = stage or Stage(asset.scene, (*joined, *asset.clips))
         judge = partial(_judged, stage, trial, asset)
         for each in in_processes(judge, trial.tools, asset.jobs):
             if isinstance(each, Dropped):
                 found.dropped.append(each)
             else:
                 found.tools.append(each)
+                # Refined meshes are large, and those of dropped tools are needed no more.
+                found.placed.update({name: trial.placed[name] for name in names_of(each, trial.placed)})
+        stage.let_go()
     return found
 
 

@@ -1,0 +1,60 @@
+"""How much memory is free, by the files of a system."""
+
+from pathlib import Path
+
+import pytest
+
+from wrinklecli.numeric import memory
+from wrinklecli.numeric.memory import available_memory, default_memory
+
+MACHINE = {"proc/meminfo": "MemTotal: 16000000 kB\nMemAvailable:   8000000 kB\n"}
+GB = 10**9
+
+
+def group(folder: str, most: object, taken: int, kept: int) -> dict[str, str]:
+    """The files of a control group; those of version 1 are below `memory`."""
+    names = ("memory.max", "memory.current", "")
+    if folder.startswith("memory"):
+        names = ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_")
+    where = f"sys/fs/cgroup/{folder}".rstrip("/")
+    return {
+        f"{where}/{names[0]}": f"{most}\n",
+        f"{where}/{names[1]}": f"{taken}\n",
+        f"{where}/memory.stat": f"anon 1\n{names[2]}inactive_file {kept}\n",
+    }
+
+
+@pytest.mark.parametrize(
+    ("files", "free"),
+    [
+        (MACHINE, 8_192_000_000),
+        ({**MACHINE, "proc/self/cgroup": "0::/a/b\n", **group("a/b", "max", GB, 0)}, 8_192_000_000),
+        ({**MACHINE, "proc/self/cgroup": "0::/a/b\n", **group("a/b", 4 * GB, 3 * GB, 2 * GB)}, 3 * GB),
+        ({**MACHINE, "proc/self/cgroup": "0::/a/b\n", **group("a", 4 * GB, GB, 0), **group("a/b", "max", 0, 0)}, 3 * GB),  # noqa: E501
+        ({**MACHINE, "proc/self/cgroup": "0::/not/shown/here\n", **group("", 2 * GB, 0, 0)}, 2 * GB),
+        ({**MACHINE, "proc/self/cgroup": "0::/\n", **group("", 2 * GB, 3 * GB, 0)}, 0),
+        ({**MACHINE, "proc/self/cgroup": "3:cpu:/a\n9:memory:/a\n", **group("memory/a", 5 * GB, GB, GB)}, 5 * GB),
+        ({**MACHINE, "proc/self/cgroup": "9:memory:/\n", **group("memory", 2**63 - 4096, GB, 0)}, 8_192_000_000),
+    ],
+)  # fmt: skip
+def test_free_is_what_the_machine_and_all_groups_leave(tmp_path: Path, files: dict[str, str], free: int) -> None:
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    assert available_memory(str(tmp_path)) == free
+
+
+@pytest.mark.parametrize("physical", [None, 6 * GB])
+def test_a_system_without_these_files_tells_of_its_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, physical: int | None
+) -> None:
+    monkeypatch.setattr(memory, "physical_memory", lambda: physical)
+    assert available_memory(str(tmp_path)) == physical
+
+
+@pytest.mark.parametrize(("free", "most"), [(None, GB), (0, GB), (GB, GB), (6 * GB, 3 * GB)])
+def test_half_of_it_may_be_taken_and_at_least_1_gb(
+    monkeypatch: pytest.MonkeyPatch, free: int | None, most: int
+) -> None:
+    monkeypatch.setattr(memory, "available_memory", lambda: free)
+    assert default_memory() == most

@@ -1,0 +1,60 @@
+"""The memory of commands on an avatar with many joints, as crowds have them."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from kit.avatar import avatar
+from kit.limb import write_tools
+
+MOST = 1e9  # bytes of 30,000 triangles and 250 joints, whatever is done with them
+KNEE = {"origin": [0.1, 0.56, -0.05], "target": [0.1, 0.42, -0.045], "width": 0.08, "bumps": 3, "mirror": "x"}
+ELBOW = {"origin": [0.4, 1.39, 0.045], "target": [0.5, 1.39, 0.045], "width": 0.06, "bumps": 2, "mirror": "x"}
+
+
+def peak(folder: Path, *arguments: str) -> int:
+    """Run a command that must do its work, and give the most bytes that it took."""
+    command = [sys.executable, "-c", "from wrinklecli.cli import main; main()", *arguments]
+    process = subprocess.Popen(command, cwd=folder, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL)
+    assert process.stderr is not None
+    said = process.stderr.read().decode()
+    _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    assert process.returncode == (1 if arguments[0] == "diff" else 0), said
+    return usage.ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The avatar with clips and without, tools for it, and a bake of each."""
+    made = tmp_path_factory.mktemp("avatar")
+    for clips in (True, False):
+        avatar(clips=clips).write(made / ("clips.glb" if clips else "still.glb"))
+    write_tools(made / "tools.yaml", {"name": "knee.L", **KNEE}, {"name": "elbow.L", **ELBOW}, refinement={})
+    return made
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not hasattr(os, "wait4"), reason="needs Unix")
+def test_no_command_takes_over_1_gb_for_an_avatar(folder: Path) -> None:
+    tools = "tools.yaml"
+    taken = {
+        "suggest": peak(folder, "suggest", "still.glb", "-o", "suggested.yaml", "--count", "4"),
+        "suggest clips": peak(folder, "suggest", "clips.glb", "-o", "suggested.yaml", "--all"),
+        "bake": peak(folder, "bake", "clips.glb", tools, "-o", "baked.glb"),
+        "bake still": peak(folder, "bake", "still.glb", tools, "-o", "still_baked.glb"),
+    }
+    for command in (
+        ("inspect", "clips.glb"),
+        ("check", "clips.glb", tools, "--plot", "plot.svg"),
+        ("check", "still.glb", tools),
+        ("preview", "clips.glb", "--tools", tools, "-o", "picture.png", "--size", "160x120"),
+        ("diff", "--posed", "clips.glb", "baked.glb"),
+        ("maps", "clips.glb", tools, "-o", "maps", "--size", "512"),
+        ("track", "still_baked.glb", "clips.glb", "-o", "tracked"),
+    ):
+        taken[" ".join(command)] = peak(folder, *command)
+    assert {name: size for name, size in taken.items() if size > MOST} == {}
