@@ -204,7 +204,7 @@ def free_name(stem: str, taken: Collection[str]) -> str:
 
 
 def _identifier(name: str) -> str:
-    return re.sub(r"[^A-Za-z0-9_]", "_", name)
+    return re.sub(r"\W", "_", name)
 
 
 def row(picked: Sequence[int], chosen: Collection[int], edges: Iterable[tuple[int, int]]) -> list[int]:

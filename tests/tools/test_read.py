@@ -410,9 +410,16 @@ def test_names_must_differ_once_they_are_sanitised():
     other = "  - {name: brow_L, origin: [0, 0, 0], target: [1, 0, 0], width: 1}\n"
     assert lines_of(f"{HEAD}    width: 1\n{other}") == [
         "t.yaml:7: tools[1].name: found brow_L, but tools[0] is 'brow_L' in morph targets: names differ in"
-        " A-Z, a-z, 0-9, _"
+        " letters, digits, _"
     ]
     assert first_tool().identifier == "brow_L"
+
+
+@pytest.mark.parametrize(("one", "other"), [("élbow", "álbow"), ("ひじ", "ひざ"), ("Ελπίδα", "Ελπίδας")])
+def test_names_may_differ_in_letters_of_any_script(one, other):
+    tool = "  - {{name: {}, origin: [0, 0, 0], target: [1, 0, 0], width: 1}}\n"
+    file = parse_tools(f"version: 1\ntools:\n{tool.format(one)}{tool.format(other)}")
+    assert [each.identifier for each in file.tools] == [one, other]
 
 
 def test_keys_of_a_tool_beside_the_tools_are_said_to_be_indented_too_little():
@@ -457,7 +464,7 @@ def test_everything_wrong_is_reported_at_once_in_the_order_of_lines():
         "t.yaml:5: tools[0].name: found a, expected a side to exchange for mirror, such as brow.L or left_brow",
         "t.yaml:6: tools[0].origin[2]: found x, expected a number from -1e9 to 1e9",
         "t.yaml:8: tools[1].origin: required, but missing",
-        "t.yaml:8: tools[1].name: found a, but tools[0] is 'a' in morph targets: names differ in A-Z, a-z, 0-9, _",
+        "t.yaml:8: tools[1].name: found a, but tools[0] is 'a' in morph targets: names differ in letters, digits, _",
         "t.yaml:9: tools[1].widht: unknown key, did you mean width?",
     ]
 

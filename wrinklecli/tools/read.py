@@ -147,7 +147,7 @@ def _problems_of(tool: _Effect, kind: Kind, owners: Mapping[str, str]) -> Iterat
         shown = parts["name"].shown
         message = (
             f"found {shown}, but {owner} is {identifier(values['name'])!r} in morph targets: names differ in"
-            " A-Z, a-z, 0-9, _"
+            " letters, digits, _"
         )
         yield Problem(parts["name"].line, f"{tool.path}.name", message)
     for first, second in pairwise(kind.points):

@@ -385,8 +385,8 @@ def moved_point(point: Point, moved: Callable[[Position], Position], named: Call
 
 
 def identifier(name: str) -> str:
-    """A tool's name in letters, digits and `_`."""
-    return re.sub(r"[^A-Za-z0-9_]", "_", name)
+    """A tool's name in letters and digits of any script, and `_`."""
+    return re.sub(r"\W", "_", name)
 
 
 class EffectTool(Protocol):
