@@ -6,6 +6,7 @@ import gc
 import http
 import logging
 import socket
+import weakref
 from collections.abc import Callable, Mapping
 from typing import Any, TypeAlias
 
@@ -22,8 +23,8 @@ from wrinklecli.numeric.memory import leave_room
 
 # Seconds in which the tasks of a connection that has ended end too.
 _COLLECT_SECONDS = 0.5
-# Bytes of the messages that a tab gets first, rounded up: a mesh of 200,000 vertices, packed and sent.
-_TAB = 50 * 10**6
+# Bytes of the messages that a tab gets first, rounded up: a mesh of 100,000 vertices, packed and sent.
+_TAB = 10**7
 _Answer: TypeAlias = Callable[[ServerConnection, Request], Response | None]
 """Answers a request, or returns None to open a websocket."""
 
@@ -42,6 +43,7 @@ def serve(access: Access, port: int) -> viser.ViserServer:
     usual = websockets.asyncio.server.serve
     served: list[viser.ViserServer] = []
     collected = _Collected()
+    waiting: set[ServerConnection] = set()  # tabs that have got nothing yet
 
     def controls() -> Mapping[str, Any]:
         return served[0].gui._gui_input_handle_from_uuid if served else {}
@@ -52,13 +54,18 @@ def serve(access: Access, port: int) -> viser.ViserServer:
                 pass
             return data
 
+        async def send(self, *arguments: Any, **options: Any) -> None:
+            await super().send(*arguments, **options)
+            waiting.discard(self)
+
         def connection_lost(self, exc: Exception | None) -> None:
             super().connection_lost(exc)
-            collected.soon(self.loop)
+            waiting.discard(self)
+            collected.add(self)
 
     def checked_serve(*arguments: Any, process_request: _Answer, **options: Any) -> Any:
         options |= {"max_size": MAX_BYTES, "create_connection": CheckedConnection}
-        return usual(*arguments, process_request=_checked(process_request, access, port), **options)
+        return usual(*arguments, process_request=_checked(process_request, access, port, waiting), **options)
 
     websockets.asyncio.server.serve = checked_serve  # type: ignore
     try:
@@ -84,21 +91,31 @@ class _Collected:
     """
 
     def __init__(self) -> None:
-        self._asked = False
+        self._ended: weakref.WeakSet[ServerConnection] = weakref.WeakSet()
+        self._next: asyncio.TimerHandle | None = None
+        self._seconds = _COLLECT_SECONDS
 
-    def soon(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Free it when the tasks of the connection have ended, once for all that end until then."""
-        if not self._asked:
-            self._asked = True
-            loop.call_later(_COLLECT_SECONDS, self._collect)
+    def add(self, connection: ServerConnection) -> None:
+        """Free what a connection has left when its tasks have ended too, once for all that end until then."""
+        self._ended.add(connection)
+        if self._next is not None and self._seconds > _COLLECT_SECONDS:
+            self._next.cancel()
+            self._next = None
+        if self._next is None:
+            self._wait(connection.loop, _COLLECT_SECONDS)
 
-    def _collect(self) -> None:
-        self._asked = False
+    def _wait(self, loop: asyncio.AbstractEventLoop, seconds: float) -> None:
+        self._seconds, self._next = seconds, loop.call_later(seconds, self._collect, loop)
+
+    def _collect(self, loop: asyncio.AbstractEventLoop) -> None:
+        self._next = None
         gc.collect()
+        if self._ended:  # its tasks take longer
+            self._wait(loop, 2.0 * self._seconds)
 
 
-def _checked(answer: _Answer, access: Access, port: int) -> _Answer:
-    """Answer the requests to a port that `access` does not refuse."""
+def _checked(answer: _Answer, access: Access, port: int, waiting: set[ServerConnection]) -> _Answer:
+    """Answer the requests to a port that `access` does not refuse, and note the tabs that wait for their messages."""
 
     def checked_answer(connection: ServerConnection, request: Request) -> Response | None:
         hosts, origins, cookies = (request.headers.get_all(name) for name in ("Host", "Origin", "Cookie"))
@@ -110,10 +127,11 @@ def _checked(answer: _Answer, access: Access, port: int) -> _Answer:
             response.headers.update(access.headers(port))
             return response
         try:
-            leave_room(_TAB)
+            leave_room(_TAB * (len(waiting) + 1))
         except MemoryError:
             reason = "no memory is left for one more tab; close others, or raise --max-memory"
             return connection.respond(http.HTTPStatus.SERVICE_UNAVAILABLE, f"wrinkle edit: {reason}\n")
+        waiting.add(connection)
         return None
 
     return checked_answer
