@@ -37,6 +37,7 @@ from kit.samples import (
     with_tangents,
     without_normals,
 )
+from wrinklecli.errors import WrinkleError
 
 atexit.register(shutil.rmtree, FOLDER, ignore_errors=True)
 
@@ -543,3 +544,24 @@ def test_a_vrm_is_written_as_a_glb(tmp_path: Path, wrinkle: Wrinkle) -> None:
         ran = wrinkle("bake", tmp_path / "limb.glb", tmp_path / "tools.yaml", "-o", tmp_path / name)
         assert ran.code == 0, ran.lines
     assert (tmp_path / "a.glb").read_bytes() == (tmp_path / "b.vrm").read_bytes()
+
+
+@pytest.mark.parametrize(("node", "path"), [("lamp", "translation"), ("limb", "weights"), ("joint_1", "rotation")])
+def test_keys_that_are_not_finite_refuse_only_what_they_move(tmp_path: Path, node: str, path: str) -> None:
+    asset = limb_asset(rings=12, sides=8, morphs=1)
+    asset.gltf["scenes"][0]["nodes"].append(asset.append("nodes", {"name": "lamp"}))
+    number = [each.get("name") for each in asset.gltf["nodes"]].index(node)
+    animation = asset.gltf["animations"][0]
+    animation["channels"] = [each for each in animation["channels"] if each["target"] != {"node": number, "path": path}]
+    width = {"weights": 1, "rotation": 4}.get(path, 3)
+    asset.channel(animation, number, path, [0.0, 1.0], np.full((2, width), np.nan))
+    source, tools = asset.write(tmp_path / "limb.glb"), write_tools(tmp_path / "tools.yaml")
+    if node == "lamp":
+        wrinklecli.bake(source, tools, tmp_path / "out.glb")
+        before, after = validate([source, tmp_path / "out.glb"])
+        assert before.errors == after.errors
+        return
+    for tracks in ("all", "none"):
+        if (path, tracks) != ("rotation", "none"):
+            with pytest.raises(WrinkleError, match=r"limb.glb#/animations/0/channels/\d: a key value is not a finite"):
+                wrinklecli.bake(source, tools, tmp_path / "out.glb", tracks=tracks)

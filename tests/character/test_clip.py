@@ -253,7 +253,7 @@ def test_malformed_sampler_is_refused(times: Any, values: Any, interpolation: An
     asset.channel(animation, 0, "rotation", np.array(times, np.float32), values, interpolation)
     asset.append("animations", animation)
     with pytest.raises(AssetError, match=f"#/animations/0/channels/0: .*{message}"):
-        read_clips(as_document(asset))
+        sample(read_clips(as_document(asset))[0].channels[0], TIMES)
 
 
 def test_clip_that_animates_another_number_of_weights_is_refused() -> None:

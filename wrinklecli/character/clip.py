@@ -42,6 +42,7 @@ class Channel:
         times: (keys,) seconds, strictly ascending.
         values: (keys, components), or (keys, 3, components) for CUBICSPLINE: in-tangent, value, out-tangent.
         interpolation: LINEAR, STEP or CUBICSPLINE.
+        fault: Why the values are of no use: whoever asks for them raises it. Other nodes can do without.
     """
 
     index: int
@@ -50,6 +51,7 @@ class Channel:
     times: Floats
     values: Floats
     interpolation: str
+    fault: AssetError | None = None
 
     @property
     def points(self) -> Floats:
@@ -124,7 +126,8 @@ class Clip:
     @cached_property
     def loops(self) -> bool:
         """True if the clip ends with the rotations, scales and weights of its beginning; a body may walk off."""
-        ends = [(each.points[0], each.points[-1]) for each in self.channels if each.path != "translation"]
+        turning = [each for each in self.channels if each.path != "translation" and each.fault is None]
+        ends = [(each.points[0], each.points[-1]) for each in turning]
         # A quaternion and its negative are the same rotation.
         return all(np.abs(a - b).max() < _SAME_POSE or np.abs(a + b).max() < _SAME_POSE for a, b in ends)
 
@@ -187,7 +190,7 @@ def _read_channels(document: Document, animation: Json, index: int, known: Chann
 def _from_zero(channel: Channel) -> Channel:
     """A channel with a key at 0 s in place of those before, which plays the same from there on."""
     times, values = channel.times, channel.values
-    if times[0] >= 0.0:
+    if times[0] >= 0.0 or channel.fault is not None:
         return channel
     kept, zero = times > 0.0, np.zeros(1)
     if channel.interpolation == "CUBICSPLINE":
@@ -217,12 +220,13 @@ def _read_channel(document: Document, sampler: Json, number: int, moved: Animate
         raise AssetError("key times must rise", where=where)
     if values.size == 0 or values.size % (len(times) * groups):
         raise AssetError(f"{len(times)} key times do not fit {values.size} values", where=where)
+    fault = None
     if not in_range(values):
-        raise AssetError(f"a key value is not a finite number, or above {LARGEST:g}", where=where)
+        fault = AssetError(f"a key value is not a finite number, or above {LARGEST:g}", where=where)
     values = values.reshape((len(times), 3, -1) if groups == 3 else (len(times), -1))
     if values.shape[-1] != wanted:
         raise AssetError(f"a key of {moved.path} has {values.shape[-1]} numbers, not {wanted}", where=where)
-    return Channel(number, moved.nodes[0], moved.path, times, values.astype(np.float64), interpolation)
+    return Channel(number, moved.nodes[0], moved.path, times, values.astype(np.float64), interpolation, fault)
 
 
 def _joined_weights(parts: Sequence[tuple[Animated, Channel]], stored: Floats) -> Channel:
@@ -233,6 +237,9 @@ def _joined_weights(parts: Sequence[tuple[Animated, Channel]], stored: Floats) -
     LINEAR (see `linear_keys`), and beside CUBICSPLINE straight lines get their secants as tangents, so that each
     weight moves as before.
     """
+    for _, channel in parts:
+        if channel.fault is not None:
+            return channel
     owner = np.full(len(stored), -1)
     for number, (moved, _) in sorted(enumerate(parts), key=lambda each: each[1][0].mesh is None):
         owner[slice(None) if moved.element is None else moved.element] = number
@@ -284,8 +291,13 @@ def sample(channel: Channel, times: Floats) -> Floats:
 
     Rotations have unit length.
 
+    Raises:
+        AssetError: The channel has a fault.
+
     Source: glTF 2.0, appendix C (LINEAR, with slerp for rotations; STEP; CUBICSPLINE).
     """
+    if channel.fault is not None:
+        raise channel.fault
     keys, values = channel.times, channel.values
     # Components come first, so that all operations run along time.
     points = channel.points.T

@@ -33,6 +33,8 @@ def _animation(edited: EditedDocument, clip: Clip) -> Json:
         times = channel.times.astype(np.float32)
         if times.tobytes() not in inputs:
             inputs[times.tobytes()] = edited.add(times, bounds=True)
+        if channel.fault is not None:
+            raise channel.fault
         # Each weight is a separate element.
         width = (-1,) if channel.path == "weights" else (-1, channel.values.shape[-1])
         values = edited.add(channel.values.astype(np.float32).reshape(width))

@@ -49,6 +49,8 @@ def widen(channel: Channel | None, rig: Rig, clip: Clip, times: Floats, weights:
 
 def pad(channel: Channel, added: Floats) -> Track:
     """Add (new targets,) constant weights to a clip's weights channel, whose keys are kept."""
+    if channel.fault is not None:
+        raise channel.fault
     values = channel.values
     constant = np.broadcast_to(added, (*values.shape[:-1], len(added))).copy()
     if channel.interpolation == "CUBICSPLINE":
