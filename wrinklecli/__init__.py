@@ -1,9 +1,9 @@
 """Dynamic wrinkles for animated glTF characters, baked: `wrinklecli.bake(asset, tools, out)`."""
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
-
+TYPE_CHECKING = False  # `typing` takes longer than all else before Ctrl-C is handled
 if TYPE_CHECKING:
+    from typing import Any
+
     from wrinklecli.baking.job import BakeOptions as BakeOptions
     from wrinklecli.baking.pipeline import bake as bake
     from wrinklecli.baking.track import TrackOptions as TrackOptions
@@ -53,9 +53,11 @@ _MODULES = {
 __all__ = list(_MODULES)
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> "Any":
     if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib import import_module
+
     return getattr(import_module(f"wrinklecli.{_MODULES[name]}"), name)
 
 

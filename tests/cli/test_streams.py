@@ -102,3 +102,36 @@ def test_a_report_for_a_full_device_leaves_the_output_as_it_was(folder: Path) ->
     ran = run("bake limb.glb tools.yaml -o out.glb --report /dev/full", folder)
     assert ran.stderr == "/dev/full: cannot be written: No space left on device\n"
     assert (ran.returncode, files(folder)) == (1, before)
+
+
+_INTERRUPTED_AT = """
+import os, signal, sys
+left = int(sys.argv.pop(1))
+class Interrupts:
+    def find_spec(self, name, path=None, target=None):
+        global left
+        left -= 1
+        if left == 0:
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Interrupts())
+from wrinklecli.__main__ import main
+main()
+"""
+
+
+@pytest.mark.quick(2)
+@pytest.mark.parametrize("imports", [3, 40, 10, 100, 200])
+def test_an_interrupt_in_the_first_instants_is_a_line(imports: int, tmp_path: Path) -> None:
+    """While the modules of the command are imported, of which the first two are the program and its start."""
+    asset = limb_asset(rings=4, sides=4).write(tmp_path / "limb.glb")
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-c", _INTERRUPTED_AT, str(imports), "bake", str(asset), "tools.yaml", "-o", "out.glb"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60, env=environment)
+    assert (done.returncode, done.stdout, done.stderr.strip()) == (130, "", "wrinkle: interrupted")
+
+
+def test_the_command_starts_as_a_module() -> None:
+    command = [sys.executable, "-m", "wrinklecli", "--version"]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    assert (done.returncode, done.stdout.split(",")[0]) == (0, "wrinkle")

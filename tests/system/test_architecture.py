@@ -198,7 +198,7 @@ def test_importing_the_package_imports_nothing_heavy() -> None:
 
 def test_core_never_prints_and_never_exits() -> None:
     for path in SOURCES:
-        if room_of(path) == "cli":
+        if room_of(path) in ("cli", "__main__"):
             continue
         for node in nodes_of(path):
             if isinstance(node, ast.Call):
