@@ -371,3 +371,29 @@ def test_held_values_are_the_samples_to_the_bit(path: str, interpolation: str, v
     assert list(found) == ([(0, path)] if held else [])
     for value in found.values():
         assert sample(each, TIMES).tobytes() == np.tile(value, (len(TIMES), 1)).tobytes()
+
+
+@pytest.mark.parametrize(
+    ("ends", "loops"),
+    [
+        ([], True),
+        ([("translation", [0.0, 0.0, 0.0], [5.0, 0.0, 0.0])], True),
+        ([("rotation", [0.0, 0.6, 0.0, 0.8], [0.0, -0.6, 0.0, -0.8])], True),
+        ([("rotation", [0.0, 0.6, 0.0, 0.8], [0.0, -0.6, 0.0, 0.8])], False),
+        ([("scale", [1.0, 1.0, 1.0], [1.0, 1.0, 1.01])], False),
+        ([("weights", [0.0, 1.0], [0.0, 1.0])], True),
+        ([("weights", [0.0, 1.0], [0.0, 0.9])], False),
+        ([("scale", [1.0, 1.0, 1.0], [1.0, 1.0, 1.0]), ("weights", [0.0], [0.1])], False),
+    ],
+)
+@pytest.mark.parametrize("interpolation", ["LINEAR", "CUBICSPLINE"])
+def test_a_clip_loops_if_it_ends_as_it_began_wherever_it_goes(
+    ends: list[tuple[str, list[float], list[float]]], loops: bool, interpolation: str
+) -> None:
+    channels = []
+    for path, first, last in ends:
+        values = np.array([first, np.full(len(first), 0.3), np.full(len(first), 0.7), last])
+        # Tangents say nothing of the pose.
+        keyed = np.stack([0.1 * values, values, -values], axis=1) if interpolation == "CUBICSPLINE" else values
+        channels.append(channel(keyed, interpolation, path=path))
+    assert Clip(0, "clip", tuple(channels), 0.0, 1.0).loops == loops
