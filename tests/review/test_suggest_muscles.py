@@ -8,6 +8,7 @@ import pytest
 import yaml
 
 import wrinklecli
+from kit.asset import Asset
 from kit.characters import avatar, cartoon, dressed, tubes
 from kit.command import Wrinkle
 from kit.limb import limb
@@ -17,6 +18,22 @@ from wrinklecli.review.check import check
 from wrinklecli.tools.records import JointPoint
 
 NAMES = ["biceps", "triceps", "forearm_flexors", "quadriceps", "hamstrings", "calf"]
+
+
+def plumed() -> Asset:
+    """A person with a plume, which the head alone carries: no muscle is below it."""
+    asset = tubes()
+    joints = asset.gltf["skins"][0]["joints"]
+    head = next(k for k, joint in enumerate(joints) if asset.gltf["nodes"][joint]["name"].lower().endswith("head"))
+    places = np.array([[0.0, 1.8, 0.0], [0.1, 1.8, 0.0], [0.0, 2.0, 0.0]])
+    attributes = {
+        "POSITION": asset.accessor(places),
+        "JOINTS_0": asset.accessor(np.tile([head, 0, 0, 0], (3, 1)), "u1"),
+        "WEIGHTS_0": asset.accessor(np.tile([1.0, 0.0, 0.0, 0.0], (3, 1))),
+    }
+    mesh = asset.append("meshes", {"primitives": [{"attributes": attributes}]})
+    asset.gltf["scenes"][0]["nodes"].append(asset.append("nodes", {"name": "plume", "mesh": mesh, "skin": 0}))
+    return asset
 
 
 @pytest.mark.quick(2)
@@ -33,7 +50,7 @@ def test_a_body_gets_muscles_on_both_sides_that_bake(tmp_path: Path) -> None:
 
 def test_muscles_lie_on_the_sides_of_their_bones(tmp_path: Path) -> None:
     """A biceps and the thigh's quadriceps in front, triceps, hamstrings and calf behind, flexors below."""
-    found = wrinklecli.suggest(tubes().write(tmp_path / "tubes.glb"), muscles=True)
+    found = wrinklecli.suggest(plumed().write(tmp_path / "tubes.glb"), muscles=True)
     sides = {}
     for each in found.muscles:
         assert isinstance(each.muscle.origin, JointPoint)
