@@ -2,10 +2,13 @@
 
 import contextlib
 import gc
+import itertools
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import msgspec
+import numpy as np
 import pytest
 import viser
 from websockets.asyncio.server import ServerConnection
@@ -45,6 +48,16 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
 def tab(page: Page, **options: object) -> ClientConnection:
     address = page.address.replace("http", "ws", 1)
     return connect(address, subprotocols=[f"viser-v{viser.__version__}"], max_size=None, **options)  # type: ignore
+
+
+def test_a_split_needs_a_share_wrinkles_and_somebody_who_looks(page: Page) -> None:
+    viewport = page._viewport
+    down = viser.transforms.SO3.from_x_radians(np.pi).wxyz
+    looking = SimpleNamespace(wxyz=down, position=np.array([0.0, 0.0, 4.0]), fov=0.5, image_width=200, image_height=100)
+    for camera, share, wrinkled in itertools.product((None, looking), (0, 50), (False, True)):
+        viewport._camera, viewport._split.value, viewport._wrinkled.value = camera, share, wrinkled
+        assert (viewport._seen_plane() is not None) == bool(camera and share and wrinkled)
+    viewport._camera, viewport._split.value = None, 0
 
 
 def test_hostile_messages_end_no_other_tab(page: Page) -> None:
