@@ -9,9 +9,9 @@ A change flips a sign, a comparison, a condition or a flag, moves a constant or 
 or makes a predicate constant. Annotations, messages of errors and decorators of dataclasses stay as they are.
 
 A change meets the quick tests near it: files that import its module or are named like it, then tests that look at much
-at once, then the other files of its room. They stop after 20 s of processor, so that the figure is a lower bound:
-tests of other rooms might notice more. The folder DIR keeps copies of the tree; nothing is written to the real tree. A
-person must judge which of the survivors change no behaviour.
+at once, then files that import a module that imports it, and the other files of its room. They stop after 20 s of
+processor, so that the figure is a lower bound: tests farther away might notice more. The folder DIR keeps copies of the
+tree; nothing is written to the real tree. A person must judge which of the survivors change no behaviour.
 """
 
 import argparse
@@ -171,10 +171,10 @@ def run_tests(tree: Path, arguments: list[str], said: Path) -> None:
 
 
 @cache
-def test_files(tree: Path) -> dict[str, frozenset[str]]:
-    """The test files of a tree, and the modules and names that each imports."""
+def imports(tree: Path, folder: str, pattern: str) -> dict[str, frozenset[str]]:
+    """The files of a folder that fit a pattern, and the modules and names that each imports."""
     files = {}
-    for path in sorted((tree / "tests").rglob("test_*.py")):
+    for path in sorted((tree / folder).rglob(pattern)):
         nodes = [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.ImportFrom)]
         names = {f"{node.module}.{alias.name}" for node in nodes for alias in node.names}
         files[str(path.relative_to(tree))] = frozenset({f"{node.module}" for node in nodes} | names)
@@ -184,12 +184,18 @@ def test_files(tree: Path) -> dict[str, frozenset[str]]:
 def near_tests(tree: Path, path: str) -> list[str]:
     """The test files that a change of a module meets, in their order."""
     parts = Path(path).with_suffix("").parts
-    files, words = test_files(tree), {*re.findall(r"[a-z0-9]+", parts[-1])}
-    importers = [name for name in files if ".".join(parts) in files[name]]
+    files, words = imports(tree, "tests", "test_*.py"), {*re.findall(r"[a-z0-9]+", parts[-1])}
+
+    def importing(module: str) -> list[str]:
+        return [name for name in files if module in files[name]]
+
+    importers = importing(".".join(parts))
     own = [name for name in files if name.startswith(f"tests/{parts[1]}")]
     namesakes = [name for name in own if words & {*re.findall(r"[a-z0-9]+", name.rpartition("/")[2])}]
+    readers = [name for name, found in imports(tree, "wrinklecli", "*.py").items() if ".".join(parts) in found]
+    of_readers = [name for each in readers for name in importing(".".join(Path(each).with_suffix("").parts))]
     folder = [name for name in own if Path(name).parts[1:-1] == parts[1:-1]]
-    order = [*(name for name in importers if name in own), *namesakes, *importers, *NETS, *folder, *own]
+    order = [*(name for name in importers if name in own), *namesakes, *importers, *NETS, *of_readers, *folder, *own]
     return list(dict.fromkeys(order))
 
 
