@@ -32,6 +32,15 @@ _REALS = [0.5, -0.0, 1e-45, 1e-320, 1e-6, 1e6, 1e12, 1e30, 3.4e38, 3.5e38, 1e160
 _OTHERS = [None, True, False, [], {}, [0], [[]], {"a": 1}, [1e30] * 3, [0.0] * 4, [1e300] * 16, [0] * 1000, [{}] * 500]
 _JUNK = [_SMALL, _SMALL, _LARGE, _REALS, _WORDS, _PATHS, _TEXTS, _URIS, _MODES, _OTHERS, _OTHERS]
 _FLOATS = [math.nan, math.inf, -math.inf, 1e30, -3e38, 1e-45, 1e-38, 0.0, -0.0, 1e10, 1e-10, 1e20, 2.0]
+_POINTER = "KHR_animation_pointer"
+_POINTERS = [
+    "/nodes/0/translation", "/nodes/1/rotation", "/nodes/1/scale", "/nodes/0/weights", "/nodes/0/weights/0",
+    "/meshes/0/weights", "/meshes/0/weights/0", "/meshes/0/weights/7", "/meshes/0/weights/-1", "/nodes/99/rotation",
+    "/nodes/1/rotation/0", "/nodes//rotation", "/nodes/01/rotation", "/nodes/1e0/rotation", "nodes/1/rotation", "", "/",
+    "/nodes/0/extensions/KHR_node_visibility/visible", "/materials/0/pbrMetallicRoughness/baseColorFactor", "~1", 5,
+    None, [], "/nodes/٣/rotation", "/nodes/" + "9" * 400 + "/rotation", "/meshes/0/weights/" + "1" * 5000,
+    "/nodes/0/mesh",
+]  # fmt: skip
 # fmt: off
 _KEYS = [
     "matrix", "weights", "skin", "mesh", "children", "translation", "rotation", "scale", "sparse", "bufferView",
@@ -73,7 +82,7 @@ def damage(chance: random.Random, source: Source) -> list[Edit]:
     """One to three faults."""
     edits: list[Edit] = []
     shares = {"json": 18, "top": 12, "sly": 24, "link": 14, "number": 14, "data": 14, "asset bytes": 4, "tools": 6}
-    shares |= {"tools bytes": 2, "record": 12 if is_baked(source) else 0, "geometry": 10}
+    shares |= {"tools bytes": 2, "record": 12 if is_baked(source) else 0, "geometry": 10, "of others": 14}
     for _ in range(chance.choice([1, 1, 1, 2, 3])):
         match chance.choices(list(shares), list(shares.values()))[0]:
             case "json":
@@ -94,6 +103,8 @@ def damage(chance: random.Random, source: Source) -> list[Edit]:
                 edits += _tree_edit(chance, "record", {"gltf": source.gltf, "sizes": [1], "kept": [[[0, 4, 0, 0]]]})
             case "geometry":
                 edits += geometry_edit(chance)
+            case "of others":
+                edits += _edits_of_others(chance, source)
             case part:
                 size = len(packed(copied(source.gltf), source.data, source.suffix)) if part == "asset bytes" else 300
                 edits += _byte_edits(chance, part, size)
@@ -221,6 +232,64 @@ def _sly_edits(chance: random.Random, gltf: Json) -> Iterator[Edit]:
             node = chance.randrange(len(gltf["nodes"]))
             entry = chance.choice([5, None, [], {}, {"tools": [{}]}, {"tools": 5, "original": 0}, {"original": -1}])
             yield ["set", "asset", ["nodes", node, "extras"], {"wrinkle": entry}]
+
+
+def _edits_of_others(chance: random.Random, source: Source) -> Iterator[Edit]:
+    """What files of other exporters have: pointers, names elsewhere or none, keys below 0 s, floats for integers."""
+    gltf = source.gltf
+    channels = [
+        (each, number)
+        for each, animation in enumerate(gltf.get("animations") or ())
+        for number in range(len(animation.get("channels") or ()))
+    ]
+    match chance.randrange(8):
+        case 0 if channels:  # a pointer at something that is there, or not, or is of another type
+            animation, number = chance.choice(channels)
+            target: Json = {"path": "pointer", "extensions": {_POINTER: {"pointer": chance.choice(_POINTERS)}}}
+            if chance.random() < 0.2:
+                target = {**target, "node": 0, **chance.choice([{"path": "weights"}, {"extensions": {_POINTER: {}}}])}
+            yield ["set", "asset", ["animations", animation, "channels", number, "target"], target]
+            yield ["set", "asset", ["extensionsUsed"], [_POINTER]]
+        case 1:  # names of morph targets in the extras of a primitive
+            mesh = chance.randrange(max(len(gltf.get("meshes", [])), 1))
+            names = chance.choice([["a", "b"], ["a", "a"], [], ["\ud800"], [5], "ab", ["a"] * 300, None, {"0": "a"}])
+            yield ["set", "asset", ["meshes", mesh, "primitives", 0, "extras"], {"targetNames": names}]
+            yield ["drop", "asset", ["meshes", mesh, "extras"]]
+        case 2:  # half a character in names
+            for kind in ("nodes", "meshes", "materials", "animations", "skins", "scenes"):
+                for number in range(len(gltf.get(kind) or ())):
+                    if chance.random() < 0.5:
+                        yield ["set", "asset", [kind, number, "name"], kind + chr(0xD800 + number % 2048)]
+        case 3:  # no names, or one for all
+            for number in range(len(gltf["nodes"])):
+                place = ["asset", ["nodes", number, "name"]]
+                yield ["drop", *place] if chance.random() < 0.7 else ["set", *place, "same"]
+        case 4 if channels:  # keys below 0 s
+            samplers = [each for animation in gltf["animations"] for each in animation.get("samplers") or ()]
+            start = _start_of(gltf, chance.choice(samplers).get("input") if samplers else None)
+            if start is not None:
+                yield ["write", "data", start, struct.pack("<f", chance.choice([-0.5, -1e-3, -1e30])).hex()]
+        case 5:  # no number, where a tool may look or not
+            primitives = [each for mesh in gltf.get("meshes", []) for each in mesh["primitives"]]
+            start = _start_of(gltf, chance.choice([*chance.choice(primitives)["attributes"].values()]))
+            if start is not None:
+                place = start + 4 * chance.randrange(8)
+                yield ["write", "data", place, struct.pack("<f", chance.choice([math.nan, math.inf])).hex()]
+        case 6:  # floats for integers
+            integers = [(at, each) for at, each in _leaves(gltf) if type(each) is int and abs(each) < 2**53]
+            for pointer, value in chance.sample(integers, min(len(integers), chance.choice([1, 5, 10_000]))):
+                yield ["set", "asset", pointer, float(value) + chance.choice([0.0] * 20 + [0.5])]
+        case _:  # vertices that are one but for rounding
+            yield ["near", "geometry", chance.randrange(1000), chance.choice([1e-16, 1e-7, 1e-6, 2e-6, 1e-4])]
+
+
+def _start_of(gltf: Json, index: Any) -> int | None:
+    """Where the values of an accessor begin in the buffer; None if that is not plain."""
+    try:
+        accessor = gltf["accessors"][index]
+        return int(gltf["bufferViews"][accessor["bufferView"]].get("byteOffset", 0) + accessor.get("byteOffset", 0))
+    except (LookupError, TypeError):
+        return None
 
 
 def _lists(root: Any, above: tuple[Any, ...] = ()) -> Iterator[tuple[list[Any], list[Any]]]:
@@ -455,6 +524,9 @@ def _moved(places: Any, what: str, some: Any, seed: int, amount: float, chance: 
             return np.where(some[:, None], chance.permutation(places), places)
         case "flat":
             places[:, seed] *= amount
+        case "near":  # in pairs
+            nudge = amount * size * chance.choice([-1.0, 1.0], places.shape)
+            return np.where(np.arange(len(places))[:, None] % 2 == 1, np.roll(places, 1, axis=0) + nudge, places)
         case "grid":
             return np.round(places / (amount * size)) * (amount * size)
         case "wave":
