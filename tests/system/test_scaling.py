@@ -219,13 +219,12 @@ def test_of_many_meshes_those_that_may_touch_are_posed(monkeypatch: pytest.Monke
     tally = Counter[str]()
     counted(monkeypatch, tally, contacts._Shown, "posed")
     neighbours = contacts.Neighbours(document)
-    for number, shown in enumerate(scene.read_scene(document)):
+    every = scene.read_scene(document)
+    for number, shown in enumerate(every):
         positions = shown.positions_at(None, 0.0)
         assert not list(neighbours.near(shown.rig.node, positions.min(axis=0), positions.max(axis=0)))
-        found = [
-            places
-            for _, places in neighbours.near(int(shown.rig.joints[0]), positions.min(axis=0), positions.max(axis=0))
-        ]
+        other = every[number - 1].rig.node
+        found = [places for _, places in neighbours.near(other, positions.min(axis=0), positions.max(axis=0))]
         assert len(found) == 1
         np.testing.assert_allclose(found[0], positions, atol=1e-12)
         assert tally["posed"] == number + 1

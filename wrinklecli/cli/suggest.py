@@ -157,9 +157,10 @@ def suggest(
         to_file = output is not None and output != "-"
         if output is not None and to_file:
             outputs.claim(output)
-            if outputs.would_replace(output) and not (merge or force):
-                message = "is there already; --merge adds what it does not have, --force writes over it"
-                raise ConfigError(message, where=output)
+        outputs.protect([*files_named([asset, *options["anims"]]), *options["presets"]])
+        if output is not None and to_file and outputs.would_replace(output) and not (merge or force):
+            message = "is there already; --merge adds what it does not have, --force writes over it"
+            raise ConfigError(message, where=output)
         before = None
         if merge and output is not None and outputs.would_replace(output):
             from wrinklecli.review.suggest.merged import merged
@@ -168,7 +169,6 @@ def suggest(
 
             before = load_text(output)
             merged(output, before, "version: 1\n", external=options["allow_external"])  # refuses a wrong one now
-        outputs.protect([*files_named([asset, *options["anims"]]), *options["presets"]])
         options["jobs"] = options["jobs"] or core_count()
         options["folder"] = os.path.dirname(output) if output is not None and to_file else ""
         with Progress(quiet=quiet) as progress:
