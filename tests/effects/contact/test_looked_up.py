@@ -11,7 +11,7 @@ pytest.importorskip("ipctk", reason="needs the extra `contact`")
 import wrinklecli
 from kit.bakes import bake_fold, bake_once, folding_limb, place, report_of
 from kit.characters import CHARACTERS
-from kit.folds import FOLDS
+from kit.folds import CLIP, FOLDS
 from kit.limb import limb_asset, sleeved_limb, tool, waving_limb, write_tools
 from kit.looked_up import lookup_gaps
 from kit.player import Gltf
@@ -44,6 +44,14 @@ def test_a_line_says_where_players_cannot_show_what_the_bake_shows(tmp_path: Pat
     assert fold["player_error"] == pytest.approx(gap.share, abs=0.05)
     (line,) = (each for each in report.warnings if "players" in each)
     assert f"up to {100 * fold['player_error']:.0f} % of its greatest move off" in line
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["one_sided", "elbow", "finger"])
+def test_a_clip_that_was_baked_looks_in_players_as_it_was_baked(name: str) -> None:
+    """Rows of the clip bring them within the default of `--max-error`."""
+    gaps = lookup_gaps(FOLDS[name]().baked(), CLIP)
+    assert max(each.share for each in gaps.values()) < 0.015, "between frames too"
 
 
 def test_a_pose_looks_alike_however_the_clip_gets_there() -> None:

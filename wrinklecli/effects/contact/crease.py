@@ -63,9 +63,10 @@ _JUMP = 4.0
 _AS_NEAR = 1.0
 # and take this much more volume away than the solution, relative to that of a limb as long as it is thick.
 _AS_WHOLE = MOST_LOST / 10.0
-# Error of what players show of a clip up to which they need no rows of it, relative to contact's greatest move there.
-_SHOWN_ERROR = 0.05
-# Most rows of a clip, which take about 2 kB: clips that bend a limb need 7 to 16.
+# Error of what players show of a clip up to which they need no more rows of it, relative to contact's greatest move
+# there: the default of `--max-error`. At 0.05 up to seven rows were saved, and `track` was off by as much in that clip.
+_SHOWN_ERROR = 0.01
+# Most rows of a clip, which take about 2 kB: clips that bend a limb need 7 to 20.
 _MOST_ROWS = 32
 # Most clips of which there are rows: a player looks at each row in each frame.
 _MOST_PATHS = 16
