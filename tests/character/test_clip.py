@@ -17,7 +17,8 @@ from kit.prepared import as_document, limb, rotation_matrix
 from wrinklecli.character.clip import KEY_GAP, Channel, Clip, clip_grid, linear_keys, read_clips, sample
 from wrinklecli.character.pose import morph_weights
 from wrinklecli.character.rig import read_rig
-from wrinklecli.errors import AssetError
+from wrinklecli.errors import AssetError, TooMuchError
+from wrinklecli.numeric.memory import Memory
 
 Floats = NDArray[np.float64]
 KEYS = np.array([0.5, 1.0, 2.5, 2.75])
@@ -209,6 +210,16 @@ def test_weights_of_a_mesh_move_each_node_that_shows_it() -> None:
     assert second is not None
     assert np.array_equal(first.values, second.values)
     assert clip.channel(held, "weights") is None
+
+
+def test_pointers_at_a_mesh_of_many_nodes_take_bounded_memory() -> None:
+    asset = limb_asset(rings=3, sides=4, morphs=2, morph_clip="LINEAR")
+    asset.gltf["nodes"] += [{"mesh": 0, "skin": 0} for _ in range(300)]
+    document = as_document(by_pointers(asset, weights="meshes"))
+    (clip,) = read_clips(document)
+    assert sum(channel.path == "weights" for channel in clip.channels) == 301
+    with pytest.raises(TooMuchError, match="weights of nodes that show one mesh"):
+        read_clips(replace(document, memory=Memory(100_000)))
 
 
 def test_a_malformed_pointer_at_weights_is_refused_as_a_channel_is() -> None:

@@ -26,6 +26,8 @@ KEY_STEP = 1 / 600
 
 # `KEY_GAP` for times that are rounded to float32, seconds: frames at 1,000 per second are just that far apart.
 _ROUNDED_GAP = 0.999 * KEY_GAP
+# Bytes of a channel without its values, which all nodes that show one mesh share.
+_CHANNEL_BYTES = 2048
 # Most frames of a clip: almost two hours at 30 per second.
 _MOST_FRAMES = 200_000
 # Greatest difference of the numbers of equal rotations, scales and weights: a tenth of a degree.
@@ -173,6 +175,8 @@ def _read_channels(document: Document, animation: Json, index: int, known: Chann
         where = document.where("animations", index, "channels", number)
         sampler = animation["samplers"][channel["sampler"]]
         wanted = 1 if moved.element is not None else _width(document, moved)
+        if len(moved.nodes) > 1:
+            document.memory.claim(_CHANNEL_BYTES * len(moved.nodes), "weights of nodes that show one mesh", where=where)
         read = _read_channel(document, sampler, number, moved, wanted, where)
         for node in moved.nodes:
             found.append((moved, replace(read, node=node)))

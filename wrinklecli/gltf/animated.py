@@ -69,17 +69,17 @@ class Channels:
             return None
         if found[1] == "nodes":
             return Animated((number,), "weights", element)
-        shown = tuple(node for node in self._shown.get(number, ()) if "weights" not in nodes[node])
-        return Animated(shown, "weights", element, number) if shown else None
+        followers = self._followers.get(number)
+        return Animated(followers, "weights", element, number) if followers else None
 
     @cached_property
-    def _shown(self) -> dict[int, list[int]]:
-        """The nodes that show each mesh."""
-        shown = defaultdict(list)
+    def _followers(self) -> dict[int, tuple[int, ...]]:
+        """The nodes that show each mesh and have no weights of their own."""
+        followers = defaultdict(list)
         for index, node in enumerate(self.gltf.get("nodes", [])):
-            if "mesh" in node:
-                shown[node["mesh"]].append(index)
-        return shown
+            if "mesh" in node and "weights" not in node:
+                followers[node["mesh"]].append(index)
+        return {mesh: tuple(nodes) for mesh, nodes in followers.items()}
 
 
 def pointer_of(channel: Json) -> str | None:

@@ -222,12 +222,13 @@ def _clips(document: Document) -> Iterator[Json]:
     known = Channels(document.gltf)
     for index, animation in enumerate(document.items("animations")):
         paths = Counter[str]()
-        nodes, inputs = set[int](), set()
+        groups, inputs = dict[int, tuple[int, ...]](), set()
         for channel in animation.get("channels", []):
             moved = known.moved(channel)
             if moved is not None:
                 paths[moved.path] += 1
-                nodes.update(moved.nodes)
+                # Pointers at one mesh share their nodes, and there may be many of both.
+                groups[id(moved.nodes) if moved.mesh is not None else -moved.nodes[0]] = moved.nodes
                 inputs.add(animation["samplers"][channel["sampler"]]["input"])
         if not inputs:
             continue
@@ -241,7 +242,7 @@ def _clips(document: Document) -> Iterator[Json]:
             "start": min(starts) if starts else None,
             "end": max(ends) if ends else None,
             "keys": max(_count(document, each) for each in inputs),
-            "nodes": len(nodes),
+            "nodes": len(set[int]().union(*groups.values())),
             "channels": dict(sorted(paths.items())),
         }
 
