@@ -24,18 +24,23 @@ def test_two_triangles_cover_each_texel_of_the_square() -> None:
     centres = np.einsum("tk,tkx->tx", shares, SQUARE[FACES][triangles]) * 8 - 0.5
     rows, columns = np.divmod(texels, 8)
     assert np.allclose(centres, np.column_stack([columns, rows]))
-    first, pairs = charted(SQUARE[FACES], 8)
+    first, pairs = charted(SQUARE[FACES], 8, np.ones(2, np.bool_))
     assert np.bincount(first).tolist() == [36, 28]  # the diagonal is the first triangle's
     assert not len(pairs)
 
 
 def test_coordinates_repeat_and_shared_texels_are_found() -> None:
     small = 0.25 * SQUARE[FACES] + 0.5
-    first, pairs = charted(np.concatenate([small, small + np.array([3.0, -2.0])]), 16)
+    both = np.concatenate([small, small + np.array([3.0, -2.0])])
+    first, pairs = charted(both, 16, np.ones(4, np.bool_))
     assert (first >= 0).sum() == 16
     assert set(first[first >= 0].tolist()) == {0, 1}
     assert set(map(tuple, pairs[:, 1:].tolist())) == {(0, 2), (1, 3)}
     assert len(pairs) == 12  # the centres that do not lie on the diagonal
+    for wanted in range(4):
+        again, some = charted(both, 16, np.arange(4) == wanted)
+        assert np.array_equal(again, first)
+        assert np.array_equal(some, pairs[(pairs[:, 1:] == wanted).any(axis=1)])
 
 
 def test_a_triangle_without_area_or_of_a_hundred_squares_covers_nothing() -> None:

@@ -23,7 +23,7 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.pixels import png_of
 from wrinklecli.gltf.shape import Json, json_bytes
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, flags_of
+from wrinklecli.numeric.arrays import Floats, Ints, any_of, flags_of
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.numeric.memory import MAX_MEMORY
 from wrinklecli.texture.layout import Layout, layouts_of
@@ -322,8 +322,8 @@ def _made(
     textured = layout.textured(plan, options.size)
     moved = np.concatenate([each.vertices for each in skin_parts(plan)])
     wrinkled = any_of(flags_of(moved, len(plan.fine.positions)), textured.triangles)
-    charts, pairs = charted(layout.uvs, options.size)
-    warnings += _overlaps(plan, layout, pairs, wrinkled, int(wrinkled[charts[charts >= 0]].sum()))
+    charts, pairs = charted(layout.uvs, options.size, wrinkled)
+    warnings += _overlaps(plan, layout, pairs, int(wrinkled[charts[charts >= 0]].sum()))
     corners = plan.fine.rest_positions[textured.triangles]
     steps = np.einsum("fdk,fkx->fdx", textured.steps, corners)
     groups = [[each] for each in shown] if options.separate else packed(shown, options.size)
@@ -382,9 +382,9 @@ def _summed(texels: Ints, values: Floats) -> tuple[Ints, Floats]:
     return found, np.add.reduceat(values[order], starts, axis=0) if len(found) else values
 
 
-def _overlaps(plan: MeshPlan, layout: Layout, pairs: Ints, wrinkled: Bools, count: int) -> list[str]:
-    """A warning if other places of the mesh have some of the `count` texels of wrinkles."""
-    texels, first, second = pairs[wrinkled[pairs[:, 1]] | wrinkled[pairs[:, 2]]].T
+def _overlaps(plan: MeshPlan, layout: Layout, pairs: Ints, count: int) -> list[str]:
+    """A warning if places share some of the `count` texels of wrinkles, of which (pairs, 3) have two triangles."""
+    texels, first, second = pairs.T
     middles = plan.fine.rest_positions[plan.fine.triangles[layout.faces]].mean(axis=1)
     apart = np.linalg.norm(middles[first] - middles[second], axis=1) > _SAME_PLACE * plan.fine.rest_size
     shared = len(np.unique(texels[apart]))

@@ -49,8 +49,19 @@ def covered(uvs: Floats, size: int) -> Iterator[tuple[Ints, Ints, Floats]]:
             yield wrapped[:, 1] * size + wrapped[:, 0], which[inside], shares[inside]
 
 
-def charted(uvs: Floats, size: int) -> tuple[Ints, Ints]:
-    """(size²,) the first triangle under each texel, −1 without one, and (pairs, 3) texels with two triangles."""
+def charted(uvs: Floats, size: int, wanted: Bools) -> tuple[Ints, Ints]:
+    """Find the first triangle under each texel, and texels that several share.
+
+    Where a texture repeats, most texels have dozens of triangles: pairs without a wanted one would fill memory.
+
+    Args:
+        uvs: (triangles, 3, 2), v downwards.
+        size: Texels of a side.
+        wanted: (triangles,) True for those of which other triangles on their texels are to be known.
+
+    Returns:
+        (size²,) triangles, −1 where there is none; and (pairs, 3) texels with two triangles, one of them wanted.
+    """
     first = np.full(size * size, -1, np.intp)
     inner = np.zeros(size * size, np.bool_)
     pairs = [np.zeros((0, 3), np.intp)]
@@ -60,7 +71,7 @@ def charted(uvs: Floats, size: int) -> tuple[Ints, Ints]:
         new = first[texels] < 0
         first[texels[new][::-1]] = triangles[new][::-1]
         inner[texels[new & deep]] = True
-        again = deep & (first[texels] != triangles) & inner[texels]
+        again = deep & (first[texels] != triangles) & inner[texels] & (wanted[first[texels]] | wanted[triangles])
         pairs.append(np.column_stack([texels, first[texels], triangles])[again])
     return first, np.concatenate(pairs)
 
