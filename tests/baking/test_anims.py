@@ -65,7 +65,7 @@ def test_what_is_wrong_with_an_anim_is_one_line_and_nothing_is_written(folder: P
     stranger = limb_asset(**LIMB)
     bare_skeleton(stranger.gltf)
     for node in stranger.gltf["nodes"]:
-        node["name"] = f"rig:{node['name']}"
+        node["name"] = f"other {node['name']}"
     stranger.write(folder / "stranger.glb")
     (folder / "cut.glb").write_bytes((folder / "whole.glb").read_bytes()[:200])
     before = files(folder)

@@ -56,7 +56,13 @@ def idle(editor: Editor) -> None:
 def renamed(editor: Editor) -> None:
     skeleton_only(editor)
     for node in editor.json["nodes"]:
-        node["name"] = f"rig:{node['name']}"
+        node["name"] = f"other {node['name']}"
+
+
+def of_another_program(editor: Editor) -> None:
+    skeleton_only(editor)
+    for node in editor.json["nodes"]:
+        node["name"] = f"mixamorig9:{node['name']}"
 
 
 def one_renamed(editor: Editor) -> None:
@@ -305,6 +311,14 @@ def test_a_name_that_three_js_would_change_is_said(tmp_path: Path) -> None:
     body = bake_once(edited("trousers", scene_of_its_name), top=config("trousers"), tracks="none", **COARSE)
     _, report = run(body, edited("trousers", skeleton_only), tmp_path)
     assert any("three.js" in line for line in report.warnings)
+
+
+@pytest.mark.slow
+def test_prefixes_of_programs_do_not_count_and_are_said(tmp_path: Path) -> None:
+    made, report = run(body_of("trousers"), edited("trousers", of_another_program), tmp_path)
+    assert_tracks(made, bake_config("trousers", "trousers"), "trousers", "squat")
+    (note,) = (line for line in report.notes if "without prefixes" in line)
+    assert re.search(r"'mixamorig9:(\S+)' counts as '\1', as their names are the same without prefixes, and \d", note)
 
 
 def test_no_joint_in_common_is_an_error_and_writes_nothing(tmp_path: Path) -> None:

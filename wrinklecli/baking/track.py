@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from wrinklecli.baking.baked_body import BakedBody, BakedPart, count_named, read_bodies, wrinkle_targets
-from wrinklecli.baking.driven_body import DrivenBody, present_drives, with_own_weights
+from wrinklecli.baking.driven_body import DrivenBody, joints_of, present_drives, with_own_weights
 from wrinklecli.baking.morphs import encode_track
 from wrinklecli.baking.track_node import node_for_tracks, targets_there
-from wrinklecli.character.anims import NamedNodes
+from wrinklecli.character.anims import NamedNodes, matched_without_prefixes
 from wrinklecli.character.clip import Clip, read_clips
 from wrinklecli.character.rig import TRANSFORM_DEFAULTS
 from wrinklecli.character.weight_track import Track, pad, widen
@@ -209,7 +209,14 @@ def _track_file(
         if clip.early
     ]
     tracked: dict[str, None] = {}
-    notes: list[str] = []
+    known = [str(node.get("name", "")) for node in document.items("nodes")]
+    alike: dict[str, str] = {}
+    for body, drives in present:
+        named = joints_of(body, document.gltf)
+        found = {joint: named.joint(joint) for each in drives for joint in each.joints if joint not in named.joints}
+        paths = {joint for joint in found if "/" in joint}
+        alike |= {known[node]: joint for joint, node in found.items() if node is not None and joint not in paths}
+    notes = [f"{document.path}: {line}" for line in matched_without_prefixes(alike)]
     flat: list[str] = []
     for body, drives in present:
         if drives:

@@ -1,7 +1,9 @@
 """Reads clips of other files for an asset whose nodes have the same names."""
 
 import os
-from collections.abc import Container, Iterable, Mapping, Sequence
+import re
+from collections import Counter
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, count
 from pathlib import Path
@@ -20,6 +22,8 @@ from wrinklecli.numeric.guard import guarded
 
 # Names of the longest path to a joint: rigs have some twenty levels, and hostile files thousands.
 _MOST_NAMES = 32
+# What programs put before the names of one rig: `mixamorig9:`, `mixamorig_`, `mixamorig`, and Maya's namespaces.
+_PREFIX = re.compile(r"(?:.*:)?(?:mixamorig\d*_?)?(?=.)", re.DOTALL)
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,11 +91,19 @@ def _for_asset(document: Document, anim: Document, clips: Sequence[Clip]) -> tup
     meshes: dict[int, tuple[tuple[str, ...], Floats]] = {}
     made: list[Clip] = []
     strangers: dict[str, None] = {}
+    alike: dict[str, str] = {}
     for clip in clips:
         channels: list[Channel] = []
         for channel in clip.channels:
             name = names[channel.node]
             node = here.moved_by(channel.path, name) if there.moved_by(channel.path, name) == channel.node else None
+            if (
+                name not in here.joints
+                and channel.path != "weights"
+                and there.bare.get(bare_name(name)) == channel.node
+            ):
+                node = here.bare.get(bare_name(name))
+                alike |= {} if node is None else {name: known[node]}
             moved = None
             if node is not None and channel.path == "weights":
                 if node not in meshes:
@@ -112,7 +124,7 @@ def _for_asset(document: Document, anim: Document, clips: Sequence[Clip]) -> tup
             f" {listed(known)}",
             where=anim.path,
         )
-    notes = []
+    notes = [f"{anim.path}: {line}" for line in matched_without_prefixes(alike)]
     if strangers:
         hint = nearest(next(iter(strangers)), known) if len(strangers) == 1 else ""
         notes.append(
@@ -130,6 +142,7 @@ class NamedNodes:
         joints: The first node of a name without a mesh, if any, as bodies are often named like a joint.
         meshes: The first node of a name with a mesh.
         shared: Names of joints that other nodes have with the same right.
+        bare: The joints by their names without prefixes; only names that one node has.
         nodes: The nodes as the document has them.
         groups: Indices of nodes; those of an earlier group go first.
     """
@@ -137,6 +150,7 @@ class NamedNodes:
     joints: dict[str, int]
     meshes: dict[str, int]
     shared: frozenset[str]
+    bare: dict[str, int]
     nodes: Sequence[Json]
     groups: tuple[tuple[int, ...], ...]
 
@@ -156,7 +170,10 @@ class NamedNodes:
                     shared.add(name)
             joints |= found
         with_mesh = {nodes[index]["name"]: index for index in reversed(meshes) if nodes[index].get("name")}
-        return cls(joints, with_mesh, frozenset(shared), nodes, groups)
+        counts = Counter(map(bare_name, joints))
+        alone = {bare_name(name): index for name, index in joints.items() if name not in shared}
+        alone = {name: index for name, index in alone.items() if counts[name] == 1}
+        return cls(joints, with_mesh, frozenset(shared), alone, nodes, groups)
 
     @classmethod
     def of_body(cls, gltf: Json, node: int | None, *, skinned: bool) -> "NamedNodes":
@@ -172,8 +189,12 @@ class NamedNodes:
         return cls.of(nodes, [own, (joint for skin in skins for joint in skin.get("joints", []))])
 
     def joint(self, name: str) -> int | None:
-        """The joint of a name, or of a path where several have the name: names from one above, with `/` between."""
-        return self.joints[name] if name in self.joints else next(iter(self._below(name)), None)
+        """The joint of a name, or of a path where several have the name: names from one above, with `/` between.
+
+        Without any, it is the only one of the same name but for prefixes.
+        """
+        found = self.joints.get(name, next(iter(self._below(name)), None))
+        return self.bare.get(bare_name(name)) if found is None else found
 
     def called(self, index: int) -> str | None:
         """The name by which `joint` finds a node, or the shortest such path; None if another node has these too."""
@@ -202,6 +223,18 @@ class NamedNodes:
         if not name:
             return None
         return (self.meshes if path == "weights" else self.joints).get(name)
+
+
+def bare_name(name: str) -> str:
+    """A joint's name without namespaces, and without what programs put before the names of one rig."""
+    return _PREFIX.sub("", name, count=1)
+
+
+def matched_without_prefixes(names: Mapping[str, str]) -> Iterator[str]:
+    """A line on joints of a file that count as others of the asset, by name; none without any."""
+    for one, other in list(names.items())[:1]:
+        more = f", and {counted(len(names) - 1, 'more joint')}" if len(names) > 1 else ""
+        yield f"{one!r} counts as {other!r}, as their names are the same without prefixes{more}"
 
 
 def _parents(nodes: Sequence[Json]) -> dict[int, int]:
