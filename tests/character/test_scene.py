@@ -8,12 +8,14 @@ import pytest
 
 from kit.asset import Asset
 from kit.clients import pose_with_normals
+from kit.limb import limb_asset
 from kit.prepared import as_document
 from kit.samples import Editor, edited, sample, shared_mesh, two_meshes, two_parts
 from wrinklecli.character.clip import read_clips
 from wrinklecli.character.scene import ScenePrimitive, drawn_with, read_scene, scene_nodes
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import read_document
+from wrinklecli.numeric.arrays import face_normals
 
 
 @pytest.mark.parametrize(
@@ -107,6 +109,16 @@ def test_a_node_scaled_to_nothing_is_hidden_and_one_mirrored_winds_the_other_way
         a, b, c = corners.transpose(1, 0, 2)
         facing = np.sum(np.cross(b - a, c - a) * posed.normals[0][posed.wound()[:, 0]], axis=1)
         assert hidden or (facing > 0).mean() > 0.99
+
+
+@pytest.mark.parametrize("scale", [[-1, 1, 1], [1, -2, -1], [-1, -1, -1]])
+def test_a_skin_that_joints_mirror_winds_the_other_way(scale: list[float]) -> None:
+    (part,) = read_scene(as_document(limb_asset(rings=9, sides=8, root={"scale": scale})))
+    posed = part.posed(None, np.zeros(1))
+    assert posed.mirrored[0] == (np.prod(scale) < 0)
+    assert posed.normals is not None
+    outward = face_normals(posed.positions[0], posed.wound())
+    assert (np.sum(outward[:, None] * posed.normals[0, posed.wound()], axis=2) > 0).all()
 
 
 def test_some_vertices_are_posed_as_with_the_others() -> None:

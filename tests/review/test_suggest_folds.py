@@ -59,6 +59,18 @@ def test_two_bends_are_one_mirrored_tool(tmp_path: Path) -> None:
     assert (right.name, ends(right)[0].tolist()) == (f"{left.name[:-1]}R", (ends(left)[0] * [-1, 1, 1]).tolist())
 
 
+@pytest.mark.quick(1)
+@pytest.mark.parametrize("scale", [[1, 1, -1], [-1, 1, 1]])
+def test_suggestions_on_a_mirrored_skin_are_its_mirror_image(tmp_path: Path, scale: list[float]) -> None:
+    plain = suggest_once(limb(tmp_path / "limb.glb")).tools[0]
+    mirrored = suggest(limb(tmp_path / "mirrored.glb", root={"scale": scale}), count=1).tools[0]
+    # What is a tool's origin there is its target here, and folds come in halves.
+    found, wanted = (sorted(np.abs(ends(each.tool)).tolist()) for each in (mirrored, plain))
+    assert np.abs(np.array(found) - np.array(wanted)).max() < 0.1 * plain.span
+    assert middle(mirrored.tool)[1] > 0.7 * RADIUS
+    assert mirrored.shortening == pytest.approx(plain.shortening, abs=0.05)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("scale", [0.001, 100.0])
 def test_suggestions_scale_with_the_asset(tmp_path: Path, scale: float) -> None:

@@ -17,7 +17,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import blend, joint_matrices, morph_weights, transform
 from wrinklecli.character.rig import Rig
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints, cross, distinct_values, dot
+from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints, cross, determinants, distinct_values, dot
 
 # Vertices times frames that are posed at once. Matrix products of half as many are slow; twice as many leave the cache,
 # and the allocator gives their memory back to the system each time.
@@ -200,6 +200,19 @@ def _turned(matrices: Floats, normals: Floats, *, mirroring: bool) -> list[Float
     return turned if signs is None else [each * signs for each in turned]
 
 
+def orientations(matrices: Floats, shares: Floats) -> Floats:
+    """(…,) -1 where most of a mesh is turned inside out, as an odd number of negative scales does, or else 1.
+
+    0 stands for a mesh without any extent.
+
+    Args:
+        matrices: (…, n, 3 or 4, 4) of joints or vertices, bind to world space.
+        shares: (n,) the part of the mesh that follows each.
+    """
+    signs: Floats = np.sign(np.sign(determinants(matrices[..., :3, :3])) @ shares)
+    return signs
+
+
 @dataclass(frozen=True, slots=True)
 class PosedMesh:
     """A mesh at some times, world space, scene units.
@@ -208,7 +221,7 @@ class PosedMesh:
         triangles: (triangles, 3) vertices, as the mesh stores them.
         positions: (frames, vertices, 3).
         normals: (frames, vertices, 3) unit; None if the mesh has none, which means flat shading.
-        mirrored: (frames,) True if the node mirrors an unskinned mesh, so that its triangles wind the other way.
+        mirrored: (frames,) True if the joints mirror the mesh, so that its triangles wind the other way.
         hidden: (frames,) True if the node of an unskinned mesh is scaled to 0, as files with a mesh per frame do.
     """
 
@@ -281,8 +294,8 @@ class SkinnedMesh:
             None if each is None else each.transpose(0, 2, 1) for each in pose(self.skin, matrices, weights, moved)
         )
         assert positions is not None
-        determinants = np.ones(len(times)) if self.rig.skinned else np.linalg.det(matrices[:, 0, :3, :3])
-        return PosedMesh(self.triangles, positions, normals, determinants < 0, determinants == 0)
+        signs = orientations(matrices, self.skin.weights.sum(axis=1))
+        return PosedMesh(self.triangles, positions, normals, signs < 0, (signs == 0) & (not self.rig.skinned))
 
     def carried(self, clip: Clip | None, times: Floats, offsets: Floats | None = None) -> tuple[Floats, Floats]:
         """Pose the mesh, as `posed` does, with the matrices that carry moves in bind space along.

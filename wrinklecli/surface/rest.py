@@ -13,6 +13,7 @@ import numpy as np
 from wrinklecli.character.clip import Clip, unknown_clip
 from wrinklecli.character.pose import LEAST_SCALE, Pose, blend, joint_matrices, morph_weights, node_matrices, transform
 from wrinklecli.character.rig import Rig
+from wrinklecli.character.skin import orientations
 from wrinklecli.character.surface import Surface
 from wrinklecli.errors import BakeError, ConfigError, listed, nearest
 from wrinklecli.frozen import dataclass
@@ -82,6 +83,11 @@ class Rest:
     def normals_at(self, vertices: Ints) -> Floats:
         """(chosen, 3) area-weighted bind normals, carried to world space by the inverse transpose."""
         return carried_normals(self.blended[vertices], self.around.normals_at(self.bind_positions, vertices))
+
+    @cached_property
+    def way(self) -> float:
+        """1 if triangles wind as in bind space, -1 if the joints mirror the surface."""
+        return float(orientations(self.blended, np.ones(len(self.blended)))) or 1.0
 
     @cached_property
     def around(self) -> VertexFaces:

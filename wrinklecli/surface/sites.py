@@ -86,7 +86,7 @@ class Peaks:
 def spread_sites(gauge: Gauge) -> Sites:
     """Spread sites over a surface, as far apart as its size and its triangles require."""
     corners = gauge.rest.positions[gauge.triangles]
-    crosses = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    crosses = gauge.rest.way * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     areas = np.sqrt(np.sum(crosses**2, axis=1)) / 2.0
     edges = np.sqrt(np.max(np.sum((corners - np.roll(corners, 1, axis=1)) ** 2, axis=2), axis=1))
     size = diagonal(corners.reshape(-1, 3))

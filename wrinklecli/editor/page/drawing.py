@@ -161,7 +161,8 @@ def outline_of(tool: AttachedTool, mesh: PlayableMesh, body: int, colour: tuple[
     positions = mesh.positions_in(region.pose)
     corners = positions[mesh.faces[faces]]
     u, v = region.coordinates(corners)
-    outward = region.cosines(u.mean(axis=1), unit(face_normals(positions, mesh.faces[faces]))) > 0
+    normals = region.pose.way * unit(face_normals(positions, mesh.faces[faces]))
+    outward = region.cosines(u.mean(axis=1), normals) > 0
     places, ways = np.stack([u, v], axis=2), _Ways(positions, mesh.faces[faces])
     ends, ones = np.linspace(0.0, 1.0, _LINE_POINTS), np.ones(_LINE_POINTS)
     anchors = distinct_values(np.concatenate([anchor.triangles for anchor in region.anchors]))

@@ -14,9 +14,10 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import joint_matrices, morph_weights
 from wrinklecli.character.rig import Rig
+from wrinklecli.character.skin import orientations
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, cross, determinants, inverses, median
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, cross, inverses
 from wrinklecli.numeric.closest import closest_point
 from wrinklecli.surface.path import Curve, curve_on
 from wrinklecli.surface.refine import Refinement
@@ -136,16 +137,15 @@ def _posed_ring(
     ring: Ring, fine: Refinement, rig: Rig, clip: Clip | None, times: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """(3, 4, around, frames) blended matrices, (3, around, frames) world positions, and unit normals."""
-    matrices = joint_matrices(rig, clip, times, ring.joints)[:, :, :3].transpose(2, 3, 1, 0)
-    blended = np.matmul(ring.weights, np.ascontiguousarray(matrices))
+    matrices = joint_matrices(rig, clip, times, ring.joints)
+    blended = np.matmul(ring.weights, np.ascontiguousarray(matrices[:, :, :3].transpose(2, 3, 1, 0)))
     bind = fine.positions[ring.vertices].T[:, :, None]
     if len(fine.morph_deltas):
         deltas = fine.morph_deltas[:, ring.vertices].transpose(2, 1, 0)
         bind = bind + np.matmul(deltas, morph_weights(rig, clip, times).T)
     positions = np.sum(blended[:, :3] * bind, axis=1) + blended[:, 3]
     a, b, c = (positions[:, ring.triangles[:, k]] for k in range(3))
-    # A mirrored pose turns the winding inside out.
-    outward = np.sign(median(determinants(blended[:, :3].transpose(2, 3, 0, 1))))
+    outward = orientations(matrices, ring.weights.sum(axis=0))
     faces = cross(b - a, c - a)
     return blended, positions, outward * _units(np.stack([np.asarray(ring.sums @ each) for each in faces]))
 

@@ -38,7 +38,7 @@ def read_neck(document: Document, nodes: Mapping[int, str | None], face: Face) -
         gauge = None if turns is None else read_skin(document, rig)
         if turns is None or gauge is None:
             continue
-        crosses = face_normals(gauge.rest.positions, gauge.triangles)
+        crosses = gauge.rest.way * face_normals(gauge.rest.positions, gauge.triangles)
         normals = unit(crosses)
         losses, _ = principal(strain(gauge, turns[0], np.array([1.0]))[0], normals)
         folded = (losses > _LEAST_LOSS) & (normals @ face.ahead > _IN_FRONT)

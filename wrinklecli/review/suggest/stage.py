@@ -164,9 +164,10 @@ class Stage:
         fine, mesh, clip, times = plan.fine, self._mesh(_Kept(plan)), self._clips[name], np.array([time])
         plain, chosen, region = self._plain(mesh, name, time), part.vertices, part.attached.regions[0]
         moved = part.displacements(fine, plan.rig, clip, times)
-        wrinkled = plain.copy()
-        wrinkled[chosen] = mesh.only(chosen).posed(clip, times, offsets=moved).positions[0]
-        faces, place = fine.triangles, np.zeros(len(fine.triangles), np.bool_)
+        wrinkled, shown = plain.copy(), mesh.only(chosen).posed(clip, times, offsets=moved)
+        wrinkled[chosen] = shown.positions[0]
+        way = -1 if shown.mirrored[0] else 1
+        faces, place = fine.triangles[:, ::way], np.zeros(len(fine.triangles), np.bool_)
         members = children(fine.subdivision.parents, region.members)
         on = flags_of(chosen[part.shares > _LEAST], len(plain))
         place[members] = on[faces[members]].any(axis=1)
@@ -182,7 +183,7 @@ class Stage:
         beside = len(used) + np.arange(len(corners)).reshape(-1, 3)
         old = len(fine.surface.positions)
         flat = fine.subdivision.interpolate(plain[:old])
-        normals = fine.subdivision.interpolate(vertex_normals(plain[:old], fine.surface.triangles))
+        normals = fine.subdivision.interpolate(vertex_normals(plain[:old], fine.surface.triangles[:, ::way]))
         across_others = np.repeat(face_normals(corners, np.arange(len(corners)).reshape(-1, 3)), 3, axis=0)
         places = np.full((len(plain), 2), np.nan)
         _, across = region.coordinates(fine.posed_at(region.pose, chosen)[0])
