@@ -5,9 +5,11 @@ from pathlib import Path
 import pytest
 
 import wrinklecli
+from kit.asset import Asset
 from kit.limb import Json, limb, limb_asset, tool, write_tools
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.errors import WrinkleError
+from wrinklecli.review.inspect import inspect
 
 
 def test_options_are_a_record_or_named_or_both(tmp_path: Path) -> None:
@@ -62,6 +64,46 @@ def test_clips_that_the_file_names_and_the_asset_lacks_are_errors_unless_the_too
     assert [clip.name for clip in read_job(path, file, BakeOptions(clips=["fold"])).clips] == ["fold"]
 
 
+def unnamed() -> Asset:
+    """A limb and a lining, as gltfpack leaves them: on nodes without names, below the nodes that had these names."""
+    asset = limb_asset()
+    limb, scene = asset.gltf["nodes"][0], asset.gltf["scenes"][0]["nodes"]
+    asset.gltf["meshes"][0]["name"] = "Cylinder"
+    asset.gltf["meshes"].append({**asset.gltf["meshes"][0], "name": "Inner"})
+    for name, mesh in (("limb", 0), ("lining", 1)):
+        bare = asset.append("nodes", {"mesh": mesh, "skin": 0})
+        scene.append(asset.append("nodes", {"name": name, "children": [bare]}))
+    limb.clear()
+    return asset
+
+
+def test_a_mesh_is_called_by_its_number_its_parent_or_its_own_name(tmp_path: Path) -> None:
+    path = unnamed().write(tmp_path / "limb.glb")
+    wanted = {"node_3": 3, "limb": 3, "Cylinder": 3, "node_5": 5, "lining": 5, "Inner": 5}
+    for name, node in wanted.items():
+        assert list(read_job(path, write_tools(tmp_path / "t.yaml", tool(node=name)), BakeOptions()).by_node) == [node]
+    assert [each["node"] for each in inspect(path)["deforming"]] == ["node_3", "node_5"]
+    assert faults(path, tool(), tool(name="b", node="limp")) == [
+        "tools[0]: several meshes deform; say which, by node: one of 'limb', 'lining'",
+        "tools[1].node: node 'limp' is no node with a mesh; did you mean 'limb'?; there are 'limb', 'lining'",
+    ]
+
+
+def test_of_two_nodes_of_one_name_each_has_a_name_of_its_own(tmp_path: Path) -> None:
+    asset = unnamed()
+    asset.gltf["nodes"][3]["name"] = asset.gltf["nodes"][5]["name"] = "body"
+    asset.gltf["nodes"][4]["name"] = asset.gltf["nodes"][6]["name"] = "group"
+    asset.gltf["meshes"][1]["name"] = "body"  # the nodes come first
+    path = asset.write(tmp_path / "limb.glb")
+    assert faults(path, tool(node="body"), tool(name="b", node="group")) == [
+        "tools[0].node: 2 nodes with a mesh are meant by 'body'; say which: one of 'Cylinder', 'node_5'",
+        "tools[1].node: 2 nodes with a mesh are meant by 'group'; say which: one of 'Cylinder', 'node_5'",
+    ]
+    for name, node in {"Cylinder": 3, "node_3": 3, "node_5": 5}.items():
+        assert list(read_job(path, write_tools(tmp_path / "t.yaml", tool(node=name)), BakeOptions()).by_node) == [node]
+    assert [each["node"] for each in inspect(path)["deforming"]] == ["node_3", "node_5"]
+
+
 def test_a_tool_s_mesh_is_said_or_asked_for_by_name(tmp_path: Path) -> None:
     asset = limb_asset()
     asset.append("nodes", {"name": "twin", "mesh": 0, "skin": 0})
@@ -71,8 +113,7 @@ def test_a_tool_s_mesh_is_said_or_asked_for_by_name(tmp_path: Path) -> None:
     assert faults(path, *tools) == [
         "tools[0]: several meshes deform; say which, by node: one of 'limb', 'twin'",
         "tools[1].node: node 'twn' is no node with a mesh; did you mean 'twin'?; there are 'limb', 'twin'",
-        "tools[2].node: node 'Cylinder' is no node with a mesh; the mesh of that name is on 'limb', 'twin'; there are"
-        " 'limb', 'twin'",
+        "tools[2].node: 2 nodes with a mesh are meant by 'Cylinder'; say which: one of 'limb', 'twin'",
     ]
     pairs = [tool(name=f"{name}.L", mirror="x", origin=[0.1, 0.2, 0.0]) for name in "abc"]
     several = "several meshes deform; say which, by node: one of 'limb', 'twin'"

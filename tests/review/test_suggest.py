@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from kit.asset import Asset, stored
 from kit.limb import limb, limb_asset
-from kit.samples import edited, shared_mesh, two_meshes
+from kit.samples import edited, shared_mesh
 from kit.suggested import each_once, ends, middle, run, suggest_once
 from wrinklecli import bake
+from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.errors import AssetError, BakeError, WrinkleError
 from wrinklecli.review.suggest.suggest import suggest
 from wrinklecli.tools.read import load_tools, parse_tools
@@ -151,22 +152,6 @@ def test_a_node_of_any_name_can_be_named(tmp_path: Path, name: str) -> None:
     (tmp_path / "tools.yaml").write_text(found.text, encoding="utf-8")
     bake(path, tmp_path / "tools.yaml", tmp_path / "out.glb", max_levels=0)
     assert run(path, "--node", name, "--count", 1, "--all").exit_code == 0
-
-
-@pytest.mark.parametrize("name", [None, "", "wrist", "\ud800"])
-def test_a_node_that_no_tool_could_name_is_left_out_with_a_note(name: str | None) -> None:
-    def renamed(editor: Any) -> None:
-        two_meshes(editor)
-        for node in editor.json["nodes"]:
-            if node.get("name") in ("twin", "wrist") and "mesh" in node:
-                node["name"] = name
-                if name is None:
-                    del node["name"]
-
-    found = suggest(edited("wrist", renamed))
-    assert not found.tools
-    assert len(found.notes) == 2
-    assert all("no name" in note for note in found.notes)
 
 
 def test_a_mesh_without_normals_keeps_its_flat_faces(tmp_path: Path) -> None:
@@ -339,6 +324,32 @@ def hidden() -> Asset:
     asset.channel(animation, 3, "scale", [0.0, 1.0], [[1.0] * 3, [0.0] * 3])
     asset.append("animations", animation)
     return asset
+
+
+def test_meshes_that_the_scene_does_not_draw_are_said(tmp_path: Path) -> None:
+    asset = limb_asset(rings=9, sides=8)
+    asset.gltf["scenes"] = [{"nodes": [1]}, {"nodes": [0, 1]}]
+    found = suggest(asset.write(tmp_path / "limb.glb"))
+    assert found.reason == "no mesh deforms: those that do are not drawn, as the notes say"
+    assert found.notes[0].startswith("'limb': left out, as the scene does not draw it: it is in another scene")
+
+
+@pytest.mark.quick(1)
+@pytest.mark.parametrize("name", [None, "", "body", "\ud800"])
+def test_a_mesh_whose_name_tells_nothing_gets_one_that_works(name: str | None, tmp_path: Path) -> None:
+    """On nodes without a name, of one name, and of one that no file can hold."""
+    asset = limb_asset(rings=15, sides=10)
+    nodes = asset.gltf["nodes"]
+    asset.gltf["scenes"][0]["nodes"].append(asset.append("nodes", {"mesh": 0, "skin": 0}))
+    for node in (nodes[0], nodes[-1]):
+        node["name"] = name
+        if name is None:
+            del node["name"]
+    path = asset.write(tmp_path / "limb.glb")
+    found = suggest(path, node="node_0", count=1, everything=True)
+    (tmp_path / "tools.yaml").write_text(found.text, encoding="utf-8")
+    assert found.tools[0].tool.node == "node_0"
+    assert [*read_job(path, tmp_path / "tools.yaml", BakeOptions()).by_node] == [0]
 
 
 @pytest.mark.parametrize(("make", "message"), [(flat_mesh, "no triangles")])

@@ -73,13 +73,13 @@ def encode_extras(
 
 
 def _name_joints(edited: EditedDocument, rig: Rig, joints: Collection[int]) -> JointNames:
-    """Give names to the joints of drives that have none, as extras name joints, and players look them up by name.
+    """Give names to the joints of drives, and to the mesh's node, that have none, as players look them up by name.
 
     Indices would do for this file alone: optimisers number nodes anew, and players keep names.
     """
     gltf = edited.gltf
     unnamed = [node for node in sorted(joints) if not gltf["nodes"][node].get("name")]
-    for node in unnamed:
+    for node in (*unnamed, rig.node):
         gltf["nodes"][node]["name"] = rig.names[node]
     named = NamedNodes.of_body(gltf, rig.node, skinned=rig.skinned)
     shared = [rig.names[node] for node in sorted(joints) if named.called(node) is None]

@@ -3,12 +3,13 @@
 import os
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TypeAlias
+from typing import Any, TypeAlias, cast
 
 from wrinklecli.baking.baked_body import lost_record
 from wrinklecli.baking.original import original
 from wrinklecli.baking.parts import PARTS
 from wrinklecli.character.clip import Clip, chosen_clips, unknown_clip
+from wrinklecli.character.mesh_names import MeshNames
 from wrinklecli.character.moved import Motions, moved
 from wrinklecli.character.scene import deforms
 from wrinklecli.choices import Engine, FrameFormat, Mode, Storage, Tracks
@@ -205,26 +206,25 @@ def tools_by_node(document: Document, settings: ToolsFile) -> tuple[dict[int, li
     Raises:
         BakeError: Tools have no mesh, or meshes are wrinkled already, a line for each; or no tool remains.
     """
-    nodes = document.items("nodes")
-    mesh_nodes = [index for index, node in enumerate(nodes) if "mesh" in node]
-    deforming = [index for index in mesh_nodes if deforms(document, index)]
+    nodes, names = document.items("nodes"), MeshNames.of(document)
     found: dict[int, list[EffectTool]] = {}
     warnings: list[str] = []
     problems: list[BakeError] = []
     places: dict[str, list[str]] = {}
     for tool in settings.effects:
-        why = why_left_out(tool, document)
+        why = why_left_out(tool, names)
         if why is not None:
             warnings.append(f"{tool.name}: left out, as {why}")
         else:
             try:
-                node = _node_of(tool, document, mesh_nodes, deforming)
+                node = _node_of(tool, document, names)
+                tool = _by_own_names(tool, names)
                 found.setdefault(node, []).append(tool)
                 for over in _moved_along(tool, node):
-                    if (why := why_left_out(over, document)) is not None:
+                    if (why := why_left_out(over, names)) is not None:
                         warnings.append(f"{tool.name}: a mesh is left out, as {why}")
                         continue
-                    other = _node_of(over, document, mesh_nodes, deforming, "meshes")
+                    other = _node_of(over, document, names, "meshes")
                     if other == node:
                         message = f"{over.node!r} is the mesh of the region itself; name meshes over it"
                         raise BakeError(message, where=tool.place("meshes"))
@@ -264,54 +264,62 @@ def _parts_of(node: Json) -> list[str]:
     return [name for name in parts if isinstance(name, str)] if isinstance(parts, list) else []
 
 
-def why_left_out(tool: EffectTool, document: Document) -> str | None:
+def why_left_out(tool: EffectTool, names: MeshNames) -> str | None:
     """The reason why a bake would go on without a tool; None if it would not."""
     if tool.idle:
         return "its strength is 0 in every clip"
-    named = ("mesh" in node and node.get("name") == tool.node for node in document.items("nodes"))
-    if tool.optional and tool.node is not None and not any(named):
+    if tool.optional and tool.node is not None and not names.called(tool.node):
         return f"there is no node {tool.node!r}"
     return None
 
 
-def _node_of(
-    tool: EffectTool, document: Document, mesh_nodes: Sequence[int], deforming: Sequence[int], key: str = "node"
-) -> int:
-    """The node whose mesh a tool wrinkles, of the nodes that have a mesh and of those whose mesh deforms.
+def _by_own_names(tool: EffectTool, names: MeshNames) -> EffectTool:
+    """A tool that calls nodes as `MeshNames.own` does, whatever the tools file calls them."""
 
-    `key` is the one that names it.
+    def own(name: str) -> str:
+        nodes = names.called(name)
+        return names.own[nodes[0]] if len(nodes) == 1 else name
+
+    changes: dict[str, Any] = {} if tool.node is None else {"node": own(tool.node)}
+    if isinstance(tool, Flesh):
+        changes["meshes"] = tuple(map(own, tool.meshes))
+    if isinstance(tool, WrinkleTool) and tool.contact is not None:
+        changes["contact"] = replace(tool.contact, ignore=tuple(map(own, tool.contact.ignore)))
+    renamed: EffectTool = replace(cast("WrinkleTool", tool), **changes)
+    return renamed
+
+
+def _node_of(tool: EffectTool, document: Document, names: MeshNames, key: str = "node") -> int:
+    """The node whose mesh a tool wrinkles; `key` is the one that names it.
 
     Raises:
         BakeError: There is none, or more than one.
     """
     nodes = document.items("nodes")
-    names = {index: nodes[index].get("name") for index in mesh_nodes}
+    deforming = [index for index in names.own if deforms(document, index)]
     if tool.node is None:
         # Parts belong to the node that an earlier bake has split, which will be refused.
         parts = {name for index in deforming for name in _parts_of(nodes[index])}
-        whole = [index for index in deforming if names[index] not in parts]
+        whole = [index for index in deforming if nodes[index].get("name") not in parts]
         if len(whole) == 1:
             return whole[0]
         if not deforming:
             raise BakeError(
                 "no mesh of the asset deforms: it has neither a skin nor morph targets", where=document.path
             )
-        several = listed(str(names[index]) for index in deforming)
+        several = listed(names.name_of(index) for index in deforming)
         raise BakeError(f"several meshes deform; say which, by node: one of {several}", where=tool.where)
-    matches = [index for index in mesh_nodes if names[index] == tool.node]
+    matches = names.called(tool.node)
     if len(matches) == 1 and matches[0] in deforming:
         return matches[0]
     if len(matches) == 1:
         fault = f"node {tool.node!r} has neither a skin nor morph targets: it does not deform"
     elif matches:
-        fault = f"{len(matches)} nodes with a mesh are named {tool.node!r}"
+        several = listed(names.name_of(index) for index in matches)
+        fault = f"{len(matches)} nodes with a mesh are meant by {tool.node!r}; say which: one of {several}"
     else:
-        # Modellers name both, and show the mesh's name first.
-        meshes = document.items("meshes")
-        users = [str(names[index]) for index in mesh_nodes if meshes[nodes[index]["mesh"]].get("name") == tool.node]
-        known = [str(name) for name in names.values()]
-        hint = f"; the mesh of that name is on {listed(users)}" if users else nearest(tool.node, known)
-        fault = f"node {tool.node!r} is no node with a mesh{hint}; there are {listed(known)}"
+        known = [names.name_of(index) for index in names.own]
+        fault = f"node {tool.node!r} is no node with a mesh{nearest(tool.node, known)}; there are {listed(known)}"
     raise BakeError(fault, where=tool.place(key))
 
 

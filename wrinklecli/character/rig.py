@@ -136,13 +136,19 @@ def read_hierarchy(document: Document) -> Hierarchy:
 
 
 def _node_names(nodes: Sequence[Json]) -> tuple[str, ...]:
+    free = free_names(nodes)
+    return tuple(node.get("name") or free(index) for index, node in enumerate(nodes))
+
+
+def free_names(nodes: Sequence[Json]) -> Callable[[int], str]:
+    """A function that gives a name for a node by its number, which no node has."""
     taken = {node.get("name") for node in nodes}
 
     def free(index: int) -> str:
         names = chain([f"node_{index}"], (f"node_{index}_{again}" for again in count(2)))
         return next(name for name in names if name not in taken)
 
-    return tuple(node.get("name") or free(index) for index, node in enumerate(nodes))
+    return free
 
 
 def read_rig(document: Document, node: int, hierarchy: Hierarchy | None = None) -> Rig:

@@ -21,7 +21,7 @@ def read_scene_meshes(
     found = []
     for node in scene_nodes(document) if chosen is None else chosen:
         shown = nodes[node]
-        if shown.get("name") in ignored or "mesh" not in shown:
+        if hierarchy.names[node] in ignored or "mesh" not in shown:
             continue
         if not has_triangles(document, shown["mesh"]):
             continue

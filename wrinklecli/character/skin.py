@@ -59,6 +59,11 @@ class Influences:
         """(acting,) sorted numbers of the joints that have any weight."""
         return distinct_values(self.joints[self.weights > 0])
 
+    @property
+    def shares(self) -> Floats:
+        """(joints,) the sum of each one's weights."""
+        return np.asarray(np.bincount(self.joints.ravel(), self.weights.ravel(), self.joint_count), np.float64)
+
     def among(self, joints: Ints) -> "Influences":
         """The same by the numbers among (joints,) sorted joints, which have all weight."""
         numbers = np.zeros(self.joint_count, np.intp)
@@ -294,7 +299,7 @@ class SkinnedMesh:
             None if each is None else each.transpose(0, 2, 1) for each in pose(self.skin, matrices, weights, moved)
         )
         assert positions is not None
-        signs = orientations(matrices, self.skin.weights.sum(axis=1))
+        signs = orientations(matrices, self.skin.influences.shares)
         return PosedMesh(self.triangles, positions, normals, signs < 0, (signs == 0) & (not self.rig.skinned))
 
     def carried(self, clip: Clip | None, times: Floats, offsets: Floats | None = None) -> tuple[Floats, Floats]:

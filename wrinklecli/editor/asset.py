@@ -17,6 +17,7 @@ from wrinklecli.baking.original import original, wrinkled
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.contacts import Neighbours
 from wrinklecli.character.joined import with_free_nodes
+from wrinklecli.character.mesh_names import MeshNames
 from wrinklecli.character.moved import Motions, moved
 from wrinklecli.character.rig import DrivenTargets
 from wrinklecli.character.scene import deforming_nodes, scene_nodes
@@ -148,7 +149,7 @@ class LoadedAsset:
         by_node: dict[int, list[WrinkleTool]] = {}
         file_clips = tuple(clip for clip in self.clips if clip.name not in self.range_clips)
         for tool in settings.tools:
-            why = why_left_out(tool, self.document)
+            why = why_left_out(tool, MeshNames.of(self.document))
             if why is not None:
                 problems[tool.name] = f"{tool.name}: is left out, as {why}"
                 continue

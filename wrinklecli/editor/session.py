@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from wrinklecli.character.clip import Clip, clip_named
+from wrinklecli.character.mesh_names import MeshNames
 from wrinklecli.character.scene import deforming_nodes
 from wrinklecli.drive.touch import TouchDrive
 from wrinklecli.editor.asset import LoadedAsset, ReadOptions
@@ -323,9 +324,8 @@ class Session(Edits):
         node = proposal.values.get("node")
         with self._guarded():
             tools = self._attached().tools.values()
-            return any(
-                proposal.is_taken(each) for each in tools if node in (None, each.ground.rig.names[each.ground.rig.node])
-            )
+            nodes = None if node is None else MeshNames.of(self._loaded.document).called(node)
+            return any(proposal.is_taken(each) for each in tools if nodes is None or each.ground.rig.node in nodes)
 
     def accept(self, proposal: Proposal) -> str:
         """Add a proposed tool, and return its name."""

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from wrinklecli.baking.original import original, wrinkled
+from wrinklecli.character.mesh_names import own_names
 from wrinklecli.character.pose import stored_positions
 from wrinklecli.character.rig import Hierarchy, morph_target_names, read_hierarchy
 from wrinklecli.character.scene import read_scene
@@ -162,13 +163,14 @@ def _compressions(document: Document, primitive: Json) -> set[str]:
 
 def _deforming(document: Document, meshes: list[Json]) -> Iterator[Json]:
     """The nodes whose mesh has a skin or morph targets, so that a tool can be on them."""
+    names = own_names(document)
     for index, node in enumerate(document.items("nodes")):
         if "mesh" not in node:
             continue
         morphs = len(meshes[node["mesh"]]["morph_targets"])
         if "skin" in node or morphs:
             yield {
-                "node": _node_name(document, index),
+                "node": names[index],
                 "mesh": node["mesh"],
                 "skin": node.get("skin"),
                 "morph_targets": morphs,

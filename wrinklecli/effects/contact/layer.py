@@ -6,6 +6,7 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, ClassVar
 
 from wrinklecli.character.clip import Clip
+from wrinklecli.character.mesh_names import MeshNames
 from wrinklecli.effects.attached import AnyAttached
 from wrinklecli.effects.effect import Effect, EffectKind, MeshPlan, Part, SamplingOptions
 from wrinklecli.effects.wrinkle.layer import WrinkleLayer
@@ -113,7 +114,7 @@ def _check_ignored(document: Document, tools: Sequence[WrinkleTool]) -> None:
     Raises:
         BakeError: A line for each such name.
     """
-    known = [str(node["name"]) for node in document.items("nodes") if "mesh" in node and "name" in node]
+    known = list(MeshNames.of(document).own.values())
     problems = [
         BakeError(
             f"node {name!r} is no node with a mesh{nearest(name, known)}; there are {listed(known)}",

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 from wrinklecli.character.clip import Clip
+from wrinklecli.character.mesh_names import MeshNames
 from wrinklecli.effects.attached import AnyAttached
 from wrinklecli.effects.body import BodyLayer
 from wrinklecli.effects.effect import Effect, EffectKind, MeshPlan
@@ -54,7 +55,9 @@ class MuscleKind(EffectKind):
             WrinkleError: Muscles do not fit, a line for each.
         """
         own = [tool for tool in tools if isinstance(tool, Muscle)]
-        return attach_muscles(own, ground, {tool.node for tool in settings.muscles})
+        names = MeshNames.of(ground.document)
+        swelling = {ground.rig.names[node] for tool in settings.muscles for node in names.called(tool.node or "")}
+        return attach_muscles(own, ground, swelling)
 
     def plan(self, plan: MeshPlan, _ground: Ground, attached: Sequence[tuple[int, AnyAttached]]) -> MuscleLayer:
         """Let the refined surface carry the muscles."""

@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 
 from wrinklecli.character.clip import read_clips
+from wrinklecli.character.mesh_names import MeshNames
 from wrinklecli.character.rig import Rig, read_rig
 from wrinklecli.character.surface import Surface, read_surface
 from wrinklecli.errors import WrinkleError
@@ -104,11 +105,11 @@ def find_misfits(planned: PlannedTools, document: Document) -> list[Misfit]:
         return rig, surface, rest_pose(surface, rig, planned.settings, clips, [tool])
 
     found = []
-    nodes = {index: node.get("name") for index, node in enumerate(document.items("nodes")) if "mesh" in node}
+    names = MeshNames.of(document)
     for refused in planned.misfits:
-        named = [index for index, name in nodes.items() if name == refused.tool.node]
+        named = names.called(refused.tool.node or "")
         try:
-            meshes = {index: at_rest(index, refused.tool) for index in named or nodes}
+            meshes = {index: at_rest(index, refused.tool) for index in named or names.own}
             found.append(Misfit(refused, _points_of(refused.tool, meshes)))
         except WrinkleError:  # a marker is not a node, or a mesh cannot be posed
             found.append(Misfit(refused, ()))

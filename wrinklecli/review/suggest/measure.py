@@ -1,7 +1,6 @@
 """Meshes that clips move, measured: the nodes that have one, the poses to look at, and where these compress each."""
 
 import math
-from collections import Counter
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import field, replace
 
@@ -9,8 +8,9 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.contacts import Neighbours
+from wrinklecli.character.mesh_names import MeshNames
 from wrinklecli.character.rig import Rig, moving_nodes, read_hierarchy, read_rig
-from wrinklecli.character.scene import deforms, scene_nodes
+from wrinklecli.character.scene import deforming_nodes, deforms
 from wrinklecli.character.surface import read_surface
 from wrinklecli.drive.drive import wrinkle_entry
 from wrinklecli.errors import AssetError, BakeError, listed, nearest
@@ -93,39 +93,36 @@ def find_mesh_nodes(document: Document, options: SuggestOptions) -> tuple[dict[i
     """Find the nodes of the scene whose meshes deform, or the one asked for.
 
     Returns:
-        By the node's index, its name as a tool must give it, None if a tool need not; and a line for each node left
-        out.
+        By the node's index, its name as a tool must give it, None if a tool need not; and a line about nodes that the
+        scene does not draw.
 
     Raises:
         AssetError: There is no such node, or a node carries wrinkles of an earlier bake.
     """
-    asked, nodes = options.node, document.items("nodes")
-    deforming = [index for index in range(len(nodes)) if deforms(document, index)]
-    names = [nodes[index].get("name") for index in deforming]
-    counts = Counter(names)
-    if asked is not None and counts[asked] != 1:
-        known = [str(name) for name in names]
-        fault = f"{asked!r} is no node with a mesh that deforms{nearest(asked, known)}; there are {listed(known)}"
-        if counts[asked]:
-            fault = f"{counts[asked]} nodes with a mesh that deforms are named {asked!r}"
-        raise AssetError(fault, where=document.path)
-    shown = set(scene_nodes(document))
-    found: dict[int, str | None] = {}
-    notes = []
-    for index, name in zip(deforming, names, strict=True):
-        if name != asked if asked is not None else index not in shown:
-            continue
+    asked, nodes, names = options.node, document.items("nodes"), MeshNames.of(document)
+    deforming = [index for index in names.own if deforms(document, index)]
+    known = {index: names.name_of(index) for index in deforming}
+    shown = deforming_nodes(document)
+    if asked is not None:
+        shown = [index for index in names.called(asked) if index in known]
+        if len(shown) != 1:
+            fault = f"{asked!r} is no node with a mesh that deforms{nearest(asked, known.values())}"
+            if shown:
+                fault = f"{len(shown)} nodes with a mesh that deforms are meant by {asked!r}"
+            there = listed(known[index] for index in shown or deforming)
+            raise AssetError(f"{fault}; there are {there}", where=document.path)
+    for index in shown:
         if wrinkle_entry(nodes[index]) is not None:
             raise AssetError(
                 "already carries wrinkles of an earlier bake; ask for suggestions on the original asset",
                 where=document.where("nodes", index, "extras", "wrinkle"),
             )
-        if len(deforming) > 1 and (not isinstance(name, str) or not name or counts[name] > 1):
-            where = document.where("nodes", index)
-            notes.append(f"{where}: left out, as it has no name of its own by which a tool could say where it is")
-            continue
-        found[index] = name if len(deforming) > 1 else None
-    return found, notes
+    aside = [known[index] for index in deforming if index not in shown] if asked is None else []
+    notes = [
+        f"{listed(aside)}: left out, as the scene does not draw it: it is in another scene or in none, hidden, or a"
+        " level of detail; --node asks for it"
+    ]
+    return {index: known[index] if len(deforming) > 1 else None for index in shown}, notes if aside else []
 
 
 def measure_meshes(

@@ -10,6 +10,7 @@ from wrinklecli.character.clip import Clip, chosen_clips, read_clips
 from wrinklecli.character.joined import with_clips
 from wrinklecli.character.moved import Motions, moved
 from wrinklecli.character.rig import read_rig
+from wrinklecli.character.scene import deforms
 from wrinklecli.choices import Scheme
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document, read_document
@@ -150,7 +151,11 @@ def suggest(
         if candidates and not chosen:
             reason = _joined([*hard, "what its motions fold is left out, as the notes say"])
         elif not nodes:
-            reason = "no mesh deforms: none has a skin or morph targets"
+            there = any(deforms(document, node) for node in range(len(document.items("nodes"))))
+            reason = (
+                "none has a skin or morph targets" if not there else "those that do are not drawn, as the notes say"
+            )
+            reason = f"no mesh deforms: {reason}"
         elif not clips:
             reason = "it has no clip, no joint that bends a mesh and no morph target: nothing moves"
         elif not meshes:
