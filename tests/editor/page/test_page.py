@@ -11,12 +11,13 @@ import msgspec
 import numpy as np
 import pytest
 import viser
+import zstandard
 from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from kit.browser import until
-from kit.limb import limb
+from kit.limb import limb, limb_asset
 from wrinklecli.editor.page import server
 from wrinklecli.editor.page.page import Page
 from wrinklecli.editor.session import Session
@@ -60,6 +61,13 @@ def test_a_split_needs_a_share_wrinkles_and_somebody_who_looks(page: Page) -> No
     viewport._camera, viewport._split.value = None, 0
 
 
+def unpacked(data: str | bytes) -> bytes:
+    """The packed messages of a window, which are compressed behind two numbers."""
+    assert isinstance(data, bytes)
+    size = int.from_bytes(data[8:16], "little")
+    return zstandard.ZstdDecompressor().decompress(data[16 : 16 + size])
+
+
 def test_hostile_messages_end_no_other_tab(page: Page) -> None:
     with tab(page) as other:
         other.recv(timeout=10)
@@ -91,6 +99,20 @@ def test_tabs_that_are_gone_leave_nothing(page: Page) -> None:
         until(lambda: sum(isinstance(each, ServerConnection) for each in gc.get_objects()) <= 2, "no old connections")
     finally:
         gc.enable()
+
+
+def test_names_with_half_a_character_are_shown(tmp_path: Path) -> None:
+    asset = limb_asset(rings=8, sides=6)
+    for kind in ("nodes", "meshes", "animations"):
+        for each in asset.gltf[kind]:
+            each["name"] = "half \ud801"
+    asset.gltf["nodes"][0]["name"] = "limb \ud802"
+    page = Page(Session(asset.write(tmp_path / "limb.glb")))
+    try:
+        with tab(page) as shown:
+            assert b"half \\ud801" in b"".join(unpacked(shown.recv(timeout=20)) for _ in range(2))
+    finally:
+        page.close()
 
 
 def test_a_tab_for_which_no_memory_is_left_is_refused(page: Page, monkeypatch: pytest.MonkeyPatch) -> None:
