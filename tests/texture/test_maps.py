@@ -238,7 +238,11 @@ def test_tools_that_move_the_body_are_left_out_and_named(wrinkle: Wrinkle, tmp_p
 
 
 def test_maps_that_take_too_much_memory_are_refused(wrinkle: Wrinkle, tmp_path: Path) -> None:
-    asset, tools, options = sample("wrist"), CONFIGS / "wrist.yaml", ("--size", "8192", "--supersample", "1")
+    asset, tools, options = (
+        sample("wrist"),
+        CONFIGS / "wrist.yaml",
+        ("--size", "8192", "--supersample", "1", "--max-memory", "1GB"),
+    )
     ran = wrinkle("maps", asset, tools, "-o", tmp_path / "maps", *options)
     assert (ran.code, len(ran.lines)) == (1, 1)
     assert "maps of 8192 by 8192 texels would take 9.73 GB" in ran.lines[0]
