@@ -116,7 +116,7 @@ def _widen_idle_pointers(edited: EditedDocument, rig: Rig, count: int) -> None:
     """Give so many zeros to the channels that go on naming the mesh: its node has weights of its own, which count."""
     pointer, source = f"/meshes/{edited.gltf['nodes'][rig.node]['mesh']}/weights", edited.source
     for animation in edited.gltf.get("animations", []):
-        for channel in animation["channels"]:
+        for channel in animation.get("channels", ()):
             if pointer_of(channel) == pointer:
                 old = animation["samplers"][channel["sampler"]]
                 values = source.stored(old["output"]).reshape(-1, len(rig.morph_names))
