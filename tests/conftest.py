@@ -21,6 +21,7 @@ from kit.golden import Golden
 from kit.places import ROOT
 
 _BUILT = ("build", "dist")  # by the build of a release
+_HANDLERS = {each: signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
 
 # Workers, and the hundreds of commands that they start, would else compile all modules anew.
 sys.dont_write_bytecode = False
@@ -60,10 +61,17 @@ def pytest_collection_finish() -> None:
 
 @pytest.fixture(autouse=True)
 def signals_as_before() -> Iterator[None]:
-    """Commands that run in this process say what signals do; the programs that a later test starts would inherit it."""
-    handlers = {each: signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    """Commands that run in this process say what signals do; the programs that a later test starts would inherit it.
+
+    A command may have run for a fixture of many tests, before this one is set up.
+    """
+    _reset_signals()
     yield
-    for each, handler in handlers.items():
+    _reset_signals()
+
+
+def _reset_signals() -> None:
+    for each, handler in _HANDLERS.items():
         signal.signal(each, handler)
 
 

@@ -37,8 +37,10 @@ def test_a_clip_with_a_nan_is_a_line(tmp_path: Path) -> None:
     asset = limb_asset(rings=6, sides=6)
     (sampler,) = asset.gltf["animations"][0]["samplers"]
     stored(asset, sampler["output"])[1] = np.nan
+    session = Session(asset.write(tmp_path / "limb.glb"))
+    session.meshes(None, 0.0)
     with pytest.raises(WrinkleError, match="finite"):
-        Session(asset.write(tmp_path / "limb.glb"))
+        session.meshes(session.clips[0].name, 0.5)
 
 
 def test_an_asset_that_takes_too_much_memory_is_a_line(tmp_path: Path) -> None:
