@@ -42,13 +42,13 @@ def folder(tmp_path: Path) -> Path:
 @pytest.mark.parametrize(
     ("name", "sign", "step"),
     [
-        # A few lines, which take little time; then every line of a bake, and each fifth of what writes as it does.
+        # A few lines, which take little time; then each third line of a bake, and each tenth of what writes as it does.
         ("bake", signal.SIGTERM, 29),
         ("frames", signal.SIGKILL, 29),
         ("track", signal.SIGINT, 29),
-        *(("bake", sign, 1) for sign in (signal.SIGTERM, signal.SIGKILL)),
-        *(("bake", sign, 5) for sign in (signal.SIGINT, signal.SIGHUP)),
-        *((name, sign, 5) for name in COMMANDS if name != "bake" for sign in (signal.SIGTERM, signal.SIGKILL)),
+        *(("bake", sign, 3) for sign in (signal.SIGTERM, signal.SIGKILL)),
+        *(("bake", sign, 10) for sign in (signal.SIGINT, signal.SIGHUP)),
+        *((name, sign, 10) for name in COMMANDS if name != "bake" for sign in (signal.SIGTERM, signal.SIGKILL)),
     ],
 )
 def test_a_signal_at_any_line_leaves_all_files_new_or_none(

@@ -24,7 +24,7 @@ WRITING = {
     "report": ("bake limb.gltf tools.yaml -o out.glb --report {}", ".json"),
     "timings": ("bake limb.gltf tools.yaml -o out.glb --timings {}", ".json"),
     "depfile": ("bake limb.gltf tools.yaml -o out.glb --depfile {}", ".d"),
-    "suggest": ("suggest limb.gltf --all -o {}", ".yaml"),
+    "suggest": ("suggest limb.gltf --all --force -o {}", ".yaml"),
     "check": ("check limb.gltf tools.yaml --plot {}", ".svg"),
     "preview": ("preview limb.gltf --tools tools.yaml -o {} --rest --size 32x32", ".png"),
 }
