@@ -14,6 +14,7 @@ from functools import cache
 from pathlib import Path
 from threading import Event, Thread
 from typing import Any
+from unittest.mock import patch
 
 from kit import web
 from kit.asset import Json
@@ -250,6 +251,8 @@ def attack(case: Case, folder: Path) -> int:
         refused = stack.enter_context(only_within(folder, temporary))
         piped = stack.enter_context(_readers(pipes))
         stack.enter_context(small_maps())
+        # As on a machine of 2 GB, whatever this one has: half of what is free would be more than a case may take.
+        stack.enter_context(patch("wrinklecli.numeric.memory.available_memory", lambda: 2 * 10**9))
         stack.enter_context(bounded(seconds=SECONDS, megabytes=MEGABYTES))
         saved = _saved(case, folder)
         middle = _kill(case, folder)
