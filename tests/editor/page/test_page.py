@@ -88,6 +88,7 @@ def test_many_tabs_show_one_session(page: Page) -> None:
         assert all(len(each.recv(timeout=20)) > 1000 for each in tabs)
 
 
+@pytest.mark.slow
 def test_tabs_that_are_gone_leave_nothing(page: Page) -> None:
     """Each has some hundred kilobytes, and Python looks for them rarely, if at all."""
     gc.disable()
