@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 else:
 
     def dataclass(*, frozen=False, slots=False, eq=True, kw_only=False):
-        """What `dataclasses.dataclass` makes of a class; if it is frozen, its methods go through its fields."""
+        """Make a dataclass, as `dataclasses.dataclass` does; if it is frozen, its methods go through its fields."""
         if not frozen:
             return dataclasses.dataclass(slots=slots, eq=eq, kw_only=kw_only)
 

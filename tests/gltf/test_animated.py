@@ -1,4 +1,4 @@
-"""What channels move: by a node and a path, or by a JSON pointer that resolves to a property."""
+"""Channels move what a node and a path name, or a JSON pointer that resolves to a property."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ from wrinklecli.gltf.animated import Animated, Channels, drop_channels, forget_p
 
 
 def moved(target: Any, **node: Any) -> Animated | None:
-    """What a channel moves in a limb of two morph targets whose mesh a further node shows, with its own keys."""
+    """The property that a channel moves in a limb of two morph targets whose mesh a further node shows."""
     gltf = limb_asset(morphs=2, rings=3, sides=4).gltf
     gltf["nodes"].append({"name": "copy", "mesh": 0, **node})
     return Channels(gltf).moved({"sampler": 0, "target": target})

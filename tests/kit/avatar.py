@@ -23,18 +23,16 @@ def avatar(*, clips: bool) -> Asset:
     """The avatar, with clips or without any."""
     writer = Writer(twist=True, names=MIXAMO)
     body = person(columns=52, rows=24, twist=True)
-    for number in range(_HAIR):
-        turn = 2.0 * np.pi * number / _HAIR
-        x, z = np.sin(turn), -np.cos(turn)
-        _strand(writer, body, f"hair_{number}", "head", _HAIR_JOINTS, [
-            (0.1 * x, 1.7, 0.11 * z), (0.13 * x, 1.55, 0.14 * z), (0.14 * x, 1.3, 0.15 * z)
-        ], radius=0.008)  # fmt: skip
-    for number in range(_SKIRT):
-        turn = 2.0 * np.pi * number / _SKIRT
-        x, z = np.sin(turn), -np.cos(turn)
-        _strand(writer, body, f"skirt_{number}", "hips", _SKIRT_JOINTS, [
-            (0.18 * x, 0.98, 0.13 * z), (0.24 * x, 0.8, 0.19 * z), (0.3 * x, 0.55, 0.25 * z)
-        ], radius=0.03)  # fmt: skip
+    hair = ((0.1, 1.7, 0.11), (0.13, 1.55, 0.14), (0.14, 1.3, 0.15))
+    skirt = ((0.18, 0.98, 0.13), (0.24, 0.8, 0.19), (0.3, 0.55, 0.25))
+    for name, parent, count, joints, profile, radius in (
+        ("hair", "head", _HAIR, _HAIR_JOINTS, hair, 0.008),
+        ("skirt", "hips", _SKIRT, _SKIRT_JOINTS, skirt, 0.03),
+    ):
+        for number in range(count):
+            turn = 2.0 * np.pi * number / count
+            points = [(across * np.sin(turn), y, -along * np.cos(turn)) for across, y, along in profile]
+            _strand(writer, body, f"{name}_{number}", parent, joints, points, radius=radius)
     writer.mesh("avatar", body, {"": plain("skin", (0.8, 0.6, 0.5))})
     if clips:
         times = np.linspace(0.0, 2.0, 9)

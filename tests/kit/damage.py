@@ -235,7 +235,7 @@ def _sly_edits(chance: random.Random, gltf: Json) -> Iterator[Edit]:
 
 
 def _edits_of_others(chance: random.Random, source: Source) -> Iterator[Edit]:
-    """What files of other exporters have: pointers, names elsewhere or none, keys below 0 s, floats for integers."""
+    """Edits give an asset what other exporters write: pointers, odd names, keys below 0 s, floats for integers."""
     gltf = source.gltf
     channels = [
         (each, number)
@@ -284,7 +284,7 @@ def _edits_of_others(chance: random.Random, source: Source) -> Iterator[Edit]:
 
 
 def _start_of(gltf: Json, index: Any) -> int | None:
-    """Where the values of an accessor begin in the buffer; None if that is not plain."""
+    """The offset in the buffer at which an accessor's values begin; None if that is not plain."""
     try:
         accessor = gltf["accessors"][index]
         return int(gltf["bufferViews"][accessor["bufferView"]].get("byteOffset", 0) + accessor.get("byteOffset", 0))

@@ -1,4 +1,4 @@
-"""How much memory is free, by the files of a system."""
+"""The memory that is free is read from the files of a system."""
 
 from pathlib import Path
 

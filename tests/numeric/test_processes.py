@@ -85,7 +85,7 @@ def test_there_is_a_core() -> None:
 
 @pytest.mark.skipif(not os.path.exists("/proc/self/statm"), reason="needs Linux")
 def test_processes_share_the_memory_and_what_needs_more_than_a_share_is_worked_out_here() -> None:
-    """Of 200 MB for two, one item needs 10 MB, another one 150 MB."""
+    """Two workers share 200 MB; one item needs 10 MB, another one 150 MB."""
 
     def fill(size: int) -> tuple[int, int]:
         return len(bytearray(size)), os.getpid()

@@ -68,7 +68,7 @@ def test_a_file_that_is_there_is_not_written_over(folder: Path, tmp_path: Path) 
 @pytest.mark.quick(1)
 @pytest.mark.parametrize("content", [None, ""])
 def test_a_file_without_content_is_written(folder: Path, tmp_path: Path, content: str | None) -> None:
-    """As `mktemp` makes it. To merge into such a file, or into none, is to write it."""
+    """An empty file, as `mktemp` makes it, is written, and so is one that is merged into nothing."""
     for arguments in ([], ["--merge"]):
         out = tmp_path / f"tools{len(arguments)}.yaml"
         if content is not None:

@@ -148,7 +148,7 @@ def test_anchor_at_singular_joints_is_refused() -> None:
 
 @pytest.mark.parametrize(("at", "triangles"), [((0.7, 0.2), [0]), ((0.5, 0.5), [0, 1]), ((1.0, 1.0), [0, 1, 3])])
 def test_an_anchor_is_on_all_triangles_that_have_its_place(at: tuple[float, float], triangles: list[int]) -> None:
-    """In a triangle, on the edge of two, and at the corner of three; a fourth one only touches their corners."""
+    """Anchors lie in a triangle, on the edge of two, or at the corner of three; a fourth only touches their corners."""
     places = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 0], [2, 1, 0]], float)
     faces = [[0, 1, 2], [0, 2, 3], [1, 4, 5], [1, 5, 2]]
     prepared = prepare(plate(places, faces), tool(origin=[*at, 0], target=[1.8, 0.1, 0], width=1))

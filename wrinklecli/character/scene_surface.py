@@ -134,10 +134,8 @@ def _joined(meshes: Sequence[SkinnedMesh], starts: Ints, wholes: Ints) -> Ints:
         ends = np.cumsum([0, *(len(part.bind_positions) for part in parts)]).tolist()
         for part, (begin, end) in zip(parts, pairwise(ends), strict=True):
             deltas[[names.index(name) for name in part.rig.morph_names], begin:end] = part.deltas
-        places, weights = (
-            np.vstack([each.bind_positions for each in parts]),
-            np.vstack([each.weights for each in parts]),
-        )
+        places = np.vstack([each.bind_positions for each in parts])
+        weights = np.vstack([each.weights for each in parts])
         points = weld(places, deltas, np.broadcast_to(np.arange(weights.shape[1]), weights.shape), weights).points
         first[vertices] = vertices[np.unique(points, return_index=True)[1][points]]
     return first

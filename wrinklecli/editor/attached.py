@@ -237,11 +237,11 @@ class AttachedTool:
         return cache.times(clip), self.part.heights(self.plan.fine, clip, numbers)
 
     def seen(self, cache: ClipCache, clips: Sequence[Clip]) -> list[Seen]:
-        """What is seen of it in each clip that moves its mesh."""
+        """Its measurements and weights in each clip that moves its mesh."""
         return [cache.seen(self.ground, self.part, clip) for clip in moving_clips(self.plan, clips)]
 
     def facts_in(self, cache: ClipCache, clips: Sequence[Clip]) -> list[Json]:
-        """What an artist wants to know of it in each clip that moves its mesh."""
+        """Facts that an artist wants of it in each clip that moves its mesh."""
         return [self.part.facts_in(self.plan, each) for each in self.seen(cache, clips)]
 
 

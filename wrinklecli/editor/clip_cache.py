@@ -106,7 +106,7 @@ class ClipCache:
         return self._weights.get_or_make((ground, clip.name), lambda: morph_weights(ground.rig, clip, self.times(clip)))
 
     def seen(self, ground: Ground, part: Part, clip: Clip) -> Seen:
-        """What is seen of a tool over a clip, at its frame times."""
+        """A tool's measurements and weights over a clip, at its frame times."""
         key = (part.attached.tool, ground, clip.name)
         return self._seen.get_or_make(key, lambda: seen_at(part, ground.rig, clip, self.times(clip)))
 

@@ -81,7 +81,8 @@ def count_turned_over(part: Part, fine: Refinement, rig: Rig, clip: Clip | None,
     moves = np.zeros((1, len(used), 3))
     moves[:, np.searchsorted(used, part.vertices)] = part.displacements(fine, rig, clip, times)
     mesh = fine.skinned(rig, used)
-    (skinned, matrices), (wrinkled, _) = mesh.carried(clip, times), mesh.carried(clip, times, moves)
+    skinned, matrices = mesh.carried(clip, times)
+    wrinkled = skinned + np.einsum("fvij,fvj->fvi", matrices, moves)
     shown, faces = np.searchsorted(used, own), faces.reshape(-1, 3)
     before, after = (_turned_over(each[0], shown, faces) for each in (skinned, wrinkled))
     # Where the surface is inside out, by the normals that joints carry, it is hidden behind what it has passed through.

@@ -25,7 +25,7 @@ _POINTER = re.compile(rf"/(nodes|meshes)/{_INDEX}/({'|'.join(_PATHS)})(?:/{_INDE
 
 @dataclass(frozen=True, slots=True)
 class Animated:
-    """What a channel moves.
+    """The property that a channel moves.
 
     Attributes:
         nodes: The nodes that have the property, or that show the mesh that has it.
@@ -42,12 +42,12 @@ class Animated:
 
 @dataclass(frozen=True)
 class Channels:
-    """What channels may move in a document."""
+    """The properties of a document that channels may move."""
 
     gltf: Json
 
     def moved(self, channel: Json) -> Animated | None:
-        """What a channel moves; None if this is no property of a node.
+        """The property that a channel moves; None if it is none of a node.
 
         Weights of a mesh move the nodes that show it and have no weights of their own.
         """
