@@ -1,9 +1,10 @@
 """Drives in extras: a drive that is written and read again gives the same weights, for all signals and responses."""
 
 import json
-from collections.abc import Mapping, Sequence
+import operator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, reduce
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,9 @@ from wrinklecli.numeric.arrays import Floats
 
 TIMES = np.linspace(0.0, 2.0, 41)
 PATH = {"origin": None, "target": None, "path": [[-0.4, RADIUS, 0.0], [0.0, RADIUS, 0.0], [0.4, RADIUS, 0.0]]}
+
+
+POINT = {"joints": ["nan"], "weights": [1.0], "positions": [[0.0, 0.0, 0.0]], "scales": [1.0]}
 
 
 SIGNALS: Sequence[Mapping[str, Any]] = (
@@ -151,6 +155,85 @@ def test_extras_that_no_bake_writes_are_refused(broken: dict[str, Any]) -> None:
         StoredDrive.read({**data, **broken})
 
 
+SEGMENT = {
+    "name": "nan",
+    "origin": POINT,
+    "target": {**POINT, "morphs": {"inf": [[0.1, 0.0, 0.0]]}},
+    "rest_length": 1.0,
+}
+ROWS = {"shortenings": [0.0, 0.5], "weights": [[0.0], [1.0]], "targets": ["nan"]}
+KEYED = {"nan": [[0.0, 0.5], [1.0, 0.6]]}
+JOINT = {"joint": "nan", "parent": "inf", "rest": [0.0, 0.0, 0.0, 1.0], "axis": [1.0, 0.0, 0.0]}
+TURNS = {
+    "angles": [0.0, 1.0],
+    "weights": [[0.0], [1.0]],
+    "leaning": [{"towards": [0.0, 1.0, 0.0], "weights": [[0.0], [1.0]]}],
+    "null": [1.0],
+    "paths": [{"turns": [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]], "weights": [[0.0], [1.0]]}],
+    "targets": ["nan"],
+}
+SPRING = {"frequency": 4.0, "damping": 0.5}
+MODE = {**SPRING, "load": [1.0, 0.0, 0.0], "gain": 1.0}
+TOUCH = {
+    "name": "nan",
+    "anchors": [POINT] * 4,
+    "pad": 1.0,
+    "grip": 1.0,
+    "deepest": 1.0,
+    "bend": [0.0, 0.0, 0.0],
+    "windows": [0.0],
+    "turn": 0.1,
+    "by": POINT,
+    "limb": [POINT] * 2,
+    "release": SPRING,
+    "rises": [[0.0, 0.0], [1.0, 1.0]],
+    "keys": {"nan": [[0.0] * 4]},
+    "ends": {"nan": [1.0]},
+    "targets": ["nan"] * 14,
+}
+KINDS: Mapping[str, Mapping[str, Any]] = {
+    "shortening": {**SEGMENT, **ROWS, "strengths": {"nan": 0.5}, "strength": 0.5, "lag": SPRING},
+    "keyed": {**SEGMENT, **ROWS, "rest_length_keys": KEYED},
+    "morph": {**SEGMENT, **ROWS, "rest_length_morph": {"name": "nan", "full": 1.2}},
+    "layout 1": {**SEGMENT, "curve": CURVE, "targets": ["nan", "inf"]},
+    "activation": {**SEGMENT, **ROWS, "gains": [0.0, 1.0], "tension": {"length": 0.1, "morph": "nan"}},
+    "keyed activation": {**SEGMENT, **ROWS, "lows": [0.0], "tension": {"length": 0.1, "keys": KEYED}},
+    "turn": {**JOINT, **TURNS},
+    "flesh": {
+        "name": "nan",
+        "joint": "nan",
+        "at": [0.0, 0.0, 0.0],
+        "scale": 1.0,
+        "gravity": [0.0, -9.8, 0.0],
+        "modes": [MODE],
+        "targets": ["nan", "inf"],
+    },
+    "touch": TOUCH,
+}
+
+
+def number_places(value: Any, place: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """The keys and indices that lead to each number in a JSON value."""
+    if isinstance(value, float | int):
+        yield place
+    elif isinstance(value, dict | list):
+        for key, each in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from number_places(each, (*place, key))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_numbers_that_are_not_finite_are_refused_wherever_they_stand(kind: str) -> None:
+    """Names such as `nan` are names."""
+    text = json.dumps(KINDS[kind])
+    StoredDrive.read(json.loads(text))
+    for *way, last in number_places(json.loads(text)):
+        for forged in ("nan", "inf", float("-inf")):
+            data = json.loads(text)
+            reduce(operator.getitem, way, data)[last] = forged
+            with pytest.raises(ValueError):  # noqa: PT011
+                StoredDrive.read(data)
+
+
 def test_a_rest_length_is_constant_on_a_rig_without_its_morph_target() -> None:
     prepared = limb(4)
     table = Table("shortenings", np.array([0.0, 0.9]), np.array([[0.0], [1.0]]))
@@ -232,6 +315,6 @@ def test_a_table_of_turns_about_leaning_axes_is_read_as_it_was_written() -> None
     assert old.table == pytest.approx(rows)
     with pytest.raises(ValueError):  # noqa: PT011
         StoredDrive.read({**data, "leaning": [], "null": [1.0, 0.0]})
-    for faulty in ([{"towards": [1.0, 0.0]}], [{"towards": [np.nan] * 3, "weights": rows.tolist()}]):
+    for faulty in ([{"towards": [1.0, 0.0]}], [{"towards": [0.0] * 4, "weights": rows.tolist()}]):
         with pytest.raises((KeyError, ValueError)):
             StoredDrive.read({**data, "leaning": faulty})

@@ -135,7 +135,7 @@ def test_extras_give_the_same_drive(rig: Rig) -> None:
 
 @pytest.mark.parametrize(
     ("key", "value"),
-    [("scale", 0), ("at", [0, 1]), ("modes", []), ("targets", ["a"]), ("gravity", [0, float("inf"), 0])],
+    [("scale", 0), ("at", [0, 1]), ("modes", []), ("targets", ["a"])],
 )
 def test_extras_of_others_are_refused(rig: Rig, key: str, value: Any) -> None:
     data = drive().to_json(rig.names, ()) | {key: value}

@@ -49,7 +49,7 @@ from wrinklecli.drive.lag import TAUT
 from wrinklecli.drive.point import point_json, read_point
 from wrinklecli.drive.segment import Contraction, Lengths, RestLength, Segment, Tension
 from wrinklecli.drive.swing import SwingDrive, read_swing
-from wrinklecli.drive.table import Json, Response, Weights, read_table, split, stored
+from wrinklecli.drive.table import Json, Response, Weights, read_number, read_numbers, read_table, split, stored
 from wrinklecli.drive.touch import TouchDrive, read_touch
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, interpolated, unit_quaternions
@@ -281,7 +281,7 @@ class StoredDrive:
         if "windows" in data:
             return read_touch(data, nodes, morph_names)
         joint = "joint" in data
-        lows = np.array(data["lows"], np.float64).reshape(-1) if "lows" in data else None
+        lows = read_numbers(data["lows"], -1) if "lows" in data else None
         response = read_table(data, len(self.targets) if lows is None else len(lows), self.layout)
         if lows is not None and (not (lows >= 0).all() or len(lows) + np.count_nonzero(lows) != len(self.targets)):
             raise ValueError
@@ -291,8 +291,8 @@ class StoredDrive:
             targets=self.targets,
             response=response,
             lag=_read_lag(data["lag"]) if "lag" in data else None,
-            strengths={clip: float(factor) for clip, factor in data.get("strengths", {}).items()},
-            strength=float(data.get("strength", 1.0)),
+            strengths={clip: read_number(factor) for clip, factor in data.get("strengths", {}).items()},
+            strength=read_number(data.get("strength", 1.0)),
             own=tuple(str(name) for name in data.get("own", ())),
             lows=lows,
         )
@@ -347,15 +347,16 @@ def _angle_json(signal: JointAngle, names: Sequence[str]) -> Json:
 
 def _read_segment(data: Json, nodes: Mapping[str, int], morph_names: Sequence[str]) -> Segment:
     points = tuple(read_point(anchor, nodes, morph_names) for anchor in anchors_of(data))
-    morph, constant = data.get("rest_length_morph"), float(data["rest_length"])
-    keys = {clip: np.array(each, np.float64).reshape(-1, 2) for clip, each in data.get("rest_length_keys", {}).items()}
-    lengths = [constant, *([float(morph["full"])] if morph else []), *(x for each in keys.values() for x in each[:, 1])]
+    morph, constant = data.get("rest_length_morph"), read_number(data["rest_length"])
+    keys = {clip: read_numbers(each, -1, 2) for clip, each in data.get("rest_length_keys", {}).items()}
+    full = read_number(morph["full"]) if morph else constant
+    lengths = [constant, full, *(x for each in keys.values() for x in each[:, 1])]
     if len(points) < 2 or any(not len(each) or not (np.diff(each[:, 0]) > 0).all() for each in keys.values()):
         raise ValueError
     if not all(length > 0 for length in lengths):
         raise ValueError
     there = morph is not None and str(morph["name"]) in morph_names
-    follows = (list(morph_names).index(str(morph["name"])), float(morph["full"])) if morph and there else None
+    follows = (list(morph_names).index(str(morph["name"])), full) if morph and there else None
     return Segment(points, RestLength(constant, keys, follows), _read_tension(data, morph_names))
 
 
@@ -363,16 +364,16 @@ def _read_tension(data: Json, morph_names: Sequence[str]) -> Tension | None:
     said = data.get("tension")
     if said is None:
         return None
-    keys = {clip: np.array(each, np.float64).reshape(-1, 2) for clip, each in said.get("keys", {}).items()}
+    keys = {clip: read_numbers(each, -1, 2) for clip, each in said.get("keys", {}).items()}
     if any(not len(each) or not (np.diff(each[:, 0]) > 0).all() for each in keys.values()):
         raise ValueError
     name = said.get("morph")
     there = name is not None and str(name) in morph_names
-    return Tension(float(said["length"]), keys, list(morph_names).index(str(name)) if there else None)
+    return Tension(read_number(said["length"]), keys, list(morph_names).index(str(name)) if there else None)
 
 
 def _read_angle(data: Json, nodes: Mapping[str, int]) -> JointAngle:
-    rest, axis = (np.array(data[key], np.float64).reshape(size) for key, size in (("rest", 4), ("axis", 3)))
+    rest, axis = (read_numbers(data[key], size) for key, size in (("rest", 4), ("axis", 3)))
     if not rest.any():
         raise ValueError
     parent = data.get("parent")
@@ -382,7 +383,7 @@ def _read_angle(data: Json, nodes: Mapping[str, int]) -> JointAngle:
 
 
 def _read_lag(data: Json) -> Lag:
-    lag = Lag(float(data["frequency"]), float(data["damping"]))
+    lag = Lag(read_number(data["frequency"]), read_number(data["damping"]))
     if not (0 < lag.frequency < _FASTEST and 0 < lag.damping < _FASTEST):
         raise ValueError
     return lag

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from wrinklecli.character.carried import CarriedPoint
-from wrinklecli.drive.table import Json, stored
+from wrinklecli.drive.table import Json, read_numbers, stored
 
 
 def point_json(point: CarriedPoint, names: Sequence[str], morph_names: Sequence[str]) -> Json:
@@ -31,12 +31,12 @@ def read_point(data: Json, nodes: Mapping[str, int], morph_names: Sequence[str])
         KeyError, TypeError, ValueError: The extras are not what `bake` writes.
     """
     count = len(data["joints"])
-    weights, scales = (np.array(data[key], np.float64).reshape(count) for key in ("weights", "scales"))
+    weights, scales = (read_numbers(data[key], count) for key in ("weights", "scales"))
     if not (scales > 0).all():
         raise ValueError
-    moves = {name: np.array(each, np.float64).reshape(count, 3) for name, each in data.get("morphs", {}).items()}
+    moves = {name: read_numbers(each, count, 3) for name, each in data.get("morphs", {}).items()}
     points = np.zeros((1 + len(morph_names), count, 4))
-    points[0] = np.column_stack([np.array(data["positions"], np.float64).reshape(count, 3), np.ones(count)])
+    points[0] = np.column_stack([read_numbers(data["positions"], count, 3), np.ones(count)])
     for row, name in zip(points[1:], morph_names, strict=True):
         row[:, :3] = moves.get(name, 0.0)
     numbers = np.array([nodes[str(joint)] for joint in data["joints"]], np.intp)

@@ -28,7 +28,7 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import LEAST_SCALE, node_rows
 from wrinklecli.character.rig import Rig
-from wrinklecli.drive.table import Json, stored
+from wrinklecli.drive.table import Json, read_number, read_numbers, stored
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, determinants, distinct_values
 from wrinklecli.numeric.piecewise import Signal
@@ -236,15 +236,15 @@ def read_swing(data: Json, nodes: Mapping[str, int]) -> SwingDrive:
     """
     modes = []
     for each in data["modes"]:
-        frequency, damping, gain = (float(each[key]) for key in ("frequency", "damping", "gain"))
-        if not (0 < frequency < _MOST and 0 < damping < _MOST and abs(gain) < np.inf):
+        frequency, damping, gain = (read_number(each[key]) for key in ("frequency", "damping", "gain"))
+        if not (0 < frequency < _MOST and 0 < damping < _MOST):
             raise ValueError
-        load = np.array(each["load"], np.float64).reshape(3)
+        load = read_numbers(each["load"], 3)
         modes.append(Mode(Spring(2.0 * np.pi * frequency, damping), load, gain))
     targets = tuple(str(name) for name in data["targets"])
-    scale = float(data["scale"])
-    at, gravity = (np.array(data[key], np.float64).reshape(3) for key in ("at", "gravity"))
-    if not modes or len(targets) != len(modes) + 1 or not scale > 0 or not np.isfinite([*at, *gravity]).all():
+    scale = read_number(data["scale"])
+    at, gravity = (read_numbers(data[key], 3) for key in ("at", "gravity"))
+    if not modes or len(targets) != len(modes) + 1 or not scale > 0:
         raise ValueError
     return SwingDrive(str(data["name"]), nodes[str(data["joint"])], at, scale, gravity, tuple(modes), targets)
 

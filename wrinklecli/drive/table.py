@@ -294,10 +294,10 @@ def read_table(data: Json, targets: int, layout: int) -> Table | BellyTable | Le
     found = Table(by, rows, _read_weights(data, len(rows), targets), grows=layout > 1)
     if "leaning" not in data:
         return found
-    towards = np.array([each["towards"] for each in data["leaning"]], np.float64).reshape(-1, 3)
+    towards = read_numbers([each["towards"] for each in data["leaning"]], -1, 3)
     tables = [_read_weights(each, len(rows), targets) for each in data["leaning"]]
-    null = np.array(data["null"], np.float64).reshape(targets) if "null" in data else None
-    if by != "angles" or not np.isfinite(towards).all() or (null is not None and not (null > 0).all()):
+    null = read_numbers(data["null"], targets) if "null" in data else None
+    if by != "angles" or (null is not None and not (null > 0).all()):
         raise ValueError
     paths = tuple(_read_path(each, targets) for each in data.get("paths", ()))
     return LeaningTable(found, towards, np.array(tables).reshape(-1, len(rows), targets), null, paths)
@@ -306,42 +306,61 @@ def read_table(data: Json, targets: int, layout: int) -> Table | BellyTable | Le
 def _read_belly(data: Json, rows: Floats, targets: int) -> BellyTable:
     if "joint" in data:
         raise ValueError
-    gains = np.array(data["gains"], np.float64).reshape(len(rows))
+    gains = read_numbers(data["gains"], len(rows))
     return BellyTable(rows, _read_weights(data, len(rows), targets), gains)
 
 
 def _read_path(data: Json, targets: int) -> Path:
-    turns = np.array(data["turns"], np.float64).reshape(-1, 3)
-    if len(turns) < 2 or not np.isfinite(turns).all():
+    turns = read_numbers(data["turns"], -1, 3)
+    if len(turns) < 2:
         raise ValueError
     return Path(turns, _read_weights(data, len(turns), targets))
 
 
 def _read_weights(data: Json, rows: int, targets: int) -> Floats:
     """(rows, targets) weights of a table."""
-    return np.array(data["weights"], np.float64).reshape(rows, targets)
+    return read_numbers(data["weights"], rows, targets)
 
 
 def _read_curve(data: Json, targets: int) -> Curve:
-    numbers = {key: float(data.get(key, 0.0)) for key in ("taut", "compressible", "intervals", "positive", "least")}
-    bumps, parts = np.array(data["bumps"], np.float64), _sorted_rows(data["parts"])
-    rises = np.array(data["rises"], np.float64).reshape(len(parts), -1)
-    mix = np.array(data["mix"], np.float64).reshape(targets, len(bumps) * rises.shape[1])
-    if not 1 <= numbers["intervals"] <= _MOST_INTERVALS or not (bumps > 0).all() or bumps.max() > _MOST_INTERVALS:
+    values = {
+        key: read_number(data.get(key, 0.0)) for key in ("taut", "compressible", "intervals", "positive", "least")
+    }
+    bumps, parts = read_numbers(data["bumps"], -1), _sorted_rows(data["parts"])
+    rises = read_numbers(data["rises"], len(parts), -1)
+    mix = read_numbers(data["mix"], targets, len(bumps) * rises.shape[1])
+    if not 1 <= values["intervals"] <= _MOST_INTERVALS or not (bumps > 0).all() or bumps.max() > _MOST_INTERVALS:
         raise ValueError
     limits = None
     if "distances" in data:
         at = _sorted_rows(data["distances"])
-        limits = np.stack([at, np.array(data["capacities"], np.float64).reshape(len(at))])
-    return Curve({**data, **numbers}, bumps, limits, parts, rises, mix)
+        limits = np.stack([at, read_numbers(data["capacities"], len(at))])
+    return Curve({**data, **values}, bumps, limits, parts, rises, mix)
 
 
 def _sorted_rows(values: object) -> Floats:
     """(rows,) numbers of a table; ValueError if there are none, or if they are not sorted."""
-    rows = np.array(values, np.float64)
-    if rows.ndim != 1 or not len(rows) or not (np.diff(rows) > 0).all():
+    rows = read_numbers(values, -1)
+    if not len(rows) or not (np.diff(rows) > 0).all():
         raise ValueError
     return rows
+
+
+def read_numbers(values: object, *shape: int) -> Floats:
+    """Finite numbers in extras as an array of a shape.
+
+    Raises:
+        ValueError: There are others: JSON's 1e999 is infinite, and the text "nan" would count as a number.
+    """
+    found = np.array(values)
+    if found.dtype.kind not in "biuf" or not np.isfinite(found).all():
+        raise ValueError
+    return found.astype(np.float64).reshape(shape)
+
+
+def read_number(value: object) -> float:
+    """A finite number in extras, as `read_numbers`."""
+    return float(read_numbers(value))
 
 
 def stored(values: Floats | float, digits: int = DIGITS) -> Any:

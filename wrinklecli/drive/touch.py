@@ -39,7 +39,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import LEAST_SCALE
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.point import point_json, read_point
-from wrinklecli.drive.table import Json, stored
+from wrinklecli.drive.table import Json, read_number, read_numbers, stored
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, determinants
 from wrinklecli.numeric.piecewise import Signal
@@ -332,21 +332,19 @@ def read_touch(data: Json, nodes: Mapping[str, int], morph_names: Sequence[str])
     Raises:
         KeyError, TypeError, ValueError: The extras are not what `bake` writes.
     """
-    pad, grip, deepest = (float(data[key]) for key in ("pad", "grip", "deepest"))
-    frequency, damping = (float(data["release"][key]) for key in ("frequency", "damping"))
-    bend = np.array(data["bend"], np.float64).reshape(3)
-    windows, turn = np.array(data["windows"], np.float64).reshape(-1), float(data.get("turn", 0.0))
-    rises = np.array(data["rises"], np.float64).reshape(-1, 2)
-    keys = {clip: np.array(each, np.float64).reshape(-1, 4) for clip, each in data.get("keys", {}).items()}
-    ends = {clip: np.array(each, np.float64).reshape(-1) for clip, each in data.get("ends", {}).items()}
+    pad, grip, deepest = (read_number(data[key]) for key in ("pad", "grip", "deepest"))
+    frequency, damping = (read_number(data["release"][key]) for key in ("frequency", "damping"))
+    bend = read_numbers(data["bend"], 3)
+    windows, turn = read_numbers(data["windows"], -1), read_number(data.get("turn", 0.0))
+    rises = read_numbers(data["rises"], -1, 2)
+    keys = {clip: read_numbers(each, -1, 4) for clip, each in data.get("keys", {}).items()}
+    ends = {clip: read_numbers(each, -1) for clip, each in data.get("ends", {}).items()}
     targets = tuple(str(name) for name in data["targets"])
     positive = min(pad, grip, deepest) > 0 and 0 < frequency < _MOST and 0 < damping < _MOST
     rising = all(len(each) and (np.diff(each[:, 0]) > 0).all() for each in keys.values())
-    numbers = np.array([pad, grip, deepest, turn])
-    finite = all(np.isfinite(each).all() for each in (numbers, windows, rises, bend, *keys.values(), *ends.values()))
     limb = tuple(read_point(each, nodes, morph_names) for each in data.get("limb", ()))
     count = TouchDrive.slides + len(windows) + (TouchDrive.bent if limb else 0)
-    if not (positive and rising and finite) or len(targets) != count or len(limb) not in (0, 2):
+    if not (positive and rising) or len(targets) != count or len(limb) not in (0, 2):
         raise ValueError
     if not len(rises) or not (np.diff(rises[:, 0]) > 0).all():
         raise ValueError

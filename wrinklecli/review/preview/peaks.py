@@ -15,6 +15,7 @@ from wrinklecli.character.pose import joint_matrices, morph_weights
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.drive import StoredDrive, wrinkle_entry
 from wrinklecli.drive.play import Playing
+from wrinklecli.drive.table import read_number, read_numbers
 from wrinklecli.drive.touch import weights_of
 from wrinklecli.effects.effect import MeshPlan, Part
 from wrinklecli.effects.sampling import moving_clips, seen_at
@@ -127,7 +128,7 @@ def _touches_on(asset: ShownAsset, node: int) -> dict[str, dict[str, float]]:
     found = {}
     for data in wrinkle_entry(asset.document.items("nodes")[node]).get("touches", ()):
         with suppress(KeyError, TypeError, ValueError):
-            windows, turn = np.array(data["windows"], np.float64).reshape(-1), float(data.get("turn", 0.0))
+            windows, turn = read_numbers(data["windows"], -1), read_number(data.get("turn", 0.0))
             found[str(data["name"])] = _forward(data["targets"], windows, turn)
     return found
 
