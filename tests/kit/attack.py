@@ -3,10 +3,12 @@
 import io
 import json
 import os
+import resource
 import shutil
 import signal
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout, suppress
 from dataclasses import replace
@@ -20,9 +22,9 @@ from kit import web
 from kit.asset import Json
 from kit.cases import DEVICES, PRESETS, WEB, Case
 from kit.damage import Edit, copied, damaged, damaged_presets, edit_bytes, edit_tree, is_baked
-from kit.guard import only_within
+from kit.guard import Fault, only_within
 from kit.hostile import MEGABYTES, SECONDS, bounded, corpus, packed
-from kit.killed import signal_at_line
+from kit.killed import act_at_line, signal_at_line
 from kit.limb import limb_asset
 from kit.manifests import MANIFEST, NAMES, forged, placed, written
 from kit.small_maps import small_maps
@@ -47,6 +49,7 @@ _KEPT = (
 )  # what a batch writes whatever comes of its jobs
 _EDITED = ("tools.yaml", "displaced-tools.yaml", ".tools.yaml.unsaved")  # begin the names of what the editor writes
 _WEB_BYTES = 2 * 10**7  # that a file at a URL may have
+_REST = 0.2  # seconds for which a run rests beside another
 _WEB_PATIENCE = 0.1  # seconds without a byte
 
 
@@ -248,7 +251,7 @@ def attack(case: Case, folder: Path) -> int:
     with ExitStack() as stack:
         temporary = stack.enter_context(_temporary())
         arguments = stack.enter_context(_served(case, folder))
-        refused = stack.enter_context(only_within(folder, temporary))
+        refused = stack.enter_context(only_within(folder, temporary, fault=_fault(case)))
         piped = stack.enter_context(_readers(pipes))
         stack.enter_context(small_maps())
         # As on a machine of 2 GB, whatever this one has: half of what is free would be more than a case may take.
@@ -256,11 +259,15 @@ def attack(case: Case, folder: Path) -> int:
         stack.enter_context(bounded(seconds=SECONDS, megabytes=MEGABYTES))
         saved = _saved(case, folder)
         middle = _kill(case, folder)
-        code, out, err = _run(case, arguments, folder)
+        with _beside(case, folder) as beside, _small_files(case):
+            code, out, err = _run(case, arguments, folder)
         assert not list(temporary.iterdir()), f"left temporary files: {[each.name for each in temporary.iterdir()]}"
     assert code in _CODES.get(command, (0, 1, 3)), f"exit code {code}:\n{err[-3000:]}"
     assert "Traceback" not in err, err[-3000:]
     after = _found(folder)
+    if beside:  # the other run may have changed what this one did not
+        assert beside[0] in _CODES.get(command, (0, 1, 3)), f"the other run ended with {beside[0]}"
+        before = before if beside[0] else before | after
     _check_files(case, folder, before if middle is None else middle, after, inputs=inputs, code=code)
     if middle is not None:
         _check_killed(before, middle, after | saved, code=code)
@@ -406,6 +413,64 @@ def _save(arguments: Sequence[str], folder: Path) -> object:
         session.set_value(session.tools()[0].name, ("bumps",), 7)
         session.save()
     return None
+
+
+@contextmanager
+def _beside(case: Case, folder: Path) -> Iterator[list[int]]:
+    """Run a command in another process, which rests at some line until the block has begun; its exit code, then.
+
+    The list is empty where a case has no other process.
+    """
+    lines, codes = [line for _, each, line in _triples(case) if each == "beside"], list[int]()
+    hear, tell = os.pipe()
+    child = os.fork() if lines else None
+    if child == 0:
+        code = 70
+        try:
+            nowhere = os.open(os.devnull, os.O_RDWR)
+            for stream in (1, 2):
+                os.dup2(nowhere, stream)
+
+            def rest() -> None:
+                os.close(tell)
+                time.sleep(_REST)
+
+            act_at_line(lines[0], rest)
+            code = run(case.arguments, folder)[0]
+        finally:
+            os._exit(code)
+    os.close(tell)
+    try:
+        if child is not None:
+            os.read(hear, 1)  # ends when the other rests, or has ended
+        yield codes
+    finally:
+        os.close(hear)
+        if child is not None:
+            codes.append(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+
+
+@contextmanager
+def _small_files(case: Case) -> Iterator[None]:
+    """Let no file be larger than some bytes, if a case says so: what is written beyond fails, as on a full disk."""
+    usual = resource.getrlimit(resource.RLIMIT_FSIZE)
+    try:
+        for size in [size for what, part, size in _triples(case) if (what, part) == ("EFBIG", "disk")]:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (size, usual[1]))
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, usual)
+
+
+def _fault(case: Case) -> Fault | None:
+    """The fault of the disk, if a case has one."""
+    faults = [Fault(what, left) for what, part, left in _triples(case) if part == "disk" and what != "EFBIG"]
+    return faults[0] if faults else None
+
+
+def _triples(case: Case) -> list[Edit]:
+    """The edits of a case that are about its run and not about its files."""
+    return [edit for edit in case.edits if edit[1] in ("disk", "beside")]
 
 
 @contextmanager

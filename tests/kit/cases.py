@@ -27,7 +27,18 @@ _MORE_PLACES = {
 }
 # fmt: on
 # Of the cases of commands that write; the editor is killed while it saves, before it is started again.
-_KILLED = {"bake": 0.02, "track": 0.02, "suggest": 0.02, "schema": 0.02, "preview": 0.02, "batch": 0.03, "edit": 0.15}
+_KILLED = {
+    "bake": 0.02,
+    "track": 0.02,
+    "suggest": 0.02,
+    "schema": 0.02,
+    "preview": 0.02,
+    "batch": 0.03,
+    "edit": 0.15,
+    "maps": 0.02,
+}
+_DISK = 0.05  # of the cases of commands that write meet a disk that fails
+_BESIDE = 0.02  # of them run beside themselves
 _SOLVE = ("bake", "check", "batch", "preview")
 _CONTACT = 0.06  # of all cases of these commands get contact in a tool
 _BODY = 0.08  # of all cases of these commands get a muscle or flesh
@@ -101,8 +112,19 @@ def _edits(chance: random.Random, arguments: Sequence[str], source: Source) -> I
     """Edits of the files of a command, acts of others while it runs, and the call at which it is killed."""
     command = arguments[0]
     if chance.random() < _KILLED.get(command, 0.0):
-        sign = chance.choice(["SIGKILL", "SIGKILL", "SIGTERM"])
+        sign = chance.choice(["SIGKILL", "SIGKILL", "SIGTERM", "SIGINT"])
         yield [sign, "kill", int(1.5 ** chance.uniform(0, 18))]
+        if chance.random() < 0.8:
+            return
+    elif command in _KILLED and chance.random() < _DISK:
+        kinds = ("ENOSPC", int(1.5 ** chance.uniform(0, 9))), ("EIO", int(1.5 ** chance.uniform(0, 9)))
+        kinds += ("EFBIG", int(1.5 ** chance.uniform(0, 40))), ("EROFS", 0), ("EACCES", 0)
+        name, number = chance.choice(kinds)
+        yield [name, "disk", number]
+        if chance.random() < 0.8:
+            return
+    elif command in _KILLED and command != "edit" and chance.random() < _BESIDE:
+        yield ["rest", "beside", int(1.5 ** chance.uniform(0, 18))]
         if chance.random() < 0.8:
             return
     match command:

@@ -41,6 +41,14 @@ _POINTERS = [
     None, [], "/nodes/٣/rotation", "/nodes/" + "9" * 400 + "/rotation", "/meshes/0/weights/" + "1" * 5000,
     "/nodes/0/mesh",
 ]  # fmt: skip
+_LFS = b"version https://git-lfs.github.com/spec/v1\noid sha256:" + b"0" * 64 + b"\nsize 12345\n"
+_PICTURES = [
+    "data:image/png;base64,iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk+M9QDwADhgGAWjR9awAAAABJRU5ErkJggg==",
+    "data:image/png;base64,iVBORw0KGgo=",
+    "data:image/jpeg;base64,",
+    "limb.png",
+    "limb.glb",
+]
 # fmt: off
 _KEYS = [
     "matrix", "weights", "skin", "mesh", "children", "translation", "rotation", "scale", "sparse", "bufferView",
@@ -242,7 +250,7 @@ def _edits_of_others(chance: random.Random, source: Source) -> Iterator[Edit]:
         for each, animation in enumerate(gltf.get("animations") or ())
         for number in range(len(animation.get("channels") or ()))
     ]
-    match chance.randrange(8):
+    match chance.randrange(16):
         case 0 if channels:  # a pointer at something that is there, or not, or is of another type
             animation, number = chance.choice(channels)
             target: Json = {"path": "pointer", "extensions": {_POINTER: {"pointer": chance.choice(_POINTERS)}}}
@@ -279,8 +287,71 @@ def _edits_of_others(chance: random.Random, source: Source) -> Iterator[Edit]:
             integers = [(at, each) for at, each in _leaves(gltf) if type(each) is int and abs(each) < 2**53]
             for pointer, value in chance.sample(integers, min(len(integers), chance.choice([1, 5, 10_000]))):
                 yield ["set", "asset", pointer, float(value) + chance.choice([0.0] * 20 + [0.5])]
+        case 7:  # levels of detail, of any node
+            node = chance.randrange(len(gltf["nodes"]))
+            ids = chance.choice([[0], [1, 2], [node], [99], [-1], ["0"], [], 5, None, [0] * 1000, list(range(12))])
+            yield ["set", "asset", ["nodes", node, "extensions"], {"MSFT_lod": {"ids": ids}}]
+            yield ["set", "asset", ["extensionsUsed"], ["MSFT_lod"]]
+        case 8:  # the mesh shown again, in another scene, in none, as a level of detail, or not to be seen
+            again = {**_shown(gltf), "name": chance.choice(["limb", "again", "\ud800", 5])}
+            again |= chance.choice([{}, {"scale": [1, 1, -1]}, {"scale": [0, 0, 0]}, {"translation": [0, 1e-6, 0]}])
+            if chance.random() < 0.3:
+                visible = chance.choice([False, False, True, None, 0, []])
+                again["extensions"] = {"KHR_node_visibility": {"visible": visible}}
+            yield ["insert", "asset", ["nodes", len(gltf["nodes"])], again]
+            if chance.random() < 0.6:
+                scenes = chance.choice([[{"nodes": [len(gltf["nodes"])]}], {"nodes": [len(gltf["nodes"])]}])
+                where = ["scenes", 0, "nodes", 0] if chance.random() < 0.5 else ["scenes", 1]
+                yield ["insert", "asset", where, len(gltf["nodes"]) if len(where) == 4 else scenes]
+        case 9:  # mirrored
+            number = chance.randrange(len(gltf["nodes"]))
+            yield ["set", "asset", ["nodes", number, "scale"], chance.choice([[-1, 1, 1], [-1, -1, -1], [1, -1e-9, 1]])]
+        case 10:  # masks, of textures that are there or not, and names of joints of other programs
+            texture = {
+                "baseColorTexture": {"index": chance.choice([0, 0, 1, 99]), "texCoord": chance.choice([0, 0, 7])}
+            }
+            cutoff = chance.choice([0.5, 0, 1, 2, -1, math.nan, "0.5", None, 10**400])
+            mask = {"alphaMode": chance.choice(["MASK", "MASK", "BLEND", "mask", 5]), "alphaCutoff": cutoff}
+            yield ["set", "asset", ["materials"], [{**mask, "pbrMetallicRoughness": texture}] * 2]
+            yield ["set", "asset", ["images"], [{"uri": chance.choice(_PICTURES)}]]
+            yield ["set", "asset", ["textures"], [{"source": 0}]]
+            yield ["set", "asset", ["meshes", 0, "primitives", 0, "material"], 0]
+        case 11:
+            prefix = chance.choice(
+                ["mixamorig:", "mixamorig9:", "mixamorig_", "Armature|", "a:b:", ":", "\ud800:", "|"]
+            )
+            for number, node in enumerate(gltf["nodes"]):
+                if chance.random() < 0.9:
+                    yield ["set", "asset", ["nodes", number, "name"], f"{prefix}{node.get('name', '')}"]
+        case 12:  # normals that are zero, or opposite
+            yield ["normals", "geometry", chance.randrange(1000), chance.choice([0.1, 0.5, 1.0])]
+        case 13:  # a pointer of Git LFS, in place of a file or of a buffer
+            if chance.random() < 0.5:
+                yield ["cut", "asset bytes", 0, 10**9]
+                yield ["put", "asset bytes", 0, _LFS.hex()]
+            else:
+                yield ["cut", "data", 0, 10**9]
+                yield ["put", "data", 0, _LFS.hex()]
+        case 14:  # a flood, or depths, of tools
+            flood = (
+                ["repeat", "tools", ["tools", 0], chance.choice([1000, 20_000])],
+                ["set", "tools", ["tools"], [{}] * chance.choice([50, 5000])],
+                [
+                    "put",
+                    "tools bytes",
+                    0,
+                    (chance.choice([b"[", b"{a: ", b"- ", b"? ", b"&a ", b"!a "]) * 20_000).hex(),
+                ],
+            )
+            yield chance.choice(flood)
         case _:  # vertices that are one but for rounding
             yield ["near", "geometry", chance.randrange(1000), chance.choice([1e-16, 1e-7, 1e-6, 2e-6, 1e-4])]
+
+
+def _shown(gltf: Json) -> Json:
+    """What a node needs to show the first mesh."""
+    node = next((each for each in gltf["nodes"] if "mesh" in each), {})
+    return {key: node[key] for key in ("mesh", "skin") if key in node}
 
 
 def _start_of(gltf: Json, index: Any) -> int | None:
@@ -494,7 +565,9 @@ def _edit_geometry(gltf: Json, data: bytearray, edit: Edit) -> None:
     what, _, seed, amount = edit
     chance = np.random.default_rng(seed)
     for primitive in [each for mesh in gltf.get("meshes", []) for each in mesh["primitives"]]:
-        wanted = {"swap": "indices", "empty": "indices", "weights": "WEIGHTS_0"}.get(what, "POSITION")
+        wanted = {"swap": "indices", "empty": "indices", "weights": "WEIGHTS_0", "normals": "NORMAL"}.get(
+            what, "POSITION"
+        )
         index = primitive.get("indices") if wanted == "indices" else primitive["attributes"].get(wanted)
         values = None if index is None else _stored(gltf, data, index)
         if values is None:
@@ -505,6 +578,8 @@ def _edit_geometry(gltf: Json, data: bytearray, edit: Edit) -> None:
             corners = values[: count // 3 * 3].reshape(-1, 3)
             some = chance.random(len(corners)) < amount
             corners[some, 1] = corners[some, 0 if what == "empty" else 2]
+        elif what == "normals":
+            values[some] *= chance.choice([0.0, -1.0, 1e20])
         elif what == "weights":
             values[some] = chance.permutation(values[some])
         else:
@@ -558,5 +633,7 @@ def edit_bytes(data: bytearray, edit: Edit) -> None:
         data[place] ^= value
     elif what == "put":
         data[place:place] = bytes.fromhex(value)
+    elif what == "flood":
+        data[len(data) :] = bytes.fromhex(place) * value
     elif what == "write" and place < len(data):
         data[place : place + len(value) // 2] = bytes.fromhex(value)

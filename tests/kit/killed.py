@@ -13,7 +13,7 @@ import os
 import shutil
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from subprocess import run
@@ -74,6 +74,16 @@ def ended_at_lines(folder: Path, sign: int, step: int, *arguments: str) -> list[
 
 def signal_at_line(number: int, sign: int, tell: int) -> None:
     """Send a signal to this process when it has come to so many lines more of the watched modules."""
+
+    def send() -> None:
+        os.write(tell, b"!")
+        os.kill(os.getpid(), sign)
+
+    act_at_line(number, send)
+
+
+def act_at_line(number: int, act: Callable[[], object]) -> None:
+    """Call a function when this process has come to so many lines more of the watched modules."""
     left = number
 
     def trace(frame: FrameType, event: str, _: Any) -> Any:
@@ -83,8 +93,7 @@ def signal_at_line(number: int, sign: int, tell: int) -> None:
         if event == "line":
             left -= 1
             if left == 0:
-                os.write(tell, b"!")
-                os.kill(os.getpid(), sign)
+                act()
         return trace
 
     frame: FrameType | None = sys._getframe()

@@ -88,7 +88,11 @@ def manifest_edits(chance: random.Random) -> Iterator[Edit]:
                     b";",
                     b"\n",
                 ]
+                deep = [b'\n{"asset": ' + b"[" * 100_000, b'{"asset": ' + b'{"a": ' * 100_000, b"[" * 200_000]
+                floods = [b'{"a":1}\n', b'\n{"asset":"limb.glb"}', b"\n- {}", b",{}", b"a;", b"\n", b"\n5", b"\n\xff"]
                 edits = (
+                    ["put", "manifest bytes", chance.choice([0, place, 10**9]), chance.choice(deep).hex()],
+                    ["flood", "manifest bytes", chance.choice(floods).hex(), chance.choice([300, 60_000])],
                     ["cut", "manifest bytes", place, chance.choice([1, 4, 64, 1000])],
                     ["flip", "manifest bytes", place, 1 << chance.randrange(8)],
                     ["put", "manifest bytes", place, chance.choice(texts).hex()],

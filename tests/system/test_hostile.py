@@ -77,7 +77,19 @@ def test_every_option_is_attacked() -> None:
 
 def test_every_way_in_is_attacked() -> None:
     cases = many_cases()
-    parts = {"asset", "tools", "record", "data", "asset bytes", "tools bytes", "geometry", "later", "kill"}
+    parts = {
+        "asset",
+        "tools",
+        "record",
+        "data",
+        "asset bytes",
+        "tools bytes",
+        "geometry",
+        "later",
+        "kill",
+        "disk",
+        "beside",
+    }
     parts |= {"presets", "presets bytes"}
     parts |= {"manifest", "manifest bytes", "side", "side bytes", "visit"}
     parts |= {f"kept {part}" for part in ("record", "note", "record bytes", "note bytes", "content bytes", "tag bytes")}
