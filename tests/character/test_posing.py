@@ -8,6 +8,7 @@ import pytest
 from kit.limb import limb_asset
 from kit.prepared import as_document, rotation_matrix
 from wrinklecli.character.clip import read_clips
+from wrinklecli.character.moved import Motions, moved
 from wrinklecli.character.pose import morph_weights, node_matrices
 from wrinklecli.character.posing import with_pose
 from wrinklecli.character.rig import read_rig
@@ -35,6 +36,21 @@ def test_turns_of_a_joint_follow_one_another_about_its_own_axes(stored: str) -> 
     assert after[:3, :3] == pytest.approx(before[:3, :3] @ about_x @ about_z, abs=1e-6)
     assert after[:3, 3] == pytest.approx(before[:3, 3])
     assert morph_weights(rig, clip, np.zeros(1))[0] == pytest.approx([rig.morph_weights[0], 0.25])
+
+
+@pytest.mark.parametrize("theirs", ["mixamorig:joint_1", "mixamorig9:joint_1", "joint_1", "joint_0/mixamorig:joint_1"])
+def test_joints_are_found_without_prefixes_and_by_paths(theirs: str) -> None:
+    asset = limb_asset(rings=3, sides=4)
+    nodes = asset.gltf["nodes"]
+    nodes[2]["name"] = "mixamorig:joint_1"
+    found = moved(as_document(asset), (), Motions(range_of_motion=False, pose=[(theirs, "x", 40.0)]))
+    assert [channel.node for channel in found.clips[-1].channels] == [2]
+    alike = f"{theirs!r} counts as 'mixamorig:joint_1', as their names are the same without prefixes"
+    assert [alike in note for note in found.notes] == [True] * (theirs in ("mixamorig9:joint_1", "joint_1"))
+    nodes.append({"name": "other:joint_1"})
+    if found.notes:
+        with pytest.raises(AssetError, match="has no joint"):
+            with_pose(as_document(asset), [(theirs, "x", 40.0)], [])
 
 
 def test_names_that_there_are_not_and_numbers_that_are_none_are_refused() -> None:

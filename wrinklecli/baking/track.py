@@ -209,13 +209,10 @@ def _track_file(
         if clip.early
     ]
     tracked: dict[str, None] = {}
-    known = [str(node.get("name", "")) for node in document.items("nodes")]
     alike: dict[str, str] = {}
     for body, drives in present:
-        named = joints_of(body, document.gltf)
-        found = {joint: named.joint(joint) for each in drives for joint in each.joints if joint not in named.joints}
-        paths = {joint for joint in found if "/" in joint}
-        alike |= {known[node]: joint for joint, node in found.items() if node is not None and joint not in paths}
+        found = joints_of(body, document.gltf).alike(joint for each in drives for joint in each.joints)
+        alike |= {there: joint for joint, there in found.items()}
     notes = [f"{document.path}: {line}" for line in matched_without_prefixes(alike)]
     flat: list[str] = []
     for body, drives in present:

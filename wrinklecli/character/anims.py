@@ -196,6 +196,11 @@ class NamedNodes:
         found = self.joints.get(name, next(iter(self._below(name)), None))
         return self.bare.get(bare_name(name)) if found is None else found
 
+    def alike(self, names: Iterable[str]) -> dict[str, str]:
+        """The names of those nodes that `joint` finds only without prefixes, by the names for which it does."""
+        known = {name: self.bare.get(bare_name(name)) for name in names if name not in self.joints}
+        return {name: self.nodes[i]["name"] for name, i in known.items() if i is not None and not self._below(name)}
+
     def called(self, index: int) -> str | None:
         """The name by which `joint` finds a node, or the shortest such path; None if another node has these too."""
         names = _names_above(self.nodes, index, _parents(self.nodes))

@@ -101,11 +101,13 @@ def moved(
         clips, warnings, beside = read_clips(document), anims.warnings, anims.beside
         notes += anims.notes
     if motions.pose or motions.morphs:
-        from wrinklecli.character.posing import with_pose
+        from wrinklecli.character.anims import matched_without_prefixes
+        from wrinklecli.character.posing import joints_alike, with_pose
 
         document = with_pose(document, motions.pose, motions.morphs)
         clips = read_clips(document)
         pose = clips[-1].name
+        notes += [f"{document.path}: {line}" for line in matched_without_prefixes(joints_alike(document, motions.pose))]
     if nodes and (motions.range_of_motion or (motions.range_of_motion is None and not clips)):
         from wrinklecli.character.joined import with_clips, with_free_nodes
         from wrinklecli.character.range_of_motion import range_of_motion

@@ -32,6 +32,11 @@ def with_pose(document: Document, turns: Sequence[JointTurn], weights: Sequence[
     return with_clips(document, [pose_clip(document, turns, weights)])
 
 
+def joints_alike(document: Document, turns: Sequence[JointTurn]) -> dict[str, str]:
+    """The names of the joints that turn and are only alike without prefixes, by the names that the turns have."""
+    return _named(document).alike(name for name, _, _ in turns)
+
+
 def pose_clip(document: Document, turns: Sequence[JointTurn], weights: Sequence[MorphWeight]) -> Clip:
     """Make the clip that `with_pose` adds, but turn no joint that is stored as a matrix."""
     if any(axis not in ("x", "y", "z") for _, axis, _ in turns):
@@ -46,29 +51,34 @@ def pose_clip(document: Document, turns: Sequence[JointTurn], weights: Sequence[
 def posable(document: Document) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """The names of all joints that `pose_clip` can turn, and of all morph targets."""
     stored = read_hierarchy(document).locals
-    joints = [name for name, joint in _joints(document).items() if name and "rotation" in stored[joint]]
+    named = _named(document)
+    joints = [name for name in _joint_names(named) if "rotation" in stored[named.joints[name]]]
     morphs = dict.fromkeys(name for rig in _rigs(document) for name in rig.morph_names)
     return tuple(joints), tuple(morphs)
 
 
 def _joint(document: Document, name: str) -> int:
     """The joint of a name, or any other node of the name if there is no such joint."""
-    known = _joints(document)
-    found = known.get(name, NamedNodes.of(document.items("nodes")).joints.get(name) if name else None)
+    named = _named(document)
+    found = named.joint(name)
     if found is None:
+        known = _joint_names(named)
         message = f"has no joint {name!r}{nearest(name, known)}; there are {listed(known)}"
         raise AssetError(message, where=document.path)
     return found
 
 
-def _joints(document: Document) -> dict[str, int]:
-    """The joints of all skins by name; of several the first."""
-    nodes = document.items("nodes")
-    joints = dict.fromkeys(joint for skin in document.items("skins") for joint in skin.get("joints", []))
-    known: dict[str, int] = {}
-    for joint in joints:
-        known.setdefault(str(nodes[joint].get("name", "")), joint)
-    return known
+def _named(document: Document) -> NamedNodes:
+    """The nodes by name, the joints of all skins first."""
+    joints = [joint for skin in document.items("skins") for joint in skin.get("joints", [])]
+    return NamedNodes.of(document.items("nodes"), [joints])
+
+
+def _joint_names(named: NamedNodes) -> list[str]:
+    """The names of the joints of all skins."""
+    return list(
+        dict.fromkeys(named.nodes[joint]["name"] for joint in named.groups[0] if named.nodes[joint].get("name"))
+    )
 
 
 def _rigs(document: Document) -> list[Rig]:
