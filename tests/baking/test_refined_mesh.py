@@ -196,18 +196,30 @@ def test_seams_that_are_equal_but_for_rounding_stay_closed(stops: str, tmp_path:
 
 
 @pytest.mark.parametrize("mode", ["morph", "frames"])
-def test_new_normals_are_unit_where_old_ones_cancel(mode: str) -> None:
+def test_normals_and_tangents_are_unit_where_old_ones_cancel_or_are_0(mode: str) -> None:
     asset = limb_asset(rings=12, sides=8, tangents=True)
     normals, tangents = attribute(asset, 0, "NORMAL"), attribute(asset, 0, "TANGENT")
     signs = np.where(np.arange(len(normals)) % 2, 1.0, -1.0)[:, None]
     normals[:], tangents[:, :3] = signs * [0.0, 1.0, 0.0], signs * [1.0, 0.0, 0.0]
     normals[: len(normals) // 2 : 2] = 0.0
+    tangents[: len(tangents) // 3] = 0.0
     top = {"sampling": {"fps": 2}, "refinement": {"max_levels": 1}}
     after = bake_once(place(asset), tool(), top=top, mode=mode)
-    for mesh in after.json["meshes"][-1:]:
+    for mesh in after.json["meshes"][mode == "frames" :]:
         attributes = mesh["primitives"][0]["attributes"]
-        new = slice(len(normals), None)
-        assert len(after.array(attributes["NORMAL"])[new])
-        for name in ("NORMAL", "TANGENT"):
-            lengths = np.linalg.norm(after.array(attributes[name])[new, :3], axis=1)
-            assert lengths == pytest.approx(1.0, abs=1e-5)
+        found = [after.array(attributes[name]) for name in ("NORMAL", "TANGENT")]
+        assert len(found[0]) > len(normals)
+        for directions in found:
+            assert np.linalg.norm(directions[:, :3], axis=1) == pytest.approx(1.0, abs=1e-5)
+        assert set(found[1][:, 3]) == {1.0, -1.0}
+
+
+def test_a_normal_of_0_becomes_that_of_the_surface() -> None:
+    asset = limb_asset(rings=12, sides=8)
+    normals = attribute(asset, 0, "NORMAL")
+    whole = bake_once(place(asset), tool())
+    lost = np.arange(0, len(normals), 7)
+    normals[lost] = 0.0
+    file = bake_once(place(asset), tool())
+    found, wanted = (each.array(each.mesh("limb")["primitives"][0]["attributes"]["NORMAL"]) for each in (file, whole))
+    assert np.sum(found * wanted, axis=1)[lost].min() > 0.95

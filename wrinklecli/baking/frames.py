@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from wrinklecli.baking.morphs import encode_mesh, turned_normals
-from wrinklecli.baking.refined_mesh import RefinedPrimitive, base_normals, old_values, primitives_of
+from wrinklecli.baking.refined_mesh import RefinedPrimitive, base_normals, nonzero_directions, old_values, primitives_of
 from wrinklecli.baking.report import BakedMesh
 from wrinklecli.character.pose import joint_matrices, morph_weights
 from wrinklecli.character.rig import Rig
@@ -31,7 +31,8 @@ _CHUNK = 16
 class PosedFrame:
     """One frame of all glTF vertices, primitive after primitive, world space.
 
-    Normals and tangents are None if no primitive has any, and 0 if only this primitive has none.
+    Normals and tangents are None if no primitive has any. They are +Z where one of several primitives has none, and
+    where a clip scales the mesh to nothing.
     """
 
     positions: Floats
@@ -46,7 +47,7 @@ def pose_frames(document: Document, mesh: BakedMesh, motion: Motion) -> Iterator
     primitives = document.items("meshes")[rig.mesh]["primitives"]
     welds = np.concatenate([refined.weld for refined in refined_primitives])
     pairs = list(zip(primitives, refined_primitives, strict=True))
-    base = _joined([base_normals(document, *pair) for pair in pairs], refined_primitives)
+    base = _joined([base_normals(document, *pair, fine) for pair in pairs], refined_primitives)
     old_deltas = np.concatenate([_normal_deltas(document, *pair) for pair in pairs], axis=1)
     tangents = _joined([_tangents(document, *pair) for pair in pairs], refined_primitives)
     weights = fine.influences(len(rig.joints)).at(welds)
@@ -78,8 +79,9 @@ def pose_frames(document: Document, mesh: BakedMesh, motion: Motion) -> Iterator
         for frame in range(len(times)):
             handed = None
             if moved is not None and tangents is not None:
-                handed = np.concatenate([unit(moved[frame].T), tangents[:, 3:]], axis=1)
-            yield PosedFrame(positions[frame].T, None if normals is None else normals[frame].T, handed)
+                handed = nonzero_directions(np.concatenate([unit(moved[frame].T), tangents[:, 3:]], axis=1))
+            facing = None if normals is None else nonzero_directions(normals[frame].T)
+            yield PosedFrame(positions[frame].T, facing, handed)
 
 
 def _normal_deltas(document: Document, primitive: Json, refined: RefinedPrimitive) -> Floats:
@@ -98,7 +100,7 @@ def _tangents(document: Document, primitive: Json, refined: RefinedPrimitive) ->
     if "TANGENT" not in primitive["attributes"]:
         return None
     old = old_values(document, primitive["attributes"], "TANGENT", refined, size=4)
-    return np.concatenate([old, refined.mix_tangents(old)])
+    return refined.tangents(old)
 
 
 def _joined(attributes: Sequence[Floats | None], refined_primitives: Sequence[RefinedPrimitive]) -> Floats | None:

@@ -166,7 +166,7 @@ def encode_mesh(
         primitive = mesh["primitives"][refined.index]
         where = edited.source.where("meshes", rig.mesh, "primitives", refined.index)
         # Read before refined accessors take the place of the source's.
-        base = _read_base(edited.source, primitive, refined, tangents=tangents)
+        base = _read_base(edited.source, primitive, refined, fine, tangents=tangents)
         if len(refined.new):
             refine_primitive(edited, primitive, refined, fine, where, written)
         unpack(edited, primitive)
@@ -239,8 +239,10 @@ def tangent_deltas(tangents: Floats, normals: Floats, normal_deltas: Floats) -> 
     return deltas
 
 
-def _read_base(source: Document, primitive: Json, refined: RefinedPrimitive, *, tangents: bool) -> _Base:
-    normals = base_normals(source, primitive, refined)
+def _read_base(
+    source: Document, primitive: Json, refined: RefinedPrimitive, fine: Refinement, *, tangents: bool
+) -> _Base:
+    normals = base_normals(source, primitive, refined, fine)
     along = base_tangents(source, primitive, refined) if tangents and normals is not None else None
     accessors = tuple(primitive["attributes"].get(name) for name in ("NORMAL", "TANGENT"))
     return _Base(normals, along, (refined.group, *accessors))

@@ -66,25 +66,43 @@ class RefinedPrimitive:
         mixed: Floats = np.einsum("vk,vk...->v...", self.shares, values[self.sources])
         return mixed
 
-    def mix_directions(self, directions: Floats) -> Floats:
+    def normals(self, old: Floats, fine: Refinement) -> Floats:
+        """(vertices, 3) of (old vertices, 3) normals, those of new vertices mixed.
+
+        Old normals of 0, which glTF forbids and some exporters write, are those of the surface.
+        """
+        lost = np.flatnonzero(~old.any(axis=1))
+        if len(lost):
+            old = old.copy()
+            old[lost] = fine.normals_at(self.weld[lost])
+        return nonzero_directions(np.concatenate([old, self._mix_directions(old)]))
+
+    def tangents(self, old: Floats) -> Floats:
+        """(vertices, 4) of (old vertices, 4) tangents; the fourth number is a handedness, which cannot be mixed."""
+        new = np.concatenate([self._mix_directions(old[:, :3]), old[self.heaviest(), 3:]], axis=1)
+        return nonzero_directions(np.concatenate([old, new]))
+
+    def _mix_directions(self, directions: Floats) -> Floats:
         """(new vertices, 3) unit vectors of (old vertices, 3) normals or tangents.
 
         Where these take each other back, as on an edge between opposite sides, the nearest old vertex gives its own.
         """
         mixed, nearest = self.mix(directions), directions[self.heaviest()]
         lost = (np.square(mixed).sum(axis=1) <= _CANCELLED**2 * np.square(nearest).sum(axis=1))[:, None]
-        units = unit(np.where(lost, nearest, mixed))
-        # Old vertices without a direction have none to give.
-        return np.where((units == 0.0).all(axis=1, keepdims=True), [0.0, 0.0, 1.0], units)
-
-    def mix_tangents(self, tangents: Floats) -> Floats:
-        """(new vertices, 4) of (old vertices, 4) tangents; the fourth number is a handedness, which cannot be mixed."""
-        return np.concatenate([self.mix_directions(tangents[:, :3]), tangents[self.heaviest(), 3:]], axis=1)
+        return unit(np.where(lost, nearest, mixed))
 
     def heaviest(self) -> Ints:
         """(new vertices,) the old vertex that is nearest to each; the first among equals."""
         nearest: Ints = self.sources[np.arange(len(self.sources)), np.argmax(self.shares, axis=1)]
         return nearest
+
+
+def nonzero_directions(directions: Floats) -> Floats:
+    """(vertices, 3) normals or (vertices, 4) tangents, with +Z in place of 0, and a handedness of 1 in place of 0."""
+    found = directions.copy()
+    found[~found[:, :3].any(axis=1), 2] = 1.0
+    found[:, 3:][found[:, 3:] == 0.0] = 1.0
+    return found
 
 
 def shared_vertices(source: Document, mesh: int, fine: Refinement) -> list[int]:
@@ -130,12 +148,11 @@ def primitives_of(fine: Refinement, groups: Sequence[int] | None = None) -> list
     return refined_primitives
 
 
-def base_normals(source: Document, primitive: Json, refined: RefinedPrimitive) -> Floats | None:
+def base_normals(source: Document, primitive: Json, refined: RefinedPrimitive, fine: Refinement) -> Floats | None:
     """(vertices, 3) unit NORMALs of a primitive, mixed for new vertices; None if it has none."""
     if "NORMAL" not in primitive.get("attributes", {}):
         return None
-    old = unit(source.accessor(primitive["attributes"]["NORMAL"]))
-    return np.concatenate([old, refined.mix_directions(old)])
+    return refined.normals(unit(source.accessor(primitive["attributes"]["NORMAL"])), fine)
 
 
 def base_tangents(source: Document, primitive: Json, refined: RefinedPrimitive) -> Floats | None:
@@ -152,7 +169,7 @@ def base_tangents(source: Document, primitive: Json, refined: RefinedPrimitive) 
         raise AssetError(
             f"must hold 4 numbers for {count} vertices, as tangents", where=source.where("accessors", index)
         )
-    return np.concatenate([old, refined.mix_tangents(old)])[:, :3]
+    return refined.tangents(old)[:, :3]
 
 
 def _vertex_accessors(primitive: Json, refined: RefinedPrimitive) -> Iterator[tuple[Key, int]]:
@@ -260,9 +277,9 @@ def _refined_attribute(
     if name == "POSITION":
         return np.concatenate([old, fine.positions[refined.new_weld]]).astype(np.float32), False
     if name == "NORMAL":
-        return np.concatenate([old, refined.mix_directions(old)]).astype(np.float32), False
+        return refined.normals(old, fine).astype(np.float32), False
     if name == "TANGENT":
-        return np.concatenate([old, refined.mix_tangents(old)]).astype(np.float32), False
+        return refined.tangents(old).astype(np.float32), False
     kind, _, number = name.partition("_")
     if kind in ("JOINTS", "WEIGHTS") and number.isdecimal() and len(number) < 4 and old.shape[1:] == (4,):
         return _refined_influences(source, attributes, name, old, refined, fine), False
