@@ -116,12 +116,17 @@ class PlayableMesh:
 
     @cached_property
     def faces(self) -> Ints:
-        """(triangles, 3) vertices: the kept coarse triangles, then those of each cluster."""
+        """(triangles, 3) vertices: the kept coarse triangles, then those of each cluster, wound as they are at rest."""
         parts = [self.ground.surface.triangles[self.kept]]
         for cluster, shift in zip(self.clusters, self.shifts, strict=True):
             faces = cluster.plan.fine.triangles[cluster.triangles]
             parts.append(np.where(faces < cluster.old_count, faces, faces + shift))
-        return np.concatenate(parts)
+        return np.concatenate(parts)[:, :: self.way]
+
+    @property
+    def way(self) -> int:
+        """1 if triangles wind as they are stored, -1 if the joints mirror the mesh."""
+        return int(self.ground.rest.way)
 
     @cached_property
     def parents(self) -> Ints:

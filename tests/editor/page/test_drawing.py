@@ -7,11 +7,12 @@ import pytest
 import yaml
 
 from kit.forehead import BROWS, forehead
-from kit.limb import write_tools
+from kit.limb import limb_asset, write_tools
 from kit.places import ROOT
 from kit.touch import plate, touch
-from wrinklecli.editor.page.drawing import _LINE_POINTS, Body, outline_below, outline_of
+from wrinklecli.editor.page.drawing import _LINE_POINTS, Body, body_of, outline_below, outline_of
 from wrinklecli.editor.session import Session
+from wrinklecli.review.preview.paints import Paint
 
 # In front of the left thigh, just below the crotch, and so wide that the other leg is as near in space.
 WIDE = "{name: a, origin: [0.05, 0.75, 0.08], target: [0.05, 0.6, 0.08], width: 200%}"
@@ -45,6 +46,29 @@ def test_an_outline_is_a_rectangle_in_the_pose_in_which_the_tool_is_laid(laid: s
     straight, bent = (0.0, 0.75) if laid == "stored" else (0.75, 0.0)
     assert bends[straight] < 0.03
     assert bends[bent] > 3.0 * bends[straight]
+
+
+@pytest.mark.parametrize("scale", [[1.0, 1.0, 1.0], [1.0, 1.0, -1.0], [-1.0, -1.0, -1.0]], ids=str)
+@pytest.mark.parametrize("refined", [False, True])
+def test_outlines_lie_above_the_surface_that_is_drawn_right_side_out(
+    scale: list[float], refined: bool, tmp_path: Path
+) -> None:
+    asset = limb_asset(rings=12, sides=12, root={"scale": scale}).write(tmp_path / "limb.glb")
+    keys = write_tools(tmp_path / "tools.yaml")
+    session = Session(asset, keys)
+    if refined:
+        session.refine()
+    (shown,) = session.meshes(None, 0.0, wait=refined)
+    mesh = shown.source
+    count = len(mesh.ground.surface.weld)
+    body = body_of(mesh, [Paint(np.ones((count, 3)), np.zeros((count, 2)), None)])
+    outline = outline_of(session.attached_tools()["crease"], mesh, 0, (1.0, 0.0, 0.0))
+    low, high = (outline.points.positions(body, shown.positions, lift) for lift in (0.0, outline.lift))
+    assert (np.linalg.norm(high[:, 1:], axis=1) - np.linalg.norm(low[:, 1:], axis=1)).min() > 0.9 * outline.lift
+    (drawn,) = body.meshes
+    corners = shown.positions[drawn.points[drawn.triangles]]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert (np.sum((normals * corners.mean(axis=1))[:, 1:], axis=1) > 0).all()
 
 
 @pytest.mark.parametrize("refined", [False, True])

@@ -125,7 +125,7 @@ def body_of(mesh: PlayableMesh, paints: Sequence[Paint]) -> Body:
     turned, shades, places = unit(np.concatenate(normals)), np.concatenate(colours), np.concatenate(coordinates)
     meshes = []
     for number, paint in enumerate(paints):
-        triangles = every[owners == number]
+        triangles = every[owners == number][:, :: mesh.way]
         if not len(triangles):
             continue
         if paint.texture is None:
@@ -161,7 +161,7 @@ def outline_of(tool: AttachedTool, mesh: PlayableMesh, body: int, colour: tuple[
     positions = mesh.positions_in(region.pose)
     corners = positions[mesh.faces[faces]]
     u, v = region.coordinates(corners)
-    normals = region.pose.way * unit(face_normals(positions, mesh.faces[faces]))
+    normals = unit(face_normals(positions, mesh.faces[faces]))
     outward = region.cosines(u.mean(axis=1), normals) > 0
     places, ways = np.stack([u, v], axis=2), _Ways(positions, mesh.faces[faces])
     ends, ones = np.linspace(0.0, 1.0, _LINE_POINTS), np.ones(_LINE_POINTS)
