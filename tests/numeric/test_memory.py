@@ -1,11 +1,17 @@
 """The memory that is free is read from the files of a system."""
 
+import re
+import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from wrinklecli.errors import BakeError
 from wrinklecli.numeric import memory
-from wrinklecli.numeric.memory import available_memory, default_memory
+from wrinklecli.numeric.arrays import unit
+from wrinklecli.numeric.guard import guarded
+from wrinklecli.numeric.memory import allowed_memory, available_memory, default_memory, held
 
 MACHINE = {"proc/meminfo": "MemTotal: 16000000 kB\nMemAvailable:   8000000 kB\n"}
 GB = 10**9
@@ -58,3 +64,17 @@ def test_half_of_it_may_be_taken_and_at_least_1_gb(
 ) -> None:
     monkeypatch.setattr(memory, "available_memory", lambda: free)
     assert default_memory() == most
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the system must limit the process")
+def test_an_array_that_does_not_fit_is_refused_before_it_is_filled_and_said() -> None:
+    """The line has the step, its need, the limit and the option."""
+    with pytest.raises(BakeError) as refused, held(200 * 10**6), guarded("a.glb"):
+        unit(np.broadcast_to(np.ones(3), (10**8, 3)))
+    (line,) = refused.value.lines
+    assert re.fullmatch(
+        r"a\.glb: takes more memory than there is, or than --max-memory allows \(200 MB\):"
+        r" unit \(numeric/arrays\.py:\d+\) needs 800 MB more",
+        line,
+    )
+    assert allowed_memory() is None

@@ -21,10 +21,8 @@ from wrinklecli.gltf.draco import EXTENSION
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints, diagonal, flags_of
 
-# Bytes of a morph target's delta of a vertex, three float64,
+# Bytes of a morph target's delta of a vertex, three float64.
 _DELTA_BYTES = 24
-# and of a weight.
-_WEIGHT_BYTES = 8
 # Most sets of four joints of a vertex: the time to compare all joints grows with the square.
 _MOST_SETS = 16
 
@@ -185,9 +183,6 @@ def read_primitive(
     kinds = 1 + ("NORMAL" in attributes)
     document.claim_unstored(
         _DELTA_BYTES * kinds * len(chosen) * count, f"{len(chosen)} morph targets of {count} vertices", where=where
-    )
-    document.claim_unstored(
-        _WEIGHT_BYTES * len(rig.joints) * count, f"{count} vertices' weights of {len(rig.joints)} joints", where=where
     )
 
     def deltas_of(name: str) -> Floats:

@@ -1,5 +1,6 @@
 """The guard around a command: numbers out of range and lack of memory become errors, and BLAS runs one thread."""
 
+import math
 import os
 import sys
 from collections.abc import Callable, Iterator
@@ -12,6 +13,7 @@ from threadpoolctl import ThreadpoolController
 
 import wrinklecli
 from wrinklecli.errors import AssetError, BakeError
+from wrinklecli.numeric.memory import allowed_memory, shown_bytes
 
 # Called with the name of a stage, steps done and steps in all.
 Progress: TypeAlias = Callable[[str, int, int], None]
@@ -50,16 +52,25 @@ def guarded(asset: str) -> Iterator[None]:
         with np.errstate(all="raise", under="ignore"), one_thread():
             yield
     except (ArithmeticError, np.linalg.LinAlgError) as error:
-        own = [
-            each
-            for each in extract_tb(error.__traceback__)
-            if each.filename.startswith(os.path.dirname(wrinklecli.__file__))
-        ]
-        place = f", {os.path.basename(own[-1].filename)}:{own[-1].lineno}" if own else ""
         message = (
             "holds numbers, or the tools file does, that are too large or too small to compute with"
-            f" ({error}{place}); if they look right, it is a fault of wrinkle's"
+            f" ({error}, {_place_of(error)}); if they look right, it is a fault of wrinkle's"
         )
         raise AssetError(message, where=asset) from error
     except MemoryError as error:
-        raise BakeError("takes more memory than there is, or than --max-memory allows", where=asset) from error
+        # The system refuses numpy's arrays before they are filled, whichever step asks for one.
+        shape, dtype = getattr(error, "shape", None), getattr(error, "dtype", None)
+        need = "more" if shape is None or dtype is None else f"{shown_bytes(math.prod(shape) * dtype.itemsize)} more"
+        limit = "" if (most := allowed_memory()) is None else f" ({shown_bytes(most)})"
+        message = (
+            f"takes more memory than there is, or than --max-memory allows{limit}: {_place_of(error)} needs {need}"
+        )
+        raise BakeError(message, where=asset) from error
+
+
+def _place_of(error: BaseException) -> str:
+    """The function of this package, with its line, from which an error came."""
+    package = os.path.dirname(wrinklecli.__file__)
+    own = (each for each in extract_tb(error.__traceback__) if each.filename.startswith(package))
+    *_, last = (each for each in own if not each.name.startswith("<"))  # such as `<lambda>`
+    return f"{last.name} ({os.path.relpath(last.filename, package)}:{last.lineno})"

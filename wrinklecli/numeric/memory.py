@@ -21,6 +21,8 @@ _BLAS = 40 * 10**6
 _UNITS = {"MB": 10**6, "GB": 10**9, "TB": 10**12}
 _LEAST_MEMORY = 50 * 10**6  # bytes; with less no sample is baked
 
+_held: list[int] = []  # the sizes to which `held` holds this process, the innermost last
+
 
 class Memory:
     """The bytes that a command may take, claimed before large arrays are made: no small file can fill memory."""
@@ -63,7 +65,8 @@ def json_memory(data: bytes) -> int:
 def held(size: int) -> Iterator[None]:
     """Raise MemoryError when this process, with all threads, takes so many bytes more, if the system can limit it.
 
-    This serves where memory cannot be estimated before it is taken.
+    Arrays are refused before they are filled, so no step needs to say its size by itself; `Memory` is for work that
+    would take long before it asks for them.
     """
     taken = _taken()
     if taken is None:
@@ -76,10 +79,17 @@ def held(size: int) -> Iterator[None]:
     if soft != resource.RLIM_INFINITY:
         most = min(most, soft)
     resource.setrlimit(resource.RLIMIT_DATA, (most, hard))
+    _held.append(size)
     try:
         yield
     finally:
+        _held.pop()
         resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
+
+
+def allowed_memory() -> int | None:
+    """Bytes to which `held` holds this process; None if it does not."""
+    return min(_held, default=None)
 
 
 def share(count: int) -> None:
