@@ -1,5 +1,6 @@
 """What is wrong with files is said in a line, and no file is ever half written."""
 
+import errno
 import os
 from pathlib import Path
 
@@ -7,10 +8,12 @@ import numpy as np
 import pytest
 
 from kit.asset import stored
+from kit.command import files
+from kit.guard import Fault, failing, only_within
 from kit.limb import limb, limb_asset
 from wrinklecli.editor.asset import ReadOptions
 from wrinklecli.editor.session import Session
-from wrinklecli.errors import WrinkleError
+from wrinklecli.errors import BakeError, WrinkleError
 
 TOOL = "tools: [{name: a, origin: [-0.4, 0.25, 0], target: [0.4, 0.25, 0], width: 0.3}]\n"
 
@@ -69,3 +72,27 @@ def test_an_interrupted_save_leaves_a_whole_file(tmp_path: Path, monkeypatch: py
     session.save()
     assert "bumps: 2" in tools.read_text()
     assert sorted(each.name for each in tmp_path.iterdir()) == ["limb.glb", "tools.yaml"]
+
+
+@pytest.mark.parametrize("name", ["ENOSPC", "EIO", "EROFS", "EACCES"])
+def test_a_save_on_a_disk_that_fails_changes_nothing_and_is_a_line(name: str, tmp_path: Path) -> None:
+    path, tools = limb(tmp_path / "limb.glb", rings=6, sides=6), tmp_path / "tools.yaml"
+    tools.write_text("version: 1\n" + TOOL)
+    session = Session(path, tools)
+    session.set_value("a", ("bumps",), 2)
+    before = files(tmp_path)
+    for left in range(20):
+        with only_within(tmp_path), failing(Fault(name, left if name in ("ENOSPC", "EIO") else 0)):
+            try:
+                session.save()
+            except BakeError as error:
+                said = error.lines
+            else:
+                break
+        assert said == (f"{tools}: cannot be written: {os.strerror(getattr(errno, name))}",)
+        assert files(tmp_path) == before
+        assert session.changed
+    assert left > 0
+    session.save()
+    assert "bumps: 2" in tools.read_text()
+    assert files(tmp_path).keys() == {"limb.glb", "tools.yaml"}

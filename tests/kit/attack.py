@@ -22,7 +22,7 @@ from kit import web
 from kit.asset import Json
 from kit.cases import DEVICES, PRESETS, WEB, Case
 from kit.damage import Edit, copied, damaged, damaged_presets, edit_bytes, edit_tree, is_baked
-from kit.guard import Fault, only_within
+from kit.guard import Fault, failing, only_within
 from kit.hostile import MEGABYTES, SECONDS, bounded, corpus, packed
 from kit.killed import act_at_line, signal_at_line
 from kit.limb import limb_asset
@@ -251,7 +251,7 @@ def attack(case: Case, folder: Path) -> int:
     with ExitStack() as stack:
         temporary = stack.enter_context(_temporary())
         arguments = stack.enter_context(_served(case, folder))
-        refused = stack.enter_context(only_within(folder, temporary, fault=_fault(case)))
+        refused = stack.enter_context(only_within(folder, temporary))
         piped = stack.enter_context(_readers(pipes))
         stack.enter_context(small_maps())
         # As on a machine of 2 GB, whatever this one has: half of what is free would be more than a case may take.
@@ -259,7 +259,7 @@ def attack(case: Case, folder: Path) -> int:
         stack.enter_context(bounded(seconds=SECONDS, megabytes=MEGABYTES))
         saved = _saved(case, folder)
         middle = _kill(case, folder)
-        with _beside(case, folder) as beside, _small_files(case):
+        with _beside(case, folder) as beside, _small_files(case), failing(_fault(case)):
             code, out, err = _run(case, arguments, folder)
         assert not list(temporary.iterdir()), f"left temporary files: {[each.name for each in temporary.iterdir()]}"
     assert code in _CODES.get(command, (0, 1, 3)), f"exit code {code}:\n{err[-3000:]}"

@@ -112,14 +112,24 @@ _GUARD = _Guard()
 
 
 @contextmanager
-def only_within(*folders: Path, fault: Fault | None = None) -> Iterator[list[str]]:
-    """Refuse to change files elsewhere; gives the paths that were asked for. Files in the folders are on a disk."""
+def only_within(*folders: Path) -> Iterator[list[str]]:
+    """Refuse to change files elsewhere; gives the paths that were asked for."""
     if not _GUARD.hooked:
         sys.addaudithook(_GUARD.hear)
         _GUARD.hooked = True
-    _GUARD.refused, _GUARD.fault = [], fault
+    _GUARD.refused = []
     _GUARD.folders = tuple(f"{os.path.realpath(folder)}/" for folder in folders)
     try:
         yield _GUARD.refused
     finally:
         _GUARD.folders = None
+
+
+@contextmanager
+def failing(fault: Fault | None) -> Iterator[None]:
+    """Let the folders of `only_within` lie on a disk that has a fault."""
+    _GUARD.fault = fault
+    try:
+        yield
+    finally:
+        _GUARD.fault = None

@@ -2,9 +2,14 @@
 
 import json
 import os
+import resource
 import shutil
+import subprocess
+import sys
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -19,7 +24,7 @@ import wrinklecli
 from kit.browser import Page as Tab
 from kit.browser import browsing, until
 from kit.folds import CLIP, elbow
-from kit.limb import limb
+from kit.limb import limb, tool, write_tools
 from kit.places import ROOT
 from wrinklecli.editor.page.page import Page
 from wrinklecli.editor.session import Session
@@ -258,3 +263,83 @@ def test_contact_is_resolved_on_demand_and_played(tmp_path: Path) -> None:
             until(lambda: page._viewport.shown[0].source.ground.rig is not shown.source.ground.rig, "withdrawn")
     finally:
         page.close()
+
+
+@contextmanager
+def started(folder: Path, *, browser: str = "true") -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """`wrinkle edit` of a limb in a process of its own, and the address that it prints."""
+    command = [sys.executable, "-m", "wrinklecli", "edit", "limb.glb", "tools.yaml", "--port", "0"]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "BROWSER": browser}
+    server = subprocess.Popen(
+        command, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    )
+    assert server.stdout
+    try:
+        yield server, server.stdout.readline().strip()
+    finally:
+        server.terminate()
+        server.wait()
+        server.stdout.close()
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A limb and a tools file of one tool."""
+    made = tmp_path / "made"
+    made.mkdir()
+    limb(made / "limb.glb", rings=8, sides=6)
+    write_tools(made / "tools.yaml", tool(name="a", width=0.3, bumps=3))
+    return made
+
+
+@pytest.mark.slow
+def test_edits_of_a_server_that_was_killed_are_there_again(folder: Path, tmp_path: Path) -> None:
+    tools, unsaved = folder / "tools.yaml", folder / ".tools.yaml.unsaved"
+    old = tools.read_text()
+    with started(folder) as (server, address), browsing(tmp_path, address, SIZE) as tab:
+        tab.press_text("a")
+        tab.fill("• bumps", "5")
+        until(unsaved.exists, "unsaved edits")
+        server.kill()
+        server.wait()
+        assert tools.read_text() == old
+        with started(folder) as (_, again):
+            tab.call("Page.navigate", url=again)
+            tab.wait("document.body?.innerText.includes('unsaved edits of an earlier session are here again')")
+            tab.press_button("Save")
+            tab.wait("document.body.innerText.includes('saved as')")
+    assert load_tools(tools).tools[0].bumps == 5
+    assert not unsaved.exists()
+
+
+@pytest.mark.slow
+def test_a_save_on_a_full_disk_changes_nothing_and_is_said(folder: Path, tmp_path: Path) -> None:
+    tools = folder / "tools.yaml"
+    old = tools.read_text()
+    with started(folder) as (server, address), browsing(tmp_path, address, SIZE) as tab:
+        tab.press_text("a")
+        most = resource.prlimit(server.pid, resource.RLIMIT_FSIZE, (10, resource.RLIM_INFINITY))
+        tab.fill("• bumps", "5")
+        tab.wait("document.body.innerText.includes('unsaved edits are not kept there, and a crash loses them')")
+        tab.press_button("Save")
+        tab.wait("document.body.innerText.includes('tools.yaml: cannot be written: File too large')")
+        assert tools.read_text() == old
+        assert sorted(each.name for each in folder.iterdir() if each.is_file()) == ["limb.glb", "tools.yaml"]
+        resource.prlimit(server.pid, resource.RLIMIT_FSIZE, most)
+        tab.press_button("Save")
+        tab.wait("document.body.innerText.includes('saved as')")
+    assert load_tools(tools).tools[0].bumps == 5
+
+
+@pytest.mark.slow
+def test_a_browser_is_led_to_the_page_by_a_file_and_its_command_line_has_no_token(folder: Path, tmp_path: Path) -> None:
+    program, called = tmp_path / "program", tmp_path / "called"
+    program.write_text(f'#!/bin/sh\necho "$@" > {called}.part\nmv {called}.part {called}\n')
+    program.chmod(0o700)
+    with started(folder, browser=str(program)) as (_, address):
+        until(called.exists, "an opened browser")
+        opened = called.read_text().strip()
+        assert address.partition("token=")[2] not in opened
+        with browsing(tmp_path, opened, SIZE) as tab:
+            tab.wait("document.body?.innerText.includes('tools.yaml')")
+    assert sorted(each.name for each in folder.iterdir()) == ["limb.glb", "tools.yaml"]

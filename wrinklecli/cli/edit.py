@@ -1,9 +1,15 @@
 """`wrinkle edit`."""
 
 import gc
+import html
+import os
 import re
 import signal
 import threading
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
+from functools import partial
+from pathlib import Path
 from types import FrameType
 from typing import Any
 
@@ -12,6 +18,7 @@ import click
 from wrinklecli.cli import options as opt
 from wrinklecli.cli.output import emit, say, say_findings, warn
 from wrinklecli.errors import WrinkleError
+from wrinklecli.files.workplace import Workplace
 
 _PORT = 8765
 _NAME = re.compile(r"([A-Za-z0-9._-]+)")
@@ -113,13 +120,38 @@ def edit(
             )
         say(f"edits {session.path}; Ctrl-C ends it")
         say_findings(session.notes, ())
-    if not no_browser:
-        import webbrowser
-
-        webbrowser.open(page.address)
-    # In steps, as a thread that waits for ever hears no signal on Windows.
-    while not ended.wait(0.5):
-        pass
+    with nullcontext() if no_browser else _browser_at(page.address, os.path.dirname(session.path)):
+        # In steps, as a thread that waits for ever hears no signal on Windows.
+        while not ended.wait(0.5):
+            pass
     page.close()
     if session.changed:
         warn(f"{session.path}: not all was saved")
+
+
+@contextmanager
+def _browser_at(address: str, folder: str) -> Iterator[None]:
+    """Open a browser at an address by a file that leads there, is this user's alone, and goes when the block ends.
+
+    The command line of a browser is shown to all users of a machine, so that the token must not stand there. The file
+    lies in `folder`, since many browsers may not read temporary files; or with these, if it cannot be written there.
+    """
+    import tempfile
+    import webbrowser
+
+    refresh = html.escape(f"0; url={address}")
+    text = f'<!DOCTYPE html><meta charset="utf-8"><meta http-equiv="refresh" content="{refresh}"><p>wrinkle edit</p>\n'
+    with ExitStack() as stack:
+        for parent in (folder, tempfile.gettempdir()):
+            place = Workplace(os.path.abspath(parent))
+            stack.callback(place.remove)
+            with suppress(OSError):
+                place.make()
+                inner = place.next_path()
+                os.mkdir(inner, 0o700)
+                path = os.path.join(inner, "edit.html")
+                with open(path, "x", encoding="utf-8", opener=partial(os.open, mode=0o600)) as file:
+                    file.write(text)
+                webbrowser.open(Path(path).as_uri())
+                break
+        yield

@@ -3,7 +3,10 @@
 import contextlib
 import gc
 import itertools
+import os
+import threading
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -18,12 +21,14 @@ from websockets.sync.client import ClientConnection, connect
 
 from kit.browser import until
 from kit.limb import limb, limb_asset
+from wrinklecli.editor import edits
 from wrinklecli.editor.page import server
 from wrinklecli.editor.page.page import Page
 from wrinklecli.editor.session import Session
 from wrinklecli.errors import WrinkleError
 
 TABS = 100
+MOMENTS = 100
 TOOL = "tools: [{name: a, origin: [-0.4, 0.25, 0], target: [0.4, 0.25, 0], width: 0.3}]\n"
 EVIL = [
     b"",
@@ -158,3 +163,28 @@ def test_a_taken_port_is_said_in_a_line(page: Page, tmp_path: Path) -> None:
     with pytest.raises(WrinkleError, match=r"^edit: port \d+ of 127\.0\.0\.1: .*--port") as caught:
         Page(session, port=page.port)
     assert len(caught.value.lines) == 1
+
+
+@pytest.mark.slow
+def test_a_day_of_edits_and_moments_takes_no_more_memory(page: Page, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(edits, "_MAX_STEPS", MOMENTS)
+    session = page.session
+    name = session.add_tool((-0.3, 0.25, 0.0), (0.3, 0.25, 0.0))
+
+    def held(seed: int) -> tuple[int, int, int]:
+        """Objects, threads and descriptors after as many edits as can be undone, each shown with a moment of a clip."""
+        for number in range(MOMENTS):
+            session.set_value(name, ("bumps",), 2 + (number + seed) % 7)
+            done = threading.Event()
+            page.work.put(object(), partial(page.player.go, session.clips[0].name, number / MOMENTS))
+            page.work.put(object(), page.refresh)
+            page.work.put(object(), done.set)
+            assert done.wait(30)
+        gc.collect()
+        return len(gc.get_objects()), threading.active_count(), len(os.listdir("/proc/self/fd"))
+
+    with tab(page) as opened:
+        threading.Thread(target=lambda: list(map(len, opened)), daemon=True).start()
+        first, later = held(0), held(1)
+    assert later[0] < 1.02 * first[0]
+    assert later[1:] == first[1:]
