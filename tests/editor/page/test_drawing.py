@@ -12,7 +12,7 @@ from kit.places import ROOT
 from kit.touch import plate, touch
 from wrinklecli.editor.page.drawing import _LINE_POINTS, Body, body_of, outline_below, outline_of
 from wrinklecli.editor.session import Session
-from wrinklecli.review.preview.paints import Paint
+from wrinklecli.review.preview.paints import Opacity, Paint
 
 # In front of the left thigh, just below the crotch, and so wide that the other leg is as near in space.
 WIDE = "{name: a, origin: [0.05, 0.75, 0.08], target: [0.05, 0.6, 0.08], width: 200%}"
@@ -61,7 +61,8 @@ def test_outlines_lie_above_the_surface_that_is_drawn_right_side_out(
     (shown,) = session.meshes(None, 0.0, wait=refined)
     mesh = shown.source
     count = len(mesh.ground.surface.weld)
-    body = body_of(mesh, [Paint(np.ones((count, 3)), np.zeros((count, 2)), None)])
+    opacity = Opacity(mesh.ground.surface.normals[:, 1], 0.5, None)
+    body = body_of(mesh, [Paint(np.ones((count, 3)), np.zeros((count, 2)), None, opacity)])
     outline = outline_of(session.attached_tools()["crease"], mesh, 0, (1.0, 0.0, 0.0))
     low, high = (outline.points.positions(body, shown.positions, lift) for lift in (0.0, outline.lift))
     assert (np.linalg.norm(high[:, 1:], axis=1) - np.linalg.norm(low[:, 1:], axis=1)).min() > 0.9 * outline.lift
@@ -69,6 +70,10 @@ def test_outlines_lie_above_the_surface_that_is_drawn_right_side_out(
     corners = shown.positions[drawn.points[drawn.triangles]]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     assert (np.sum((normals * corners.mean(axis=1))[:, 1:], axis=1) > 0).all()
+    assert drawn.paint.opacity is not None
+    places = shown.source.rest_positions[drawn.points]
+    across = scale[1] * places[:, 1] / np.linalg.norm(places[:, 1:], axis=1)
+    assert drawn.paint.opacity.alphas == pytest.approx(across, abs=0.1)
 
 
 @pytest.mark.parametrize("refined", [False, True])

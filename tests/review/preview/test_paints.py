@@ -65,6 +65,7 @@ def test_a_masked_material_shows_where_its_alpha_reaches_the_cutoff(tmp_path: Pa
     assert share(alphaMode="MASK", alphaCutoff=0.25) == whole
     assert share(alphaMode="MASK", alphaCutoff=0) == whole
     nothing = share(alphaMode="MASK", factor=0.4)  # but for what is written below the picture
+    assert share(alphaMode="BLEND", factor=0.0) == nothing
     # The half that stays is the nearer one.
     assert 0.5 < (share(alphaMode="MASK") - nothing) / (whole - nothing) < 0.8
 

@@ -12,8 +12,8 @@ from kit.limb import tool, write_tools
 from kit.pictures import SIZE, covered, draw, limb, picture, reds
 from wrinklecli.review.preview import render
 from wrinklecli.review.preview.camera import Camera, camera_axes
-from wrinklecli.review.preview.cutouts import Cutouts
 from wrinklecli.review.preview.draw import Mark
+from wrinklecli.review.preview.opacity import Opacities
 from wrinklecli.review.preview.paints import Texture
 from wrinklecli.review.preview.preview_options import Style
 from wrinklecli.review.preview.render import Snapshot
@@ -211,16 +211,39 @@ def test_what_alpha_cuts_out_shows_what_is_behind() -> None:
     texture = Texture(holes.repeat(32, 0).repeat(32, 1))
     back, front = square(half=0.5, at=-0.2, colour=(1, 0, 0)), square(half=0.5, colour=(0, 0, 1))
     frame = both(back, front)
-    alphas = np.concatenate([np.full((2, 3), np.inf), np.full((2, 3), 2.0)])
-    cutouts = Cutouts(alphas, frame.coordinates, np.array([-1, -1, 0, 0]), (texture,))
-    shown = render.render(replace(frame, cutouts=cutouts), HEAD_ON, size=(64, 64)).astype(int)
+    cutoffs, numbers = np.array([0.0, 0.0, 0.5, 0.5]), np.array([-1, -1, 0, 0])
+    opacities = Opacities(np.ones((4, 3)), cutoffs, frame.coordinates, numbers, (texture,))
+    shown = render.render(replace(frame, opacities=opacities), HEAD_ON, size=(64, 64)).astype(int)
     for (row, column), way in {(24, 24): 2, (40, 40): 2, (24, 40): 0, (40, 24): 0}.items():
         assert shown[row, column, way] > shown[row, column, 2 - way] + 60
     # Light falls through, too: no holes of a shadow on what is behind.
-    assert np.array_equal(cutouts.whole(), [True, True, False, False])
-    alone = render.render(
-        replace(front, cutouts=Cutouts(np.full((2, 3), 0.9), front.coordinates, np.full(2, -1), ())),
-        HEAD_ON,
-        size=(64, 64),
-    )
-    assert not covered(alone).any()
+    assert np.array_equal(opacities.whole(), [True, True, False, False])
+    assert not covered(render.render(seen_through(front, 0.45, cutoff=0.5), HEAD_ON, size=(64, 64))).any()
+
+
+def seen_through(frame: Snapshot, *alphas: float, cutoff: float = np.inf) -> Snapshot:
+    """A frame of squares with an alpha each."""
+    count, each = 2 * len(alphas), np.repeat(alphas, 2)
+    corners, cutoffs = np.repeat(each[:, None], 3, axis=1), np.full(count, cutoff)
+    return replace(frame, opacities=Opacities(corners, cutoffs, frame.coordinates, np.full(count, -1), ()))
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2), (2, 0, 1), (1, 2, 0)])
+def test_what_is_behind_blended_triangles_shows_through_them(order: Sequence[int]) -> None:
+    squares = [
+        square(half=0.5, at=0.3 * way, colour=colour)
+        for way, colour in enumerate([(0.8, 0.1, 0.1), (0.1, 0.8, 0.1), (0.1, 0.1, 0.8)])
+    ]
+    alphas = [1.0, 0.25, 0.6]
+    middle = (32, 32)
+    single = [render.render(each, HEAD_ON, size=(64, 64))[middle].astype(float) for each in squares]
+    together = seen_through(both(*(squares[k] for k in order)), *(alphas[k] for k in order))
+    shown = render.render(together, HEAD_ON, size=(64, 64))[middle]
+    wanted = np.zeros(3)
+    for colour, alpha in zip(single, alphas, strict=True):
+        wanted = alpha * colour + (1.0 - alpha) * wanted
+    assert shown == pytest.approx(wanted, abs=6.0)
+    nothing = seen_through(both(*squares), 0.0, 0.001, 0.0)
+    assert not covered(render.render(nothing, HEAD_ON, size=(64, 64))).any()
+    whole = seen_through(both(*squares), 1.0, 1.0, 1.0)
+    assert np.array_equal(*(render.render(each, HEAD_ON, size=(64, 64)) for each in (whole, both(*squares))))

@@ -109,6 +109,8 @@ def body_of(mesh: PlayableMesh, paints: Sequence[Paint]) -> Body:
     weld, normals = [surface.weld], [surface.normals]
     colours = [np.concatenate([paint.colours for paint in paints])]
     coordinates = [np.concatenate([paint.coordinates for paint in paints])]
+    ones = (np.ones(len(paint.colours)) if paint.opacity is None else paint.opacity.alphas for paint in paints)
+    alphas = [np.concatenate(list(ones))[:, None]]
     corners, primitives = [surface.corners[mesh.kept]], [surface.primitives[mesh.kept]]
     old, shift = len(surface.weld), 0
     for cluster, moved in zip(mesh.clusters, mesh.shifts, strict=True):
@@ -119,21 +121,23 @@ def body_of(mesh: PlayableMesh, paints: Sequence[Paint]) -> Body:
         points = fine.weld[old:]
         weld.append(np.where(points < cluster.old_count, points, points + moved))
         shift += len(points)
-        for values in (normals, colours, coordinates):
+        for values in (normals, colours, coordinates, alphas):
             values.append(np.einsum("vk,vka->va", fine.shares, values[0][fine.sources]))
     every, owners, at = np.concatenate(corners), np.concatenate(primitives), np.concatenate(weld)
     turned, shades, places = unit(np.concatenate(normals)), np.concatenate(colours), np.concatenate(coordinates)
+    opaque = np.concatenate(alphas)
     meshes = []
     for number, paint in enumerate(paints):
         triangles = every[owners == number][:, :: mesh.way]
         if not len(triangles):
             continue
         if paint.texture is None:
-            firsts, joined = _joined(triangles, at, turned, shades)
+            firsts, joined = _joined(triangles, at, turned, np.concatenate([shades, opaque], axis=1))
         else:
             firsts = distinct_values(triangles)
             joined = np.searchsorted(firsts, triangles)
-        made = replace(paint, colours=shades[firsts], coordinates=places[firsts])
+        opacity = None if paint.opacity is None else replace(paint.opacity, alphas=opaque[firsts, 0])
+        made = replace(paint, colours=shades[firsts], coordinates=places[firsts], opacity=opacity)
         meshes.append(DrawnMesh(joined, at[firsts], made))
     return Body(mesh.faces, tuple(meshes))
 

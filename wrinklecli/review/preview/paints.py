@@ -33,17 +33,17 @@ class Texture:
 
 
 @dataclass(frozen=True, slots=True)
-class Cutout:
-    """What shows of a primitive with `alphaMode: MASK`.
+class Opacity:
+    """What shows of a primitive whose `alphaMode` is MASK or BLEND.
 
     Attributes:
-        alphas: (vertices,) alpha over the cutoff: below 1 nothing shows.
-        coordinates: (vertices, 2) texture coordinates.
+        alphas: (vertices,).
+        cutoff: Alpha from which on a point shows; infinite for BLEND, where alpha is opacity.
         texture: Its one channel multiplies the alpha.
     """
 
     alphas: Floats
-    coordinates: Floats
+    cutoff: float
     texture: Texture | None
 
 
@@ -51,13 +51,13 @@ class Cutout:
 class Paint:
     """The base colours of a primitive: (vertices, 3) linear RGB, times a texture at (vertices, 2) coordinates.
 
-    `cutout` is what shows of it; None for all.
+    `opacity` is what shows of it; None for all.
     """
 
     colours: Floats
     coordinates: Floats
     texture: Texture | None
-    cutout: Cutout | None = None
+    opacity: Opacity | None = None
 
 
 def read_paints(document: Document, primitives: Sequence[ScenePrimitive]) -> tuple[list[Paint], list[str]]:
@@ -73,7 +73,7 @@ def read_paints(document: Document, primitives: Sequence[ScenePrimitive]) -> tup
         primitive = document.items("meshes")[source.rig.mesh]["primitives"][source.primitive]
         count = len(source.vertices.positions)
         texture, mask, coordinates = None, None, np.zeros((count, 2))
-        masked = material_of(document, primitive).get("alphaMode") == "MASK"
+        cutoff = _cutoff(material_of(document, primitive))
         try:
             info = texture_info(document, primitive)
             if info:
@@ -82,14 +82,14 @@ def read_paints(document: Document, primitives: Sequence[ScenePrimitive]) -> tup
                 if key not in textures:
                     textures[key] = read_texture(document, info)
                 texture = textures[key]
-                if masked and key not in masks:
+                if cutoff > 0 and key not in masks:
                     masks[key] = _read_mask(document, info)
                 mask = masks.get(key)
         except (AssetError, ArithmeticError, ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
             # Without a texture a picture still shows the wrinkles.
             warnings.append(f"{source.where}: drawn without its texture: {error}")
-        cutout = Cutout(_alphas(document, primitive, count), coordinates, mask) if masked else None
-        paints.append(Paint(source.colour * vertex_colours(document, primitive, count), coordinates, texture, cutout))
+        opacity = Opacity(_alphas(document, primitive, count), cutoff, mask) if cutoff > 0 else None
+        paints.append(Paint(source.colour * vertex_colours(document, primitive, count), coordinates, texture, opacity))
     return paints, warnings
 
 
@@ -102,10 +102,16 @@ def texture_info(document: Document, primitive: Json, key: str = "baseColorTextu
     return info
 
 
+def _cutoff(material: Json) -> float:
+    """The alpha from which on a material shows; infinite if alpha is its opacity, 0 if all shows."""
+    cutoff = material.get("alphaCutoff", 0.5)
+    masked = float(cutoff) if isinstance(cutoff, int | float) and cutoff > 0 else 0.0
+    return {"MASK": masked, "BLEND": np.inf}.get(str(material.get("alphaMode")), 0.0)
+
+
 def _alphas(document: Document, primitive: Json, count: int) -> Floats:
-    """(vertices,) alpha of a masked material and of COLOR_0, over the cutoff; infinite if that is 0."""
-    material = material_of(document, primitive)
-    look, cutoff = material.get("pbrMetallicRoughness"), material.get("alphaCutoff", 0.5)
+    """(vertices,) alpha of a material and of COLOR_0."""
+    look = material_of(document, primitive).get("pbrMetallicRoughness")
     factors = look.get("baseColorFactor") if isinstance(look, dict) else None
     alphas = np.ones(count)
     if "COLOR_0" in primitive["attributes"]:
@@ -113,7 +119,7 @@ def _alphas(document: Document, primitive: Json, count: int) -> Floats:
         alphas = np.nan_to_num(stored[:, 3].astype(np.float64)) if stored.shape == (count, 4) else alphas
     if isinstance(factors, list) and len(factors) == 4 and isinstance(factors[3], int | float):
         alphas = alphas * factors[3]
-    return alphas / cutoff if isinstance(cutoff, int | float) and cutoff > 0 else np.full(count, np.inf)
+    return alphas
 
 
 def read_texture(document: Document, info: Json) -> Texture:

@@ -5,7 +5,7 @@ The same triangles give the same hits: rays follow fixed patterns.
 
 from collections.abc import Callable
 from dataclasses import fields
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -21,10 +21,15 @@ _NEAR = 0.01
 _EMBREE = 2**28
 # Bytes that Embree takes for a triangle; measured were 120.
 _EMBREE_TRIANGLE = 240
-# Layers of hair or lace through which a ray passes; what is behind more of them does not show.
+# Layers of hair, lace or glass through which a ray passes; what is behind more of them does not show.
 _LAYERS = 32
+INVISIBLE = 0.5 / 255.0
+"""Opacity that does not change an 8-bit colour."""
 # Units of libigl's tree in half a picture's height: it takes triangles for none whose area is below 1e-6 units.
 _TREE_SIZE = 1e4
+
+# Gives the opacity, 0 to 1, at points of (points,) triangles, by (points, 3) barycentric weights.
+Opacity: TypeAlias = Callable[[Ints, Array], Array]
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,9 +170,9 @@ def first_hits(
     first: int,
     pixels: Ints,
     offsets: Array,
-    shown: Callable[[Ints, Array], Bools] | None = None,
+    opacity: Opacity | None = None,
 ) -> Hits:
-    """Trace primary rays.
+    """Trace primary rays; of a pixel's hits those in front are first.
 
     Args:
         surface: The triangles.
@@ -175,7 +180,7 @@ def first_hits(
         first: Row of the picture at which the band begins.
         pixels: (pixels,) numbers of the pixels to trace in the band.
         offsets: (rays, 2) of the rays of a pixel from its middle, down and across, pixels.
-        shown: Tells of points, by triangles and (points, 3) weights, if they show. Rays pass through others.
+        opacity: Of the triangles; None if all are opaque. Rays go on behind what lets light through.
     """
     width, height = size
     down, across = np.divmod(np.repeat(pixels, len(offsets)), width)
@@ -191,51 +196,43 @@ def first_hits(
         eyes[:, 0] = (middles[:, 0] * 2 / width - 1) * (width / height)
         eyes[:, 1] = 1 - middles[:, 1] * 2 / height
         eyes[:, 2] = surface.corners[..., 2].max(initial=0) + 1
-    traced = surface.rays.run(eyes, directions, output=True)
-    if shown is not None:
-        traced = _passed(surface, eyes, directions, traced, shown)
-    hit = np.flatnonzero(traced["primID"] >= 0)
-    found, directions = traced["primID"][hit].astype(np.intp), directions[hit]
-    u, v = traced["u"][hit], traced["v"][hit]
-    weights = np.stack([1 - u - v, u, v], axis=1)
-    behind = np.einsum("pi,pi->p", surface.faces[found], directions) > 0
+    rays, triangles, weights, depths, shares = _seen(surface, eyes, directions, opacity)
+    directions = directions[rays]
+    behind = np.einsum("pi,pi->p", surface.faces[triangles], directions) > 0
     sides = np.where(behind, np.float32(-1), np.float32(1))[:, None]
     normals = np.zeros_like(directions)
     for i in range(3):
-        normals += weights[:, i, None] * surface.normals[found, i]
+        normals += weights[:, i, None] * surface.normals[triangles, i]
     return Hits(
-        pixels=np.repeat(pixels, len(offsets))[hit],
-        middles=middles[hit].astype(np.float32),
-        areas=np.full(len(hit), 1 / len(offsets), np.float32),
+        pixels=np.repeat(pixels, len(offsets))[rays],
+        middles=middles[rays].astype(np.float32),
+        areas=shares / np.float32(len(offsets)),
         directions=directions,
-        depths=traced["tfar"][hit],
-        triangles=found,
+        depths=depths,
+        triangles=triangles,
         weights=weights,
         sides=sides,
         normals=unit_rows(normals) * sides,
     )
 
 
-def _passed(
-    surface: TracedSurface, eyes: Array, directions: Array, traced: Any, shown: Callable[[Ints, Array], Bools]
-) -> Any:
-    """What Embree finds of rays, behind the points that do not show."""
-    traced = {key: np.array(traced[key]) for key in ("primID", "tfar", "u", "v")}
-    passing = np.flatnonzero(traced["primID"] >= 0)
-    for layer in range(_LAYERS + 1):
-        u, v = traced["u"][passing], traced["v"][passing]
+def _seen(surface: TracedSurface, eyes: Array, directions: Array, opacity: Opacity | None) -> list[Array]:
+    """What rays see, layer by layer: (hits,) rays, triangles, (hits, 3) weights, depths, and parts of a ray's light."""
+    rays, far, left = np.arange(len(eyes)), np.zeros(len(eyes), np.float32), np.ones(len(eyes), np.float32)
+    layers: list[tuple[Array, ...]] = []
+    while len(layers) < _LAYERS and (len(rays) or not layers):
+        starts = eyes[rays] + far[:, None] * directions[rays] if layers else eyes
+        traced = surface.rays.run(starts, directions[rays], output=True)
+        hit = np.flatnonzero(traced["primID"] >= 0)
+        rays, far, left = rays[hit], far[hit] + traced["tfar"][hit], left[hit]
+        triangles, u, v = traced["primID"][hit].astype(np.intp), traced["u"][hit], traced["v"][hit]
         weights = np.stack([1 - u - v, u, v], axis=1)
-        passing = passing[~shown(traced["primID"][passing].astype(np.intp), weights)]
-        if not len(passing) or layer == _LAYERS:
-            break
-        far = traced["tfar"][passing] + LIFT
-        behind = surface.rays.run(eyes[passing] + far[:, None] * directions[passing], directions[passing], output=True)
-        for key in ("primID", "u", "v"):
-            traced[key][passing] = behind[key]
-        traced["tfar"][passing] = far + behind["tfar"]
-        passing = passing[traced["primID"][passing] >= 0]
-    traced["primID"][passing] = -1
-    return traced
+        shares = left if opacity is None else left * opacity(triangles, weights)
+        layers.append(tuple(each[shares > 0] for each in (rays, triangles, weights, far, shares)))
+        left = left - shares
+        on = left > INVISIBLE
+        rays, far, left = rays[on], far[on] + LIFT, left[on]
+    return [np.concatenate(each) for each in zip(*layers, strict=True)]
 
 
 def in_sight(surface: TracedSurface, points: Floats) -> Bools:

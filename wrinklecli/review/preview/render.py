@@ -8,9 +8,9 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.pixels import Bytes, srgb
 from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints
 from wrinklecli.review.preview.camera import Camera, project
-from wrinklecli.review.preview.cutouts import Cutouts
 from wrinklecli.review.preview.draw import INK, Mark, ProjectedMark, blend, draw_mark, edge_cover, project_mark
 from wrinklecli.review.preview.light import REACH, light_up
+from wrinklecli.review.preview.opacity import Opacities
 from wrinklecli.review.preview.overlay import NOTHING, Overlay, draw_overlay
 from wrinklecli.review.preview.paints import Paint, Texture, look_up
 from wrinklecli.review.preview.preview_options import PLAIN, Style
@@ -50,7 +50,7 @@ class Snapshot:
         texture_numbers: (triangles,) into `textures`; -1 for none.
         textures: They multiply the colours.
         marks: Tools to draw on the triangles.
-        cutouts: What of the triangles shows; None for all.
+        opacities: What of the triangles shows; None for all.
     """
 
     corners: Floats
@@ -60,7 +60,7 @@ class Snapshot:
     texture_numbers: Ints
     textures: tuple[Texture, ...] = ()
     marks: tuple[Mark, ...] = ()
-    cutouts: Cutouts | None = None
+    opacities: Opacities | None = None
 
     @classmethod
     def of(cls, parts: Iterable[tuple[Floats, Floats, Ints, Paint]], marks: Sequence[Mark] = ()) -> "Snapshot":
@@ -70,17 +70,17 @@ class Snapshot:
         """
         joined: list[tuple[Array, ...]] = [(*np.zeros((3, 0, 3, 3)), np.zeros((0, 3, 2)), np.zeros(0, np.intp))]
         textures: list[Texture] = []
-        cutouts = []
+        painted = []
         for corners, normals, vertices, paint in parts:
-            cutouts.append((vertices, paint.cutout))
+            painted.append((vertices, paint))
             if paint.texture is not None and paint.texture not in textures:
                 textures.append(paint.texture)
             number = -1 if paint.texture is None else textures.index(paint.texture)
             numbers = np.full(len(corners), number)
             joined.append((corners, normals, paint.colours[vertices], paint.coordinates[vertices], numbers))
         places, turned, colours, coordinates, numbers = map(np.concatenate, zip(*joined, strict=True))
-        cut = Cutouts.of(cutouts)
-        return cls(places, turned, colours, coordinates, numbers, tuple(textures), tuple(marks), cut)
+        opacities = Opacities.of(painted)
+        return cls(places, turned, colours, coordinates, numbers, tuple(textures), tuple(marks), opacities)
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +124,7 @@ def _scene(snapshot: Snapshot, camera: Camera, size: tuple[int, int], style: Sty
     if style.wire:
         finer = (size[0] * _SAMPLES, size[1] * _SAMPLES)
         projected = project(local, finer, camera.tangent).astype(np.float32)
-    whole = None if snapshot.cutouts is None else snapshot.cutouts.whole()
+    whole = None if snapshot.opacities is None else snapshot.opacities.whole()
     return _Scene(
         surface=trace(local, snapshot.normals @ camera.axes.T, camera.tangent, whole=whole),
         snapshot=snapshot,
@@ -158,11 +158,11 @@ def _band(scene: _Scene, size: tuple[int, int], style: Style, top: int, bottom: 
 
 def _sampled(scene: _Scene, size: tuple[int, int], style: Style, shape: tuple[int, int], first: int) -> Hits:
     """Trace a ray for each pixel of a band of `shape` rows and columns, and more rays for the uneven ones."""
-    shown = None if scene.snapshot.cutouts is None else scene.snapshot.cutouts.shown
-    hits = first_hits(scene.surface, size, first, np.arange(shape[0] * shape[1]), np.zeros((1, 2)), shown)
+    opacity = None if scene.snapshot.opacities is None else scene.snapshot.opacities.at
+    hits = first_hits(scene.surface, size, first, np.arange(shape[0] * shape[1]), np.zeros((1, 2)), opacity)
     uneven = _uneven(scene, hits, shape, style)
     offsets = (np.stack(np.divmod(np.arange(_SAMPLES**2), _SAMPLES), axis=1) + 0.5) / _SAMPLES - 0.5
-    finer = first_hits(scene.surface, size, first, np.flatnonzero(uneven), offsets, shown)
+    finer = first_hits(scene.surface, size, first, np.flatnonzero(uneven), offsets, opacity)
     return hits.only(~uneven[hits.pixels]).joined(finer)
 
 
@@ -177,10 +177,11 @@ def _uneven(scene: _Scene, hits: Hits, shape: tuple[int, int], style: Style) -> 
         for drawn in scene.marks:
             detailed |= drawn.rows[hits.triangles] >= 0
         fine = np.zeros(shape, bool)
-        fine.ravel()[hits.pixels] = detailed
+        fine.ravel()[hits.pixels[detailed]] = True
     depths, normals = np.zeros(shape, np.float32), np.zeros((*shape, 3), np.float32)
-    depths.ravel()[hits.pixels] = hits.depths
-    normals.reshape(-1, 3)[hits.pixels] = hits.normals
+    # Of several hits of a pixel, the first is in front.
+    depths.ravel()[hits.pixels[::-1]] = hits.depths[::-1]
+    normals.reshape(-1, 3)[hits.pixels[::-1]] = hits.normals[::-1]
     for axis in (0, 1):
         before, after = _neighbouring(axis)
         turned = np.einsum("yxa,yxa->yx", normals[before], normals[after])
