@@ -16,13 +16,13 @@ from kit.characters import MIXAMO, Surface, Weights, Writer, person, plain
 # Strands of hair and of a skirt, and joints of each: with the 25 of a body they are 250.
 _HAIR, _HAIR_JOINTS = 36, 5
 _SKIRT, _SKIRT_JOINTS = 9, 5
-_SIDES = 10  # of a strand
 
 
-def avatar(*, clips: bool) -> Asset:
-    """The avatar, with clips or without any."""
+def avatar(*, clips: bool, coarse: bool = False) -> Asset:
+    """The avatar, with clips or without any; a coarse one has a third of the triangles, and all of the joints."""
     writer = Writer(twist=True, names=MIXAMO)
-    body = person(columns=52, rows=24, twist=True)
+    columns, rows, sides = (24, 11, 4) if coarse else (52, 24, 10)
+    body = person(columns=columns, rows=rows, twist=True)
     hair = ((0.1, 1.7, 0.11), (0.13, 1.55, 0.14), (0.14, 1.3, 0.15))
     skirt = ((0.18, 0.98, 0.13), (0.24, 0.8, 0.19), (0.3, 0.55, 0.25))
     for name, parent, count, joints, profile, radius in (
@@ -32,7 +32,7 @@ def avatar(*, clips: bool) -> Asset:
         for number in range(count):
             turn = 2.0 * np.pi * number / count
             points = [(across * np.sin(turn), y, -along * np.cos(turn)) for across, y, along in profile]
-            _strand(writer, body, f"{name}_{number}", parent, joints, points, radius=radius)
+            _strand(writer, body, f"{name}_{number}", parent, joints, points, radius=radius, sides=sides)
     writer.mesh("avatar", body, {"": plain("skin", (0.8, 0.6, 0.5))})
     if clips:
         times = np.linspace(0.0, 2.0, 9)
@@ -47,7 +47,7 @@ def avatar(*, clips: bool) -> Asset:
 
 def _strand(
     writer: Writer, body: Surface, name: str, parent: str, count: int, points: list[tuple[float, float, float]],
-    *, radius: float,
+    *, radius: float, sides: int,
 ) -> None:  # fmt: skip
     """Hang a chain of joints with a tube round it along some places, which are spread evenly over it."""
     along = np.linspace(0.0, 1.0, 3 * count + 1)
@@ -65,7 +65,7 @@ def _strand(
         weights.append(
             {chain[first]: 1.0} if first == after or not share else {chain[first]: 1 - share, chain[after]: share}
         )
-    body.tube(places.T, radius, weights, name.partition("_")[0], sides=_SIDES, across=(0.0, 0.0, 1.0))
+    body.tube(places.T, radius, weights, name.partition("_")[0], sides=sides, across=(0.0, 0.0, 1.0))
 
 
 if __name__ == "__main__":

@@ -10,7 +10,9 @@ import pytest
 from kit.avatar import avatar
 from kit.limb import write_tools
 
-MOST = 1e9  # bytes of 30,000 triangles and 250 joints, whatever is done with them
+# Bytes, whatever is done with 30,000 triangles and 250 joints, is 1 GB. A third of the triangles take a third of the
+# time, and of what a command takes beyond its libraries.
+MOST = 0.3e9
 KNEE = {"origin": [0.1, 0.56, -0.05], "target": [0.1, 0.42, -0.045], "width": 0.08, "bumps": 3, "mirror": "x"}
 # A process counts what its parent has when it starts, and the parent of a command is to be small.
 LAUNCH = """
@@ -37,17 +39,17 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The avatar with clips and without, tools for it, and a bake of each."""
     made = tmp_path_factory.mktemp("avatar")
     for clips in (True, False):
-        avatar(clips=clips).write(made / ("clips.glb" if clips else "still.glb"))
+        avatar(clips=clips, coarse=True).write(made / ("clips.glb" if clips else "still.glb"))
     write_tools(made / "tools.yaml", {"name": "knee.L", **KNEE}, {"name": "elbow.L", **ELBOW}, refinement={})
     return made
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="needs Unix")
-def test_no_command_takes_over_1_gb_for_an_avatar(folder: Path) -> None:
+def test_no_command_takes_over_300_mb_for_a_coarse_avatar(folder: Path) -> None:
     tools = "tools.yaml"
     taken = {
-        "suggest": peak(folder, "suggest", "still.glb", "-o", "suggested.yaml", "--count", "4"),
+        "suggest": peak(folder, "suggest", "still.glb", "-o", "suggested.yaml", "--count", "2"),
         "suggest clips": peak(folder, "suggest", "clips.glb", "-o", "every.yaml", "--all"),
         "bake": peak(folder, "bake", "clips.glb", tools, "-o", "baked.glb"),
         "bake still": peak(folder, "bake", "still.glb", tools, "-o", "still_baked.glb"),
@@ -58,7 +60,7 @@ def test_no_command_takes_over_1_gb_for_an_avatar(folder: Path) -> None:
         ("check", "still.glb", tools),
         ("preview", "clips.glb", "--tools", tools, "-o", "picture.png", "--size", "160x120"),
         ("diff", "--posed", "clips.glb", "baked.glb"),
-        ("maps", "clips.glb", tools, "-o", "maps", "--size", "512"),
+        ("maps", "clips.glb", tools, "-o", "maps", "--size", "256"),
         ("track", "still_baked.glb", "clips.glb", "-o", "tracked"),
     ):
         taken[" ".join(command)] = peak(folder, *command)
