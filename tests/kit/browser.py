@@ -20,6 +20,12 @@ from kit.clients import give_up
 
 _PATIENCE = 60.0  # seconds; drawn without a GPU, a page takes its time
 _STEADY = 0.15  # seconds in which what moves has moved
+# A page that draws itself all the time would take all of a core without a GPU, and shows no more than ten times a second.
+_SELDOM = """
+const draw = requestAnimationFrame.bind(window);
+window.requestAnimationFrame = (each) => setTimeout(() => draw(each), 100);
+window.cancelAnimationFrame = clearTimeout;
+"""
 _NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 _OPTIONS = (
     "--headless",
@@ -205,7 +211,7 @@ def browsing(folder: Path, address: str, size: tuple[int, int] = (1280, 800)) ->
     from websockets.sync.client import connect
 
     profile = folder / "profile"
-    command = [program, *_OPTIONS, f"--window-size={size[0]},{size[1]}", f"--user-data-dir={profile}", address]
+    command = [program, *_OPTIONS, f"--window-size={size[0]},{size[1]}", f"--user-data-dir={profile}", "about:blank"]
     browser = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
         port = until(lambda: _port(profile), "the browser's port")
@@ -215,6 +221,8 @@ def browsing(folder: Path, address: str, size: tuple[int, int] = (1280, 800)) ->
             page.call(
                 "Emulation.setDeviceMetricsOverride", width=size[0], height=size[1], deviceScaleFactor=1, mobile=False
             )
+            page.call("Page.addScriptToEvaluateOnNewDocument", source=_SELDOM)
+            page.call("Page.navigate", url=address)
             yield page
     finally:
         browser.terminate()
