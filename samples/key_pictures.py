@@ -272,17 +272,34 @@ def draw(look: Look, panel: Panel, folder: Path) -> Image.Image:
         return picture.convert("RGB").crop((0, CUT, PANEL[0], CUT + PANEL[1]))
 
 
-def table(look: Look, panels: list[Panel], folder: Path) -> Image.Image:
-    """All panels, each below its caption: two or four stand in one row, others in rows of three."""
-    columns = len(panels) if len(panels) in (2, 4) else 3
-    wide, high = PANEL[0] + GUTTER, PANEL[1] + CAPTION + GUTTER
-    picture = Image.new("RGB", (columns * wide - GUTTER, -(-len(panels) // columns) * high - GUTTER), "white")
+def place(number: int, count: int) -> tuple[int, int]:
+    """The corner of one of so many panels: two or four stand in one row, others in rows of three."""
+    row, column = divmod(number, count if count in (2, 4) else 3)
+    return column * (PANEL[0] + GUTTER), row * (PANEL[1] + CAPTION + GUTTER) + CAPTION
+
+
+def captioned(panels: list[Panel]) -> Image.Image:
+    """A picture that has the captions of its panels alone."""
+    corners = [place(number, len(panels)) for number in range(len(panels))]
+    wide, high = (max(ends) + size for ends, size in zip(zip(*corners, strict=True), PANEL, strict=True))
+    picture = Image.new("RGB", (wide, high), "white")
     pen, font = ImageDraw.Draw(picture), ImageFont.load_default(13.0)
-    for number, panel in enumerate(panels):
-        row, column = divmod(number, columns)
-        pen.text((column * wide + 4, row * high + 2), panel.caption, fill=(60, 66, 74), font=font)
-        picture.paste(draw(look, panel, folder), (column * wide, row * high + CAPTION))
+    for panel, (x, y) in zip(panels, corners, strict=True):
+        pen.text((x + 4, y - CAPTION + 2), panel.caption, fill=(60, 66, 74), font=font)
+    return picture
+
+
+def packed(picture: Image.Image) -> Image.Image:
+    """A picture in few colours, as it is kept."""
     return picture.quantize(COLOURS, dither=Image.Dither.NONE)
+
+
+def table(look: Look, panels: list[Panel], folder: Path) -> Image.Image:
+    """All panels, each below its caption."""
+    picture = captioned(panels)
+    for number, panel in enumerate(panels):
+        picture.paste(draw(look, panel, folder), place(number, len(panels)))
+    return packed(picture)
 
 
 def main(out: Path, keys: list[str]) -> None:

@@ -20,7 +20,7 @@ from kit.clients import give_up
 
 _PATIENCE = 60.0  # seconds; drawn without a GPU, a page takes its time
 _STEADY = 0.15  # seconds in which what moves has moved
-# A page that draws itself all the time would take all of a core without a GPU, and shows no more than ten times a second.
+# A page that draws itself all the time takes all of a core without a GPU, and shows no more than ten times a second.
 _SELDOM = """
 const draw = requestAnimationFrame.bind(window);
 window.requestAnimationFrame = (each) => setTimeout(() => draw(each), 100);

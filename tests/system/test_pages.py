@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from key_pictures import CAPTION, PANEL, captioned, draw, packed, place, write_sheets
 from key_pictures import PICTURES as DRAWN
 from kit.places import ROOT
 
@@ -74,15 +75,31 @@ def test_keys_have_small_pictures_beside_their_description() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("part", range(3))
+@pytest.mark.parametrize("part", range(2))
 def test_pictures_of_keys_are_drawn_from_the_program(part: int, tmp_path: Path) -> None:
-    """A process draws every third, so that none outlasts all other tests."""
-    script, kept = ROOT / "samples" / "key_pictures.py", sorted(PICTURES_OF_KEYS)[part::3]
-    keys = [path.stem.removeprefix("key_") for path in kept]
-    run([sys.executable, script, tmp_path, *keys], check=True, env={"PYTHONPATH": str(ROOT)})
-    assert sorted(path.name for path in tmp_path.iterdir()) == [path.name for path in kept]
-    for path in kept:
-        pair = [np.array(Image.open(each).convert("L"), float) for each in (path, tmp_path / path.name)]
-        assert pair[0].shape == pair[1].shape
-        # Grey levels of 255. Other processors round rays and the palette differently by less than one.
-        assert np.abs(pair[0] - pair[1]).mean() < 1, f"{path.name} is old: make -C samples keys"
+    """Of each picture its last panel, which shows most of what its key does, and all captions."""
+    write_sheets(tmp_path)
+    for path in sorted(PICTURES_OF_KEYS)[part::2]:
+        look, panels = DRAWN[path.stem.removeprefix("key_")]
+        with Image.open(path) as picture:
+            kept = picture.convert("RGB")
+        shown, corners = captioned(panels), [place(number, len(panels)) for number in range(len(panels))]
+        assert shown.size == kept.size
+        for x, y in corners:
+            shown.paste(kept.crop((x, y, x + PANEL[0], y + PANEL[1])), (x, y))
+        shown.paste(draw(look, panels[-1], tmp_path), corners[-1])
+        pair = [np.array(each.convert("L"), float) for each in (kept, packed(shown))]
+        for x, y in corners:
+            # Grey levels of 255. Other processors round rays and the palette differently by less than one.
+            part_of = slice(y - CAPTION, y + PANEL[1]), slice(x, x + PANEL[0])
+            assert np.abs(pair[0][part_of] - pair[1][part_of]).mean() < 1, f"{path.name} is old: make -C samples keys"
+
+
+@pytest.mark.slow
+def test_the_script_draws_the_picture_of_a_key(tmp_path: Path) -> None:
+    script, kept = ROOT / "samples" / "key_pictures.py", ROOT / "samples" / "pictures" / "key_max_height.png"
+    run([sys.executable, script, tmp_path, "max_height"], check=True, env={"PYTHONPATH": str(ROOT)})
+    (drawn,) = tmp_path.iterdir()
+    assert drawn.name == kept.name
+    pair = [np.array(Image.open(each).convert("L"), float) for each in (drawn, kept)]
+    assert np.abs(pair[0] - pair[1]).mean() < 1
