@@ -12,7 +12,7 @@ from kit.asset import MODES, Asset, stored
 from kit.limb import RADIUS, limb_asset, limb_positions
 from kit.prepared import as_document
 from wrinklecli.character.rig import read_rig
-from wrinklecli.character.surface import Surface, influence_count, read_surface, read_triangles
+from wrinklecli.character.surface import Surface, influence_count, read_surface, read_triangles, read_vertices
 from wrinklecli.character.weld import weld
 from wrinklecli.errors import AssetError
 from wrinklecli.numeric.arrays import distinct, distinct_values, face_normals, median, normals_at, unit, vertex_normals
@@ -251,6 +251,29 @@ def test_influences_are_merged_sorted_and_normalised() -> None:
     assert dense == pytest.approx(np.tile([0.125, 0.375, 0.5], (4, 1)), abs=1e-15)
     used = surface.weights > 0
     assert (used.sum(axis=1) == 3).all()
+
+
+@given(seed=st.integers(0, 999))
+def test_weights_of_repeated_joints_add_up(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    joints = random.integers(0, 3, (6, 8))
+    weights = random.integers(0, 3, joints.shape) / 8.0
+    surface = surface_of(points(SQUARE + np.arange(6)[:, None], joints=joints, weights=weights))
+    wanted = np.stack([np.where(joints == joint, weights, 0.0).sum(axis=1) for joint in range(3)], axis=1)
+    idle = ~weights.any(axis=1)
+    wanted[idle, joints[idle, 0]] = 1.0
+    assert np.array_equal(surface.dense_weights(np.arange(6), 3), wanted / wanted.sum(axis=1, keepdims=True))
+
+
+def test_some_vertices_are_read_as_all_are() -> None:
+    joints, weights = np.arange(24).reshape(6, 4) % 3, np.arange(24).reshape(6, 4) / 24.0
+    document = as_document(points(SQUARE, joints=joints, weights=weights, deltas=[SQUARE, 2 * SQUARE]))
+    rig, chosen = read_rig(document, 0), np.array([1, 4, 5])
+    every, some = read_vertices(document, rig), read_vertices(document, rig, {0: chosen}, targets=1)
+    assert np.array_equal(some.positions, every.positions[chosen])
+    assert np.array_equal(some.morph_deltas, every.morph_deltas[:1, chosen])
+    assert np.array_equal(some.joints, every.joints[chosen])
+    assert np.array_equal(some.weights, every.weights[chosen])
 
 
 def test_vertex_without_weight_follows_its_first_joint() -> None:

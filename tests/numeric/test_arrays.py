@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from wrinklecli.numeric import arrays
 from wrinklecli.numeric.arrays import (
+    KnownRows,
     ValueIndex,
     VertexFaces,
     any_of,
@@ -76,3 +78,16 @@ def test_smoothstep_is_level_at_both_ends_and_symmetric(t: float, factor: float)
     assert smoothstep(np.array([0.0, 1.0]), factor).tolist() == [0.0, factor]
     assert smoothstep(np.array(t)) + smoothstep(np.array(1.0 - t)) == pytest.approx(1.0)
     assert smoothstep(np.array(t), factor) == pytest.approx(factor * (3.0 * t**2 - 2.0 * t**3))
+
+
+def test_a_row_is_found_once_and_kept() -> None:
+    asked: list[list[int]] = []
+    known, rows = KnownRows.of(9), np.arange(27.0).reshape(9, 3)
+
+    def find(numbers: NDArray[np.intp]) -> NDArray[np.float64]:
+        asked.append(numbers.tolist())
+        return rows[numbers]
+
+    for wanted in ([4, 1, 4], [1], [8, 1, 0]):
+        assert np.array_equal(known.at(np.array(wanted), find), rows[wanted])
+    assert asked == [[1, 4], [0, 8]]

@@ -193,14 +193,14 @@ def read_back(edited: EditedDocument, plan: MeshPlan, effects: Sequence[Effect])
     rig = read_rig(written, plan.rig.node)
     primitives, old = written.items("meshes")[rig.mesh]["primitives"], len(plan.rig.own.morph_names)
     distinct = _distinct(primitives, refined_primitives)
-    stored = read_vertices(written, rig, distinct, targets=old)
+    parts = [refined_primitives[number].weld for number in distinct]
+    starts, welds = np.cumsum([0, *map(len, parts)]), np.concatenate(parts)
 
     def new_deltas(name: str) -> list[SparseDeltas]:
         where = written.where("meshes", rig.mesh)
         chosen = [primitives[number] for number in distinct]
-        return read_sparse_deltas(written, chosen, stored.starts, name, first=old, where=where)
+        return read_sparse_deltas(written, chosen, starts, name, first=old, where=where)
 
-    welds = np.concatenate([refined_primitives[number].weld for number in distinct])
     touched = np.zeros(len(fine.positions), bool)
     touched[len(fine.surface.positions) :] = True
     for vertices in (part.vertices for part in plan.parts):
@@ -212,12 +212,14 @@ def read_back(edited: EditedDocument, plan: MeshPlan, effects: Sequence[Effect])
         compared[target.vertices] = True
     chosen = np.flatnonzero(compared)
     rows = np.where(compared, np.cumsum(compared) - 1, -1)
-    stored_weights = Influences(stored.joints[chosen].T, stored.weights[chosen].T, len(rig.joints))
+    of_each = [np.flatnonzero(part) for part in np.split(compared, starts[1:-1])]
+    stored = read_vertices(written, rig, dict(zip(distinct, of_each, strict=True)), targets=old)
+    stored_weights = Influences(stored.joints.T, stored.weights.T, len(rig.joints))
     vertices, normals = welds[chosen], None
     if stored.normals is not None:
         turning = [target.of_rows(rows) for target in new_deltas("NORMAL")]
         added = [each.shape for each in targets_of(effects)]
-        normals = _Normals(fine, vertices, stored.normals[chosen], Targets(tuple(turning), len(chosen)), added)
+        normals = _Normals(fine, vertices, stored.normals, Targets(tuple(turning), len(chosen)), added)
     shapes, errors = [], np.zeros(len(chosen))
     for each in effects:
         for shape in (target.shape for target in each.targets):
@@ -229,7 +231,7 @@ def read_back(edited: EditedDocument, plan: MeshPlan, effects: Sequence[Effect])
     joints = distinct_values(np.concatenate([exact.acting, stored_weights.acting]))
     bodies = Pair(
         prepare(exact.among(joints), fine.positions[vertices], fine.morph_deltas[:old, vertices]),
-        prepare(stored_weights.among(joints), stored.positions[chosen], stored.morph_deltas[:, chosen]),
+        prepare(stored_weights.among(joints), stored.positions, stored.morph_deltas),
     )
     return Proof(
         rig,

@@ -121,7 +121,7 @@ def shared_vertices(source: Document, mesh: int, fine: Refinement) -> list[int]:
 def primitives_of(fine: Refinement, groups: Sequence[int] | None = None) -> list[RefinedPrimitive]:
     """The vertices of each primitive after refinement; `groups` from `shared_vertices`, or each by itself."""
     starts = fine.surface.vertex_starts
-    old_count = int(starts[-1])
+    old_count, parents = int(starts[-1]), fine.triangle_primitives
     owners = np.arange(len(starts) - 1) if groups is None else np.array(groups)
     refined_primitives = []
     for index, group in enumerate(owners):
@@ -130,7 +130,7 @@ def primitives_of(fine: Refinement, groups: Sequence[int] | None = None) -> list
         local = np.zeros(old_count + len(fine.primitives), np.intp)
         local[old] = np.arange(len(old))
         local[old_count + new] = len(old) + np.arange(len(new))
-        faces = fine.triangle_primitives == index
+        faces = parents == index
         refined_primitives.append(
             RefinedPrimitive(
                 index=index,

@@ -4,8 +4,8 @@ glTF splits vertices at UV and normal seams. Topology, normals and displacement 
 point of the artist's mesh moves as one.
 """
 
-from collections.abc import Sequence
-from functools import cached_property
+from collections.abc import Mapping
+from functools import cached_property, partial
 from itertools import pairwise
 from typing import Any
 
@@ -23,8 +23,13 @@ from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints, diagonal, flag
 
 # Bytes of a morph target's delta of a vertex, three float64.
 _DELTA_BYTES = 24
-# Most sets of four joints of a vertex: the time to compare all joints grows with the square.
+# Most sets of four joints of a vertex: several may be one accessor, so that a small file could ask for any memory.
 _MOST_SETS = 16
+
+Rows = Ints | slice
+"""The numbers of the vertices of a primitive that are read."""
+
+_ALL = slice(None)
 
 
 @dataclass(frozen=True)
@@ -133,9 +138,15 @@ class Vertices:
 
 
 def read_vertices(
-    document: Document, rig: Rig, chosen: Sequence[int] | None = None, *, targets: int | None = None
+    document: Document, rig: Rig, chosen: Mapping[int, Ints] | None = None, *, targets: int | None = None
 ) -> Vertices:
-    """Read the vertices of a rig's mesh, or of chosen primitives, with all or the first `targets` morph targets.
+    """Read the vertices of a rig's mesh, or chosen ones, with all or the first `targets` morph targets.
+
+    Args:
+        document: The asset.
+        rig: Of the mesh's node.
+        chosen: (rows,) numbers of the vertices to read of each primitive that counts; None for all.
+        targets: The number of morph targets to read.
 
     Raises:
         AssetError: An attribute is missing, malformed or not finite.
@@ -144,8 +155,11 @@ def read_vertices(
     where = document.where("meshes", rig.mesh)
     if not primitives:
         raise AssetError("has no primitives", where=where)
-    numbers = range(len(primitives)) if chosen is None else chosen
-    parts = [read_primitive(document, primitives[i], rig, f"{where}/primitives/{i}", targets=targets) for i in numbers]
+    rows: Mapping[int, Rows] = dict.fromkeys(range(len(primitives)), _ALL) if chosen is None else chosen
+    parts = [
+        read_primitive(document, primitives[number], rig, f"{where}/primitives/{number}", targets=targets, rows=each)
+        for number, each in rows.items()
+    ]
     most = max(part.joints.shape[1] for part in parts)
 
     def padded(rows: Array) -> Array:
@@ -166,16 +180,16 @@ def read_vertices(
 
 
 def read_primitive(
-    document: Document, primitive: Json, rig: Rig, where: str, *, targets: int | None = None
+    document: Document, primitive: Json, rig: Rig, where: str, *, targets: int | None = None, rows: Rows = _ALL
 ) -> Vertices:
-    """Read the vertices of one primitive of a rig's mesh, with all or the first `targets` morph targets.
+    """Read the vertices of one primitive of a rig's mesh, or some, with all or the first `targets` morph targets.
 
     Raises:
         AssetError: An attribute is missing, malformed or not finite.
     """
     attributes = primitive.get("attributes", {})
-    positions = read_positions(document, primitive, where)
-    count = len(positions)
+    stored_positions = read_positions(document, primitive, where)
+    count, positions = len(stored_positions), stored_positions[rows]
     stored = primitive.get("targets", [])
     if len(stored) != len(rig.morph_weights):
         raise AssetError(f"has {len(stored)} morph targets, others have {len(rig.morph_weights)}", where=where)
@@ -184,24 +198,25 @@ def read_primitive(
     document.claim_unstored(
         _DELTA_BYTES * kinds * len(chosen) * count, f"{len(chosen)} morph targets of {count} vertices", where=where
     )
+    attribute = partial(_attribute, document, count=count, size=3, rows=rows)
 
     def deltas_of(name: str) -> Floats:
-        deltas = np.zeros((len(chosen), count, 3))
+        deltas = np.zeros((len(chosen), len(positions), 3))
         for index, target in enumerate(chosen):
             if name in target:
-                deltas[index] = _attribute(document, target, name, count, 3, f"{where}/targets/{index}")
+                deltas[index] = attribute(target, name, where=f"{where}/targets/{index}")
         return deltas
 
-    joints, weights = read_influences(document, primitive, rig, count, where)
+    joints, weights = read_influences(document, primitive, rig, count, where, rows)
     has_normals = "NORMAL" in attributes
     return Vertices(
-        starts=np.array([0, count]),
+        starts=np.array([0, len(positions)]),
         # Adding 0 turns -0 into 0, as both are the same place.
         positions=positions + 0.0,
         morph_deltas=deltas_of("POSITION"),
         joints=joints,
         weights=weights,
-        normals=_attribute(document, attributes, "NORMAL", count, 3, where) if has_normals else None,
+        normals=attribute(attributes, "NORMAL", where=where) if has_normals else None,
         normal_deltas=deltas_of("NORMAL") if has_normals else None,
     )
 
@@ -212,21 +227,24 @@ def read_positions(document: Document, primitive: Json, where: str) -> Floats:
     if "POSITION" not in attributes:
         raise AssetError("has no POSITION", where=where)
     count = len(document.accessor(attributes["POSITION"], user=where))
-    positions: Floats = _attribute(document, attributes, "POSITION", count, 3, where)
+    positions: Floats = _attribute(document, attributes, "POSITION", count=count, size=3, where=where)
     return positions
 
 
-def _attribute(document: Document, attributes: Json, name: str, count: int, size: int, where: str) -> Any:
+def _attribute(
+    document: Document, attributes: Json, name: str, *, count: int, size: int, where: str, rows: Rows = _ALL
+) -> Any:
     values = document.accessor(attributes[name], user=where)
     if values.shape != (count, size):
         message = f"{name} (accessor {attributes[name]}) must hold {size} numbers for {count} vertices"
         raise AssetError(message, where=where)
-    if not in_range(values):
+    chosen = values[rows]
+    if not in_range(chosen):
         with np.errstate(invalid="ignore"):
-            first = int(np.argmin((np.abs(values) <= LARGEST).all(axis=1)))
+            first = int(np.arange(count)[rows][np.argmin((np.abs(chosen) <= LARGEST).all(axis=1))])
         message = f"{name} (accessor {attributes[name]}) of vertex {first} is not a finite number, or above {LARGEST:g}"
         raise AssetError(message, where=where)
-    return values
+    return chosen
 
 
 def influence_sets(attributes: Json) -> int:
@@ -237,7 +255,9 @@ def influence_sets(attributes: Json) -> int:
     return sets
 
 
-def read_influences(document: Document, primitive: Json, rig: Rig, count: int, where: str) -> tuple[Ints, Floats]:
+def read_influences(
+    document: Document, primitive: Json, rig: Rig, count: int, where: str, rows: Rows = _ALL
+) -> tuple[Ints, Floats]:
     """(vertices, influences) distinct sorted joints, and their normalised weights, padded by 0.
 
     A vertex without weight follows its first joint, as in three.js; an unskinned one follows the node.
@@ -246,33 +266,46 @@ def read_influences(document: Document, primitive: Json, rig: Rig, count: int, w
         AssetError: Joints or weights are missing or malformed.
     """
     if not rig.skinned:
-        return np.zeros((count, 1), np.intp), np.ones((count, 1))
+        chosen = len(np.arange(count)[rows])
+        return np.zeros((chosen, 1), np.intp), np.ones((chosen, 1))
     attributes, joint_count = primitive.get("attributes", {}), len(rig.joints)
     sets = influence_sets(attributes)
     if sets > _MOST_SETS:
         raise AssetError(f"has {sets} sets of joints; at most {_MOST_SETS} are read", where=where)
     if not sets:
         raise AssetError("belongs to a skinned node but has no JOINTS_0 and WEIGHTS_0", where=where)
+    attribute = partial(_attribute, document, attributes, count=count, size=4, where=where, rows=rows)
     joints, weights = (
-        np.concatenate([_attribute(document, attributes, f"{kind}_{k}", count, 4, where) for k in range(sets)], axis=1)
+        np.concatenate([attribute(f"{kind}_{number}") for number in range(sets)], axis=1)
         for kind in ("JOINTS", "WEIGHTS")
     )
     joints, weights = joints.astype(np.intp), np.maximum(weights.astype(np.float64), 0.0)
-    odd = (weights > 0) & ((joints < 0) | (joints >= joint_count))
-    if odd.any():
-        raise AssetError(f"JOINTS refer to joint {joints[odd][0]} of {joint_count}", where=where)
-    weights[:, 0] = np.where(weights.sum(axis=1) > 0, weights[:, 0], 1.0)
-    joints = np.clip(joints, 0, joint_count - 1)
-    for k in range(1, 4 * sets):
-        for earlier in range(k):
-            same = (joints[:, earlier] == joints[:, k]) & (weights[:, earlier] > 0)
-            weights[same, earlier] += weights[same, k]
-            weights[same, k] = 0.0
-    joints = np.where(weights > 0, joints, joint_count)
-    order = np.argsort(joints, axis=1, kind="stable")
-    joints, weights = np.take_along_axis(joints, order, 1), np.take_along_axis(weights, order, 1)
+    beyond = (joints < 0) | (joints >= joint_count)
+    if (weights[beyond] > 0).any():
+        raise AssetError(f"JOINTS refer to joint {joints[beyond & (weights > 0)][0]} of {joint_count}", where=where)
+    firsts = joints[:, 0]
+    joints, weights = _by_joint(joints, weights, joint_count)
+    repeats = (joints[:, 1:] == joints[:, :-1]) & (weights[:, 1:] > 0)
+    if repeats.any():
+        rows = np.flatnonzero(repeats.any(axis=1))
+        for column, repeated in enumerate(repeats.T):
+            weights[repeated, column + 1] += weights[repeated, column]
+            weights[repeated, column] = 0.0
+        joints[rows], weights[rows] = _by_joint(joints[rows], weights[rows], joint_count)
+    alone = np.flatnonzero(weights[:, 0] == 0)
+    joints[alone, 0], weights[alone, 0] = np.clip(firsts[alone], 0, joint_count - 1), 1.0
     weights /= weights.sum(axis=1, keepdims=True)
-    return np.where(joints == joint_count, 0, joints), weights
+    return joints, weights
+
+
+def _by_joint(joints: Ints, weights: Floats, joint_count: int) -> tuple[Ints, Floats]:
+    """(vertices, influences) joints and weights, sorted by the joint; those without weight are of joint 0, and last."""
+    bits = (joints.shape[1] - 1).bit_length()
+    # Joints are sorted together with their places, as sorting these apart takes twice as long.
+    keys = (np.where(weights > 0, joints, joint_count) << bits) + np.arange(joints.shape[1])
+    keys.sort(axis=1)
+    joints, places = keys >> bits, keys & ((1 << bits) - 1)
+    return np.where(joints == joint_count, 0, joints), np.take_along_axis(weights, places, 1)
 
 
 def read_triangles(document: Document, primitive: Json, count: int, where: str) -> Ints:
@@ -322,8 +355,10 @@ def _triangle_parts(document: Document, rig: Rig, vertices: "Vertices") -> list[
 def dense_influences(joints: Ints, weights: Floats, joint_count: int) -> Floats:
     """(vertices, joints) skin weights from (vertices, influences) joints and weights."""
     dense = np.zeros((len(joints), joint_count))
-    for column, shares in zip(joints.T, weights.T, strict=True):
-        dense[np.arange(len(dense)), column] += shares
+    every = np.arange(len(dense))
+    # A padded joint has no weight, so those before it overwrite it.
+    for column, shares in zip(joints.T[::-1], weights.T[::-1], strict=True):
+        dense[every, column] = shares
     return dense
 
 

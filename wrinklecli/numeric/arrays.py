@@ -4,6 +4,7 @@ All rooms take their array types from here: `Floats` are float64, `Ints` are ind
 may have any type.
 """
 
+from collections.abc import Callable
 from typing import Any, TypeVar
 
 import numpy as np
@@ -350,6 +351,33 @@ class VertexFaces:
 
     def _are_many(self, vertices: Ints) -> bool:
         return len(vertices) > _MANY * (len(self.starts) - 1)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class KnownRows:
+    """Rows of an array, each found when it is first asked for: the steps of a bake ask for the same few of a mesh.
+
+    Attributes:
+        rows: (count, 3), 0 where a row is not known yet.
+        known: (count,)
+    """
+
+    rows: Floats
+    known: Bools
+
+    @classmethod
+    def of(cls, count: int) -> "KnownRows":
+        """None of so many rows is known."""
+        return cls(np.zeros((count, 3)), np.zeros(count, np.bool_))
+
+    def at(self, wanted: Ints, find: Callable[[Ints], Floats]) -> Floats:
+        """(wanted, 3) rows; `find` gives those of sorted numbers that are not known."""
+        missing = distinct_values(wanted[~self.known[wanted]])
+        if len(missing):
+            self.rows[missing] = find(missing)
+            self.known[missing] = True
+        found: Floats = self.rows[wanted]
+        return found
 
 
 def matches(vertices: Ints, wanted: Ints) -> tuple[Ints, Ints]:

@@ -22,6 +22,7 @@ from wrinklecli.numeric.arrays import (
     Bools,
     Floats,
     Ints,
+    KnownRows,
     VertexFaces,
     any_of,
     children,
@@ -29,10 +30,10 @@ from wrinklecli.numeric.arrays import (
     distinct,
     distinct_values,
     flags_of,
+    inverses,
     unit,
     vertex_normals,
 )
-from wrinklecli.numeric.closest import balls
 from wrinklecli.numeric.memory import MAX_VERTICES
 from wrinklecli.numeric.red_green import Level
 from wrinklecli.numeric.subdivide import Subdivision, subdivide
@@ -118,7 +119,11 @@ class Refinement:
 
     def normals_at(self, vertices: Ints) -> Floats:
         """(chosen, 3) unit normals of `bind_positions`."""
-        return self.around.normals_at(self.bind_positions, vertices)
+        return self._normals.at(vertices, lambda missing: self.around.normals_at(self.bind_positions, missing))
+
+    @cached_property
+    def _normals(self) -> KnownRows:
+        return KnownRows.of(len(self.positions))
 
     @cached_property
     def around(self) -> VertexFaces:
@@ -133,6 +138,17 @@ class Refinement:
     def rest_normals_at(self, vertices: Ints) -> Floats:
         """(chosen, 3) unit normals in world space at rest."""
         return carried_normals(self.blended[vertices], self.normals_at(vertices))
+
+    def raising_at(self, vertices: Ints) -> Floats:
+        """(chosen, 3) moves in bind space that raise vertices by 1 along their normals at rest; 0 where singular."""
+        return self._raising.at(
+            vertices,
+            lambda missing: np.einsum("vij,vj->vi", inverses(self.blended[missing]), self.rest_normals_at(missing)),
+        )
+
+    @cached_property
+    def _raising(self) -> KnownRows:
+        return KnownRows.of(len(self.positions))
 
     def posed_at(self, pose: Rest, vertices: Ints) -> tuple[Floats, Floats]:
         """(chosen, 3) positions and unit normals in a pose of the coarse surface, world space.
@@ -157,11 +173,6 @@ class Refinement:
         rows = self.subdivision.linear.chosen(vertices)
         used, columns = np.unique(rows.columns, return_inverse=True)
         return unit(replace(rows, columns=columns, column_count=len(used)) @ pose.normals_at(used))
-
-    @cached_property
-    def rest_balls(self) -> tuple[Floats, Floats]:
-        """(triangles, 3) centres and (triangles,) radii of balls round the triangles, world space at rest."""
-        return balls(self.rest_positions[self.triangles])
 
     @cached_property
     def rest_size(self) -> float:

@@ -21,7 +21,7 @@ from wrinklecli.effects.wrinkle.places import Places
 from wrinklecli.effects.wrinkle.posed import Ring, posed_displacements, ring_around
 from wrinklecli.errors import BakeError
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, children, distinct_values, inverses, singular
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, children, distinct_values, singular
 from wrinklecli.surface.refine import Refinement
 
 
@@ -118,12 +118,11 @@ def carry(patch: Patch, fine: Refinement, pinned: Bools) -> CarriedPatch:
     # If members are projected anew in each frame, any of them may come to lie on the patch.
     chosen = regular & (moving if patch.tool.attachment == "skin" else True)
     vertices = members[chosen]
-    normals_bind = np.einsum("vij,vj->vi", inverses(fine.blended[vertices]), fine.rest_normals_at(vertices))
     return CarriedPatch(
         patch=patch,
         vertices=vertices,
         places=places.of(chosen),
-        directions=normals_bind * magnitudes[chosen, None],
+        directions=fine.raising_at(vertices) * magnitudes[chosen, None],
         # A singular blend gives no normal either, and no magnitude.
         stuck=int(((u >= 0) & (u <= 1) & (np.abs(v) <= 1) & ~regular).sum()),
         ring=ring_around(patch, vertices, kept[chosen], fine) if patch.tool.attachment == "patch" else None,

@@ -17,7 +17,7 @@ from wrinklecli.effects.wrinkle.bending import bent_nodes, carried_by
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, Ints, children, cross, dot, inverses
+from wrinklecli.numeric.arrays import Floats, Ints, children, cross, dot
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.rest import Rest
 from wrinklecli.tools.records import RestLengthMorph
@@ -104,10 +104,7 @@ def _nearer(carried: CarriedPatch, fine: Refinement, rest: Rest, rig: Rig, share
     if not len(folds):
         return nearer
     corners = corners.reshape(-1, 3)
-    vectors = (
-        fine.bind_positions[used],
-        np.einsum("vij,vj->vi", inverses(fine.blended[used]), fine.rest_normals_at(used)),
-    )
+    vectors = fine.bind_positions[used], fine.raising_at(used)
     height = min(patch.curve.greatest_height, _HIGHEST * 2.0 * patch.span / patch.curve.interval_count)
 
     def greatest(points: _Points) -> Floats:

@@ -12,6 +12,7 @@ from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, children, dot
 from wrinklecli.numeric.cells import Cells
+from wrinklecli.numeric.closest import balls, meets_box
 from wrinklecli.numeric.rays import ray_distances
 from wrinklecli.surface.refine import Refinement
 
@@ -161,10 +162,13 @@ def _rooms(fine: Refinement, vertices: Ints, heights: Floats, way: float) -> tup
     size = fine.rest_size
     starts, rays = fine.rest_positions[vertices], way * fine.rest_normals_at(vertices)
     points = starts + 0.5 * heights[:, None] * rays
-    faces = _near_box(fine, points, 0.5 * float(heights.max()), slack=_ROUNDING * size)
-    middles, radii = (each[faces] for each in fine.rest_balls)
+    reach = 0.5 * float(heights.max())
+    low, high = points.min(axis=0) - reach - _ROUNDING * size, points.max(axis=0) + reach + _ROUNDING * size
+    triangles = fine.triangles[meets_box(fine.rest_positions, low, high, fine.triangles)]
+    corners = fine.rest_positions[triangles]
+    middles, radii = balls(corners)
     cells = Cells.of(points)
-    balls, reached = cells.meeting(middles, radii + 0.5 * float(heights.max()))
+    pairs, reached = cells.meeting(middles, radii + reach)
     total = int(cells.counts[reached].sum())
     if total > _MOST_PAIRS:
         # A choice is enough, the tallest first, since neighbours of a vertex that goes through do so too.
@@ -172,12 +176,11 @@ def _rooms(fine: Refinement, vertices: Ints, heights: Floats, way: float) -> tup
         vertices, heights = vertices[kept], heights[kept]
         starts, rays, points = starts[kept], rays[kept], points[kept]
         cells = Cells.of(points)
-        balls, reached = cells.meeting(middles, radii + 0.5 * float(heights.max()))
-    triangles, corners = fine.triangles[faces], fine.rest_positions[fine.triangles[faces]]
+        pairs, reached = cells.meeting(middles, radii + reach)
     rooms = np.full(len(vertices), np.inf)
     portions = np.cumsum(cells.counts[reached]) // _CHUNK
-    for part in np.split(np.arange(len(balls)), 1 + np.flatnonzero(np.diff(portions))):
-        ball, at = np.repeat(balls[part], cells.counts[reached[part]]), cells.numbers_in(reached[part])
+    for part in np.split(np.arange(len(pairs)), 1 + np.flatnonzero(np.diff(portions))):
+        ball, at = np.repeat(pairs[part], cells.counts[reached[part]]), cells.numbers_in(reached[part])
         # A ray that misses the ball round a triangle does not meet the triangle.
         away = [axis[at] - middle[ball] for axis, middle in zip(points.T, middles.T, strict=True)]
         squared, along = dot(away, away), dot(away, [axis[at] for axis in rays.T])
@@ -188,15 +191,6 @@ def _rooms(fine: Refinement, vertices: Ints, heights: Floats, way: float) -> tup
         distances = ray_distances(starts[at], rays[at], corners[ball])
         np.minimum.at(rooms, at, np.where(distances > _TOUCHING * size, distances, np.inf))
     return vertices, heights, rooms
-
-
-def _near_box(fine: Refinement, points: Floats, distance: float, *, slack: float) -> Ints:
-    """(triangles,) sorted triangles whose ball at rest comes within a distance of the box round (points, 3)."""
-    middles, radii = fine.rest_balls
-    reach, near = radii + (distance + slack), np.ones(len(radii), bool)
-    for axis, middle in zip(points.T, middles.T, strict=True):
-        near &= (axis.min() - middle <= reach) & (middle - axis.max() <= reach)
-    return np.flatnonzero(near)
 
 
 def _peaks(carried: CarriedPatch, clips: Sequence[ClipActivity]) -> tuple[Floats, Floats]:

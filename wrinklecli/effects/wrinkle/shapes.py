@@ -13,7 +13,7 @@ from wrinklecli.effects.wrinkle.bending import Risen
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.places import Places
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, Ints, inverses, unit
+from wrinklecli.numeric.arrays import Floats, Ints, unit
 from wrinklecli.numeric.intersections import edges_of
 from wrinklecli.surface.refine import Refinement
 
@@ -76,14 +76,13 @@ class _Between:
         # Ends beside the patch do not say what is left on it.
         left = kept[ends].sum(axis=1) / np.maximum((whole != 0.0)[ends].sum(axis=1), 1)
         middles = placed(positions[ends].mean(axis=1), unit(facing[ends].mean(axis=1))).times(left)
-        normals = np.einsum("vij,vj->vi", inverses(fine.blended[used]), fine.rest_normals_at(used))
         numbers = np.full(len(used), len(own))
         numbers[own] = np.arange(len(own))
         return cls(
             edges=Middles.numbers_of(edges, fine),
             ends=numbers[ends],
             heights=middles.shapes(patch.curve) * patch.curve.greatest_amplitudes[..., None],
-            directions=normals[ends].mean(axis=1) * middles.factors[:, None],
+            directions=fine.raising_at(used)[ends].mean(axis=1) * middles.factors[:, None],
         )
 
     def middles(self, group: int, deltas: Floats) -> Middles:
