@@ -1,18 +1,24 @@
 """Goldens: bakes, and what the other commands say of the samples, are as they were when somebody last looked."""
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from PIL import Image
 
 import wrinklecli
 from kit.bakes import bake_config, bake_fold, bake_once, place, report_of
-from kit.golden import Golden, words_and_numbers, wrinkles_of
-from kit.limb import RADIUS, limb_asset, tool
+from kit.flesh import body, region
+from kit.golden import Golden, summed, words_and_numbers, wrinkles_of
+from kit.limb import RADIUS, limb_asset, tool, write_tools
+from kit.muscles import arm, muscle
 from kit.places import ROOT
 from kit.player import Gltf
 from kit.samples import sample
 from kit.suggested import suggest_once
+from kit.touch import plate, touch
 
 Json = dict[str, Any]
 TOP, SIDE = 0.8 * RADIUS, 0.6 * RADIUS
@@ -35,12 +41,29 @@ def limb_with_every_key() -> Gltf:
     return bake_once(place(asset), *TOOLS, morph_tangents=True, details=True)
 
 
+def arm_with_muscles() -> Gltf:
+    activation = {"keys": {"fold": [[0.0, 0.0], [1.0, 1.0], [2.0, 0.0]]}}
+    crease = tool(origin=[-0.3, RADIUS, 0.0], target=[0.3, RADIUS, 0.0], bumps=2)
+    return bake_once(arm(rings=13, sides=8), crease, top={"muscles": [muscle(travel=True, activation=activation)]})
+
+
+def limb_that_is_touched() -> Gltf:
+    keys = {"fold": [[0.2, 0, 0], [0.8, 0.05, 0.02, 0.01], [1.4, -0.03, 0.04, 0.01]]}
+    places = {"at": [0.45, RADIUS, 0.0], "towards": [0.0, RADIUS, 0.0], "pad": 0.15, "reach": 0.3}
+    touches = [{"name": "inside", **places, "keys": keys}]
+    return bake_once(place(limb_asset(rings=12, sides=8)), top={"touches": touches, "refinement": {"max_levels": 0}})
+
+
 BAKES: dict[str, Callable[[], Gltf]] = {
     "wrist": lambda: bake_config("wrist", "wrist"),
     "head": lambda: bake_config("head", "head"),
     "head_keyed": lambda: bake_config("head", "head_keyed"),
     "trousers": lambda: bake_config("trousers", "trousers"),
     "limb": limb_with_every_key,
+    "muscles": arm_with_muscles,
+    "flesh": lambda: bake_once(place(body(keys=10)), top={"flesh": [region(limit=0.026)]}),
+    "touch": lambda: bake_once(place(plate()), top={"touches": [touch()], "refinement": {"max_levels": 0}}),
+    "bend": limb_that_is_touched,
 }
 
 
@@ -80,3 +103,14 @@ def test_an_asset_is_described_as_before(golden: Golden) -> None:
 def test_differences_are_as_before(golden: Golden) -> None:
     found = wrinklecli.diff(sample("wrist"), bake_config("wrist", "wrist").path)
     golden([*map(words_and_numbers, found.lines(20))], "diff_wrist.json")
+
+
+def test_maps_are_as_before(tmp_path: Path, golden: Golden) -> None:
+    asset = limb_asset(rings=11, sides=8)
+    asset.gltf["materials"] = [{}]
+    asset.gltf["meshes"][0]["primitives"][0]["material"] = 0
+    tools = write_tools(tmp_path / "tools.yaml", tool(bumps=2), tool(name="other", bumps=3, profile="cloth"))
+    found = wrinklecli.maps(asset.write(tmp_path / "limb.glb"), tools, tmp_path / "maps", size=48, separate=True)
+    images = [path for path in sorted((tmp_path / "maps").iterdir()) if path.suffix == ".png"]
+    pixels = {path.name: summed(np.asarray(Image.open(path), float) / 255) for path in images}
+    golden([pixels, found.data, *found.warnings], "maps_limb.json", tolerance=0.01)
