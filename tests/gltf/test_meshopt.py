@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wrinklecli.errors import AssetError
+from wrinklecli.gltf import meshopt
 from wrinklecli.gltf.meshopt import decode
 
 Json = dict[str, Any]
@@ -64,6 +65,18 @@ def test_the_deltas_that_the_specification_works_out() -> None:
     found = np.frombuffer(decoded(STREAMS[0], data=data, count=16, stride=4), np.uint8).reshape(16, 4)
     assert (found[:, 0] == np.cumsum(deltas) % 256).all()
     assert not found[:, 1:].any()
+
+
+@pytest.mark.parametrize("width", [1, 2])
+@pytest.mark.parametrize("bits", range(1, 9))
+def test_colours_of_any_number_of_bits_have_their_whole_range(bits: int, width: int) -> None:
+    """Alpha without its lowest bit, behind a bit that tells how many bits all have; 0 has none."""
+    full, half, limit = 2**bits - 1, 2**bits // 2 - 1, 256**width - 1
+    white, black, orange = (full, 0, 0, full), (0, 0, 0, full - half), (half, half, 0, full)
+    stored = np.array([white, black, orange, (0, 0, 0, 0)]).astype(f"<i{width}")
+    opaque = limit if bits > 1 else 0  # a single bit is the one that tells how many there are
+    warm = [round(limit * 2 * half / full), round(limit * half / full), 0, opaque]
+    assert meshopt._color(stored.view(np.uint8)).tolist() == [[*[limit] * 3, opaque], [0] * 4, warm, [0] * 4]
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 import wrinklecli
-from kit.asset import Asset
+from kit.asset import Asset, attribute
 from kit.characters import avatar, cartoon, dressed, tubes
 from kit.command import Wrinkle
 from kit.golden import Golden, words_and_numbers
@@ -71,6 +71,32 @@ def test_hamstrings_begin_right_below_the_buttock(tmp_path: Path) -> None:
     moves = np.linalg.norm(file.deltas("Toon")[0], axis=1)
     heights = file.attribute("Toon", "POSITION")[moves > 0.02 * moves.max(), 1]
     assert 0.80 < heights.max() < 0.84
+
+
+@pytest.mark.parametrize(("part", "node"), [(0.2, "Figure"), (0.4, "sleeve")])
+def test_a_sleeve_is_lifted_that_has_enough_of_the_arm(part: float, node: str, tmp_path: Path) -> None:
+    """As much of the skin weights of the upper arm as the layers of a garment have, and not a ribbon."""
+    asset = tubes()
+    joints = {each["name"]: number for number, each in enumerate(asset.gltf["nodes"])}
+    arm, shoulder = (asset.gltf["skins"][0]["joints"].index(joints[name]) for name in ("upper_arm.L", "shoulder.L"))
+    weights = attribute(asset, 0, "WEIGHTS_0")[attribute(asset, 0, "JOINTS_0") == arm].sum()
+    angles, along = np.meshgrid(np.arange(16) * np.pi / 8.0, np.linspace(0.2, 0.44, 12))
+    places = np.stack([along, 1.39 + 0.09 * np.cos(angles), 0.09 * np.sin(angles)], axis=-1).reshape(-1, 3)
+    ids = np.arange(12 * 16).reshape(12, 16)
+    a, b, c, d = ids[:-1], ids[1:], np.roll(ids[1:], -1, axis=1), np.roll(ids[:-1], -1, axis=1)
+    triangles = np.stack([a, c, b, a, d, c], axis=-1)
+    share = part * weights / len(places)
+    attributes = {
+        "POSITION": asset.accessor(places, bounds=True),
+        "JOINTS_0": asset.accessor(np.tile([arm, shoulder, 0, 0], (len(places), 1)), "u1"),
+        "WEIGHTS_0": asset.accessor(np.tile([share, 1.0 - share, 0.0, 0.0], (len(places), 1))),
+    }
+    primitive = {"attributes": attributes, "indices": asset.accessor(triangles.reshape(-1), "u2")}
+    mesh = asset.append("meshes", {"primitives": [primitive]})
+    asset.gltf["scenes"][0]["nodes"].append(asset.append("nodes", {"name": "sleeve", "mesh": mesh, "skin": 0}))
+    found = wrinklecli.suggest(asset.write(tmp_path / "worn.glb"), muscles=True)
+    assert share < 1.0
+    assert {each.muscle.name: each.muscle.node for each in found.muscles}["biceps.L"] == node
 
 
 @pytest.mark.slow

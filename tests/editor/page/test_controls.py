@@ -1,5 +1,6 @@
 """Widgets of keys: what stands in the file is what they show, also beyond the ends of a slider."""
 
+import asyncio
 import contextlib
 from types import SimpleNamespace
 from typing import Any
@@ -15,6 +16,17 @@ from wrinklecli.tools.schema import KINDS
 OWN = {"name": "a", "origin": [0, 0, 0], "target": [1, 0, 0], "width": "80%"}
 
 
+class Slider(SimpleNamespace):
+    """A slider that a user moves."""
+
+    def on_update(self, called: Any) -> None:
+        self.called = called
+
+    def move(self, value: float) -> None:
+        self.value = value
+        asyncio.run(self.called(SimpleNamespace(client=object())))
+
+
 class Gui:
     """Keeps sliders by their labels, and the labels of tabs."""
 
@@ -23,7 +35,7 @@ class Gui:
         self.tabs: list[str] = []
 
     def add_slider(self, label: str, low: float, high: float, *_: float, hint: str) -> Any:
-        widget = SimpleNamespace(label=label, min=low, max=high, hint=hint, visible=True, on_update=lambda _: None)
+        widget = Slider(label=label, min=low, max=high, hint=hint, visible=True, value=low)
         self.sliders[label] = widget
         return widget
 
@@ -40,9 +52,9 @@ class Gui:
         )
 
 
-def controls(list_key: str = "tools") -> tuple[Gui, ToolControls]:
+def controls(list_key: str = "tools", change: Any = lambda *_: None) -> tuple[Gui, ToolControls]:
     gui: Any = Gui()
-    return gui, ToolControls(gui, lambda *_: None, lambda _: None, ["walk"], list_key)
+    return gui, ToolControls(gui, change, lambda _: None, ["walk"], list_key)
 
 
 def show(shown: ToolControls, **own: Any) -> None:
@@ -76,3 +88,22 @@ def test_tabs_are_the_groups_of_the_keys_in_their_order(list_key: str) -> None:
     gui, _ = controls(list_key)
     groups = {each["group"] for each in KINDS[list_key].items.keys.values()}
     assert gui.tabs == [*(group for group in GROUPS if group in groups), *["Clips"] * (list_key == "tools")]
+
+
+@pytest.mark.parametrize(
+    ("title", "own", "steps", "value"),
+    [
+        ("walk", {}, ("clips", "walk"), 0.123),
+        ("details 1", {"details": [0.5, 0.25]}, ("details",), [0.123]),
+        ("damping", {"lag": {"frequency": 3, "damping": 1}}, ("lag",), {"frequency": 3.0, "damping": 0.123}),
+    ],
+)
+def test_a_slider_writes_thousandths(title: str, own: dict[str, Any], steps: tuple[str, ...], value: Any) -> None:
+    changes: list[tuple[Any, ...]] = []
+    gui, shown = controls(change=lambda *change: changes.append(change))
+    show(shown, **own)
+    for number, slider in gui.sliders.items():
+        if number.startswith("details") and number != title:
+            slider.value = 0.0  # which ends the list
+    gui.sliders[title].move(0.12345)
+    assert changes == [(steps, value, "slides")]

@@ -18,7 +18,7 @@ from wrinklecli.character.rig import read_rig
 from wrinklecli.character.scene import deforming_nodes
 from wrinklecli.character.surface import influence_count
 from wrinklecli.drive.touch import TouchDrive
-from wrinklecli.effects.touch.attach import attach_touches
+from wrinklecli.effects.touch.attach import _ASLANT, _turn, attach_touches
 from wrinklecli.effects.touch.skin import Place, hold_of, slides_on
 from wrinklecli.gltf.document import read_document
 from wrinklecli.numeric.arrays import Floats, inverses, unit
@@ -178,3 +178,16 @@ def test_a_slide_in_a_bent_pose_is_as_long_as_asked(limb: tuple[Path, dict[str, 
         changes = deltas[[names.index(each) for each in drive.targets[-8:]]][:, near]
         assert np.abs(changes.mean(axis=1)).max() < 0.15 * drive.grip
         assert np.abs(deltas[[names.index(each) for each in drive.targets[-8:]]]).max() > 0.02 * drive.grip
+
+
+@pytest.mark.parametrize("degrees", [-44.0, -10.0, 0.0, 20.0, 44.0])
+def test_slides_turn_to_the_nearest_main_curvature(degrees: float) -> None:
+    """A cylinder whose axis leans by an angle, as its quadric has it; one that hardly leans counts as straight."""
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    for curvature in (-40.0, 40.0):
+        bend = curvature * np.array([c * c, 2.0 * c * s, s * s])
+        assert _turn(bend, 0.02) == pytest.approx(np.radians(degrees), abs=1e-4)
+        assert _turn(np.array([bend[2], -bend[1], bend[0]]), 0.02) == pytest.approx(np.radians(degrees), abs=1e-4)
+    for share, turns in ((0.99, False), (1.01, True)):
+        aslant = np.array([1.0, share * 2.0 * _ASLANT / 0.02, 0.0])
+        assert bool(_turn(aslant, 0.02)) == turns
