@@ -15,7 +15,7 @@ from kit.player import Gltf, Json, anchor_distances, described, wrinkle_columns
 from kit.samples import BACK, BROW, PALM, Editor, edited, sample
 from wrinklecli.baking import morphs as encode
 from wrinklecli.baking import proof
-from wrinklecli.baking.budget import BUDGETS, storage
+from wrinklecli.baking.budget import BUDGETS, mesh_texture_bytes, storage
 from wrinklecli.character import weight_track
 from wrinklecli.choices import Engine
 from wrinklecli.cli import main
@@ -325,6 +325,19 @@ def test_vertices_of_more_joints_than_three_reads_are_refused(tmp_path: Path) ->
     with pytest.raises(RefusedError, match="vertices of more than 4 joints, which --engine three would put off by"):
         report_of(tmp_path, edited("wrist", full_second_set), PALM, engine="three")
     assert not (tmp_path / "out.glb").exists()
+
+
+@pytest.mark.parametrize(
+    ("targets", "attributes"),
+    [([], 0), ([{"POSITION": 0}], 1), ([{}, {"POSITION": 0}], 2), ([{"POSITION": 0}, {"NORMAL": 0}], 4)],
+)
+def test_gpu_bytes_of_a_document_are_those_of_its_targets(targets: list[Json], attributes: int) -> None:
+    """Each target takes normals if one has them, in each primitive by itself."""
+    gltf = {"accessors": [{"count": 5}, {"count": 7}]}
+    parts: list[Json] = [{"attributes": {"POSITION": number}} for number in (0, 1)]
+    parts[1]["targets"] = [{"POSITION": 0}]
+    parts[0] |= {"targets": targets} if targets else {}
+    assert mesh_texture_bytes(gltf, {"primitives": parts}) == (5 * attributes + 7) * 16
 
 
 def test_gpu_bytes_are_those_of_float_textures(tmp_path: Path) -> None:

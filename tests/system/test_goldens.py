@@ -9,6 +9,7 @@ import pytest
 from PIL import Image
 
 import wrinklecli
+from kit.asset import attribute
 from kit.bakes import bake_config, bake_fold, bake_once, place, report_of
 from kit.flesh import body, region
 from kit.golden import Golden, summed, words_and_numbers, wrinkles_of
@@ -54,6 +55,16 @@ def limb_that_is_touched() -> Gltf:
     return bake_once(place(limb_asset(rings=12, sides=8)), top={"touches": touches, "refinement": {"max_levels": 0}})
 
 
+def belly_below_a_strap() -> Gltf:
+    asset = body(keys=10)
+    positions = attribute(asset, 0, "POSITION")
+    nearest = np.argsort(np.linalg.norm(positions - np.array([0.0, 0.03, 0.15]), axis=1))[:3]
+    primitive = {"attributes": {"POSITION": asset.accessor(positions[nearest], bounds=True)}}
+    mesh = asset.append("meshes", {"primitives": [primitive]})
+    asset.gltf["scenes"][0]["nodes"].append(asset.append("nodes", {"name": "strap", "mesh": mesh}))
+    return bake_once(place(asset), top={"flesh": [region(limit=0.026)]})
+
+
 BAKES: dict[str, Callable[[], Gltf]] = {
     "wrist": lambda: bake_config("wrist", "wrist"),
     "head": lambda: bake_config("head", "head"),
@@ -61,7 +72,7 @@ BAKES: dict[str, Callable[[], Gltf]] = {
     "trousers": lambda: bake_config("trousers", "trousers"),
     "limb": limb_with_every_key,
     "muscles": arm_with_muscles,
-    "flesh": lambda: bake_once(place(body(keys=10)), top={"flesh": [region(limit=0.026)]}),
+    "flesh": belly_below_a_strap,
     "touch": lambda: bake_once(place(plate()), top={"touches": [touch()], "refinement": {"max_levels": 0}}),
     "bend": limb_that_is_touched,
 }
