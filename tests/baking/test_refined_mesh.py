@@ -112,6 +112,24 @@ def test_new_attributes_lie_between_old_ones() -> None:
     assert {tuple(row) for row in values["_ID"][old:].tolist()} <= known, "a feature id was made up"
 
 
+def test_new_vertices_have_the_influences_of_old_ones_in_each_set() -> None:
+    """Of five to eight joints, where each set holds four."""
+    asset = limb_asset(rings=9, sides=8, joints=8, influences=8)
+    shares = np.array([0.25, 0.2, 0.15, 0.12, 0.1, 0.08, 0.06, 0.04])
+    for number in (0, 1):
+        attribute(asset, 0, f"JOINTS_{number}")[:] = 4 * number + np.arange(4)
+        attribute(asset, 0, f"WEIGHTS_{number}")[:] = shares[4 * number : 4 * number + 4]
+    file = bake_once(place(asset), tool(bumps=2), max_levels=1)
+    primitive = file.mesh("limb")["primitives"][0]["attributes"]
+    joints, weights = (
+        np.concatenate([file.array(primitive[f"{kind}_{number}"]) for number in (0, 1)], axis=1)
+        for kind in ("JOINTS", "WEIGHTS")
+    )
+    assert len(joints) > 9 * 8
+    by_joint = np.take_along_axis(weights, np.argsort(joints, axis=1), axis=1)
+    assert by_joint == pytest.approx(np.tile(shares, (len(joints), 1)), abs=1e-6)
+
+
 def test_the_refined_surface_is_whole() -> None:
     """Every edge that two triangles shared still is shared by two: no cracks, across seams and primitives."""
     for asset in (sample("wrist"), edited("wrist", two_parts)):

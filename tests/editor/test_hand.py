@@ -93,3 +93,16 @@ def test_a_ray_meets_curved_skin_where_it_is(tmp_path: Path, slide: tuple[float,
     height = float(drive.bend @ [slide[0] ** 2, slide[0] * slide[1], slide[1] ** 2])
     found = slide_to(drive, below.ground.rig.own, None, 0.0, *ray_to(*slide, height=height))
     assert found == pytest.approx(slide, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("start", "way"), [((0, 0, 0.01), (1, 0, 0)), ((0, 0, 0.01), (0, 0, 1)), ((0, 0, -0.01), (0, 0, -1))]
+)
+def test_a_ray_along_the_skin_away_or_from_below_meets_nothing(
+    tmp_path: Path, start: tuple[float, ...], way: tuple[float, ...]
+) -> None:
+    (below,) = session_of(tmp_path).attached_below().values()
+    assert isinstance(below.attached, AttachedTouch)
+    drive, rig = below.attached.drive, below.ground.rig.own
+    (middle,), (axes,), _, _ = drive.axes_in(rig, None, np.zeros(1))
+    assert slide_to(drive, rig, None, 0.0, middle + axes @ start, axes @ way) is None

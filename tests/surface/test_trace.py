@@ -1,5 +1,6 @@
 """The segment across a region: as long as the surface is compressed there, along the way in which it loses most."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -11,19 +12,19 @@ from wrinklecli.numeric.arrays import Floats
 from wrinklecli.surface.compression import CompressedRegion
 from wrinklecli.surface.sites import Sites, spread_sites
 from wrinklecli.surface.strain import read_gauge
-from wrinklecli.surface.trace import find_segment
+from wrinklecli.surface.trace import _fits, find_segment
 
 COUNT = 21
 
 
 @cache
-def sheet(turn: float) -> tuple[Sites, Floats]:
-    """Sites of a flat square from -2 to 2, turned about z, and the (2, 3) axes of the square."""
+def sheet(turn: float, scale: float = 1.0) -> tuple[Sites, Floats]:
+    """Sites of a flat square from -2 to 2, turned about z and scaled, and the (2, 3) axes of the square."""
     axes = np.array([[np.cos(turn), np.sin(turn), 0.0], [-np.sin(turn), np.cos(turn), 0.0]])
     x, y = (each.ravel() for each in np.meshgrid(*[np.linspace(-2.0, 2.0, COUNT)] * 2, indexing="ij"))
     first = (np.arange(COUNT - 1)[:, None] * COUNT + np.arange(COUNT - 1)).reshape(-1, 1)
     faces = np.concatenate([first + np.array(each) for each in ((0, COUNT, COUNT + 1), (0, COUNT + 1, 1))])
-    made = unattached(plate(np.stack([x, y], axis=1) @ axes, faces))
+    made = unattached(plate(scale * np.stack([x, y], axis=1) @ axes, faces))
     return spread_sites(read_gauge(made.surface, made.rest, made.rig)), axes
 
 
@@ -78,3 +79,27 @@ def test_a_pose_that_compresses_nothing_has_no_segment() -> None:
     assert find_segment(sites, region(0.0), [rest]) is None
     stretched = rest + 0.5 * (rest @ axes[0])[:, None] * axes[0]
     assert find_segment(sites, region(0.0), [stretched]) is None
+
+
+@pytest.mark.parametrize("scale", [0.01, 100.0])
+def test_a_segment_does_not_depend_on_units(scale: float) -> None:
+    sites, _ = sheet(0.4)
+    found = np.array(find_segment(sites, region(0.4), [squeezed(0.4, 0.9, 0.7)]))
+    scaled, _ = sheet(0.4, scale)
+    wide = region(0.4)
+    wide = replace(wide, centre=scale * wide.centre, length=scale * wide.length, width=scale * wide.width)
+    again = np.array(find_segment(scaled, wide, [scale * squeezed(0.4, 0.9, 0.7)]))
+    assert again == pytest.approx(scale * found, abs=1e-6 * scale)
+
+
+def test_a_segment_lies_where_both_ends_face_as_it_does() -> None:
+    """A line bent round an edge: its ends face alike up to the bend, and no longer where it lies round the corner."""
+    steps = np.linspace(0.0, 2.0, 41)
+    for turn, fits in ((10.0, True), (170.0, False)):
+        angle = np.radians(turn) * (steps > 1.0)
+        along = np.stack([np.cos(angle), -np.sin(angle), 0 * angle], axis=1)
+        places = np.concatenate([[[0.0, 5.0, 0.0]], np.cumsum(along[1:], axis=0) * 0.05 + [0.0, 5.0, 0.0]])
+        normals = np.stack([np.sin(angle), np.cos(angle), 0 * angle], axis=1)
+        line = np.stack([normals, places], axis=1)
+        assert _fits(line, 0, 40, 2.0) == fits
+        assert not _fits(line, 3, 3, 0.0)
