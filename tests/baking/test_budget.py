@@ -99,6 +99,7 @@ def test_reduced_targets_do_not_depend_on_the_clips() -> None:
     assert described(both) == described(one)
 
 
+@pytest.mark.slow
 def test_extras_play_reduced_targets() -> None:
     held = bake_once("wrist", ROUGH, engine="spec8")
     (tool,) = held.json["nodes"][0]["extras"]["wrinkle"]["tools"]

@@ -83,7 +83,7 @@ def test_frames_that_no_glb_holds_are_refused(paths: tuple[Path, Path], monkeypa
         bake(*paths, paths[0].with_name("out.glb"), mode="frames", fps=100_000.0)
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 def test_a_tool_that_slides_in_too_many_ways_is_refused_at_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -129,6 +129,7 @@ def test_more_vertices_are_not_projected_than_may_be(tmp_path: Path, monkeypatch
             bake(asset, tools, tmp_path / "out.glb", fps=40, mode=mode)
 
 
+@pytest.mark.slow
 def test_values_between_keys_are_no_more_than_may_be(tmp_path: Path) -> None:
     asset, tools = limb(tmp_path / "limb.glb"), write_tools(tmp_path / "tools.yaml", ANEW, sampling={"fps": 0.5})
     with pytest.raises(

@@ -93,6 +93,7 @@ def without_names(editor: Editor) -> None:
     editor.json["nodes"].append({"name": f"node_{skin[1]}"})
 
 
+@pytest.mark.slow
 def test_joints_without_a_name_get_one(tmp_path: Path) -> None:
     """Only joints of drives get a name, and a note says so; the asset comes back without them."""
     asset = edited("wrist", without_names)

@@ -178,6 +178,7 @@ def test_old_vertices_are_found_and_not_compressed(name: str, tmp_path: Path, mo
     assert alike[1:] == alike[:1]
 
 
+@pytest.mark.slow
 def test_replacing_again_and_again_is_replacing_once(tmp_path: Path) -> None:
     file = bake(sample("wrist"), tmp_path / "0" / "out.glb", PALM)
     for number, tools in enumerate(([FINER], [PALM, BACK], [PALM]), start=1):

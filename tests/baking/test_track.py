@@ -272,6 +272,7 @@ def test_strengths_and_rest_lengths_of_a_clip(rest_length: Json, strategy: str, 
         assert not made.weights("head", clip, np.linspace(0, 3, 31)).any()
 
 
+@pytest.mark.slow
 def test_a_tool_of_some_clips_stays_flat_in_all_others(tmp_path: Path) -> None:
     for clip, acts in (("think", False), ("raise_brows", True)):
         tool: Json = {**BROW, "strength": 0, "clips": {clip: 0.5}}
@@ -497,6 +498,7 @@ SLANT: Json = {
 }
 
 
+@pytest.mark.slow
 def test_from_the_command_line(wrinkle: Wrinkle, tmp_path: Path) -> None:
     body, anim = bake_once("trousers", KNEE, SLANT, tracks="none").path, edited("trousers", skeleton_only)
     ran = wrinkle("track", body, anim, "-o", "out")

@@ -51,6 +51,7 @@ def test_targets_have_the_names_and_the_weights_of_maps(tmp_path: Path) -> None:
         assert max(abs(weight - wanted[order.index(name)]) for name, weight in found.items()) < 0.02
 
 
+@pytest.mark.slow
 def test_what_moves_the_mesh_is_left_out_and_the_bake_can_be_replaced(wrinkle: Wrinkle) -> None:
     tools = ROOT / "configs" / "body.yaml"
     ran = wrinkle("bake", sample("body"), tools, "--mode", "weights", "-o", "out.glb")

@@ -31,6 +31,7 @@ def results(path: str = "r.jsonl") -> dict[str, str]:
     return {Path(each["out"]).name: f"{each['result']}: {each['reason']}" for each in lines(path)}
 
 
+@pytest.mark.slow
 def test_outputs_are_those_of_bake_and_only_what_changed_is_baked(chars: Wrinkle, tmp_path: Path) -> None:
     dry = chars(*PATTERN, "--dry-run")
     assert (dry.code, dry.out.splitlines()[0]) == (0, "out/c0.glb: would be built: new")

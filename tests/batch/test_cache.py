@@ -164,6 +164,7 @@ def _with_presets(folder: Path, *, bumps: int) -> None:
     write_tools(folder / "t.yaml", asked, presets="studio.yaml", refinement={"max_levels": 0}, sampling={"fps": 4})
 
 
+@pytest.mark.slow
 def test_a_file_of_presets_is_an_input(wrinkle: Wrinkle, folder: Path) -> None:
     """Outputs depend on it and never replace it, and it is fetched with the tools."""
     _with_presets(folder, bumps=1)

@@ -241,6 +241,7 @@ def test_an_old_buffer_stays_if_another_job_reads_it(wrinkle: Wrinkle) -> None:
     assert len(after - set(Path("o").glob("limb-*.bin"))) == 1, "nobody else reads the one of the run before"
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("folder")
 def test_an_image_of_an_earlier_bake_stays_if_another_job_uses_it(wrinkle: Wrinkle) -> None:
     first = job(out="o/limb.gltf")

@@ -62,6 +62,7 @@ def test_what_is_shown_is_what_is_baked(session: Session, tmp_path: Path) -> Non
             assert cKDTree(others).query(some)[0].max() < bound
 
 
+@pytest.mark.slow
 def test_what_was_baked_is_shown_in_place_and_of_it_the_original_edited(session: Session, tmp_path: Path) -> None:
     session.save()
     baked = bake_saved(session)
@@ -397,6 +398,7 @@ def test_what_suggest_finds_is_accepted_one_by_one(session: Session, tmp_path: P
     assert replace(own, where="", max_height=suggested.max_height) == replace(suggested, where="")
 
 
+@pytest.mark.slow
 def test_a_proposal_is_tried_alone_where_it_is_tallest(session: Session) -> None:
     (offer, *_) = session.proposals()
     text = session.text
@@ -638,6 +640,7 @@ def shape_at(session: Session) -> Array:
     return session.meshes(clip, float(times[len(times) // 2]), wait=False)[0].positions
 
 
+@pytest.mark.slow
 def test_muscles_of_several_hands_are_merged(session: Session) -> None:
     session.add_muscle([-0.8, RADIUS, 0.0], [0.15, RADIUS, 0.0], "limb")
     session.save()
@@ -652,6 +655,7 @@ def test_muscles_of_several_hands_are_merged(session: Session) -> None:
         session.save()
 
 
+@pytest.mark.slow
 def test_frequency_and_damping_are_felt_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A change of the springs solves nothing again, leaves what lies on the skin, and shows what a bake plays."""
     (tmp_path / "body.glb").write_bytes(body(keys=20, normals=False).glb())

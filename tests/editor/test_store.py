@@ -180,6 +180,7 @@ EDITS = st.lists(
 )
 
 
+@pytest.mark.slow
 @given(EDITS)
 def test_undo_gives_the_same_bytes_and_save_the_same_tools(
     tmp_path_factory: pytest.TempPathFactory, steps: list[tuple[object, ...]]

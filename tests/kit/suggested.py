@@ -19,9 +19,9 @@ from kit.kept import identity, kept
 from kit.places import ROOT
 from wrinklecli.cli import cli
 from wrinklecli.numeric.arrays import unit
-from wrinklecli.numeric.guard import Progress
 from wrinklecli.review.suggest.fitted_tools import Suggestion
 from wrinklecli.review.suggest.suggest import Suggestions, suggest
+from wrinklecli.review.suggest.suggest_options import SuggestOptions
 from wrinklecli.tools.records import WrinkleTool
 
 Floats = NDArray[np.float64]
@@ -57,14 +57,14 @@ def _suggested(asset: Path, options: str) -> Suggestions:
 
 @contextmanager
 def each_once() -> Iterator[None]:
-    """A block in which commands that ask for the same suggestions get them from the first."""
-    found: dict[str, Suggestions] = {}
+    """A block in which commands get the suggestions that others have asked for; see `suggest_once`."""
+    usual = SuggestOptions()
+    # What is suggested does not depend on these.
+    aside = ("progress", "folder", "jobs", "max_memory")
 
-    def remembered(asset: str, *, progress: Progress, folder: str, **options: Any) -> Suggestions:
-        key = repr((asset, options))
-        if key not in found:
-            found[key] = suggest(asset, progress=progress, folder=folder, **options)
-        return found[key]
+    def remembered(asset: str, **options: Any) -> Suggestions:
+        asked = {name: value for name, value in options.items() if name not in aside and value != getattr(usual, name)}
+        return suggest_once(Path(asset).absolute(), **asked)
 
     with mock.patch.object(sys.modules[suggest.__module__], "suggest", remembered):
         yield

@@ -208,6 +208,7 @@ def test_what_is_beside_a_body_is_not_inside() -> None:
     assert not is_inside(POINTS + 3.0, SKIN.positions, SKIN.triangles).any()
 
 
+@pytest.mark.slow
 def test_threads_do_not_change_what_is_found() -> None:
     """libigl divides 10,000 points and more among as many threads as IGL_NUM_THREADS says, or as there are cores."""
     program = """

@@ -525,6 +525,7 @@ def test_a_picture_is_the_same_in_every_process(wrinkle: Wrinkle, tmp_path: Path
     assert made.startswith(b"\x89PNG" if kind == "png" else b"<?xml")
 
 
+@pytest.mark.slow
 def test_a_picture_shows_names_as_they_are(wrinkle: Wrinkle, tmp_path: Path) -> None:
     asset = limb_asset()
     asset.gltf["animations"][0]["name"] = "_$\\frac{<a>&"

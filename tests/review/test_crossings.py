@@ -87,6 +87,7 @@ def test_frames_that_are_hidden_cost_nothing(tmp_path: Path) -> None:
     assert shown["counts"][0][6] == morphed["counts"][1][6] > 0
 
 
+@pytest.mark.slow
 def test_clips_of_other_files_are_compared_in_the_file_baked_with_them(tmp_path: Path) -> None:
     """Clips of `bake --anim` are in the baked file alone; the original, which its record restores, plays them too."""
     asset = limb_asset(clip=None, rings=12, sides=8, joints=3, morphs=2, root={"matrix": np.eye(4).ravel().tolist()})

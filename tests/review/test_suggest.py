@@ -131,6 +131,7 @@ def two_limbs() -> Asset:
 # Several meshes
 
 
+@pytest.mark.slow
 def test_tools_name_their_node_where_several_meshes_deform(tmp_path: Path) -> None:
     path = two_limbs().write(tmp_path / "limbs.glb")
     found = suggest(path, count=4, everything=True)
@@ -154,6 +155,7 @@ def test_a_node_of_any_name_can_be_named(tmp_path: Path, name: str) -> None:
     assert run(path, "--node", name, "--count", 1, "--all").exit_code == 0
 
 
+@pytest.mark.slow
 def test_a_mesh_without_normals_keeps_its_flat_faces(tmp_path: Path) -> None:
     flat = suggest(limb(tmp_path / "flat.glb", normals=False), everything=True)
     assert parse_tools(flat.text).refinement.scheme == "midpoint"
@@ -163,6 +165,7 @@ def test_a_mesh_without_normals_keeps_its_flat_faces(tmp_path: Path) -> None:
 # The command
 
 
+@pytest.mark.slow
 def test_the_file_says_what_the_record_says(tmp_path: Path) -> None:
     path = limb(tmp_path / "limb.glb", joints=3, angle=200.0)
     found = suggest_once(path)

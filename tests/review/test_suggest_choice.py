@@ -345,6 +345,7 @@ def test_low_poly_faces_get_no_bumps_shorter_than_they_are(tmp_path: Path) -> No
     assert fewer.span / fewer.tool.bumps > 2.0 / 12
 
 
+@pytest.mark.slow
 def test_layers_of_one_mesh_are_told_apart(tmp_path: Path) -> None:
     asset = sleeved(1.04)
     body, sleeve = asset.gltf["meshes"]

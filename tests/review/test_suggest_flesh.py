@@ -63,6 +63,7 @@ def test_flesh_on_a_coarse_mesh_is_left_out(tmp_path: Path) -> None:
         assert line in found.notes
 
 
+@pytest.mark.slow
 def test_flesh_of_one_side_is_left_out(wrinkle: Wrinkle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A cartoon that lacks the skin of its right cheek: the left one alone would look like a fault."""
     monkeypatch.setattr("wrinklecli.review.suggest.flesh.LEAST_VERTICES", 1)

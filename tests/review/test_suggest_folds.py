@@ -82,6 +82,7 @@ def test_suggestions_scale_with_the_asset(tmp_path: Path, scale: float) -> None:
     assert scaled.shortening == pytest.approx(plain.shortening, abs=0.02)
 
 
+@pytest.mark.slow
 def test_suggestions_turn_with_the_asset(tmp_path: Path) -> None:
     turned = suggest(limb(tmp_path / "turned.glb", root={"rotation": [0.0, 0.0, 0.6, 0.8]}), count=1).tools[0]
     rotation = np.array([[0.28, -0.96, 0.0], [0.96, 0.28, 0.0], [0.0, 0.0, 1.0]])

@@ -139,7 +139,7 @@ def test_a_fold_that_touches_is_driven_as_it_is_tracked(leaning: bool, tmp_path:
         assert np.abs(driven[name] - wanted).max() < TABLE
 
 
-@pytest.mark.quick(2)
+@pytest.mark.slow
 def test_the_driver_and_track_look_up_alike() -> None:
     """To the digits of what they read, along the turns of a clip as between them."""
     pytest.importorskip("ipctk", reason="needs the extra `contact`")

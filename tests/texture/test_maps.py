@@ -59,6 +59,7 @@ def small(folder: Path, change: Callable[[Asset], None] | None = None, **options
     return asset.write(folder / "limb.glb"), write_tools(folder / "tools.yaml", tool(bumps=2))
 
 
+@pytest.mark.slow
 def test_each_file_is_there_and_its_values_are_sound(tmp_path: Path) -> None:
     size = 160
     found = made(tmp_path / "maps", size=size, supersample=1)

@@ -81,7 +81,7 @@ def test_a_short_whole_step_ends_a_pose_where_further_steps_would_end_it(monkeyp
     assert sum(energies) < 1.1 * sum(least_energies)
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @settings(max_examples=2, phases=[Phase.generate])
 @given(radius=st.floats(40, 70), gap=st.floats(5, 8), angle=st.floats(26, 40), bump=st.floats(20, 30))
 def test_a_tube_stays_in_a_sleeve_that_bends_with_it(radius: float, gap: float, angle: float, bump: float) -> None:

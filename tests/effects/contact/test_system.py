@@ -87,7 +87,7 @@ def test_knees_that_meet_in_a_clip_are_found(tmp_path: Path) -> None:
     assert touching_in_clips(folds[:1], clips) == touching_in_clips(folds, []) == []
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 def test_a_fold_holds_what_it_meets_in_a_clip_however_far_from_the_joint(tmp_path: Path) -> None:
     """Shins that pass through each other 4.5 radii from the knees, where either fold ends."""
     (fold, _), clips = folds_of("knees", tmp_path)

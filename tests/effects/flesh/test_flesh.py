@@ -212,6 +212,7 @@ def test_mirrored_regions_are_mirror_images(bodies: dict[int, Path]) -> None:
     assert first[:-1] == pytest.approx(second[:-1], rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_joint_outlines_a_region(bodies: dict[int, Path]) -> None:
     """All skin of the joint swings, up to the bones; a named joint must be there."""
     file = baked(bodies[60], {"name": "all", "joint": "hips"})

@@ -47,6 +47,7 @@ def moves(file: Gltf, contact: tuple[float, float, float], node: str = "skin") -
     return file.attribute(node, "POSITION"), np.einsum("t,tvx->vx", weights[0], file.deltas(node))
 
 
+@pytest.mark.slow
 def test_the_skin_slides_with_the_pad_and_fades(skin: Path) -> None:
     """The mean slide under the pad is the asked one; it falls to the sides, and nothing moves far away or at rest."""
     file = baked(skin, touch(), levels=3)

@@ -238,6 +238,7 @@ def test_names_of_tools_are_told_from_each_other() -> None:
     assert not dataclasses.replace(peak, name="a").owns("wrinkle_a__b_1")
 
 
+@pytest.mark.slow
 def test_a_touch_is_seen_from_above_with_a_checker(tmp_path: Path) -> None:
     """Before the bake and after it; without a slide in any clip, at its greatest slide."""
     asset = plate().write(tmp_path / "plate.glb")
