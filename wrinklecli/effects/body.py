@@ -43,6 +43,44 @@ def body_summary(section: str, effects: int, targets: int) -> str:
 
 
 @dataclass(frozen=True, slots=True)
+class BodyWords(ABC, Generic[AttachedType]):
+    """The words that muscles, flesh and touches share; the others as in `Words`.
+
+    Attributes:
+        attached: The effect at rest.
+        deltas: (targets, fine vertices, 3) displacements at weight 1, bind space.
+    """
+
+    attached: AttachedType
+    deltas: Floats
+    left_out: ClassVar[None] = None
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+        return self.attached.tool.name
+
+    def summary(self, effects: int, targets: int) -> str:
+        """Count the effects of its kind, and their targets."""
+        return body_summary(self.attached.tool.sections[0], effects, targets)
+
+    def describe(self, plan: MeshPlan, targets: tuple[str, ...]) -> Json:
+        """Its place, its own values, and its targets."""
+        return {
+            "name": self.name,
+            "where": self.attached.tool.where,
+            "node": plan.rig.names[plan.rig.node],
+            **self.values(plan.rig.names),
+            "moved_vertices": int(np.any(self.deltas, axis=(0, 2)).sum()),
+            "targets": list(targets),
+        }
+
+    @abstractmethod
+    def values(self, names: Sequence[str]) -> Json:
+        """What a report says of this kind alone, by the names of nodes: JSON values, lengths in scene units."""
+
+
+@dataclass(frozen=True, slots=True)
 class BodyPart(Generic[AttachedType]):
     """A muscle, a region or a touch on the refined surface; the others as in `Part`.
 

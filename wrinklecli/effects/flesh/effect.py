@@ -5,11 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from wrinklecli.effects.body import body_effect, body_shapes, body_summary
+from wrinklecli.effects.body import BodyWords, body_effect, body_shapes
 from wrinklecli.effects.effect import Effect, MeshPlan, Seen
 from wrinklecli.effects.flesh.attach import AttachedFlesh
 from wrinklecli.effects.flesh.report import describe_swing, region_warnings
-from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, significant
 from wrinklecli.tools.body import Flesh
@@ -32,32 +31,20 @@ def flesh_effect(plan: MeshPlan, attached: AttachedFlesh, deltas: Floats, rows: 
     return replace(found, max_error=bound)
 
 
-@dataclass(frozen=True, slots=True)
-class FleshWords:
-    """A region's words about itself; `deltas` are (targets, fine vertices, 3) displacements at weight 1, bind space."""
+class FleshWords(BodyWords[AttachedFlesh]):
+    """A region's words about itself."""
 
-    attached: AttachedFlesh
-    deltas: Floats
-    remedy: str = "`shapes: 3`"
-    left_out: str | None = None
+    __slots__ = ()
+    remedy = "`shapes: 3`"
 
-    def summary(self, effects: int, targets: int) -> str:
-        """Count the effects of this kind, and their targets, for a bake's summary."""
-        return body_summary(SECTION, effects, targets)
-
-    def describe(self, plan: MeshPlan, targets: tuple[str, ...]) -> Json:
-        """The region's entry in the report; lengths are scene units."""
-        attached, tissue = self.attached, self.attached.swings.tissue
+    def values(self, names: Sequence[str]) -> Json:
+        """Its joint, its limit, and its springs."""
+        attached = self.attached
         return {
-            "name": attached.tool.name,
-            "where": attached.tool.where,
-            "node": plan.rig.names[plan.rig.node],
-            "joint": plan.rig.names[attached.drive.node],
+            "joint": names[attached.drive.node],
             "limit": significant(attached.limit),
-            "elements": len(tissue.fills),
+            "elements": len(attached.swings.tissue.fills),
             "frequencies": [significant(each.spring.speed / (2.0 * np.pi), 4) for each in attached.drive.modes],
-            "moved_vertices": int(np.any(self.deltas, axis=(0, 2)).sum()),
-            "targets": list(targets),
         }
 
     def describe_clip(self, seen: Seen) -> Json:

@@ -2,10 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 
-from wrinklecli.effects.body import body_effect, body_shapes, body_summary, moves_at_rest
+from wrinklecli.effects.body import BodyWords, body_effect, body_shapes, moves_at_rest
 from wrinklecli.effects.effect import Effect, MeshPlan, Remixes, Seen, named_targets
 from wrinklecli.effects.muscle.attach import AttachedMuscle
 from wrinklecli.effects.muscle.meeting import passes_through
@@ -62,31 +63,17 @@ def _fullest(plan: MeshPlan, deltas: Floats, weights: Floats) -> tuple[float, fl
 
 
 @dataclass(frozen=True, slots=True)
-class MuscleWords(Remixes):
+class MuscleWords(BodyWords[AttachedMuscle], Remixes):
     """A muscle's words about itself, and its other targets for engines.
 
     Attributes:
-        attached: The muscle at rest.
-        deltas: (targets, fine vertices, 3) displacements at weight 1, bind space.
         height: The largest move of the skin at the greatest thickness, scene units.
         gained: Volume that the skin gains at the greatest thickness, cubic scene units.
     """
 
-    attached: AttachedMuscle
-    deltas: Floats
     height: float
     gained: float
-    remedy: str = ""
-    left_out: str | None = None
-
-    @property
-    def name(self) -> str:
-        """Its name."""
-        return self.attached.tool.name
-
-    def summary(self, effects: int, targets: int) -> str:
-        """Count the effects of this kind, and their targets, for a bake's summary."""
-        return body_summary(SECTION, effects, targets)
+    remedy: ClassVar[str] = ""
 
     def with_unit_weights(self, effect: Effect) -> Effect:
         """The same motion with weights in [0, 1]: weights below 0 get targets of their own."""
@@ -99,13 +86,10 @@ class MuscleWords(Remixes):
         drive = replace(self.attached.drive, targets=tuple(each.name for each in targets), lows=lows)
         return replace(effect, targets=targets, drive=drive)
 
-    def describe(self, plan: MeshPlan, targets: tuple[str, ...]) -> Json:
-        """The muscle's entry in the report; lengths are scene units, volumes cubic ones."""
-        attached, names = self.attached, plan.rig.names
+    def values(self, names: Sequence[str]) -> Json:
+        """Its bones and its measures; volumes are cubic scene units."""
+        attached = self.attached
         return {
-            "name": self.name,
-            "where": attached.tool.where,
-            "node": names[plan.rig.node],
             "origin": names[attached.bones[0]],
             "insertion": names[attached.bones[1]],
             "bone": names[attached.bone],
@@ -116,8 +100,6 @@ class MuscleWords(Remixes):
             "depth": significant(attached.belly.depth),
             "height_limit": significant(self.height),
             "volume_gained": significant(self.gained),
-            "moved_vertices": int(np.any(self.deltas, axis=(0, 2)).sum()),
-            "targets": list(targets),
         }
 
     def describe_clip(self, seen: Seen) -> Json | None:

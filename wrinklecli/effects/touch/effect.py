@@ -5,10 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from wrinklecli.effects.body import body_effect, body_shapes, body_summary
+from wrinklecli.effects.body import BodyWords, body_effect, body_shapes
 from wrinklecli.effects.effect import Effect, MeshPlan, Seen
 from wrinklecli.effects.touch.attach import FOLDED, AttachedTouch
-from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, significant
 from wrinklecli.tools.body import Touch
@@ -32,26 +31,14 @@ def touch_effect(plan: MeshPlan, attached: AttachedTouch, deltas: Floats, rows: 
     return replace(found, drive=replace(drive, windows=windows, targets=found.target_names))
 
 
-@dataclass(frozen=True, slots=True)
-class TouchWords:
-    """A touch's words about itself; `deltas` are (targets, fine vertices, 3) displacements at weight 1, bind space."""
+class TouchWords(BodyWords[AttachedTouch]):
+    """A touch's words about itself."""
 
-    attached: AttachedTouch
-    deltas: Floats
-    remedy: str = "`directions: 1`"
-    left_out: str | None = None
+    __slots__ = ()
+    remedy = "`directions: 1`"
 
-    @property
-    def name(self) -> str:
-        """Its name."""
-        return self.attached.tool.name
-
-    def summary(self, effects: int, targets: int) -> str:
-        """Count the effects of this kind, and their targets, for a bake's summary."""
-        return body_summary(SECTION, effects, targets)
-
-    def describe(self, plan: MeshPlan, targets: tuple[str, ...]) -> Json:
-        """The touch's entry in the report; lengths are scene units."""
+    def values(self, names: Sequence[str]) -> Json:
+        """Its tips, the skin that it drags, and its rings."""
         attached, rings = self.attached, self.attached.rings
         ringed: Json = {}
         if rings is not None:
@@ -62,17 +49,12 @@ class TouchWords:
                 "directions": len(rings.angles),
             }
         return {
-            "name": self.name,
-            "where": attached.tool.where,
-            "node": plan.rig.names[plan.rig.node],
-            "joints": [plan.rig.names[node] for node in sorted(attached.drive.nodes)],
+            "joints": [names[node] for node in sorted(attached.drive.nodes)],
             "pad": significant(attached.place.pad),
             "reach": significant(attached.place.reach),
             "grip": significant(attached.drive.grip),
             "strain": significant(attached.strain, 4),
             **ringed,
-            "moved_vertices": int(np.any(self.deltas, axis=(0, 2)).sum()),
-            "targets": list(targets),
         }
 
     def describe_clip(self, seen: Seen) -> Json | None:
