@@ -4,6 +4,7 @@ Each node's mesh is welded first, so that seams are no borders and triangles tha
 """
 
 from collections.abc import Mapping, Sequence
+from functools import reduce
 from itertools import pairwise
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.scene_meshes import read_scene_meshes
-from wrinklecli.character.skin import SkinnedMesh
+from wrinklecli.character.skin import Influences, SkinnedMesh
 from wrinklecli.character.weld import weld
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
@@ -90,7 +91,7 @@ def read_scene_surface(document: Document, wholes: Mapping[int, int]) -> SceneSu
     meshes = read_scene_meshes(document)
     starts = np.cumsum([0, *(len(each.bind_positions) for each in meshes)])
     triangles = [each.triangles + start for each, start in zip(meshes, starts.tolist(), strict=False)]
-    carriers = [_joints(each.rig, wholes)[np.argmax(each.weights, axis=1)] for each in meshes]
+    carriers = [_joints(each.rig, wholes)[each.influences.heaviest] for each in meshes]
     positions = _posed(meshes, None, np.zeros(1))[0]
     whole_of = _wholes([each.rig for each in meshes], wholes)
     joined = _joined(meshes, starts, whole_of)
@@ -135,8 +136,8 @@ def _joined(meshes: Sequence[SkinnedMesh], starts: Ints, wholes: Ints) -> Ints:
         for part, (begin, end) in zip(parts, pairwise(ends), strict=True):
             deltas[[names.index(name) for name in part.rig.morph_names], begin:end] = part.deltas
         places = np.vstack([each.bind_positions for each in parts])
-        weights = np.vstack([each.weights for each in parts])
-        points = weld(places, deltas, np.broadcast_to(np.arange(weights.shape[1]), weights.shape), weights).points
+        followed = reduce(Influences.before, (each.influences for each in parts))
+        points = weld(places, deltas, followed.joints.T, followed.weights.T).points
         first[vertices] = vertices[np.unique(points, return_index=True)[1][points]]
     return first
 

@@ -64,6 +64,11 @@ class Influences:
         """(joints,) the sum of each one's weights."""
         return np.asarray(np.bincount(self.joints.ravel(), self.weights.ravel(), self.joint_count), np.float64)
 
+    @property
+    def heaviest(self) -> Ints:
+        """(vertices,) the joint with the greatest weight; the first of equal ones."""
+        return np.asarray(self.joints[np.argmax(self.weights, axis=0), np.arange(len(self))])
+
     def among(self, joints: Ints) -> "Influences":
         """The same by the numbers among (joints,) sorted joints, which have all weight."""
         numbers = np.zeros(self.joint_count, np.intp)
@@ -323,11 +328,10 @@ class SkinnedMesh:
         return self.skin.places[:, 1:].transpose(1, 2, 0)
 
     @property
-    def weights(self) -> Floats:
-        """(vertices, joints) skin weights of all the rig's joints."""
-        weights = np.zeros((len(self.skin), max(len(self.rig.joints), 1)))
-        weights[:, self.acting] = self.skin.influences.dense().T
-        return weights
+    def influences(self) -> Influences:
+        """Skin weights by the numbers of the rig's joints."""
+        own = self.skin.influences
+        return Influences(self.acting[own.joints], own.weights, max(len(self.rig.joints), 1))
 
     def positions_at(self, clip: Clip | None, time: float) -> Floats:
         """(vertices, 3) positions at a time of a clip, or without a clip in the stored pose."""

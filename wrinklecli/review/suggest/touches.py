@@ -104,7 +104,7 @@ class _Skin(NamedTuple):
     def of(cls, ground: Ground) -> "_Skin":
         """Look up the weights."""
         mesh = ground.surface.skinned(ground.rig)
-        return cls(ground, mesh, ground.rig.joints[mesh.acting[mesh.skin.influences.dense().argmax(axis=0)]])
+        return cls(ground, mesh, ground.rig.joints[mesh.influences.heaviest])
 
     def other_triangles(self, arm: frozenset[int]) -> Ints:
         """(triangles,) those no corner of which is of an arm."""
