@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, diagonal, distinct_values
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, diagonal, distinct_values, flags_of
 from wrinklecli.numeric.cells import leaders
 
 # Greatest difference of the positions of one point, and of its morph deltas, along each axis, relative to the diagonal
@@ -61,12 +61,11 @@ def weld(positions: Floats, morph_deltas: Floats, joints: Ints, weights: Floats,
 
     shared = np.flatnonzero(np.bincount(firsts, minlength=len(firsts))[firsts] > 1)
     first = firsts[shared]
-    equal = (positions[shared] == positions[first]).all(axis=1) & (joints[shared] == joints[first]).all(axis=1)
-    equal &= (weights[shared] == weights[first]).all(axis=1)
-    for deltas in morph_deltas:
-        equal &= (deltas[shared] == deltas[first]).all(axis=1)
-    unequal = distinct_values(first[~equal])
-    rows = shared[np.isin(first, unequal)]
+    equal = np.ones(len(shared), np.bool_)
+    for columns in (positions, joints, weights, *morph_deltas):
+        for column in columns.T:
+            equal &= column[shared] == column[first]
+    rows = shared[flags_of(first[~equal], len(firsts))[first]]
     models = firsts.copy()
     if len(rows):
         columns = _columns(positions, morph_deltas, joints, weights, rows, SAME * size)
@@ -88,7 +87,9 @@ def _columns(
     """All values of (rows,) vertices that lie at one place: coordinates, weights of each joint, morph deltas."""
 
     def weight(joint: int, chosen: Ints) -> Floats:
-        found: Floats = np.where(joints[chosen] == joint, weights[chosen], 0.0).sum(axis=1)
+        found = np.zeros(len(chosen))
+        for numbers, shares in zip(joints.T, weights.T, strict=True):
+            found += np.where(numbers[chosen] == joint, shares[chosen], 0.0)
         return found
 
     acting = distinct_values(joints[rows][weights[rows] > 0]).tolist()
@@ -109,6 +110,8 @@ def _split(rows: Ints, places: Ints, columns: Sequence[_Column]) -> tuple[Ints, 
     for _ in range(_ROUNDS):
         before = int(groups[-1])
         for values, gap in columns:
+            if gap == np.inf:
+                continue
             column, starts = values(rows), np.flatnonzero(np.diff(groups, prepend=-1))
             spread = np.maximum.reduceat(column, starts) - np.minimum.reduceat(column, starts)
             if (spread > gap).any():
