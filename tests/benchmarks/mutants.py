@@ -38,7 +38,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 MOST = 20.0  # seconds of processor of the quick tests that a change meets
-NETS = ("tests/system/test_goldens.py", "tests/review/preview/test_pictures.py")  # tests that look at much at once
+# Tests that look at much at once, those of a change's own room first.
+NETS = ("tests/system/test_goldens.py", "tests/review/test_goldens.py", "tests/review/preview/test_pictures.py")
 PATIENCE = 1200.0  # seconds that tests may take on a busy machine: a change may make a loop endless
 UNTOUCHED = ("annotation", "returns", "exc", "msg", "op", "ops", "ctx")  # fields of nodes
 
@@ -195,7 +196,9 @@ def near_tests(tree: Path, path: str) -> list[str]:
     readers = [name for name, found in imports(tree, "wrinklecli", "*.py").items() if ".".join(parts) in found]
     of_readers = [name for each in readers for name in importing(".".join(Path(each).with_suffix("").parts))]
     folder = [name for name in own if Path(name).parts[1:-1] == parts[1:-1]]
-    order = [*(name for name in importers if name in own), *namesakes, *importers, *NETS, *of_readers, *folder, *own]
+    goldens = [name for name in own if name.endswith("test_goldens.py")]
+    nets = [*goldens, *NETS]
+    order = [*(name for name in importers if name in own), *namesakes, *importers, *nets, *of_readers, *folder, *own]
     return list(dict.fromkeys(order))
 
 

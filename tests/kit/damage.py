@@ -94,7 +94,7 @@ def damage(chance: random.Random, source: Source) -> list[Edit]:
     for _ in range(chance.choice([1, 1, 1, 2, 3])):
         match chance.choices(list(shares), list(shares.values()))[0]:
             case "json":
-                edits += _tree_edit(chance, "asset", source.gltf)
+                edits += tree_edit(chance, "asset", source.gltf)
             case "top":
                 edits += _top_edit(chance, source.gltf)
             case "sly":
@@ -106,9 +106,9 @@ def damage(chance: random.Random, source: Source) -> list[Edit]:
             case "data":
                 edits += _data_edits(chance, source)
             case "tools":
-                edits += _tree_edit(chance, "tools", source.tools)
+                edits += tree_edit(chance, "tools", source.tools)
             case "record":
-                edits += _tree_edit(chance, "record", {"gltf": source.gltf, "sizes": [1], "kept": [[[0, 4, 0, 0]]]})
+                edits += tree_edit(chance, "record", {"gltf": source.gltf, "sizes": [1], "kept": [[[0, 4, 0, 0]]]})
             case "geometry":
                 edits += geometry_edit(chance)
             case "of others":
@@ -143,7 +143,7 @@ def _at(root: Any, pointer: Sequence[Any]) -> Any:
     return root
 
 
-def _tree_edit(chance: random.Random, part: str, root: Any) -> Iterator[Edit]:
+def tree_edit(chance: random.Random, part: str, root: Any) -> Iterator[Edit]:
     """Replace, delete, copy, insert or repeat something anywhere."""
     pointer = _pointer(chance, root)
     above = _at(root, pointer[:-1])
@@ -468,13 +468,13 @@ def body_edits(chance: random.Random) -> Iterator[Edit]:
     kind = chance.choice(sorted(_BODIES))
     yield ["set", "tools", [kind], [_BODIES[kind]]]
     if chance.random() < 0.75:
-        yield from _tree_edit(chance, "tools", {kind: [_BODIES[kind]]})
+        yield from tree_edit(chance, "tools", {kind: [_BODIES[kind]]})
 
 
 def presets_edits(chance: random.Random) -> Iterator[Edit]:
     """A fault in a file of presets."""
     if chance.random() < 0.7:
-        yield from _tree_edit(chance, "presets", {"presets": OWN_PRESETS})
+        yield from tree_edit(chance, "presets", {"presets": OWN_PRESETS})
     else:
         yield from _byte_edits(chance, "presets bytes", 200)
 

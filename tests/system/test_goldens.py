@@ -1,24 +1,19 @@
-"""Goldens: bakes, and what the other commands say of the samples, are as they were when somebody last looked."""
+"""Goldens: bakes, and what is said of an asset, are as they were when somebody last looked."""
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image
 
 import wrinklecli
 from kit.asset import attribute
 from kit.bakes import bake_config, bake_fold, bake_once, place, report_of
 from kit.flesh import body, region
-from kit.golden import Golden, summed, words_and_numbers, wrinkles_of
-from kit.limb import RADIUS, limb_asset, tool, write_tools
+from kit.golden import Golden, wrinkles_of
+from kit.limb import RADIUS, limb_asset, tool
 from kit.muscles import arm, muscle
-from kit.places import ROOT
 from kit.player import Gltf
-from kit.samples import sample
-from kit.suggested import suggest_once
 from kit.touch import plate, touch
 
 Json = dict[str, Any]
@@ -94,34 +89,5 @@ def test_contact_moves_a_fold_as_far_as_before(golden: Golden) -> None:
     golden([sizes, len(found["shapes"])], "bake_fold.json", tolerance=0.05)
 
 
-@pytest.mark.quick(1)
-@pytest.mark.parametrize("name", ["limb", "wrist", "head", "trousers"])
-def test_tools_are_suggested_as_before(name: str, golden: Golden) -> None:
-    asset = place(limb_asset(rings=14, sides=10, joints=3)) if name == "limb" else sample(name)
-    found = suggest_once(asset)
-    golden([*map(words_and_numbers, found.text.splitlines()), *found.notes], f"suggest_{name}.json")
-
-
-def test_tools_are_checked_as_before(golden: Golden) -> None:
-    found = wrinklecli.check(sample("wrist"), ROOT / "configs" / "wrist.yaml", max_levels=1)
-    golden([found.data, *found.warnings], "check_wrist.json")
-
-
 def test_an_asset_is_described_as_before(golden: Golden) -> None:
     golden(wrinklecli.inspect(limb_with_every_key().path), "inspect_limb.json")
-
-
-def test_differences_are_as_before(golden: Golden) -> None:
-    found = wrinklecli.diff(sample("wrist"), bake_config("wrist", "wrist").path)
-    golden([*map(words_and_numbers, found.lines(20))], "diff_wrist.json")
-
-
-def test_maps_are_as_before(tmp_path: Path, golden: Golden) -> None:
-    asset = limb_asset(rings=11, sides=8)
-    asset.gltf["materials"] = [{}]
-    asset.gltf["meshes"][0]["primitives"][0]["material"] = 0
-    tools = write_tools(tmp_path / "tools.yaml", tool(bumps=2), tool(name="other", bumps=3, profile="cloth"))
-    found = wrinklecli.maps(asset.write(tmp_path / "limb.glb"), tools, tmp_path / "maps", size=48, separate=True)
-    images = [path for path in sorted((tmp_path / "maps").iterdir()) if path.suffix == ".png"]
-    pixels = {path.name: summed(np.asarray(Image.open(path), float) / 255) for path in images}
-    golden([pixels, found.data, *found.warnings], "maps_limb.json", tolerance=0.01)

@@ -4,6 +4,7 @@ import base64
 import errno
 import json
 import os
+import random
 import subprocess
 import sys
 import tempfile
@@ -17,13 +18,15 @@ import numpy as np
 import pytest
 
 from kit import hostile
-from kit.asset import Asset
+from kit.asset import Asset, pack_glb, read_glb
 from kit.attack import attack, prepare, run
 from kit.cases import ANSWERS, MOTIONS, WEB, Case, loaded, make_case
+from kit.damage import copied, edit_tree, tree_edit
 from kit.limb import limb_asset, tool, write_tools
 from kit.manifests import NAMES
 from kit.places import IN_CI, ROOT
 from kit.variants import rich
+from kit.vectors import CASES as CASES_OF_EXTRAS
 from kit.visits import VISITS
 from wrinklecli import bake
 from wrinklecli.cli import cli
@@ -117,6 +120,32 @@ def test_corpus_is_sound(tmp_path: Path, number: int) -> None:
     # One needs instances, which no bake reads.
     needs = hostile.corpus()[number].gltf.get("extensionsRequired", [])
     assert attacked(case, tmp_path) == ("EXT_mesh_gpu_instancing" in needs)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["layout_1", "lag", "fold", "muscles", "flesh", "touch", "bent"])
+def test_forged_extras_end_every_command_in_order(tmp_path: Path, name: str) -> None:
+    """What a bake has written for players, with anything in the place of any field."""
+    gltf, data = read_glb(CASES_OF_EXTRAS[name].make().path.read_bytes())
+    write_tools(tmp_path / "tools.yaml", tool(optional=True), refinement={"max_levels": 0}, sampling={"fps": 4})
+    (number,) = (k for k, node in enumerate(gltf["nodes"]) if "wrinkle" in node.get("extras", {}))
+    chance = random.Random(name)
+    commands = [
+        "track forged.glb forged.glb -o tracked --fps 4",
+        "diff forged.glb forged.glb --posed --fps 2",
+        "bake forged.glb tools.yaml --replace -o out.glb",
+        "check forged.glb tools.yaml --fps 2",
+        "preview forged.glb -o p.png --size 32x32 --frames 1",
+    ]
+    for _ in range(20):
+        forged = copied(gltf)
+        for edit in tree_edit(chance, "extras", forged["nodes"][number]["extras"]["wrinkle"]):
+            edit_tree(forged["nodes"][number]["extras"]["wrinkle"], edit)
+        (tmp_path / "forged.glb").write_bytes(pack_glb(json.dumps(forged).encode(), data))
+        for command in (commands[0], chance.choice(commands[1:])):
+            with hostile.bounded():
+                code, _, err = run(command.split(), tmp_path)
+            assert (code in (0, 1, 2), "Traceback" in err) == (True, False), (command, edit, err)
 
 
 @pytest.mark.quick(5)
