@@ -31,7 +31,7 @@ _TRUNK: tuple[Part, ...] = ("hips", "spine", "chest", "neck", "head", "shoulder"
 # twisted further.
 _TWIST = 45.0
 # Clips show a joint's range if they turn it by this many degrees: an idle character breathes by less.
-_TELLING = 30.0
+TELLING = 30.0
 # Least degrees of a motion.
 _LEAST_TURN = 5.0
 # Most degrees of a motion: a knee or an elbow.
@@ -151,7 +151,7 @@ def _turns(
     shown, bend = _shown_turns(node, stored, clips), _usual_bend(rig, node, bones)
     for number, (axis, (least, most)) in enumerate(zip(np.eye(3), shown, strict=True)):
         extents = [-least, most]
-        if max(-shown.min(), shown.max()) < _TELLING:
+        if max(-shown.min(), shown.max()) < TELLING:
             extents = [min(bend, _TWIST) if abs(bone[number]) > _ALONG else bend] * 2
         for sign, extent in zip((-1.0, 1.0), extents, strict=True):
             if extent >= _LEAST_TURN:

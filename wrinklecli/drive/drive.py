@@ -29,6 +29,7 @@ Sections of the extras are played in their order, `SECTIONS`: anchors may move w
   / (`axis` · s), at least 0, in the sum 2 at most; the rest of 1 is the share of `weights`. Weights below 0 are raised
   by a multiple of `null`.
 - Flesh has `modes`, springs that follow a joint: see `drive.swing`.
+- A field has `turns`, joint angles, each with its own rows of weights; its targets are theirs, in their order.
 - A touch has `windows`, directions of the rings of wrinkles round it: see `drive.touch`.
 - `strengths` are factors on the weights in some clips; `strength` is the factor in all others. Weights are 0 where any
   of the targets `own` is not: these belong to one clip alone, which drives them itself.
@@ -44,19 +45,20 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig
-from wrinklecli.drive.angle import Angles, JointAngle
+from wrinklecli.drive.angle import Angles, JointAngle, read_angle
 from wrinklecli.drive.lag import TAUT
 from wrinklecli.drive.point import point_json, read_point
 from wrinklecli.drive.segment import Contraction, Lengths, RestLength, Segment, Tension
 from wrinklecli.drive.swing import SwingDrive, read_swing
 from wrinklecli.drive.table import Json, Response, Weights, read_number, read_numbers, read_table, split, stored
 from wrinklecli.drive.touch import TouchDrive, read_touch
+from wrinklecli.drive.turned import TurnDrive, read_turned
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, interpolated, unit_quaternions
+from wrinklecli.numeric.arrays import Bools, Floats, interpolated
 from wrinklecli.numeric.piecewise import Signal
 from wrinklecli.tools.records import Lag
 
-SECTIONS = ("muscles", "flesh", "touches", "tools", "folds")
+SECTIONS = ("muscles", "flesh", "touches", "tools", "fields", "folds")
 """The lists of drives in extras, in the order in which they act."""
 
 LAYOUT = 2
@@ -198,7 +200,7 @@ class Drive:
         """The drive as extras store it, by the names of all nodes and of the rig's morph targets."""
         assert self.signal is not None, "weights by time alone are in the clips' tracks"
         if isinstance(self.signal, JointAngle):
-            head = _angle_json(self.signal, names)
+            head = self.signal.to_json(names)
         else:
             head = {"name": self.name, **_segment_json(self.signal, names, morph_names)}
             if self.lag is not None:
@@ -215,7 +217,7 @@ class Drive:
         }
 
 
-AnyDrive: TypeAlias = Drive | SwingDrive | TouchDrive
+AnyDrive: TypeAlias = Drive | SwingDrive | TouchDrive | TurnDrive
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -240,13 +242,13 @@ class StoredDrive:
 
     @property
     def measures_segment(self) -> bool:
-        """True if its signal is a segment, False if it is a joint or a tip."""
-        return "joint" not in self.data and "windows" not in self.data
+        """True if its signal is a segment, False if it is a joint, several joints or a tip."""
+        return not any(key in self.data for key in ("joint", "windows", "turns"))
 
     @property
     def acts_alone(self) -> bool:
         """True if it acts without others, False for a fold, which has nothing to move where no tool acts."""
-        return self.measures_segment or "modes" in self.data or "windows" in self.data
+        return self.measures_segment or any(key in self.data for key in ("modes", "windows", "turns"))
 
     @property
     def carrying_targets(self) -> frozenset[str]:
@@ -262,8 +264,9 @@ class StoredDrive:
         Raises:
             KeyError, TypeError, ValueError: The extras are not what `bake` writes.
         """
-        if "joint" in data:
-            joints = [data["joint"], *([] if data.get("parent") is None else [data["parent"]])]
+        turns = data.get("turns", [data] if "joint" in data else [])
+        if turns:
+            joints = [joint for each in turns for joint in (each["joint"], each.get("parent")) if joint is not None]
         else:
             points = [*anchors_of(data), *([data["by"]] if "by" in data else []), *data.get("limb", ())]
             joints = [joint for point in points for joint in point["joints"]]
@@ -280,6 +283,8 @@ class StoredDrive:
             return read_swing(data, nodes)
         if "windows" in data:
             return read_touch(data, nodes, morph_names)
+        if "turns" in data:
+            return read_turned(data, nodes)
         joint = "joint" in data
         lows = read_numbers(data["lows"], -1) if "lows" in data else None
         response = read_table(data, len(self.targets) if lows is None else len(lows), self.layout)
@@ -287,7 +292,7 @@ class StoredDrive:
             raise ValueError
         return Drive(
             name=self.name,
-            signal=_read_angle(data, nodes) if joint else _read_segment(data, nodes, morph_names),
+            signal=read_angle(data, nodes) if joint else _read_segment(data, nodes, morph_names),
             targets=self.targets,
             response=response,
             lag=_read_lag(data["lag"]) if "lag" in data else None,
@@ -336,15 +341,6 @@ def _segment_json(segment: Segment, names: Sequence[str], morph_names: Sequence[
     return {**head, "rest_length_keys": {clip: stored(keys) for clip, keys in rest.keys.items()}} if rest.keys else head
 
 
-def _angle_json(signal: JointAngle, names: Sequence[str]) -> Json:
-    return {
-        "joint": names[signal.node],
-        **({"parent": names[signal.parent]} if signal.parent >= 0 else {}),
-        "rest": stored(signal.rest),
-        "axis": stored(signal.axis),
-    }
-
-
 def _read_segment(data: Json, nodes: Mapping[str, int], morph_names: Sequence[str]) -> Segment:
     points = tuple(read_point(anchor, nodes, morph_names) for anchor in anchors_of(data))
     morph, constant = data.get("rest_length_morph"), read_number(data["rest_length"])
@@ -370,16 +366,6 @@ def _read_tension(data: Json, morph_names: Sequence[str]) -> Tension | None:
     name = said.get("morph")
     there = name is not None and str(name) in morph_names
     return Tension(read_number(said["length"]), keys, list(morph_names).index(str(name)) if there else None)
-
-
-def _read_angle(data: Json, nodes: Mapping[str, int]) -> JointAngle:
-    rest, axis = (read_numbers(data[key], size) for key, size in (("rest", 4), ("axis", 3)))
-    if not rest.any():
-        raise ValueError
-    parent = data.get("parent")
-    return JointAngle(
-        nodes[str(data["joint"])], -1 if parent is None else nodes[str(parent)], axis, unit_quaternions(rest)
-    )
 
 
 def _read_lag(data: Json) -> Lag:

@@ -12,7 +12,7 @@ from wrinklecli.drive.touch import TouchDrive
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.region import Region
-from wrinklecli.tools.body import Flesh, Muscle, Touch
+from wrinklecli.tools.body import BodyEffect
 from wrinklecli.tools.records import EffectTool
 
 Tool = TypeVar("Tool", bound=EffectTool, covariant=True)
@@ -136,12 +136,12 @@ class Attached(Protocol[Tool]):
 AnyAttached: TypeAlias = Attached[Any]
 
 
-class BelowSkin(ABC):
-    """The answers that muscles, flesh and touches share: each moves the body below the skin, and has one bump."""
+class WithoutSegment(ABC):
+    """The answers that effects without a segment of their own share: muscles, flesh, touches and fields."""
 
     __slots__ = ()
 
-    tool: Muscle | Flesh | Touch
+    tool: BodyEffect
     drive: AnyDrive
 
     @property

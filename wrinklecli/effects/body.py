@@ -13,7 +13,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import Pose
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.drive import AnyDrive
-from wrinklecli.effects.attached import BelowSkin
+from wrinklecli.effects.attached import WithoutSegment
 from wrinklecli.effects.effect import Effect, MeshPlan, SamplingOptions, Seen, Words, named_targets
 from wrinklecli.effects.shapes import Sample, Shape, make_shapes
 from wrinklecli.errors import counted
@@ -28,10 +28,10 @@ from wrinklecli.tools.records import ToolsFile
 _LARGEST = 8
 
 
-AttachedType = TypeVar("AttachedType", bound=BelowSkin)
+AttachedType = TypeVar("AttachedType", bound=WithoutSegment)
 
 
-def body_effect(section: str, attached: BelowSkin, shapes: Sequence[Shape | None], words: Words) -> Effect:
+def body_effect(section: str, attached: WithoutSegment, shapes: Sequence[Shape | None], words: Words) -> Effect:
     """The effect of a muscle, a region or a touch, with such shapes."""
     tool = attached.tool
     return Effect(tool.name, section, tool.identifier, named_targets(tool.identifier, shapes), attached.drive, words)
@@ -183,7 +183,6 @@ class BodyLayer(ABC, Generic[AttachedType]):
 
     section: ClassVar[str]
     is_solved: ClassVar[bool] = False
-    named_clips: ClassVar[frozenset[str]] = frozenset()
     projected: ClassVar[int] = 0
 
     @classmethod
@@ -199,6 +198,11 @@ class BodyLayer(ABC, Generic[AttachedType]):
     def parts(self) -> Sequence[BodyPart[AttachedType]]:
         """Each of them."""
         return [BodyPart(*each, self) for each in zip(self.attached, self.regions, self.deltas, strict=True)]
+
+    @property
+    def named_clips(self) -> frozenset[str]:
+        """None: they act alike in clips of one motion."""
+        return frozenset()
 
     def target_sizes(self, _plan: MeshPlan, _clips: Sequence[Clip], _frames: int, _memory: Memory) -> list[int]:
         """The vertices that each target moves."""

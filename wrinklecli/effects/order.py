@@ -7,7 +7,14 @@ from importlib import import_module
 from wrinklecli.effects.effect import EffectKind
 from wrinklecli.tools.records import EffectTool
 
-KINDS = {"muscles": "muscle", "flesh": "flesh", "touches": "touch", "tools": "wrinkle", "folds": "contact"}
+KINDS = {
+    "muscles": "muscle",
+    "flesh": "flesh",
+    "touches": "touch",
+    "tools": "wrinkle",
+    "fields": "field",
+    "folds": "contact",
+}
 """The folder of each kind, by the section of its effects. A new kind is one more entry here."""
 
 

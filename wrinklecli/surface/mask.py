@@ -20,6 +20,7 @@ from wrinklecli.numeric.arrays import Array, Floats, Ints, children, distinct_va
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.tools.body import Flesh, Touch
+from wrinklecli.tools.fields import Field
 from wrinklecli.tools.records import MaskAttribute, MaskImage, WrinkleTool
 
 # Parts of a coarse triangle's edge between the points at which a mask is looked at before refinement: as fine as four
@@ -59,6 +60,11 @@ class Mask:
         lower = (1.0 - across) * self.image[below, left] + across * self.image[below, right]
         found: Floats = (1.0 - down) * upper + down * lower
         return found
+
+    def welded(self, weld: Ints, count: int) -> Floats:
+        """(vertices,) mean factors of so many welded vertices, from the (glTF vertices,) welded vertex of each."""
+        counts = np.bincount(weld, minlength=count)
+        return np.asarray(np.bincount(weld, self.at(self.painted), count) / np.maximum(counts, 1))
 
     def over(self, corners: Ints) -> Floats:
         """(triangles, points) factors at points spread evenly over coarse triangles with (triangles, 3) corners."""
@@ -114,7 +120,7 @@ def spread(corners: Floats) -> Floats:
     return found
 
 
-def read_mask(tool: WrinkleTool | Flesh | Touch, ground: Ground, members: Ints) -> Mask | None:
+def read_mask(tool: WrinkleTool | Flesh | Touch | Field, ground: Ground, members: Ints) -> Mask | None:
     """Read the mask of a tool, on the primitives of its coarse `members`; None if it has none.
 
     Raises:
@@ -159,7 +165,9 @@ def _attribute(ground: Ground, primitives: Ints, name: str, where: str) -> Float
     return painted
 
 
-def _component(tool: WrinkleTool | Flesh | Touch, mask: MaskAttribute, painted: Floats, corners: Ints) -> Floats:
+def _component(
+    tool: WrinkleTool | Flesh | Touch | Field, mask: MaskAttribute, painted: Floats, corners: Ints
+) -> Floats:
     """(glTF vertices, 1) one component, checked at the `corners` of the tool."""
     where = tool.place("mask", "attribute")
     if mask.component >= painted.shape[1]:

@@ -359,6 +359,11 @@ def _long_edges_in(level: Level, laid: _Laid, settings: RefinementSettings) -> B
     borders = np.zeros(len(places), np.uint8)
     for region in laid.regions:
         faces = children(level.parents, region.members)
+        of_faces = distinct_values(level.triangle_edges[faces])
+        told = region.steps(level, of_faces)
+        if told is not None:
+            wanted[of_faces] |= told > _greatest_step(region, settings)
+            continue
         triangles = level.triangles[faces]
         vertices = distinct_values(triangles)
         u, v = region.coordinates(places[vertices])

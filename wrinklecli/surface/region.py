@@ -7,6 +7,7 @@ from typing import ClassVar, Protocol, Self
 import numpy as np
 
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, flags_of
+from wrinklecli.numeric.red_green import Level
 from wrinklecli.numeric.subdivide import Subdivision
 from wrinklecli.surface.anchor import Anchor
 from wrinklecli.surface.path import Path
@@ -87,6 +88,12 @@ class Region(Protocol):
     def stretched(self, u: Floats, v: Floats) -> Floats:
         """(…,) a coordinate along which edges of equal length show the displacement equally well."""
 
+    def steps(self, level: Level, edges: Ints) -> Floats | None:
+        """(edges,) lengths of a level's edges over an interval, shorter where less of the displacement is left.
+
+        None where they are differences of `stretched` u.
+        """
+
     @property
     def furrows(self) -> Floats:
         """(furrows,) sorted `stretched` coordinates of sharp furrows, the borders of the region among them, if any."""
@@ -134,6 +141,10 @@ class SmoothRegion(ABC):
     def stretched(self, u: Floats, _v: Floats) -> Floats:
         """(…,) u itself."""
         return u
+
+    def steps(self, _level: Level, _edges: Ints) -> Floats | None:
+        """None: they are differences of u."""
+        return None
 
     @property
     def furrows(self) -> Floats:

@@ -122,7 +122,7 @@ def _effects(
         effect = _Effect({**defaults, **values}, path_to(key, i), child)
         given.append(effect)
         problems += [*odd, *_problems_of(effect, kind, owners)]
-        if "material" in kind.items.keys and known is not None and not {(key, i), ("defaults",)} & wrong:
+        if "material" in kind.items.inherited and known is not None and not {(key, i), ("defaults",)} & wrong:
             problems += _problems_of_material(effect, known)
         if "name" in effect.values:
             owners.setdefault(identifier(effect.values["name"]), effect.path)

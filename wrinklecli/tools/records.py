@@ -808,6 +808,7 @@ class ToolsFile:
     muscles: tuple[EffectTool, ...] = ()
     flesh: tuple[EffectTool, ...] = ()
     touches: tuple[EffectTool, ...] = ()
+    fields: tuple[EffectTool, ...] = ()
     places: Mapping[tuple[str, ...], str] = field(default_factory=dict, hash=False, compare=False)
     merged_paths: tuple[str, ...] = ()
     preset_files: tuple[str, ...] = ()
@@ -817,6 +818,7 @@ class ToolsFile:
         "muscles": ("muscle", "muscles"),
         "flesh": ("region of flesh", "regions of flesh"),
         "touches": ("touch", "touches"),
+        "fields": ("field", "fields"),
     }
     """The fields that are lists of effects, one for each kind, with the words for one and for many."""
 

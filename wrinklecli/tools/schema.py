@@ -7,6 +7,7 @@ from typing import Any
 
 from wrinklecli.frozen import dataclass
 from wrinklecli.tools.body import Flesh, Muscle, Touch
+from wrinklecli.tools.fields import Field
 from wrinklecli.tools.json_schema import Items, Schema, any_keys, expects, key_of, keys_of, list_of, mapping_of
 from wrinklecli.tools.materials import presets
 from wrinklecli.tools.records import PRESET_KEYS, ToolsFile, WrinkleTool
@@ -87,6 +88,14 @@ KINDS = {
         "Places where a tip slides the skin, which wrinkles in front. They inherit nothing from `defaults`.",
         MAX_TOOLS,
         ("at", "towards"),
+    ),
+    "fields": Kind(
+        Items("field", keys_of(Field), tuple(keys_of(Field))),
+        Field,
+        mapping_of(keys_of(Field), required=("name",)),
+        "Fields of wrinkles over whole garments, where these are compressed. They inherit nothing from `defaults`.",
+        MAX_TOOLS,
+        (),
     ),
 }
 """The kinds of effects by the keys of their lists. A new kind is an entry, a record, and a field of `ToolsFile`."""

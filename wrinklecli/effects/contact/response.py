@@ -13,6 +13,7 @@ import numpy as np
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, cross, dot
 from wrinklecli.numeric.elements import factorised
+from wrinklecli.numeric.laplacian import laplacian, vertex_areas
 
 # Stiffness of a contact, relative to the surface round it, below which a step leaves a direction of the contact out.
 _LEAST_STIFFNESS = 0.1
@@ -23,9 +24,6 @@ _LEAST_MASS = 0.25
 _GREATEST_MASS = 4.0
 # Least area of a vertex relative to the median, where the area divides.
 _LEAST_AREA = 1e-3
-# Least and greatest cotangent, so that obtuse and thin triangles do not pull apart.
-_LEAST_COTANGENT = 0.05
-_GREATEST_COTANGENT = 5.0
 
 
 def stiffness_of(rest: Floats, triangles: Ints, *, soft: float, heavier: Floats) -> Any:
@@ -35,11 +33,11 @@ def stiffness_of(rest: Floats, triangles: Ints, *, soft: float, heavier: Floats)
     """
     import scipy.sparse as sparse
 
-    areas, laplacian = _areas(rest, triangles), _laplacian(rest, triangles)
+    areas, cotangents = vertex_areas(rest, triangles), laplacian(rest, triangles)
     mean = float(np.median(areas))
     masses = np.clip(areas / mean, _LEAST_MASS, _GREATEST_MASS) * heavier
-    bent = laplacian @ sparse.diags_array(1.0 / np.maximum(areas, _LEAST_AREA * mean)) @ laplacian
-    return (sparse.diags_array(masses) + soft**2 / mean * laplacian + soft**4 / mean * bent).tocsr()
+    bent = cotangents @ sparse.diags_array(1.0 / np.maximum(areas, _LEAST_AREA * mean)) @ cotangents
+    return (sparse.diags_array(masses) + soft**2 / mean * cotangents + soft**4 / mean * bent).tocsr()
 
 
 @dataclass(frozen=True)
@@ -281,33 +279,3 @@ def _direction_matrix(vertices: Ints, directions: Floats, count: int) -> Any:
     rows = (3 * vertices[:, None] + np.arange(3)).reshape(-1)
     columns = np.repeat(np.arange(len(vertices)), 3)
     return sparse.csr_array((directions.reshape(-1), (rows, columns)), shape=(3 * count, len(vertices)))
-
-
-def _areas(positions: Floats, triangles: Ints) -> Floats:
-    """(vertices,) a third of the area of the triangles round each vertex."""
-    a, b, c = (positions[triangles[:, k]] for k in range(3))
-    areas = np.sqrt(np.sum(np.cross(b - a, c - a) ** 2, axis=1)) / 6.0
-    return np.asarray(np.bincount(triangles.reshape(-1), np.repeat(areas, 3), len(positions)), np.float64)
-
-
-def _laplacian(positions: Floats, triangles: Ints) -> Any:
-    """(vertices, vertices) sparse cotangent matrix, whose quadratic form is the integral of the squared gradient.
-
-    Source: U. Pinkall, K. Polthier, *Computing Discrete Minimal Surfaces and Their Conjugates*, 1993. Differs:
-    cotangents are clamped.
-    """
-    import scipy.sparse as sparse
-
-    rows, columns, values = [], [], []
-    for k in range(3):
-        a, b, c = (triangles[:, (k + i) % 3] for i in range(3))
-        first, second = positions[b] - positions[a], positions[c] - positions[a]
-        sine = np.sqrt(np.sum(np.cross(first, second) ** 2, axis=1))
-        cotangent = np.sum(first * second, axis=1) / np.maximum(sine, 1e-9)
-        half = np.clip(cotangent, _LEAST_COTANGENT, _GREATEST_COTANGENT) / 2.0
-        rows += [b, c]
-        columns += [c, b]
-        values += [half, half]
-    shape = (len(positions), len(positions))
-    sides = sparse.csr_array((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=shape)
-    return (sparse.diags_array(sides.sum(axis=1)) - sides).tocsr()

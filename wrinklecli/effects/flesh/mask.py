@@ -26,6 +26,5 @@ def softness_of(tool: Flesh, ground: Ground, joint: int | None) -> Floats | None
     mask = read_mask(tool, ground, np.arange(len(surface.triangles)))
     if mask is None:
         return soft
-    counts = np.bincount(surface.weld, minlength=len(surface.positions))
-    painted = np.bincount(surface.weld, mask.at(mask.painted), len(surface.positions)) / np.maximum(counts, 1)
+    painted = mask.welded(surface.weld, len(surface.positions))
     return painted if soft is None else painted * soft

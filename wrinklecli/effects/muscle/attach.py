@@ -10,7 +10,7 @@ import numpy as np
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.drive import Drive
 from wrinklecli.drive.segment import RestLength, Segment, Tension
-from wrinklecli.effects.attached import BelowSkin, Moves
+from wrinklecli.effects.attached import Moves, WithoutSegment
 from wrinklecli.effects.muscle.region import Bulge, bulges_on
 from wrinklecli.effects.muscle.shapes import Belly, RefinedSkin, displaced, modes_of
 from wrinklecli.effects.muscle.volume import ACTIVATION, FULLEST, SHORTEST, ConstantVolume
@@ -40,7 +40,7 @@ _LEAST_SPAN = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class AttachedMuscle(BelowSkin):
+class AttachedMuscle(WithoutSegment):
     """A muscle on a mesh at rest.
 
     Attributes:

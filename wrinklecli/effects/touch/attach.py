@@ -9,7 +9,7 @@ import numpy as np
 from wrinklecli.character.carried import CarriedPoint
 from wrinklecli.character.surface import influence_count
 from wrinklecli.drive.touch import TouchDrive, turned
-from wrinklecli.effects.attached import BelowSkin, Drag, Moves
+from wrinklecli.effects.attached import Drag, Moves, WithoutSegment
 from wrinklecli.effects.touch.bending import LEAST_CHANGE, Bending, bending_of
 from wrinklecli.effects.touch.disc import Disc, disc_on
 from wrinklecli.effects.touch.patch import Patch
@@ -49,7 +49,7 @@ _DIRECTIONS = 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class AttachedTouch(BelowSkin):
+class AttachedTouch(WithoutSegment):
     """A touch on the mesh at rest.
 
     Attributes:

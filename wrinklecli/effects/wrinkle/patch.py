@@ -20,6 +20,7 @@ from wrinklecli.effects.wrinkle.reach import Reach
 from wrinklecli.effects.wrinkle.variation import Variation, attenuation
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, smoothstep
+from wrinklecli.numeric.red_green import Level
 from wrinklecli.numeric.subdivide import Subdivision
 from wrinklecli.surface.anchor import Anchor
 from wrinklecli.surface.mask import Mask
@@ -204,6 +205,10 @@ class Patch:
         """
         t = np.clip(np.minimum(u, 1.0 - u) * self.curve.interval_count, 0.0, 1.0)
         return smoothstep(t) * self.share(u, v, cosines)
+
+    def steps(self, _level: Level, _edges: Ints) -> None:
+        """None: they are differences of u."""
+        return
 
     def left(self, subdivision: Subdivision, vertices: Ints, places: Floats) -> Floats | None:
         """(vertices,) factors of the height near features of the surface; None if there are none.

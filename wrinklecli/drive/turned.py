@@ -1,0 +1,115 @@
+"""The drive of a field of wrinkles: some joints' turns, each with weights of its own targets."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import field
+from functools import partial
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.rig import Rig
+from wrinklecli.drive.angle import Angles, JointAngle, read_angle
+from wrinklecli.drive.table import Json, Table, Weights, read_table, stored
+from wrinklecli.frozen import dataclass
+from wrinklecli.numeric.arrays import Bools, Floats
+from wrinklecli.numeric.piecewise import Signal
+
+
+class TurnsSeen(NamedTuple):
+    """The measurements of several joints at the same times."""
+
+    angles: tuple[Angles, ...]
+
+    @property
+    def active(self) -> Bools:
+        """(frames,) True: joints always have angles."""
+        return self.angles[0].active
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TurnDrive:
+    """Turns of joints that give the weights of morph targets.
+
+    Attributes:
+        name: The field's name.
+        turns: Each joint's angle, and the weights of its targets against it.
+        targets: Names of the targets, turn by turn.
+        strengths: By clip, factors on the weights.
+        strength: The factor in all other clips.
+    """
+
+    name: str
+    turns: tuple[tuple[JointAngle, Table], ...]
+    targets: tuple[str, ...]
+    strengths: Mapping[str, float] = field(default_factory=dict)
+    strength: float = 1.0
+
+    own: ClassVar[tuple[str, ...]] = ()
+    lows: ClassVar[None] = None
+    rows: ClassVar[Mapping[str, object]] = {}
+    measures: ClassVar[bool] = True
+
+    @property
+    def nodes(self) -> frozenset[int]:
+        """The nodes whose matrices it needs."""
+        return frozenset(node for signal, _ in self.turns for node in (signal.node, signal.parent)) - {-1}
+
+    def reader(self, rig: Rig, clip: Clip | None) -> "partial[TurnsSeen]":
+        """A function from (frames,) seconds of a clip, and rows known there as in `node_rows`, to measurements."""
+        return partial(self._read, rig, clip)
+
+    def _read(self, rig: Rig, clip: Clip | None, times: Floats, known: dict[int, Floats]) -> TurnsSeen:
+        return TurnsSeen(tuple(signal.angles(rig, clip, times, known) for signal, _ in self.turns))
+
+    def weights(self, clip: Clip | None, reading: TurnsSeen, _response: Weights | None = None) -> Floats:
+        """(frames, targets) weights at measurements in a clip."""
+        strength = self.strength if clip is None else self.strengths.get(clip.name, self.strength)
+        tables = [table.weights(seen) for (_, table), seen in zip(self.turns, reading.angles, strict=True)]
+        return np.asarray(strength * np.concatenate(tables, axis=1))
+
+    def weights_in(self, rig: Rig, clip: Clip | None) -> Signal:
+        """A function from (frames,) seconds of a clip to (frames, targets) weights; None is the stored pose."""
+        return lambda times: self.weights(clip, self._read(rig, clip, times, {}))
+
+    def breaks(self, _clip: Clip) -> Floats:
+        """None besides the clip's own keys."""
+        return np.zeros(0)
+
+    def why_flat(self, _rig: Rig, clip: Clip, _times: Floats) -> str:
+        """Why a field makes no wrinkle in a clip."""
+        if self.strengths.get(clip.name, self.strength) == 0:
+            return f"{self.name} stays flat, as its strength is 0 in this clip"
+        return f"{self.name} stays flat, as none of its joints turns far enough"
+
+    def to_json(self, names: Sequence[str], _morph_names: Sequence[str]) -> Json:
+        """The drive as extras store it, by the names of all nodes."""
+        factors = {clip: stored(each) for clip, each in self.strengths.items()}
+        return {
+            "name": self.name,
+            "turns": [{**signal.to_json(names), **table.to_json()} for signal, table in self.turns],
+            **({"strengths": factors} if factors else {}),
+            **({"strength": stored(self.strength)} if self.strength != 1.0 else {}),
+            "targets": list(self.targets),
+        }
+
+
+def read_turned(data: Json, nodes: Mapping[str, int]) -> TurnDrive:
+    """Read the drive in extras, from nodes by name.
+
+    Raises:
+        KeyError, TypeError, ValueError: The extras are not what `bake` writes.
+    """
+    targets = tuple(str(name) for name in data["targets"])
+    turns, counted = [], 0
+    for each in data["turns"]:
+        width = len(each["weights"][0])
+        counted += width
+        table = read_table(each, width, 2)
+        if not isinstance(table, Table) or table.by != "angles":
+            raise ValueError
+        turns.append((read_angle(each, nodes), table))
+    if counted != len(targets) or not turns:
+        raise ValueError
+    strengths = {clip: float(factor) for clip, factor in data.get("strengths", {}).items()}
+    return TurnDrive(str(data["name"]), tuple(turns), targets, strengths, float(data.get("strength", 1.0)))

@@ -1,0 +1,226 @@
+"""Fields on a mesh at rest: what folds it, how high, and the few shapes that play it."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from wrinklecli.character.bent import bent_areas
+from wrinklecli.drive.table import Table
+from wrinklecli.drive.turned import TurnDrive
+from wrinklecli.effects.attached import WithoutSegment
+from wrinklecli.effects.field.compression import shortest, solid
+from wrinklecli.effects.field.factors import Factors, factors_of
+from wrinklecli.effects.field.heights import measure, near_hems
+from wrinklecli.effects.field.material import FABRICS, Fabric
+from wrinklecli.effects.field.region import FieldRegion
+from wrinklecli.effects.field.turns import Sweeps, turns_of
+from wrinklecli.errors import BakeError, WrinkleError, listed, nearest
+from wrinklecli.frozen import dataclass
+from wrinklecli.numeric.arrays import Floats, Ints, weighted_quantiles
+from wrinklecli.numeric.closest import Tree
+from wrinklecli.numeric.laplacian import Sheet
+from wrinklecli.surface.bones import BoneLines
+from wrinklecli.surface.ground import Ground
+from wrinklecli.surface.mask import read_mask
+from wrinklecli.tools.fields import Field
+from wrinklecli.tools.records import Length
+
+# Part of the largest area that a joint bends below which it folds nothing.
+_LEAST_BENT = 1e-3
+# Most shapes of a field.
+_MOST_SHAPES = 24
+# Part of the greatest height below which nothing is seen.
+_LEAST_SEEN = 0.02
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AttachedField(WithoutSegment):
+    """A field on a mesh at rest.
+
+    Attributes:
+        tool: The field of the tools file.
+        fabric: What its material gives, with its own keys.
+        wavelength: From crest to crest at rest, scene units.
+        sweeps: The poses in which it was measured.
+        factors: Half heights by shapes on the coarse surface.
+        directions: (vertices, 6) tensors, whose least direction crests run across.
+        regions: The part of the surface.
+        drive: The weights of its targets.
+    """
+
+    tool: Field
+    fabric: Fabric
+    wavelength: float
+    sweeps: Sweeps
+    factors: Factors
+    directions: Floats
+    regions: tuple[FieldRegion]
+    drive: TurnDrive
+
+    moves: None = None
+    covers: tuple[str, ...] = ()
+
+    @property
+    def span(self) -> float:
+        """A wavelength."""
+        return self.wavelength
+
+    @property
+    def greatest_height(self) -> float:
+        """The height of its tallest fold."""
+        return self.regions[0].height
+
+    @property
+    def bump_width(self) -> float:
+        """A wavelength."""
+        return self.wavelength
+
+    @property
+    def seed(self) -> str:
+        """What its irregularity is drawn from."""
+        return self.tool.name if self.tool.seed is None else str(self.tool.seed)
+
+
+def attach_fields(fields: Sequence[Field], ground: Ground) -> list[AttachedField]:
+    """Attach every field of a mesh.
+
+    Raises:
+        WrinkleError: Fields do not fit, a line for each.
+    """
+    found, problems = [], []
+    for each in fields:
+        try:
+            found.append(_attach(each, ground))
+        except WrinkleError as error:
+            problems.append(error)
+    if problems:
+        raise BakeError.of_all(problems)
+    return found
+
+
+def _attach(tool: Field, ground: Ground) -> AttachedField:
+    surface, rest = ground.surface, ground.rest
+    where, name = tool.where, ground.rig.names[ground.rig.node]
+    if not ground.rig.skinned:
+        raise BakeError(f"{name} has no skin: a field needs joints that fold it", where=where)
+    members = np.flatnonzero(solid(rest.positions, surface.triangles))
+    if not len(members):
+        raise BakeError(f"{name} has no triangle with an area", where=where)
+    fabric = FABRICS[tool.material]
+    sheet = Sheet.of(rest.positions, surface.triangles[members])
+    wavelength = _wavelength(tool, fabric, ground, sheet)
+    slack = fabric.slack if tool.slack is None else tool.slack
+    turns = turns_of(ground, _joints(tool, ground))
+    if not turns:
+        raise BakeError("no joint of its mesh turns", where=where)
+    seed = tool.name if tool.seed is None else str(tool.seed)
+    sweeps = Sweeps.of(ground.rig, turns, seed=seed)
+    allowed = _allowed(tool, ground, members, sheet, wavelength)
+    measured = measure(
+        sheet,
+        rest,
+        surface.joints,
+        surface.weights,
+        sweeps.matrices,
+        wavelength=wavelength,
+        slack=slack,
+        allowed=allowed,
+    )
+    factors = factors_of(sweeps, measured.heights, sheet.areas, _MOST_SHAPES)
+    if not len(factors.turns):
+        raise BakeError(
+            f"nothing of {name} loses more than {100 * slack:.3g} % of its length, the slack, as its joints turn",
+            where=where,
+        )
+    height = 2.0 * (1.0 - fabric.inward) * float(measured.heights.max())
+    shares = measured.heights.max(axis=0) / measured.heights.max()
+    seen = members[(shares[surface.triangles[members]] > _LEAST_SEEN).any(axis=1)]
+    _, lines, _ = shortest(measured.directions, rest.normals)
+    region = FieldRegion(
+        seen, rest, height, shares, lines, wavelength, Tree.of(rest.positions, surface.triangles[seen])
+    )
+    return AttachedField(
+        tool, fabric, wavelength, sweeps, factors, measured.directions, (region,), _drive(tool, sweeps, factors)
+    )
+
+
+def _drive(tool: Field, sweeps: Sweeps, factors: Factors) -> TurnDrive:
+    """The weights of the shapes, turn by turn, as these are in order."""
+    turns = []
+    for number in np.unique(factors.turns).tolist():
+        turn = sweeps.turns[number]
+        columns = [
+            table for owner, table in zip(factors.turns.tolist(), factors.tables, strict=True) if owner == number
+        ]
+        turns.append((turn.signal, Table("angles", turn.angles, np.stack(columns, axis=1))))
+    names = tuple(f"wrinkle_{tool.identifier}_{number + 1}" for number in range(len(factors.turns)))
+    return TurnDrive(tool.name, tuple(turns), names, dict(tool.clips), tool.strength)
+
+
+def _joints(tool: Field, ground: Ground) -> list[int]:
+    """The nodes whose turns bend the mesh, or those among them that the field names.
+
+    Raises:
+        BakeError: There is no such joint.
+    """
+    rig = ground.rig
+    areas, _ = bent_areas(ground.document, [rig])
+    bending = np.flatnonzero(areas > _LEAST_BENT * areas.max(initial=0.0)).tolist()
+    if tool.joints == "all":
+        return bending
+    known = {rig.names[node]: node for node in bending}
+    absent = [name for name in tool.joints if name not in known]
+    if absent and not tool.optional:
+        raise BakeError(
+            f"no joint {absent[0]!r} bends its mesh{nearest(absent[0], known)}; there are {listed(known)}",
+            where=tool.place("joints"),
+        )
+    return [known[name] for name in tool.joints if name in known]
+
+
+def _wavelength(tool: Field, fabric: Fabric, ground: Ground, sheet: Sheet) -> float:
+    """Scene units; by the girth of the limbs beneath if it says so.
+
+    Raises:
+        BakeError: It is shorter than nothing that could be shown, or longer than the mesh.
+    """
+    wanted = tool.wavelength
+    if isinstance(wanted, Length) and not wanted.percent:
+        found = wanted.resolve(1.0)
+    else:
+        girth = 2.0 * np.pi * _depth(ground, sheet)
+        found = fabric.wavelength * girth if wanted == "auto" else wanted.resolve(girth)
+    size = float(np.linalg.norm(np.ptp(sheet.positions, axis=0)))
+    if not found < size:
+        raise BakeError(
+            f"a wavelength of {found:.3g} is longer than its mesh, {size:.3g}", where=tool.place("wavelength")
+        )
+    return found
+
+
+def _depth(ground: Ground, sheet: Sheet) -> float:
+    """The median distance of the surface from the bones beneath, scene units."""
+    bones = BoneLines.of(ground)
+    nearest_ones = np.full(len(sheet.positions), np.inf)
+    for start, end in zip(bones.starts, bones.ends, strict=True):
+        along = end - start
+        square = float(along @ along)
+        shares = (sheet.positions - start) @ along / (square if square > 0 else 1.0)
+        feet = start + np.clip(shares, 0.0, 1.0)[:, None] * along
+        nearest_ones = np.minimum(nearest_ones, np.linalg.norm(sheet.positions - feet, axis=1))
+    return float(weighted_quantiles(nearest_ones, sheet.areas, np.array([0.5]))[0])
+
+
+def _allowed(tool: Field, ground: Ground, members: Ints, sheet: Sheet, wavelength: float) -> Floats:
+    """(vertices,) factors of the heights: by its mask, and near open borders.
+
+    Raises:
+        BakeError: The mask leaves nothing.
+    """
+    found = near_hems(sheet, wavelength) if tool.stops == "features" else np.ones(len(sheet.positions))
+    mask = read_mask(tool, ground, members)
+    if mask is not None:
+        found = found * mask.welded(ground.surface.weld, len(found))
+        if not found.any():
+            raise BakeError(f"the mask leaves nothing of {tool.name}", where=tool.place("mask"))
+    return found

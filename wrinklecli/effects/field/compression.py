@@ -1,0 +1,152 @@
+"""The compression of a surface in poses: how much shorter it becomes at each place, and in which direction.
+
+Poses are measured by dual quaternions, which keep the girth of a bent or twisted limb. Linear blend skinning, which
+engines play, lets it collapse, and would show compression all round a pit.
+
+Source: L. Kavan, S. Collins, J. Žára, C. O'Sullivan, *Geometric Skinning with Approximate Dual Quaternion Blending*,
+ACM Transactions on Graphics 27(4), 2008.
+"""
+
+import numpy as np
+
+from wrinklecli.frozen import dataclass
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, face_normals, unit
+from wrinklecli.surface.strain import tangents
+
+# Greatest logarithm of a stretch that counts: triangles of almost no area may have any.
+_MOST = 1.0
+# Least squared stretch, which has a logarithm.
+_LEAST_SQUARE = 1e-6
+
+
+def rigid_parts(matrices: Floats, rest: Floats) -> tuple[Floats, Floats]:
+    """Unit dual quaternions of (joints, 4, 4) matrices against those at rest: (joints, 4) real and dual parts.
+
+    Scale and shear are left out. Quaternions are x, y, z, w.
+    """
+    moved = matrices @ np.linalg.pinv(rest)
+    one, _, other = np.linalg.svd(moved[:, :3, :3])
+    turns = one @ other
+    turns = turns * np.sign(np.linalg.det(turns))[:, None, None]
+    real = _quaternions(turns)
+    shift = np.concatenate([moved[:, :3, 3], np.zeros((len(moved), 1))], axis=1)
+    return real, 0.5 * _product(shift, real)
+
+
+def _quaternions(turns: Floats) -> Floats:
+    """(n, 4) unit quaternions of (n, 3, 3) rotation matrices.
+
+    Source: the symmetric matrix of I. Y. Bar-Itzhack, *New Method for Extracting the Quaternion from a Rotation
+    Matrix*, 2000: its largest eigenvector.
+    """
+    form = np.zeros((len(turns), 4, 4))
+    trace = np.trace(turns, axis1=1, axis2=2)
+    form[:, :3, :3] = turns + turns.transpose(0, 2, 1) - trace[:, None, None] * np.eye(3)
+    form[:, :3, 3] = form[:, 3, :3] = np.stack(
+        [turns[:, (k + 2) % 3, (k + 1) % 3] - turns[:, (k + 1) % 3, (k + 2) % 3] for k in range(3)], axis=1
+    )
+    form[:, 3, 3] = trace
+    found: Floats = np.linalg.eigh(form)[1][:, :, 3]
+    return found * np.where(found[:, 3:] < 0, -1.0, 1.0)
+
+
+def _product(one: Floats, other: Floats) -> Floats:
+    """(…, 4) products of quaternions x, y, z, w."""
+    a, b, s, t = one[..., :3], other[..., :3], one[..., 3:], other[..., 3:]
+    real = s * t - np.sum(a * b, axis=-1, keepdims=True)
+    return np.concatenate([s * b + t * a + np.cross(a, b), real], axis=-1)
+
+
+def posed_rigidly(positions: Floats, joints: Ints, weights: Floats, parts: tuple[Floats, Floats]) -> Floats:
+    """(vertices, 3) positions moved by blended dual quaternions, with (vertices, influences) joints and weights."""
+    real, dual = parts
+    heaviest = np.take_along_axis(joints, np.argmax(weights, axis=1)[:, None], axis=1)
+    ways = np.where(np.sum(real[joints] * real[heaviest], axis=2) < 0, -weights, weights)
+    one, other = (np.einsum("vk,vkq->vq", ways, each[joints]) for each in (real, dual))
+    size = np.linalg.norm(one, axis=1, keepdims=True)
+    one, other = one / size, other / size
+    axis, twice = one[:, :3], 2.0 * np.cross(one[:, :3], positions)
+    turned = positions + one[:, 3:] * twice + np.cross(axis, twice)
+    return np.asarray(turned + 2.0 * _product(other, one * [-1.0, -1.0, -1.0, 1.0])[:, :3])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Gauges:
+    """Strain gauges on the triangles of a surface at rest.
+
+    Attributes:
+        triangles: (triangles, 3).
+        axes: (triangles, 2, 3) orthogonal unit vectors in each plane.
+        inverse: (triangles, 3) 1 / length of the first edge; the second edge's part along it, over that length, and 1 /
+            its part across.
+    """
+
+    triangles: Ints
+    axes: Floats
+    inverse: Floats
+
+    @classmethod
+    def of(cls, positions: Floats, triangles: Ints) -> "Gauges":
+        """Lay gauges on triangles, none of which may be without area."""
+        a, b, c = (positions[triangles[:, k]] for k in range(3))
+        first, normal = unit(b - a), unit(face_normals(positions, triangles))
+        second = np.cross(normal, first)
+        length, across = np.sum((b - a) * first, axis=1), np.sum((c - a) * second, axis=1)
+        inverse = np.stack([1.0 / length, np.sum((c - a) * first, axis=1) / length, 1.0 / across], axis=1)
+        return cls(triangles, np.stack([first, second], axis=1), inverse)
+
+    def strains(self, posed: Floats) -> Floats:
+        """(triangles, 6) Hencky strain ½ log FᵀF of (vertices, 3) posed positions: xx, yy, zz, xy, yz, zx at rest.
+
+        Unlike other strains it counts a stretch to twice the length as much as a shortening to half.
+        """
+        a, b, c = (posed[self.triangles[:, k]] for k in range(3))
+        one = (b - a) * self.inverse[:, :1]
+        other = (c - a - (b - a) * self.inverse[:, 1:2]) * self.inverse[:, 2:]
+        xx, xy, yy = np.sum(one * one, 1), np.sum(one * other, 1), np.sum(other * other, 1)
+        middle, spread = (xx + yy) / 2.0, np.hypot((xx - yy) / 2.0, xy)
+        angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
+        long, short = (
+            np.clip(0.5 * np.log(np.maximum(middle + sign * spread, _LEAST_SQUARE)), -_MOST, _MOST) for sign in (1, -1)
+        )
+        cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]
+        along = cosine * self.axes[:, 0] + sine * self.axes[:, 1]
+        across = cosine * self.axes[:, 1] - sine * self.axes[:, 0]
+        return np.asarray(long[:, None] * products(along) + short[:, None] * products(across))
+
+
+def products(vectors: Floats) -> Floats:
+    """(…, 6) components xx, yy, zz, xy, yz, zx of (…, 3) vectors times themselves."""
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    return np.stack([x * x, y * y, z * z, x * y, y * z, z * x], axis=-1)
+
+
+def along(tensors: Floats, one: Floats, other: Floats) -> Floats:
+    """(…,) products one · T · other of (…, 6) symmetric tensors and (…, 3) vectors."""
+    (a, b, c), (p, q, r) = np.moveaxis(one, -1, 0), np.moveaxis(other, -1, 0)
+    xx, yy, zz, xy, yz, zx = np.moveaxis(tensors, -1, 0)
+    mixed = (a * q + b * p) * xy + (b * r + c * q) * yz + (c * p + a * r) * zx
+    return np.asarray(a * p * xx + b * q * yy + c * r * zz + mixed)
+
+
+def shortest(tensors: Floats, normals: Floats) -> tuple[Floats, Floats, Floats]:
+    """The least stretch of (vertices, 6) Hencky strains in the tangent planes of (vertices, 3) normals.
+
+    Returns:
+        (vertices,) logarithms of the least stretch, (vertices, 3) its unit directions, and (vertices,) logarithms of
+        the stretch across these.
+    """
+    first, second = tangents(normals)
+    xx, xy, yy = along(tensors, first, first), along(tensors, first, second), along(tensors, second, second)
+    middle, spread = (xx + yy) / 2.0, np.hypot((xx - yy) / 2.0, xy)
+    angle = 0.5 * np.arctan2(2.0 * xy, xx - yy) + np.pi / 2.0
+    direction = np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second
+    return middle - spread, direction, middle + spread
+
+
+def solid(positions: Floats, triangles: Ints) -> Bools:
+    """(triangles,) True for those with an area and three corners."""
+    normals = np.linalg.norm(face_normals(positions, triangles), axis=1)
+    a, b, c = (positions[triangles[:, k]] for k in range(3))
+    longest = np.max([np.sum((p - q) ** 2, axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0)
+    return np.asarray((normals > 1e-6 * longest) & (np.sum((b - a) ** 2, axis=1) > 1e-12 * longest))

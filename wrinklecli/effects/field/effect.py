@@ -1,0 +1,102 @@
+"""The effect of a field: its morph targets, their weights by the turns of joints, and words about it."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from wrinklecli.character.pose import Pose
+from wrinklecli.effects.body import body_effect, body_summary, moves_at_rest
+from wrinklecli.effects.effect import Effect, MeshPlan, Seen
+from wrinklecli.effects.field.attach import AttachedField
+from wrinklecli.effects.field.factors import weights_of
+from wrinklecli.effects.shapes import Sample, make_shapes
+from wrinklecli.frozen import dataclass
+from wrinklecli.gltf.shape import Json
+from wrinklecli.numeric.arrays import Floats, significant
+from wrinklecli.tools.fields import Field
+
+(SECTION,) = Field.sections
+"""The key of extras and report under which fields stand."""
+
+
+def field_effect(plan: MeshPlan, attached: AttachedField, deltas: Floats) -> Effect:
+    """The effect of a field with (targets, fine vertices, 3) displacements at weight 1, bind space."""
+    vertices, moves = moves_at_rest(plan.fine.blended, deltas)
+    sweeps, factors = attached.sweeps, attached.factors
+    weights = weights_of(sweeps, factors.turns, factors.tables, sweeps.angles)
+    # Normals are right where each turn is farthest, one way and the other, and where several are.
+    rows = [row for number in range(len(sweeps.turns)) for row in _farthest(sweeps.owners, sweeps.angles, number)]
+    rows += np.flatnonzero(sweeps.owners < 0)[:4].tolist()
+    morphs = plan.rest.morph_weights
+    shapes = make_shapes(
+        plan.fine,
+        vertices,
+        deltas[:, vertices],
+        tallest=np.sqrt(np.sum(moves**2, axis=2)).max(axis=1, initial=0.0),
+        samples=[Sample(weights[row], Pose(sweeps.matrices[row], morphs)) for row in rows] if plan.has_normals else [],
+    )
+    return body_effect(SECTION, attached, shapes, FieldWords(attached, deltas))
+
+
+def _farthest(owners: Floats, angles: Floats, number: int) -> list[int]:
+    """The poses in which a turn is farthest each way."""
+    own = np.flatnonzero(owners == number)
+    if not len(own):
+        return []
+    ends = {int(own[np.argmin(angles[own, number])]), int(own[np.argmax(angles[own, number])])}
+    return sorted(row for row in ends if angles[row, number])
+
+
+@dataclass(frozen=True, slots=True)
+class FieldWords:
+    """A field's words about itself.
+
+    Attributes:
+        attached: The field at rest.
+        deltas: (targets, fine vertices, 3) displacements at weight 1, bind space.
+    """
+
+    attached: AttachedField
+    deltas: Floats
+    remedy: str = "fewer `joints`"
+    left_out: str | None = None
+
+    def summary(self, effects: int, targets: int) -> str:
+        """Count the fields, and their targets, for a bake's summary."""
+        return body_summary(SECTION, effects, targets)
+
+    def describe(self, plan: MeshPlan, targets: tuple[str, ...]) -> Json:
+        """The field's entry in the report; lengths are scene units."""
+        attached, factors = self.attached, self.attached.factors
+        names = plan.rig.names
+        return {
+            "name": attached.tool.name,
+            "where": attached.tool.where,
+            "node": names[plan.rig.node],
+            "material": attached.tool.material,
+            "wavelength": significant(attached.wavelength),
+            "height_limit": significant(attached.greatest_height),
+            "turns": [
+                {
+                    "joint": names[signal.node],
+                    "degrees": [round(float(np.degrees(end)), 1) for end in (table.rows[0], table.rows[-1])],
+                    "shapes": table.table.shape[1],
+                }
+                for signal, table in attached.drive.turns
+            ],
+            "error": significant(factors.error, 4),
+            "least_error": significant(factors.best, 4),
+            "moved_vertices": int(np.any(self.deltas, axis=(0, 2)).sum()),
+            "targets": list(targets),
+        }
+
+    def describe_clip(self, seen: Seen) -> Json:
+        """The field's entry in a clip: the greatest weight of a shape."""
+        return {"name": self.attached.tool.name, "weight": significant(float(seen.weights.max(initial=0.0)), 4)}
+
+    def warnings(self, _plan: MeshPlan, clips: Sequence[Seen], *, up: str) -> list[str]:
+        """A warning about a field that nothing moves."""
+        assert up in ("y", "z")
+        if clips and not any(each.weights.any() for each in clips):
+            return [f"{self.attached.tool.name}: no clip turns its joints: it stays flat"]
+        return []

@@ -1,0 +1,145 @@
+"""Few shapes for the heights of many poses: heights ≈ weights of each turn's angle × shapes, none of them negative.
+
+Each turn gets its own shapes, from its own sweep, with weights that are tables of its angle. Heights of several turns
+do not add up, since they go with the root of the compression: so the shapes are fitted again to mixtures of turns.
+
+Source: D. D. Lee, H. S. Seung, *Algorithms for Non-negative Matrix Factorization*, NIPS 2000: multiplicative updates.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from wrinklecli.effects.field.turns import Sweeps
+from wrinklecli.frozen import dataclass
+from wrinklecli.numeric.arrays import Floats, Ints
+
+# Rounds of updates of a sweep's weights and shapes, and of all shapes in the end: further ones change no digit seen.
+_ROUNDS, _LAST_ROUNDS = 300, 80
+# Most shapes of a turn: three would halve the error of two, at half as many targets again.
+_MOST_SHAPES = 2
+# Error of one shape, root mean square over the heights, from which on a turn gets a second one.
+_ROUGH = 0.1
+# Part of the greatest height of all below which a turn folds nothing.
+_LEAST = 0.05
+# Stands for 0 where numbers divide and grow by factors.
+_TINY = 1e-9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Factors:
+    """Shapes of turns, and their weights.
+
+    Attributes:
+        turns: (shapes,) the number of the turn that drives each.
+        shapes: (shapes, vertices) heights at weight 1, scene units, not negative.
+        tables: For each shape (angles of its turn,) weights from 0 to 1.
+        error: Root mean square of what the shapes miss in all poses, over that of the heights,
+        best: and of what they would miss with the best weights.
+    """
+
+    turns: Ints
+    shapes: Floats
+    tables: tuple[Floats, ...]
+    error: float
+    best: float
+
+
+def factors_of(sweeps: Sweeps, heights: Floats, areas: Floats, most: int) -> Factors:
+    """Find at most so many shapes for (poses, vertices) heights, with (vertices,) areas by which they count."""
+    scale = float(heights.max(initial=0.0))
+    sizes = np.sqrt(areas / areas.sum())
+    chosen = _folding(sweeps, heights, sizes, scale, most)
+    turns, shapes, tables = [], [], []
+    for number, count in chosen.items():
+        poses = np.flatnonzero(sweeps.owners == number)
+        weights, found = _factorised(heights[poses] * sizes, count)
+        angles = sweeps.turns[number].angles
+        for column, shape in zip(weights.T, found, strict=True):
+            turns.append(number)
+            shapes.append(shape / sizes)
+            tables.append(_table(angles, sweeps.angles[poses, number], column))
+    if not turns:
+        return Factors(np.zeros(0, np.intp), np.zeros((0, heights.shape[1])), (), 0.0, 0.0)
+    owners = np.array(turns)
+    weights = weights_of(sweeps, owners, tables, sweeps.angles)
+    fitted = _refitted(weights, np.stack(shapes) * sizes, heights * sizes) / sizes
+    gaps = (heights - weights @ fitted) * sizes
+    whole = np.linalg.norm(heights * sizes)
+    return Factors(
+        owners, fitted, tuple(tables), float(np.linalg.norm(gaps) / whole), _best(fitted * sizes, heights * sizes)
+    )
+
+
+def weights_of(sweeps: Sweeps, owners: Ints, tables: Sequence[Floats], angles: Floats) -> Floats:
+    """(poses, shapes) weights at (poses, turns) angles."""
+    columns = [
+        np.interp(angles[:, turn], sweeps.turns[turn].angles, table)
+        for turn, table in zip(owners.tolist(), tables, strict=True)
+    ]
+    return np.stack(columns, axis=1)
+
+
+def _folding(sweeps: Sweeps, heights: Floats, sizes: Floats, scale: float, most: int) -> dict[int, int]:
+    """The turns that fold the surface, in their order, with the number of shapes of each."""
+    volumes, errors = {}, {}
+    for number in range(len(sweeps.turns)):
+        own = heights[sweeps.owners == number]
+        if own.max(initial=0.0) > _LEAST * scale:
+            volumes[number] = float(np.linalg.norm(own * sizes, axis=1).max())
+            weights, shapes = _factorised(own * sizes, 1)
+            errors[number] = float(np.linalg.norm(own * sizes - weights @ shapes) / np.linalg.norm(own * sizes))
+    kept = sorted(volumes, key=lambda number: -volumes[number])[:most]
+    rough = [
+        number
+        for number in sorted(kept, key=lambda number: -volumes[number] * errors[number])
+        if errors[number] > _ROUGH
+    ]
+    twice = set(rough[: most - len(kept)])
+    return {number: _MOST_SHAPES if number in twice else 1 for number in sorted(kept)}
+
+
+def _factorised(heights: Floats, count: int) -> tuple[Floats, Floats]:
+    """(poses, shapes) weights, 1 at most, and (shapes, vertices) shapes, whose products are near the heights."""
+    # From the pose of the greatest heights, and those that it says least of.
+    picked = [int(np.argmax(np.sum(heights**2, axis=1)))]
+    while len(picked) < min(count, len(heights)):
+        basis = heights[picked]
+        gaps = heights - heights @ np.linalg.pinv(basis) @ basis
+        picked.append(int(np.argmax(np.sum(gaps**2, axis=1))))
+    scale = heights.max()
+    shapes = heights[picked] + _TINY * scale
+    weights = np.maximum(heights @ np.linalg.pinv(shapes), 1e-3)
+    for _ in range(_ROUNDS):
+        weights *= (heights @ shapes.T) / np.maximum(weights @ (shapes @ shapes.T), _TINY * scale)
+        shapes *= (weights.T @ heights) / np.maximum((weights.T @ weights) @ shapes, _TINY * scale)
+    greatest = np.maximum(weights.max(axis=0), _TINY)
+    return weights / greatest, shapes * greatest[:, None]
+
+
+def _table(angles: Floats, at: Floats, weights: Floats) -> Floats:
+    """(angles,) weights at all angles of a turn, 0 at rest."""
+    table = np.zeros(len(angles))
+    table[np.searchsorted(angles, at)] = weights
+    return table
+
+
+def _refitted(weights: Floats, shapes: Floats, heights: Floats) -> Floats:
+    """(shapes, vertices) shapes that fit (poses, vertices) heights with (poses, shapes) weights as they are."""
+    shapes = np.maximum(shapes, _TINY * heights.max())
+    wanted, square = weights.T @ heights, weights.T @ weights
+    for _ in range(_LAST_ROUNDS):
+        shapes = shapes * wanted / np.maximum(square @ shapes, _TINY * heights.max())
+    return shapes
+
+
+def _best(shapes: Floats, heights: Floats) -> float:
+    """What shapes miss of heights with the best weights, each pose by itself."""
+    from scipy.optimize import nnls
+
+    # In the span of the shapes, which is small, least squares are the same.
+    basis, triangle = np.linalg.qr(shapes.T)
+    inside = heights @ basis
+    beyond = np.sum(heights**2, axis=1) - np.sum(inside**2, axis=1)
+    gaps = np.array([nnls(triangle, row)[1] ** 2 for row in inside]) + np.maximum(beyond, 0.0)
+    return float(np.sqrt(gaps.sum()) / np.linalg.norm(heights))

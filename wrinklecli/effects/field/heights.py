@@ -1,0 +1,158 @@
+"""Heights of wrinkles in poses: as much as keeps the length of the surface, and no more than has room there.
+
+A surface that is shortened to 1 − ε along a direction keeps its length in sine waves of rest length λ and half height
+A = λ/π √(ε (1 − ε)), to second order in ε. They are greatest at ε = ½, so no other limit of strain is needed.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from wrinklecli.character.pose import transform
+from wrinklecli.effects.field.compression import Gauges, along, posed_rigidly, rigid_parts, shortest
+from wrinklecli.frozen import dataclass
+from wrinklecli.numeric.arrays import Floats, Ints, vertex_normals
+from wrinklecli.numeric.closest import nearest_of
+from wrinklecli.numeric.laplacian import Average, Sheet
+from wrinklecli.surface.rest import Rest
+
+# Lengths of averages, in wavelengths: of strain, which folds even out over about a wave; of limits, a fraction of one.
+_STRAIN, _LIMITS = 0.8, 0.3
+# Diffusion of heights along crests and across, in wavelengths: a fold of cloth is longer than the compression that
+# makes it, and tapers.
+_ALONG, _ACROSS = 1.2, 0.3
+# Length over which directions go on beyond the compression, in wavelengths.
+_DIRECTIONS = 1.5
+# Greatest slope of a wrinkle in the pose that engines show, beyond which its flanks overhang.
+_STEEPEST = 1.3
+# Height over the concave radius of the pose, above which opposite flanks of a crease meet.
+_IN_CREASE = 0.5
+# Length over which heights fade at hems, in wavelengths.
+_HEM = 0.6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Heights:
+    """Half heights of wrinkles in poses, on the coarse surface at rest.
+
+    Attributes:
+        heights: (poses, vertices) scene units.
+        directions: (vertices, 6) the strains of all poses, weighted by their heights: the surface's wrinkles run across
+            the direction that is shortened most.
+    """
+
+    heights: Floats
+    directions: Floats
+
+
+def measure(
+    sheet: Sheet,
+    rest: Rest,
+    joints: Ints,
+    weights: Floats,
+    matrices: Floats,
+    *,
+    wavelength: float,
+    slack: float,
+    allowed: Floats,
+) -> Heights:
+    """Measure the heights of wrinkles in (poses, joints, 4, 4) poses.
+
+    Args:
+        sheet: The surface at rest, world space.
+        rest: Its rest pose, with all vertices of the sheet.
+        joints: (vertices, influences) numbers of joints.
+        weights: (vertices, influences) skin weights.
+        matrices: Bind to world space.
+        wavelength: At rest, scene units.
+        slack: Compression that makes no fold.
+        allowed: (vertices,) from 0 to 1, factors of the height.
+    """
+    normals = rest.normals
+    gauges = Gauges.of(sheet.positions, sheet.triangles)
+    smooth, fine = sheet.averaging(_STRAIN * wavelength), sheet.averaging(_LIMITS * wavelength)
+    found, strains = [], []
+    for pose in matrices:
+        moved = posed_rigidly(sheet.positions, joints, weights, rigid_parts(pose, rest.matrices))
+        strain = smooth.of_integrals(sheet.to_vertices(gauges.strains(moved)))
+        least, direction, across = shortest(strain, normals)
+        # What shrinks alike in all directions has none in which it would fold.
+        lost = np.clip(1.0 - np.exp(least - np.minimum(across, 0.0)) - slack, 0.0, 0.5)
+        height = wavelength / np.pi * np.sqrt(lost * (1.0 - lost))
+        if height.any():
+            height = np.minimum(height, _room(sheet, rest, joints, weights, pose, gauges, fine, direction, wavelength))
+            height = np.maximum(fine.of(height), 0.0) * allowed
+        found.append(height)
+        strains.append(strain)
+    heights = np.stack(found)
+    total = np.einsum("pv,pvt->vt", heights**2, np.stack(strains)) / max(float(heights.max()) ** 2, 1e-300)
+    directions = sheet.averaging(_DIRECTIONS * wavelength).of(total)
+    return Heights(_drawn_out(sheet, normals, directions, heights, wavelength) * allowed, directions)
+
+
+def _room(
+    sheet: Sheet,
+    rest: Rest,
+    joints: Ints,
+    weights: Floats,
+    pose: Floats,
+    gauges: Gauges,
+    fine: Average,
+    direction: Floats,
+    wavelength: float,
+) -> Floats:
+    """(vertices,) half heights for which there is room in a pose as engines show it: by slope, and in its creases."""
+    blended = np.einsum("vk,vkab->vab", weights, pose[:, :3][joints])
+    shown = transform(blended[None], rest.bind_positions)[0]
+    strain = fine.of_integrals(sheet.to_vertices(gauges.strains(shown)))
+    stretch = np.exp(along(strain, direction, direction))
+    posed = Sheet.of(shown, sheet.triangles)
+    bend = -np.sum((posed.stiffness @ shown) * vertex_normals(shown, sheet.triangles), axis=1) / posed.areas
+    concave = fine.of(np.maximum(bend, 0.0))
+    steep = _STEEPEST * wavelength * stretch / (2.0 * np.pi)
+    return np.minimum(steep, _IN_CREASE / np.maximum(concave, _IN_CREASE / (10.0 * wavelength)))
+
+
+def _drawn_out(sheet: Sheet, normals: Floats, directions: Floats, heights: Floats, wavelength: float) -> Floats:
+    """(poses, vertices) heights that go on along their crests, with the greatest as it was."""
+    if not heights.any():
+        return heights
+    _, across, _ = shortest(directions, normals)
+    made = sheet.averaging(np.sqrt(2.0) * wavelength, _anisotropic(sheet, across)).of(heights.T).T
+    made = np.maximum(made, 0.0)
+    return np.asarray(made * (heights.max() / made.max()))
+
+
+def _anisotropic(sheet: Sheet, across: Floats) -> Any:
+    """The form of a diffusion that acts along crests more than along the (vertices, 3) directions across them."""
+    import scipy.sparse as sparse
+
+    triangles, places = sheet.triangles, sheet.positions
+    normal = np.cross(
+        places[triangles[:, 1]] - places[triangles[:, 0]], places[triangles[:, 2]] - places[triangles[:, 0]]
+    )
+    doubled = np.linalg.norm(normal, axis=1, keepdims=True)
+    normal = normal / doubled
+    slopes = np.stack(
+        [
+            np.cross(normal, places[triangles[:, (k + 2) % 3]] - places[triangles[:, (k + 1) % 3]]) / doubled
+            for k in range(3)
+        ],
+        axis=1,
+    )
+    # A line field has no signs, so its products are averaged.
+    lines = np.einsum("vi,vj->vij", across, across)[triangles].mean(axis=1)
+    rates = _ALONG**2 * np.eye(3) + (_ACROSS**2 - _ALONG**2) * lines
+    values = np.einsum("tki,tij,tlj->tkl", slopes, rates, slopes) * (doubled / 2.0)[:, :, None]
+    rows, columns = np.repeat(triangles, 3, axis=1), np.tile(triangles, (1, 3))
+    shape = (len(places), len(places))
+    return sparse.csr_array((values.reshape(-1), (rows.reshape(-1), columns.reshape(-1))), shape=shape)
+
+
+def near_hems(sheet: Sheet, wavelength: float) -> Floats:
+    """(vertices,) factors that fade to 0 at open borders."""
+    hems = sheet.hems
+    if not hems.any():
+        return np.ones(len(sheet.positions))
+    distances, _ = nearest_of(sheet.positions[hems], sheet.positions)
+    return np.clip(distances / (_HEM * wavelength), 0.0, 1.0)

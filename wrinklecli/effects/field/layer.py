@@ -1,0 +1,88 @@
+"""Fields on a mesh: measured in poses at rest, then carried by the refined surface."""
+
+from collections.abc import Iterable, Sequence
+from typing import ClassVar
+
+from wrinklecli.character.clip import Clip
+from wrinklecli.effects.attached import AnyAttached
+from wrinklecli.effects.body import BodyLayer
+from wrinklecli.effects.effect import Effect, EffectKind, MeshPlan
+from wrinklecli.effects.field.attach import AttachedField, attach_fields
+from wrinklecli.effects.field.carry import displaced
+from wrinklecli.effects.field.effect import SECTION, FieldWords, field_effect
+from wrinklecli.frozen import dataclass
+from wrinklecli.gltf.shape import Json
+from wrinklecli.numeric.arrays import Floats
+from wrinklecli.surface.ground import Ground
+from wrinklecli.tools.fields import Field
+from wrinklecli.tools.records import EffectTool, ToolsFile
+
+
+@dataclass(frozen=True, slots=True)
+class FieldLayer(BodyLayer[AttachedField]):
+    """The fields of a mesh."""
+
+    section: ClassVar[str] = SECTION
+
+    @classmethod
+    def of(cls, plan: MeshPlan, numbered: Iterable[tuple[int, AttachedField]]) -> "FieldLayer":
+        """Let the refined surface carry them, each with the number of its region."""
+        pairs = list(numbered)
+        regions, every = tuple(number for number, _ in pairs), tuple(each for _, each in pairs)
+        return cls(every, regions, tuple(displaced(each, plan.fine) for each in every))
+
+    @property
+    def named_clips(self) -> frozenset[str]:
+        """The clips in which a field has a strength of its own."""
+        return frozenset(name for each in self.attached for name in each.tool.clips)
+
+    @property
+    def sampled_numbers(self) -> int:
+        """Weights, and seven numbers of each turn."""
+        return sum(len(each) for each in self.deltas) + 7 * sum(len(each.drive.turns) for each in self.attached)
+
+    def words(self, _plan: MeshPlan, attached: AttachedField, deltas: Floats) -> FieldWords:
+        """The words of one of them about itself."""
+        return FieldWords(attached, deltas)
+
+    def effect(self, plan: MeshPlan, attached: AttachedField, deltas: Floats) -> Effect:
+        """The effect of one field."""
+        return field_effect(plan, attached, deltas)
+
+    def warnings(self, _plan: MeshPlan, clips: Sequence[Clip]) -> list[str]:
+        """A line if there is no clip."""
+        names = ", ".join(each.tool.name for each in self.attached)
+        return [] if clips else [f"{names}: there is no clip: fields fold only in a player with a driver"]
+
+
+class FieldKind(EffectKind):
+    """Fields."""
+
+    def attach(self, tools: Sequence[EffectTool], ground: Ground, _settings: ToolsFile) -> Sequence[AnyAttached]:
+        """Measure the fields on the surface at rest, and find their shapes.
+
+        Raises:
+            WrinkleError: Fields do not fit, a line for each.
+        """
+        return attach_fields([tool for tool in tools if isinstance(tool, Field)], ground)
+
+    def plan(self, plan: MeshPlan, _ground: Ground, attached: Sequence[tuple[int, AnyAttached]]) -> FieldLayer:
+        """Let the refined surface carry the fields."""
+        return FieldLayer.of(plan, [(number, each) for number, each in attached if isinstance(each, AttachedField)])
+
+    def lines(self, entry: Json) -> list[str]:
+        """The lines of a field, and a table of its joints."""
+        width = max(len(each["joint"]) for each in entry["turns"])
+        return [
+            f"waves    {entry['wavelength']:.4g} long, up to {entry['height_limit']:.3g} high",
+            *(
+                f"{each['joint']:{width}}  {each['degrees'][0]:g} to {each['degrees'][1]:g}°, shapes: {each['shapes']}"
+                for each in entry["turns"]
+            ),
+            f"error    {100 * entry['error']:.3g} % of the heights; the best weights leave"
+            f" {100 * entry['least_error']:.3g} %",
+            f"mesh     {entry['moved_vertices']} vertices move",
+        ]
+
+
+KIND = FieldKind()

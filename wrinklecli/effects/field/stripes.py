@@ -1,0 +1,112 @@
+"""One phase over a surface, whose stripes run across a field of lines, with forks and ends where they must be.
+
+Each vertex has a complex number ψ of length 1, whose angle is the phase. Along an edge e between lines d it should turn
+by 2π d·e / λ. Where lines have no signs, ψ or its conjugate counts: the height is an even function of the phase, which
+is the same for both. The energy Σ w |ψ_j − ψ_i turned|² is least for ψ of any length, and then lies in one region
+alone. So ψ diffuses and is made as long as 1 in turns, over shorter and shorter lengths.
+
+Sources: F. Knöppel, K. Crane, U. Pinkall, P. Schröder, *Stripe Patterns on Surfaces*, SIGGRAPH 2015 (the energy);
+B. Merriman, J. Bence, S. Osher, *Diffusion Generated Motion by Mean Curvature*, 1992 (diffuse, then restore).
+"""
+
+import numpy as np
+
+from wrinklecli.frozen import dataclass
+from wrinklecli.numeric.arrays import Floats, Ints
+from wrinklecli.numeric.drawn import drawn
+from wrinklecli.numeric.elements import factorised
+from wrinklecli.numeric.laplacian import side_weights, vertex_areas
+
+# Lengths of the diffusion, in wavelengths, and rounds over each: long ones join regions, short ones make forks sharp.
+_ROUNDS = ((6.0, 4), (2.0, 6), (1.0, 6), (0.5, 6))
+# Trust that any place has: phases go on where nothing asks for them.
+_LEAST_TRUST = 1e-3
+# Replaces a divisor of 0, and the length of a ψ that is lost.
+_TINY, _SHORT = 1e-300, 1e-9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sides:
+    """The sides of triangles, each once, with what a phase does along them.
+
+    Attributes:
+        ends: (sides, 2) vertices, the lower first.
+        weights: (sides,) of the energy.
+        turns: (sides,) radians by which the phase should turn from the first end to the second,
+        signs: (sides,) and 1 if the lines at both ends point the same way, -1 if the second counts conjugated.
+    """
+
+    ends: Ints
+    weights: Floats
+    turns: Floats
+    signs: Floats
+
+    @classmethod
+    def of(cls, positions: Floats, triangles: Ints, normals: Floats, lines: Floats, wavelengths: Floats) -> "Sides":
+        """Lay (vertices, 3) unit lines with (vertices,) wavelengths along the sides of triangles."""
+        pairs, cotangents = side_weights(positions, triangles)
+        numbers, at = np.unique(np.sort(pairs, axis=1) @ [len(positions), 1], return_inverse=True)
+        ends = np.stack(np.divmod(numbers, len(positions)), axis=1)
+        weights = np.asarray(np.bincount(at, cotangents, len(ends)), np.float64)
+        a, b = ends.T
+        signs = np.where(np.sum(lines[a] * lines[b], axis=1) < 0, -1.0, 1.0)
+        way = positions[b] - positions[a]
+        steps = [
+            _within(way, normals[end], sign[:, None] * lines[end]) / wavelengths[end]
+            for end, sign in ((a, np.ones(len(ends))), (b, signs))
+        ]
+        return cls(ends, weights, np.pi * (steps[0] + steps[1]), signs)
+
+
+def _within(ways: Floats, normals: Floats, lines: Floats) -> Floats:
+    """(sides,) parts along lines of (sides, 3) ways that are turned into the planes of normals at their length."""
+    flat = ways - np.sum(ways * normals, axis=1, keepdims=True) * normals
+    lengths = np.linalg.norm(ways, axis=1)
+    return np.asarray(np.sum(flat * lines, axis=1) * lengths / np.maximum(np.linalg.norm(flat, axis=1), _TINY))
+
+
+def phases(sides: Sides, positions: Floats, triangles: Ints, trust: Floats, wavelength: float, *, seed: str) -> Floats:
+    """(vertices, 2) real and imaginary parts of ψ; its length is 1 but near forks and ends, where it is 0.
+
+    Args:
+        sides: The sides of the triangles.
+        positions: (vertices, 3) at rest.
+        triangles: (triangles, 3).
+        trust: (vertices,) from 0 to 1, how much each place counts.
+        wavelength: Typical, scene units.
+        seed: From which the first phases are drawn.
+    """
+    import scipy.sparse as sparse
+
+    count = len(positions)
+    a, b = sides.ends.T
+    weights = sides.weights * (np.sqrt(trust[a] * trust[b]) + _LEAST_TRUST)
+    cosine, sine = np.cos(sides.turns), np.sin(sides.turns)
+    turned = -weights * np.array([[cosine, -sine], [sides.signs * sine, sides.signs * cosine]])
+    rows, columns, values = [], [], []
+    for i in range(2):
+        for j in range(2):
+            rows += [2 * b + i, 2 * a + j]
+            columns += [2 * a + j, 2 * b + i]
+            values += [turned[i, j], turned[i, j]]
+    whole = np.bincount(a, weights, count) + np.bincount(b, weights, count)
+    diagonal = np.arange(2 * count)
+    energy = sparse.csc_array(
+        (
+            np.concatenate([*values, np.repeat(whole, 2)]),
+            (np.concatenate([*rows, diagonal]), np.concatenate([*columns, diagonal])),
+        ),
+        shape=(2 * count, 2 * count),
+    )
+    masses = np.repeat(vertex_areas(positions, triangles) * (trust + _LEAST_TRUST), 2)
+    found = drawn(seed, "phases", count, 2)
+    for length, rounds in _ROUNDS:
+        factors = factorised((sparse.diags_array(masses) + (length * wavelength) ** 2 / 4.0 * energy).tocsc())
+        for _ in range(rounds):
+            found = factors.solve(masses * _restored(found).reshape(-1)).reshape(-1, 2)
+    return np.asarray(found)
+
+
+def _restored(values: Floats) -> Floats:
+    """(vertices, 2) of length 1."""
+    return np.asarray(values / np.maximum(np.linalg.norm(values, axis=1, keepdims=True), _SHORT))

@@ -1,0 +1,178 @@
+"""The turns of joints that fold a garment: the axes about which each turns, how far, and the poses that show it.
+
+Joints turn as far as clips turn them, about the principal axes of their turns there: a knee has one, a hip three. Where
+no clip turns any joint much, they turn about their own axes, as far as `character.range_of_motion` lets them.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from wrinklecli.character.clip import Channel, Clip
+from wrinklecli.character.motion import motion_clip, quaternion_product, turned_axis, turning
+from wrinklecli.character.pose import joint_matrices
+from wrinklecli.character.range_of_motion import TELLING, range_of_motion
+from wrinklecli.character.rig import Rig
+from wrinklecli.drive.angle import JointAngle
+from wrinklecli.frozen import dataclass
+from wrinklecli.numeric.arrays import Floats, unit, unit_quaternions
+from wrinklecli.numeric.drawn import drawn
+from wrinklecli.surface.ground import Ground
+
+# Least turn about an axis that counts, radians: what joints turn by beside their hinge, and what a smaller one folds is
+# below the slack of cloth.
+_LEAST = float(np.radians(12.0))
+# Steps of a sweep, radians: heights go with the root of the compression, so they are smooth beyond the first step.
+_STEP = float(np.radians(20.0))
+# Least steps to a side on which a joint turns at all.
+_LEAST_STEPS = 3
+# Poses in which all joints turn at once, and the share of them in which each turns as far as it can.
+_MIXTURES = 12
+_EXTREMES = 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Turn:
+    """A joint that turns about one axis.
+
+    Attributes:
+        signal: The angle about the axis; its rest is the stored rotation.
+        angles: (steps,) sorted radians from the greatest turn one way to that the other way; 0 is among them.
+    """
+
+    signal: JointAngle
+    angles: Floats
+
+    def channel(self, angle: float) -> Channel:
+        """A channel that turns the joint by an angle in a second."""
+        return turning(self.signal.node, self.signal.rest, self.signal.axis, angle)
+
+
+def turns_of(ground: Ground, moving: Sequence[int]) -> list[Turn]:
+    """The turns of some nodes of a character, each about up to three axes."""
+    shown = {node: _shown(ground.rig, node, ground.clips) for node in moving if "rotation" in ground.rig.locals[node]}
+    told = any(np.abs(vectors).max(initial=0.0) >= np.radians(TELLING) for vectors in shown.values())
+    usual = {} if told else _usual(ground)
+    found = []
+    for node, vectors in shown.items():
+        stored, parent = unit_quaternions(ground.rig.locals[node]["rotation"]), int(ground.rig.parents[node])
+        for axis, (least, most) in _principal(vectors) if told else usual.get(node, []):
+            if -least > most:
+                axis, least, most = -axis, -most, -least
+            if most >= _LEAST:
+                found.append(Turn(JointAngle(node, parent, unit(axis), stored), _steps(least, most)))
+    return found
+
+
+def _principal(vectors: Floats) -> list[tuple[Floats, tuple[float, float]]]:
+    """The principal axes of (turns, 3) axes · radians, with the range about each."""
+    axes = np.linalg.svd(vectors, full_matrices=False)[2]
+    return [(axis, _angles(vectors, axis)) for axis in axes]
+
+
+def _shown(rig: Rig, node: int, clips: Sequence[Clip]) -> Floats:
+    """(keys, 3) turns of a node from its stored rotation at the keys of clips: axes in its parent's space · radians."""
+    stored = unit_quaternions(rig.locals[node]["rotation"])
+    found = [np.zeros((1, 3))]
+    for clip in clips:
+        channel = clip.channel(node, "rotation")
+        if channel is not None:
+            keys = unit_quaternions(channel.points.T).T
+            turns = quaternion_product(keys, stored * [-1.0, -1.0, -1.0, 1.0])
+            turns *= np.where(turns[:, 3:] < 0, -1.0, 1.0)
+            halves = np.arctan2(np.linalg.norm(turns[:, :3], axis=1), turns[:, 3])
+            found.append(unit(turns[:, :3]) * (2.0 * halves)[:, None])
+    return np.concatenate(found)
+
+
+def _angles(vectors: Floats, axis: Floats) -> tuple[float, float]:
+    """The least and greatest angle about an axis, as `JointAngle` measures it, of (turns, 3) axes · radians."""
+    sizes = np.linalg.norm(vectors, axis=1)
+    halves = np.tan(np.minimum(sizes, 0.99 * np.pi) / 2.0)
+    angles = 2.0 * np.arctan(halves * (vectors @ axis) / np.where(sizes > 0, sizes, 1.0))
+    return min(float(angles.min()), 0.0), max(float(angles.max()), 0.0)
+
+
+def _usual(ground: Ground) -> dict[int, list[tuple[Floats, tuple[float, float]]]]:
+    """By node the own axes about which it turns where no clip says so, with the range about each."""
+    found: dict[int, dict[int, list[float]]] = {}
+    for clip in range_of_motion(ground.document, [ground.rig.node]).clips:
+        (channel,) = clip.channels[:1]
+        if channel.path != "rotation":
+            continue
+        stored = unit_quaternions(ground.rig.locals[channel.node]["rotation"])
+        turn = quaternion_product(channel.values[-1:], stored * [-1.0, -1.0, -1.0, 1.0])[0]
+        own = np.stack([turned_axis(stored, each) for each in np.eye(3)])
+        number = int(np.argmax(np.abs(own @ turn[:3])))
+        angle = 2.0 * np.arctan2(own[number] @ turn[:3], turn[3])
+        found.setdefault(channel.node, {}).setdefault(number, []).append(angle)
+    return {
+        node: [
+            (
+                turned_axis(unit_quaternions(ground.rig.locals[node]["rotation"]), np.eye(3)[number]),
+                (min(0.0, *ends), max(0.0, *ends)),
+            )
+            for number, ends in axes.items()
+        ]
+        for node, axes in found.items()
+    }
+
+
+def _steps(least: float, most: float) -> Floats:
+    """Sorted angles from the least to the greatest, with 0."""
+    up = np.linspace(0.0, most, max(_LEAST_STEPS, int(np.ceil(most / _STEP))) + 1)
+    if least > -_LEAST:
+        return up
+    down = np.linspace(least, 0.0, max(_LEAST_STEPS, int(np.ceil(-least / _STEP))) + 1)
+    return np.concatenate([down[:-1], up])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sweeps:
+    """Poses of a character: each turn through its range by itself, and mixtures of all.
+
+    Attributes:
+        turns: The turns.
+        angles: (poses, turns) radians.
+        owners: (poses,) the number of the turn that is swept; -1 for mixtures.
+        matrices: (poses, joints, 4, 4) bind to world space.
+    """
+
+    turns: tuple[Turn, ...]
+    angles: Floats
+    owners: Floats
+    matrices: Floats
+
+    @classmethod
+    def of(cls, rig: Rig, turns: Sequence[Turn], *, seed: str) -> "Sweeps":
+        """Let joints turn one by one, then together."""
+        rows, owners = [], []
+        for number, turn in enumerate(turns):
+            for angle in turn.angles[turn.angles != 0]:
+                rows.append(np.eye(len(turns))[number] * angle)
+                owners.append(number)
+        least, most = (np.array([end(turn.angles) for turn in turns]) for end in (np.min, np.max))
+        shares = (drawn(seed, "mixtures", _MIXTURES, len(turns)) + 1.0) / 2.0
+        shares[:_EXTREMES] = np.rint(shares[:_EXTREMES])
+        rows += list(least + shares * (most - least))
+        owners += [-1] * _MIXTURES
+        angles = np.array(rows).reshape(-1, len(turns))
+        return cls(tuple(turns), angles, np.array(owners), np.stack([_matrices(rig, turns, each) for each in angles]))
+
+
+def _matrices(rig: Rig, turns: Sequence[Turn], angles: Floats) -> Floats:
+    """(joints, 4, 4) matrices where joints are turned by (turns,) angles, about one axis after the other."""
+    channels: dict[int, Channel] = {}
+    for turn, angle in zip(turns, angles.tolist(), strict=True):
+        if angle:
+            made = turn.channel(angle)
+            before = channels.get(turn.signal.node)
+            if before is not None:
+                rest = turn.signal.rest * [-1.0, -1.0, -1.0, 1.0]
+                turned = quaternion_product(quaternion_product(made.values[-1:], rest), before.values[-1])
+                made = replace(made, values=np.concatenate([made.values[:1], turned]))
+            channels[turn.signal.node] = made
+    if not channels:
+        return np.asarray(joint_matrices(rig, None, np.zeros(1))[0])
+    return np.asarray(joint_matrices(rig, motion_clip("", list(channels.values())), np.ones(1))[0])

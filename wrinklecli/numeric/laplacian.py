@@ -1,0 +1,116 @@
+"""Diffusion over a triangulated surface: the cotangent matrix, areas of vertices, and averages over a distance."""
+
+from typing import Any
+
+import numpy as np
+
+from wrinklecli.frozen import dataclass
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, face_normals
+from wrinklecli.numeric.elements import factorised
+
+# Least and greatest cotangent, so that obtuse and thin triangles do not pull apart.
+_LEAST_COTANGENT = 0.05
+_GREATEST_COTANGENT = 5.0
+# Least area of a vertex over the mean: isolated vertices and slivers have none to divide by.
+_LEAST_AREA = 1e-6
+
+
+def vertex_areas(positions: Floats, triangles: Ints) -> Floats:
+    """(vertices,) a third of the area of the triangles round each vertex."""
+    areas = np.sqrt(np.sum(face_normals(positions, triangles) ** 2, axis=1)) / 6.0
+    return np.asarray(np.bincount(triangles.reshape(-1), np.repeat(areas, 3), len(positions)), np.float64)
+
+
+def side_weights(positions: Floats, triangles: Ints) -> tuple[Ints, Floats]:
+    """(3 · triangles, 2) ends of the triangles' sides, and (3 · triangles,) half the clamped cotangents opposite."""
+    ends, weights = [], []
+    for k in range(3):
+        a, b, c = (triangles[:, (k + i) % 3] for i in range(3))
+        first, second = positions[b] - positions[a], positions[c] - positions[a]
+        sine = np.sqrt(np.sum(np.cross(first, second) ** 2, axis=1))
+        cotangent = np.sum(first * second, axis=1) / np.where(sine > 0, sine, 1.0)
+        ends.append(np.stack([b, c], axis=1))
+        weights.append(np.clip(cotangent, _LEAST_COTANGENT, _GREATEST_COTANGENT) / 2.0)
+    return np.concatenate(ends), np.concatenate(weights)
+
+
+def laplacian(positions: Floats, triangles: Ints) -> Any:
+    """(vertices, vertices) sparse cotangent matrix, whose quadratic form is the integral of the squared gradient.
+
+    Source: U. Pinkall, K. Polthier, *Computing Discrete Minimal Surfaces and Their Conjugates*, 1993. Differs:
+    cotangents are clamped.
+    """
+    import scipy.sparse as sparse
+
+    ends, weights = side_weights(positions, triangles)
+    rows, columns = np.concatenate([ends, ends[:, ::-1]]).T
+    shape = (len(positions), len(positions))
+    sides = sparse.csr_array((np.tile(weights, 2), (rows, columns)), shape=shape)
+    return (sparse.diags_array(sides.sum(axis=1)) - sides).tocsr()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sheet:
+    """A triangulated surface whose fields diffuse.
+
+    Attributes:
+        positions: (vertices, 3).
+        triangles: (triangles, 3).
+        areas: (vertices,) of each vertex, above 0.
+        stiffness: (vertices, vertices) its cotangent matrix.
+    """
+
+    positions: Floats
+    triangles: Ints
+    areas: Floats
+    stiffness: Any
+
+    @classmethod
+    def of(cls, positions: Floats, triangles: Ints) -> "Sheet":
+        """Prepare a surface."""
+        areas = vertex_areas(positions, triangles)
+        return cls(positions, triangles, np.maximum(areas, _LEAST_AREA * areas.mean()), laplacian(positions, triangles))
+
+    @property
+    def hems(self) -> Bools:
+        """(vertices,) True on open borders."""
+        sides = np.sort(np.concatenate([self.triangles[:, [k, (k + 1) % 3]] for k in range(3)]), axis=1)
+        edges, counts = np.unique(sides, axis=0, return_counts=True)
+        found = np.zeros(len(self.positions), np.bool_)
+        found[edges[counts == 1]] = True
+        return found
+
+    def averaging(self, length: float, stiffness: Any = None) -> "Average":
+        """Averages over about a length, by one implicit step of diffusion over length² / 4.
+
+        `stiffness` is another one, such as of an anisotropic diffusion.
+        """
+        import scipy.sparse as sparse
+
+        form = self.stiffness if stiffness is None else stiffness
+        return Average(self.areas, factorised((sparse.diags_array(self.areas) + length**2 / 4.0 * form).tocsc()))
+
+    def to_vertices(self, of_triangles: Floats) -> Floats:
+        """(vertices, …) integrals over the cells of vertices of (triangles, …) values."""
+        areas = np.sqrt(np.sum(face_normals(self.positions, self.triangles) ** 2, axis=1)) / 6.0
+        values = of_triangles.reshape(len(of_triangles), -1) * areas[:, None]
+        at = self.triangles.reshape(-1)
+        sums = [np.bincount(at, np.repeat(column, 3), len(self.positions)) for column in values.T]
+        return np.asarray(np.stack(sums, axis=1).reshape(len(self.positions), *of_triangles.shape[1:]), np.float64)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Average:
+    """An average over the surface; `factors` solve for it."""
+
+    areas: Floats
+    factors: Any
+
+    def of(self, values: Floats) -> Floats:
+        """(vertices, …) averages of (vertices, …) values."""
+        return self.of_integrals((values.T * self.areas).T)
+
+    def of_integrals(self, integrals: Floats) -> Floats:
+        """(vertices, …) averages, from integrals over the cells of vertices."""
+        flat = np.ascontiguousarray(integrals.reshape(len(integrals), -1))
+        return np.asarray(self.factors.solve(flat)).reshape(integrals.shape)

@@ -1,0 +1,117 @@
+"""The record of a field of wrinkles, as `tools.records` has those of tools. `configs/README.md` is the reference."""
+
+from collections.abc import Mapping, Sequence
+from typing import ClassVar, Literal
+
+from wrinklecli.choices import MaterialName, Stops
+from wrinklecli.frozen import dataclass
+from wrinklecli.tools.body import AUTO_LENGTH, BodyEffect, read_auto_length
+from wrinklecli.tools.json_schema import TEXT, any_keys, expects, key, list_of, number, one_of, slider, whole
+from wrinklecli.tools.records import MASK, Length, Mask, Point, read_mask_of
+
+_PERCENT = expects(
+    "a percentage from 0% to 50%",
+    type="string",
+    maxLength=40,
+    pattern=r"^\+?0*([0-9]|[1-4][0-9])(\.[0-9]*)? ?%$|^\+?0*50(\.0*)? ?%$",
+    **slider(0, 20, 0.5, "%"),
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Field(BodyEffect):
+    """A field of wrinkles over a whole garment.
+
+    Attributes:
+        wavelength: From crest to crest at rest; a percentage is of the girth of the limb beneath.
+        slack: Part of a length that is lost before a fold rises.
+        joints: Names of the joints that fold it.
+    """
+
+    sections: ClassVar[tuple[str, ...]] = ("fields",)
+
+    mask: Mask | None = key(
+        MASK,
+        "Factor of the height at each place, 0 to 1: {attribute: _WRINKLE} of the vertices, or {image: FILE, channel: "
+        "r}. Default none.",
+        None,
+        read=read_mask_of,
+    )
+    stops: Stops = key(
+        one_of("features", "none"),
+        "Where wrinkles fade out: at features (open borders, seams of materials, sharp creases), or none. Default "
+        "features.",
+        "features",
+    )
+    material: MaterialName = key(
+        one_of("skin", "cloth", "leather"),
+        "Substance, which gives the wavelength, the slack and the shape of a fold. Default cloth.",
+        "cloth",
+        group="Shape",
+    )
+    wavelength: Literal["auto"] | Length = key(
+        AUTO_LENGTH,
+        "From crest to crest at rest: a length, or a percentage of the girth of the limb beneath. Default auto: the "
+        "material's.",
+        "auto",
+        read=read_auto_length,
+    )
+    slack: float | None = key(
+        {**_PERCENT, "type": ["string", "null"]},
+        "Part of its length that the surface loses before a fold rises. Default: the material's.",
+        None,
+        read=lambda value: None if value is None else float(value.rstrip("% ")) / 100.0,
+    )
+    strength: float = key(
+        {**number(0, 10), **slider(0, 2, 0.05)}, "Factor of the heights in all clips. Default 1.", 1.0, read=float
+    )
+    variation: float | None = key(
+        {**number(0, 1), "type": ["number", "null"]},
+        "0 even distances of crests, 1 most irregular. Default: the material's.",
+        None,
+        group="Irregularity",
+    )
+    seed: int | None = key(
+        {**whole(0, 2**31 - 1), "type": ["integer", "null"]}, "Seed of the irregularity. Default: from the name.", None
+    )
+    joints: Literal["all"] | tuple[str, ...] = key(
+        {
+            "if": {"type": "array"},
+            "then": list_of(TEXT, 1, None, "all or a list of names of joints"),
+            "else": expects("all or a list of names of joints", enum=["all"]),
+        },
+        "Joints whose turns fold it: all, or a list of names. Default all.",
+        "all",
+        group="Motion",
+        read=lambda value: value if value == "all" else tuple(value),
+    )
+    clips: Mapping[str, float] = key(
+        any_keys(number(0, 10), "a mapping of clip names to factors"),
+        "Factors of the heights in some clips, in place of `strength`. Default {}.",
+        {},
+        read=lambda value: {clip: float(each) for clip, each in value.items()},
+        hashed=False,
+    )
+
+    @property
+    def points(self) -> tuple[Point, ...]:
+        """None: it lies all over its mesh."""
+        return ()
+
+    def place_of(self, _number: int, *keys: str) -> str:
+        """The place of its mesh in the file."""
+        return self.place(*keys)
+
+    @property
+    def idle(self) -> bool:
+        """True if its strength is 0 in every clip."""
+        return not self.strength and not any(self.clips.values())
+
+    @property
+    def named_clips(self) -> Sequence[tuple[str, tuple[str, ...]]]:
+        """The clips with a strength of their own, with the paths of their keys."""
+        return [(name, ("clips", name)) for name in self.clips]
+
+    def strength_in(self, clip: str) -> float:
+        """The factor of the heights while a clip plays."""
+        return self.clips.get(clip, self.strength)
