@@ -11,6 +11,7 @@ from wrinklecli.effects.attached import WithoutSegment
 from wrinklecli.effects.field.compression import shortest, solid
 from wrinklecli.effects.field.factors import Factors, factors_of
 from wrinklecli.effects.field.heights import measure, near_hems
+from wrinklecli.effects.field.irregular import turned
 from wrinklecli.effects.field.material import FABRICS, Fabric
 from wrinklecli.effects.field.region import FieldRegion
 from wrinklecli.effects.field.turns import Sweeps, turns_of
@@ -29,6 +30,8 @@ from wrinklecli.tools.records import Length
 _LEAST_BENT = 1e-3
 # Most shapes of a field.
 _MOST_SHAPES = 24
+# Length over which the girth of limbs is averaged, in wavelengths, and least and greatest ratio to the typical one.
+_GIRTHS, _THINNEST, _THICKEST = 2.0, 0.2, 3.0
 # Part of the greatest height below which nothing is seen.
 _LEAST_SEEN = 0.02
 
@@ -44,6 +47,8 @@ class AttachedField(WithoutSegment):
         sweeps: The poses in which it was measured.
         factors: Half heights by shapes on the coarse surface.
         directions: (vertices, 6) tensors, whose least direction crests run across.
+        wavelengths: (vertices,) those of places, scene units.
+        variation: 0 for even crests, 1 for the most irregular.
         regions: The part of the surface.
         drive: The weights of its targets.
     """
@@ -54,6 +59,8 @@ class AttachedField(WithoutSegment):
     sweeps: Sweeps
     factors: Factors
     directions: Floats
+    wavelengths: Floats
+    variation: float
     regions: tuple[FieldRegion]
     drive: TurnDrive
 
@@ -108,7 +115,8 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
         raise BakeError(f"{name} has no triangle with an area", where=where)
     fabric = FABRICS[tool.material]
     sheet = Sheet.of(rest.positions, surface.triangles[members])
-    wavelength = _wavelength(tool, fabric, ground, sheet)
+    wavelength, wavelengths = _wavelengths(tool, fabric, ground, sheet)
+    variation = fabric.variation if tool.variation is None else tool.variation
     slack = fabric.slack if tool.slack is None else tool.slack
     turns = turns_of(ground, _joints(tool, ground))
     if not turns:
@@ -123,6 +131,7 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
         surface.weights,
         sweeps.matrices,
         wavelength=wavelength,
+        wavelengths=wavelengths,
         slack=slack,
         allowed=allowed,
     )
@@ -136,11 +145,21 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
     shares = measured.heights.max(axis=0) / measured.heights.max()
     seen = members[(shares[surface.triangles[members]] > _LEAST_SEEN).any(axis=1)]
     _, lines, _ = shortest(measured.directions, rest.normals)
+    lines = turned(lines, rest.normals, rest.positions, wavelength, variation, seed)
     region = FieldRegion(
-        seen, rest, height, shares, lines, wavelength, Tree.of(rest.positions, surface.triangles[seen])
+        seen, rest, height, shares, lines, wavelengths, Tree.of(rest.positions, surface.triangles[seen])
     )
     return AttachedField(
-        tool, fabric, wavelength, sweeps, factors, measured.directions, (region,), _drive(tool, sweeps, factors)
+        tool,
+        fabric,
+        wavelength,
+        sweeps,
+        factors,
+        measured.directions,
+        wavelengths,
+        variation,
+        (region,),
+        _drive(tool, sweeps, factors),
     )
 
 
@@ -178,37 +197,44 @@ def _joints(tool: Field, ground: Ground) -> list[int]:
     return [known[name] for name in tool.joints if name in known]
 
 
-def _wavelength(tool: Field, fabric: Fabric, ground: Ground, sheet: Sheet) -> float:
-    """Scene units; by the girth of the limbs beneath if it says so.
+def _wavelengths(tool: Field, fabric: Fabric, ground: Ground, sheet: Sheet) -> tuple[float, Floats]:
+    """The typical wavelength, and (vertices,) those of all places, scene units.
+
+    Those by the girth of limbs go with its root: sheets on a thicker tube fold in longer waves, λ ~ √(thickness ·
+    radius).
 
     Raises:
-        BakeError: It is shorter than nothing that could be shown, or longer than the mesh.
+        BakeError: It is longer than the mesh.
     """
-    wanted = tool.wavelength
+    wanted, size = tool.wavelength, float(np.linalg.norm(np.ptp(sheet.positions, axis=0)))
     if isinstance(wanted, Length) and not wanted.percent:
         found = wanted.resolve(1.0)
+        everywhere = np.full(len(sheet.positions), found)
     else:
-        girth = 2.0 * np.pi * _depth(ground, sheet)
+        depths = _depths(ground, sheet)
+        middle = float(weighted_quantiles(depths, sheet.areas, np.array([0.5]))[0])
+        girth = 2.0 * np.pi * middle
         found = fabric.wavelength * girth if wanted == "auto" else wanted.resolve(girth)
-    size = float(np.linalg.norm(np.ptp(sheet.positions, axis=0)))
+        ratios = sheet.averaging(_GIRTHS * found).of(depths / middle)
+        everywhere = found * np.sqrt(np.clip(ratios, _THINNEST, _THICKEST))
     if not found < size:
         raise BakeError(
             f"a wavelength of {found:.3g} is longer than its mesh, {size:.3g}", where=tool.place("wavelength")
         )
-    return found
+    return found, everywhere
 
 
-def _depth(ground: Ground, sheet: Sheet) -> float:
-    """The median distance of the surface from the bones beneath, scene units."""
+def _depths(ground: Ground, sheet: Sheet) -> Floats:
+    """(vertices,) distances of the surface from the nearest bones, scene units."""
     bones = BoneLines.of(ground)
-    nearest_ones = np.full(len(sheet.positions), np.inf)
+    found = np.full(len(sheet.positions), np.inf)
     for start, end in zip(bones.starts, bones.ends, strict=True):
         along = end - start
         square = float(along @ along)
         shares = (sheet.positions - start) @ along / (square if square > 0 else 1.0)
         feet = start + np.clip(shares, 0.0, 1.0)[:, None] * along
-        nearest_ones = np.minimum(nearest_ones, np.linalg.norm(sheet.positions - feet, axis=1))
-    return float(weighted_quantiles(nearest_ones, sheet.areas, np.array([0.5]))[0])
+        found = np.minimum(found, np.linalg.norm(sheet.positions - feet, axis=1))
+    return found
 
 
 def _allowed(tool: Field, ground: Ground, members: Ints, sheet: Sheet, wavelength: float) -> Floats:

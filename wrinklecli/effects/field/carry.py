@@ -3,12 +3,15 @@
 import numpy as np
 
 from wrinklecli.character.skin import pose, prepare
+from wrinklecli.effects.field import irregular
 from wrinklecli.effects.field.attach import AttachedField
 from wrinklecli.effects.field.compression import shortest
 from wrinklecli.effects.field.factors import weights_of
+from wrinklecli.effects.field.material import Fabric
 from wrinklecli.effects.field.stripes import Sides, phases
+from wrinklecli.effects.shapes import Middles
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, face_normals, inverses, unit
-from wrinklecli.numeric.drawn import drawn
 from wrinklecli.numeric.laplacian import Sheet
 from wrinklecli.surface.refine import Refinement
 
@@ -16,12 +19,8 @@ from wrinklecli.surface.refine import Refinement
 _LEAST = 0.01
 # Length of ψ below which waves level out: it is 0 at a fork, and 1 half a wavelength beside it.
 _FORK = 0.5
-# Waves of the irregularity in space, and their lengths in wavelengths, evenly between these two.
-_WAVES, _SHORTEST, _LONGEST = 12, 4.0, 9.0
 # Difference of the greatest and least stretch over the greatest from which on a direction counts wholly.
 _CLEAR = 0.16
-# Radians by which lines are turned, and logarithm by which heights differ, for a variation of 1.
-_TURNS, _UNEVEN = 1.2, 1.5
 # Poses, those with the greatest weights, in which triangles are looked at.
 _POSES = 24
 # Cosine of the turn of a triangle beyond which its wrinkle is lowered, part by which that is, and passes.
@@ -32,26 +31,45 @@ _NEAR, _WIDER = 0.25, 4.0
 _SMOOTH = 0.3
 
 
-def displaced(attached: AttachedField, fine: Refinement) -> Floats:
-    """(shapes, vertices, 3) displacements of the refined surface at weight 1, bind space."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Displacements:
+    """A field on the refined surface.
+
+    Attributes:
+        deltas: (shapes, vertices, 3) at weight 1, bind space.
+        middles: Those of edges, beyond the mean of their ends.
+    """
+
+    deltas: Floats
+    middles: Middles
+
+
+def displaced(attached: AttachedField, fine: Refinement) -> Displacements:
+    """Carry a field to the refined surface."""
     shapes = attached.factors.shapes
-    found = np.zeros((len(shapes), len(fine.positions), 3))
-    values = fine.subdivision.interpolate(np.concatenate([shapes, attached.directions.T]).T)
-    heights, tensors = values[:, : len(shapes)], values[:, len(shapes) :]
-    greatest = heights.max(axis=1)
+    count = len(shapes)
+    values = fine.subdivision.interpolate(np.concatenate([shapes, attached.directions.T, attached.wavelengths[None]]).T)
+    greatest = values[:, :count].max(axis=1)
     faces = fine.triangles[(greatest[fine.triangles] > _LEAST * greatest.max()).any(axis=1)]
     faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
     vertices = distinct_values(faces)
-    triangles = np.searchsorted(vertices, faces)
+    values, shares = values[vertices], greatest[vertices] / greatest.max()
     positions, normals = fine.rest_positions[vertices], fine.rest_normals_at(vertices)
-    sheet = Sheet.of(positions, triangles)
-    own = np.maximum(sheet.averaging(_SMOOTH * attached.wavelength).of(heights[vertices]), 0.0)
-    own *= np.minimum(greatest[vertices] / (_LEAST * greatest.max()), 1.0)[:, None]
-    waves = _waves(attached, sheet, normals, tensors[vertices], greatest[vertices] / greatest.max())
-    inward = np.einsum("vij,vj->vi", inverses(fine.blended[vertices]), normals)
-    moves = (own * waves[:, None]).T[:, :, None] * inward
-    found[:, vertices] = moves * _lowered(attached, fine, sheet, vertices, moves)[:, None]
-    return found
+    sheet = Sheet.of(positions, np.searchsorted(vertices, faces))
+    heights = np.maximum(sheet.averaging(_SMOOTH * attached.wavelength).of(values[:, :count]), 0.0)
+    heights *= np.minimum(shares / _LEAST, 1.0)[:, None]
+    waves = _waves(attached, sheet, normals, values[:, count:], shares)
+    outward = np.einsum("vij,vj->vi", inverses(fine.blended[vertices]), normals)
+    moves = (heights * waves.heights[:, None]).T[:, :, None] * outward
+    left = _lowered(attached, fine, sheet, vertices, moves)
+    moves *= left[:, None]
+    heights *= left[:, None]
+    a, b = waves.sides.T
+    bent = (waves.middles - (waves.heights[a] + waves.heights[b]) / 2.0)[:, None] * (heights[a] + heights[b]) / 2.0
+    found = np.zeros((count, len(fine.positions), 3))
+    found[:, vertices] = moves
+    edges = Middles.numbers_of(vertices[waves.sides], fine)
+    return Displacements(found, Middles(edges, bent.T[:, :, None] * (outward[a] + outward[b]) / 2.0))
 
 
 def _lowered(attached: AttachedField, fine: Refinement, sheet: Sheet, vertices: Ints, moves: Floats) -> Floats:
@@ -81,35 +99,44 @@ def _lowered(attached: AttachedField, fine: Refinement, sheet: Sheet, vertices: 
     return left
 
 
-def _waves(attached: AttachedField, sheet: Sheet, normals: Floats, tensors: Floats, shares: Floats) -> Floats:
-    """(vertices,) heights of the waves over the half height."""
-    fabric = attached.fabric
-    least, lines, across = shortest(tensors, normals)
-    size = np.abs(tensors).max(axis=1)
+def _waves(attached: AttachedField, sheet: Sheet, normals: Floats, values: Floats, shares: Floats) -> "_Waves":
+    """The waves of a field.
+
+    Args:
+        attached: The field.
+        sheet: The refined surface at rest.
+        normals: (vertices, 3) of it.
+        values: (vertices, 7) directions as tensors, and wavelengths.
+        shares: (vertices,) parts of the greatest height.
+    """
+    fabric, places, seed = attached.fabric, sheet.positions, attached.seed
+    least, lines, across = shortest(values[:, :6], normals)
+    size = np.abs(values[:, :6]).max(axis=1)
     clear = (across - least) / np.where(size > 0, size, 1.0)
-    lines = _turned(lines, normals, _TURNS * fabric.variation * _irregular(attached, sheet.positions, "lines"))
     trust = np.clip(shares * np.clip(clear / _CLEAR, 0.05, 1.0), 0.0, 1.0)
-    wavelengths = attached.wavelength * np.exp(fabric.variation * _irregular(attached, sheet.positions, "lengths"))
-    sides = Sides.of(sheet.positions, sheet.triangles, normals, lines, wavelengths)
-    psi = phases(sides, sheet.positions, sheet.triangles, trust, attached.wavelength, seed=attached.seed)
+    varied = (attached.wavelength, attached.variation, seed)
+    lines = irregular.turned(lines, normals, places, *varied)
+    wavelengths = values[:, 6] * irregular.lengthened(places, *varied)
+    sides = Sides.of(places, sheet.triangles, normals, lines, wavelengths)
+    psi = phases(sides, places, sheet.triangles, trust, attached.wavelength, seed=seed)
+    uneven = irregular.raised(places, *varied)
+    return _Waves(
+        uneven * _height(fabric, psi), sides.ends, uneven[sides.ends].mean(axis=1) * _height(fabric, sides.middles(psi))
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Waves:
+    """Heights of waves over the half height: at (vertices,) and at the middles of (sides, 2) sides."""
+
+    heights: Floats
+    sides: Ints
+    middles: Floats
+
+
+def _height(fabric: Fabric, psi: Floats) -> Floats:
+    """(n,) heights of waves over the half height, at (n, 2) ψ; level with their mean at forks."""
     length = np.linalg.norm(psi, axis=1)
     waves = fabric.wave(psi[:, 0] / np.where(length > 0, length, 1.0))
     level = np.clip(length / _FORK, 0.0, 1.0)
-    uneven = np.exp(_UNEVEN * fabric.variation * _irregular(attached, sheet.positions, "heights") - 0.0)
-    return np.asarray(uneven * (level * waves + (1.0 - level) * fabric.mean))
-
-
-def _turned(lines: Floats, normals: Floats, angles: Floats) -> Floats:
-    """(vertices, 3) unit lines in the planes of (vertices, 3) normals, turned by (vertices,) radians."""
-    cosine, sine = np.cos(angles)[:, None], np.sin(angles)[:, None]
-    return cosine * lines + sine * np.cross(normals, lines)
-
-
-def _irregular(attached: AttachedField, positions: Floats, what: str) -> Floats:
-    """(vertices,) smooth random numbers at (vertices, 3) places, about from -2 to 2, for meshes however fine."""
-    ways = drawn(attached.seed, f"ways of {what}", _WAVES, 3)
-    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
-    lengths = attached.wavelength * np.linspace(_SHORTEST, _LONGEST, _WAVES)
-    turns = np.pi * drawn(attached.seed, f"turns of {what}", _WAVES)
-    waves = np.cos(2.0 * np.pi * (positions @ (ways / lengths[:, None]).T) + turns)
-    return np.asarray(waves.sum(axis=1) * np.sqrt(2.0 / _WAVES))
+    return np.asarray(level * waves + (1.0 - level) * fabric.mean)

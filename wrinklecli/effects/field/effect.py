@@ -9,42 +9,35 @@ from wrinklecli.effects.body import body_effect, body_summary, moves_at_rest
 from wrinklecli.effects.effect import Effect, MeshPlan, Seen
 from wrinklecli.effects.field.attach import AttachedField
 from wrinklecli.effects.field.factors import weights_of
-from wrinklecli.effects.shapes import Sample, make_shapes
+from wrinklecli.effects.shapes import Middles, Sample, make_shapes
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Floats, significant
+from wrinklecli.numeric.arrays import Floats, distinct_values, significant
 from wrinklecli.tools.fields import Field
 
 (SECTION,) = Field.sections
 """The key of extras and report under which fields stand."""
 
 
-def field_effect(plan: MeshPlan, attached: AttachedField, deltas: Floats) -> Effect:
+def field_effect(plan: MeshPlan, attached: AttachedField, deltas: Floats, middles: Middles) -> Effect:
     """The effect of a field with (targets, fine vertices, 3) displacements at weight 1, bind space."""
     vertices, moves = moves_at_rest(plan.fine.blended, deltas)
     sweeps, factors = attached.sweeps, attached.factors
     weights = weights_of(sweeps, factors.turns, factors.tables, sweeps.angles)
-    # Normals are right where each turn is farthest, one way and the other, and where several are.
-    rows = [row for number in range(len(sweeps.turns)) for row in _farthest(sweeps.owners, sweeps.angles, number)]
-    rows += np.flatnonzero(sweeps.owners < 0)[:4].tolist()
+    # Normals are right where each shape has its greatest weight, where each turn is farthest, and in mixtures.
+    rows = distinct_values(np.concatenate([np.argmax(weights, axis=0), sweeps.ends, np.flatnonzero(sweeps.owners < 0)]))
     morphs = plan.rest.morph_weights
     shapes = make_shapes(
         plan.fine,
         vertices,
         deltas[:, vertices],
         tallest=np.sqrt(np.sum(moves**2, axis=2)).max(axis=1, initial=0.0),
-        samples=[Sample(weights[row], Pose(sweeps.matrices[row], morphs)) for row in rows] if plan.has_normals else [],
+        samples=[Sample(weights[row], Pose(sweeps.matrices[row], morphs)) for row in rows.tolist()]
+        if plan.has_normals
+        else [],
+        middles=middles,
     )
     return body_effect(SECTION, attached, shapes, FieldWords(attached, deltas))
-
-
-def _farthest(owners: Floats, angles: Floats, number: int) -> list[int]:
-    """The poses in which a turn is farthest each way."""
-    own = np.flatnonzero(owners == number)
-    if not len(own):
-        return []
-    ends = {int(own[np.argmin(angles[own, number])]), int(own[np.argmax(angles[own, number])])}
-    return sorted(row for row in ends if angles[row, number])
 
 
 @dataclass(frozen=True, slots=True)

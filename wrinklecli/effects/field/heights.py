@@ -26,7 +26,7 @@ _DIRECTIONS = 1.5
 # Greatest slope of a wrinkle in the pose that engines show, beyond which its flanks overhang.
 _STEEPEST = 1.3
 # Height over the concave radius of the pose, above which opposite flanks of a crease meet.
-_IN_CREASE = 0.5
+_IN_CREASE = 0.8
 # Length over which heights fade at hems, in wavelengths.
 _HEM = 0.6
 
@@ -53,6 +53,7 @@ def measure(
     matrices: Floats,
     *,
     wavelength: float,
+    wavelengths: Floats,
     slack: float,
     allowed: Floats,
 ) -> Heights:
@@ -64,7 +65,8 @@ def measure(
         joints: (vertices, influences) numbers of joints.
         weights: (vertices, influences) skin weights.
         matrices: Bind to world space.
-        wavelength: At rest, scene units.
+        wavelength: The typical one at rest, scene units.
+        wavelengths: (vertices,) those of places.
         slack: Compression that makes no fold.
         allowed: (vertices,) from 0 to 1, factors of the height.
     """
@@ -78,9 +80,9 @@ def measure(
         least, direction, across = shortest(strain, normals)
         # What shrinks alike in all directions has none in which it would fold.
         lost = np.clip(1.0 - np.exp(least - np.minimum(across, 0.0)) - slack, 0.0, 0.5)
-        height = wavelength / np.pi * np.sqrt(lost * (1.0 - lost))
+        height = wavelengths / np.pi * np.sqrt(lost * (1.0 - lost))
         if height.any():
-            height = np.minimum(height, _room(sheet, rest, joints, weights, pose, gauges, fine, direction, wavelength))
+            height = np.minimum(height, _room(sheet, rest, joints, weights, pose, gauges, fine, direction, wavelengths))
             height = np.maximum(fine.of(height), 0.0) * allowed
         found.append(height)
         strains.append(strain)
@@ -99,7 +101,7 @@ def _room(
     gauges: Gauges,
     fine: Average,
     direction: Floats,
-    wavelength: float,
+    wavelengths: Floats,
 ) -> Floats:
     """(vertices,) half heights for which there is room in a pose as engines show it: by slope, and in its creases."""
     blended = np.einsum("vk,vkab->vab", weights, pose[:, :3][joints])
@@ -109,8 +111,8 @@ def _room(
     posed = Sheet.of(shown, sheet.triangles)
     bend = -np.sum((posed.stiffness @ shown) * vertex_normals(shown, sheet.triangles), axis=1) / posed.areas
     concave = fine.of(np.maximum(bend, 0.0))
-    steep = _STEEPEST * wavelength * stretch / (2.0 * np.pi)
-    return np.minimum(steep, _IN_CREASE / np.maximum(concave, _IN_CREASE / (10.0 * wavelength)))
+    steep = _STEEPEST * wavelengths * stretch / (2.0 * np.pi)
+    return np.minimum(steep, _IN_CREASE / np.maximum(concave, _IN_CREASE / (10.0 * wavelengths)))
 
 
 def _drawn_out(sheet: Sheet, normals: Floats, directions: Floats, heights: Floats, wavelength: float) -> Floats:

@@ -10,6 +10,7 @@ from wrinklecli.effects.effect import Effect, EffectKind, MeshPlan
 from wrinklecli.effects.field.attach import AttachedField, attach_fields
 from wrinklecli.effects.field.carry import displaced
 from wrinklecli.effects.field.effect import SECTION, FieldWords, field_effect
+from wrinklecli.effects.shapes import Middles
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats
@@ -20,7 +21,9 @@ from wrinklecli.tools.records import EffectTool, ToolsFile
 
 @dataclass(frozen=True, slots=True)
 class FieldLayer(BodyLayer[AttachedField]):
-    """The fields of a mesh."""
+    """The fields of a mesh; `middles` has those of the edges of each."""
+
+    middles: tuple[Middles, ...] = ()
 
     section: ClassVar[str] = SECTION
 
@@ -29,7 +32,8 @@ class FieldLayer(BodyLayer[AttachedField]):
         """Let the refined surface carry them, each with the number of its region."""
         pairs = list(numbered)
         regions, every = tuple(number for number, _ in pairs), tuple(each for _, each in pairs)
-        return cls(every, regions, tuple(displaced(each, plan.fine) for each in every))
+        found = [displaced(each, plan.fine) for each in every]
+        return cls(every, regions, tuple(each.deltas for each in found), tuple(each.middles for each in found))
 
     @property
     def named_clips(self) -> frozenset[str]:
@@ -47,7 +51,7 @@ class FieldLayer(BodyLayer[AttachedField]):
 
     def effect(self, plan: MeshPlan, attached: AttachedField, deltas: Floats) -> Effect:
         """The effect of one field."""
-        return field_effect(plan, attached, deltas)
+        return field_effect(plan, attached, deltas, self.middles[self.attached.index(attached)])
 
     def warnings(self, _plan: MeshPlan, clips: Sequence[Clip]) -> list[str]:
         """A line if there is no clip."""

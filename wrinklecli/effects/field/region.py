@@ -15,7 +15,7 @@ from wrinklecli.surface.rest import Rest
 # Part of the greatest height from which on edges are as short as wrinkles ask; they may be longer where it is lower.
 _WHOLE = 0.3
 # Length along a crest over that across it of edges that show it as well.
-_SLENDER = 2.0
+_SLENDER = 1.6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,7 +28,7 @@ class FieldRegion(SmoothRegion):
         height: Greatest displacement, scene units.
         shares: (vertices,) parts of it in any pose.
         lines: (vertices, 3) unit directions across the crests, without signs.
-        wavelength: At rest, scene units.
+        wavelengths: (vertices,) at rest, scene units.
         tree: Finds nearest points on the members.
     """
 
@@ -37,7 +37,7 @@ class FieldRegion(SmoothRegion):
     height: float
     shares: Floats
     lines: Floats
-    wavelength: float
+    wavelengths: Floats
     tree: Tree
 
     intervals: ClassVar[float] = 1.0
@@ -45,15 +45,15 @@ class FieldRegion(SmoothRegion):
 
     @property
     def half_width(self) -> float:
-        """A wavelength."""
-        return self.wavelength
+        """The longest wavelength."""
+        return float(self.wavelengths.max())
 
     @property
     def path(self) -> Straight:
         """A line of a wavelength at the first member: a field has no path."""
         place = self.pose.positions[self.pose.triangles[self.members[0]]]
         along, normal = unit(place[1] - place[0]), unit(np.cross(place[1] - place[0], place[2] - place[0]))
-        return Straight(place[0], along, normal, self.wavelength)
+        return Straight(place[0], along, normal, self.half_width)
 
     def coordinates(self, positions: Floats) -> tuple[Floats, Floats]:
         """(…,) halves, and 1 less the parts of the greatest height at the nearest places to (…, 3) world positions."""
@@ -74,16 +74,17 @@ class FieldRegion(SmoothRegion):
         ends = level.edges[edges]
         used, at = np.unique(ends, return_inverse=True)
         at = at.reshape(-1, 2)
-        places, lines, shares = (
-            level.of_vertices(used, each) for each in (self.pose.positions, _tensors(self.lines), self.shares[:, None])
+        coarse = np.concatenate(
+            [self.pose.positions, _tensors(self.lines), self.shares[:, None], self.wavelengths[:, None]], axis=1
         )
+        places, lines, shares, wavelengths = np.split(level.of_vertices(used, coarse), [3, 12, 13], axis=1)
         way = places[at[:, 1]] - places[at[:, 0]]
         line = lines[at].mean(axis=1)
         # The part across the crests, and a share of the whole.
         squared = np.maximum(np.einsum("ei,eij,ej->e", way, line.reshape(-1, 3, 3), way), 0.0)
         length = np.sqrt(np.maximum(squared, np.sum(way**2, axis=1) / _SLENDER**2))
         share = shares[at, 0].max(axis=1)
-        return np.asarray(2.0 * length / self.wavelength * np.minimum(share / _WHOLE, 1.0) ** 0.5)
+        return np.asarray(2.0 * length / wavelengths[at, 0].mean(axis=1) * np.minimum(share / _WHOLE, 1.0) ** 0.5)
 
 
 def _tensors(lines: Floats) -> Floats:

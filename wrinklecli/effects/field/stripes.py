@@ -57,6 +57,14 @@ class Sides:
         ]
         return cls(ends, weights, np.pi * (steps[0] + steps[1]), signs)
 
+    def middles(self, psi: Floats) -> Floats:
+        """(sides, 2) ψ halfway along the sides, from (vertices, 2): the mean of both ends, turned half of the way."""
+        (a, b), half = self.ends.T, self.turns / 2.0
+        cosine, sine = np.cos(half), np.sin(half)
+        (p, q), (r, s) = psi[a].T, psi[b].T
+        s = self.signs * s
+        return np.stack([cosine * (p + r) + sine * (s - q), cosine * (q + s) + sine * (p - r)], axis=1) / 2.0
+
 
 def _within(ways: Floats, normals: Floats, lines: Floats) -> Floats:
     """(sides,) parts along lines of (sides, 3) ways that are turned into the planes of normals at their length."""

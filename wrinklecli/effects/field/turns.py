@@ -16,7 +16,7 @@ from wrinklecli.character.range_of_motion import TELLING, range_of_motion
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.angle import JointAngle
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, unit, unit_quaternions
+from wrinklecli.numeric.arrays import Floats, Ints, unit, unit_quaternions
 from wrinklecli.numeric.drawn import drawn
 from wrinklecli.surface.ground import Ground
 
@@ -141,7 +141,7 @@ class Sweeps:
 
     turns: tuple[Turn, ...]
     angles: Floats
-    owners: Floats
+    owners: Ints
     matrices: Floats
 
     @classmethod
@@ -159,6 +159,16 @@ class Sweeps:
         owners += [-1] * _MIXTURES
         angles = np.array(rows).reshape(-1, len(turns))
         return cls(tuple(turns), angles, np.array(owners), np.stack([_matrices(rig, turns, each) for each in angles]))
+
+    @property
+    def ends(self) -> Ints:
+        """(poses,) the poses in which a turn is farthest, one way or the other."""
+        own = np.flatnonzero(self.owners >= 0)
+        angles = self.angles[own, self.owners[own]]
+        least, most = (
+            np.array([end(turn.angles) for turn in self.turns])[self.owners[own]] for end in (np.min, np.max)
+        )
+        return np.asarray(own[(angles == least) | (angles == most)])
 
 
 def _matrices(rig: Rig, turns: Sequence[Turn], angles: Floats) -> Floats:
