@@ -81,9 +81,27 @@ def hard_edges(surface: Surface, positions: Floats, regions: Sequence[Region]) -
 
     Angles are those of (vertices, 3) positions in bind space.
     """
-    count = len(surface.positions)
     members = members_of(regions, len(surface.triangles))
-    faces = np.flatnonzero(two_rings(members, surface.triangles, count))
+    faces = np.flatnonzero(two_rings(members, surface.triangles, len(surface.positions)))
+    edges, hard = _hard_among(surface, positions, faces)
+    of_regions = [distinct_values(edges.of_faces[children(faces, region.members)]) for region in regions]
+    shares = np.array([hard[each].mean() for each in of_regions])
+    for number in np.flatnonzero(shares > FACETED):
+        hard[of_regions[number]] = True
+    return HardEdges(edges.vertices[hard], shares)
+
+
+def hard_shares(surface: Surface, positions: Floats) -> Floats:
+    """(vertices,) the part of each one's edges that are hard; angles are those of (vertices, 3) bind positions."""
+    edges, hard = _hard_among(surface, positions, np.arange(len(surface.triangles)))
+    count = len(surface.positions)
+    every = np.bincount(edges.vertices.reshape(-1), minlength=count)
+    found = np.bincount(edges.vertices[hard].reshape(-1), minlength=count)
+    return np.asarray(found / np.maximum(every, 1))
+
+
+def _hard_among(surface: Surface, positions: Floats, faces: Ints) -> tuple[Edges, Bools]:
+    """The edges of some faces, and (edges,) True for those that are hard."""
     triangles = surface.triangles[faces]
     edges = Edges.of(triangles)
     hard = np.zeros(len(edges.vertices), np.bool_)
@@ -94,12 +112,7 @@ def hard_edges(surface: Surface, positions: Floats, regions: Sequence[Region]) -
     flat = unit(face_normals(positions, triangles))
     cosines = edges.way * np.sum(flat[edges.one // 3] * flat[edges.other // 3], axis=1)
     hard[edges.pairs] |= (cosines < SHARP) | normals_differ(authored, edges)
-
-    of_regions = [distinct_values(edges.of_faces[children(faces, region.members)]) for region in regions]
-    shares = np.array([hard[each].mean() for each in of_regions])
-    for number in np.flatnonzero(shares > FACETED):
-        hard[of_regions[number]] = True
-    return HardEdges(edges.vertices[hard], shares)
+    return edges, hard
 
 
 def normals_differ(authored: Floats, edges: Edges) -> Bools:

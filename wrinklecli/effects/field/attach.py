@@ -10,19 +10,21 @@ from wrinklecli.drive.turned import TurnDrive
 from wrinklecli.effects.attached import WithoutSegment
 from wrinklecli.effects.field.compression import shortest, solid
 from wrinklecli.effects.field.factors import Factors, factors_of
-from wrinklecli.effects.field.heights import measure, near_hems
+from wrinklecli.effects.field.heights import measure
 from wrinklecli.effects.field.irregular import turned
 from wrinklecli.effects.field.material import FABRICS, Fabric
 from wrinklecli.effects.field.region import FieldRegion
 from wrinklecli.effects.field.turns import Sweeps, turns_of
 from wrinklecli.errors import BakeError, WrinkleError, listed, nearest
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, Ints, weighted_quantiles
-from wrinklecli.numeric.closest import Tree
+from wrinklecli.numeric.arrays import Floats, Ints, smoothstep, weighted_quantiles
+from wrinklecli.numeric.closest import Tree, nearest_of
 from wrinklecli.numeric.laplacian import Sheet
 from wrinklecli.surface.bones import BoneLines
+from wrinklecli.surface.features import cut_at_features
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.mask import read_mask
+from wrinklecli.surface.rounding import FACETED, hard_shares
 from wrinklecli.tools.fields import Field
 from wrinklecli.tools.records import Length
 
@@ -32,6 +34,10 @@ _LEAST_BENT = 1e-3
 _MOST_SHAPES = 24
 # Length over which the girth of limbs is averaged, in wavelengths, and least and greatest ratio to the typical one.
 _GIRTHS, _THINNEST, _THICKEST = 2.0, 0.2, 3.0
+# Length over which heights fade at features, in wavelengths.
+_FADE = 0.6
+# Numbers of each vertex and pose that are held at once.
+_HELD = 4
 # Part of the greatest height below which nothing is seen.
 _LEAST_SEEN = 0.02
 
@@ -123,6 +129,8 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
         raise BakeError("no joint of its mesh turns", where=where)
     seed = tool.name if tool.seed is None else str(tool.seed)
     sweeps = Sweeps.of(ground.rig, turns, seed=seed)
+    poses = len(sweeps.angles)
+    ground.document.memory.check(_HELD * 8 * poses * len(rest.positions), f"heights in {poses} poses", where=where)
     allowed = _allowed(tool, ground, members, sheet, wavelength)
     measured = measure(
         sheet,
@@ -184,7 +192,7 @@ def _joints(tool: Field, ground: Ground) -> list[int]:
     """
     rig = ground.rig
     areas, _ = bent_areas(ground.document, [rig])
-    bending = np.flatnonzero(areas > _LEAST_BENT * areas.max(initial=0.0)).tolist()
+    bending = [node for node in np.argsort(-areas, kind="stable").tolist() if areas[node] > _LEAST_BENT * areas.max()]
     if tool.joints == "all":
         return bending
     known = {rig.names[node]: node for node in bending}
@@ -238,15 +246,26 @@ def _depths(ground: Ground, sheet: Sheet) -> Floats:
 
 
 def _allowed(tool: Field, ground: Ground, members: Ints, sheet: Sheet, wavelength: float) -> Floats:
-    """(vertices,) factors of the heights: by its mask, and near open borders.
+    """(vertices,) factors of the heights: by its mask, at features, and where the surface is faceted.
 
     Raises:
-        BakeError: The mask leaves nothing.
+        BakeError: Nothing is left.
     """
-    found = near_hems(sheet, wavelength) if tool.stops == "features" else np.ones(len(sheet.positions))
+    surface, name = ground.surface, ground.rig.names[ground.rig.node]
+    found = np.ones(len(sheet.positions))
+    if tool.stops == "features":
+        # Half of a vertex's edges are hard where the mesh is meant to be faceted; along a crease it is a third.
+        found *= np.clip(2.0 - 2.0 / FACETED * hard_shares(surface, ground.rest.bind_positions), 0.0, 1.0)
+        if not found.any():
+            raise BakeError(f"{name} is faceted: a field needs a smooth surface with normals", where=tool.where)
+        ends = cut_at_features(ground, members, wavelength).features
+        if len(ends):
+            places = sheet.positions[ends]
+            near, _ = nearest_of(np.concatenate([places[:, 0], places.mean(axis=1), places[:, 1]]), sheet.positions)
+            found *= smoothstep(np.minimum(near / (_FADE * wavelength), 1.0))
     mask = read_mask(tool, ground, members)
     if mask is not None:
-        found = found * mask.welded(ground.surface.weld, len(found))
+        found *= mask.welded(surface.weld, len(found))
         if not found.any():
             raise BakeError(f"the mask leaves nothing of {tool.name}", where=tool.place("mask"))
     return found

@@ -15,6 +15,8 @@ from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, face_normal
 from wrinklecli.numeric.laplacian import Sheet
 from wrinklecli.surface.refine import Refinement
 
+# Replaces a divisor of 0.
+_TINY = 1e-300
 # Part of the greatest height below which a place has no phase.
 _LEAST = 0.01
 # Length of ψ below which waves level out: it is 0 at a fork, and 1 half a wavelength beside it.
@@ -38,14 +40,16 @@ class Displacements:
     Attributes:
         deltas: (shapes, vertices, 3) at weight 1, bind space.
         middles: Those of edges, beyond the mean of their ends.
+        shares: (vertices,) parts of the greatest height, without waves, which later fields leave to it.
     """
 
     deltas: Floats
     middles: Middles
+    shares: Floats
 
 
-def displaced(attached: AttachedField, fine: Refinement) -> Displacements:
-    """Carry a field to the refined surface."""
+def displaced(attached: AttachedField, fine: Refinement, free: Floats) -> Displacements:
+    """Carry a field to the refined surface, of which tools leave it (fine vertices,) parts from 0 to 1."""
     shapes = attached.factors.shapes
     count = len(shapes)
     values = fine.subdivision.interpolate(np.concatenate([shapes, attached.directions.T, attached.wavelengths[None]]).T)
@@ -57,7 +61,7 @@ def displaced(attached: AttachedField, fine: Refinement) -> Displacements:
     positions, normals = fine.rest_positions[vertices], fine.rest_normals_at(vertices)
     sheet = Sheet.of(positions, np.searchsorted(vertices, faces))
     heights = np.maximum(sheet.averaging(_SMOOTH * attached.wavelength).of(values[:, :count]), 0.0)
-    heights *= np.minimum(shares / _LEAST, 1.0)[:, None]
+    heights *= (free[vertices] * np.minimum(shares / _LEAST, 1.0))[:, None]
     waves = _waves(attached, sheet, normals, values[:, count:], shares)
     outward = np.einsum("vij,vj->vi", inverses(fine.blended[vertices]), normals)
     moves = (heights * waves.heights[:, None]).T[:, :, None] * outward
@@ -69,7 +73,9 @@ def displaced(attached: AttachedField, fine: Refinement) -> Displacements:
     found = np.zeros((count, len(fine.positions), 3))
     found[:, vertices] = moves
     edges = Middles.numbers_of(vertices[waves.sides], fine)
-    return Displacements(found, Middles(edges, bent.T[:, :, None] * (outward[a] + outward[b]) / 2.0))
+    covered = np.zeros(len(free))
+    covered[vertices] = np.minimum(heights.max(axis=1) / heights.max(initial=_TINY), 1.0)
+    return Displacements(found, Middles(edges, bent.T[:, :, None] * (outward[a] + outward[b]) / 2.0), covered)
 
 
 def _lowered(attached: AttachedField, fine: Refinement, sheet: Sheet, vertices: Ints, moves: Floats) -> Floats:

@@ -12,7 +12,6 @@ from wrinklecli.character.pose import transform
 from wrinklecli.effects.field.compression import Gauges, along, posed_rigidly, rigid_parts, shortest
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, vertex_normals
-from wrinklecli.numeric.closest import nearest_of
 from wrinklecli.numeric.laplacian import Average, Sheet
 from wrinklecli.surface.rest import Rest
 
@@ -27,8 +26,6 @@ _DIRECTIONS = 1.5
 _STEEPEST = 1.3
 # Height over the concave radius of the pose, above which opposite flanks of a crease meet.
 _IN_CREASE = 0.8
-# Length over which heights fade at hems, in wavelengths.
-_HEM = 0.6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,8 +70,8 @@ def measure(
     normals = rest.normals
     gauges = Gauges.of(sheet.positions, sheet.triangles)
     smooth, fine = sheet.averaging(_STRAIN * wavelength), sheet.averaging(_LIMITS * wavelength)
-    found, strains = [], []
-    for pose in matrices:
+    found, total = np.zeros((len(matrices), len(sheet.positions))), np.zeros((len(sheet.positions), 6))
+    for row, pose in zip(found, matrices, strict=True):
         moved = posed_rigidly(sheet.positions, joints, weights, rigid_parts(pose, rest.matrices))
         strain = smooth.of_integrals(sheet.to_vertices(gauges.strains(moved)))
         least, direction, across = shortest(strain, normals)
@@ -84,12 +81,10 @@ def measure(
         if height.any():
             height = np.minimum(height, _room(sheet, rest, joints, weights, pose, gauges, fine, direction, wavelengths))
             height = np.maximum(fine.of(height), 0.0) * allowed
-        found.append(height)
-        strains.append(strain)
-    heights = np.stack(found)
-    total = np.einsum("pv,pvt->vt", heights**2, np.stack(strains)) / max(float(heights.max()) ** 2, 1e-300)
+        row += height
+        total += (height**2)[:, None] * strain
     directions = sheet.averaging(_DIRECTIONS * wavelength).of(total)
-    return Heights(_drawn_out(sheet, normals, directions, heights, wavelength) * allowed, directions)
+    return Heights(_drawn_out(sheet, normals, directions, found, wavelength) * allowed, directions)
 
 
 def _room(
@@ -149,12 +144,3 @@ def _anisotropic(sheet: Sheet, across: Floats) -> Any:
     rows, columns = np.repeat(triangles, 3, axis=1), np.tile(triangles, (1, 3))
     shape = (len(places), len(places))
     return sparse.csr_array((values.reshape(-1), (rows.reshape(-1), columns.reshape(-1))), shape=shape)
-
-
-def near_hems(sheet: Sheet, wavelength: float) -> Floats:
-    """(vertices,) factors that fade to 0 at open borders."""
-    hems = sheet.hems
-    if not hems.any():
-        return np.ones(len(sheet.positions))
-    distances, _ = nearest_of(sheet.positions[hems], sheet.positions)
-    return np.clip(distances / (_HEM * wavelength), 0.0, 1.0)

@@ -3,6 +3,8 @@
 from collections.abc import Iterable, Sequence
 from typing import ClassVar
 
+import numpy as np
+
 from wrinklecli.character.clip import Clip
 from wrinklecli.effects.attached import AnyAttached
 from wrinklecli.effects.body import BodyLayer
@@ -32,7 +34,11 @@ class FieldLayer(BodyLayer[AttachedField]):
         """Let the refined surface carry them, each with the number of its region."""
         pairs = list(numbered)
         regions, every = tuple(number for number, _ in pairs), tuple(each for _, each in pairs)
-        found = [displaced(each, plan.fine) for each in every]
+        free, found = _free(plan), []
+        for each in every:
+            made = displaced(each, plan.fine, free)
+            free = free * (1.0 - made.shares)
+            found.append(made)
         return cls(every, regions, tuple(each.deltas for each in found), tuple(each.middles for each in found))
 
     @property
@@ -57,6 +63,14 @@ class FieldLayer(BodyLayer[AttachedField]):
         """A line if there is no clip."""
         names = ", ".join(each.tool.name for each in self.attached)
         return [] if clips else [f"{names}: there is no clip: fields fold only in a player with a driver"]
+
+
+def _free(plan: MeshPlan) -> Floats:
+    """(fine vertices,) what tools before fields leave to these: a tool is by hand, so a field fades under it."""
+    found = np.ones(len(plan.fine.positions))
+    for part in (each for each in plan.parts if each.attached.moves is None):
+        found[part.vertices] *= 1.0 - part.shares
+    return found
 
 
 class FieldKind(EffectKind):

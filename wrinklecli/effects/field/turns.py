@@ -27,6 +27,8 @@ _LEAST = float(np.radians(12.0))
 _STEP = float(np.radians(20.0))
 # Least steps to a side on which a joint turns at all.
 _LEAST_STEPS = 3
+# Most turns, those of the joints that bend the most: a body in clothes has twenty that fold them.
+_MOST = 32
 # Poses in which all joints turn at once, and the share of them in which each turns as far as it can.
 _MIXTURES = 12
 _EXTREMES = 4
@@ -50,7 +52,7 @@ class Turn:
 
 
 def turns_of(ground: Ground, moving: Sequence[int]) -> list[Turn]:
-    """The turns of some nodes of a character, each about up to three axes."""
+    """The turns of some nodes of a character, each about up to three axes; those that bend the most first."""
     shown = {node: _shown(ground.rig, node, ground.clips) for node in moving if "rotation" in ground.rig.locals[node]}
     told = any(np.abs(vectors).max(initial=0.0) >= np.radians(TELLING) for vectors in shown.values())
     usual = {} if told else _usual(ground)
@@ -62,7 +64,7 @@ def turns_of(ground: Ground, moving: Sequence[int]) -> list[Turn]:
                 axis, least, most = -axis, -most, -least
             if most >= _LEAST:
                 found.append(Turn(JointAngle(node, parent, unit(axis), stored), _steps(least, most)))
-    return found
+    return found[:_MOST]
 
 
 def _principal(vectors: Floats) -> list[tuple[Floats, tuple[float, float]]]:
