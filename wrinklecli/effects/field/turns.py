@@ -1,19 +1,22 @@
 """The turns of joints that fold a garment: the axes about which each turns, how far, and the poses that show it.
 
 Joints turn as far as clips turn them, about the principal axes of their turns there: a knee has one, a hip three. Where
-no clip turns any joint much, they turn about their own axes, as far as `character.range_of_motion` lets them.
+no clip turns any joint much, they turn about their own axes, as far as `character.range_of_motion` lets them; the
+limbs and the trunk of a body turn as people do.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from wrinklecli.character.bones import read_bones
 from wrinklecli.character.clip import Channel, Clip
 from wrinklecli.character.motion import motion_clip, quaternion_product, turned_axis, turning
-from wrinklecli.character.pose import joint_matrices
+from wrinklecli.character.pose import joint_matrices, node_matrices, stored_positions
 from wrinklecli.character.range_of_motion import TELLING, range_of_motion
 from wrinklecli.character.rig import Rig
+from wrinklecli.choices import Part
 from wrinklecli.drive.angle import JointAngle
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, unit, unit_quaternions
@@ -29,9 +32,23 @@ _STEP = float(np.radians(20.0))
 _LEAST_STEPS = 3
 # Most turns, those of the joints that bend the most: a body in clothes has twenty that fold them.
 _MOST = 32
-# Poses in which all joints turn at once, and the share of them in which each turns as far as it can.
-_MIXTURES = 12
-_EXTREMES = 4
+# Poses in which joints turn at once, those of them in which each that does turns as far as it can, and joints that do,
+# in the mean: a body moves a few at a time.
+_MIXTURES, _EXTREMES, _TOGETHER = 12, 4, 4.0
+# Degrees by which parts swing back and ahead, to both sides, and twist where no clip says so: about what people do in
+# everyday motion. Other parts turn about their own axes.
+_TRUNK = ((-15.0, 35.0), (-20.0, 20.0), (-20.0, 20.0))
+_RANGES: Mapping[Part | None, Sequence[tuple[float, float]]] = {
+    "upper leg": ((-25.0, 95.0), (-30.0, 30.0), (-25.0, 25.0)),
+    "lower leg": ((-120.0, 0.0), (0.0, 0.0), (0.0, 0.0)),
+    "upper arm": ((-40.0, 80.0), (-70.0, 70.0), (-40.0, 40.0)),
+    "lower arm": ((0.0, 125.0), (0.0, 0.0), (-45.0, 45.0)),
+    "spine": _TRUNK,
+    "chest": _TRUNK,
+    "shoulder": ((-15.0, 15.0), (-20.0, 20.0), (0.0, 0.0)),
+}
+# Sine of the least angle between a bone and the way ahead at which it swings ahead.
+_LEAST_ACROSS = 0.3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,7 +72,7 @@ def turns_of(ground: Ground, moving: Sequence[int]) -> list[Turn]:
     """The turns of some nodes of a character, each about up to three axes; those that bend the most first."""
     shown = {node: _shown(ground.rig, node, ground.clips) for node in moving if "rotation" in ground.rig.locals[node]}
     told = any(np.abs(vectors).max(initial=0.0) >= np.radians(TELLING) for vectors in shown.values())
-    usual = {} if told else _usual(ground)
+    usual = {} if told else _usual(ground) | _anatomical(ground)
     found = []
     for node, vectors in shown.items():
         stored, parent = unit_quaternions(ground.rig.locals[node]["rotation"]), int(ground.rig.parents[node])
@@ -121,6 +138,30 @@ def _usual(ground: Ground) -> dict[int, list[tuple[Floats, tuple[float, float]]]
     }
 
 
+def _anatomical(ground: Ground) -> dict[int, list[tuple[Floats, tuple[float, float]]]]:
+    """Those of the parts of a body, about axes by which a bone swings ahead, to the side, and twists."""
+    rig, bones, found = ground.rig, read_bones(ground.document), {}
+    for node in rig.joints.tolist():
+        part, below = bones.parts[node], np.flatnonzero(rig.parents == node)
+        if part not in _RANGES or not len(below):
+            continue
+        places = stored_positions(rig, [node, *below.tolist()])
+        # The bone runs to the joint that is farthest: twist bones hang beside it.
+        ends = places[1:] - places[0]
+        bone = unit(ends[np.argmax(np.sum(ends**2, axis=1))])
+        swing = np.cross(bone, bones.ahead)
+        if np.linalg.norm(swing) < _LEAST_ACROSS:
+            continue
+        axes = np.stack([unit(swing), unit(np.cross(bone, unit(swing))), bone])
+        parent = int(rig.parents[node])
+        world = np.eye(4) if parent < 0 else node_matrices(rig, None, np.zeros(1), [parent])[0, 0]
+        own = unit(axes @ np.linalg.pinv(world[:3, :3]).T)
+        found[node] = [
+            (axis, (np.radians(low), np.radians(high))) for axis, (low, high) in zip(own, _RANGES[part], strict=True)
+        ]
+    return found
+
+
 def _steps(least: float, most: float) -> Floats:
     """Sorted angles from the least to the greatest, with 0."""
     up = np.linspace(0.0, most, max(_LEAST_STEPS, int(np.ceil(most / _STEP))) + 1)
@@ -157,7 +198,8 @@ class Sweeps:
         least, most = (np.array([end(turn.angles) for turn in turns]) for end in (np.min, np.max))
         shares = (drawn(seed, "mixtures", _MIXTURES, len(turns)) + 1.0) / 2.0
         shares[:_EXTREMES] = np.rint(shares[:_EXTREMES])
-        rows += list(least + shares * (most - least))
+        turning = (drawn(seed, "turning", _MIXTURES, len(turns)) + 1.0) / 2.0 < _TOGETHER / len(turns)
+        rows += list(np.where(turning, least + shares * (most - least), 0.0))
         owners += [-1] * _MIXTURES
         angles = np.array(rows).reshape(-1, len(turns))
         return cls(tuple(turns), angles, np.array(owners), np.stack([_matrices(rig, turns, each) for each in angles]))
