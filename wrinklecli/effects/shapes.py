@@ -192,9 +192,14 @@ def _fit_normals(
         for shape, weight in sample.beneath:
             _, rows, others = np.intersect1d(touched, shape.normal_vertices, assume_unique=True, return_indices=True)
             wanted[number, rows] -= weight * shape.normal_deltas[others]
-    leverage = cosines**4
-    normal = np.einsum("fv,fs,ft->vst", leverage, weights, weights)
-    right = np.einsum("fv,fs,fvx->vsx", leverage, weights, wanted)
+    normal = np.zeros((len(touched), len(deltas), len(deltas)))
+    right = np.zeros((len(touched), len(deltas), 3))
+    # Sample by sample, as few of many shapes act in each.
+    for leverage, row, want in zip(cosines**4, weights, wanted, strict=True):
+        acting = np.flatnonzero(row)
+        own = leverage[:, None] * row[acting]
+        normal[:, acting[:, None], acting] += own[:, :, None] * row[acting]
+        right[:, acting] += own[:, :, None] * want[:, None]
     # Shapes that hardly act in any sample get no normals instead of huge ones.
     ridge = 1e-9 * np.trace(normal, axis1=1, axis2=2).max(initial=0.0) + 1e-30
     fitted = np.linalg.solve(normal + ridge * np.eye(weights.shape[1]), right)

@@ -49,6 +49,17 @@ def laplacian(positions: Floats, triangles: Ints) -> Any:
     return (sparse.diags_array(sides.sum(axis=1)) - sides).tocsr()
 
 
+def curvatures(positions: Floats, triangles: Ints) -> Floats:
+    """(vertices, 3) sums of the principal curvatures times normals, which point to the convex side."""
+    ends, weights = side_weights(positions, triangles)
+    a, b = ends.T
+    pulls = weights * (positions[a] - positions[b]).T
+    count = len(positions)
+    sums = [np.bincount(a, pull, count) - np.bincount(b, pull, count) for pull in pulls]
+    areas = vertex_areas(positions, triangles)
+    return np.asarray(np.stack(sums, axis=1) / np.maximum(areas, _LEAST_AREA * areas.mean())[:, None])
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Sheet:
     """A triangulated surface whose fields diffuse.

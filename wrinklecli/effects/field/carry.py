@@ -92,15 +92,19 @@ def _lowered(attached: AttachedField, fine: Refinement, sheet: Sheet, vertices: 
     raised = after - before
     faces = [unit(face_normals(each.T, sheet.triangles)) for each in before]
     near, left = sheet.averaging(_NEAR * attached.wavelength), np.ones(len(vertices))
+    looked = list(zip(faces, before, raised, strict=True))
     for _ in range(_PASSES):
-        turned = np.zeros(len(sheet.triangles), np.bool_)
-        for face, still, rise in zip(faces, before, raised, strict=True):
+        marked, still_turned = np.zeros(len(vertices)), []
+        for each in looked:
+            face, still, rise = each
             moved = unit(face_normals((still + left * rise).T, sheet.triangles))
-            turned |= np.sum(face * moved, axis=1) < _TURNED
-        if not turned.any():
+            turned = np.sum(face * moved, axis=1) < _TURNED
+            if turned.any():
+                marked[sheet.triangles[turned]] = 1.0
+                still_turned.append(each)
+        looked = still_turned
+        if not looked:
             break
-        marked = np.zeros(len(vertices))
-        marked[sheet.triangles[turned]] = 1.0
         left *= 1.0 - _LOWERED * np.clip(_WIDER * near.of(marked), 0.0, 1.0)
     return left
 

@@ -12,7 +12,7 @@ from wrinklecli.character.pose import transform
 from wrinklecli.effects.field.compression import Gauges, along, posed_rigidly, rigid_parts, shortest
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, vertex_normals
-from wrinklecli.numeric.laplacian import Average, Sheet
+from wrinklecli.numeric.laplacian import Average, Sheet, curvatures
 from wrinklecli.surface.rest import Rest
 
 # Lengths of averages, in wavelengths: of strain, which folds even out over about a wave; of limits, a fraction of one.
@@ -103,9 +103,8 @@ def _room(
     shown = transform(blended[None], rest.bind_positions)[0]
     strain = fine.of_integrals(sheet.to_vertices(gauges.strains(shown)))
     stretch = np.exp(along(strain, direction, direction))
-    posed = Sheet.of(shown, sheet.triangles)
-    bend = -np.sum((posed.stiffness @ shown) * vertex_normals(shown, sheet.triangles), axis=1) / posed.areas
-    concave = fine.of(np.maximum(bend, 0.0))
+    bend = np.sum(curvatures(shown, sheet.triangles) * vertex_normals(shown, sheet.triangles), axis=1)
+    concave = fine.of(np.maximum(-bend, 0.0))
     steep = _STEEPEST * wavelengths * stretch / (2.0 * np.pi)
     return np.minimum(steep, _IN_CREASE / np.maximum(concave, _IN_CREASE / (10.0 * wavelengths)))
 

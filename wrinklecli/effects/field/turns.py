@@ -27,9 +27,9 @@ from wrinklecli.surface.ground import Ground
 # below the slack of cloth.
 _LEAST = float(np.radians(12.0))
 # Steps of a sweep, radians: heights go with the root of the compression, so they are smooth beyond the first step.
-_STEP = float(np.radians(20.0))
+_STEP = float(np.radians(25.0))
 # Least steps to a side on which a joint turns at all.
-_LEAST_STEPS = 3
+_LEAST_STEPS = 2
 # Most turns, those of the joints that bend the most: a body in clothes has twenty that fold them.
 _MOST = 32
 # Poses in which joints turn at once, those of them in which each that does turns as far as it can, and joints that do,
