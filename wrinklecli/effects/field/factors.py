@@ -1,7 +1,8 @@
 """Few shapes for the heights of many poses: heights ≈ weights of each turn's angle × shapes, none of them negative.
 
-Each turn gets its own shapes, from its own sweep, with weights that are tables of its angle. Heights of several turns
-do not add up, since they go with the root of the compression: so the shapes are fitted again to mixtures of turns.
+Each turn gets its own shapes, from its own sweep, with weights that are tables of its angle: other shapes one way than
+the other, as what is compressed one way is stretched the other. Heights of several turns do not add up, since they go
+with the root of the compression: so the shapes are fitted again to mixtures of turns.
 
 Source: D. D. Lee, H. S. Seung, *Algorithms for Non-negative Matrix Factorization*, NIPS 2000: multiplicative updates.
 """
@@ -16,9 +17,9 @@ from wrinklecli.numeric.arrays import Floats, Ints
 
 # Rounds of updates of a sweep's weights and shapes, and of all shapes in the end: further ones change no digit seen.
 _ROUNDS, _LAST_ROUNDS = 300, 80
-# Most shapes of a turn: three would halve the error of two, at half as many targets again.
+# Most shapes of a turn to one side: three would halve the error of two, at half as many targets again.
 _MOST_SHAPES = 2
-# Error of one shape, root mean square over the heights, from which on a turn gets a second one.
+# Error of one shape, root mean square over the heights, from which on a side gets a second one.
 _ROUGH = 0.1
 # Part of the greatest height of all below which a turn folds nothing.
 _LEAST = 0.05
@@ -49,16 +50,13 @@ def factors_of(sweeps: Sweeps, heights: Floats, areas: Floats, most: int) -> Fac
     """Find at most so many shapes for (poses, vertices) heights, with (vertices,) areas by which they count."""
     scale = float(heights.max(initial=0.0))
     sizes = np.sqrt(areas / areas.sum())
-    chosen = _folding(sweeps, heights, sizes, scale, most)
     turns, shapes, tables = [], [], []
-    for number, count in chosen.items():
-        poses = np.flatnonzero(sweeps.owners == number)
-        weights, found = _factorised(heights[poses] * sizes, count)
-        angles = sweeps.turns[number].angles
+    for side, count in _folding(sweeps, heights, sizes, scale, most):
+        weights, found = _factorised(heights[side.poses] * sizes, count)
         for column, shape in zip(weights.T, found, strict=True):
-            turns.append(number)
+            turns.append(side.turn)
             shapes.append(shape / sizes)
-            tables.append(_table(angles, sweeps.angles[poses, number], column))
+            tables.append(_table(sweeps.turns[side.turn].angles, sweeps.angles[side.poses, side.turn], column))
     if not turns:
         return Factors(np.zeros(0, np.intp), np.zeros((0, heights.shape[1])), (), 0.0, 0.0)
     owners = np.array(turns)
@@ -80,23 +78,39 @@ def weights_of(sweeps: Sweeps, owners: Ints, tables: Sequence[Floats], angles: F
     return np.stack(columns, axis=1)
 
 
-def _folding(sweeps: Sweeps, heights: Floats, sizes: Floats, scale: float, most: int) -> dict[int, int]:
-    """The turns that fold the surface, in their order, with the number of shapes of each."""
-    volumes, errors = {}, {}
-    for number in range(len(sweeps.turns)):
-        own = heights[sweeps.owners == number]
-        if own.max(initial=0.0) > _LEAST * scale:
-            volumes[number] = float(np.linalg.norm(own * sizes, axis=1).max())
-            weights, shapes = _factorised(own * sizes, 1)
-            errors[number] = float(np.linalg.norm(own * sizes - weights @ shapes) / np.linalg.norm(own * sizes))
-    kept = sorted(volumes, key=lambda number: -volumes[number])[:most]
-    rough = [
-        number
-        for number in sorted(kept, key=lambda number: -volumes[number] * errors[number])
-        if errors[number] > _ROUGH
-    ]
-    twice = set(rough[: most - len(kept)])
-    return {number: _MOST_SHAPES if number in twice else 1 for number in sorted(kept)}
+@dataclass(frozen=True, slots=True, eq=False)
+class _Side:
+    """A turn one way or the other.
+
+    Attributes:
+        turn: Its number.
+        poses: (poses,) those of its sweep to that side.
+        volume: The greatest heights there, root mean square,
+        error: and what one shape misses of them all, relative.
+    """
+
+    turn: int
+    poses: Ints
+    volume: float
+    error: float
+
+
+def _folding(sweeps: Sweeps, heights: Floats, sizes: Floats, scale: float, most: int) -> list[tuple[_Side, int]]:
+    """The turns' sides that fold the surface, in order, with the number of shapes of each."""
+    sides = []
+    for turn in range(len(sweeps.turns)):
+        for sign in (-1.0, 1.0):
+            poses = np.flatnonzero((sweeps.owners == turn) & (sign * sweeps.angles[:, turn] > 0))
+            own = heights[poses] * sizes
+            if heights[poses].max(initial=0.0) > _LEAST * scale:
+                weights, shapes = _factorised(own, 1)
+                gap = np.linalg.norm(own - weights @ shapes) / np.linalg.norm(own)
+                sides.append(_Side(turn, poses, float(np.linalg.norm(own, axis=1).max()), float(gap)))
+    sides.sort(key=lambda side: -side.volume)
+    kept = sides[:most]
+    rough = sorted((side for side in kept if side.error > _ROUGH), key=lambda side: -side.volume * side.error)
+    twice = rough[: most - len(kept)]
+    return [(side, _MOST_SHAPES if side in twice else 1) for side in sorted(kept, key=lambda side: side.turn)]
 
 
 def _factorised(heights: Floats, count: int) -> tuple[Floats, Floats]:
