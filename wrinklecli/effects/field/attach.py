@@ -124,11 +124,11 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
     wavelength, wavelengths = _wavelengths(tool, fabric, ground, sheet)
     variation = fabric.variation if tool.variation is None else tool.variation
     slack = fabric.slack if tool.slack is None else tool.slack
-    turns = turns_of(ground, _joints(tool, ground))
+    turns, together = turns_of(ground, _joints(tool, ground))
     if not turns:
         raise BakeError("no joint of its mesh turns", where=where)
     seed = tool.name if tool.seed is None else str(tool.seed)
-    sweeps = Sweeps.of(ground.rig, turns, seed=seed)
+    sweeps = Sweeps.of(ground.rig, turns, together, seed=seed)
     poses = len(sweeps.angles)
     ground.document.memory.check(_HELD * 8 * poses * len(rest.positions), f"heights in {poses} poses", where=where)
     allowed = _allowed(tool, ground, members, sheet, wavelength)

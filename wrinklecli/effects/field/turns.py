@@ -32,9 +32,10 @@ _STEP = float(np.radians(25.0))
 _LEAST_STEPS = 2
 # Most turns, those of the joints that bend the most: a body in clothes has twenty that fold them.
 _MOST = 32
-# Poses in which joints turn at once, those of them in which each that does turns as far as it can, and joints that do,
-# in the mean: a body moves a few at a time.
-_MIXTURES, _EXTREMES, _TOGETHER = 12, 4, 4.0
+# Poses in which joints turn at once, and those of them in which they turn as far as they can.
+_MIXTURES, _EXTREMES = 12, 4
+# Joints that do so, in the mean, where no clip says that all do, as in a walk.
+_TOGETHER = 4.0
 # Degrees by which parts swing back and ahead, to both sides, and twist where no clip says so: about what people do in
 # everyday motion. Other parts turn about their own axes.
 _TRUNK = ((-15.0, 35.0), (-20.0, 20.0), (-20.0, 20.0))
@@ -68,8 +69,12 @@ class Turn:
         return turning(self.signal.node, self.signal.rest, self.signal.axis, angle)
 
 
-def turns_of(ground: Ground, moving: Sequence[int]) -> list[Turn]:
-    """The turns of some nodes of a character, each about up to three axes; those that bend the most first."""
+def turns_of(ground: Ground, moving: Sequence[int]) -> tuple[list[Turn], float]:
+    """The turns of some nodes of a character, each about up to three axes, those of the first nodes first.
+
+    Returns:
+        The turns, and how many of them act together, in the mean.
+    """
     shown = {node: _shown(ground.rig, node, ground.clips) for node in moving if "rotation" in ground.rig.locals[node]}
     told = any(np.abs(vectors).max(initial=0.0) >= np.radians(TELLING) for vectors in shown.values())
     usual = {} if told else _usual(ground) | _anatomical(ground)
@@ -81,7 +86,8 @@ def turns_of(ground: Ground, moving: Sequence[int]) -> list[Turn]:
                 axis, least, most = -axis, -most, -least
             if most >= _LEAST:
                 found.append(Turn(JointAngle(node, parent, unit(axis), stored), _steps(least, most)))
-    return found[:_MOST]
+    found = found[:_MOST]
+    return found, len(found) if told else min(_TOGETHER, len(found))
 
 
 def _principal(vectors: Floats) -> list[tuple[Floats, tuple[float, float]]]:
@@ -188,8 +194,8 @@ class Sweeps:
     matrices: Floats
 
     @classmethod
-    def of(cls, rig: Rig, turns: Sequence[Turn], *, seed: str) -> "Sweeps":
-        """Let joints turn one by one, then together."""
+    def of(cls, rig: Rig, turns: Sequence[Turn], together: float, *, seed: str) -> "Sweeps":
+        """Let joints turn one by one, then so many together, in the mean."""
         rows, owners = [], []
         for number, turn in enumerate(turns):
             for angle in turn.angles[turn.angles != 0]:
@@ -198,7 +204,7 @@ class Sweeps:
         least, most = (np.array([end(turn.angles) for turn in turns]) for end in (np.min, np.max))
         shares = (drawn(seed, "mixtures", _MIXTURES, len(turns)) + 1.0) / 2.0
         shares[:_EXTREMES] = np.rint(shares[:_EXTREMES])
-        turning = (drawn(seed, "turning", _MIXTURES, len(turns)) + 1.0) / 2.0 < _TOGETHER / len(turns)
+        turning = (drawn(seed, "turning", _MIXTURES, len(turns)) + 1.0) / 2.0 < together / len(turns)
         rows += list(np.where(turning, least + shares * (most - least), 0.0))
         owners += [-1] * _MIXTURES
         angles = np.array(rows).reshape(-1, len(turns))
