@@ -2,13 +2,16 @@
 
 import { anchorsOf } from './anchor.js';
 import { fleshWeights } from './flesh.js';
-import { foldWeights } from './fold.js';
+import { fieldWeights, foldWeights } from './fold.js';
 import { settling } from './spring.js';
 import { touchWeights } from './touch.js';
 import { wrinkleWeights } from './wrinkle.js';
 
 /** The drives in order, each with its function: flesh and muscles move the skin on which the anchors of tools are. */
-const KINDS = { muscles: wrinkleWeights, flesh: fleshWeights, touches: touchWeights, tools: wrinkleWeights, folds: foldWeights };
+const KINDS = {
+  ...{ muscles: wrinkleWeights, flesh: fleshWeights, touches: touchWeights },
+  ...{ tools: wrinkleWeights, fields: fieldWeights, folds: foldWeights },
+};
 /** The layout of the extras that this driver reads, and those before it; extras that name none have layout 1. */
 export const LAYOUT = 2;
 /** Of a loop that begins at rest so much of a swing is left when it is shown; and rounds that it plays unseen at most. */
@@ -17,6 +20,14 @@ const MOST_ROUNDS = 100;
 
 /** Names for a message. */
 export const quoted = (names) => [...new Set(names)].map((name) => JSON.stringify(name)).join(', ');
+
+/** The names of the joints that a drive needs. */
+function jointsOf(drive) {
+  const { joint, parent = joint, turns, by, limb = [] } = drive;
+  if (turns) return turns.flatMap(jointsOf);
+  if (joint !== undefined) return [joint, parent];
+  return [...anchorsOf(drive), ...(by ? [by] : []), ...limb].flatMap((each) => each.joints);
+}
 
 export class Body {
   /**
@@ -30,11 +41,9 @@ export class Body {
     const all = layout > LAYOUT ? [] : Object.keys(KINDS);
     this.drives = all.flatMap((kind) => (wrinkle[kind] ?? []).map((drive) => ({ kind, drive, state: {} })));
     this.drives = this.drives.filter(({ drive }) => {
-      const { name, joint, parent = joint, targets, by, limb = [] } = drive;
+      const { name, joint, targets } = drive;
       const called = name ?? `the fold of ${quoted([joint])}`;
-      const anchors = joint === undefined ? [...anchorsOf(drive), ...(by ? [by] : []), ...limb] : [];
-      const joints = joint === undefined ? anchors.flatMap((each) => each.joints) : [joint, parent];
-      const absent = joints.filter((each) => !hasJoint(each));
+      const absent = jointsOf(drive).filter((each) => !hasJoint(each));
       const lost = targets.filter((target) => !hasTarget(target));
       if (absent.length) warn(`${called} is left out, as there is no joint ${quoted(absent)}`);
       if (lost.length) warn(`${called} does not show, as there is no morph target ${quoted(lost)}`);

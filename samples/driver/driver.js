@@ -3,7 +3,7 @@
 
 import { Body, quoted } from './body.js';
 import { fleshWeights } from './flesh.js';
-import { foldWeights } from './fold.js';
+import { fieldWeights, foldWeights } from './fold.js';
 import { KeyCurves } from './keys.js';
 import { jointFinder, morphMeshes, named, nameOf } from './joints.js';
 import { placeOnSkin, touchWeights } from './touch.js';
@@ -12,7 +12,7 @@ import { wrinkleWeights } from './wrinkle.js';
 /** Frames of a second of a clip that is played unseen. */
 const FPS = 60;
 
-export { Body, fleshWeights, foldWeights, placeOnSkin, touchWeights, wrinkleWeights };
+export { Body, fieldWeights, fleshWeights, foldWeights, placeOnSkin, touchWeights, wrinkleWeights };
 
 /**
  * Drives every body below a three.js object. Call `update` each frame, after the mixer and before rendering, with the

@@ -1,4 +1,4 @@
-// Folds whose skin touches and never crosses: shapes of contact, looked up by the turn of the joint that folds.
+// Shapes looked up by the turn of a joint: those of contact, where skin touches and never crosses, and those of fields.
 
 import { addPath, dot } from './path.js';
 import { between } from './polyline.js';
@@ -9,13 +9,13 @@ const turn = (m) => [0, 4, 8].map((k) => m.slice(k, k + 3)).map((c) => c.map((x)
 const [LEAST_SINE, FARTHEST] = [1e-5, 2];
 
 /**
- * The weights of a fold's morph targets, in the order of `foldExtras.targets`, where touching skin is kept apart.
+ * The weights of a fold's morph targets, in their order.
  *
- * foldExtras     one of `extras.wrinkle.folds`
+ * foldExtras     one of `extras.wrinkle.folds`, or of the `turns` of a field
  * jointMatrixOf, clip  as of `wrinkleWeights`
  */
 export function foldWeights(foldExtras, jointMatrixOf, { clip } = {}) {
-  const { joint, parent, rest: [x, y, z, w], axis, targets } = foldExtras;
+  const { joint, parent, rest: [x, y, z, w], axis } = foldExtras;
   const { angles, weights, leaning = [], null: nothing, paths = [] } = foldExtras;
   const own = turn([...jointMatrixOf(joint)]);
   const above = parent === undefined ? [[1, 0, 0], [0, 1, 0], [0, 0, 1]] : turn([...jointMatrixOf(parent)]);
@@ -38,7 +38,7 @@ export function foldWeights(foldExtras, jointMatrixOf, { clip } = {}) {
   const shares = asked.map((share) => (FARTHEST * share) / most);
   shares.unshift(1 - shares.reduce((sum, share) => sum + share, 0));
   const tables = [weights, ...leaning.map((each) => each.weights)];
-  const found = targets.map((_, k) =>
+  const found = weights[0].map((_, k) =>
     tables.reduce((sum, rows, j) => sum + shares[j] * between(angles, rows.map((row) => row[k]), angle), 0),
   );
   // No engine needs weights below 0: multiples of `nothing` move nothing.
@@ -48,4 +48,9 @@ export function foldWeights(foldExtras, jointMatrixOf, { clip } = {}) {
   const turned = sines.map((each) => each / (2 * Math.sqrt(Math.max(cosine, LEAST_SINE ** 2))));
   const whole = paths.reduce((sum, path) => sum + addPath(path, turned, sums), 1);
   return sums.map((sum) => (strength * sum) / whole);
+}
+
+/** The weights of a field's morph targets: those of its turns, one after the other. */
+export function fieldWeights({ turns, strengths, strength }, jointMatrixOf, how) {
+  return turns.flatMap((turn) => foldWeights({ ...turn, strengths, strength }, jointMatrixOf, how));
 }

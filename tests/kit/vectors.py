@@ -16,6 +16,7 @@ import numpy as np
 
 from kit.asset import Array, Json
 from kit.bakes import bake_config, bake_once, place
+from kit.fields import bake_field
 from kit.flesh import body, region
 from kit.folds import FOLDS
 from kit.layout_1 import baked_in_layout_1
@@ -230,6 +231,11 @@ CASES: dict[str, Case] = {
     "layout_1": Case("a curve, and weights that do not grow", baked_in_layout_1, {"think": (8, False)}),
     "fold": Case("contact with leaning, paths and null", lambda: _fold("one_sided"), {"bend": (12, False)}),
     "nose": Case("contact that no joint bends", _nose, {"sneer": (12, False)}),
+    "field": Case(
+        "a field: two joints, one of them about two axes; shapes that take turns; strengths",
+        lambda: bake_field({"strength": 0.8, "clips": {"fold": 0.5}}, tracks="none"),
+        {"fold": (8, False), "wave": (8, False)},
+    ),
     "muscles": Case(
         "bellies that travel, activated, with weights of one sign; a tool on them", _travelling, {"fold": (12, False)}
     ),

@@ -13,6 +13,7 @@ from kit.asset import Asset
 from kit.bakes import COARSE, bake_config, bake_fold, bake_once, folding_limb, place, report_of
 from kit.browser import browsing, serving
 from kit.clients import clip_tracks, drive, driver_warnings, gltfpack, optimize
+from kit.fields import bake_field
 from kit.folds import FOLDS
 from kit.limb import limb_asset, nose, waving_limb
 from kit.limb import tool as crease
@@ -117,6 +118,19 @@ def test_tissue_lags_at_any_frame_rate_as_if_it_were_baked(name: str, clip: str)
                 share = heights[column] / heights[columns].max()
                 error = share * np.abs(driven[names[column]][:, 0] - wanted[:, column])
                 assert error[told].max() < 0.02, (fps, names[column], times[told][error[told].argmax()])
+
+
+@pytest.mark.quick(2)
+@pytest.mark.parametrize("clip", ["fold", "wave"])
+def test_a_field_is_driven_as_it_was_baked(clip: str) -> None:
+    bare, whole = (bake_field({"clips": {"fold": 0.5}}, tracks=tracks) for tracks in ("none", "all"))
+    times, values = whole.keys(clip, "limb")
+    names = whole.mesh("limb")["extras"]["targetNames"]
+    driven = drive(bare.path, node="limb", clip=clip, times=times.tolist(), driver=True)
+    shown = np.concatenate([driven[name] for name in names], axis=1)
+    assert np.count_nonzero(values.max(axis=0) > 0.1) > 1
+    assert np.abs(shown - values).max() < TABLE
+    assert driver_warnings(bare.path) == []
 
 
 @pytest.mark.parametrize("leaning", [False, True])

@@ -1,4 +1,4 @@
-// Drives that measure joints rather than lengths: folds, flesh that swings, and tips that slide the skin.
+// Drives that measure joints rather than lengths: folds, fields, flesh that swings, and tips that slide the skin.
 
 using System;
 using System.Collections.Generic;
@@ -8,7 +8,7 @@ namespace Wrinkles
 {
     using Json = Dictionary<string, object>;
 
-    /// <summary>A fold whose skin touches and never crosses, by the turn of the joint that folds.</summary>
+    /// <summary>A fold by the turn of the joint that folds: one whose skin touches and never crosses, or one of a field.</summary>
     sealed class Fold : Drive
     {
         /// <summary>Below the first a turn has no axis; shares of `leaning` are held at the second.</summary>
@@ -61,7 +61,7 @@ namespace Wrinkles
             var shares = towards.Select(each => V.Clamp(V.Dot(each, slanted), 0, Farthest)).ToArray();
             var most = Math.Max(shares.Sum(), Farthest);
             shares = shares.Select(share => Farthest * share / most).ToArray();
-            var sums = new double[Targets.Length];
+            var sums = new double[tables[0].Ys[0].Length];
             for (var j = 0; j < tables.Length; j++)
                 Add(sums, tables[j].At(angle), j > 0 ? shares[j - 1] : 1 - shares.Sum());
             // No engine needs weights below 0: multiples of `nothing` move nothing.
@@ -88,6 +88,15 @@ namespace Wrinkles
         {
             for (var k = 0; k < sums.Length; k++) sums[k] += factor * weights[k];
         }
+    }
+
+    /// <summary>A field of wrinkles: folds by the turns of some joints, whose targets are those of its turns, one after the other.</summary>
+    sealed class Field : Drive
+    {
+        readonly Fold[] turns;
+        public Field(Json data) : base(data) { turns = Read.List(data, "turns").Select(each => new Fold((Json)each)).ToArray(); }
+        public override IEnumerable<string> Joints => turns.SelectMany(each => each.Joints);
+        public override double[] Weights(Frame frame, Func<string, double> morph) => turns.SelectMany(each => each.Weights(frame, morph)).ToArray();
     }
 
     /// <summary>Flesh that swings after a joint, which goes along its clip's curve and beside that along the cubic through the

@@ -54,11 +54,11 @@ namespace Wrinkles
             var layout = Read.Number(wrinkle, "layout", 1);
             if (layout > Layout)
                 Problems.Add($"its extras have layout {layout}, and this driver reads up to {Layout}; take a newer driver");
-            foreach (var kind in layout > Layout ? new string[0] : new[] { "muscles", "flesh", "touches", "tools", "folds" })
+            foreach (var kind in layout > Layout ? new string[0] : new[] { "muscles", "flesh", "touches", "tools", "fields", "folds" })
                 foreach (var data in Read.List(wrinkle, kind).Cast<Json>())
                 {
                     // A fold that no joint bends is driven as a tool.
-                    var drive = kind == "flesh" ? new Flesh(data) : kind == "touches" ? new Touch(data)
+                    var drive = kind == "flesh" ? new Flesh(data) : kind == "touches" ? new Touch(data) : kind == "fields" ? new Field(data)
                         : kind == "folds" && data.ContainsKey("joint") ? new Fold(data) : (Drive)new Segment(data, layout > 1);
                     var absent = drive.Joints.Where(name => hasJoint != null && !hasJoint(name)).Distinct().ToList();
                     var lost = drive.Targets.Where(name => hasTarget != null && !hasTarget(name)).ToList();

@@ -1,4 +1,4 @@
-# Drives that measure joints rather than lengths: folds, flesh that swings, and tips that slide the skin.
+# Drives that measure joints rather than lengths: folds, those of fields too, flesh that swings, and tips that slide the skin.
 # One text for Godot 3 and 4; `body` is of `wrinkle.gd`.
 
 const Numbers = preload("numbers.gd")

@@ -13,7 +13,7 @@ const LAYOUT = 2
 const LEFT = 0.001
 const MOST_ROUNDS = 100
 # The lists of drives in the order in which they act.
-const KINDS = ["muscles", "flesh", "touches", "tools", "folds"]
+const KINDS = ["muscles", "flesh", "touches", "tools", "fields", "folds"]
 
 # A line for each drive that is left out or does not show.
 var problems = []
@@ -75,6 +75,9 @@ func weights(joint_matrices, own_morphs = {}, clip_name = "", seconds = 0.0, sin
 			values = Joints.touch(self, data, each["state"], hands.get(data["name"]))
 		elif data.has("joint"):
 			values = Joints.fold(self, data)
+		elif data.has("turns"):
+			for turn in data["turns"]:
+				values += Joints.fold(self, turn)
 		else:
 			values = _segment(data, each["state"])
 		var factor = data.get("strengths", {}).get(clip, data.get("strength", 1.0))
@@ -116,6 +119,10 @@ static func joints_of(drive):
 	if drive.has("joint"):
 		return [drive["joint"], drive["parent"]] if drive.has("parent") else [drive["joint"]]
 	var found = []
+	if drive.has("turns"):
+		for turn in drive["turns"]:
+			found += joints_of(turn)
+		return found
 	for anchor in _anchors(drive) + ([drive["by"]] if drive.has("by") else []) + drive.get("limb", []):
 		found += anchor["joints"]
 	return found

@@ -1,0 +1,39 @@
+"""A sleeve that bends at two joints, and a field of wrinkles over it."""
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from kit.asset import Asset, Json
+from kit.bakes import bake_once, place
+from kit.limb import limb_asset
+from kit.player import Gltf
+
+
+def sleeve(**options: Any) -> Asset:
+    """A limb, node `limb`, whose clip `fold` bends both joints by 50°, and whose clip `wave` bends one to the sides."""
+    asset = limb_asset(**{"rings": 16, "sides": 10, "joints": 3, **options})
+    wave: Json = {"name": "wave"}
+    half = np.radians([0.0, 25.0, -20.0, 0.0]) / 2.0
+    turns = np.stack([0 * half, np.sin(half), 0 * half, np.cos(half)], axis=1)
+    asset.channel(wave, 2, "rotation", [0.0, 0.5, 1.0, 1.5], turns)
+    asset.append("animations", wave)
+    return asset
+
+
+def field(**keys: Any) -> Json:
+    """A field of a tools file."""
+    return {"name": "folds", "node": "limb", **keys}
+
+
+@cache
+def _placed() -> Path:
+    return place(sleeve())
+
+
+def bake_field(keys: Json | None = None, **options: Any) -> Gltf:
+    """The sleeve with a field of such keys, as coarse as it is."""
+    top = {"fields": [field(**(keys or {}))]}
+    return bake_once(_placed(), top=top, **{"max_levels": 0, **options})
