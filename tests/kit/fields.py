@@ -1,5 +1,6 @@
 """A sleeve that bends at two joints, and a field of wrinkles over it."""
 
+import json
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -37,3 +38,10 @@ def bake_field(keys: Json | None = None, **options: Any) -> Gltf:
     """The sleeve with a field of such keys, as coarse as it is."""
     top = {"fields": [field(**(keys or {}))]}
     return bake_once(_placed(), top=top, **{"max_levels": 0, **options})
+
+
+def sleeve_and_field(folder: Path, **keys: Any) -> tuple[Path, Path]:
+    """The sleeve, and a tools file with a field of such keys that leaves the mesh as coarse as it is."""
+    file = folder / "field.yaml"
+    file.write_text(json.dumps({"version": 1, "refinement": {"max_levels": 0}, "fields": [field(**keys)]}))
+    return _placed(), file

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 import wrinklecli
 from kit.asset import Asset
 from kit.command import Wrinkle, files
+from kit.fields import sleeve_and_field
 from kit.golden import Golden
 from kit.limb import RADIUS, cuffed_limb, limb, limb_asset, tool, write_tools
 from kit.places import ROOT
@@ -682,3 +683,27 @@ def test_the_samples_have_no_teeth_and_no_warning(name: str, monkeypatch: pytest
         monkeypatch.setattr("wrinklecli.effects.faults._SEEN", 0.0)
     found = check(sample(name.split("_")[0]), ROOT / "configs" / f"{name}.yaml")
     assert not [line for line in found.warnings if "over in" in line or name != "body"]
+
+
+def test_a_field_says_how_its_joints_turn_and_how_far_clips_fold_it(wrinkle: Wrinkle, tmp_path: Path) -> None:
+    """Beside a tool, which is checked as ever."""
+    asset, tools = sleeve_and_field(tmp_path, clips={"wave": 0.5})
+    tools.write_text(json.dumps(json.loads(tools.read_text()) | {"tools": [tool(node="limb")]}))
+    ran = wrinkle("check", asset, tools)
+    assert ran.code == 0, ran.lines
+    assert "folds on limb" in ran.out
+    assert re.search(r"turns +joint_1 +0 to 50°, 2 shapes\n +joint_1 +-20 to 25°", ran.out)
+    assert re.search(r"fold +100 % of full height at 1 s\n +wave +50 % of full height at 0\.5 s", ran.out)
+    data = check(asset, tools).data
+    (entry,) = data["fields"]
+    assert [each["joint"] for each in entry["turns"]] == ["joint_1", "joint_1", "joint_2"]
+    assert sum(each["shapes"] for each in entry["turns"]) == len(entry["targets"])
+    assert [each["name"] for each in data["tools"]] == [tool()["name"]]
+
+
+def test_a_field_is_checked_in_those_motions_of_a_range_of_motion_that_turn_its_joints(tmp_path: Path) -> None:
+    _, tools = sleeve_and_field(tmp_path, joints=["joint_2"])
+    asset = limb(tmp_path / "limb.glb", rings=16, sides=10, joints=3, clip=None)
+    (entry,) = check(asset, tools).data["fields"]
+    assert entry["clips"]
+    assert all(each["weight"] > 0 and each["name"].startswith("joint_2") for each in entry["clips"])

@@ -12,6 +12,7 @@ import pytest
 import wrinklecli
 from kit.asset import Asset
 from kit.command import Wrinkle, files
+from kit.fields import bake_field
 from kit.limb import limb, limb_asset, tool, write_tools
 from kit.player import Gltf, Json
 from kit.samples import sample
@@ -211,6 +212,18 @@ def test_a_baked_file_names_its_tools(levels: int | None, tmp_path: Path) -> Non
     assert wrinkles["tools"][0]["target_joints"] == ["joint_1"]
     assert found["bytes"]["original"] > 0
     assert sum(found["bytes"].values()) == os.path.getsize(tmp_path / "out.glb")
+
+
+def test_a_baked_field_names_its_joints_with_their_ranges(wrinkle: Wrinkle) -> None:
+    baked = bake_field()
+    (wrinkles,) = inspect(baked.path)["wrinkles"]
+    (found,) = wrinkles["fields"]
+    (stored,) = baked.json["nodes"][baked.node("limb")]["extras"]["wrinkle"]["fields"]
+    assert [each["joint"] for each in found["turns"]] == [each["joint"] for each in stored["turns"]]
+    assert found["turns"][0]["degrees"] == pytest.approx([0.0, 50.0])
+    assert sum(each["shapes"] for each in found["turns"]) == len(found["targets"])
+    assert wrinkles["tools"] == []
+    assert "folds: folds as joints turn: joint_1 by 0 to 50°" in wrinkle("inspect", baked.path).out
 
 
 def test_it_says_whether_a_bake_can_be_replaced_as_a_bake_then_finds(tmp_path: Path) -> None:

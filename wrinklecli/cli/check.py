@@ -53,11 +53,11 @@ def check(
     refinement has split, and that no wrinkle moves, count as before. A baked file that `wrinkle track` or other
     software has rewritten is only counted as it is.
 
-    --json prints {"check": 1, "asset", "tools_file", "meshes", "tools", "notes", "warnings"}, and "muscles", "flesh"
-    and "touches" where there are any; within version 1, keys are only added. Lengths are scene units, positions have
-    the tools file's axes, shortenings are shares of the rest length. With --crossings it prints {"crossings": 1,
-    "asset", "tools_file", "states", "stored_pose", "clips", "warnings"}: counts are a number for each state, or a list
-    of them for the times of a clip.
+    --json prints {"check": 1, "asset", "tools_file", "meshes", "tools", "notes", "warnings"}, and "muscles", "flesh",
+    "touches" and "fields" where there are any; within version 1, keys are only added. Lengths are scene units,
+    positions have the tools file's axes, shortenings are shares of the rest length. With --crossings it prints
+    {"crossings": 1, "asset", "tools_file", "states", "stored_pose", "clips", "warnings"}: counts are a number for each
+    state, or a list of them for the times of a clip.
 
     Exit codes: 0 done; 1 the input is at fault; 2 wrong usage; 3 refused (--strict with warnings), no picture
     written; 70 a bug.

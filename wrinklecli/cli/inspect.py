@@ -197,6 +197,10 @@ def _wrinkles(each: dict[str, Any]) -> list[str]:
             f"{touch['name']}: skin on {' + '.join(touch['joints'])} slides by up to {touch['grip']:.3g}, {where}"
         )
         lines.append(f"  {counted(len(touch['targets']), 'target')}: {', '.join(touch['targets'])}")
+    for field in each.get("fields", ()):
+        turns = [f"{turn['joint']} by {turn['degrees'][0]:.4g} to {turn['degrees'][1]:.4g}°" for turn in field["turns"]]
+        lines.append(f"{field['name']}: folds as joints turn: {', '.join(turns)}")
+        lines.append(f"  {counted(len(field['targets']), 'target')}: {', '.join(field['targets'])}")
     for tool in (*each.get("muscles", ()), *each["tools"]):
         anchors = [tool["origin_joints"], *tool.get("between_joints", []), tool["target_joints"]]
         joints = " to ".join(" + ".join(each) for each in anchors)

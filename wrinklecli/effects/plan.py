@@ -123,6 +123,11 @@ def skin_parts(plan: MeshPlan) -> list[Part]:
     return [part for part in plan.parts if part.attached.moves is None]
 
 
+def patch_parts(plan: MeshPlan) -> list[Part]:
+    """Those of them that lie on patches and measure a segment: tools, but no fields."""
+    return [part for part in skin_parts(plan) if part.attached.segment is not None]
+
+
 def plan_on(
     ground: Ground,
     attached: Sequence[AnyAttached],

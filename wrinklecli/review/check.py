@@ -15,7 +15,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.moved import Motions
 from wrinklecli.character.posing import JointTurn, MorphWeight
 from wrinklecli.character.rig import moving_nodes
-from wrinklecli.effects.effect import MeshPlan, Part, SamplingOptions, Seen
+from wrinklecli.effects.effect import MeshPlan, Part, SamplingOptions, Seen, Words
 from wrinklecli.effects.faults import turned_warnings
 from wrinklecli.effects.plan import mesh_warnings, skin_parts, track_warnings
 from wrinklecli.effects.sampling import moving_clips, play_below_skin, play_parts
@@ -154,11 +154,15 @@ def check(
             warnings += mesh_warnings(plan, job.settings, baked)
             # No tool is at fault, and an option of the bake decides.
             notes += track_warnings(plan, baked)
-            for section, found in _check_driven(plan, clips, sampling, job):
+            measured = [each for each in zip(parts, seen, strict=True) if each[0].attached.segment is not None]
+            others = [each for each in zip(parts, seen, strict=True) if each[0].attached.segment is None]
+            for section, found in _check_unmeasured(plan, moving, others, sampling, job):
                 sections.setdefault(section, []).append(found)
                 warnings += found["warnings"]
-            shared = _overlaps([each.vertices for each in parts], [each.attached.tool.name for each in parts])
-            for part, own, overlaps in zip(parts, seen, shared, strict=True):
+            shared = _overlaps(
+                [part.vertices for part, _ in measured], [part.attached.tool.name for part, _ in measured]
+            )
+            for (part, own), overlaps in zip(measured, shared, strict=True):
                 tool = _check_tool(plan, part, own, overlaps, job)
                 checked.append(tool)
                 warnings += tool.data["warnings"]
@@ -180,8 +184,7 @@ def _clips_to_check(plan: MeshPlan, job: Job) -> list[Clip]:
     """The chosen clips, without motions of the range of motion that move no anchor on this mesh."""
     moving: set[int] = set()
     for part in skin_parts(plan):
-        joints = [joint for anchor in part.attached.regions[0].anchors for joint in anchor.joints]
-        moving |= moving_nodes(plan.rig, joints)
+        moving |= moving_nodes(plan.rig, np.flatnonzero(np.isin(plan.rig.joints, [*part.drive.nodes])))
     if plan.rig.drives:
         moving |= moving_nodes(plan.rig)
     made = set(job.range)
@@ -190,20 +193,37 @@ def _clips_to_check(plan: MeshPlan, job: Job) -> list[Clip]:
     ]
 
 
-def _check_driven(
-    plan: MeshPlan, clips: Sequence[Clip], sampling: SamplingOptions, job: Job
+def _check_unmeasured(
+    plan: MeshPlan,
+    clips: Sequence[Clip],
+    parts: Sequence[tuple[Part, Sequence[Seen]]],
+    sampling: SamplingOptions,
+    job: Job,
 ) -> Iterator[tuple[str, Json]]:
-    """Describe the effects that come before wrinkles, each after the key of its section."""
-    for effect, seen in play_below_skin(plan, moving_clips(plan, clips), sampling):
-        # Of a range of motion those motions are told that do something.
-        told = [
-            {**row, "name": each.motion.clip.name}
-            for each in seen
-            if (row := effect.words.describe_clip(each)) is not None
-            and (each.motion.clip.name not in job.range or each.weights.any())
-        ]
-        lines = effect.words.warnings(plan, seen, up=job.settings.up)
-        yield effect.section, {**effect.words.describe(plan, effect.target_names), "clips": told, "warnings": lines}
+    """Describe the effects that measure no segment, each after the key of its section: those below the skin and fields.
+
+    `parts` are the latter, each as it is seen in clips.
+    """
+    for effect, below in play_below_skin(plan, clips, sampling):
+        yield effect.section, _describe(plan, effect.words, effect.target_names, below, job)
+    for part, seen in parts:
+        found = _describe(plan, part.words(plan), part.drive.targets, seen, job)
+        yield (
+            part.attached.tool.sections[0],
+            {**found, "warnings": found["warnings"] + turned_warnings(plan, part, seen)},
+        )
+
+
+def _describe(plan: MeshPlan, words: Words, targets: tuple[str, ...], seen: Sequence[Seen], job: Job) -> Json:
+    """Describe an effect that no segment moves, as it is seen in clips."""
+    # Of a range of motion those motions are told that do something.
+    told = [
+        {**row, "name": each.motion.clip.name}
+        for each in seen
+        if (row := words.describe_clip(each)) is not None
+        and (each.motion.clip.name not in job.range or each.weights.any())
+    ]
+    return {**words.describe(plan, targets), "clips": told, "warnings": words.warnings(plan, seen, up=job.settings.up)}
 
 
 def _check_tool(plan: MeshPlan, part: Part, every: Sequence[Seen], overlaps: Json, job: Job) -> CheckedTool:

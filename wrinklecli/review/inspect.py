@@ -3,10 +3,11 @@
 Counts and durations are those that accessors state. Geometry is decoded for the bounds only.
 """
 
+import math
 import os
 import sys
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from itertools import accumulate, pairwise
 from typing import Any
@@ -27,7 +28,7 @@ from wrinklecli.gltf.files import local_file, path_of
 from wrinklecli.gltf.images import read_image
 from wrinklecli.gltf.references import accessor_references, accessor_views, draco_views, view_parts
 from wrinklecli.gltf.shape import COMPRESSIONS, Json
-from wrinklecli.numeric.arrays import distinct_values
+from wrinklecli.numeric.arrays import distinct_values, significant
 from wrinklecli.numeric.guard import guarded
 from wrinklecli.numeric.memory import MAX_MEMORY, Memory
 
@@ -267,7 +268,7 @@ def _bounds(accessors: Iterable[Json], key: str) -> list[float]:
 
 
 def _wrinkles(document: Document) -> Iterator[Json]:
-    """The tools, muscles, flesh and touches that a bake has recorded on each node."""
+    """The effects that a bake has recorded on each node, but for contact, which belongs to its tools."""
     for index in wrinkled(document.gltf):
         entry = wrinkle_entry(document.items("nodes")[index])
         try:
@@ -275,10 +276,7 @@ def _wrinkles(document: Document) -> Iterator[Json]:
                 "node": _node_name(document, index),
                 "method": entry.get("method"),
                 "draft": entry.get("draft") is True,
-                **({"muscles": list(map(_segment, entry["muscles"]))} if "muscles" in entry else {}),
-                **({"flesh": list(map(_swing, entry["flesh"]))} if "flesh" in entry else {}),
-                **({"touches": list(map(_touch, entry["touches"]))} if "touches" in entry else {}),
-                "tools": list(map(_segment, entry["tools"])),
+                **{key: list(map(of, entry[key])) for key, of in _DESCRIBED.items() if key in entry or key == "tools"},
                 "undriven": [str(name) for name in entry.get("undriven", [])],
             }
         except (LookupError, TypeError, ValueError, AttributeError) as error:
@@ -318,6 +316,29 @@ def _segment(drive: Json) -> Json:
         "rest_length": _number(drive["rest_length"]),
         "targets": [str(name) for name in drive["targets"]],
     }
+
+
+def _field(drive: Json) -> Json:
+    """A field, as a bake has recorded it."""
+    turns = [
+        {
+            "joint": str(turn["joint"]),
+            "degrees": [significant(math.degrees(_number(turn["angles"][end])), 4) for end in (0, -1)],
+            "shapes": len(turn["weights"][0]),
+        }
+        for turn in drive["turns"]
+    ]
+    return {"name": str(drive["name"]), "turns": turns, "targets": [str(name) for name in drive["targets"]]}
+
+
+# The effects by their lists in extras, with what describes one.
+_DESCRIBED: Mapping[str, Callable[[Json], Json]] = {
+    "muscles": _segment,
+    "flesh": _swing,
+    "touches": _touch,
+    "tools": _segment,
+    "fields": _field,
+}
 
 
 def _joints(anchor: Json) -> list[str]:

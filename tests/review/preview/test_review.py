@@ -11,6 +11,7 @@ import pytest
 
 import wrinklecli
 from kit.asset import Asset
+from kit.fields import bake_field, field, sleeve_and_field
 from kit.limb import RADIUS, limb_asset, tool, write_tools
 from kit.muscles import arm, muscle
 from kit.pictures import BUMPY, draw, limb, near, picture
@@ -268,6 +269,36 @@ def test_a_touch_is_seen_from_above_with_a_checker(tmp_path: Path) -> None:
     assert sum(weight > 1e-6 for weight in peak.forward.values()) == 1 + 3, (
         "of slides one, and the rings that lie ahead"
     )
+
+
+def test_a_field_is_shown_where_it_folds_most_and_covers_nothing(tmp_path: Path) -> None:
+    """Before the bake and after it; no colour marks a whole garment."""
+    asset, tools = sleeve_and_field(tmp_path)
+    for path, options in ((asset, {"tools": tools}), (bake_field().path, {})):
+        out = tmp_path / "a.png"
+        made = draw([path], out, review=True, size=(160, 120), **options)
+        assert made.shown == "1 field"
+        assert not made.warnings
+        shown = picture(out).astype(int)
+        assert np.ptp(shown, axis=2).max() < 80, "no ink"
+    (peak,) = peaks_of(asset, tools)
+    assert peak.raised
+    assert "folds by " in words(peak)
+    still = limb(tmp_path, rings=16, sides=10, joints=3, clip=None)
+    (peak,) = peaks_of(still, tools)
+    assert not peak.raised
+    assert "no clip folds it" in words(peak)
+
+
+def test_a_field_is_chosen_by_its_name(tmp_path: Path) -> None:
+    """Beside a tool, whose colour it does not take."""
+    asset, tools = sleeve_and_field(tmp_path)
+    tools.write_text(json.dumps(json.loads(tools.read_text()) | {"tools": [tool(**BUMPY, node="limb")]}))
+    out = tmp_path / "a.png"
+    assert draw([asset], out, tools=tools, review=True, **SMALL).shown == "1 tool, 1 field"
+    assert draw([asset], out, tools=tools, review=True, only=[field()["name"]], **SMALL).shown == "1 field"
+    with pytest.raises(AssetError, match="no tool 'fold'; did you mean 'folds'"):
+        draw([bake_field().path], out, review=True, only=["fold"], **SMALL)
 
 
 @pytest.mark.slow

@@ -84,8 +84,14 @@ class FieldWords:
         }
 
     def describe_clip(self, seen: Seen) -> Json:
-        """The field's entry in a clip: the greatest weight of a shape."""
-        return {"name": self.attached.tool.name, "weight": significant(float(seen.weights.max(initial=0.0)), 4)}
+        """The field's entry in a clip: the greatest weight of a shape, and its time."""
+        weights = seen.weights.max(axis=1, initial=0.0)
+        most = int(np.argmax(weights))
+        return {
+            "name": self.attached.tool.name,
+            "weight": significant(float(weights[most]), 4),
+            "time": significant(float(seen.motion.times[most]), 4),
+        }
 
     def warnings(self, _plan: MeshPlan, clips: Sequence[Seen], *, up: str) -> list[str]:
         """A warning about a field that nothing moves."""

@@ -13,6 +13,7 @@ from wrinklecli.effects.field.attach import AttachedField, attach_fields
 from wrinklecli.effects.field.carry import displaced
 from wrinklecli.effects.field.effect import SECTION, FieldWords, field_effect
 from wrinklecli.effects.shapes import Middles
+from wrinklecli.errors import counted
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats
@@ -89,17 +90,24 @@ class FieldKind(EffectKind):
         return FieldLayer.of(plan, [(number, each) for number, each in attached if isinstance(each, AttachedField)])
 
     def lines(self, entry: Json) -> list[str]:
-        """The lines of a field, and a table of its joints."""
+        """The lines of a field, a table of its joints, and one of its clips."""
         width = max(len(each["joint"]) for each in entry["turns"])
+        clips = max((len(each["name"]) for each in entry["clips"]), default=0)
         return [
-            f"waves    {entry['wavelength']:.4g} long, up to {entry['height_limit']:.3g} high",
+            f"folds    {entry['wavelength']:.4g} from crest to crest, up to {entry['height_limit']:.3g} high",
             *(
-                f"{each['joint']:{width}}  {each['degrees'][0]:g} to {each['degrees'][1]:g}°, shapes: {each['shapes']}"
-                for each in entry["turns"]
+                f"{'' if number else 'turns':7}  {each['joint']:{width}}  {each['degrees'][0]:g} to"
+                f" {each['degrees'][1]:g}°, {counted(each['shapes'], 'shape')}"
+                for number, each in enumerate(entry["turns"])
             ),
             f"error    {100 * entry['error']:.3g} % of the heights; the best weights leave"
             f" {100 * entry['least_error']:.3g} %",
             f"mesh     {entry['moved_vertices']} vertices move",
+            *(
+                f"{each['name']:{clips}}  "
+                + (f"{100 * each['weight']:.3g} % of full height at {each['time']:.4g} s" if each["weight"] else "flat")
+                for each in entry["clips"]
+            ),
         ]
 
 

@@ -37,6 +37,7 @@ _ACTS = {
     "muscles": ("bulges by ", "bulges it: shown at its full height"),
     "flesh": ("moves by ", "moves it: shown at its greatest move"),
     "touches": ("moves by ", "slides it: shown at its greatest slide"),
+    "fields": ("folds by ", "folds it: shown with all its folds at full height"),
 }
 # Frames per second of the grid on which the peaks of a baked file are found.
 _FPS = 30.0
@@ -61,7 +62,7 @@ class Fact:
 class Peak:
     """A tool, on the mesh of a node, at the moment when its wrinkles are tallest, or that moves the skin most.
 
-    `section` is its list in the tools file, which says if it is a tool, a muscle, a region of flesh or a touch. If no
+    `section` is its list in the tools file, which says what kind of effect it is. If no
     clip has raised them, the moment is the stored pose, and they are shown at their full height, a touch at its
     greatest slide forward: `forward` has the weights of its targets then, by name, and is empty for others. There is
     at least one row of facts.

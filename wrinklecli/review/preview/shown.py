@@ -17,7 +17,7 @@ from wrinklecli.character.pose import morph_weights
 from wrinklecli.character.scene import ScenePrimitive, read_scene
 from wrinklecli.character.skin import PosedMesh
 from wrinklecli.effects.effect import MeshPlan
-from wrinklecli.effects.plan import skin_parts
+from wrinklecli.effects.plan import patch_parts
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.pixels import linear_rgb
@@ -144,8 +144,8 @@ class ShownAsset:
 
 
 def tool_names(plans: Sequence[MeshPlan]) -> list[str]:
-    """The names of all tools, in the order of their colours."""
-    return [part.attached.tool.name for plan in plans for part in skin_parts(plan)]
+    """The names of the tools that are drawn, in the order of their colours."""
+    return [part.attached.tool.name for plan in plans for part in patch_parts(plan)]
 
 
 def read_shown(
@@ -193,7 +193,7 @@ def _marks(source: ScenePrimitive, plans: Sequence[MeshPlan], refined: bool) -> 
         else:  # as stored in the file
             parents = np.flatnonzero(fine.surface.primitives == source.primitive)
             welded = primitive.weld[source.triangles]
-        for part in skin_parts(plan):
+        for part in patch_parts(plan):
             tool, region = part.attached.tool, part.attached.regions[0]
             # Triangles around the members too, because the ends of the segment lie on the rectangle's edge.
             around = plan.rest.around.faces_of(distinct_values(fine.surface.triangles[region.members]))
