@@ -45,3 +45,42 @@ def sleeve_and_field(folder: Path, **keys: Any) -> tuple[Path, Path]:
     file = folder / "field.yaml"
     file.write_text(json.dumps({"version": 1, "refinement": {"max_levels": 0}, "fields": [field(**keys)]}))
     return _placed(), file
+
+
+# Turns of the sleeve's joints with rows of simple numbers: one shape after another, and both sides of a joint.
+TURNS: list[Json] = [
+    {
+        "joint": "joint_1",
+        "parent": "joint_0",
+        "rest": [0.0, 0.0, 0.0, 1.0],
+        "axis": [0.0, 0.0, 1.0],
+        "angles": [0.0, 0.2, 0.5, 0.8],
+        "weights": [[0.0, 0.0], [0.1, 0.9], [0.6, 0.7], [1.0, 0.0]],
+    },
+    {
+        "joint": "joint_1",
+        "parent": "joint_0",
+        "rest": [0.0, 0.0, 0.0, 1.0],
+        "axis": [0.0, 1.0, 0.0],
+        "angles": [-0.3, 0.0, 0.4],
+        "weights": [[0.5], [0.0], [1.0]],
+    },
+    {
+        "joint": "joint_2",
+        "parent": "joint_1",
+        "rest": [0.0, 0.0, 0.0, 1.0],
+        "axis": [0.0, 0.0, 1.0],
+        "angles": [0.1, 0.9],
+        "weights": [[0.0, 0.2], [1.0, 0.3]],
+    },
+]
+
+
+@cache
+def sleeve_with_turns() -> Gltf:
+    """The sleeve as after a bake of a field with these turns, whose targets are its own."""
+    asset = sleeve(morphs=5)
+    drive = {"name": "folds", "turns": TURNS, "strengths": {"fold": 0.5}, "strength": 0.8}
+    entry = {"layout": 2, "method": 5, "tools": [], "fields": [{**drive, "targets": [f"morph_{k}" for k in range(5)]}]}
+    asset.gltf["nodes"][0]["extras"] = {"wrinkle": entry}
+    return Gltf(place(asset))

@@ -12,7 +12,7 @@ import pytest
 import wrinklecli
 from kit.asset import Asset
 from kit.command import Wrinkle, files
-from kit.fields import bake_field
+from kit.fields import sleeve_with_turns
 from kit.limb import limb, limb_asset, tool, write_tools
 from kit.player import Gltf, Json
 from kit.samples import sample
@@ -215,15 +215,19 @@ def test_a_baked_file_names_its_tools(levels: int | None, tmp_path: Path) -> Non
 
 
 def test_a_baked_field_names_its_joints_with_their_ranges(wrinkle: Wrinkle) -> None:
-    baked = bake_field()
-    (wrinkles,) = inspect(baked.path)["wrinkles"]
+    path = sleeve_with_turns().path
+    (wrinkles,) = inspect(path)["wrinkles"]
     (found,) = wrinkles["fields"]
-    (stored,) = baked.json["nodes"][baked.node("limb")]["extras"]["wrinkle"]["fields"]
-    assert [each["joint"] for each in found["turns"]] == [each["joint"] for each in stored["turns"]]
-    assert found["turns"][0]["degrees"] == pytest.approx([0.0, 50.0])
-    assert sum(each["shapes"] for each in found["turns"]) == len(found["targets"])
+    assert [(each["joint"], each["shapes"]) for each in found["turns"]] == [
+        ("joint_1", 2),
+        ("joint_1", 1),
+        ("joint_2", 2),
+    ]
+    assert found["turns"][1]["degrees"] == pytest.approx([-17.19, 22.92], abs=0.01)
+    assert found["targets"] == [f"morph_{k}" for k in range(5)]
     assert wrinkles["tools"] == []
-    assert "folds: folds as joints turn: joint_1 by 0 to 50°" in wrinkle("inspect", baked.path).out
+    said = "folds: folds as joints turn: joint_1 by 0 to 45.84°, joint_1 by -17.19 to 22.92°, joint_2 by 5.73 to 51.57°"
+    assert said in wrinkle("inspect", path).out
 
 
 def test_it_says_whether_a_bake_can_be_replaced_as_a_bake_then_finds(tmp_path: Path) -> None:
