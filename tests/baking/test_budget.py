@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 import wrinklecli
 from kit.bakes import bake_once
+from kit.fields import bake_field, sleeve_and_field
 from kit.limb import write_tools
 from kit.player import Gltf, Json, anchor_distances, described, wrinkle_columns
 from kit.samples import BACK, BROW, PALM, Editor, edited, sample
@@ -235,6 +236,31 @@ def test_what_cannot_be_held_is_refused_and_nothing_written(tmp_path: Path) -> N
     assert "--engine spec8 allows 8" in str(caught.value)
     assert "fewer tools on this mesh" in str(caught.value)
     assert not (tmp_path / "out.glb").exists()
+
+
+def test_a_field_with_too_many_targets_is_named_with_its_remedy(tmp_path: Path) -> None:
+    """Nothing is said of bumps, which it has none of."""
+    asset, tools = sleeve_and_field(tmp_path)
+    with pytest.raises(RefusedError, match=r"allows 4\. Fewer `joints` of 'folds' would help$"):
+        wrinklecli.bake(asset, tools, tmp_path / "out.glb", engine="vtk")
+    asset, tools = sleeve_and_field(tmp_path, joints=["joint_2"])
+    wrinklecli.bake(asset, tools, tmp_path / "out.glb", engine="vtk")
+
+
+def test_unity_gets_no_weights_of_a_field_above_1() -> None:
+    """With a strength above 1, the shapes are larger in their place."""
+    plain, held = (bake_field({"strength": 0.5, "clips": {"fold": 2.0}}, engine=engine) for engine in (None, "unity"))
+    for clip in ("fold", "wave"):
+        times, _ = plain.keys(clip, "limb")
+        weights, other = (each.weights("limb", clip, times) for each in (plain, held))
+        assert other.max() <= 1.0
+        moves, others = (
+            np.tensordot(rows, each.deltas("limb"), axes=1) for rows, each in ((weights, plain), (other, held))
+        )
+        assert np.abs(moves - others).max() < 1e-6
+    assert plain.keys("fold", "limb")[1].max() == pytest.approx(2.0, rel=1e-3)
+    (drive,) = held.json["nodes"][held.node("limb")]["extras"]["wrinkle"]["fields"]
+    assert (drive["strength"], drive.get("strengths", {}).get("fold", 1.0)) == (0.25, 1.0)
 
 
 def test_more_targets_than_three_takes_are_refused(tmp_path: Path) -> None:

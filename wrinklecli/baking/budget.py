@@ -37,7 +37,7 @@ from wrinklecli.character.weight_track import widen
 from wrinklecli.choices import Engine, Storage
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, target_weights, targets_of
 from wrinklecli.effects.sampling import motion_at, read
-from wrinklecli.errors import RefusedError
+from wrinklecli.errors import RefusedError, listed
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
@@ -158,16 +158,28 @@ def fit_budget(
         effects, motions, found["reduced"] = _reduce(plan, effects, motions, budget)
     excess = _excess(plan, effects, motions, budget)
     if excess:
-        less = ", ".join(dict.fromkeys([*(each.words.remedy for each in effects if each.words.remedy), "fewer bumps"]))
+        less = _remedies(effects)
         raise RefusedError(
-            f"{excess}; --engine {engine} allows {budget.targets or budget.active}. {less[0].upper()}{less[1:]},"
-            " `strategy: everywhere`, fewer tools on this mesh or a larger --max-error would help",
+            f"{excess}; --engine {engine} allows {budget.targets or budget.active}."
+            f" {less[0].upper()}{less[1:]} would help",
             where=name,
         )
     found["targets"] = len(plan.rig.own.morph_names) + len(targets_of(effects))
     found["active"] = max((int(_active(plan, motion)[0].sum()) for motion in motions), default=0)
     found["active_attributes"] = found["active"] * _attributes(plan)
     return effects, motions, found
+
+
+def _remedies(effects: Sequence[Effect]) -> str:
+    """What would give fewer targets: first the remedies that effects have of their own, with their names."""
+    names: dict[str, list[str]] = {}
+    for each in effects:
+        names.setdefault(each.words.remedy, []).append(each.name)
+    less = [f"{remedy} of {listed(those)}" for remedy, those in names.items() if remedy]
+    less += ["fewer bumps", "`strategy: everywhere`"] if "" in names else []
+    less += ["fewer tools on this mesh"] if len(effects) > 1 else []
+    less += ["a larger --max-error"] if "" in names else []
+    return " or ".join([", ".join(less[:-1]), less[-1]]) if len(less) > 1 else less[0]
 
 
 def _weight_range(plan: MeshPlan, motions: Sequence[Motion]) -> Json:

@@ -1,6 +1,6 @@
 """The signal of a joint: the angle by which it is turned about an axis, from the stored pose."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,7 +9,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import node_rows
 from wrinklecli.character.rig import Rig
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, affine_rows, significant, unit_quaternions
+from wrinklecli.numeric.arrays import Bools, Floats, affine_rows, significant
 
 # Four times a sine and cosine of half an angle below which a turn has no axis: rounding of float32 rotations.
 _LEAST_SINE = 1e-5
@@ -88,18 +88,3 @@ class JointAngle:
             "rest": [significant(each, 8) for each in self.rest.tolist()],
             "axis": [significant(each, 8) for each in self.axis.tolist()],
         }
-
-
-def read_angle(data: Mapping[str, Any], nodes: Mapping[str, int]) -> JointAngle:
-    """Read a joint's angle in extras, from nodes by name.
-
-    Raises:
-        KeyError, TypeError, ValueError: The extras are not what `bake` writes.
-    """
-    rest, axis = (np.array(data[key], np.float64).reshape(size) for key, size in (("rest", 4), ("axis", 3)))
-    if not rest.any():
-        raise ValueError
-    parent = data.get("parent")
-    return JointAngle(
-        nodes[str(data["joint"])], -1 if parent is None else nodes[str(parent)], axis, unit_quaternions(rest)
-    )

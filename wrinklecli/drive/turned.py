@@ -1,7 +1,7 @@
 """The drive of a field of wrinkles: some joints' turns, each with weights of its own targets."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import field
+from dataclasses import field, replace
 from functools import partial
 from typing import ClassVar, NamedTuple
 
@@ -9,10 +9,10 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig
-from wrinklecli.drive.angle import Angles, JointAngle, read_angle
-from wrinklecli.drive.table import Json, Table, Weights, read_table, stored
+from wrinklecli.drive.angle import Angles, JointAngle
+from wrinklecli.drive.table import Json, Table, Weights, read_number, read_numbers, read_table, stored
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats
+from wrinklecli.numeric.arrays import Bools, Floats, unit_quaternions
 from wrinklecli.numeric.piecewise import Signal
 
 
@@ -82,6 +82,21 @@ class TurnDrive:
             return f"{self.name} stays flat, as its strength is 0 in this clip"
         return f"{self.name} stays flat, as none of its joints turns far enough"
 
+    def of_targets(self, kept: Bools, names: tuple[str, ...]) -> "TurnDrive":
+        """The drive of some of its (targets,) alone, by their new names; turns without any are left out."""
+        ends = np.cumsum([table.table.shape[1] for _, table in self.turns])[:-1]
+        turns = tuple(
+            (signal, replace(table, table=table.table[:, flags]))
+            for (signal, table), flags in zip(self.turns, np.split(kept, ends), strict=True)
+            if flags.any()
+        )
+        return replace(self, turns=turns, targets=names)
+
+    def weaker(self, factor: float) -> "TurnDrive":
+        """The drive with weights divided by a factor."""
+        strengths = {clip: each / factor for clip, each in self.strengths.items()}
+        return replace(self, strengths=strengths, strength=self.strength / factor)
+
     def to_json(self, names: Sequence[str], _morph_names: Sequence[str]) -> Json:
         """The drive as extras store it, by the names of all nodes."""
         factors = {clip: stored(each) for clip, each in self.strengths.items()}
@@ -100,16 +115,29 @@ def read_turned(data: Json, nodes: Mapping[str, int]) -> TurnDrive:
     Raises:
         KeyError, TypeError, ValueError: The extras are not what `bake` writes.
     """
-    targets = tuple(str(name) for name in data["targets"])
-    turns, counted = [], 0
+    turns = []
     for each in data["turns"]:
-        width = len(each["weights"][0])
-        counted += width
-        table = read_table(each, width, 2)
+        table = read_table(each, len(each["weights"][0]), 2)
         if not isinstance(table, Table) or table.by != "angles":
             raise ValueError
         turns.append((read_angle(each, nodes), table))
-    if counted != len(targets) or not turns:
+    targets = tuple(str(name) for name in data["targets"])
+    if not turns or sum(table.table.shape[1] for _, table in turns) != len(targets):
         raise ValueError
-    strengths = {clip: float(factor) for clip, factor in data.get("strengths", {}).items()}
-    return TurnDrive(str(data["name"]), tuple(turns), targets, strengths, float(data.get("strength", 1.0)))
+    strengths = {clip: read_number(factor) for clip, factor in data.get("strengths", {}).items()}
+    return TurnDrive(str(data["name"]), tuple(turns), targets, strengths, read_number(data.get("strength", 1.0)))
+
+
+def read_angle(data: Json, nodes: Mapping[str, int]) -> JointAngle:
+    """Read a joint's angle in extras, from nodes by name.
+
+    Raises:
+        KeyError, TypeError, ValueError: The extras are not what `bake` writes.
+    """
+    rest, axis = (read_numbers(data[key], size) for key, size in (("rest", 4), ("axis", 3)))
+    if not rest.any():
+        raise ValueError
+    parent = data.get("parent")
+    return JointAngle(
+        nodes[str(data["joint"])], -1 if parent is None else nodes[str(parent)], axis, unit_quaternions(rest)
+    )

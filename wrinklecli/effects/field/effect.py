@@ -1,15 +1,17 @@
 """The effect of a field: its morph targets, their weights by the turns of joints, and words about it."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from wrinklecli.character.pose import Pose
+from wrinklecli.drive.turned import TurnDrive
 from wrinklecli.effects.body import body_effect, body_summary, moves_at_rest
-from wrinklecli.effects.effect import Effect, MeshPlan, Seen
+from wrinklecli.effects.effect import Effect, MeshPlan, Remixes, Seen
 from wrinklecli.effects.field.attach import AttachedField
 from wrinklecli.effects.field.factors import weights_of
-from wrinklecli.effects.shapes import Middles, Sample, make_shapes
+from wrinklecli.effects.shapes import Middles, Sample, make_shapes, summed
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, distinct_values, significant
@@ -37,12 +39,15 @@ def field_effect(plan: MeshPlan, attached: AttachedField, deltas: Floats, middle
         else [],
         middles=middles,
     )
-    return body_effect(SECTION, attached, shapes, FieldWords(attached, deltas))
+    words = FieldWords(attached, deltas)
+    found = body_effect(SECTION, attached, shapes, words)
+    kept = np.array([shape is not None for shape in shapes])
+    return replace(found, drive=attached.drive.of_targets(kept, found.target_names), remixes=words)
 
 
 @dataclass(frozen=True, slots=True)
-class FieldWords:
-    """A field's words about itself.
+class FieldWords(Remixes):
+    """A field's words about itself, and its other targets for engines.
 
     Attributes:
         attached: The field at rest.
@@ -53,6 +58,16 @@ class FieldWords:
     deltas: Floats
     remedy: str = "fewer `joints`"
     left_out: str | None = None
+
+    def with_unit_weights(self, effect: Effect) -> Effect:
+        """The same motion with weights in [0, 1]: strengths above 1 are in the shapes."""
+        drive = effect.drive
+        assert isinstance(drive, TurnDrive)
+        most = max(1.0, drive.strength, *drive.strengths.values())
+        if most == 1.0:
+            return effect
+        targets = tuple(replace(each, shape=summed([each.shape], np.array([most]))) for each in effect.targets)
+        return replace(effect, targets=targets, drive=drive.weaker(most))
 
     def summary(self, effects: int, targets: int) -> str:
         """Count the fields, and their targets, for a bake's summary."""
