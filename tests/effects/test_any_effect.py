@@ -1,4 +1,4 @@
-"""What may be asked of any effect has the same meaning for muscles, flesh, touches and wrinkles."""
+"""What may be asked of any effect has the same meaning for muscles, flesh, touches, wrinkles and fields."""
 
 import json
 from collections.abc import Callable
@@ -9,6 +9,7 @@ import pytest
 
 from kit.asset import Asset, Json
 from kit.bakes import place
+from kit.fields import field
 from kit.flesh import body, region
 from kit.limb import limb_asset, tool
 from kit.muscles import ANGLE, muscle
@@ -19,7 +20,7 @@ from wrinklecli.character.clip import KEY_GAP
 from wrinklecli.character.pose import blend, joint_matrices, morph_weights, transform
 from wrinklecli.effects.effect import MeshPlan, Part, SamplingOptions
 from wrinklecli.effects.order import KINDS, kind_of
-from wrinklecli.effects.plan import attach_one, sketch, skin_parts
+from wrinklecli.effects.plan import attach_one, patch_parts, sketch, skin_parts
 from wrinklecli.effects.sampling import play_parts, reader, sample_effects, seen_at
 from wrinklecli.numeric.guard import no_progress
 from wrinklecli.surface.ground import read_ground
@@ -29,9 +30,12 @@ ASSETS: dict[str, tuple[Callable[[], Asset], Json]] = {
     "flesh": (body, region()),
     "touches": (lambda: plate(size=0.36, cells=36), touch()),
     "tools": (lambda: limb_asset(rings=21, sides=16), tool(bumps=2)),
+    "fields": (lambda: limb_asset(rings=21, sides=16), field()),
 }
 EACH = pytest.mark.parametrize("section", ASSETS)
 WITH_REGIONS = pytest.mark.parametrize("section", [key for key in ASSETS if key != "flesh"])
+# A field has no middle.
+WITH_PATHS = pytest.mark.parametrize("section", [key for key in ASSETS if key not in ("flesh", "fields")])
 
 
 @cache
@@ -70,8 +74,9 @@ def test_one_tool_is_attached_as_among_all(section: str) -> None:
 @EACH
 def test_only_what_moves_the_skin_and_not_the_rig_is_on_the_skin(section: str) -> None:
     _, plan = planned(section)
-    assert len(skin_parts(plan)) == (section == "tools")
-    assert (part_of(section).attached.moves is None) == (section == "tools")
+    assert len(skin_parts(plan)) == (section in ("tools", "fields"))
+    assert (part_of(section).attached.moves is None) == (section in ("tools", "fields"))
+    assert len(patch_parts(plan)) == (section == "tools")
 
 
 @EACH
@@ -159,7 +164,7 @@ def test_a_body_moves_as_its_rig_says() -> None:
     assert np.abs(transform(blended, fine.positions + moved)[0] - after).max() < 1e-12
 
 
-@WITH_REGIONS
+@WITH_PATHS
 def test_the_path_of_a_region_runs_from_u_0_to_u_1_on_its_middle(section: str) -> None:
     for found in part_of(section).attached.regions:
         path = found.at_rest.path
