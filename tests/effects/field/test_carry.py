@@ -1,0 +1,149 @@
+"""Fields on the refined surface: under tools, beside each other, in poses."""
+
+import json
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from kit.asset import Json, attribute
+from kit.garments import job_of, planned, tube, with_attribute
+from kit.limb import RADIUS, tool
+from wrinklecli.effects.effect import MeshPlan
+from wrinklecli.effects.field import carry
+from wrinklecli.effects.field.layer import FieldLayer
+from wrinklecli.effects.field.material import FABRICS
+from wrinklecli.numeric.arrays import Floats
+
+# Along the inner side of the bend.
+ENDS = {"origin": [-0.15, RADIUS, 0.0], "target": [0.15, RADIUS, 0.0]}
+
+
+@cache
+def _planned(text: str, levels: int) -> MeshPlan:
+    read = json.loads(text)
+    return planned(tube(), *read.pop("fields"), levels=levels, **read)
+
+
+def plan_of(*fields: Json, levels: int = 1, **top: Json) -> MeshPlan:
+    return _planned(json.dumps({"fields": list(fields) or [{"name": "folds"}], **top}), levels)
+
+
+def layer_of(plan: MeshPlan) -> FieldLayer:
+    (found,) = (each for each in plan.layers if isinstance(each, FieldLayer))
+    return found
+
+
+def sizes(deltas: Floats) -> Floats:
+    """(vertices,) the greatest move by any shape."""
+    return np.asarray(np.linalg.norm(deltas, axis=2).max(axis=0))
+
+
+def test_displacements_are_along_normals_and_no_higher_than_said() -> None:
+    """The tallest bump of a variation may stand out; nothing is a spike."""
+    plan = plan_of({"name": "folds", "variation": 0})
+    (deltas,) = layer_of(plan).deltas
+    (field,) = layer_of(plan).attached
+    assert 0.3 * field.greatest_height < sizes(deltas).max() <= 1.05 * field.greatest_height
+    moved = sizes(deltas) > 0.05 * sizes(deltas).max()
+    ways = deltas[np.argmax(np.linalg.norm(deltas, axis=2), axis=0), np.arange(len(moved))][moved]
+    radial = plan.fine.rest_positions[moved] * [0.0, 1.0, 1.0]
+    cosines = np.sum(ways * radial, axis=1) / np.linalg.norm(ways, axis=1) / np.linalg.norm(radial, axis=1)
+    assert np.abs(cosines).min() > 0.9
+
+
+def test_folds_rise_more_than_they_sink() -> None:
+    plan = plan_of()
+    (deltas,) = layer_of(plan).deltas
+    radial = plan.fine.rest_positions * [0.0, 1.0, 1.0]
+    heights = np.sum(deltas[0] * radial, axis=1) / np.linalg.norm(radial, axis=1)
+    assert heights.max() > 1.5 * -heights.min() > 0
+
+
+def test_nothing_moves_where_no_shape_has_a_height() -> None:
+    plan = plan_of()
+    (deltas,) = layer_of(plan).deltas
+    far = np.abs(plan.fine.rest_positions[:, 0]) > 0.8
+    assert far.any()
+    assert not deltas[:, far].any()
+
+
+@pytest.mark.parametrize("fabric", FABRICS.values(), ids=list(FABRICS))
+def test_waves_are_level_with_their_mean_where_they_fork(fabric: object) -> None:
+    angles = np.linspace(0.0, 2.0 * np.pi, 33)
+    round_ = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    made = [carry._height(fabric, length * round_) for length in (0.0, 0.01, 0.2, 0.6, 1.0)]
+    assert made[0] == pytest.approx(fabric.mean)
+    spreads = [float(np.ptp(each)) for each in made]
+    assert spreads == sorted(spreads)
+    assert spreads[1] < 0.1 * spreads[-1]
+    assert made[-1] == pytest.approx(fabric.wave(np.cos(angles)))
+
+
+def test_a_field_fades_under_a_tool() -> None:
+    """A tool is by hand."""
+    plan = plan_of({"name": "folds"}, tools=[tool(name="hand", bumps=2, **ENDS)])
+    (deltas,) = layer_of(plan).deltas
+    (part,) = (each for each in plan.parts if each.attached.moves is None and each.attached.tool.name == "hand")
+    left = 1.0 - part.shares
+    assert left.min() < 1e-6
+    # Where a half of the tool is left of its height, at most a half of the field's.
+    assert (sizes(deltas)[part.vertices] <= 1.05 * left * sizes(layer_of(plan_of()).deltas[0]).max()).all()
+    beside = np.setdiff1d(np.arange(deltas.shape[1]), part.vertices)
+    assert sizes(deltas)[beside].max() == sizes(deltas).max()
+    alone = layer_of(plan_of()).attached[0]
+    assert alone.greatest_height == layer_of(plan).attached[0].greatest_height
+
+
+def test_a_second_field_takes_what_the_first_leaves() -> None:
+    plan = plan_of({"name": "first"}, {"name": "second", "seed": 5})
+    one, other = layer_of(plan).deltas
+    tallest = sizes(one) > 0.9 * sizes(one).max()
+    assert sizes(other)[tallest].max() < 0.5 * sizes(one).max()
+    # What the first is, does not depend on the second.
+    assert sizes(other).max() < sizes(one).max()
+
+
+def test_two_fields_with_masks_lie_beside_each_other() -> None:
+    asset = tube()
+    side = attribute(asset, 0, "POSITION")[:, 2]
+    with_attribute(asset, "_LEFT", (side > 1e-6).astype(float))
+    with_attribute(asset, "_RIGHT", (side < -1e-6).astype(float))
+    plan = planned(asset, *({"name": name[1:], "mask": {"attribute": name}} for name in ("_LEFT", "_RIGHT")))
+    one, other = layer_of(plan).deltas
+    at = plan.fine.rest_positions[:, 2]
+    assert sizes(one)[at > 1e-6].max() > 0.3 * sizes(one).max()
+    assert not sizes(one)[at < -1e-6].any()
+    assert sizes(other)[at < -1e-6].max() > 0.3 * sizes(other).max()
+    assert not sizes(other)[at > 1e-6].any()
+
+
+def test_the_same_seed_gives_the_same_folds() -> None:
+    by_name, other, seeded, again = (
+        layer_of(plan_of(each)).deltas[0]
+        for each in (
+            {"name": "folds"},
+            {"name": "others"},
+            {"name": "folds", "seed": 3},
+            {"name": "others", "seed": 3},
+        )
+    )
+    assert seeded.tobytes() == again.tobytes()
+    for each in (other, seeded):
+        assert each.tobytes() != by_name.tobytes()
+
+
+def test_a_strength_is_a_factor_of_weights_and_no_shape() -> None:
+    plain, strong = plan_of(), plan_of({"name": "folds", "strength": 1.5, "clips": {"fold": 0.25}})
+    assert layer_of(plain).deltas[0].tobytes() == layer_of(strong).deltas[0].tobytes()
+    clip = job_of(tube()).clips[0]
+    other = replace(clip, name="other")
+    for each, factor in ((clip, 0.25), (other, 1.5)):
+        weights = [
+            layer_of(plan).attached[0].drive.weights_in(plan.rig, each)(np.array([0.0, 0.5, 1.0]))
+            for plan in (plain, strong)
+        ]
+        assert weights[0].max() > 0.9
+        assert weights[1] == pytest.approx(factor * weights[0])
+        assert not weights[0][0].any()

@@ -1,0 +1,126 @@
+"""Few shapes and tables of weights for the heights of many poses."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from wrinklecli.drive.angle import JointAngle
+from wrinklecli.effects.field.factors import Factors, factors_of, weights_of
+from wrinklecli.effects.field.turns import Sweeps, Turn
+from wrinklecli.numeric.arrays import Floats
+
+ANGLES = np.linspace(0.0, 1.6, 6)
+AREAS = np.random.default_rng(5).uniform(0.5, 2.0, 60)
+MOST = 24
+
+
+def sweeps(count: int, mixtures: int = 6) -> Sweeps:
+    """Some joints swept one by one, then together; nothing needs their matrices."""
+    turns = [Turn(JointAngle(k, -1, np.array([1.0, 0.0, 0.0]), np.array([0, 0, 0, 1.0])), ANGLES) for k in range(count)]
+    rows = [np.eye(count)[k] * angle for k in range(count) for angle in ANGLES[1:]]
+    owners = np.repeat(np.arange(count), len(ANGLES) - 1).tolist() + [-1] * mixtures
+    rows += list(np.random.default_rng(1).uniform(0.0, ANGLES[-1], (mixtures, count)))
+    return Sweeps(tuple(turns), np.array(rows), np.array(owners), np.zeros((len(rows), 1, 4, 4)))
+
+
+def bump(middle: float) -> Floats:
+    return np.exp(-(((np.linspace(0.0, 1.0, 60) - middle) / 0.1) ** 2))
+
+
+def early(angle: Floats) -> Floats:
+    return np.minimum(angle / 0.5, 1.0)
+
+
+def late(angle: Floats) -> Floats:
+    return np.maximum(angle - 0.6, 0.0)
+
+
+@cache
+def of_two_shapes() -> tuple[Sweeps, Floats, Factors]:
+    """A turn that raises one fold at first and another one later, beside a turn that raises a third."""
+    poses = sweeps(2)
+    one, other = poses.angles.T
+    heights = 0.02 * np.outer(early(one), bump(0.3)) + 0.03 * np.outer(late(one), bump(0.5))
+    heights += 0.01 * np.outer(early(other), bump(0.9))
+    return poses, heights, factors_of(poses, heights, AREAS, MOST)
+
+
+def fitted(poses: Sweeps, factors: Factors) -> Floats:
+    return weights_of(poses, factors.turns, factors.tables, poses.angles) @ factors.shapes
+
+
+def test_a_sweep_of_two_shapes_is_reproduced() -> None:
+    poses, heights, factors = of_two_shapes()
+    assert factors.turns.tolist() == [0, 0, 1]
+    # Where all turn together, tables are looked up between their steps.
+    own = poses.owners >= 0
+    assert np.abs(fitted(poses, factors) - heights)[own].max() < 0.04 * heights.max()
+    assert factors.error < 0.05
+
+
+def test_weights_are_from_0_to_1_and_0_at_rest() -> None:
+    _, _, factors = of_two_shapes()
+    for table in factors.tables:
+        assert table.shape == ANGLES.shape
+        assert table[0] == 0.0
+        assert table.min() >= 0.0
+        assert table.max() == pytest.approx(1.0)
+
+
+def test_shapes_are_not_negative() -> None:
+    assert (of_two_shapes()[2].shapes >= 0).all()
+
+
+def saturated(count: int, **options: int) -> tuple[Sweeps, Floats]:
+    """Joints that raise one fold between them: heights go with the root of what they compress together."""
+    poses = sweeps(count, **options)
+    return poses, 0.02 * np.outer(np.sqrt(poses.angles.sum(axis=1)), bump(0.5))
+
+
+def test_no_weights_are_better_than_the_best() -> None:
+    for poses, heights in (of_two_shapes()[:2], saturated(3)):
+        factors = factors_of(poses, heights, AREAS, MOST)
+        assert 0.0 <= factors.best <= factors.error + 1e-9
+
+
+def test_the_error_is_that_of_the_heights() -> None:
+    poses, heights = saturated(2)
+    factors = factors_of(poses, heights, AREAS, MOST)
+    gaps = (fitted(poses, factors) - heights) * np.sqrt(AREAS)
+    assert factors.error == pytest.approx(np.linalg.norm(gaps) / np.linalg.norm(heights * np.sqrt(AREAS)), rel=1e-6)
+    assert factors.error > 0.01
+
+
+def test_turns_that_raise_one_fold_together_are_fitted_together() -> None:
+    """Each turn's own heights do not add up: the shapes are lower than those of the turn alone."""
+    poses, heights = saturated(3, mixtures=12)
+    factors = factors_of(poses, heights, AREAS, MOST)
+    apart = max(heights[poses.owners == 0].max(), 1e-9)
+    assert factors.shapes.max() < apart
+    added = heights[poses.owners == 0].max() * weights_of(poses, factors.turns, factors.tables, poses.angles).sum(
+        axis=1
+    )
+    mixed = poses.owners < 0
+    together = fitted(poses, factors)[mixed].max(axis=1)
+    true = heights[mixed].max(axis=1)
+    assert np.linalg.norm(together - true) < 0.7 * np.linalg.norm(added[mixed] - true)
+
+
+def test_a_turn_that_folds_nothing_has_no_shape() -> None:
+    poses, heights = saturated(1)
+    idle = sweeps(3)
+    raised = 0.02 * np.outer(np.sqrt(idle.angles[:, 1]), bump(0.5))
+    assert set(factors_of(idle, raised, AREAS, MOST).turns.tolist()) == {1}
+    assert not len(factors_of(poses, 0.0 * heights, AREAS, MOST).turns)
+
+
+@pytest.mark.parametrize("most", [1, 2, 3, 5])
+def test_there_are_at_most_as_many_shapes_as_are_asked_for(most: int) -> None:
+    """The turns that raise the most come first."""
+    poses = sweeps(4)
+    heights = sum(0.01 * (k + 1) * np.outer(early(poses.angles[:, k]), bump(0.2 * k + 0.1)) for k in range(4))
+    factors = factors_of(poses, np.asarray(heights), AREAS, most)
+    assert 1 <= len(factors.turns) <= most
+    assert set(factors.turns.tolist()) == set(range(4)[-most:])
+    assert (np.diff(factors.turns) >= 0).all()

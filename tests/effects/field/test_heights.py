@@ -1,0 +1,133 @@
+"""Heights that keep the length of a surface, where it is compressed and nowhere else."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from kit.garments import across, bent_tube, plane, tallest
+from kit.limb import RADIUS
+from wrinklecli.character.pose import blend, transform
+from wrinklecli.effects.field.heights import Heights, measure
+from wrinklecli.numeric.arrays import Floats, Ints
+from wrinklecli.numeric.laplacian import Sheet
+from wrinklecli.surface.rest import Rest
+
+LENGTH, WIDTH, WAVE = 2.0, 1.0, 0.2
+SLACK = 0.04
+SQUEEZES = (0.25, 0.4, 0.6)
+
+
+def at_rest(positions: Floats, triangles: Ints, joints: int) -> Rest:
+    count = len(positions)
+    return Rest(
+        None,
+        np.zeros(1),
+        np.tile(np.eye(4), (joints, 1, 1)),
+        np.zeros(0),
+        positions,
+        np.tile(np.eye(4)[:3], (count, 1, 1)),
+        positions,
+        triangles,
+    )
+
+
+@cache
+def squeezed(one: float, other: float = 0.0, slack: float = 0.0) -> tuple[Floats, Heights]:
+    """A sheet that is shortened by parts of its length and of its width, as four joints at its corners move."""
+    positions, triangles = plane(LENGTH, WIDTH, 20)
+    u, v = positions[:, 0] / LENGTH, positions[:, 1] / WIDTH
+    weights = np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], axis=1)
+    matrices = np.tile(np.eye(4), (4, 1, 1))
+    matrices[[1, 3], 0, 3] = -one * LENGTH
+    matrices[[2, 3], 1, 3] = -other * WIDTH
+    rest = at_rest(positions, triangles, 4)
+    moved = transform(blend(weights, matrices[None]), positions)[0]
+    assert np.ptp(moved[:, 0]) == pytest.approx((1 - one) * LENGTH)
+    found = measure(
+        Sheet.of(positions, triangles),
+        rest,
+        np.tile(np.arange(4), (len(positions), 1)),
+        weights,
+        matrices[None],
+        wavelength=WAVE,
+        wavelengths=np.full(len(positions), WAVE),
+        slack=slack,
+        allowed=np.ones(len(positions)),
+    )
+    return positions, found
+
+
+def length_of_wave(half_height: float, wavelength: float) -> float:
+    phases = np.linspace(0.0, 2.0 * np.pi, 2000)
+    x, y = wavelength * phases / (2.0 * np.pi), half_height * np.cos(phases)
+    return float(np.hypot(np.diff(x), np.diff(y)).sum())
+
+
+@pytest.mark.parametrize("lost", [0.05, 0.12, 0.25])
+def test_a_strip_that_is_shortened_keeps_its_length_in_waves(lost: float) -> None:
+    _, found = squeezed(lost)
+    half_height = float(np.median(found.heights[0]))
+    assert half_height == pytest.approx(WAVE / np.pi * np.sqrt(lost * (1.0 - lost)), rel=0.02)
+    # The formula is right to second order.
+    assert length_of_wave(half_height, (1.0 - lost) * WAVE) == pytest.approx(WAVE, rel=0.05)
+
+
+@pytest.mark.parametrize("lost", [0.1, 0.2, 0.3])
+def test_slack_is_lost_before_a_fold_rises(lost: float) -> None:
+    _, found = squeezed(lost, slack=SLACK)
+    used = lost - SLACK
+    assert np.median(found.heights[0]) == pytest.approx(WAVE / np.pi * np.sqrt(used * (1.0 - used)), rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("one", "other"), [(0.0, 0.0), (0.03, 0.0), (0.0, 0.03), (-0.3, 0.0), (0.2, 0.2), (0.21, 0.2), (-0.3, -0.2)]
+)
+def test_nothing_rises_where_nothing_is_shortened_or_all_directions_alike(one: float, other: float) -> None:
+    _, found = squeezed(one, other, slack=SLACK)
+    assert not found.heights.any()
+    assert not found.directions.any()
+
+
+@pytest.mark.parametrize(("one", "other", "way"), [(0.2, 0.0, 0), (0.0, 0.2, 1), (0.3, 0.1, 0), (-0.1, 0.15, 1)])
+def test_a_sheet_is_shortened_most_across_its_crests(one: float, other: float, way: int) -> None:
+    _, found = squeezed(one, other)
+    assert (found.heights > 0).any()
+    # Of the strain's components xx and yy that one is the least.
+    assert np.median(found.directions[:, way]) < np.median(found.directions[:, 1 - way])
+
+
+def test_a_wave_is_no_steeper_than_it_can_be() -> None:
+    """Beyond some compression, flanks would overhang: heights fall with the posed wavelength."""
+    tall = [float(np.median(squeezed(lost)[1].heights)) for lost in SQUEEZES]
+    for lost, half_height in zip(SQUEEZES, tall, strict=True):
+        assert 2.0 * np.pi * half_height / ((1.0 - lost) * WAVE) < 1.5
+    assert tall[2] < tall[1]
+
+
+def test_a_bent_tube_folds_on_its_inner_side_alone() -> None:
+    """Folds outlast the compression along their crests, by about a wavelength."""
+    ground, field = bent_tube()
+    places, heights = ground.rest.positions, tallest(field)
+    assert np.abs(places[np.argmax(heights)] * [1.0, 0.0, 1.0]).max() < 0.3
+    assert heights[places[:, 1] < -0.8 * RADIUS].max() < 0.1 * heights.max()
+    assert heights[np.abs(places[:, 0]) > 0.7].max() < 0.02 * heights.max()
+
+
+def test_crests_run_across_the_compression_of_a_bent_tube() -> None:
+    """It is shortened along its length: crests run round it."""
+    ground, field = bent_tube()
+    heights = tallest(field)
+    angles = np.degrees(np.arccos(np.clip(np.abs(across(ground, field)[:, 0]), 0.0, 1.0)))
+    assert np.average(angles, weights=heights**2) < 10.0
+
+
+def test_more_slack_makes_lower_folds() -> None:
+    heights = [bent_tube(slack=slack)[1].greatest_height for slack in ("0%", "4%", "20%")]
+    assert heights[0] > heights[1] > heights[2] > 0
+
+
+def test_longer_waves_are_higher_in_proportion() -> None:
+    """But for what averages over a wavelength take off, a fold twice as long is twice as high."""
+    low, high = (bent_tube(wavelength=wavelength)[1].greatest_height for wavelength in (0.08, 0.16))
+    assert 1.5 < high / low < 2.1

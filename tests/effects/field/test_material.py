@@ -1,0 +1,57 @@
+"""The shape of a fold by its material, and smooth random numbers by which folds differ."""
+
+import numpy as np
+import pytest
+
+from kit.garments import plane
+from wrinklecli.effects.field.irregular import lengthened, raised, turned
+from wrinklecli.effects.field.material import FABRICS, Fabric
+
+EACH = pytest.mark.parametrize("fabric", FABRICS.values(), ids=list(FABRICS))
+COSINES = np.cos(np.linspace(0.0, 2.0 * np.pi, 361))
+
+
+@EACH
+def test_a_wave_is_as_high_as_a_sine_and_sinks_less_than_it_rises(fabric: Fabric) -> None:
+    waves = fabric.wave(COSINES)
+    assert np.ptp(waves) == pytest.approx(2.0)
+    assert (waves.max(), waves.min()) == pytest.approx((2.0 * (1.0 - fabric.inward), -2.0 * fabric.inward))
+    assert 0.0 <= fabric.inward < 0.5
+
+
+@EACH
+def test_crests_are_round_and_valleys_narrower(fabric: Fabric) -> None:
+    waves = fabric.wave(COSINES)
+    assert (np.diff(fabric.wave(np.linspace(-1.0, 1.0, 50))) > 0).all()
+    assert (waves > (waves.max() + waves.min()) / 2.0).mean() > 0.5
+
+
+@EACH
+def test_forks_are_as_high_as_the_mean_of_a_wave(fabric: Fabric) -> None:
+    assert fabric.mean == pytest.approx(fabric.wave(COSINES[:-1]).mean())
+    assert fabric.wave(COSINES).min() < fabric.mean < fabric.wave(COSINES).max()
+
+
+def test_numbers_are_smooth_and_of_one_place_however_fine_the_mesh_is() -> None:
+    coarse, fine = plane(1.0, 0.5, 20)[0], plane(1.0, 0.5, 40)[0]
+    for made in (lengthened, raised):
+        numbers = made(fine, 0.1, 1.0, "a")
+        rows = numbers.reshape(41, 21)
+        assert rows[::2, ::2].ravel() == pytest.approx(made(coarse, 0.1, 1.0, "a"))
+        assert np.ptp(numbers) > 0.1
+        assert np.abs(np.diff(np.log(rows), axis=0)).max() < 0.3 * np.ptp(np.log(rows))
+        assert (numbers > 0).all()
+        assert made(fine, 0.1, 0.0, "a") == pytest.approx(1.0)
+        assert made(fine, 0.1, 1.0, "b") != pytest.approx(numbers)
+
+
+def test_lines_turn_in_the_surface() -> None:
+    positions = plane(1.0, 0.5, 20)[0]
+    normals, lines = (np.tile(each, (len(positions), 1)) for each in ([0.0, 0.0, 1.0], [1.0, 0.0, 0.0]))
+    found = turned(lines, normals, positions, 0.1, 0.5, "a")
+    assert np.linalg.norm(found, axis=1) == pytest.approx(1.0)
+    assert not found[:, 2].any()
+    assert 0.0 < np.abs(found[:, 1]).max() < 1.0
+    assert turned(lines, normals, positions, 0.1, 0.0, "a") == pytest.approx(lines)
+    # A line without a sign is turned the same way, whichever sign it has.
+    assert turned(-lines, normals, positions, 0.1, 0.5, "a") == pytest.approx(-found)
