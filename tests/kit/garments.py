@@ -2,6 +2,7 @@
 
 import json
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -121,7 +122,7 @@ def many_joints(count: int, *, rings: int = 60, sides: int = 8) -> Asset:
         asset.append("nodes", {"name": f"link_{k}", "translation": [-1.0 if k == 0 else 2.0 / count, 0.0, 0.0]})
         for k in range(count)
     ]
-    for one, other in zip(joints[:-1], joints[1:], strict=True):
+    for one, other in pairwise(joints):
         asset.gltf["nodes"][one]["children"] = [other]
     matrices = np.tile(np.eye(4), (count, 1, 1))
     matrices[:, 3, 0] = 1.0 - 2.0 * np.arange(count) / count

@@ -10,13 +10,13 @@ from kit.garments import attached, bent_tube, cut_open, split_materials, tallest
 from kit.limb import RADIUS
 from wrinklecli.effects.field.attach import AttachedField
 from wrinklecli.errors import WrinkleError
-from wrinklecli.surface.ground import Ground
+from wrinklecli.numeric.arrays import Bools, Ints
 
 RED, BLUE = [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]
 WAVE = 0.12
 
 
-def near(ground: Ground, field: AttachedField, where: np.ndarray) -> float:
+def near(field: AttachedField, where: Bools | Ints) -> float:
     """The tallest height at some places, over the tallest of all."""
     return float(tallest(field)[where].max() / tallest(field).max())
 
@@ -29,7 +29,7 @@ def test_heights_fade_at_a_hem(stops: str, fades: bool) -> None:
     used = np.unique(ground.surface.triangles)
     hem = used[height[used] < np.sort(np.unique(height[used].round(6)))[0] + 1e-6]
     assert len(hem) > 20
-    assert (near(ground, field, hem) < 1e-9) == fades
+    assert (near(field, hem) < 1e-9) == fades
 
 
 @pytest.mark.parametrize(
@@ -41,9 +41,9 @@ def test_heights_fade_at_a_seam_of_materials(colours: list[list[float]], stops: 
     ground, field = attached(split_materials(tube(primitives=2), *colours), stops=stops, wavelength=WAVE)
     seam = np.abs(ground.rest.positions[:, 0]) < 1e-6
     assert seam.sum() == 16
-    assert (near(ground, field, seam) < 1e-9) == fades
+    assert (near(field, seam) < 1e-9) == fades
     # Beside it they rise as elsewhere.
-    assert near(ground, field, np.abs(ground.rest.positions[:, 0]) < 0.25) > 0.9
+    assert near(field, np.abs(ground.rest.positions[:, 0]) < 0.25) > 0.9
 
 
 def flat_shaded(asset: Asset, *, uneven: bool = True) -> Asset:
@@ -86,7 +86,7 @@ def test_flat_places_beside_smooth_ones_get_none() -> None:
     side = ground.rest.positions[:, 2]
     heights = tallest(field) / tallest(field).max()
     assert np.quantile(heights[side < -0.1], 0.9) < 0.05
-    assert near(ground, field, side > 0.05) == 1.0
+    assert near(field, side > 0.05) == 1.0
 
 
 def test_a_mask_leaves_a_half() -> None:
@@ -97,7 +97,7 @@ def test_a_mask_leaves_a_half() -> None:
     )
     side = ground.rest.positions[:, 2]
     assert not tallest(field)[side < -1e-6].any()
-    assert near(ground, field, side > 0.05) == 1.0
+    assert near(field, side > 0.05) == 1.0
 
 
 def test_a_mask_is_a_factor() -> None:
@@ -148,8 +148,8 @@ def test_the_joints_that_a_field_names_fold_it(joints: str | list[str], folding:
     ground, field = attached(two_bends(), joints=joints)
     assert {signal.node for signal, _ in field.drive.turns} == folding
     x = ground.rest.positions[:, 0]
-    assert near(ground, field, np.abs(x + 1.0 / 3.0) < 0.1) > 0.5
-    assert (near(ground, field, np.abs(x - 1.0 / 3.0) < 0.1) > 0.5) == (3 in folding)
+    assert near(field, np.abs(x + 1.0 / 3.0) < 0.1) > 0.5
+    assert (near(field, np.abs(x - 1.0 / 3.0) < 0.1) > 0.5) == (3 in folding)
 
 
 @pytest.mark.parametrize(
