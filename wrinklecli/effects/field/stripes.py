@@ -21,6 +21,8 @@ from wrinklecli.numeric.laplacian import side_weights, vertex_areas
 _ROUNDS = ((6.0, 4), (2.0, 6), (1.0, 6), (0.5, 6))
 # Trust that any place has: phases go on where nothing asks for them.
 _LEAST_TRUST = 1e-3
+# Waves in space, one wavelength long, of which the first phases are made: some of them run across any crest.
+_WAVES = 32
 # Replaces a divisor of 0, and the length of a ψ that is lost.
 _TINY, _SHORT = 1e-300, 1e-9
 
@@ -107,12 +109,20 @@ def phases(sides: Sides, positions: Floats, triangles: Ints, trust: Floats, wave
         shape=(2 * count, 2 * count),
     )
     masses = np.repeat(vertex_areas(positions, triangles) * (trust + _LEAST_TRUST), 2)
-    found = drawn(seed, "phases", count, 2)
+    found = _drawn_at(positions, wavelength, seed)
     for length, rounds in _ROUNDS:
         factors = factorised((sparse.diags_array(masses) + (length * wavelength) ** 2 / 4.0 * energy).tocsc())
         for _ in range(rounds):
             found = factors.solve(masses * _restored(found).reshape(-1)).reshape(-1, 2)
     return np.asarray(found)
+
+
+def _drawn_at(positions: Floats, wavelength: float, seed: str) -> Floats:
+    """(vertices, 2) random ψ, the same at one place however vertices are numbered and however fine the mesh is."""
+    ways = drawn(seed, "ways", _WAVES, 3)
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True) * wavelength
+    angles = 2.0 * np.pi * (positions @ ways.T) + np.pi * drawn(seed, "phases", _WAVES)
+    return np.stack([np.cos(angles).sum(axis=1), np.sin(angles).sum(axis=1)], axis=1)
 
 
 def _restored(values: Floats) -> Floats:
