@@ -124,3 +124,12 @@ def test_there_are_at_most_as_many_shapes_as_are_asked_for(most: int) -> None:
     assert 1 <= len(factors.turns) <= most
     assert set(factors.turns.tolist()) == set(range(4)[-most:])
     assert (np.diff(factors.turns) >= 0).all()
+
+
+@pytest.mark.parametrize("unit", [1e-21, 1e-7, 1e9])
+def test_units_do_not_matter(unit: float) -> None:
+    poses, heights, factors = of_two_shapes()
+    other = factors_of(poses, unit * heights, AREAS, MOST)
+    assert other.turns.tolist() == factors.turns.tolist()
+    assert other.shapes / unit == pytest.approx(factors.shapes, rel=1e-3, abs=1e-6)
+    assert np.stack(other.tables) == pytest.approx(np.stack(factors.tables), abs=1e-4)

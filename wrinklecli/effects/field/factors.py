@@ -125,7 +125,7 @@ def _factorised(heights: Floats, count: int) -> tuple[Floats, Floats]:
     shapes = heights[picked] + _TINY * scale
     weights = np.maximum(heights @ np.linalg.pinv(shapes), 1e-3)
     for _ in range(_ROUNDS):
-        weights *= (heights @ shapes.T) / np.maximum(weights @ (shapes @ shapes.T), _TINY * scale)
+        weights *= (heights @ shapes.T) / np.maximum(weights @ (shapes @ shapes.T), _TINY * scale**2)
         shapes *= (weights.T @ heights) / np.maximum((weights.T @ weights) @ shapes, _TINY * scale)
     greatest = np.maximum(weights.max(axis=0), _TINY)
     return weights / greatest, shapes * greatest[:, None]
