@@ -83,7 +83,7 @@ def hard_edges(surface: Surface, positions: Floats, regions: Sequence[Region]) -
     """
     members = members_of(regions, len(surface.triangles))
     faces = np.flatnonzero(two_rings(members, surface.triangles, len(surface.positions)))
-    edges, hard = _hard_among(surface, positions, faces)
+    edges, hard, _ = _hard_among(surface, positions, faces)
     of_regions = [distinct_values(edges.of_faces[children(faces, region.members)]) for region in regions]
     shares = np.array([hard[each].mean() for each in of_regions])
     for number in np.flatnonzero(shares > FACETED):
@@ -91,17 +91,32 @@ def hard_edges(surface: Surface, positions: Floats, regions: Sequence[Region]) -
     return HardEdges(edges.vertices[hard], shares)
 
 
-def hard_shares(surface: Surface, positions: Floats) -> Floats:
-    """(vertices,) the part of each one's edges that are hard; angles are those of (vertices, 3) bind positions."""
-    edges, hard = _hard_among(surface, positions, np.arange(len(surface.triangles)))
-    count = len(surface.positions)
-    every = np.bincount(edges.vertices.reshape(-1), minlength=count)
-    found = np.bincount(edges.vertices[hard].reshape(-1), minlength=count)
-    return np.asarray(found / np.maximum(every, 1))
+def bends(surface: Surface, positions: Floats) -> tuple[Floats, Floats]:
+    """How much the surface bends at its edges, each by its angle times its length: at hard ones, and at all.
+
+    A smooth surface bends at soft edges, a faceted one and a box at hard ones alone.
+
+    Args:
+        surface: The mesh.
+        positions: (vertices, 3) bind space.
+
+    Returns:
+        (vertices,) sums over the edges of each vertex, twice.
+    """
+    edges, hard, cosines = _hard_among(surface, positions, np.arange(len(surface.triangles)))
+    ends = edges.vertices[edges.pairs]
+    lengths = np.linalg.norm(positions[ends[:, 1]] - positions[ends[:, 0]], axis=1)
+    bent = np.arccos(np.clip(cosines, -1.0, 1.0)) * lengths
+    count = len(positions)
+    at_hard, at_all = (
+        np.asarray(np.bincount(ends.reshape(-1), np.repeat(each, 2), count), np.float64)
+        for each in (bent * hard[edges.pairs], bent)
+    )
+    return at_hard, at_all
 
 
-def _hard_among(surface: Surface, positions: Floats, faces: Ints) -> tuple[Edges, Bools]:
-    """The edges of some faces, and (edges,) True for those that are hard."""
+def _hard_among(surface: Surface, positions: Floats, faces: Ints) -> tuple[Edges, Bools, Floats]:
+    """The edges of some faces, (edges,) True for those that are hard, and (pairs,) cosines between two faces."""
     triangles = surface.triangles[faces]
     edges = Edges.of(triangles)
     hard = np.zeros(len(edges.vertices), np.bool_)
@@ -112,7 +127,7 @@ def _hard_among(surface: Surface, positions: Floats, faces: Ints) -> tuple[Edges
     flat = unit(face_normals(positions, triangles))
     cosines = edges.way * np.sum(flat[edges.one // 3] * flat[edges.other // 3], axis=1)
     hard[edges.pairs] |= (cosines < SHARP) | normals_differ(authored, edges)
-    return edges, hard
+    return edges, hard, cosines
 
 
 def normals_differ(authored: Floats, edges: Edges) -> Bools:

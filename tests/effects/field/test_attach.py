@@ -60,13 +60,7 @@ def flat_shaded(asset: Asset, *, uneven: bool = True) -> Asset:
     return asset
 
 
-FEW = pytest.mark.xfail(strict=True, reason="it is refused only if each vertex has as many hard edges as others")
-IN_ONE_PLANE = pytest.mark.xfail(strict=True, reason="of the edges of a tube of flat bands only a third is hard")
-
-
-@pytest.mark.parametrize(
-    "shading", ["none", pytest.param("flat", marks=FEW), pytest.param("bands", marks=IN_ONE_PLANE)]
-)
+@pytest.mark.parametrize("shading", ["none", pytest.param("flat"), pytest.param("bands")])
 def test_a_faceted_mesh_is_refused(shading: str) -> None:
     bare = tube(sides=8, indices="u2" if shading == "none" else None, normals=shading != "none")
     asset = bare if shading == "none" else flat_shaded(bare, uneven=shading == "flat")

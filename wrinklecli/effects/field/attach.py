@@ -14,7 +14,7 @@ from wrinklecli.effects.field.heights import measure
 from wrinklecli.effects.field.irregular import turned
 from wrinklecli.effects.field.material import FABRICS, Fabric
 from wrinklecli.effects.field.region import FieldRegion
-from wrinklecli.effects.field.turns import Sweeps, turns_of
+from wrinklecli.effects.field.turns import Sweeps, acting_together, turns_of
 from wrinklecli.errors import BakeError, WrinkleError, listed, nearest
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, smoothstep, weighted_quantiles
@@ -24,7 +24,7 @@ from wrinklecli.surface.bones import BoneLines
 from wrinklecli.surface.features import cut_at_features
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.mask import read_mask
-from wrinklecli.surface.rounding import FACETED, hard_shares
+from wrinklecli.surface.rounding import FACETED, bends
 from wrinklecli.tools.fields import Field
 from wrinklecli.tools.records import Length
 
@@ -36,6 +36,9 @@ _MOST_SHAPES = 24
 _GIRTHS, _THINNEST, _THICKEST = 2.0, 0.2, 3.0
 # Length over which heights fade at features, in wavelengths.
 _FADE = 0.6
+# Length round a place, in wavelengths, over which one sees whether it is faceted, and the part of its bends at hard
+# edges from which on no wrinkle is left; from `FACETED` on they become lower.
+_FACETS, _MOST_FACETED = 1.0, 0.8
 # Numbers of each vertex and pose that are held at once.
 _HELD = 4
 # Part of the greatest height below which nothing is seen.
@@ -124,11 +127,11 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
     wavelength, wavelengths = _wavelengths(tool, fabric, ground, sheet)
     variation = fabric.variation if tool.variation is None else tool.variation
     slack = fabric.slack if tool.slack is None else tool.slack
-    turns, together = turns_of(ground, _joints(tool, ground))
+    turns = turns_of(ground, _joints(tool, ground))
     if not turns:
         raise BakeError("no joint of its mesh turns", where=where)
     seed = tool.name if tool.seed is None else str(tool.seed)
-    sweeps = Sweeps.of(ground.rig, turns, together, seed=seed)
+    sweeps = Sweeps.of(ground.rig, turns, seed=seed, together=acting_together(ground, turns))
     poses = len(sweeps.angles)
     ground.document.memory.check(_HELD * 8 * poses * len(rest.positions), f"heights in {poses} poses", where=where)
     allowed = _allowed(tool, ground, members, sheet, wavelength)
@@ -254,8 +257,11 @@ def _allowed(tool: Field, ground: Ground, members: Ints, sheet: Sheet, wavelengt
     surface, name = ground.surface, ground.rig.names[ground.rig.node]
     found = np.ones(len(sheet.positions))
     if tool.stops == "features":
-        # Half of a vertex's edges are hard where the mesh is meant to be faceted; along a crease it is a third.
-        found *= np.clip(2.0 - 2.0 / FACETED * hard_shares(surface, ground.rest.bind_positions), 0.0, 1.0)
+        nearby = sheet.averaging(_FACETS * wavelength)
+        bent = bends(surface, ground.rest.bind_positions)
+        at_hard, at_all = (np.maximum(nearby.of_integrals(each), 0.0) for each in bent)
+        faceted = at_hard / np.where(at_all > 0, at_all, 1.0)
+        found *= np.clip((_MOST_FACETED - faceted) / (_MOST_FACETED - FACETED), 0.0, 1.0)
         if not found.any():
             raise BakeError(f"{name} is faceted: a field needs a smooth surface with normals", where=tool.where)
         ends = cut_at_features(ground, members, wavelength).features

@@ -5,7 +5,7 @@ no clip turns any joint much, they turn about their own axes, as far as `charact
 limbs and the trunk of a body turn as people do.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -34,7 +34,7 @@ _LEAST_STEPS = 2
 _MOST = 32
 # Poses in which joints turn at once, and those of them in which they turn as far as they can.
 _MIXTURES, _EXTREMES = 12, 4
-# Joints that do so, in the mean, where no clip says that all do, as in a walk.
+# Turns that do so, in the mean, where no clip shows them.
 _TOGETHER = 4.0
 # Degrees by which parts swing back and ahead, to both sides, and twist where no clip says so: about what people do in
 # everyday motion. Other parts turn about their own axes.
@@ -69,14 +69,10 @@ class Turn:
         return turning(self.signal.node, self.signal.rest, self.signal.axis, angle)
 
 
-def turns_of(ground: Ground, moving: Sequence[int]) -> tuple[list[Turn], float]:
-    """The turns of some nodes of a character, each about up to three axes, those of the first nodes first.
-
-    Returns:
-        The turns, and how many of them act together, in the mean.
-    """
+def turns_of(ground: Ground, moving: Sequence[int]) -> list[Turn]:
+    """The turns of some nodes of a character, each about up to three axes, those of the first nodes first."""
     shown = {node: _shown(ground.rig, node, ground.clips) for node in moving if "rotation" in ground.rig.locals[node]}
-    told = any(np.abs(vectors).max(initial=0.0) >= np.radians(TELLING) for vectors in shown.values())
+    told = _are_told(shown.values())
     usual = {} if told else _usual(ground) | _anatomical(ground)
     found = []
     for node, vectors in shown.items():
@@ -86,8 +82,18 @@ def turns_of(ground: Ground, moving: Sequence[int]) -> tuple[list[Turn], float]:
                 axis, least, most = -axis, -most, -least
             if most >= _LEAST:
                 found.append(Turn(JointAngle(node, parent, unit(axis), stored), _steps(least, most)))
-    found = found[:_MOST]
-    return found, len(found) if told else min(_TOGETHER, len(found))
+    return found[:_MOST]
+
+
+def acting_together(ground: Ground, turns: Sequence[Turn]) -> float:
+    """How many turns act at once, in the mean: all where clips show them, as in a walk."""
+    vectors = [_shown(ground.rig, node, ground.clips) for node in {turn.signal.node for turn in turns}]
+    return len(turns) if _are_told(vectors) else min(_TOGETHER, len(turns))
+
+
+def _are_told(shown: Iterable[Floats]) -> bool:
+    """True if some (keys, 3) turns in clips are so wide that clips tell how far joints turn."""
+    return any(np.linalg.norm(each, axis=1).max(initial=0.0) >= np.radians(TELLING) for each in shown)
 
 
 def _principal(vectors: Floats) -> list[tuple[Floats, tuple[float, float]]]:
@@ -194,8 +200,8 @@ class Sweeps:
     matrices: Floats
 
     @classmethod
-    def of(cls, rig: Rig, turns: Sequence[Turn], together: float, *, seed: str) -> "Sweeps":
-        """Let joints turn one by one, then so many together, in the mean."""
+    def of(cls, rig: Rig, turns: Sequence[Turn], *, seed: str, together: float = np.inf) -> "Sweeps":
+        """Let joints turn one by one, then so many `together`, in the mean."""
         rows, owners = [], []
         for number, turn in enumerate(turns):
             for angle in turn.angles[turn.angles != 0]:
