@@ -58,7 +58,8 @@ _KEYS = [
     "up", "materials", "textures", "samplers", "cameras", "source", "sampler", "material", "pbrMetallicRoughness",
     "baseColorTexture", "index", "texCoord", "nodes", "scenes", "scene", "skins", "joints", "inverseBindMatrices",
     "animations", "channels", "wrinkle", "original", "attributes", "POSITION", "path", "lag", "frequency", "damping",
-    "bow", "variation", "seed", "branch", "profile", "compressible",
+    "bow", "variation", "seed", "branch", "profile", "compressible", "fields", "turns", "angles", "axis", "wavelength",
+    "slack", "stops", "mask",
 ]
 # fmt: on
 
@@ -78,6 +79,7 @@ _BODIES = {
         "travel": True,
     },
     "flesh": {"name": "belly", "at": [0.3, 0.1, 0.0], "radius": 0.4, **_SPRING},
+    "fields": {"name": "sleeve", "wavelength": "30%", "slack": "3%", "joints": ["joint_0", "joint_1"], "seed": 3},
 }
 
 
@@ -464,7 +466,7 @@ def geometry_edit(chance: random.Random) -> Iterator[Edit]:
 
 
 def body_edits(chance: random.Random) -> Iterator[Edit]:
-    """A muscle or flesh in the tools file, with a fault in three of four cases."""
+    """A muscle, flesh or a field in the tools file, with a fault in three of four cases."""
     kind = chance.choice(sorted(_BODIES))
     yield ["set", "tools", [kind], [_BODIES[kind]]]
     if chance.random() < 0.75:

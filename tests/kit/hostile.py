@@ -79,7 +79,7 @@ def corpus() -> list[Source]:
         asset.gltf["buffers"] = [{"byteLength": len(asset.data)}]
         sources.append(Source(suffix, asset.gltf, bytes(asset.data), {"version": 1, **small, **header, "tools": tools}))
     # In this order for good: kept cases name a source by its number.
-    return [*sources, _baked(sources[0]), *_dressed(), *_large(), *_grown(), *_folded()]
+    return [*sources, _baked(sources[0]), *_dressed(), *_large(), *_grown(), *_folded(), *_garment()]
 
 
 def _dressed() -> list[Source]:
@@ -202,6 +202,19 @@ def _folded() -> list[Source]:
         )
         for asset, tools in cases
     ]
+
+
+def _garment() -> list[Source]:
+    """A sleeve with a field of wrinkles, and what a bake of it writes."""
+    asset = limb_asset(rings=9, sides=8)
+    tools = {
+        "version": 1,
+        "refinement": {"max_levels": 1},
+        "sampling": {"fps": 4},
+        "fields": [{"name": "sleeve", "wavelength": "30%", "strength": 0.9, "clips": {"fold": 0.5}}],
+    }
+    source = Source(".glb", {**asset.gltf, "buffers": [{"byteLength": len(asset.data)}]}, bytes(asset.data), tools)
+    return [source, _baked(source)]
 
 
 def pole(edges: int) -> Asset:

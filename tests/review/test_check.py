@@ -708,3 +708,11 @@ def test_a_field_is_checked_in_those_motions_of_a_range_of_motion_that_turn_its_
     (entry,) = check(asset, tools).data["fields"]
     assert entry["clips"]
     assert all(each["weight"] > 0 and each["name"].startswith("joint_2") for each in entry["clips"])
+
+
+def test_a_picture_of_no_control_curve_is_refused(wrinkle: Wrinkle, tmp_path: Path) -> None:
+    """Fields have none, nor have muscles and flesh."""
+    asset, tools = sleeve_and_field(tmp_path)
+    ran = wrinkle("check", asset, tools, "--plot", tmp_path / "a.svg")
+    assert (ran.code, ran.lines) == (1, [f"{tools}: no wrinkling tool has a control curve to draw"])
+    assert not (tmp_path / "a.svg").exists()

@@ -66,9 +66,11 @@ def draw_check(checked: Check, kind: str) -> bytes:
     always the same with the same matplotlib.
 
     Raises:
-        WrinkleError: There are too many tools for one picture, or matplotlib is missing.
+        WrinkleError: There is no tool, there are too many for one picture, or matplotlib is missing.
     """
     refuse_without_matplotlib()
+    if not checked.tools:
+        raise BakeError("no wrinkling tool has a control curve to draw", where=checked.data["tools_file"])
     if len(checked.tools) > _MOST_TOOLS:
         raise BakeError(f"{len(checked.tools)} tools; a picture shows {_MOST_TOOLS}: choose some by --tool")
     import matplotlib as mpl
