@@ -12,6 +12,7 @@ from kit.asset import ARRAY_BUFFER, Asset
 from kit.bakes import bake_config
 from kit.clients import assert_valid, drive, pose_each, target_bytes
 from kit.engines import babylon_pose
+from kit.fields import sleeve, sleeve_and_field
 from kit.golden import Golden
 from kit.limb import limb_asset, tool, write_tools
 from kit.player import Gltf, Json
@@ -206,6 +207,24 @@ def test_tracks_of_other_files_and_the_driver_move_all_parts(tmp_path: Path) -> 
             assert np.abs(np.stack([driven[name][:, 0] for name in names], axis=1) - wanted).max() < 0.02
             assert targets_of(tracked, node) == names
             assert np.abs(tracked.weights(node, clip, times) - wanted).max() < 0.03
+
+
+def test_a_field_is_split_between_its_joints(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its shapes end where nothing of them is seen, and so do their normals."""
+    monkeypatch.setattr(parts, "_WORTH", 2000)
+    monkeypatch.setattr(split, "_MATTERS", 0)
+    _, tools = sleeve_and_field(tmp_path)
+    asset = sleeve(rings=31, sides=12).write(tmp_path / "sleeve.glb")
+    made = wrinklecli.bake(asset, tools, tmp_path / "split.glb", split=True)
+    parted = Gltf(tmp_path / "split.glb")
+    assert_valid(parted.path)
+    mesh, (told,) = made.data["meshes"][0], made.data["fields"]
+    assert target_bytes(parted.path) < 0.8 * mesh["vertices"] * len(told["targets"]) * 32
+    joints = [turn["joint"] for turn in told["turns"] for _ in range(turn["shapes"])]
+    names = told["targets"]
+    alone = [{joints[names.index(name)] for name in targets_of(parted, node)} for node in nodes_of(parted)]
+    assert {"joint_1"} in alone
+    assert {"joint_2"} in alone
 
 
 def test_what_has_no_morph_targets_is_not_split(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from kit.carried import carry_patch, moved, placed, scattered
 from kit.limb import limb_asset, tool
 from kit.prepared import prepare
 from wrinklecli.character.pose import Pose, blend, pose_at, transform
-from wrinklecli.effects.shapes import DisplacedNormals, summed_middles, turn_to
+from wrinklecli.effects.shapes import DisplacedNormals, Sample, make_shapes, summed_middles, turn_to
 from wrinklecli.effects.wrinkle.activity import activity
 from wrinklecli.effects.wrinkle.bending import Risen, rising
 from wrinklecli.effects.wrinkle.lookup import weights_of
@@ -167,6 +167,25 @@ def test_normals_change_on_all_faces_of_moved_vertices_and_nowhere_else() -> Non
     assert np.isin(shape.normal_vertices, around).all()
     assert not np.isin(around, shape.vertices).all(), "the ring around the wrinkles turns without moving"
     assert not np.isin(shape.normal_vertices, shape.vertices).all()
+
+
+def test_a_shape_turns_no_normal_around_which_it_moves_nothing() -> None:
+    """Two bumps that always rise together: each has the normals that it would have alone."""
+    prepared = prepare(limb_asset(rings=41, sides=24), tool())
+    _, fine = carry_patch(prepared)
+    pose = prepared.rest.pose
+    heights = np.stack([np.exp(-(((fine.positions[:, 0] - x) / 0.08) ** 2)) for x in (-0.6, 0.6)])
+    deltas = np.where(heights > 1e-4, 0.02 * heights, 0.0)[:, :, None] * fine.normals_at(np.arange(len(fine.positions)))
+    every, tallest = np.arange(len(fine.positions)), np.full(2, 0.02)
+    both = make_shapes(fine, every, deltas, tallest=tallest, samples=[Sample(np.ones(2), pose)])
+    for number, shape in enumerate(both):
+        assert shape is not None
+        touched = np.unique(fine.triangles[fine.around.faces_of(shape.vertices)])
+        assert set(shape.normal_vertices.tolist()) <= set(touched.tolist())
+        (alone,) = make_shapes(fine, every, deltas[[number]], tallest=tallest[:1], samples=[Sample(np.ones(1), pose)])
+        assert alone is not None
+        assert np.array_equal(shape.normal_vertices, alone.normal_vertices)
+        assert shape.normal_deltas == pytest.approx(alone.normal_deltas, abs=1e-6)
 
 
 def test_normals_of_undisplaced_vertices_are_the_surface_s() -> None:

@@ -13,6 +13,7 @@ import numpy as np
 from wrinklecli.character.pose import Pose, blend, transform
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import (
+    Bools,
     Floats,
     Ints,
     cross,
@@ -128,7 +129,12 @@ def make_shapes(
     if samples and moving.any():
         together = moving.any(axis=0)
         normal_vertices, normal_deltas = _fit_normals(
-            fine, vertices[together], deltas[:, together], samples, folded=folded, middles=middles
+            fine,
+            vertices[together],
+            np.where(moving[:, together, None], deltas[:, together], 0.0),
+            samples,
+            folded=folded,
+            middles=middles,
         )
     shapes: list[Shape | None] = []
     for shape, moves in enumerate(moving):
@@ -194,12 +200,16 @@ def _fit_normals(
             wanted[number, rows] -= weight * shape.normal_deltas[others]
     normal = np.zeros((len(touched), len(deltas), len(deltas)))
     right = np.zeros((len(touched), len(deltas), 3))
+    # A shape turns no normal around which it moves nothing, though it could make up for what others leave there.
+    reaching = normals.reached(np.any(deltas, axis=2))
     # Sample by sample, as few of many shapes act in each.
     for leverage, row, want in zip(cosines**4, weights, wanted, strict=True):
         acting = np.flatnonzero(row)
         own = leverage[:, None] * row[acting]
         normal[:, acting[:, None], acting] += own[:, :, None] * row[acting]
         right[:, acting] += own[:, :, None] * want[:, None]
+    normal *= reaching[:, :, None] & reaching[:, None]
+    right *= reaching[:, :, None]
     # Shapes that hardly act in any sample get no normals instead of huge ones.
     ridge = 1e-9 * np.trace(normal, axis1=1, axis2=2).max(initial=0.0) + 1e-30
     fitted = np.linalg.solve(normal + ridge * np.eye(weights.shape[1]), right)
@@ -260,6 +270,16 @@ class DisplacedNormals:
             fine.dense_weights(around, fine.weights.joint_count),
             fine.normals_at(touched),
         )
+
+    def reached(self, moves: Bools) -> Bools:
+        """(touched, shapes) True for those with a neighbour that a shape moves, or moved, by (shapes, vertices)."""
+        moved = np.zeros((len(self.around), len(moves)), np.bool_)
+        moved[self.moved] = moves.T
+        of_faces = moved[self.triangles].any(axis=1)
+        found = np.zeros_like(moved)
+        for corners in self.triangles.T:
+            np.logical_or.at(found, corners, of_faces)
+        return found[self.rows]
 
     def in_poses(
         self,
