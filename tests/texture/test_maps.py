@@ -17,6 +17,7 @@ from kit.asset import Asset
 from kit.bakes import bake_config, place
 from kit.characters import CHARACTERS
 from kit.command import Wrinkle, files
+from kit.fields import bake_field, sleeve_and_field
 from kit.limb import limb_asset, tool, write_tools
 from kit.places import ROOT
 from kit.samples import Editor, edited, sample
@@ -110,6 +111,22 @@ def test_heights_and_drives_are_those_of_a_bake(tmp_path: Path) -> None:
     how = SamplingOptions(30.0, "morph", Memory(), no_progress)
     tallest = max(each.shape.tallest for each in targets_of(sample_effects(plan, [], how)[0]))
     assert 0.98 * tallest < heights.max() < 1.02 * tallest
+
+
+@pytest.mark.slow
+def test_maps_of_a_field_have_its_turns_and_its_folds(tmp_path: Path) -> None:
+    asset, tools = sleeve_and_field(tmp_path)
+    made = maps(asset, tools, tmp_path / "maps", size=64, kinds=["height", "normal"], supersample=1)
+    baked = bake_field()
+    (drive,) = baked.json["nodes"][baked.node("limb")]["extras"]["wrinkle"]["fields"]
+    ((node,), (material,)) = made.data["nodes"], made.data["materials"]
+    assert node["wrinkle"]["fields"] == [drive]
+    assert node["wrinkle"]["tools"] == []
+    weights = [weight["target"] for each in material["sets"] for weight in each["weights"]]
+    assert sorted(weights) == sorted(drive["targets"])
+    for each in material["sets"]:
+        heights = pixels(tmp_path / "maps" / each["height"]["file"])
+        assert np.ptp(heights) > 0.2 * 65535
 
 
 def test_a_bake_writes_maps_too_or_nothing(wrinkle: Wrinkle, tmp_path: Path) -> None:

@@ -21,6 +21,7 @@ from wrinklecli.gltf.images import files_of
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.memory import MAX_MEMORY, MAX_VERTICES, Memory
 from wrinklecli.tools.body import Flesh
+from wrinklecli.tools.fields import Field
 from wrinklecli.tools.read import load_merged
 from wrinklecli.tools.records import ONE_PERCENT, EffectTool, Length, ToolsFile, WrinkleTool
 
@@ -380,7 +381,9 @@ def check_clip_names(settings: ToolsFile, sampled: Sequence[str], clips: tuple[C
 
 
 def wrinkles_alone(job: Job) -> Job:
-    """The job with its wrinkling tools that the skin carries, whose maps need no geometry, and a line for the others.
+    """The job with the tools whose maps need no geometry, and a line for each of the others.
+
+    These are fields, and wrinkling tools that the skin carries.
 
     Raises:
         BakeError: No tool is left.
@@ -389,7 +392,9 @@ def wrinkles_alone(job: Job) -> Job:
     notes = []
     for node, tools in job.by_node.items():
         for tool in tools:
-            if not isinstance(tool, WrinkleTool):
+            if isinstance(tool, Field):
+                kept.setdefault(node, []).append(tool)
+            elif not isinstance(tool, WrinkleTool):
                 notes.append(f"{tool.name}: left out, as it moves the body; maps hold wrinkles alone")
             elif tool.attachment == "patch":
                 notes.append(f"{tool.name}: left out, as attachment: patch has other wrinkles in each frame")
@@ -398,5 +403,5 @@ def wrinkles_alone(job: Job) -> Job:
                     notes.append(f"{tool.name}: contact is left out, as it moves the mesh")
                 kept.setdefault(node, []).append(replace(tool, contact=None))
     if not kept:
-        raise BakeError("has no wrinkling tool that maps could show", where=job.settings.path)
+        raise BakeError("has no wrinkling tool and no field that maps could show", where=job.settings.path)
     return replace(job, by_node=kept, notes=(*job.notes, *notes))

@@ -63,10 +63,10 @@ def _kinds(value: str) -> tuple[str, ...]:
 def maps(asset: str, tools: str, folder: str, strict: bool, quiet: bool, **options: Any) -> None:
     """Write maps of the wrinkles that the tools of TOOLS (YAML) would make on ASSET (glTF), whose mesh stays as it is.
 
-    For each material under a tool, in its own texture coordinates, DIR gets a normal map (tangent space, as glTF's),
-    a height map (16 bits) and an occlusion map of the full wrinkles. Weights that nowhere meet share them; masks say
-    which texels belong to which weight. maps.json lists the files, and holds the numbers that turn a pose into
-    weights, as a baked file's extras do.
+    For each material under a tool or a field, in its own texture coordinates, DIR gets a normal map (tangent space, as
+    glTF's), a height map (16 bits) and an occlusion map of the full wrinkles. Weights that nowhere meet share them;
+    masks say which texels belong to which weight. maps.json lists the files, and holds the numbers that turn a pose
+    into weights, as a baked file's extras do.
 
     Contact, muscles, flesh and touches move the mesh: no map shows them.
 

@@ -234,16 +234,19 @@ def _file_name(name: str, taken: set[str]) -> str:
 
 
 def _drives(gltf: Json, plan: MeshPlan, effects: Sequence[Effect]) -> Json:
-    """The drives of a node's tools, as the extras of a baked node hold them."""
+    """The drives of a node's effects, as the extras of a baked node hold them."""
     rig = plan.rig
-    drives = [each.drive for each in effects if each.drive is not None]
-    names = player_names(gltf, rig, frozenset(node for drive in drives for node in drive.nodes))
+    driven = [(each.section, each.drive) for each in effects if each.drive is not None]
+    names = player_names(gltf, rig, frozenset(node for _, drive in driven for node in drive.nodes))
+    sections: dict[str, list[Json]] = {"tools": []}
+    for section, drive in driven:
+        sections.setdefault(section, []).append(drive.to_json(names, rig.morph_names))
     return {
         "node": rig.names[rig.node],
         "wrinkle": {
             "layout": LAYOUT,
             "method": METHOD,
-            "tools": [each.to_json(names, rig.morph_names) for each in drives],
+            **sections,
         },
     }
 

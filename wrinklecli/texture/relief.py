@@ -19,6 +19,7 @@ from wrinklecli.errors import BakeError, TooMuchError
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, distinct_values, flags_of, inverses, unit
 from wrinklecli.surface.refine import Refinement
+from wrinklecli.tools.fields import Field
 from wrinklecli.tools.records import WrinkleTool
 
 # Edges on half a bump, tried in this order. With 12, normals are within 1.4° of those of 24 at 95 % of a tool on the
@@ -34,7 +35,7 @@ _CHUNK = 2**16
 
 
 def plan_finely(
-    job: Job, node: int, tool: WrinkleTool, neighbours: Neighbours, how: SamplingOptions, *, most_edges: float
+    job: Job, node: int, tool: WrinkleTool | Field, neighbours: Neighbours, how: SamplingOptions, *, most_edges: float
 ) -> tuple[MeshPlan, Effect]:
     """Refine the mesh of a node under one tool as finely as maps need, whatever the tools file asks for.
 

@@ -41,7 +41,11 @@ class FieldRegion(SmoothRegion):
     tree: Tree
 
     intervals: ClassVar[float] = 1.0
-    span: ClassVar[float] = 1.0
+
+    @property
+    def span(self) -> float:
+        """Half the shortest wavelength: the interval of its wrinkles."""
+        return float(self.wavelengths.min()) / 2.0
 
     @property
     def half_width(self) -> float:
