@@ -19,6 +19,8 @@ from wrinklecli.effects.field.compression import shortest
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.surface.ground import Ground, read_ground
 
+FOLDS: Json = {"name": "folds"}
+
 
 def tube(**options: Any) -> Asset:
     """A tube along x that bends by 90° towards +y about its middle, `joint_1`, and back: half of it is compressed."""
@@ -26,10 +28,11 @@ def tube(**options: Any) -> Asset:
 
 
 def job_of(asset: Asset, *fields: Json, levels: int = 1, **top: Any) -> Job:
-    """An asset read with fields, one where none is given."""
+    """An asset read with fields, or with what `top` has; with one field where there is neither."""
     path = place(asset)
+    listed = {"fields": list(fields)} if fields else {} if top.keys() & {"fields", "flesh"} else {"fields": [FOLDS]}
     file = path.with_suffix(".yaml")
-    file.write_text(json.dumps({"version": 1, "fields": list(fields) or [{"name": "folds"}], **top}))
+    file.write_text(json.dumps({"version": 1, **listed, **top}))
     return read_job(path, file, BakeOptions(max_levels=levels))
 
 

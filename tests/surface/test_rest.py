@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from kit.garments import ground_of, job_of
 from kit.limb import RADIUS, limb_asset, tool
 from kit.prepared import posed_surface, prepare, unattached
 from wrinklecli.errors import BakeError, ConfigError
@@ -51,6 +52,19 @@ def test_bind_rest_is_the_bind_pose_moved_by_the_first_anchor_s_joint() -> None:
     assert prepared.rest.positions == pytest.approx(prepared.surface.positions, abs=1e-12)
     with pytest.raises(BakeError, match=r"target: is .* from the mesh"):
         prepare(asset, tool(), rest="stored")
+
+
+KEYS: dict[str, dict[str, str]] = {"fields": {}, "flesh": {"joint": "joint_1"}}
+
+
+@pytest.mark.parametrize("section", KEYS)
+def test_bind_rest_is_that_of_the_main_joint_where_nothing_has_a_place(section: str) -> None:
+    """A field lies all over its mesh, and flesh may be what follows a joint."""
+    asset = limb_asset(rings=13, sides=8)
+    asset.gltf["nodes"][2]["rotation"] = [0, 0, np.sin(1.0), np.cos(1.0)]
+    job = job_of(asset, **{section: [{"name": "all", **KEYS[section]}]}, rest="bind")
+    ground = ground_of(job)
+    assert ground.rest.positions == pytest.approx(ground.surface.positions, abs=1e-12)
 
 
 @pytest.mark.parametrize("scale", [[1, 1, 1], [-1, 1, 1], [2, 2, 2], [1, 3, 0.5], [-1, -2, -3]])

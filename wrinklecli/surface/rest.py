@@ -113,7 +113,7 @@ def rest_pose(
     weights = morph_weights(rig, clip, time)[0]
     matrices = joint_matrices(rig, clip, time)[0]
     if settings.rest == "bind":
-        matrices = _bind_matrices(surface, rig, matrices, _morphed(surface, weights), tools[0])
+        matrices = _bind_matrices(surface, rig, matrices, _morphed(surface, weights), tools)
     return _posed(surface, rig, clip, time, matrices, weights)
 
 
@@ -164,15 +164,20 @@ def _clip_pose(rest: Rest, surface: Surface, rig: Rig, clip: Clip, at: Floats) -
     )
 
 
-def _bind_matrices(surface: Surface, rig: Rig, stored: Floats, bind: Floats, tool: EffectTool) -> Floats:
-    """(joints, 4, 4) stored matrix of the main joint at a tool's origin, repeated for every joint."""
-    place = _asked_position(rig, None, np.zeros(1), tool, 0)
-    main = 0
-    # The nearest vertex decides the joint, but the joint decides where vertices lie: a second round settles it.
-    for _ in range(2):
-        posed = bind @ stored[main, :3, :3].T + stored[main, :3, 3]
-        vertex = int(np.argmin(np.sum((posed - place) ** 2, axis=1)))
-        main = int(surface.joints[vertex, np.argmax(surface.weights[vertex])])
+def _bind_matrices(surface: Surface, rig: Rig, stored: Floats, bind: Floats, tools: Sequence[EffectTool]) -> Floats:
+    """(joints, 4, 4) stored matrix of one joint, repeated for every joint: the main one at the first tool's origin.
+
+    Where no tool has points, it is the joint of most weight.
+    """
+    main = int(np.argmax(np.bincount(surface.joints.reshape(-1), surface.weights.reshape(-1), len(stored))))
+    placed = next((tool for tool in tools if tool.points), None)
+    if placed is not None:
+        place, main = _asked_position(rig, None, np.zeros(1), placed, 0), 0
+        # The nearest vertex decides the joint, but the joint decides where vertices lie: a second round settles it.
+        for _ in range(2):
+            posed = bind @ stored[main, :3, :3].T + stored[main, :3, 3]
+            vertex = int(np.argmin(np.sum((posed - place) ** 2, axis=1)))
+            main = int(surface.joints[vertex, np.argmax(surface.weights[vertex])])
     return np.tile(stored[main], (len(stored), 1, 1))
 
 
