@@ -54,6 +54,7 @@ LENGTHS = "a length from 1e-9 to 1e9 scene units or a percentage from 0.01% to 1
 TEXT = "text, in quotes where YAML would read a number, true, false or null"
 FILE = TOOLS_SCHEMA["properties"]
 MUSCLE = FILE["muscles"]["items"]["properties"]
+FIELD = FILE["fields"]["items"]["properties"]
 FLESH = FILE["flesh"]["items"]["properties"]
 TOUCH = FILE["touches"]["items"]["properties"]
 TOOL = FILE["tools"]["items"]["properties"]

@@ -677,9 +677,9 @@ def test_teeth_are_named_with_their_clip_and_time(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["wrist", "head", "head_keyed", "trousers", "body"])
+@pytest.mark.parametrize("name", ["wrist", "head", "head_keyed", "trousers", "trousers_field", "body"])
 def test_the_samples_have_no_teeth_and_no_warning(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    if name != "trousers":  # whose knees bend by more than 90°, and hide a few such triangles in the fold
+    if not name.startswith("trousers"):  # whose knees bend by more than 90°, and hide a few such triangles in the fold
         monkeypatch.setattr("wrinklecli.effects.faults._SEEN", 0.0)
     found = check(sample(name.split("_")[0]), ROOT / "configs" / f"{name}.yaml")
     assert not [line for line in found.warnings if "over in" in line or name != "body"]

@@ -1,9 +1,12 @@
 """The shape of a fold by its material, and smooth random numbers by which folds differ."""
 
+import re
+
 import numpy as np
 import pytest
 
 from kit.garments import plane
+from kit.tools_text import README
 from wrinklecli.effects.field.irregular import lengthened, raised, turned
 from wrinklecli.effects.field.material import FABRICS, Fabric
 
@@ -30,6 +33,18 @@ def test_crests_are_round_and_valleys_narrower(fabric: Fabric) -> None:
 def test_forks_are_as_high_as_the_mean_of_a_wave(fabric: Fabric) -> None:
     assert fabric.mean == pytest.approx(fabric.wave(COSINES[:-1]).mean())
     assert fabric.wave(COSINES).min() < fabric.mean < fabric.wave(COSINES).max()
+
+
+def test_the_reference_has_the_values_of_materials() -> None:
+    section = README.split("\n## Fields\n")[1].split("\n## ")[0]
+    rows = {key: cells.split(" | ") for key, cells in re.findall(r"^\| (.+?) \| (\d.*) \|$", section, re.MULTILINE)}
+    columns = re.search(r"^\| \| (.*) \|$", section, re.MULTILINE)
+    assert columns is not None
+    for column, material in enumerate(columns[1].replace("`", "").split(" | ")):
+        fabric = FABRICS[material]
+        percents = [rows[key][column] for key in ("wavelength `auto`, of the girth", "`slack`")]
+        assert percents == [f"{100 * each:g}%" for each in (fabric.wavelength, fabric.slack)]
+        assert rows["`variation`"][column] == f"{fabric.variation:g}"
 
 
 def test_numbers_are_smooth_and_of_one_place_however_fine_the_mesh_is() -> None:
