@@ -70,9 +70,11 @@ BAKES: dict[str, Callable[[], Gltf]] = {
     "flesh": belly_below_a_strap,
     "touch": lambda: bake_once(place(plate()), top={"touches": [touch()], "refinement": {"max_levels": 0}}),
     "bend": limb_that_is_touched,
+    "trousers_field": lambda: bake_config("trousers", "trousers_field"),
 }
 
 
+@pytest.mark.quick(5)
 @pytest.mark.parametrize("name", BAKES)
 def test_a_bake_adds_the_same_wrinkles(name: str, golden: Golden) -> None:
     file = BAKES[name]()
