@@ -1,15 +1,16 @@
 """The signal of a joint: the angle by which it is turned about an axis, from the stored pose."""
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import node_rows
 from wrinklecli.character.rig import Rig
+from wrinklecli.drive.stored import Json, read_numbers, stored
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, affine_rows, significant
+from wrinklecli.numeric.arrays import Bools, Floats, affine_rows, unit_quaternions
 
 # Four times a sine and cosine of half an angle below which a turn has no axis: rounding of float32 rotations.
 _LEAST_SINE = 1e-5
@@ -80,11 +81,26 @@ class JointAngle:
         halves = (sines / (2.0 * np.sqrt(np.maximum(cosines, _LEAST_SINE**2)))).T
         return Angles(np.asarray(2.0 * np.arctan2(along, cosines)), slants, halves)
 
-    def to_json(self, names: Sequence[str]) -> dict[str, Any]:
+    def to_json(self, names: Sequence[str]) -> Json:
         """The signal as extras store it, by the names of all nodes."""
         return {
             "joint": names[self.node],
             **({"parent": names[self.parent]} if self.parent >= 0 else {}),
-            "rest": [significant(each, 8) for each in self.rest.tolist()],
-            "axis": [significant(each, 8) for each in self.axis.tolist()],
+            "rest": stored(self.rest),
+            "axis": stored(self.axis),
         }
+
+
+def read_angle(data: Json, nodes: Mapping[str, int]) -> JointAngle:
+    """Read a joint's angle in extras, from nodes by name.
+
+    Raises:
+        KeyError, TypeError, ValueError: The extras are not what `bake` writes.
+    """
+    rest, axis = (read_numbers(data[key], size) for key, size in (("rest", 4), ("axis", 3)))
+    if not rest.any():
+        raise ValueError
+    parent = data.get("parent")
+    return JointAngle(
+        nodes[str(data["joint"])], -1 if parent is None else nodes[str(parent)], axis, unit_quaternions(rest)
+    )

@@ -45,14 +45,15 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig
-from wrinklecli.drive.angle import Angles, JointAngle
+from wrinklecli.drive.angle import Angles, JointAngle, read_angle
 from wrinklecli.drive.lag import TAUT
 from wrinklecli.drive.point import point_json, read_point
 from wrinklecli.drive.segment import Contraction, Lengths, RestLength, Segment, Tension
+from wrinklecli.drive.stored import Json, read_number, read_numbers, stored
 from wrinklecli.drive.swing import SwingDrive, read_swing
-from wrinklecli.drive.table import Json, Response, Weights, read_number, read_numbers, read_table, split, stored
+from wrinklecli.drive.table import Response, Weights, read_table, split
 from wrinklecli.drive.touch import TouchDrive, read_touch
-from wrinklecli.drive.turned import TurnDrive, read_angle, read_turned
+from wrinklecli.drive.turned import TurnDrive, read_turned
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, interpolated
 from wrinklecli.numeric.piecewise import Signal

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from wrinklecli.character.carried import CarriedPoint
-from wrinklecli.drive.table import Json, read_numbers, stored
+from wrinklecli.drive.stored import Json, read_numbers, stored
 
 
 def point_json(point: CarriedPoint, names: Sequence[str], morph_names: Sequence[str]) -> Json:

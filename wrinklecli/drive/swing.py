@@ -28,7 +28,7 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import LEAST_SCALE, node_rows
 from wrinklecli.character.rig import Rig
-from wrinklecli.drive.table import Json, read_number, read_numbers, stored
+from wrinklecli.drive.stored import Json, read_number, read_numbers, stored
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, determinants, distinct_values
 from wrinklecli.numeric.piecewise import Signal

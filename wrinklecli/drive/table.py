@@ -5,23 +5,19 @@ Module `effects.wrinkle.lookup` makes those of a control curve.
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, Literal, Protocol, TypeAlias
+from typing import Any, Literal, Protocol
 
 import numpy as np
 
 from wrinklecli.drive.angle import Angles
 from wrinklecli.drive.segment import Contraction, Lengths
+from wrinklecli.drive.stored import Json, read_number, read_numbers, stored
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, interpolated, significant
-
-Json: TypeAlias = dict[str, Any]
+from wrinklecli.numeric.arrays import Bools, Floats, interpolated
 
 TABLE_ERROR = 1 / 2048
 """Greatest error of a weight that is looked up, as a ratio of the greatest weight: a twentieth of the default
 `--max-error`, at 1 to 12 kB a file."""
-
-DIGITS = 8
-"""Significant decimal digits of numbers in extras: those of float32."""
 
 # Significant digits of tabulated weights, of which about four are right.
 _TABLE_DIGITS = 5
@@ -344,27 +340,3 @@ def _sorted_rows(values: object) -> Floats:
     if not len(rows) or not (np.diff(rows) > 0).all():
         raise ValueError
     return rows
-
-
-def read_numbers(values: object, *shape: int) -> Floats:
-    """Finite numbers in extras as an array of a shape.
-
-    Raises:
-        ValueError: There are others: JSON's 1e999 is infinite, and the text "nan" would count as a number.
-    """
-    found = np.array(values)
-    if found.dtype.kind not in "biuf" or not np.isfinite(found).all():
-        raise ValueError
-    return found.astype(np.float64).reshape(shape)
-
-
-def read_number(value: object) -> float:
-    """A finite number in extras, as `read_numbers`."""
-    return float(read_numbers(value))
-
-
-def stored(values: Floats | float, digits: int = DIGITS) -> Any:
-    """Numbers as extras hold them: rounded to significant decimal digits, arrays as lists."""
-    if isinstance(values, np.ndarray) and values.ndim:
-        return [stored(each, digits) for each in values]
-    return significant(float(values), digits)

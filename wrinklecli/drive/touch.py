@@ -39,7 +39,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import LEAST_SCALE
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.point import point_json, read_point
-from wrinklecli.drive.table import Json, read_number, read_numbers, stored
+from wrinklecli.drive.stored import Json, read_number, read_numbers, stored
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, determinants
 from wrinklecli.numeric.piecewise import Signal

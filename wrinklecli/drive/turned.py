@@ -9,10 +9,11 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig
-from wrinklecli.drive.angle import Angles, JointAngle
-from wrinklecli.drive.table import Json, Table, Weights, read_number, read_numbers, read_table, stored
+from wrinklecli.drive.angle import Angles, JointAngle, read_angle
+from wrinklecli.drive.stored import Json, read_number, stored
+from wrinklecli.drive.table import Table, Weights, read_table
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, unit_quaternions
+from wrinklecli.numeric.arrays import Bools, Floats
 from wrinklecli.numeric.piecewise import Signal
 
 
@@ -126,18 +127,3 @@ def read_turned(data: Json, nodes: Mapping[str, int]) -> TurnDrive:
         raise ValueError
     strengths = {clip: read_number(factor) for clip, factor in data.get("strengths", {}).items()}
     return TurnDrive(str(data["name"]), tuple(turns), targets, strengths, read_number(data.get("strength", 1.0)))
-
-
-def read_angle(data: Json, nodes: Mapping[str, int]) -> JointAngle:
-    """Read a joint's angle in extras, from nodes by name.
-
-    Raises:
-        KeyError, TypeError, ValueError: The extras are not what `bake` writes.
-    """
-    rest, axis = (read_numbers(data[key], size) for key, size in (("rest", 4), ("axis", 3)))
-    if not rest.any():
-        raise ValueError
-    parent = data.get("parent")
-    return JointAngle(
-        nodes[str(data["joint"])], -1 if parent is None else nodes[str(parent)], axis, unit_quaternions(rest)
-    )

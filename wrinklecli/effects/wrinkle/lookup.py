@@ -17,7 +17,8 @@ import numpy as np
 
 from wrinklecli.drive.lag import TAUT
 from wrinklecli.drive.segment import Lengths
-from wrinklecli.drive.table import TABLE_ERROR, Table, stored
+from wrinklecli.drive.stored import stored
+from wrinklecli.drive.table import TABLE_ERROR, Table
 from wrinklecli.effects.wrinkle.curve import ControlCurve
 from wrinklecli.effects.wrinkle.remix import Remix
 from wrinklecli.frozen import dataclass

@@ -15,7 +15,7 @@ from wrinklecli.character.pose import joint_matrices, morph_weights
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.drive import StoredDrive, wrinkle_entry
 from wrinklecli.drive.play import Playing
-from wrinklecli.drive.table import read_number, read_numbers
+from wrinklecli.drive.stored import read_number, read_numbers
 from wrinklecli.drive.touch import weights_of
 from wrinklecli.effects.effect import MeshPlan, Part
 from wrinklecli.effects.sampling import moving_clips, seen_at

@@ -1,0 +1,36 @@
+"""Numbers as extras hold them."""
+
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from wrinklecli.numeric.arrays import Floats, significant
+
+Json: TypeAlias = dict[str, Any]
+
+DIGITS = 8
+"""Significant decimal digits: those of float32."""
+
+
+def read_numbers(values: object, *shape: int) -> Floats:
+    """Finite numbers in extras as an array of a shape.
+
+    Raises:
+        ValueError: There are others: JSON's 1e999 is infinite, and the text "nan" would count as a number.
+    """
+    found = np.array(values)
+    if found.dtype.kind not in "biuf" or not np.isfinite(found).all():
+        raise ValueError
+    return found.astype(np.float64).reshape(shape)
+
+
+def read_number(value: object) -> float:
+    """A finite number in extras, as `read_numbers`."""
+    return float(read_numbers(value))
+
+
+def stored(values: Floats | float, digits: int = DIGITS) -> Any:
+    """Numbers as extras hold them: rounded to significant decimal digits, arrays as lists."""
+    if isinstance(values, np.ndarray) and values.ndim:
+        return [stored(each, digits) for each in values]
+    return significant(float(values), digits)
