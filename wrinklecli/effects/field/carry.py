@@ -17,6 +17,9 @@ from wrinklecli.surface.refine import Refinement
 
 # Replaces a divisor of 0.
 _TINY = 1e-300
+# Part of the greatest displacement below which a shape moves nothing: a tenth of the default --max-error. Shapes that
+# are not negative fade slowly, and would else be all over a garment.
+_UNSEEN = 1e-3
 # Part of the greatest height below which a place has no phase.
 _LEAST = 0.01
 # Length of ψ below which waves level out: it is 0 at a fork, and 1 half a wavelength beside it.
@@ -67,6 +70,8 @@ def displaced(attached: AttachedField, fine: Refinement, free: Floats) -> Displa
     moves = (heights * waves.heights[:, None]).T[:, :, None] * outward
     left = _lowered(attached, fine, sheet, vertices, moves)
     moves *= left[:, None]
+    lengths = np.sqrt(np.sum(moves**2, axis=2))
+    moves = np.where((lengths > _UNSEEN * lengths.max(initial=0.0))[:, :, None], moves, 0.0)
     heights *= left[:, None]
     a, b = waves.sides.T
     bent = (waves.middles - (waves.heights[a] + waves.heights[b]) / 2.0)[:, None] * (heights[a] + heights[b]) / 2.0

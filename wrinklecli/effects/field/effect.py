@@ -21,15 +21,8 @@ from wrinklecli.tools.fields import Field
 """The key of extras and report under which fields stand."""
 
 
-# Part of the greatest displacement below which a shape moves nothing: a tenth of the default --max-error. Shapes that
-# are not negative fade slowly, and would else be all over a garment.
-_UNSEEN = 1e-3
-
-
 def field_effect(plan: MeshPlan, attached: AttachedField, deltas: Floats, middles: Middles) -> Effect:
     """The effect of a field with (targets, fine vertices, 3) displacements at weight 1, bind space."""
-    lengths = np.sqrt((deltas**2).sum(axis=2))
-    deltas = np.where((lengths > _UNSEEN * lengths.max(initial=0.0))[:, :, None], deltas, 0.0)
     vertices, moves = moves_at_rest(plan.fine.blended, deltas)
     sweeps, factors = attached.sweeps, attached.factors
     weights = weights_of(sweeps, factors.turns, factors.tables, sweeps.angles)
