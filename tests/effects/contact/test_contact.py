@@ -238,12 +238,12 @@ def test_weights_of_contact_are_those_that_every_player_takes(folded: Baked) -> 
 @pytest.mark.slow
 def test_clips_that_fold_about_other_axes_hardly_cross(tmp_path: Path) -> None:
     """Targets are made for the joint's own motion, and four that lean by 10°: what lies between is theirs too."""
-    asset = waving_limb(20, rings=16, sides=10).write(tmp_path / "limb.glb")
+    asset = waving_limb(8, rings=16, sides=10).write(tmp_path / "limb.glb")
     totals = {}
     for contact in ("resolve", "off"):
         tools = write_tools(tmp_path / "tools.yaml", tool(**TOOL, contact=contact), sampling={"fps": 15}, **TOP)
         wrinklecli.bake(asset, tools, tmp_path / "out.glb")
         clips = crossings(tmp_path / "out.glb").data["clips"]
         totals[contact] = [clip["totals"][1] for clip in clips]
-    assert sum(totals["off"]) > 500
+    assert sum(totals["off"]) > 200
     assert sum(totals["resolve"]) <= 0.05 * sum(totals["off"]), totals

@@ -184,7 +184,7 @@ def test_degenerate_geometry_ends_no_bake(fault: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=4, phases=[Phase.explicit, Phase.generate], suppress_health_check=list(HealthCheck))
+@settings(max_examples=3, phases=[Phase.explicit, Phase.generate], suppress_health_check=list(HealthCheck))
 @given(fault=st.sampled_from(FAULTS), size=st.floats(0.02, 0.3), seed=st.integers(0, 9))
 def test_no_geometry_ends_a_bake(fault: str, size: float, seed: int, tmp_path_factory: pytest.TempPathFactory) -> None:
     bake_damaged(fault, size, seed, tmp_path_factory.mktemp("fault"))

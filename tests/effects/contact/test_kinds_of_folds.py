@@ -27,7 +27,7 @@ def test_a_fold_is_resolved_and_whole_or_a_line_says_that_it_is_left_out(kind: s
 
 
 @pytest.mark.slow
-@settings(max_examples=4, phases=[Phase.explicit, Phase.generate], suppress_health_check=list(HealthCheck))
+@settings(max_examples=3, phases=[Phase.explicit, Phase.generate], suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_no_fold_ends_worse_than_without_contact(data: st.DataObject) -> None:
     kind = data.draw(st.sampled_from(ANY_OF))
