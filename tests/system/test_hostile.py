@@ -36,7 +36,7 @@ from wrinklecli.numeric.memory import MAX_VERTICES
 
 Json = dict[str, Any]
 
-CASES = int(os.environ.get("WRINKLE_HOSTILE_CASES", "400" if IN_CI else "80"))
+CASES = int(os.environ.get("WRINKLE_HOSTILE_CASES", "160" if IN_CI else "80"))
 BATCH = 40
 # Cases that failed once, each with as few edits as it took: a line of JSON, written by tests/hostile.py --keep.
 KEPT = ROOT / "tests" / "data" / "hostile.jsonl"
