@@ -581,7 +581,7 @@ def _edit_geometry(gltf: Json, data: bytearray, edit: Edit) -> None:
             some = chance.random(len(corners)) < amount
             corners[some, 1] = corners[some, 0 if what == "empty" else 2]
         elif what == "normals":
-            values[some] *= chance.choice([0.0, -1.0, 1e20])
+            values[some] *= chance.choice([0, -1]).astype(values.dtype)
         elif what == "weights":
             values[some] = chance.permutation(values[some])
         else:
@@ -622,6 +622,8 @@ def _stored(gltf: Json, data: bytearray, index: int) -> Any:
     kind = np.dtype({5121: "u1", 5123: "<u2", 5125: "<u4", 5126: "<f4"}[accessor["componentType"]])
     width = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}[accessor["type"]]
     start = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
+    if start + accessor["count"] * width * kind.itemsize > len(data):  # another edit has cut it
+        return None
     found = np.frombuffer(data, kind, accessor["count"] * width, start)
     return found if width == 1 else found.reshape(-1, width)
 
