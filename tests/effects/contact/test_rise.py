@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from kit.carried import carry_patch
 from kit.limb import limb_asset, nose, tool
 from kit.prepared import prepare
+from wrinklecli.effects.contact.fold import find_folds
 from wrinklecli.effects.contact.rise import rise_of
 from wrinklecli.effects.wrinkle.bending import bent_node
 
@@ -37,3 +39,13 @@ def test_what_nothing_shortens_does_not_rise() -> None:
     prepared = prepare(limb_asset(rings=12, sides=8), stiff)
     assert bent_node(prepared.patch, prepared.rig) is None
     assert rise_of(prepared.patch, prepared.rig) is None
+
+
+@pytest.mark.parametrize("shortened", [True, False])
+def test_a_tool_is_in_a_fold_if_anything_shortens_it(shortened: bool) -> None:
+    stiff = tool(origin=[-0.9, 0.25, 0.0], target=[-0.6, 0.25, 0.0])
+    prepared = prepare(nose(), BRIDGE) if shortened else prepare(limb_asset(rings=12, sides=8), stiff)
+    carried, fine = carry_patch(prepared)
+    parts = [None] * len(prepared.rig.names)
+    folds, without = find_folds([carried], [0], fine, prepared.rest, prepared.rig, parts)
+    assert (len(folds), without) == ((1, []) if shortened else (0, [0]))
