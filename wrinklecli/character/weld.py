@@ -51,12 +51,12 @@ def weld(positions: Floats, morph_deltas: Floats, joints: Ints, weights: Floats,
     """
     inside = np.ones(len(positions), np.bool_)
     if seen is not None and seen.any():
-        low, high = positions[seen].min(axis=0), positions[seen].max(axis=0)
-        inside = ((positions >= low) & (positions <= high)).all(axis=1)
+        for axis in positions.T:
+            inside &= (axis >= axis[seen].min()) & (axis <= axis[seen].max())
     size = diagonal(positions[inside])
     firsts = np.arange(len(positions))
     for part, reach in ((np.flatnonzero(inside), SAME * size), (np.flatnonzero(~inside), 0.0)):
-        firsts[part] = part[leaders(positions[part], reach)]
+        firsts[part] = part[leaders(positions.take(part, axis=0), reach)]
     places = firsts.copy()
 
     shared = np.flatnonzero(np.bincount(firsts, minlength=len(firsts))[firsts] > 1)

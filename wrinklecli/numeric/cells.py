@@ -1,6 +1,8 @@
 """Points in the cells of a grid: those near a place are found without a look at each."""
 
+from collections.abc import Sequence
 from itertools import product
+from typing import Any
 
 import numpy as np
 
@@ -81,9 +83,9 @@ def leaders(points: Floats, reach: float) -> Ints:
     if not reach > 0 or len(points) < 2:
         chosen, which = distinct(points)
         return chosen[which]
-    steps = np.floor((points - points.min(axis=0)) / reach).astype(np.int64) + 1
+    steps = [np.floor((axis - axis.min()) / reach).astype(np.int64) + 1 for axis in points.T]
     doubtful = np.flatnonzero(_near_another(steps))
-    numbers = _numbers(steps[doubtful])
+    numbers = _numbers([axis[doubtful] for axis in steps])
     order = np.argsort(numbers, kind="stable")
     numbers, sorted_points = numbers[order], points[doubtful[order]]
     starts = np.flatnonzero(np.diff(numbers, prepend=-1))
@@ -91,7 +93,7 @@ def leaders(points: Floats, reach: float) -> Ints:
     least, greatest = (each.reduceat(sorted_points, starts) for each in (np.minimum, np.maximum))
     links = [np.zeros((0, 2), np.intp)]
     for step in _HALF:
-        beside = cells + _numbers(np.array([step]))
+        beside = cells + _numbers(step)
         at = np.minimum(np.searchsorted(cells, beside), len(cells) - 1)
         one = np.flatnonzero(cells[at] == beside)
         other, across = at[one], np.array(step)
@@ -105,23 +107,20 @@ def leaders(points: Floats, reach: float) -> Ints:
     return firsts
 
 
-def _near_another(steps: Ints) -> Bools:
-    """(points,) False for those that are alone in a coarse cell, and not at its border; `steps` are (points, 3)."""
-    numbers = _numbers(steps >> _COARSE_BITS)
-    order = np.argsort(numbers, kind="stable")
-    equal = np.diff(numbers[order]) == 0
-    found = np.zeros(len(steps), np.bool_)
-    found[order[1:]] = equal
-    found[order[:-1]] |= equal
+def _near_another(steps: Sequence[Ints]) -> Bools:
+    """(points,) False for those alone in a coarse cell, and not at its border; `steps` are (points,) by axis."""
+    numbers = _numbers([axis >> _COARSE_BITS for axis in steps])
+    ordered = np.sort(numbers)
+    repeated = ordered[1:][ordered[1:] == ordered[:-1]]
+    found: Bools = np.append(repeated, -1)[np.searchsorted(repeated, numbers)] == numbers
     last = 2**_COARSE_BITS - 1
-    for axis in steps.T:
+    for axis in steps:
         within = axis & last
         found |= (within == 0) | (within == last)
     return found
 
 
-def _numbers(steps: Ints) -> Ints:
-    """(cells,) a number for each of (cells, 3) steps; numbers of sums are sums of numbers."""
-    x, y, z = steps.T
-    numbers: Ints = (x << 2 * _STEP_BITS) + (y << _STEP_BITS) + z
-    return numbers
+def _numbers(steps: Sequence[Any]) -> Any:
+    """A number for each cell, by its steps along three axes; numbers of sums are sums of numbers."""
+    x, y, z = steps
+    return (x * 4**_STEP_BITS) + (y * 2**_STEP_BITS) + z

@@ -47,7 +47,8 @@ def closest_point(positions: Floats, triangles: Ints, point: Floats) -> tuple[in
         The triangle, (3,) barycentric coordinates and (3,) position of the point; of equally near triangles the first.
     """
     # Triangles outside the cube that reaches to the nearest corner are no nearer. It is enlarged for rounding errors.
-    reach = np.sqrt(np.sum((positions - point) ** 2, axis=1)[triangles[:, 0]].min())
+    away = positions.T - point[:, None]
+    reach = np.sqrt(dot(away, away)[triangles[:, 0]].min())
     reach += ROUNDING * (reach + np.abs(positions).max())
     near = np.flatnonzero(meets_box(positions, point - reach, point + reach, triangles))
     # A file of a few bytes may repeat one triangle a million times.
