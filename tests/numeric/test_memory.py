@@ -78,3 +78,13 @@ def test_an_array_that_does_not_fit_is_refused_before_it_is_filled_and_said() ->
         line,
     )
     assert allowed_memory() is None
+
+
+@pytest.mark.parametrize(
+    "said",
+    ["a.so: cannot map zero-fill pages", "a.so: failed to map segment from shared object", "No module named 'a'"],
+)
+def test_a_library_that_cannot_be_loaded_for_want_of_memory_is_said(said: str) -> None:
+    with pytest.raises((BakeError, ImportError)) as raised, guarded("a.glb"):
+        raise ImportError(said)
+    assert ("takes more memory" in str(raised.value)) == ("map" in said)

@@ -24,6 +24,7 @@ from wrinklecli.batch.stores import StoreError
 from wrinklecli.errors import RefusedError, WrinkleError
 from wrinklecli.files.outputs import Outputs
 from wrinklecli.frozen import dataclass
+from wrinklecli.numeric.memory import is_lack
 
 OpenOutputs: TypeAlias = Callable[[], AbstractContextManager[Outputs]]
 """Opens the outputs that a bake writes."""
@@ -93,10 +94,11 @@ def _reported(job: BatchJob, settings: Settings, action: Callable[[Staged, Cache
     except WrinkleError as error:
         lines = tuple(map(here.with_given_paths, error.lines)) if here else error.lines
         outcome = Outcome(job, "refused" if isinstance(error, RefusedError) else "failed", lines=lines)
-    except MemoryError:
-        outcome = Outcome(job, "failed", lines=(f"{job.asset}: takes more memory than there is",))
-    except Exception:
-        outcome = Outcome(job, "bug", lines=tuple(traceback.format_exc().splitlines()))
+    except Exception as error:
+        if is_lack(error):
+            outcome = Outcome(job, "failed", lines=(f"{job.asset}: takes more memory than there is",))
+        else:
+            outcome = Outcome(job, "bug", lines=tuple(traceback.format_exc().splitlines()))
     return replace(outcome, seconds=round(time.perf_counter() - start, 4))
 
 

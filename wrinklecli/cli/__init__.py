@@ -12,6 +12,7 @@ import click
 from wrinklecli.cli.output import say
 from wrinklecli.cli.streams import is_of_output, may_be_lost, open_streams
 from wrinklecli.errors import WrinkleError
+from wrinklecli.numeric.memory import is_lack
 
 _BUG = 70  # EX_SOFTWARE of sysexits.h
 # New objects before Python searches for garbage; 700 by default. A small bake makes fewer than this. Imported modules
@@ -86,10 +87,10 @@ def main() -> None:
         for line in error.lines:
             say(line)
         sys.exit(error.exit_code)
-    except MemoryError:  # while libraries are loaded; later, `guarded` names the file
-        say("wrinkle: takes more memory than there is, or than --max-memory allows")
-        sys.exit(1)
     except Exception as error:
+        if is_lack(error):  # while libraries are loaded; later, `guarded` names the file
+            say("wrinkle: takes more memory than there is, or than --max-memory allows")
+            sys.exit(1)
         if isinstance(error, OSError) and is_of_output(error):
             say(f"standard output: cannot be written: {error.strerror}")
             sys.exit(1)

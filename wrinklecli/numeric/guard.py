@@ -13,7 +13,7 @@ from threadpoolctl import ThreadpoolController
 
 import wrinklecli
 from wrinklecli.errors import AssetError, BakeError
-from wrinklecli.numeric.memory import allowed_memory, shown_bytes
+from wrinklecli.numeric.memory import allowed_memory, is_lack, shown_bytes
 
 # Called with the name of a stage, steps done and steps in all.
 Progress: TypeAlias = Callable[[str, int, int], None]
@@ -57,7 +57,9 @@ def guarded(asset: str) -> Iterator[None]:
             f" ({error}, {_place_of(error)}); if they look right, it is a fault of wrinkle's"
         )
         raise AssetError(message, where=asset) from error
-    except MemoryError as error:
+    except (MemoryError, ImportError) as error:
+        if not is_lack(error):
+            raise
         # The system refuses numpy's arrays before they are filled, whichever step asks for one.
         shape, dtype = getattr(error, "shape", None), getattr(error, "dtype", None)
         need = "more" if shape is None or dtype is None else f"{shown_bytes(math.prod(shape) * dtype.itemsize)} more"
@@ -72,5 +74,6 @@ def _place_of(error: BaseException) -> str:
     """The function of this package, with its line, from which an error came."""
     package = os.path.dirname(wrinklecli.__file__)
     own = (each for each in extract_tb(error.__traceback__) if each.filename.startswith(package))
-    *_, last = (each for each in own if not each.name.startswith("<"))  # such as `<lambda>`
+    # A `<lambda>` says nothing, nor does what only asks for room.
+    *_, last = (each for each in own if not each.name.startswith("<") and each.name not in ("leave_room", "start_blas"))
     return f"{last.name} ({os.path.relpath(last.filename, package)}:{last.lineno})"

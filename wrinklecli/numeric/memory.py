@@ -21,6 +21,8 @@ _BLAS = 40 * 10**6
 _UNITS = {"MB": 10**6, "GB": 10**9, "TB": 10**12}
 _LEAST_MEMORY = 50 * 10**6  # bytes; with less no sample is baked
 
+# What the loader of Linux says of a library for which there is too little memory.
+_UNLOADED = re.compile("cannot map|failed to map|annot allocate")
 _held: list[int] = []  # the sizes to which `held` holds this process, the innermost last
 
 
@@ -110,6 +112,11 @@ def _taken() -> int | None:
             return int(file.read().split()[5]) * os.sysconf("SC_PAGE_SIZE")
     except OSError:  # not a Linux
         return None
+
+
+def is_lack(error: BaseException) -> bool:
+    """True if an error says that memory is lacking; a library that cannot be loaded without it is an ImportError."""
+    return isinstance(error, MemoryError) or (isinstance(error, ImportError) and bool(_UNLOADED.search(str(error))))
 
 
 def leave_room(size: int) -> None:
