@@ -11,7 +11,7 @@ from kit.asset import stored
 from kit.characters import avatar, cartoon, dressed
 from kit.command import Wrinkle
 from kit.limb import limb
-from kit.suggested import each_once
+from kit.suggested import each_once, suggest_once
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +22,7 @@ def person(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.slow
 def test_a_body_gets_regions_where_its_skin_is_thick(person: Path, tmp_path: Path) -> None:
     """Its chest is lean, and its cheeks are coarse. The others lie where they should, mirrored, and the file bakes."""
-    found = wrinklecli.suggest(person, flesh=True)
+    found = suggest_once(person, flesh=True)
     places = {each.region.name: each.region.at for each in found.flesh}
     assert set(places) == {"belly", "buttock.L", "thigh.L"}
     assert {each.region.name for each in found.flesh if each.mirrored} == set(places) - {"belly"}
