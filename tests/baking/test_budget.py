@@ -226,6 +226,7 @@ def test_heights_of_other_shapes_are_proven_at_all_times(
 MANY = [{**PALM, "name": f"palm{number}"} for number in range(9)]
 
 
+@pytest.mark.slow
 def test_what_cannot_be_held_is_refused_and_nothing_written(tmp_path: Path) -> None:
     """Nine tools, of which each needs a target of its own."""
     with pytest.raises(RefusedError) as caught:

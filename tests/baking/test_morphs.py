@@ -224,6 +224,7 @@ def test_tangent_targets_keep_tangents_in_the_surface() -> None:
     assert_valid(after.path)
 
 
+@pytest.mark.slow
 def test_tangent_targets_come_on_request_and_where_the_base_has_them() -> None:
     plain = bake_once(edited("wrist", with_tangents), TANGENTIAL)
     asked = bake_once(edited("wrist", with_tangents), TANGENTIAL, morph_tangents=True)
@@ -412,6 +413,7 @@ def test_everything_else_is_as_it_was() -> None:
     assert after.json["nodes"][0]["extras"]["rigger"] == "me"
 
 
+@pytest.mark.slow
 def test_channels_of_joints_keep_their_place_and_bytes() -> None:
     before, after = Gltf(sample("trousers")), bake_config("trousers", "trousers")
     for old, new in zip(before.json["animations"], after.json["animations"], strict=True):

@@ -291,6 +291,7 @@ def test_data_in_uris_comes_back_to_the_letter(uri: str, tmp_path: Path) -> None
         assert record < 0.05 * len(source.buffers[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [{"mode": "frames"}, {"frames": "obj"}])
 def test_frames_of_the_original(options: Json, tmp_path: Path) -> None:
     earlier = bake(sample("wrist"), tmp_path / "earlier" / "out.glb", PALM)

@@ -265,6 +265,7 @@ def test_the_shortening_is_that_of_the_anchors() -> None:
 # Options of a tool
 
 
+@pytest.mark.slow
 def test_strength_per_clip() -> None:
     plain = bake_once("wrist", PALM, BACK)
     half = bake_once("wrist", {**PALM, "clips": {"flex": 0.3, "extend": 0}}, {**BACK, "clips": {"extend": 0}})

@@ -127,6 +127,7 @@ def test_peak_memory_is_unknown_on_windows(monkeypatch: pytest.MonkeyPatch) -> N
     assert timings.peak_memory() is None
 
 
+@pytest.mark.slow
 def test_the_command_writes_them_and_they_change_nothing_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     limb(tmp_path / "limb.glb")

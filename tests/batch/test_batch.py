@@ -155,6 +155,7 @@ def test_folders_of_jobs_that_fail_do_not_stay(chars: Wrinkle, tmp_path: Path) -
     }
 
 
+@pytest.mark.slow
 def test_urls_reports_tracks_and_merged_tools(chars: Wrinkle, tmp_path: Path) -> None:
     fsspec = pytest.importorskip("fsspec")
     store = fsspec.filesystem("memory")

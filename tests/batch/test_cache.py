@@ -530,7 +530,7 @@ def test_an_output_that_is_gone_again_is_not_kept(
     assert "cannot be kept" in told["warnings"][-1]
 
 
-@pytest.mark.quick(4)
+@pytest.mark.slow
 def test_a_solved_region_of_flesh_is_taken_from_the_cache(
     wrinkle: Wrinkle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -40,6 +40,7 @@ def run(wrinkle: Wrinkle, *jobs: dict[str, Any]) -> tuple[int, list[str], list[d
     return ran.code, lines, [json.loads(line) for line in ran.out.splitlines()]
 
 
+@pytest.mark.slow
 def test_maps_are_those_of_a_bake_and_come_back_from_the_cache(folder: Path, wrinkle: Wrinkle) -> None:
     assert wrinkle("bake", "limb.gltf", "t.yaml", "-o", "p.glb", "--maps-dir", "expected").code == 0
     assert run(wrinkle, {})[2][0]["reason"] == "new"

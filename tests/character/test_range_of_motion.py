@@ -119,6 +119,7 @@ def test_names_that_a_clip_has_are_told_apart() -> None:
     assert [clip.index for clip in made.values()] == list(range(1, 8))
 
 
+@pytest.mark.slow
 def test_the_rest_of_many_joints_is_left_out_and_said() -> None:
     """A chain of 4,000 joints, of which a tenth bends something."""
     asset = limb_asset(rings=160, sides=3, joints=130, clip=None)

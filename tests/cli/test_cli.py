@@ -382,6 +382,7 @@ def test_an_interrupt_is_no_bug(wrinkle: Wrinkle, tmp_path: Path, monkeypatch: p
 # The report
 
 
+@pytest.mark.slow
 def test_the_report_says_what_every_tool_did(wrinkle: Wrinkle, tmp_path: Path) -> None:
     write_tools(tmp_path / "tools.yaml", {**PALM, "max_height": "8%", "variation": 0}, BACK)
     ran = wrinkle("bake", WRIST, "tools.yaml", "-o", "out.glb", "--report", "r.json")

@@ -90,6 +90,7 @@ def test_a_bug_that_nobody_reads_of_has_its_exit_code(folder: Path) -> None:
     assert ran.returncode == 70
 
 
+@pytest.mark.slow
 def test_standard_output_by_name_goes_to_what_a_shell_appends_to(folder: Path) -> None:
     (folder / "log").write_text("old\n")
     assert run("bake limb.glb tools.yaml -o out.glb --report /dev/stdout -q >> log", folder).returncode == 0

@@ -533,6 +533,7 @@ muscles:
 )
 
 
+@pytest.mark.slow
 def test_muscles_are_shown_as_they_are_baked(tmp_path: Path) -> None:
     """Wrinkles lie on the skin that muscles move."""
     (tmp_path / "tools.yaml").write_text(MUSCLES)

@@ -142,7 +142,7 @@ def test_tools_name_their_node_where_several_meshes_deform(tmp_path: Path) -> No
     assert {each.tool.node for each in alone.tools} == {"twin"}
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ['a"b', "a\\b: #", "new\nline\x07", "日本 \u2028", "- [x", " "])
 def test_a_node_of_any_name_can_be_named(tmp_path: Path, name: str) -> None:
     asset = two_limbs()
@@ -183,6 +183,7 @@ def test_the_file_says_what_the_record_says(tmp_path: Path) -> None:
     assert max(map(len, found.text.splitlines())) <= 120
 
 
+@pytest.mark.slow
 def test_the_file_bakes_without_a_length_that_no_bump_takes(tmp_path: Path) -> None:
     """Bumps rise through the whole movement, as `compressible` is slightly more than the deepest fold needs."""
     path = limb(tmp_path / "limb.glb", angle=120.0)
@@ -366,6 +367,7 @@ def test_a_character_scaled_to_nothing_is_not_compressed(tmp_path: Path) -> None
     assert "compresses" in found.reason
 
 
+@pytest.mark.slow
 def test_clips_that_hide_the_character_are_null_in_json(tmp_path: Path) -> None:
     asset = limb_asset()
     animation: Json = {"name": "hidden"}

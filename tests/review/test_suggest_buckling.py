@@ -43,7 +43,7 @@ def suggested(folder: Path, asset: Asset, *, everything: bool = False) -> Sugges
     return suggest(asset.write(folder / "limb.glb"), everything=everything)
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(("material", "bumps"), [("Trousers", (6, 4)), ("leather", (4, 4))])
 def test_folds_of_cloth_cross_on_the_inside_of_a_bent_limb(
     tmp_path: Path, material: str, bumps: tuple[int, int]

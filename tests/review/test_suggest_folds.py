@@ -59,7 +59,7 @@ def test_two_bends_are_one_mirrored_tool(tmp_path: Path) -> None:
     assert (right.name, ends(right)[0].tolist()) == (f"{left.name[:-1]}R", (ends(left)[0] * [-1, 1, 1]).tolist())
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [[1, 1, -1], [-1, 1, 1]])
 def test_suggestions_on_a_mirrored_skin_are_its_mirror_image(tmp_path: Path, scale: list[float]) -> None:
     plain = suggest_once(limb(tmp_path / "limb.glb")).tools[0]

@@ -146,7 +146,7 @@ def test_triangles_are_counted_before_they_are_looked_at(
     assert not (tmp_path / "out.png").exists()
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("memory", ["50MB", "80MB", "95MB"])
 @pytest.mark.parametrize("effect", ["flesh", "contact"])
 def test_solvers_with_little_memory_end_in_a_line(tmp_path: Path, memory: str, effect: str) -> None:

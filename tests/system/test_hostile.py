@@ -358,6 +358,7 @@ def test_uri_reads_nothing_outside_the_folder(tmp_path: Path, uri: str, kind: st
     assert set(tmp_path.rglob("*")) == before
 
 
+@pytest.mark.slow
 def test_names_cannot_command_the_terminal(tmp_path: Path) -> None:
     asset = limb_asset(**SMALL)
     evil = "\x1b]0;owned\x07\r\n\x1b[31mred\u202e\u2028"

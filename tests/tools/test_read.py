@@ -494,6 +494,7 @@ def test_a_misspelt_default_is_reported_once_and_not_for_each_tool():
     assert lines_of(f"defaults: {{width: no}}\n{HEAD}") == [f"t.yaml:1: defaults.width: found no, expected {LENGTHS}"]
 
 
+@pytest.mark.slow
 def test_alias_bombs_are_refused():
     lists = "a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]\n"
     maps = "a0: &a0 {x: 1}\n"

@@ -384,6 +384,7 @@ SHARED_EDITS = st.lists(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(sharing_files(), SHARED_EDITS, st.sampled_from(["\n", "\r\n"]), st.data())
 def test_an_edit_changes_one_tool_whatever_others_share_with_it(

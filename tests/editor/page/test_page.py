@@ -87,6 +87,7 @@ def test_hostile_messages_end_no_other_tab(page: Page) -> None:
         assert other.recv(timeout=10)
 
 
+@pytest.mark.slow
 def test_many_tabs_show_one_session(page: Page) -> None:
     with contextlib.ExitStack() as stack:
         tabs = [stack.enter_context(tab(page)) for _ in range(TABS)]

@@ -20,7 +20,7 @@ def faults_of(fold: Fold) -> list[str]:
     return faults(resolved.path, fold.baked("off").path, report_of(resolved), "limb", CLIP, fold.radius)
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_fold_is_resolved_and_whole_or_a_line_says_that_it_is_left_out(kind: str) -> None:
     assert faults_of(FOLDS[kind]()) == []

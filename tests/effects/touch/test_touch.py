@@ -225,6 +225,7 @@ def test_a_tip_lets_go_of_skin_that_is_hidden() -> None:
     assert [hidden[0], shown[0], late[0]] == pytest.approx([0.0, 0.405, 0.0], abs=0.005)
 
 
+@pytest.mark.slow
 def test_the_distance_is_that_of_the_posed_skin() -> None:
     """On a bent plate that turns, the tip's height is right to a part of a millimetre within the pad."""
     angles = np.array([-0.25, 0.0, 0.2])

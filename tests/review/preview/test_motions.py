@@ -38,6 +38,7 @@ def test_of_an_asset_without_clips_six_motions_are_shown_at_their_ends(tmp_path:
     assert {name for name, _ in shown(folds, PreviewOptions(), Motions(range_of_motion=True))} == {"fold"}
 
 
+@pytest.mark.slow
 def test_the_command_shows_poses_motions_and_clips_of_other_files(tmp_path: Path, wrinkle: Wrinkle) -> None:
     pytest.importorskip("embreex")
     path = limb(tmp_path / "limb.glb", clip=None, rings=7, sides=6)

@@ -126,6 +126,7 @@ def run(
     return code, captured.err
 
 
+@pytest.mark.slow
 def test_the_command_says_what_it_has_drawn(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -185,6 +185,7 @@ def test_what_a_fold_hides_at_its_peak_is_shown_before_it(tmp_path: Path, angle:
     assert view.visible > 0.55
 
 
+@pytest.mark.slow
 def test_a_card_tells_where_it_is_and_what_clip_however_long_its_name(tmp_path: Path) -> None:
     asset = limb_asset(rings=33, sides=12)
     asset.gltf["animations"][0]["name"] = name = "browInnerUp + " * 8 + "browOuterUpRight"
@@ -221,6 +222,7 @@ def test_muscles_alone_are_shown_at_their_greatest_move(tmp_path: Path) -> None:
         assert made.shown == "1 muscle"
 
 
+@pytest.mark.slow
 def test_a_vertex_that_moves_alone_is_seen_with_what_is_around_it(tmp_path: Path) -> None:
     """A region of flesh smaller than the triangles; "all is at one point" is not true of the asset."""
     tools = tmp_path / "tools.yaml"
