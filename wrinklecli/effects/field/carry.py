@@ -26,8 +26,8 @@ _LEAST = 0.01
 _FORK = 0.5
 # Difference of the greatest and least stretch over the greatest from which on a direction counts wholly.
 _CLEAR = 0.16
-# Poses, those with the greatest weights, in which triangles are looked at.
-_POSES = 24
+# Most poses, those with the greatest weights, in which triangles are looked at.
+_POSES = 64
 # Cosine of the turn of a triangle beyond which its wrinkle is lowered, part by which that is, and passes.
 _TURNED, _LOWERED, _PASSES = 0.26, 0.35, 8
 # Length round such a triangle, in wavelengths, over which that fades, and the average from which on it is whole.

@@ -210,6 +210,7 @@ class Sweeps:
         least, most = (np.array([end(turn.angles) for turn in turns]) for end in (np.min, np.max))
         shares = (drawn(seed, "mixtures", _MIXTURES, len(turns)) + 1.0) / 2.0
         shares[:_EXTREMES] = np.rint(shares[:_EXTREMES])
+        shares[0] = 1.0  # as in a squat, where all bend as far as they can
         turning = (drawn(seed, "turning", _MIXTURES, len(turns)) + 1.0) / 2.0 < together / len(turns)
         rows += list(np.where(turning, least + shares * (most - least), 0.0))
         owners += [-1] * _MIXTURES
