@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 import wrinklecli
 from kit.asset import Array
+from kit.fields import sleeve_and_field
 from kit.flesh import body
 from kit.limb import RADIUS, limb, limb_asset, sleeved_limb
 from wrinklecli.character.clip import read_clips
@@ -677,3 +678,39 @@ def test_frequency_and_damping_are_felt_at_once(tmp_path: Path, monkeypatch: pyt
     (tmp_path / "other.yaml").write_text(session.text)
     fresh = Session(tmp_path / "body.glb", tmp_path / "other.yaml")
     np.testing.assert_allclose(shape_at(fresh), shown, atol=1e-12)
+
+
+def test_a_field_is_shown_and_its_strength_changes_at_once(tmp_path: Path) -> None:
+    """Other strengths have the same shapes; another wavelength is carried by the triangles that there are."""
+    asset, tools = sleeve_and_field(tmp_path)
+    session = Session(asset, tools)
+    plain = session.meshes("fold", 0.0)[0].positions
+    (before,) = session.meshes("fold", 1.0)
+    (tool,) = session.tools()
+    assert (tool.list_key, tool.problem) == ("fields", None)
+    assert tool.length == session.attached_tools()["folds"].attached.span > 0
+    part = session.attached_tools()["folds"].part
+    session.set_value("folds", ("strength",), 0.5)
+    (half,) = session.meshes("fold", 1.0, wait=False)
+    assert session.attached_tools()["folds"].part.vertices.tolist() == part.vertices.tolist()
+    session.set_value("folds", ("strength",), 0)
+    (none,) = session.meshes("fold", 1.0, wait=True)
+    assert half.positions == pytest.approx((before.positions + none.positions) / 2.0, abs=1e-9)
+    assert np.abs(before.positions - none.positions).max() > 0.01
+    session.set_value("folds", ("strength",), 1)
+    session.set_value("folds", ("wavelength",), 0.1)
+    (other,) = session.meshes("fold", 1.0, wait=False)
+    assert np.abs(other.positions - before.positions).max() > 0.005
+    assert session.meshes("fold", 0.0)[0].positions == pytest.approx(plain, abs=1e-9)
+    assert len(session.curve("folds", "fold", 1.0)) == 0
+    times, heights = session.heights("folds", "fold")
+    assert len(times) == len(heights)
+    assert heights.max() > 0
+
+
+def test_a_field_that_does_not_fit_has_the_line_of_a_bake(tmp_path: Path) -> None:
+    asset, tools = sleeve_and_field(tmp_path, joints=["joint_7"])
+    session = Session(asset, tools)
+    session.meshes("fold", 1.0)
+    (tool,) = session.tools()
+    assert "no joint 'joint_7' bends its mesh" in tool.problem

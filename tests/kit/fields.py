@@ -1,11 +1,11 @@
 """A sleeve that bends at two joints, and a field of wrinkles over it."""
 
-import json
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
 from kit.asset import Asset, Json
 from kit.bakes import bake_once, place
@@ -43,7 +43,7 @@ def bake_field(keys: Json | None = None, **options: Any) -> Gltf:
 def sleeve_and_field(folder: Path, **keys: Any) -> tuple[Path, Path]:
     """The sleeve, and a tools file with a field of such keys that leaves the mesh as coarse as it is."""
     file = folder / "field.yaml"
-    file.write_text(json.dumps({"version": 1, "refinement": {"max_levels": 0}, "fields": [field(**keys)]}))
+    file.write_text(yaml.safe_dump({"version": 1, "refinement": {"max_levels": 0}, "fields": [field(**keys)]}))
     return _placed(), file
 
 

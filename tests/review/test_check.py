@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from numpy.typing import NDArray
 
 import wrinklecli
@@ -688,7 +689,7 @@ def test_the_samples_have_no_teeth_and_no_warning(name: str, monkeypatch: pytest
 def test_a_field_says_how_its_joints_turn_and_how_far_clips_fold_it(wrinkle: Wrinkle, tmp_path: Path) -> None:
     """Beside a tool, which is checked as ever."""
     asset, tools = sleeve_and_field(tmp_path, clips={"wave": 0.5})
-    tools.write_text(json.dumps(json.loads(tools.read_text()) | {"tools": [tool(node="limb")]}))
+    tools.write_text(json.dumps(yaml.safe_load(tools.read_text()) | {"tools": [tool(node="limb")]}))
     ran = wrinkle("check", asset, tools)
     assert ran.code == 0, ran.lines
     assert "folds on limb" in ran.out

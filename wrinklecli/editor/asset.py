@@ -24,14 +24,15 @@ from wrinklecli.character.scene import deforming_nodes, scene_nodes
 from wrinklecli.character.skin import Skin, prepare
 from wrinklecli.editor.attached import AttachedBelow, AttachedTool, AttachedTools, Cluster, PlayableMesh
 from wrinklecli.editor.clip_cache import ClipCache, RecentResults
-from wrinklecli.effects.attached import AnyAttached, Attached, Moves
-from wrinklecli.effects.plan import attach_one, plan_on, sketch
+from wrinklecli.effects.attached import AnyAttached, Moves
+from wrinklecli.effects.plan import attach_one, driven_by, plan_on, sketch
 from wrinklecli.errors import BakeError, WrinkleError
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.numeric.arrays import Ints, components, distinct_values, flags_of
 from wrinklecli.numeric.memory import MAX_MEMORY, Memory
 from wrinklecli.surface.ground import Ground, read_ground
+from wrinklecli.tools.fields import Field
 from wrinklecli.tools.records import EffectTool, Length, ToolsFile, WrinkleTool
 
 _MAX_ERROR = Length(1.0, percent=True)  # the default of a bake
@@ -111,8 +112,8 @@ class LoadedAsset:
         Raises:
             WrinkleError: The asset is at fault, or the file beside its tools.
         """
-        self._patches.count = _KEPT_PATCHES + len(settings.tools)
-        self._clusters.count = _KEPT_PLANS + len(settings.tools)
+        self._patches.count = _KEPT_PATCHES + len(settings.on_skin)
+        self._clusters.count = _KEPT_PLANS + len(settings.on_skin)
         problems: dict[str, str] = {}
         by_node = self._tools_by_node(settings, problems)
         below = self._below_skin(settings, problems)
@@ -144,21 +145,23 @@ class LoadedAsset:
             meshes.append(self._mesh(ground, driven, tuple(clusters)))
         return AttachedTools(tuple(meshes), tools, attached_below, problems, provisional)
 
-    def _tools_by_node(self, settings: ToolsFile, problems: dict[str, str]) -> dict[int, list[WrinkleTool]]:
-        """Find the node of each tool, and add the problems of tools that a bake refuses or leaves out."""
-        by_node: dict[int, list[WrinkleTool]] = {}
+    def _tools_by_node(self, settings: ToolsFile, problems: dict[str, str]) -> dict[int, list[EffectTool]]:
+        """Find the node of each tool and field, and add the problems of those that a bake refuses or leaves out."""
+        by_node: dict[int, list[EffectTool]] = {}
         file_clips = tuple(clip for clip in self.clips if clip.name not in self.range_clips)
-        for tool in settings.tools:
+        for tool in settings.on_skin:
             why = why_left_out(tool, MeshNames.of(self.document))
             if why is not None:
                 problems[tool.name] = f"{tool.name}: is left out, as {why}"
                 continue
             try:
-                alone = replace(settings.only(()), tools=(tool,))
+                alone = settings.only([tool.name])
                 check_clip_names(alone, (), file_clips)
                 (node,), _ = tools_by_node(self.document, alone)
                 # Contact takes too long to be shown while a tool is edited.
-                by_node.setdefault(node, []).append(replace(tool, contact=None))
+                by_node.setdefault(node, []).append(
+                    replace(tool, contact=None) if isinstance(tool, WrinkleTool) else tool
+                )
             except WrinkleError as error:
                 problems[tool.name] = error.lines[0]
         return by_node
@@ -167,7 +170,7 @@ class LoadedAsset:
         """Find the node of each effect below the skin, and add the problems of those that a bake refuses."""
         by_node: dict[int, list[EffectTool]] = {}
         file_clips = tuple(clip for clip in self.clips if clip.name not in self.range_clips)
-        for effect in replace(settings, tools=()).effects:
+        for effect in replace(settings, tools=(), fields=()).effects:
             try:
                 alone = settings.only([effect.name])
                 check_clip_names(alone, (), file_clips)
@@ -224,7 +227,7 @@ class LoadedAsset:
         plain = replace(effect, where="", places={}, **same)  # type: ignore[type-var]
         return self._attached.get_or_make((ground, plain), lambda: attach_one(effect, ground, settings))
 
-    def _ground(self, node: int, settings: ToolsFile, tools: list[WrinkleTool]) -> Ground:
+    def _ground(self, node: int, settings: ToolsFile, tools: list[EffectTool]) -> Ground:
         bound_to = _without_places(tools[0]) if settings.rest == "bind" and tools else None
         key = (node, settings.rest, bound_to)
         if settings.rest == "bind" and not tools:
@@ -233,10 +236,14 @@ class LoadedAsset:
             key, lambda: read_ground(self.document, node, tools, settings, self.clips, neighbours=self._neighbours)
         )
 
-    def _patch(self, tool: WrinkleTool, ground: Ground, settings: ToolsFile) -> Attached[WrinkleTool]:
-        return self._patches.get_or_make(
-            (_without_places(tool), ground, settings.up), lambda: attach_one(tool, ground, settings)
-        )
+    def _patch(self, tool: EffectTool, ground: Ground, settings: ToolsFile) -> AnyAttached:
+        plain = _without_places(tool)
+        if not isinstance(plain, Field):
+            return self._patches.get_or_make((plain, ground, settings.up), lambda: attach_one(tool, ground, settings))
+        # Strengths change the drive of a field alone.
+        whole = replace(plain, strength=1.0, clips={})
+        measured = self._patches.get_or_make((whole, ground), lambda: attach_one(tool, ground, settings))
+        return self._patches.get_or_make((plain, measured), lambda: driven_by(measured, plain))
 
     def _planned(
         self, ground: Ground, patches: Sequence[AnyAttached], settings: ToolsFile, problems: dict[str, str]
@@ -282,7 +289,7 @@ class LoadedAsset:
                     patch = waiting.pop(part.attached.tool.name, None)
                     if patch is not None and patch is not part.attached:
                         try:
-                            made = sketch(patch, part.region, cluster.plan.fine, ground.contacts.held)
+                            made = sketch(patch, part.region, cluster.plan.fine, ground.contacts.held, part)
                         except WrinkleError as error:
                             problems[part.attached.tool.name] = error.lines[0]
                             continue
@@ -329,9 +336,9 @@ def _key(ground: Ground, patches: Sequence[AnyAttached], settings: ToolsFile) ->
     return (tools, ground, settings.refinement, settings.up)
 
 
-def _without_places(tool: WrinkleTool) -> WrinkleTool:
+def _without_places(tool: EffectTool) -> EffectTool:
     """Forget a tool's places in the file, which change with any edit above it."""
-    return replace(tool, where="", places={})
+    return replace(tool, where="", places={})  # type: ignore[type-var]
 
 
 def _overlapping(ground: Ground, effects: Sequence[AnyAttached]) -> list[list[AnyAttached]]:

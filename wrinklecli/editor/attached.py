@@ -29,7 +29,7 @@ from wrinklecli.surface.region import Region
 from wrinklecli.surface.rest import Rest
 from wrinklecli.tools.records import ToolsFile
 
-_OUTLINED = 0.3  # part of the largest move of a muscle or flesh that skin inside its outline moves by
+_OUTLINED = 0.3  # part of the largest move of a muscle, flesh or a field that skin inside its outline moves by
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,6 +224,12 @@ class AttachedTool:
     def region(self) -> Region:
         """The region of the coarse mesh that it moves."""
         return self.attached.regions[0]
+
+    @property
+    def excess(self) -> Floats:
+        """(vertices,) of the coarse mesh, as that of `AttachedBelow`, for a field: it has no patch to outline."""
+        places = self.ground.rest.positions
+        return self.region.share(*self.region.coordinates(places), np.ones(len(places))) - _OUTLINED
 
     def holds(self, place: Floats) -> bool:
         """True if a (3,) place at rest is on the tool."""

@@ -37,7 +37,9 @@ class RaisedTool:
 
     def height_at(self, time: float) -> float:
         """The tool's height at a time of the clip, scene units."""
-        return float(self.attached.control_curve(self.cache, self.clip, time)[:, 1].max())
+        numbers = self.cache.numbers_at(self.attached.ground, self.attached.part, self.clip, time)
+        (height,) = self.attached.part.heights(self.attached.plan.fine, self.clip, numbers)
+        return float(height)
 
 
 def raised_tool(tools: AttachedTools, name: str, cache: ClipCache, clips: Sequence[Clip]) -> RaisedTool | None:

@@ -167,7 +167,8 @@ class Session(Edits):
         """A tool of a list by its own keys, and the values that count."""
         name, mirrored = str(own.get("name", "")), keys["mirror"].value not in (None, "none")
         partner = exchange_sides(name) if mirrored else None
-        problems, below = attached.problems, attached.below.get(name)
+        problems, below, tool = attached.problems, attached.below.get(name), attached.tools.get(name)
+        unmeasured = tool.attached if tool is not None and tool.attached.segment is None else below
         return EditedTool(
             name=name,
             list_key=list_key,
@@ -176,7 +177,7 @@ class Session(Edits):
             solo=name in self._base.solo,
             partner=partner,
             problem=problems.get(name) or (problems.get(partner) if partner else None),
-            length=length_of(own) if below is None else below.span,
+            length=length_of(own) if unmeasured is None else unmeasured.span,
         )
 
     def inherited(self, tool: EditedTool) -> dict[str, EffectiveValue]:

@@ -421,7 +421,14 @@ class EffectKind(ABC):
         """
         return attached
 
-    def sketch(self, attached: AnyAttached, region: int, fine: Refinement, pinned: Bools) -> Part | None:  # noqa: ARG002
+    def sketch(
+        self,
+        attached: AnyAttached,  # noqa: ARG002
+        region: int,  # noqa: ARG002
+        fine: Refinement,  # noqa: ARG002
+        pinned: Bools,  # noqa: ARG002
+        before: Part | None = None,  # noqa: ARG002
+    ) -> Part | None:
         """Let a refined surface carry a tool of this kind quickly, as while someone drags it.
 
         Args:
@@ -429,6 +436,7 @@ class EffectKind(ABC):
             region: The number of its first region.
             fine: The surface, which may have been refined for another tool.
             pinned: (coarse vertices,) True for those that must not move.
+            before: The same tool on this surface as it was, whose shapes may serve again.
 
         Returns:
             None for an effect that moves the body with its rig.
@@ -437,6 +445,10 @@ class EffectKind(ABC):
             BakeError: It moves no vertex.
         """
         return None
+
+    def driven_by(self, attached: AnyAttached, tool: EffectTool) -> AnyAttached:  # noqa: ARG002
+        """The same for another entry of the tool that changes its drive alone; where none does, the tool itself."""
+        return attached
 
     @abstractmethod
     def plan(self, plan: MeshPlan, ground: Ground, attached: Sequence[tuple[int, AnyAttached]]) -> Layer:

@@ -113,9 +113,16 @@ def attach_one(
     return one
 
 
-def sketch(attached: AnyAttached, region: int, fine: Refinement, pinned: Bools) -> Part | None:
+def sketch(
+    attached: AnyAttached, region: int, fine: Refinement, pinned: Bools, before: Part | None = None
+) -> Part | None:
     """Let a refined surface carry a tool quickly, as `EffectKind.sketch` does."""
-    return kind_of(attached.tool.sections[0]).sketch(attached, region, fine, pinned)
+    return kind_of(attached.tool.sections[0]).sketch(attached, region, fine, pinned, before)
+
+
+def driven_by(attached: AnyAttached, tool: EffectTool) -> AnyAttached:
+    """A tool that is attached, for another entry of it, as `EffectKind.driven_by` does."""
+    return kind_of(tool.sections[0]).driven_by(attached, tool)
 
 
 def skin_parts(plan: MeshPlan) -> list[Part]:

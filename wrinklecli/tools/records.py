@@ -823,6 +823,11 @@ class ToolsFile:
     """The fields that are lists of effects, one for each kind, with the words for one and for many."""
 
     @property
+    def on_skin(self) -> tuple[EffectTool, ...]:
+        """Tools and fields, which move the skin; all others move the body below it."""
+        return (*self.tools, *self.fields)
+
+    @property
     def effects(self) -> tuple[EffectTool, ...]:
         """The enabled effects of all kinds."""
         return tuple(each for name in self.LISTS for each in getattr(self, name))

@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 import yaml
 
+from kit.fields import sleeve_and_field
 from kit.forehead import BROWS, forehead
 from kit.limb import limb_asset, write_tools
 from kit.places import ROOT
 from kit.touch import plate, touch
-from wrinklecli.editor.page.drawing import _LINE_POINTS, Body, body_of, outline_below, outline_of
+from wrinklecli.editor.page.drawing import _LINE_POINTS, Body, _bordered, body_of, outline_below, outline_of
+from wrinklecli.editor.page.viewpoints import clear_time
+from wrinklecli.editor.raised import raised_tool
 from wrinklecli.editor.session import Session
 from wrinklecli.review.preview.paints import Opacity, Paint
 
@@ -107,3 +110,30 @@ def test_the_outline_of_a_touch_at_a_border_is_closed_along_it(tmp_path: Path) -
     along = (ends[:, :, 0] > 0.1199).all(axis=1)
     assert along.sum() >= 2
     assert (~along).sum() > 6
+
+
+def test_the_outline_of_a_field_is_the_border_of_what_it_folds(tmp_path: Path) -> None:
+    session = Session(*sleeve_and_field(tmp_path, joints=["joint_2"]))
+    (shown,) = session.meshes("fold", 0.0)
+    outline = outline_of(session.attached_tools()["folds"], shown.source, 0, (1.0, 0.0, 0.0))
+    places = outline.points.positions(Body(shown.faces, ()), shown.source.rest_positions)
+    assert outline.name == "folds"
+    assert not len(outline.anchors)
+    assert len(outline.segments) > 4
+    # The second joint is at a third of the length.
+    assert np.abs(places[:, 0] - 1 / 3).max() < 0.6
+
+
+def test_a_field_without_a_border_has_a_place(tmp_path: Path) -> None:
+    session = Session(*sleeve_and_field(tmp_path))
+    (shown,) = session.meshes("fold", 0.0)
+    outline = _bordered(
+        "folds", -np.ones(len(shown.source.ground.surface.positions)), shown.source, 0, (1.0, 0.0, 0.0), 1.0
+    )
+    assert not len(outline.segments)
+    places = outline.points.positions(Body(shown.faces, ()), shown.source.rest_positions)
+    assert np.ptp(places[:, 0]) > 1.8
+    raised = raised_tool(session._attached(), "folds", session._loaded.cache, session._loaded.clips)
+    assert raised is not None
+    assert raised.height > 0.01
+    assert raised.clip.start <= clear_time(raised) <= raised.clip.end

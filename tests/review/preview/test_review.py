@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 import wrinklecli
 from kit.asset import Asset
@@ -295,7 +296,7 @@ def test_a_field_is_shown_where_it_folds_most_and_covers_nothing(tmp_path: Path)
 def test_a_field_is_chosen_by_its_name(tmp_path: Path) -> None:
     """Beside a tool, whose colour it does not take."""
     asset, tools = sleeve_and_field(tmp_path)
-    tools.write_text(json.dumps(json.loads(tools.read_text()) | {"tools": [tool(**BUMPY, node="limb")]}))
+    tools.write_text(json.dumps(yaml.safe_load(tools.read_text()) | {"tools": [tool(**BUMPY, node="limb")]}))
     out = tmp_path / "a.png"
     assert draw([asset], out, tools=tools, review=True, **SMALL).shown == "1 tool, 1 field"
     assert draw([asset], out, tools=tools, review=True, only=[field()["name"]], **SMALL).shown == "1 field"

@@ -159,6 +159,8 @@ def outline_of(tool: AttachedTool, mesh: PlayableMesh, body: int, colour: tuple[
 
     Lines are followed over the surface from the anchors: what is only near in space, such as the other leg, has none.
     """
+    if tool.attached.segment is None:
+        return _bordered(tool.attached.tool.name, tool.excess, mesh, body, colour, tool.attached.span)
     region, surface = tool.region, mesh.ground.surface
     near = mesh.ground.rest.around.faces_of(distinct_values(surface.triangles[region.members]))
     faces = np.flatnonzero(among(mesh.parents, near))
@@ -210,20 +212,34 @@ def outline_below(
     below: AttachedBelow, mesh: PlayableMesh, body: int, colour: tuple[float, float, float]
 ) -> ToolOutline:
     """Outline the skin that a muscle, flesh or a touch moves, on its mesh, the body of a number."""
-    found, barycentrics = _border(mesh.smooth(below.excess), mesh.faces)
-    lines, length, skins = len(found) // 2, below.span, np.zeros(0, np.intp)
-    if (drag := below.attached.drag) is not None:
-        triangle, shares, _ = closest_point(mesh.rest_positions, mesh.faces, drag.at)
-        skins, length = np.array([len(found)]), drag.reach
-        found, barycentrics = np.append(found, triangle), np.concatenate([barycentrics, shares[None]])
+    made = _bordered("", below.excess, mesh, body, colour, below.span)
+    if (drag := below.attached.drag) is None:
+        return made
+    triangle, shares, _ = closest_point(mesh.rest_positions, mesh.faces, drag.at)
+    found, barycentrics = made.points.triangles, made.points.barycentrics
+    points = SurfacePoints(body, np.append(found, triangle), np.concatenate([barycentrics, shares[None]]))
+    return replace(made, points=points, skins=np.array([len(found)]), length=drag.reach)
+
+
+def _bordered(
+    name: str, excess: Floats, mesh: PlayableMesh, body: int, colour: tuple[float, float, float], length: float
+) -> ToolOutline:
+    """The border between (coarse vertices,) values above 0 and below, without points to drag.
+
+    Where all are on one side, there are no lines, and the middles of all triangles say where it is.
+    """
+    found, barycentrics = _border(mesh.smooth(excess), mesh.faces)
+    segments = np.arange(len(found)).reshape(-1, 2)
+    if not len(found):
+        found, barycentrics = np.arange(len(mesh.faces)), np.full((len(mesh.faces), 3), 1.0 / 3.0)
     return ToolOutline(
-        name="",
+        name=name,
         colour=colour,
         points=SurfacePoints(body, found, barycentrics),
-        segments=np.arange(2 * lines).reshape(-1, 2),
+        segments=segments,
         anchors=np.zeros(0, np.intp),
         edges=np.zeros(0, np.intp),
-        skins=skins,
+        skins=np.zeros(0, np.intp),
         length=length,
     )
 

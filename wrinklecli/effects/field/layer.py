@@ -1,14 +1,15 @@
 """Fields on a mesh: measured in poses at rest, then carried by the refined surface."""
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.effects.attached import AnyAttached
-from wrinklecli.effects.body import BodyLayer
-from wrinklecli.effects.effect import Effect, EffectKind, MeshPlan
+from wrinklecli.effects.body import BodyLayer, BodyPart
+from wrinklecli.effects.effect import Effect, EffectKind, MeshPlan, Part
 from wrinklecli.effects.field.attach import AttachedField, attach_fields
 from wrinklecli.effects.field.carry import displaced
 from wrinklecli.effects.field.effect import SECTION, FieldWords, field_effect
@@ -16,8 +17,9 @@ from wrinklecli.effects.shapes import Middles
 from wrinklecli.errors import counted
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.arrays import Bools, Floats
 from wrinklecli.surface.ground import Ground
+from wrinklecli.surface.refine import Refinement
 from wrinklecli.tools.fields import Field
 from wrinklecli.tools.records import EffectTool, ToolsFile
 
@@ -88,6 +90,27 @@ class FieldKind(EffectKind):
     def plan(self, plan: MeshPlan, _ground: Ground, attached: Sequence[tuple[int, AnyAttached]]) -> FieldLayer:
         """Let the refined surface carry the fields."""
         return FieldLayer.of(plan, [(number, each) for number, each in attached if isinstance(each, AttachedField)])
+
+    def driven_by(self, attached: AnyAttached, tool: EffectTool) -> AnyAttached:
+        """The field with the strengths of another entry."""
+        if not isinstance(attached, AttachedField) or not isinstance(tool, Field):
+            return attached
+        drive = replace(attached.drive, strengths=dict(tool.clips), strength=tool.strength)
+        return replace(attached, tool=tool, drive=drive)
+
+    def sketch(
+        self, attached: AnyAttached, region: int, fine: Refinement, _pinned: Bools, before: Part | None = None
+    ) -> Part | None:
+        """Let a refined surface carry a field, as if no tool were there; other strengths have the same shapes."""
+        if not isinstance(attached, AttachedField):
+            return None
+        old = before.attached if before is not None else None
+        if isinstance(before, BodyPart) and isinstance(old, AttachedField) and old.factors is attached.factors:
+            return replace(before, attached=attached)
+        made = displaced(attached, fine, np.ones(len(fine.positions)))
+        layer = FieldLayer((attached,), (region,), (made.deltas,), (made.middles,))
+        (part,) = layer.parts
+        return part
 
     def lines(self, entry: Json) -> list[str]:
         """The lines of a field, a table of its joints, and one of its clips."""

@@ -7,7 +7,7 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.effects.attached import AnyAttached
-from wrinklecli.effects.effect import Effect, EffectKind, MeshPlan, SamplingOptions
+from wrinklecli.effects.effect import Effect, EffectKind, MeshPlan, Part, SamplingOptions
 from wrinklecli.effects.faults import departure_warnings
 from wrinklecli.effects.sampling import most_overlaps
 from wrinklecli.effects.wrinkle.attach import attach_tools
@@ -119,7 +119,9 @@ class WrinkleKind(EffectKind):
         """
         return bounded([each for each in attached if isinstance(each, Patch)], ground)
 
-    def sketch(self, attached: AnyAttached, region: int, fine: Refinement, pinned: Bools) -> WrinklePart | None:
+    def sketch(
+        self, attached: AnyAttached, region: int, fine: Refinement, pinned: Bools, _before: Part | None = None
+    ) -> WrinklePart | None:
         """Let a refined surface carry a tool, without a look at creases.
 
         Raises:
