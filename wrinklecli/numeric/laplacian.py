@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, face_normals
+from wrinklecli.numeric.arrays import Floats, Ints, face_normals
 from wrinklecli.numeric.elements import factorised
 
 # Least and greatest cotangent, so that obtuse and thin triangles do not pull apart.
@@ -81,15 +81,6 @@ class Sheet:
         """Prepare a surface."""
         areas = vertex_areas(positions, triangles)
         return cls(positions, triangles, np.maximum(areas, _LEAST_AREA * areas.mean()), laplacian(positions, triangles))
-
-    @property
-    def hems(self) -> Bools:
-        """(vertices,) True on open borders."""
-        sides = np.sort(np.concatenate([self.triangles[:, [k, (k + 1) % 3]] for k in range(3)]), axis=1)
-        edges, counts = np.unique(sides, axis=0, return_counts=True)
-        found = np.zeros(len(self.positions), np.bool_)
-        found[edges[counts == 1]] = True
-        return found
 
     def averaging(self, length: float, stiffness: Any = None) -> "Average":
         """Averages over about a length, by one implicit step of diffusion over length² / 4.
