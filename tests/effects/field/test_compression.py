@@ -99,6 +99,16 @@ def test_a_tube_that_is_twisted_keeps_its_girth(degrees: float) -> None:
     assert linear.min() < 0.75 * 0.3
 
 
+def test_a_blend_goes_the_short_way_round() -> None:
+    """Halfway between turns by 170° and by 200° is 185°, though their quaternions point away from each other."""
+    positions, _ = tube(0.3)
+    matrices = np.stack([turned([1.0, 0.0, 0.0], degrees) for degrees in (170.0, 200.0)])
+    joints, weights = np.tile([0, 1], (len(positions), 1)), np.full((len(positions), 2), 0.5)
+    weights[:, 0] += 1e-3  # one of them is the heaviest
+    found = posed_rigidly(positions, joints, weights, rigid_parts(matrices, np.stack([np.eye(4)] * 2)))
+    assert found == pytest.approx(positions @ turned([1.0, 0.0, 0.0], 185.0)[:3, :3].T, abs=1e-3)
+
+
 @pytest.mark.parametrize("degrees", [10.0, 110.0, 181.0, 350.0])
 def test_one_joint_moves_as_it_is(degrees: float) -> None:
     positions, _ = tube(0.3)
