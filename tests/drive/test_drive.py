@@ -199,6 +199,13 @@ KINDS: Mapping[str, Mapping[str, Any]] = {
     "activation": {**SEGMENT, **ROWS, "gains": [0.0, 1.0], "tension": {"length": 0.1, "morph": "nan"}},
     "keyed activation": {**SEGMENT, **ROWS, "lows": [0.0], "tension": {"length": 0.1, "keys": KEYED}},
     "turn": {**JOINT, **TURNS},
+    "field": {
+        "name": "nan",
+        "turns": [{**JOINT, "angles": [0.0, 1.0], "weights": [[0.0], [1.0]]}],
+        "strengths": {"nan": 0.5},
+        "strength": 0.5,
+        "targets": ["inf"],
+    },
     "flesh": {
         "name": "nan",
         "joint": "nan",
