@@ -9,7 +9,7 @@ import pytest
 
 from kit.limb import limb_asset
 from wrinklecli.numeric.arrays import unit
-from wrinklecli.review.preview.rays import Occluders, first_hits, trace
+from wrinklecli.review.preview.rays import Occluders, _seen, first_hits, trace
 
 MAIN = "from wrinklecli.cli import main; main()"
 
@@ -72,3 +72,22 @@ def test_what_lies_between_a_point_and_an_eye_hides_it() -> None:
     # An eye that is near is in another direction from each point.
     near = occluders.free(points, normals, unit(np.array([2.0, 0.5, 3.0]) - points)[None])
     assert near.tolist() == [[False, True, False]]
+
+
+@pytest.mark.usefixtures("rays")
+def test_rays_go_on_behind_what_lets_light_through() -> None:
+    """Three panes of which each takes half of the light, seen straight and aslant."""
+    pane = np.array([[[-9, -9, 0], [9, -9, 0], [0, 18, 0]]], float)
+    corners = np.concatenate([pane + np.array([0.0, 0.0, z]) for z in (-3.0, -1.0, -2.0)])
+    surface = trace(corners, np.tile([0.0, 0.0, 1.0], (3, 3, 1)))
+    eyes = np.zeros((2, 3), np.float32)
+    directions = unit(np.array([[0.0, 0.0, -1.0], [1.0, 0.5, -1.0]])).astype(np.float32)
+    for opacity, count in ((None, 1), (lambda triangles, _: np.full(len(triangles), 0.5, np.float32), 3)):
+        numbers, triangles, weights, depths, shares = _seen(surface, eyes, directions, opacity)
+        for ray, direction in enumerate(directions):
+            of_ray = numbers == ray
+            assert triangles[of_ray].tolist() == [1, 2, 0][:count]
+            assert depths[of_ray] == pytest.approx((np.array([1.0, 2.0, 3.0]) / -direction[2])[:count], rel=1e-3)
+            assert shares[of_ray] == pytest.approx([1.0] if count == 1 else [0.5, 0.25, 0.125])
+            places = np.einsum("hk,hkx->hx", weights[of_ray], corners[triangles[of_ray]])
+            assert places == pytest.approx(depths[of_ray, None] * direction, abs=1e-2)
