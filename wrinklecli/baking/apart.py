@@ -48,6 +48,8 @@ class Frames:
 
     def displacements(self, skin: Skin) -> Floats:
         """(frames, 3, vertices) displacements from the bind positions, bind space."""
+        if self.offsets is not None and skin.places.shape[1] == 1:
+            return self.offsets  # there are no shapes
         morphed: Floats = np.matmul(self.weights, skin.places[:, 1:]).transpose(1, 0, 2)
         return morphed if self.offsets is None else morphed + self.offsets
 

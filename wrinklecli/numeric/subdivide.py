@@ -69,6 +69,12 @@ class Subdivision:
         """(..., V, C) coarse values → (..., V', C) by edge midpoints; the first V are the same bits."""
         return apply(self.linear, coarse)
 
+    def interpolate_new(self, coarse: Floats) -> Floats:
+        """(V, C) coarse values → (V' - V, C) those of the new vertices, by edge midpoints."""
+        if self.linear is None:
+            return coarse[:0]
+        return self.linear.of_rows(np.arange(len(coarse), self.vertex_count), coarse)
+
 
 def subdivide(
     triangles: Ints,

@@ -60,7 +60,7 @@ def cut_at_features(ground: Ground, members: Ints, least: float) -> Cut:
     looks = ground.looks[surface.primitives[faces]]
     feature[edges.pairs] |= near[edges.pairs] & (looks[edges.one // 3] != looks[edges.other // 3])
 
-    hard = normals_differ(unit(surface.normals)[surface.corners[faces]], edges)
+    hard = normals_differ(unit(surface.normals[surface.corners[faces]]), edges)
     normals = unit(face_normals(rest.positions, triangles))
     cosines = edges.way * np.sum(normals[edges.one // 3] * normals[edges.other // 3], axis=1)
     sharp = (cosines < _CREASE) | (hard & (cosines < SHARP))

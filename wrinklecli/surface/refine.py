@@ -324,10 +324,10 @@ class _Laid:
     normals: Floats
 
     def on(self, subdivision: Subdivision) -> LaidSurface:
-        """The coarse surface at the vertices of a subdivision."""
-        blended = subdivision.interpolate(self.pose.blended.reshape(-1, 12)).reshape(1, -1, 3, 4)
-        places = transform(blended, subdivision.interpolate(self.pose.bind_positions))[0]
-        return LaidSurface(self.pose, places, unit(subdivision.interpolate(self.normals)))
+        """The coarse surface at the new vertices of a subdivision."""
+        blended = subdivision.interpolate_new(self.pose.blended.reshape(-1, 12)).reshape(1, -1, 3, 4)
+        places = transform(blended, subdivision.interpolate_new(self.pose.bind_positions))[0]
+        return LaidSurface(self.pose, places, unit(subdivision.interpolate_new(self.normals)))
 
 
 def _laid(regions: Sequence[Region], surface: Surface) -> list[_Laid]:

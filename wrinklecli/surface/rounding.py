@@ -121,7 +121,7 @@ def _hard_among(surface: Surface, positions: Floats, faces: Ints) -> tuple[Edges
     edges = Edges.of(triangles)
     hard = np.zeros(len(edges.vertices), np.bool_)
 
-    authored = unit(surface.normals)[surface.corners[faces]]
+    authored = unit(surface.normals[surface.corners[faces]])
     without = ~authored.any(axis=2)
     hard[edges.of_faces[without | np.roll(without, -1, axis=1)]] = True
     flat = unit(face_normals(positions, triangles))
@@ -159,11 +159,11 @@ class Rounded:
 
 @dataclass(frozen=True, slots=True)
 class LaidSurface:
-    """The coarse surface at the vertices of a subdivision, in a pose in which regions are laid.
+    """The coarse surface at the new vertices of a subdivision, in a pose in which regions are laid.
 
     Attributes:
-        places: (vertices, 3) world space.
-        normals: (vertices, 3) unit normals; they are right on these regions alone.
+        places: (new vertices, 3) world space.
+        normals: (new vertices, 3) unit normals; they are right on these regions alone.
     """
 
     pose: Rest
@@ -202,9 +202,10 @@ def rounded(
         vertices = vertices[vertices >= old]
         on_regions.append(vertices - old)
         (there,) = (each for each in laid if each.pose is region.pose)
-        u, v = region.coordinates(there.places[vertices])
-        share = region.presence(u, v, region.cosines(u, there.normals[vertices]))
-        left = region.left(subdivision, vertices, there.places[vertices])
+        here = there.places[vertices - old]
+        u, v = region.coordinates(here)
+        share = region.presence(u, v, region.cosines(u, there.normals[vertices - old]))
+        left = region.left(subdivision, vertices, here)
         if left is not None:
             share = left * share
         whole = np.rint(smoothstep(np.minimum(share / _WHOLE, 1.0)) / _STEP) * _STEP
