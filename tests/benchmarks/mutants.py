@@ -8,10 +8,11 @@
 A change flips a sign, a comparison, a condition or a flag, moves a constant or the end of a slice, swaps min and max,
 or makes a predicate constant. Annotations, messages of errors and decorators of dataclasses stay as they are.
 
-A change meets the quick tests near it: files that import its module or are named like it, then tests that look at much
-at once, then files that import a module that imports it, and the other files of its room. They stop after 20 s of
-processor, so that the figure is a lower bound: tests farther away might notice more. The folder DIR keeps copies of the
-tree; nothing is written to the real tree. A person must judge which of the survivors change no behaviour.
+A change meets the quick tests near it: files that import its module or are named like it, those of its folder within a
+room, then tests that look at much at once, then files that import a module that imports it, and the other files of its
+room. They stop after 20 s of processor, so that the figure is a lower bound: tests farther away might notice more. The
+folder DIR keeps copies of the tree; nothing is written to the real tree. A person must judge which of the survivors
+change no behaviour.
 """
 
 import argparse
@@ -185,20 +186,24 @@ def imports(tree: Path, folder: str, pattern: str) -> dict[str, frozenset[str]]:
 def near_tests(tree: Path, path: str) -> list[str]:
     """The test files that a change of a module meets, in their order."""
     parts = Path(path).with_suffix("").parts
-    files, words = imports(tree, "tests", "test_*.py"), {*re.findall(r"[a-z0-9]+", parts[-1])}
+    files = imports(tree, "tests", "test_*.py")
+
+    def words(name: str) -> set[str]:
+        return {word.removesuffix("s") for word in re.findall(r"[a-z0-9]+", name)}
 
     def importing(module: str) -> list[str]:
         return [name for name in files if module in files[name]]
 
     importers = importing(".".join(parts))
     own = [name for name in files if name.startswith(f"tests/{parts[1]}")]
-    namesakes = [name for name in own if words & {*re.findall(r"[a-z0-9]+", name.rpartition("/")[2])}]
+    namesakes = [name for name in own if words(parts[-1]) & words(Path(name).stem)]
     readers = [name for name, found in imports(tree, "wrinklecli", "*.py").items() if ".".join(parts) in found]
     of_readers = [name for each in readers for name in importing(".".join(Path(each).with_suffix("").parts))]
     folder = [name for name in own if Path(name).parts[1:-1] == parts[1:-1]]
-    goldens = [name for name in own if name.endswith("test_goldens.py")]
-    nets = [*goldens, *NETS]
-    order = [*(name for name in importers if name in own), *namesakes, *importers, *nets, *of_readers, *folder, *own]
+    nets = [*(name for name in own if name.endswith("test_goldens.py")), *NETS]
+    inner, outer = (folder, []) if len(parts) > 3 else ([], folder)  # those of an effect are few
+    own_importers = [name for name in importers if name in own]
+    order = [*own_importers, *namesakes, *importers, *inner, *nets, *of_readers, *outer, *own]
     return list(dict.fromkeys(order))
 
 
