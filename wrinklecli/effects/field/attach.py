@@ -41,6 +41,8 @@ _FADE = 0.6
 _FACETS, _MOST_FACETED = 1.0, 0.8
 # Numbers of each vertex and pose that are held at once.
 _HELD = 4
+# Half height of the tallest fold over the wavelength below which nobody sees one.
+_LEAST_HEIGHT = 0.01
 # Part of the greatest height below which nothing is seen.
 _LEAST_SEEN = 0.02
 
@@ -147,9 +149,11 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
         allowed=allowed,
     )
     factors = factors_of(sweeps, measured.heights, sheet.areas, _MOST_SHAPES)
-    if not len(factors.turns):
+    tallest = float(measured.heights.max())
+    if not len(factors.turns) or tallest < _LEAST_HEIGHT * wavelength:
         raise BakeError(
-            f"nothing of {name} loses more than {100 * slack:.3g} % of its length, the slack, as its joints turn",
+            f"hardly anything of {name} loses more than {100 * slack:.3g} % of its length, the slack, as its joints"
+            f" turn: folds would be {2.0 * tallest:.2g} high at most",
             where=where,
         )
     height = 2.0 * (1.0 - fabric.inward) * float(measured.heights.max())

@@ -12,6 +12,7 @@ from wrinklecli.effects.effect import Effect, MeshPlan, Remixes, Seen
 from wrinklecli.effects.field.attach import AttachedField
 from wrinklecli.effects.field.factors import weights_of
 from wrinklecli.effects.shapes import Middles, Sample, make_shapes, summed
+from wrinklecli.errors import listed
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, distinct_values, significant
@@ -108,9 +109,19 @@ class FieldWords(Remixes):
             "time": significant(float(seen.motion.times[most]), 4),
         }
 
-    def warnings(self, _plan: MeshPlan, clips: Sequence[Seen], *, up: str) -> list[str]:
-        """A warning about a field that nothing moves."""
+    def warnings(self, plan: MeshPlan, clips: Sequence[Seen], *, up: str) -> list[str]:
+        """Warnings about a field that nothing moves, and about joints for which it has no shapes."""
         assert up in ("y", "z")
+        attached, found = self.attached, []
+        name, names = attached.tool.name, plan.rig.names
         if clips and not any(each.weights.any() for each in clips):
-            return [f"{self.attached.tool.name}: no clip turns its joints: it stays flat"]
-        return []
+            found.append(f"{name}: no clip turns its joints: it stays flat")
+        shown = {signal.node for signal, _ in attached.drive.turns}
+        turned = [attached.sweeps.turns[number].signal.node for number in attached.factors.left_out]
+        absent = [names[node] for node in dict.fromkeys(turned) if node not in shown]
+        if absent:
+            found.append(
+                f"{name}: {listed(absent)} fold it too, but a field has {len(attached.factors.turns)} shapes at most:"
+                " another one with these `joints` has its own"
+            )
+        return found

@@ -37,6 +37,7 @@ class Factors:
         tables: For each shape (angles of its turn,) weights from 0 to 1.
         error: Root mean square of what the shapes miss in all poses, over that of the heights,
         best: and of what they would miss with the best weights.
+        left_out: Numbers of turns that fold the surface, but for which there are too many.
     """
 
     turns: Ints
@@ -44,6 +45,7 @@ class Factors:
     tables: tuple[Floats, ...]
     error: float
     best: float
+    left_out: tuple[int, ...] = ()
 
 
 def factors_of(sweeps: Sweeps, heights: Floats, areas: Floats, most: int) -> Factors:
@@ -51,7 +53,8 @@ def factors_of(sweeps: Sweeps, heights: Floats, areas: Floats, most: int) -> Fac
     scale = float(heights.max(initial=0.0))
     sizes = np.sqrt(areas / areas.sum())
     turns, shapes, tables = [], [], []
-    for side, count in _folding(sweeps, heights, sizes, scale, most):
+    sides = _folding(sweeps, heights, sizes, scale)
+    for side, count in _chosen(sides, most):
         weights, found = _factorised(heights[side.poses] * sizes, count)
         for column, shape in zip(weights.T, found, strict=True):
             turns.append(side.turn)
@@ -65,7 +68,12 @@ def factors_of(sweeps: Sweeps, heights: Floats, areas: Floats, most: int) -> Fac
     gaps = (heights - weights @ fitted) * sizes
     whole = np.linalg.norm(heights * sizes)
     return Factors(
-        owners, fitted, tuple(tables), float(np.linalg.norm(gaps) / whole), _best(fitted * sizes, heights * sizes)
+        turns=owners,
+        shapes=fitted,
+        tables=tuple(tables),
+        error=float(np.linalg.norm(gaps) / whole),
+        best=_best(fitted * sizes, heights * sizes),
+        left_out=tuple(side.turn for side in sides if side.turn not in turns),
     )
 
 
@@ -95,8 +103,11 @@ class _Side:
     error: float
 
 
-def _folding(sweeps: Sweeps, heights: Floats, sizes: Floats, scale: float, most: int) -> list[tuple[_Side, int]]:
-    """The turns' sides that fold the surface, in order, with the number of shapes of each."""
+def _folding(sweeps: Sweeps, heights: Floats, sizes: Floats, scale: float) -> list[_Side]:
+    """The turns' sides that fold the surface: of each joint the one that folds it most first, then the second of each.
+
+    A trunk folds more cloth than an elbow does, but one looks at both.
+    """
     sides = []
     for turn in range(len(sweeps.turns)):
         for sign in (-1.0, 1.0):
@@ -106,7 +117,17 @@ def _folding(sweeps: Sweeps, heights: Floats, sizes: Floats, scale: float, most:
                 weights, shapes = _factorised(own, 1)
                 gap = np.linalg.norm(own - weights @ shapes) / np.linalg.norm(own)
                 sides.append(_Side(turn, poses, float(np.linalg.norm(own, axis=1).max()), float(gap)))
-    sides.sort(key=lambda side: -side.volume)
+    ranks: dict[int, int] = {}
+    ranked = []
+    for side in sorted(sides, key=lambda side: -side.volume):
+        node = sweeps.turns[side.turn].signal.node
+        ranks[node] = ranks.get(node, -1) + 1
+        ranked.append((ranks[node], side))
+    return [side for _, side in sorted(ranked, key=lambda pair: pair[0])]
+
+
+def _chosen(sides: Sequence[_Side], most: int) -> list[tuple[_Side, int]]:
+    """The sides that get shapes, turn by turn, with the number of these: one each, and a second for the roughest."""
     kept = sides[:most]
     rough = sorted((side for side in kept if side.error > _ROUGH), key=lambda side: -side.volume * side.error)
     twice = rough[: most - len(kept)]
