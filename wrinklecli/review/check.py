@@ -150,7 +150,9 @@ def check(
             moving = moving_clips(plan, clips)
             parts = skin_parts(plan)
             seen = play_parts(plan, parts, moving, sampling)
-            baked = [clip for clip in moving if clip.name not in (*job.range, job.pose)]
+            # With a pose in place of clips, a bake has the asset's clips all the same.
+            there = moving if job.pose is None else moving_clips(plan, job.every_clip)
+            baked = [clip for clip in there if clip.name not in (*job.range, job.pose)]
             warnings += mesh_warnings(plan, job.settings, baked)
             # No tool is at fault, and an option of the bake decides.
             notes += track_warnings(plan, baked)
