@@ -7,7 +7,7 @@ import numpy as np
 
 from wrinklecli.character.pose import Pose
 from wrinklecli.drive.turned import TurnDrive
-from wrinklecli.effects.body import body_effect, body_summary, moves_at_rest
+from wrinklecli.effects.body import body_effect, body_summary, largest_moves, moves_at_rest
 from wrinklecli.effects.effect import Effect, MeshPlan, Remixes, Seen
 from wrinklecli.effects.field.attach import AttachedField
 from wrinklecli.effects.field.factors import weights_of
@@ -40,9 +40,9 @@ def field_effect(plan: MeshPlan, attached: AttachedField, deltas: Floats, middle
         else [],
         middles=middles,
     )
-    words = FieldWords(attached, deltas)
-    found = body_effect(SECTION, attached, shapes, words)
     kept = np.array([shape is not None for shape in shapes])
+    words = FieldWords(attached, moves[kept])
+    found = body_effect(SECTION, attached, shapes, words)
     return replace(found, drive=attached.drive.of_targets(kept, found.target_names), remixes=words)
 
 
@@ -52,11 +52,11 @@ class FieldWords(Remixes):
 
     Attributes:
         attached: The field at rest.
-        deltas: (targets, fine vertices, 3) displacements at weight 1, bind space.
+        moves: (targets, moved vertices, 3) displacements at weight 1 in world space at rest.
     """
 
     attached: AttachedField
-    deltas: Floats
+    moves: Floats
     remedy: str = "fewer `joints`"
     left_out: str | None = None
 
@@ -95,17 +95,17 @@ class FieldWords(Remixes):
             ],
             "error": significant(factors.error, 4),
             "least_error": significant(factors.best, 4),
-            "moved_vertices": int(np.any(self.deltas, axis=(0, 2)).sum()),
+            "moved_vertices": self.moves.shape[1],
             "targets": list(targets),
         }
 
     def describe_clip(self, seen: Seen) -> Json:
-        """The field's entry in a clip: the greatest weight of a shape, and its time."""
-        weights = seen.weights.max(axis=1, initial=0.0)
-        most = int(np.argmax(weights))
+        """The field's entry in a clip: the largest move of the surface, scene units, and its time."""
+        heights = largest_moves(seen.weights, self.moves)
+        most = int(np.argmax(heights))
         return {
             "name": self.attached.tool.name,
-            "weight": significant(float(weights[most]), 4),
+            "height": significant(float(heights[most]), 4),
             "time": significant(float(seen.motion.times[most]), 4),
         }
 

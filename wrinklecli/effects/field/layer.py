@@ -8,7 +8,7 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.effects.attached import AnyAttached
-from wrinklecli.effects.body import BodyLayer, BodyPart
+from wrinklecli.effects.body import BodyLayer, BodyPart, moves_at_rest
 from wrinklecli.effects.effect import Effect, EffectKind, MeshPlan, Part
 from wrinklecli.effects.field.attach import AttachedField, attach_fields
 from wrinklecli.effects.field.carry import displaced
@@ -54,9 +54,9 @@ class FieldLayer(BodyLayer[AttachedField]):
         """Weights, and seven numbers of each turn."""
         return sum(len(each) for each in self.deltas) + 7 * sum(len(each.drive.turns) for each in self.attached)
 
-    def words(self, _plan: MeshPlan, attached: AttachedField, deltas: Floats) -> FieldWords:
+    def words(self, plan: MeshPlan, attached: AttachedField, deltas: Floats) -> FieldWords:
         """The words of one of them about itself."""
-        return FieldWords(attached, deltas)
+        return FieldWords(attached, moves_at_rest(plan.fine.blended, deltas)[1])
 
     def effect(self, plan: MeshPlan, attached: AttachedField, deltas: Floats) -> Effect:
         """The effect of one field."""
@@ -128,7 +128,7 @@ class FieldKind(EffectKind):
             f"mesh     {entry['moved_vertices']} vertices move",
             *(
                 f"{each['name']:{clips}}  "
-                + (f"{100 * each['weight']:.3g} % of full height at {each['time']:.4g} s" if each["weight"] else "flat")
+                + (f"folds by up to {each['height']:.3g}, at {each['time']:.4g} s" if each["height"] else "stays flat")
                 for each in entry["clips"]
             ),
         ]
