@@ -45,6 +45,9 @@ _HELD = 4
 _LEAST_HEIGHT = 0.01
 # Part of the greatest height below which nothing is seen.
 _LEAST_SEEN = 0.02
+# Weight below which a shape does not act: a fifth of the default --max-error. Factors come near to 0 and never reach
+# it, so an engine would play each shape from the first degree on.
+_LEAST_WEIGHT = 2e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -186,7 +189,9 @@ def _drive(tool: Field, sweeps: Sweeps, factors: Factors) -> TurnDrive:
         columns = [
             table for owner, table in zip(factors.turns.tolist(), factors.tables, strict=True) if owner == number
         ]
-        turns.append((turn.signal, Table("angles", turn.angles, np.stack(columns, axis=1))))
+        weights = np.stack(columns, axis=1)
+        weights[weights < _LEAST_WEIGHT] = 0.0
+        turns.append((turn.signal, Table("angles", turn.angles, weights)))
     names = tuple(f"wrinkle_{tool.identifier}_{number + 1}" for number in range(len(factors.turns)))
     return TurnDrive(tool.name, tuple(turns), names, dict(tool.clips), tool.strength)
 
