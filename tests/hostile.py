@@ -2,11 +2,13 @@
 
 A case is a number, and always the same attack. Most cases damage an asset or its tools; others damage or forge
 manifests and caches, plant links and pipes, serve URLs that stop or swell, send messages to the page of `edit`,
-change files that `preview --watch` watches, or kill a command in the middle. All options of the commands take part.
+change files that `preview --watch` watches, let the disk fail, run a command beside itself, or kill it in the middle.
+All options of the commands take part.
 
 Prints each way of failing once, with the number of its first case, and ends with 1 where there is any. Cases run in
 processes of their own kind, with little memory, so that one which takes the process down is found too. `--keep` adds
-what failed, shortened, to tests/data/hostile.jsonl, whose cases are tests. 20,000 cases take 14 minutes of a processor.
+what failed, shortened, to tests/data/hostile.jsonl, whose cases are tests. 20,000 cases take half an hour of a
+processor.
 """
 
 import argparse

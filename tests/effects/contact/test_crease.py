@@ -1,6 +1,8 @@
 """Reduced shapes of contact: there are few, yet they keep the volume, and cover all vertices that may move."""
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,8 +17,10 @@ from kit.creases import resolved
 from kit.limb import limb_asset, tool, write_tools
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.plan import plan_meshes
+from wrinklecli.effects.contact import crease as creases
 from wrinklecli.effects.contact.fitting import fit_poses
 from wrinklecli.effects.contact.fold import RINGS
+from wrinklecli.effects.contact.given_up import UnresolvedError
 from wrinklecli.effects.contact.layer import ContactLayer
 from wrinklecli.effects.contact.solution import Solution, _error_weights, free_rows
 from wrinklecli.effects.contact.tissue import FREE, SOFT, SkinnedPose, SolverState, Tissue
@@ -77,3 +81,21 @@ def test_all_that_is_near_what_crosses_may_move(tmp_path: Path) -> None:
     for _ in range(RINGS):
         near = widened(found.tissue.edges, near)
     assert free[near].all()
+
+
+@pytest.mark.parametrize(("number", "poses", "raises"), [(0, (), True), (0, ("first",), False), (1, (), False)])
+def test_a_straight_sweep_that_fails_at_once_ends_the_search(
+    number: int, poses: tuple[Any, ...], raises: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One that leans may fail: it stands for turns that few clips have."""
+    monkeypatch.setattr(creases, "_compressed", lambda _, found, **__: found)
+    hinge = SimpleNamespace(leanings=np.array([[0.0, 0.0], [0.0, 5.0]]))
+    surface: Any = SimpleNamespace(fold=SimpleNamespace(hinge=hinge))
+    reason: Any = SimpleNamespace(reason="it is torn")
+    failed: Any = SimpleNamespace(failed=UnresolvedError(reason), poses=poses, number=number)
+    sound: Any = SimpleNamespace(failed=None, poses=("another",), number=0)
+    if raises:
+        with pytest.raises(UnresolvedError, match="it is torn"):
+            creases.resolve(surface, [failed, sound], share=0.1, most=8)
+    else:
+        assert creases.resolve(surface, [failed, sound], share=0.1, most=8) == (*poses, "another")
