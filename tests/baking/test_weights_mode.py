@@ -69,7 +69,7 @@ def test_parts_and_muscles_alone_are_refused(wrinkle: Wrinkle, tmp_path: Path) -
     )
     for arguments, said in (
         ((ROOT / "configs" / "body.yaml", "--split"), "split keeps morph targets from what they do not move"),
-        (("m.yaml",), "has no wrinkling tool that maps could show"),
+        (("m.yaml",), "has no wrinkling tool and no field that maps could show"),
     ):
         ran = wrinkle("bake", sample("body"), *arguments, "--mode", "weights", "-o", "out.glb")
         assert (ran.code, len(ran.lines)) == (1, 1)

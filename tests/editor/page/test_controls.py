@@ -87,7 +87,7 @@ def test_a_slider_reaches_to_the_value_in_the_file_and_back(title: str, own: dic
 def test_tabs_are_the_groups_of_the_keys_in_their_order(list_key: str) -> None:
     gui, _ = controls(list_key)
     groups = {each["group"] for each in KINDS[list_key].items.keys.values()}
-    assert gui.tabs == [*(group for group in GROUPS if group in groups), *["Clips"] * (list_key == "tools")]
+    assert gui.tabs == [*(group for group in GROUPS if group in groups), *["Clips"] * (list_key in ("tools", "fields"))]
 
 
 @pytest.mark.parametrize(

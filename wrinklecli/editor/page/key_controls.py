@@ -98,9 +98,10 @@ def _plain(key: str, schema: Schema) -> KeyControl:
 def _number(key: str, schema: Schema, ends: Schema | None, words: tuple[str, ...], *, also_json: bool) -> KeyControl:
     """Make the control of a number, with the ends of its slider, or without one those of its values."""
     title, slides, unit = key.replace("_", " "), ends is not None, (ends or {}).get("unit")
-    kind: Kind = "whole" if "integer" in schema.get("type", ()) else "number"
+    types = schema.get("type", ())
+    kind: Kind = "whole" if "integer" in types else "number"
     if unit == "%":
-        kind = "percent" if schema.get("type") == "string" else "length"
+        kind = "percent" if "string" in types and "number" not in types else "length"
     if unit and kind != "length":  # one of which may be in scene units
         title += f" ({unit})"
     ends = ends or {**schema, "step": 1 if kind == "whole" else _STEP}
