@@ -37,6 +37,7 @@ def baked(folder: Path, asset: str, out: str, *anims: str, **options: Any) -> by
     return (folder / out).read_bytes()
 
 
+@pytest.mark.slow
 def test_a_bake_with_the_clips_of_another_file_is_that_of_the_whole(folder: Path) -> None:
     baked(folder, "body.glb", "still.glb")
     baked(folder, "whole.glb", "one.glb")

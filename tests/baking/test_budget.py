@@ -248,6 +248,7 @@ def test_a_field_with_too_many_targets_is_named_with_its_remedy(tmp_path: Path) 
     wrinklecli.bake(asset, tools, tmp_path / "out.glb", engine="vtk")
 
 
+@pytest.mark.slow
 def test_unity_gets_no_weights_of_a_field_above_1() -> None:
     """With a strength above 1, the shapes are larger in their place."""
     plain, held = (bake_field({"strength": 0.5, "clips": {"fold": 2.0}}, engine=engine) for engine in (None, "unity"))

@@ -133,6 +133,7 @@ def test_a_clip_that_was_not_baked_shows_one_frame_throughout() -> None:
     assert_valid(file.path)
 
 
+@pytest.mark.slow
 def test_the_skinned_mesh_is_gone_and_the_skeleton_stays() -> None:
     before, file = Gltf(sample("head")), bake_config("head", "head", mode="frames", fps=5)
     assert "mesh" not in file.json["nodes"][0]

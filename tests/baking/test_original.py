@@ -613,6 +613,7 @@ def test_a_record_that_lies_is_refused_in_one_line(lie: str, tmp_path: Path) -> 
     assert len(caught.value.lines) == 1
 
 
+@pytest.mark.slow
 def test_damaged_records_are_refused(tmp_path: Path) -> None:
     """At random, in the compressed stream, which the digest does not cover."""
     whole, path = baked_limb(tmp_path), tmp_path / "damaged.glb"

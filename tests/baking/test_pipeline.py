@@ -327,6 +327,7 @@ def test_a_disabled_tool_is_not_there() -> None:
     )
 
 
+@pytest.mark.slow
 def test_keyed_rest_lengths() -> None:
     keys = {"think": [[0, "100%"], [0.8, "100%"], [1.4, "125%"], [2.0, "125%"], [2.8, "100%"]]}
     after = bake_once("head", {**BROW, "strategy": "both_ends", "rest_length": {"keys": keys}})
@@ -449,6 +450,7 @@ def test_rest_in_a_clip() -> None:
 # The paper's wording
 
 
+@pytest.mark.slow
 def test_patch_attachment_agrees_with_skin_where_little_moves() -> None:
     """Near rest the patch projected anew is the patch at rest."""
     source = bake_once("wrist", {**PALM, "bumps": 2, "clips": {"flex": 0}})

@@ -206,6 +206,7 @@ def test_a_job_says_which_of_its_files_is_too_large(large: str, wrinkle: Wrinkle
     assert not (tmp_path / "out.glb").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("impatient")
 def test_a_store_that_stops_is_asked_again(wrinkle: Wrinkle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(worker, "_FIRST_PAUSE", 0.01)

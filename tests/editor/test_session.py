@@ -498,6 +498,7 @@ def test_an_end_below_clothes_lies_in_the_body(gap: float, share: float, tmp_pat
         assert written[key]["offset"][1] == pytest.approx(0.45 * share * (RADIUS + gap), rel=0.02)
 
 
+@pytest.mark.slow
 def test_an_asset_that_is_exported_again_gets_the_same_tools(session: Session, tmp_path: Path) -> None:
     session.set_value("crease", ("bumps",), 5)
     before = session.meshes("fold", 0.5)[0]

@@ -1,6 +1,8 @@
 """Work in processes gives what it gives here, in the same order."""
 
 import os
+import subprocess
+import sys
 import time
 from itertools import islice
 from signal import SIGKILL
@@ -8,7 +10,6 @@ from signal import SIGKILL
 import pytest
 
 from wrinklecli.effects.contact.given_up import UNSETTLED, GivenUp, UnresolvedError
-from wrinklecli.numeric.memory import _ITSELF, held
 from wrinklecli.numeric.processes import core_count, in_processes
 
 
@@ -24,6 +25,7 @@ def test_several_items_are_worked_out_elsewhere_and_one_is_here() -> None:
     assert list(in_processes(lambda _: os.getpid(), [0], 2)) == [os.getpid()]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 def test_large_items_are_begun_first() -> None:
     def begun(_: float) -> float:
@@ -83,15 +85,23 @@ def test_there_is_a_core() -> None:
     assert core_count() >= 1
 
 
+# In an interpreter of its own: a large one has memory that it has freed, which a worker takes first.
+SHARED = """
+import os
+from wrinklecli.numeric.memory import _ITSELF, held
+from wrinklecli.numeric.processes import in_processes
+
+def fill(size):
+    return len(bytearray(size)), os.getpid() == here
+
+here = os.getpid()
+with held(200 * 10**6 - _ITSELF):
+    print(*in_processes(fill, [10**7, 15 * 10**7], 2))
+"""
+
+
 @pytest.mark.skipif(not os.path.exists("/proc/self/statm"), reason="needs Linux")
 def test_processes_share_the_memory_and_what_needs_more_than_a_share_is_worked_out_here() -> None:
     """Two workers share 200 MB; one item needs 10 MB, another one 150 MB."""
-
-    def fill(size: int) -> tuple[int, int]:
-        return len(bytearray(size)), os.getpid()
-
-    room = 200 * 10**6 - _ITSELF
-    with held(room):
-        (few, there), (many, here) = in_processes(fill, [10**7, 15 * 10**7], 2)
-    assert (few, many) == (10**7, 15 * 10**7)
-    assert (there == os.getpid(), here == os.getpid()) == (False, True)
+    done = subprocess.run([sys.executable, "-c", SHARED], capture_output=True, text=True, check=True)
+    assert done.stdout == "(10000000, False) (150000000, True)\n"

@@ -57,6 +57,7 @@ def path(name: str, *places: tuple[float, float], **keys: Any) -> Json:
     return {"name": name, "path": points, "width": 0.2, **keys}
 
 
+@pytest.mark.slow
 def test_it_says_where_a_path_bends_too_sharply_or_leaves_the_mesh(tmp_path: Path) -> None:
     asset = limb(tmp_path / "limb.glb", rings=33, sides=24)
     zigzag = path("sharp", (-0.4, 0), (0.1, 20), (0.1, -30), (0.5, 0), width=0.5)
@@ -433,6 +434,7 @@ def test_tables_are_on_standard_output_and_nothing_is_written(wrinkle: Wrinkle, 
     assert sorted(files(tmp_path)) == ["tools.yaml"]
 
 
+@pytest.mark.slow
 def test_strict_refuses_warnings_and_errors_are_1(wrinkle: Wrinkle, tmp_path: Path) -> None:
     write_tools(tmp_path / "tools.yaml", PALM, BACK, refinement={})
     ran = wrinkle("check", WRIST, "tools.yaml", "--clip", "flex", "--strict")
@@ -543,6 +545,7 @@ def test_a_picture_shows_names_as_they_are(wrinkle: Wrinkle, tmp_path: Path) -> 
     assert "n" * 60 not in text
 
 
+@pytest.mark.slow
 def test_a_clip_and_a_tool_that_never_act_are_drawn_too(wrinkle: Wrinkle, tmp_path: Path) -> None:
     limb(tmp_path / "limb.glb", clip=None, morphs=1)
     write_tools(tmp_path / "tools.yaml", tool(details=[0.2], profile="polyline", strategy="origin"))
@@ -686,6 +689,7 @@ def test_the_samples_have_no_teeth_and_no_warning(name: str, monkeypatch: pytest
     assert not [line for line in found.warnings if "over in" in line or name != "body"]
 
 
+@pytest.mark.slow
 def test_a_field_says_how_its_joints_turn_and_how_far_clips_fold_it(wrinkle: Wrinkle, tmp_path: Path) -> None:
     """Beside a tool, which is checked as ever."""
     asset, tools = sleeve_and_field(tmp_path, clips={"wave": 0.5})
@@ -713,6 +717,7 @@ def test_a_field_is_checked_in_those_motions_of_a_range_of_motion_that_turn_its_
     assert all(each["height"] > 0 and each["name"].startswith("joint_2") for each in entry["clips"])
 
 
+@pytest.mark.slow
 def test_a_pose_in_place_of_clips_is_no_want_of_clips(tmp_path: Path) -> None:
     asset, tools = sleeve_and_field(tmp_path)
     made = check(asset, tools, pose=[("joint_1", "z", 30.0)])

@@ -77,6 +77,7 @@ def test_the_command_prints_tables_json_and_what_it_cannot_do(
     assert wrinkle("check", "limb.glb", "--crossings", "--clip", "none").code == 1
 
 
+@pytest.mark.slow
 def test_frames_that_are_hidden_cost_nothing(tmp_path: Path) -> None:
     """A file of frames hides all meshes but one, each in a point: boxes that all meet, with nothing that crosses."""
     asset = limb(tmp_path / "limb.glb", angle=140.0, rings=12, sides=8)
@@ -139,6 +140,7 @@ def test_what_refinement_alone_has_split_counts_once(build: Callable[..., Asset]
     assert risen["totals"][1] > 1.5 * clip["totals"][1]
 
 
+@pytest.mark.slow
 def test_parts_of_a_split_mesh_and_other_meshes_count_as_ever(tmp_path: Path) -> None:
     asset = sleeved_limb(gap=0.02, rings=16, sides=12, angle=120.0).write(tmp_path / "limb.glb")
     one = tool(bumps=3, width=0.8, node="limb", clips={"fold": 0})

@@ -272,6 +272,7 @@ def test_refined_flat_triangles_are_the_same_surface(tmp_path: Path) -> None:
     assert found.worst.side == "B"
 
 
+@pytest.mark.slow
 def test_morph_and_frames_show_the_same_surface(tmp_path: Path) -> None:
     asset = limb_asset(rings=13, sides=12).write(tmp_path / "limb.glb")
     tools = write_tools(tmp_path / "tools.yaml", tool(), sampling={"fps": 10})

@@ -213,6 +213,7 @@ def test_command_writes_the_file_and_a_table(tmp_path: Path) -> None:
     assert result.stdout
 
 
+@pytest.mark.slow
 @each_once()
 def test_json_has_these_keys(tmp_path: Path) -> None:
     path = limb(tmp_path / "limb.glb")
@@ -283,6 +284,7 @@ def test_same_bytes_in_another_folder_and_process(tmp_path: Path) -> None:
 # Limits and damage
 
 
+@pytest.mark.slow
 def test_long_clips_are_sampled_sparsely(tmp_path: Path) -> None:
     asset = limb_asset()
     animation: Json = {"name": "long"}

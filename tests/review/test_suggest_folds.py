@@ -48,6 +48,7 @@ def test_a_bent_tube_folds_on_its_inner_side_along_the_tube(tmp_path: Path, opti
     assert found.text == suggest(tmp_path / "limb.glb", everything=everything).text
 
 
+@pytest.mark.slow
 def test_two_bends_are_one_mirrored_tool(tmp_path: Path) -> None:
     found = suggest_once(limb(tmp_path / "limb.glb", joints=3, angle=200.0))
     best, *_ = found.tools

@@ -37,6 +37,7 @@ def plumed() -> Asset:
     return asset
 
 
+@pytest.mark.slow
 @pytest.mark.quick(2)
 def test_a_body_gets_muscles_on_both_sides_that_bake(tmp_path: Path, golden: Golden) -> None:
     asset = tubes().write(tmp_path / "tubes.glb")

@@ -188,6 +188,7 @@ def test_where_nothing_is_said_the_confidence_is_low(tmp_path: Path) -> None:
     assert "# skin, as nothing says what it is made of (a guess)" in found.text
 
 
+@pytest.mark.slow
 def test_the_file_and_json_say_why(tmp_path: Path) -> None:
     path = painted(characters.denim(128)).write(tmp_path / "asset.glb")
     assert "  # cloth, by its texture (sure)\n  - name: " in suggest(path, everything=True).text

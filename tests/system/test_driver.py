@@ -71,6 +71,7 @@ def test_a_path_is_driven_as_it_was_baked() -> None:
     assert_driven(bare, whole, "wrist", "flex")
 
 
+@pytest.mark.slow
 def test_a_tool_of_one_clip_is_driven_in_that_clip_alone() -> None:
     for clip in ("raise_brows", "think"):
         tool = {**BROW, "strength": 0, "clips": {clip: 0.5}}

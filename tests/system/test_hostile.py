@@ -66,6 +66,7 @@ def many_cases() -> list[Case]:
     return [make_case(number) for number in range(5000)]
 
 
+@pytest.mark.slow
 def test_every_option_is_attacked() -> None:
     given: dict[str, set[str]] = {name: set() for name in cli.commands}
     for case in many_cases():

@@ -101,6 +101,7 @@ def test_instances_are_posed_a_few_times_each(monkeypatch: pytest.MonkeyPatch, t
         assert calls[1][name] <= 2.2 * calls[0][name], name
 
 
+@pytest.mark.slow
 def test_instances_that_move_alike_are_measured_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     tally = Counter[str]()
     for name in ("read_surface", "spread_sites", "find_peaks"):

@@ -277,6 +277,7 @@ def written_files(draw: st.DrawFn) -> tuple[str, list[tuple[str, int | None, str
     return draw(st.sampled_from(["\n", "\r\n"])), lines + [(line, None, None) for each in below for line in each]
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(written_files(), st.sampled_from([*KEY_LINES, "bumps", "name"]), VALUES, st.booleans(), st.data())
 def test_only_the_edited_lines_change(

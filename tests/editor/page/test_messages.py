@@ -128,6 +128,7 @@ def answered(page: Page, sender: ClientConnection, monkeypatch: pytest.MonkeyPat
     together.wait()
 
 
+@pytest.mark.slow
 def test_no_message_takes_a_control_away(page: Page) -> None:
     with tab(page) as hostile:
         for uuid in controls(page):
@@ -224,6 +225,7 @@ def test_after_hundreds_of_messages_every_tab_edits_and_saves(page: Page, monkey
     assert_alive(page)
 
 
+@pytest.mark.slow
 def test_a_flood_of_clicks_does_not_grow(page: Page, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(work_queue, "_MAX_EVENTS", 20)
     free = threading.Event()

@@ -44,6 +44,7 @@ def test_six_springs_move_as_all_elements_do(monkeypatch: pytest.MonkeyPatch) ->
     assert found.rms < 0.07
 
 
+@pytest.mark.slow
 def test_a_jump_makes_a_belly_swing(bodies: dict[int, Path]) -> None:
     """The file is proven by the bake; here: weights in [0, 1], still at the beginning, moved by the landing."""
     file = baked(bodies[60], region(limit=0.025))
@@ -63,6 +64,7 @@ def test_a_jump_makes_a_belly_swing(bodies: dict[int, Path]) -> None:
     assert_valid(file.path)
 
 
+@pytest.mark.slow
 def test_a_region_has_an_error_bound_of_its_own(bodies: dict[int, Path]) -> None:
     """A looser bound takes fewer keys, and a tighter one more; a per cent is of the region's limit."""
     auto, loose, tight = (

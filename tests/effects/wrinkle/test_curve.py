@@ -172,6 +172,7 @@ def test_the_exact_polyline_is_as_long_as_at_rest(curve):
     assert us[-1] == 1
 
 
+@pytest.mark.slow
 @given(curves(("smooth",), detail_lists()))
 def test_the_smooth_curve_is_as_long_as_at_rest(curve):
     distances, rest = frames_of(curve)

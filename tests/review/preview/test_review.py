@@ -89,6 +89,7 @@ def test_what_is_known_of_a_tool_is_that_of_check(tmp_path: Path) -> None:
         assert lost == [f"{100 * clip['unabsorbed']:.0f} % not absorbed"]
 
 
+@pytest.mark.slow
 def test_a_sheet_is_a_review_where_there_is_more_than_one_tool_or_clip(tmp_path: Path) -> None:
     asset, tools = two_ways(tmp_path)
     single = read_document(limb(tmp_path, name="single"))
@@ -293,6 +294,7 @@ def test_a_field_is_shown_where_it_folds_most_and_covers_nothing(tmp_path: Path)
     assert "no clip folds it" in words(peak)
 
 
+@pytest.mark.slow
 def test_a_field_is_chosen_by_its_name(tmp_path: Path) -> None:
     """Beside a tool, whose colour it does not take."""
     asset, tools = sleeve_and_field(tmp_path)
