@@ -91,3 +91,10 @@ def test_rays_go_on_behind_what_lets_light_through() -> None:
             assert shares[of_ray] == pytest.approx([1.0] if count == 1 else [0.5, 0.25, 0.125])
             places = np.einsum("hk,hkx->hx", weights[of_ray], corners[triangles[of_ray]])
             assert places == pytest.approx(depths[of_ray, None] * direction, abs=1e-2)
+
+
+def test_where_there_is_no_triangle_nothing_hides_anything() -> None:
+    """As where a tool's mesh is hidden at the moment of a review."""
+    occluders = Occluders.of(np.zeros((0, 3, 3)))
+    point, up = np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]])
+    assert occluders.free(point, up, up).all()

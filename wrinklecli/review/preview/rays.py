@@ -262,7 +262,8 @@ class Occluders:
 
     @classmethod
     def of(cls, places: Floats, triangles: Ints | None = None) -> "Occluders":
-        """Prepare at least one triangle in world space, as for `trace`."""
+        """Prepare triangles in world space, as for `trace`; where there are none, one without an area hides nothing."""
+        places = places if places.size else np.zeros((1, 3, 3))
         points = places.reshape(-1, 3)
         middle = (points.min(axis=0) + points.max(axis=0)) / 2
         extent = max(float(np.abs(points - middle).max()), 1e-30)
