@@ -49,7 +49,7 @@ from wrinklecli.drive.angle import Angles, JointAngle, read_angle
 from wrinklecli.drive.lag import TAUT
 from wrinklecli.drive.point import point_json, read_point
 from wrinklecli.drive.segment import Contraction, Lengths, RestLength, Segment, Tension
-from wrinklecli.drive.stored import Json, read_number, read_numbers, stored
+from wrinklecli.drive.stored import Json, read_number, read_numbers, read_strengths, stored, strengths_json
 from wrinklecli.drive.swing import SwingDrive, read_swing
 from wrinklecli.drive.table import Response, Weights, read_table, split
 from wrinklecli.drive.touch import TouchDrive, read_touch
@@ -206,11 +206,9 @@ class Drive:
             head = {"name": self.name, **_segment_json(self.signal, names, morph_names)}
             if self.lag is not None:
                 head["lag"] = {"frequency": self.lag.frequency, "damping": self.lag.damping, "taut": TAUT}
-        factors = {clip: stored(each) for clip, each in self.strengths.items()}
         return {
             **head,
-            **({"strengths": factors} if factors else {}),
-            **({"strength": stored(self.strength)} if self.strength != 1.0 else {}),
+            **strengths_json(self.strengths, self.strength),
             "targets": list(self.targets),
             **({"own": list(self.own)} if self.own else {}),
             **({} if self.lows is None else {"lows": stored(self.lows)}),
@@ -291,14 +289,15 @@ class StoredDrive:
         response = read_table(data, len(self.targets) if lows is None else len(lows), self.layout)
         if lows is not None and (not (lows >= 0).all() or len(lows) + np.count_nonzero(lows) != len(self.targets)):
             raise ValueError
+        strengths, strength = read_strengths(data)
         return Drive(
             name=self.name,
             signal=read_angle(data, nodes) if joint else _read_segment(data, nodes, morph_names),
             targets=self.targets,
             response=response,
             lag=_read_lag(data["lag"]) if "lag" in data else None,
-            strengths={clip: read_number(factor) for clip, factor in data.get("strengths", {}).items()},
-            strength=read_number(data.get("strength", 1.0)),
+            strengths=strengths,
+            strength=strength,
             own=tuple(str(name) for name in data.get("own", ())),
             lows=lows,
         )

@@ -1,5 +1,6 @@
 """Numbers as extras hold them."""
 
+from collections.abc import Mapping
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -34,3 +35,22 @@ def stored(values: Floats | float, digits: int = DIGITS) -> Any:
     if isinstance(values, np.ndarray) and values.ndim:
         return [stored(each, digits) for each in values]
     return significant(float(values), digits)
+
+
+def strengths_json(strengths: Mapping[str, float], strength: float) -> Json:
+    """The factors on weights in some clips, and in all others, as extras hold them: those that are not 1."""
+    factors = {clip: stored(each) for clip, each in strengths.items()}
+    return {
+        **({"strengths": factors} if factors else {}),
+        **({"strength": stored(strength)} if strength != 1.0 else {}),
+    }
+
+
+def read_strengths(data: Json) -> tuple[dict[str, float], float]:
+    """The factors on weights in some clips, and in all others.
+
+    Raises:
+        ValueError: There are others than finite numbers.
+    """
+    strengths = {clip: read_number(factor) for clip, factor in data.get("strengths", {}).items()}
+    return strengths, read_number(data.get("strength", 1.0))

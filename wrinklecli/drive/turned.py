@@ -10,7 +10,7 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.angle import Angles, JointAngle, read_angle
-from wrinklecli.drive.stored import Json, read_number, stored
+from wrinklecli.drive.stored import Json, read_strengths, strengths_json
 from wrinklecli.drive.table import Table, Weights, read_table
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats
@@ -47,8 +47,6 @@ class TurnDrive:
     strength: float = 1.0
 
     own: ClassVar[tuple[str, ...]] = ()
-    lows: ClassVar[None] = None
-    rows: ClassVar[Mapping[str, object]] = {}
     measures: ClassVar[bool] = True
 
     @property
@@ -100,12 +98,10 @@ class TurnDrive:
 
     def to_json(self, names: Sequence[str], _morph_names: Sequence[str]) -> Json:
         """The drive as extras store it, by the names of all nodes."""
-        factors = {clip: stored(each) for clip, each in self.strengths.items()}
         return {
             "name": self.name,
             "turns": [{**signal.to_json(names), **table.to_json()} for signal, table in self.turns],
-            **({"strengths": factors} if factors else {}),
-            **({"strength": stored(self.strength)} if self.strength != 1.0 else {}),
+            **strengths_json(self.strengths, self.strength),
             "targets": list(self.targets),
         }
 
@@ -125,5 +121,4 @@ def read_turned(data: Json, nodes: Mapping[str, int]) -> TurnDrive:
     targets = tuple(str(name) for name in data["targets"])
     if not turns or sum(table.table.shape[1] for _, table in turns) != len(targets):
         raise ValueError
-    strengths = {clip: read_number(factor) for clip, factor in data.get("strengths", {}).items()}
-    return TurnDrive(str(data["name"]), tuple(turns), targets, strengths, read_number(data.get("strength", 1.0)))
+    return TurnDrive(str(data["name"]), tuple(turns), targets, *read_strengths(data))

@@ -37,14 +37,9 @@ def body_effect(section: str, attached: WithoutSegment, shapes: Sequence[Shape |
     return Effect(tool.name, section, tool.identifier, named_targets(tool.identifier, shapes), attached.drive, words)
 
 
-def body_summary(section: str, effects: int, targets: int) -> str:
-    """Count the effects of a kind, and their targets."""
-    return f"{counted(effects, *ToolsFile.LISTS[section])} in {counted(targets, 'morph target')}"
-
-
 @dataclass(frozen=True, slots=True)
 class BodyWords(ABC, Generic[AttachedType]):
-    """The words that muscles, flesh and touches share; the others as in `Words`.
+    """The words that muscles, flesh, touches and fields share; the others as in `Words`.
 
     Attributes:
         attached: The effect at rest.
@@ -62,7 +57,8 @@ class BodyWords(ABC, Generic[AttachedType]):
 
     def summary(self, effects: int, targets: int) -> str:
         """Count the effects of its kind, and their targets."""
-        return body_summary(self.attached.tool.sections[0], effects, targets)
+        names = ToolsFile.LISTS[self.attached.tool.sections[0]]
+        return f"{counted(effects, *names)} in {counted(targets, 'morph target')}"
 
     def describe(self, plan: MeshPlan, targets: tuple[str, ...]) -> Json:
         """Its place, its own values, and its targets."""

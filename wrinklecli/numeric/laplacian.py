@@ -17,8 +17,17 @@ _LEAST_AREA = 1e-6
 
 def vertex_areas(positions: Floats, triangles: Ints) -> Floats:
     """(vertices,) a third of the area of the triangles round each vertex."""
-    areas = np.sqrt(np.sum(face_normals(positions, triangles) ** 2, axis=1)) / 6.0
-    return np.asarray(np.bincount(triangles.reshape(-1), np.repeat(areas, 3), len(positions)), np.float64)
+    return _spread(_thirds(positions, triangles), triangles, len(positions))
+
+
+def _thirds(positions: Floats, triangles: Ints) -> Floats:
+    """(triangles,) a third of the area of each."""
+    return np.asarray(np.sqrt(np.sum(face_normals(positions, triangles) ** 2, axis=1)) / 6.0)
+
+
+def _spread(values: Floats, triangles: Ints, count: int) -> Floats:
+    """(vertices,) sums over the triangles round each of so many vertices, of (triangles,) values."""
+    return np.asarray(np.bincount(triangles.reshape(-1), np.repeat(values, 3), count), np.float64)
 
 
 def side_weights(positions: Floats, triangles: Ints) -> tuple[Ints, Floats]:
@@ -67,20 +76,24 @@ class Sheet:
     Attributes:
         positions: (vertices, 3).
         triangles: (triangles, 3).
+        thirds: (triangles,) a third of the area of each.
         areas: (vertices,) of each vertex, above 0.
         stiffness: (vertices, vertices) its cotangent matrix.
     """
 
     positions: Floats
     triangles: Ints
+    thirds: Floats
     areas: Floats
     stiffness: Any
 
     @classmethod
     def of(cls, positions: Floats, triangles: Ints) -> "Sheet":
         """Prepare a surface."""
-        areas = vertex_areas(positions, triangles)
-        return cls(positions, triangles, np.maximum(areas, _LEAST_AREA * areas.mean()), laplacian(positions, triangles))
+        thirds = _thirds(positions, triangles)
+        areas = _spread(thirds, triangles, len(positions))
+        areas = np.maximum(areas, _LEAST_AREA * areas.mean())
+        return cls(positions, triangles, thirds, areas, laplacian(positions, triangles))
 
     def averaging(self, length: float, stiffness: Any = None) -> "Average":
         """Averages over about a length, by one implicit step of diffusion over length² / 4.
@@ -94,11 +107,9 @@ class Sheet:
 
     def to_vertices(self, of_triangles: Floats) -> Floats:
         """(vertices, …) integrals over the cells of vertices of (triangles, …) values."""
-        areas = np.sqrt(np.sum(face_normals(self.positions, self.triangles) ** 2, axis=1)) / 6.0
-        values = of_triangles.reshape(len(of_triangles), -1) * areas[:, None]
-        at = self.triangles.reshape(-1)
-        sums = [np.bincount(at, np.repeat(column, 3), len(self.positions)) for column in values.T]
-        return np.asarray(np.stack(sums, axis=1).reshape(len(self.positions), *of_triangles.shape[1:]), np.float64)
+        values, count = of_triangles.reshape(len(of_triangles), -1) * self.thirds[:, None], len(self.positions)
+        sums = [_spread(column, self.triangles, count) for column in values.T]
+        return np.stack(sums, axis=1).reshape(count, *of_triangles.shape[1:])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

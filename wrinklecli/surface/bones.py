@@ -9,6 +9,7 @@ from wrinklecli.character.pose import joint_matrices, node_matrices
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, determinants, singular, unit
 from wrinklecli.numeric.rays import distances_along
+from wrinklecli.surface.features import segment_distances
 from wrinklecli.surface.ground import Ground
 
 # Distance of an end below a place on the skin from its bone, over that of the skin: in the middle of the flesh.
@@ -58,6 +59,13 @@ class BoneLines:
                 starts.append(places[number])
                 ends.append(tip)
         return cls(tuple(nodes), np.array(starts), np.array(ends))
+
+    def distances(self, points: Floats) -> Floats:
+        """(points,) distances of (points, 3) from the nearest bone."""
+        found = np.full(len(points), np.inf)
+        for ends in zip(self.starts, self.ends, strict=True):
+            found = np.minimum(found, segment_distances(points, np.stack(ends)[None]))
+        return found
 
     def nearest(self, point: Floats) -> int:
         """The number of the bone that is nearest to a (3,) point."""

@@ -152,27 +152,33 @@ class Gauge:
 def read_gauge(surface: Surface, rest: Rest, rig: Rig) -> Gauge:
     """Prepare to measure a surface; triangles without area are left out."""
     normals = face_normals(rest.positions, surface.triangles)
-    areas = np.sqrt(np.sum(normals**2, axis=1))
-    a, b, c = (rest.positions[surface.triangles[:, k]] for k in range(3))
-    longest = np.sqrt(np.max([np.sum((p - q) ** 2, axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0))
-    solid = areas > _LEAST_HEIGHT * longest**2
-    solid &= np.sum((b - a) ** 2, axis=1) > _LEAST_HEIGHT**2 * longest**2
-    triangles = surface.triangles[solid]
-    a, b, c, normals = a[solid], b[solid], c[solid], unit(normals[solid])
+    chosen = solid(rest.positions, surface.triangles, normals)
+    triangles = surface.triangles[chosen]
+    a, b, c = (rest.positions[triangles[:, k]] for k in range(3))
+    areas, normals = np.sqrt(np.sum(normals[chosen] ** 2, axis=1)), unit(normals[chosen])
     first = unit(b - a)
     second = np.cross(normals, first)
     flat = np.stack([np.sum((b - a) * first, 1), np.sum((c - a) * first, 1), np.sum((c - a) * second, 1)], axis=1)
     tensors = np.stack(
-        [_product(first, first), _product(first, second) + _product(second, first), _product(second, second)], axis=1
+        [product(first, first), product(first, second) + product(second, first), product(second, second)], axis=1
     )
     count = len(surface.positions)
     rows = np.repeat(np.arange(count), surface.joints.shape[1])
     entries = (surface.weights.ravel(), (rows, surface.joints.ravel()))
     influences = csr_array(entries, shape=(count, len(rig.joints)))
     middles, radii = balls(rest.positions[triangles])
-    numbers, pieces = np.flatnonzero(solid), _pieces(triangles, areas[solid], count)
+    numbers, pieces = np.flatnonzero(chosen), _pieces(triangles, areas, count)
     strained = StrainedParts(rig, surface, triangles)
     return Gauge(rig, surface, rest, influences, triangles, strained, numbers, pieces, middles, radii, flat, tensors)
+
+
+def solid(positions: Floats, triangles: Ints, normals: Floats) -> Bools:
+    """(triangles,) True for those that a gauge can be laid on, with (triangles, 3) `normals` by `face_normals`."""
+    a, b, c = (positions[triangles[:, k]] for k in range(3))
+    longest = np.sqrt(np.max([np.sum((p - q) ** 2, axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0))
+    high = np.sqrt(np.sum(normals**2, axis=1)) > _LEAST_HEIGHT * longest**2
+    found: Bools = high & (np.sum((b - a) ** 2, axis=1) > _LEAST_HEIGHT**2 * longest**2)
+    return found
 
 
 def part_of(gauge: Gauge, chosen: Bools) -> Gauge:
@@ -291,10 +297,10 @@ def principal(tensors: Floats, normals: Floats) -> tuple[Floats, Floats]:
     first, second = tangents(normals)
     # Six of a symmetric tensor's nine components are stored; the three off the diagonal count twice.
     twice = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
-    mixed = (_product(first, second) + _product(second, first)) / 2.0
+    mixed = (product(first, second) + product(second, first)) / 2.0
     xx, xy, yy = (
         np.einsum("...pk,pk->...p", tensors, twice * product)
-        for product in (_product(first, first), mixed, _product(second, second))
+        for product in (product(first, first), mixed, product(second, second))
     )
     half = (xx - yy) / 2.0
     spread = np.sqrt(half**2 + xy**2)
@@ -318,6 +324,6 @@ def tangents(normals: Floats) -> tuple[Floats, Floats]:
     return first, np.cross(normals, first)
 
 
-def _product(first: Floats, second: Floats) -> Floats:
+def product(first: Floats, second: Floats) -> Floats:
     """(…, 6) components xx, yy, zz, xy, yz, zx of the outer product of (…, 3) vectors."""
     return np.stack([first[..., i] * second[..., j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (2, 0))], -1)

@@ -384,6 +384,11 @@ def moved_point(point: Point, moved: Callable[[Position], Position], named: Call
     return moved(point)
 
 
+def drawn_from(name: str, seed: int | None) -> str:
+    """What the irregularity of an effect is drawn from: its seed, or else its name."""
+    return name if seed is None else str(seed)
+
+
 def identifier(name: str) -> str:
     """A tool's name in letters and digits of any script, and `_`."""
     return re.sub(r"\W", "_", name)

@@ -47,7 +47,7 @@ def of_two_shapes() -> tuple[Sweeps, Floats, Factors]:
 
 
 def fitted(poses: Sweeps, factors: Factors) -> Floats:
-    return weights_of(poses, factors.turns, factors.tables, poses.angles) @ factors.shapes
+    return weights_of(poses, factors.turns, factors.tables) @ factors.shapes
 
 
 def test_a_sweep_of_two_shapes_is_reproduced() -> None:
@@ -98,9 +98,7 @@ def test_turns_that_raise_one_fold_together_are_fitted_together() -> None:
     factors = factors_of(poses, heights, AREAS, MOST)
     apart = max(heights[poses.owners == 0].max(), 1e-9)
     assert factors.shapes.max() < apart
-    added = heights[poses.owners == 0].max() * weights_of(poses, factors.turns, factors.tables, poses.angles).sum(
-        axis=1
-    )
+    added = heights[poses.owners == 0].max() * weights_of(poses, factors.turns, factors.tables).sum(axis=1)
     mixed = poses.owners < 0
     together = fitted(poses, factors)[mixed].max(axis=1)
     true = heights[mixed].max(axis=1)

@@ -1,6 +1,7 @@
 """Fields on a mesh at rest: what folds it, how high, and the few shapes that play it."""
 
 from collections.abc import Sequence
+from typing import ClassVar
 
 import numpy as np
 
@@ -8,7 +9,7 @@ from wrinklecli.character.bent import bent_areas
 from wrinklecli.drive.table import Table
 from wrinklecli.drive.turned import TurnDrive
 from wrinklecli.effects.attached import WithoutSegment
-from wrinklecli.effects.field.compression import shortest, solid
+from wrinklecli.effects.field.compression import shortest
 from wrinklecli.effects.field.factors import Factors, factors_of
 from wrinklecli.effects.field.heights import measure
 from wrinklecli.effects.field.irregular import turned
@@ -17,7 +18,7 @@ from wrinklecli.effects.field.region import FieldRegion
 from wrinklecli.effects.field.turns import Sweeps, acting_together, turns_of
 from wrinklecli.errors import BakeError, WrinkleError, listed, nearest
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, Ints, smoothstep, weighted_quantiles
+from wrinklecli.numeric.arrays import Floats, Ints, face_normals, smoothstep, weighted_quantiles
 from wrinklecli.numeric.closest import Tree, nearest_of
 from wrinklecli.numeric.laplacian import Sheet
 from wrinklecli.surface.bones import BoneLines
@@ -25,8 +26,9 @@ from wrinklecli.surface.features import cut_at_features
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.mask import read_mask
 from wrinklecli.surface.rounding import FACETED, bends
+from wrinklecli.surface.strain import solid
 from wrinklecli.tools.fields import Field
-from wrinklecli.tools.records import Length
+from wrinklecli.tools.records import Length, drawn_from
 
 # Part of the largest area that a joint bends below which it folds nothing.
 _LEAST_BENT = 1e-3
@@ -63,6 +65,7 @@ class AttachedField(WithoutSegment):
         directions: (vertices, 6) tensors, whose least direction crests run across.
         wavelengths: (vertices,) those of places, scene units.
         variation: 0 for even crests, 1 for the most irregular.
+        seed: What its irregularity is drawn from.
         regions: The part of the surface.
         drive: The weights of its targets.
     """
@@ -75,11 +78,12 @@ class AttachedField(WithoutSegment):
     directions: Floats
     wavelengths: Floats
     variation: float
+    seed: str
     regions: tuple[FieldRegion]
     drive: TurnDrive
 
-    moves: None = None
-    covers: tuple[str, ...] = ()
+    moves: ClassVar[None] = None
+    covers: ClassVar[tuple[str, ...]] = ()
 
     @property
     def span(self) -> float:
@@ -95,11 +99,6 @@ class AttachedField(WithoutSegment):
     def bump_width(self) -> float:
         """A wavelength."""
         return self.wavelength
-
-    @property
-    def seed(self) -> str:
-        """What its irregularity is drawn from."""
-        return self.tool.name if self.tool.seed is None else str(self.tool.seed)
 
 
 def attach_fields(fields: Sequence[Field], ground: Ground) -> list[AttachedField]:
@@ -124,7 +123,7 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
     where, name = tool.where, ground.rig.names[ground.rig.node]
     if not ground.rig.skinned:
         raise BakeError(f"{name} has no skin: a field needs joints that fold it", where=where)
-    members = np.flatnonzero(solid(rest.positions, surface.triangles))
+    members = np.flatnonzero(solid(rest.positions, surface.triangles, face_normals(rest.positions, surface.triangles)))
     if not len(members):
         raise BakeError(f"{name} has no triangle with an area", where=where)
     fabric = FABRICS[tool.material]
@@ -135,7 +134,7 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
     turns = turns_of(ground, _joints(tool, ground))
     if not turns:
         raise BakeError("no joint of its mesh turns", where=where)
-    seed = tool.name if tool.seed is None else str(tool.seed)
+    seed = drawn_from(tool.name, tool.seed)
     sweeps = Sweeps.of(ground.rig, turns, seed=seed, together=acting_together(ground, turns))
     poses = len(sweeps.angles)
     ground.document.memory.check(_HELD * 8 * poses * len(rest.positions), f"heights in {poses} poses", where=where)
@@ -159,8 +158,8 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
             f" turn: folds would be {2.0 * tallest:.2g} high at most",
             where=where,
         )
-    height = 2.0 * (1.0 - fabric.inward) * float(measured.heights.max())
-    shares = measured.heights.max(axis=0) / measured.heights.max()
+    height = 2.0 * (1.0 - fabric.inward) * tallest
+    shares = measured.heights.max(axis=0) / tallest
     seen = members[(shares[surface.triangles[members]] > _LEAST_SEEN).any(axis=1)]
     _, lines, _ = shortest(measured.directions, rest.normals)
     lines = turned(lines, rest.normals, rest.positions, wavelength, variation, seed)
@@ -176,6 +175,7 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
         measured.directions,
         wavelengths,
         variation,
+        seed,
         (region,),
         _drive(tool, sweeps, factors),
     )
@@ -231,7 +231,7 @@ def _wavelengths(tool: Field, fabric: Fabric, ground: Ground, sheet: Sheet) -> t
         found = wanted.resolve(1.0)
         everywhere = np.full(len(sheet.positions), found)
     else:
-        depths = _depths(ground, sheet)
+        depths = BoneLines.of(ground).distances(sheet.positions)
         middle = float(weighted_quantiles(depths, sheet.areas, np.array([0.5]))[0])
         girth = 2.0 * np.pi * middle
         found = fabric.wavelength * girth if wanted == "auto" else wanted.resolve(girth)
@@ -242,19 +242,6 @@ def _wavelengths(tool: Field, fabric: Fabric, ground: Ground, sheet: Sheet) -> t
             f"a wavelength of {found:.3g} is longer than its mesh, {size:.3g}", where=tool.place("wavelength")
         )
     return found, everywhere
-
-
-def _depths(ground: Ground, sheet: Sheet) -> Floats:
-    """(vertices,) distances of the surface from the nearest bones, scene units."""
-    bones = BoneLines.of(ground)
-    found = np.full(len(sheet.positions), np.inf)
-    for start, end in zip(bones.starts, bones.ends, strict=True):
-        along = end - start
-        square = float(along @ along)
-        shares = (sheet.positions - start) @ along / (square if square > 0 else 1.0)
-        feet = start + np.clip(shares, 0.0, 1.0)[:, None] * along
-        found = np.minimum(found, np.linalg.norm(sheet.positions - feet, axis=1))
-    return found
 
 
 def _allowed(tool: Field, ground: Ground, members: Ints, sheet: Sheet, wavelength: float) -> Floats:

@@ -11,7 +11,7 @@ from wrinklecli.effects.field.material import Fabric
 from wrinklecli.effects.field.stripes import Sides, phases
 from wrinklecli.effects.shapes import Middles
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, face_normals, inverses, unit
+from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, face_normals, unit
 from wrinklecli.numeric.laplacian import Sheet
 from wrinklecli.surface.refine import Refinement
 
@@ -66,7 +66,7 @@ def displaced(attached: AttachedField, fine: Refinement, free: Floats) -> Displa
     heights = np.maximum(sheet.averaging(_SMOOTH * attached.wavelength).of(values[:, :count]), 0.0)
     heights *= (free[vertices] * np.minimum(shares / _LEAST, 1.0))[:, None]
     waves = _waves(attached, sheet, normals, values[:, count:], shares)
-    outward = np.einsum("vij,vj->vi", inverses(fine.blended[vertices]), normals)
+    outward = fine.raising_at(vertices)
     moves = (heights * waves.heights[:, None]).T[:, :, None] * outward
     left = _lowered(attached, fine, sheet, vertices, moves)
     moves *= left[:, None]
@@ -89,7 +89,7 @@ def _lowered(attached: AttachedField, fine: Refinement, sheet: Sheet, vertices: 
     Moves add up, so each pose is made once, with them and without.
     """
     sweeps, factors = attached.sweeps, attached.factors
-    weights = weights_of(sweeps, factors.turns, factors.tables, sweeps.angles)
+    weights = weights_of(sweeps, factors.turns, factors.tables)
     chosen = np.argsort(-(weights**2).sum(axis=1), kind="stable")[:_POSES]
     skin = prepare(fine.influences(sweeps.matrices.shape[1]).at(vertices), fine.bind_positions[vertices], moves)
     before, _ = pose(skin, sweeps.matrices[chosen], np.zeros((len(chosen), len(moves))))

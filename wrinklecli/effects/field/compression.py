@@ -10,8 +10,8 @@ ACM Transactions on Graphics 27(4), 2008.
 import numpy as np
 
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, face_normals, unit
-from wrinklecli.surface.strain import tangents
+from wrinklecli.numeric.arrays import Floats, Ints, face_normals, unit
+from wrinklecli.surface.strain import product, tangents
 
 # Greatest logarithm of a stretch that counts: triangles of almost no area may have any.
 _MOST = 1.0
@@ -112,13 +112,7 @@ class Gauges:
         cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]
         along = cosine * self.axes[:, 0] + sine * self.axes[:, 1]
         across = cosine * self.axes[:, 1] - sine * self.axes[:, 0]
-        return np.asarray(long[:, None] * products(along) + short[:, None] * products(across))
-
-
-def products(vectors: Floats) -> Floats:
-    """(…, 6) components xx, yy, zz, xy, yz, zx of (…, 3) vectors times themselves."""
-    x, y, z = np.moveaxis(vectors, -1, 0)
-    return np.stack([x * x, y * y, z * z, x * y, y * z, z * x], axis=-1)
+        return np.asarray(long[:, None] * product(along, along) + short[:, None] * product(across, across))
 
 
 def along(tensors: Floats, one: Floats, other: Floats) -> Floats:
@@ -142,11 +136,3 @@ def shortest(tensors: Floats, normals: Floats) -> tuple[Floats, Floats, Floats]:
     angle = 0.5 * np.arctan2(2.0 * xy, xx - yy) + np.pi / 2.0
     direction = np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second
     return middle - spread, direction, middle + spread
-
-
-def solid(positions: Floats, triangles: Ints) -> Bools:
-    """(triangles,) True for those with an area and three corners."""
-    normals = np.linalg.norm(face_normals(positions, triangles), axis=1)
-    a, b, c = (positions[triangles[:, k]] for k in range(3))
-    longest = np.max([np.sum((p - q) ** 2, axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0)
-    return np.asarray((normals > 1e-6 * longest) & (np.sum((b - a) ** 2, axis=1) > 1e-12 * longest))

@@ -2,12 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 
 from wrinklecli.character.pose import Pose
 from wrinklecli.drive.turned import TurnDrive
-from wrinklecli.effects.body import body_effect, body_summary, largest_moves, moves_at_rest
+from wrinklecli.effects.body import BodyWords, body_effect, largest_moves, moves_at_rest
 from wrinklecli.effects.effect import Effect, MeshPlan, Remixes, Seen
 from wrinklecli.effects.field.attach import AttachedField
 from wrinklecli.effects.field.factors import weights_of
@@ -26,7 +27,7 @@ def field_effect(plan: MeshPlan, attached: AttachedField, deltas: Floats, middle
     """The effect of a field with (targets, fine vertices, 3) displacements at weight 1, bind space."""
     vertices, moves = moves_at_rest(plan.fine.blended, deltas)
     sweeps, factors = attached.sweeps, attached.factors
-    weights = weights_of(sweeps, factors.turns, factors.tables, sweeps.angles)
+    weights = weights_of(sweeps, factors.turns, factors.tables)
     # Normals are right where each shape has its greatest weight, where each turn is farthest, and in mixtures.
     rows = distinct_values(np.concatenate([np.argmax(weights, axis=0), sweeps.ends, np.flatnonzero(sweeps.owners < 0)]))
     morphs = plan.rest.morph_weights
@@ -41,24 +42,21 @@ def field_effect(plan: MeshPlan, attached: AttachedField, deltas: Floats, middle
         middles=middles,
     )
     kept = np.array([shape is not None for shape in shapes])
-    words = FieldWords(attached, moves[kept])
+    words = FieldWords(attached, deltas, moves[kept])
     found = body_effect(SECTION, attached, shapes, words)
     return replace(found, drive=attached.drive.of_targets(kept, found.target_names), remixes=words)
 
 
 @dataclass(frozen=True, slots=True)
-class FieldWords(Remixes):
+class FieldWords(BodyWords[AttachedField], Remixes):
     """A field's words about itself, and its other targets for engines.
 
     Attributes:
-        attached: The field at rest.
         moves: (targets, moved vertices, 3) displacements at weight 1 in world space at rest.
     """
 
-    attached: AttachedField
     moves: Floats
-    remedy: str = "fewer `joints`"
-    left_out: str | None = None
+    remedy: ClassVar[str] = "fewer `joints`"
 
     def with_unit_weights(self, effect: Effect) -> Effect:
         """The same motion with weights in [0, 1]: strengths above 1 are in the shapes."""
@@ -70,18 +68,10 @@ class FieldWords(Remixes):
         targets = tuple(replace(each, shape=summed([each.shape], np.array([most]))) for each in effect.targets)
         return replace(effect, targets=targets, drive=drive.weaker(most))
 
-    def summary(self, effects: int, targets: int) -> str:
-        """Count the fields, and their targets, for a bake's summary."""
-        return body_summary(SECTION, effects, targets)
-
-    def describe(self, plan: MeshPlan, targets: tuple[str, ...]) -> Json:
-        """The field's entry in the report; lengths are scene units."""
+    def values(self, names: Sequence[str]) -> Json:
+        """Its folds, the joints that turn it, and how far tables of their angles are off."""
         attached, factors = self.attached, self.attached.factors
-        names = plan.rig.names
         return {
-            "name": attached.tool.name,
-            "where": attached.tool.where,
-            "node": names[plan.rig.node],
             "material": attached.tool.material,
             "wavelength": significant(attached.wavelength),
             "height_limit": significant(attached.greatest_height),
@@ -95,8 +85,6 @@ class FieldWords(Remixes):
             ],
             "error": significant(factors.error, 4),
             "least_error": significant(factors.best, 4),
-            "moved_vertices": self.moves.shape[1],
-            "targets": list(targets),
         }
 
     def describe_clip(self, seen: Seen) -> Json:
@@ -104,7 +92,7 @@ class FieldWords(Remixes):
         heights = largest_moves(seen.weights, self.moves)
         most = int(np.argmax(heights))
         return {
-            "name": self.attached.tool.name,
+            "name": self.name,
             "height": significant(float(heights[most]), 4),
             "time": significant(float(seen.motion.times[most]), 4),
         }
@@ -113,7 +101,7 @@ class FieldWords(Remixes):
         """Warnings about a field that nothing moves, and about joints for which it has no shapes."""
         assert up in ("y", "z")
         attached, found = self.attached, []
-        name, names = attached.tool.name, plan.rig.names
+        name, names = self.name, plan.rig.names
         if clips and not any(each.weights.any() for each in clips):
             found.append(f"{name}: no clip turns its joints: it stays flat")
         shown = {signal.node for signal, _ in attached.drive.turns}

@@ -63,7 +63,7 @@ def factors_of(sweeps: Sweeps, heights: Floats, areas: Floats, most: int) -> Fac
     if not turns:
         return Factors(np.zeros(0, np.intp), np.zeros((0, heights.shape[1])), (), 0.0, 0.0)
     owners = np.array(turns)
-    weights = weights_of(sweeps, owners, tables, sweeps.angles)
+    weights = weights_of(sweeps, owners, tables)
     fitted = _refitted(weights, np.stack(shapes) * sizes, heights * sizes) / sizes
     gaps = (heights - weights @ fitted) * sizes
     whole = np.linalg.norm(heights * sizes)
@@ -77,10 +77,10 @@ def factors_of(sweeps: Sweeps, heights: Floats, areas: Floats, most: int) -> Fac
     )
 
 
-def weights_of(sweeps: Sweeps, owners: Ints, tables: Sequence[Floats], angles: Floats) -> Floats:
-    """(poses, shapes) weights at (poses, turns) angles."""
+def weights_of(sweeps: Sweeps, owners: Ints, tables: Sequence[Floats]) -> Floats:
+    """(poses, shapes) weights in all poses of shapes with (shapes,) owners, the numbers of turns, and tables."""
     columns = [
-        np.interp(angles[:, turn], sweeps.turns[turn].angles, table)
+        np.interp(sweeps.angles[:, turn], sweeps.turns[turn].angles, table)
         for turn, table in zip(owners.tolist(), tables, strict=True)
     ]
     return np.stack(columns, axis=1)

@@ -11,7 +11,7 @@ import numpy as np
 from wrinklecli.character.pose import transform
 from wrinklecli.effects.field.compression import Gauges, along, posed_rigidly, rigid_parts, shortest
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, Ints, vertex_normals
+from wrinklecli.numeric.arrays import Floats, Ints, face_normals, vertex_normals
 from wrinklecli.numeric.laplacian import Average, Sheet, curvatures
 from wrinklecli.surface.rest import Rest
 
@@ -124,9 +124,7 @@ def _anisotropic(sheet: Sheet, across: Floats) -> Any:
     import scipy.sparse as sparse
 
     triangles, places = sheet.triangles, sheet.positions
-    normal = np.cross(
-        places[triangles[:, 1]] - places[triangles[:, 0]], places[triangles[:, 2]] - places[triangles[:, 0]]
-    )
+    normal = face_normals(places, triangles)
     doubled = np.linalg.norm(normal, axis=1, keepdims=True)
     normal = normal / doubled
     slopes = np.stack(

@@ -56,7 +56,7 @@ class FieldLayer(BodyLayer[AttachedField]):
 
     def words(self, plan: MeshPlan, attached: AttachedField, deltas: Floats) -> FieldWords:
         """The words of one of them about itself."""
-        return FieldWords(attached, moves_at_rest(plan.fine.blended, deltas)[1])
+        return FieldWords(attached, deltas, moves_at_rest(plan.fine.blended, deltas)[1])
 
     def effect(self, plan: MeshPlan, attached: AttachedField, deltas: Floats) -> Effect:
         """The effect of one field."""

@@ -211,8 +211,8 @@ class Sweeps:
         shares = (drawn(seed, "mixtures", _MIXTURES, len(turns)) + 1.0) / 2.0
         shares[:_EXTREMES] = np.rint(shares[:_EXTREMES])
         shares[0] = 1.0  # as in a squat, where all bend as far as they can
-        turning = (drawn(seed, "turning", _MIXTURES, len(turns)) + 1.0) / 2.0 < together / len(turns)
-        rows += list(np.where(turning, least + shares * (most - least), 0.0))
+        acting = (drawn(seed, "turning", _MIXTURES, len(turns)) + 1.0) / 2.0 < together / len(turns)
+        rows += list(np.where(acting, least + shares * (most - least), 0.0))
         owners += [-1] * _MIXTURES
         angles = np.array(rows).reshape(-1, len(turns))
         return cls(tuple(turns), angles, np.array(owners), np.stack([_matrices(rig, turns, each) for each in angles]))
@@ -240,6 +240,4 @@ def _matrices(rig: Rig, turns: Sequence[Turn], angles: Floats) -> Floats:
                 turned = quaternion_product(quaternion_product(made.values[-1:], rest), before.values[-1])
                 made = replace(made, values=np.concatenate([made.values[:1], turned]))
             channels[turn.signal.node] = made
-    if not channels:
-        return np.asarray(joint_matrices(rig, None, np.zeros(1))[0])
     return np.asarray(joint_matrices(rig, motion_clip("", list(channels.values())), np.ones(1))[0])

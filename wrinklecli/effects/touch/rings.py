@@ -20,6 +20,7 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, interpolated, smoothstep
 from wrinklecli.numeric.drawn import drawn
 from wrinklecli.tools.body import Touch, TouchWrinkles
+from wrinklecli.tools.records import drawn_from
 
 ROWS = 65
 """Rows of the table of weights by the slide: straight lines between them are right to 1/256."""
@@ -163,7 +164,7 @@ def plan_rings(
         positions: (vertices, 3) of the skin.
         normals: (vertices, 3) unit vectors.
     """
-    bumps, amount, seed = wanted.bumps, wanted.amount, tool.name if wanted.seed is None else str(wanted.seed)
+    bumps, amount, seed = wanted.bumps, wanted.amount, drawn_from(tool.name, wanted.seed)
     widths = 1.0 + _WIDTH * amount * drawn(seed, "rings", bumps)
     edges = np.append(0.0, np.cumsum(widths / widths.sum()))
     wander = (

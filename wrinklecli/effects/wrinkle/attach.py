@@ -32,7 +32,7 @@ from wrinklecli.numeric.intersections import sides_of
 from wrinklecli.surface.anchor import anchor_at
 from wrinklecli.surface.path import Path, path_through
 from wrinklecli.surface.rest import Rest, asked_positions, clip_pose, raised_pose
-from wrinklecli.tools.records import RestFrame, RestLengthKeys, RestLengthMorph, WrinkleTool
+from wrinklecli.tools.records import RestFrame, RestLengthKeys, RestLengthMorph, WrinkleTool, drawn_from
 
 # Distance of anchors over the mesh's size below which they are one point.
 _LEAST_SPAN = 1e-9
@@ -173,7 +173,7 @@ def _variation(tool: WrinkleTool, aspect: float) -> Variation | None:
     if not tool.variation:
         return None
     return plan_variation(
-        tool.name if tool.seed is None else str(tool.seed),
+        drawn_from(tool.name, tool.seed),
         tool.variation,
         tool.branch,
         tool.broken,
