@@ -250,7 +250,7 @@ def test_a_field_with_too_many_targets_is_named_with_its_remedy(tmp_path: Path) 
 
 @pytest.mark.slow
 def test_unity_gets_no_weights_of_a_field_above_1() -> None:
-    """With a strength above 1, the shapes are larger in their place."""
+    """The shapes are larger in their place where a strength is above 1."""
     plain, held = (bake_field({"strength": 0.5, "clips": {"fold": 2.0}}, engine=engine) for engine in (None, "unity"))
     for clip in ("fold", "wave"):
         times, _ = plain.keys(clip, "limb")

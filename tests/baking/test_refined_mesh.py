@@ -113,7 +113,7 @@ def test_new_attributes_lie_between_old_ones() -> None:
 
 
 def test_new_vertices_have_the_influences_of_old_ones_in_each_set() -> None:
-    """Of five to eight joints, where each set holds four."""
+    """A vertex has five to eight joints, and each set holds four."""
     asset = limb_asset(rings=9, sides=8, joints=8, influences=8)
     shares = np.array([0.25, 0.2, 0.15, 0.12, 0.1, 0.08, 0.06, 0.04])
     for number in (0, 1):

@@ -1,4 +1,4 @@
-"""How `wrinkle edit` opens a browser."""
+"""`wrinkle edit` opens a browser by a file that its user alone may read."""
 
 import stat
 import tempfile

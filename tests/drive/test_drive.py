@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from kit.fields import TURNS as FIELD_TURNS
 from kit.layout_1 import CURVE, DUE, SHORTENINGS
 from kit.limb import RADIUS, limb_asset, tool
 from kit.prepared import Prepared, prepare
@@ -201,10 +202,10 @@ KINDS: Mapping[str, Mapping[str, Any]] = {
     "turn": {**JOINT, **TURNS},
     "field": {
         "name": "nan",
-        "turns": [{**JOINT, "angles": [0.0, 1.0], "weights": [[0.0], [1.0]]}],
-        "strengths": {"nan": 0.5},
-        "strength": 0.5,
-        "targets": ["inf"],
+        "turns": FIELD_TURNS,
+        "strengths": {"inf": 0.5},
+        "strength": 0.8,
+        "targets": ["a", "b", "c", "d", "nan"],
     },
     "flesh": {
         "name": "nan",

@@ -115,7 +115,7 @@ def test_wavelengths_are_scene_units_or_per_cent_of_the_girth() -> None:
 
 
 def test_waves_are_longer_on_thicker_limbs() -> None:
-    """With the root of the girth; a length in scene units is the same everywhere."""
+    """They go with the root of the girth; a length in scene units is the same everywhere."""
     asset = tube(rings=41)
     places = attribute(asset, 0, "POSITION")
     places[:, 1:] *= 1.0 + 0.5 * places[:, :1]

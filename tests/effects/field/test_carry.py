@@ -120,7 +120,7 @@ def test_two_fields_with_masks_lie_beside_each_other() -> None:
 
 
 def test_the_same_seed_gives_the_same_folds() -> None:
-    """By default it is the name."""
+    """The name is the seed by default."""
     by_name, seeded, again = (
         layer_of(plan_of(each, levels=0)).deltas[0].tobytes()
         for each in ({"name": "folds"}, {"name": "folds", "seed": 3}, {"name": "others", "seed": 3})

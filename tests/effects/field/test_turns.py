@@ -113,7 +113,7 @@ def test_turns_are_in_the_order_of_the_joints() -> None:
 
 
 def test_angles_are_those_that_the_signal_measures() -> None:
-    """What a pose of a sweep is turned by, the drive of the baked file reads."""
+    """The drive of the baked file reads what a pose of a sweep is turned by."""
     ground, turns = found_in(moved(([0, 0, 1], -30.0), ([0, 1, 0], 60.0)))
     for turn in turns:
         for angle in turn.angles.tolist():
