@@ -20,6 +20,7 @@ from wrinklecli.character.posing import with_pose
 from wrinklecli.character.scene import read_scene
 from wrinklecli.editor.asset import ReadOptions
 from wrinklecli.editor.baked_file import bake_saved
+from wrinklecli.editor.clicked import NEW_KINDS
 from wrinklecli.editor.free_pose import POSE, FreePose
 from wrinklecli.editor.session import Session
 from wrinklecli.errors import AssetError, BakeError, ConfigError
@@ -109,7 +110,7 @@ def test_a_free_pose_is_that_of_preview(session: Session, tmp_path: Path) -> Non
 
 
 def test_a_tool_between_two_places_wrinkles_at_once(session: Session) -> None:
-    name = session.add_tool([-0.3, 0.2, -0.15], [0.3, 0.2, -0.15])
+    name = session.add("tools", [[-0.3, 0.2, -0.15], [0.3, 0.2, -0.15]])
     assert [tool.name for tool in session.tools()] == ["crease", "across", "far", name]
     assert session.tools()[-1].problem is None
     curve = session.curve(name, "fold", 1.0)
@@ -124,7 +125,7 @@ def test_a_tool_where_nothing_folds_is_of_what_its_place_is_made_of(tmp_path: Pa
     asset.gltf["materials"] = [{"name": "denim"}]
     asset.gltf["meshes"][0]["primitives"][0]["material"] = 0
     session = Session(asset.write(tmp_path / "limb.glb"), tmp_path / "tools.yaml")
-    session.add_tool([-0.95, 0.25, 0.0], [-0.8, 0.25, 0.0])
+    session.add("tools", [[-0.95, 0.25, 0.0], [-0.8, 0.25, 0.0]])
     (tool,) = session.tools()
     assert (tool.values["material"], tool.keys["profile"].source_words) == ("cloth", "material cloth")
 
@@ -427,7 +428,7 @@ def test_a_place_that_has_a_tool_is_taken_for_what_runs_the_same_way(tmp_path: P
     ends = np.array([offers[0].values["origin"], offers[0].values["target"]])
     along, middle = ends[1] - ends[0], ends.mean(axis=0)
     turned = along[[2, 1, 0]] / 4.0
-    session.add_tool((middle - turned).tolist(), (middle + turned).tolist())
+    session.add("tools", [(middle - turned).tolist(), (middle + turned).tolist()])
     assert session.tools()[0].problem is None
     assert not session.is_taken(offers[0])
 
@@ -474,11 +475,11 @@ def test_warnings_are_beside_the_muscle_or_flesh_that_they_are_about(tmp_path: P
     """A muscle on one bone, one that bulges through the folded limb, one that fits, and flesh that hardly moves."""
     asset = limb(tmp_path / "limb.glb", rings=20, sides=12, angle=125.0)
     session = Session(asset, tmp_path / "tools.yaml")
-    still = session.add_muscle([-0.9, RADIUS, 0.0], [-0.1, RADIUS, 0.0])
-    folded = session.add_muscle([-0.8, RADIUS, 0.0], [0.15, RADIUS, 0.0])
+    still = session.add("muscles", [[-0.9, RADIUS, 0.0], [-0.1, RADIUS, 0.0]])
+    folded = session.add("muscles", [[-0.8, RADIUS, 0.0], [0.15, RADIUS, 0.0]])
     session.set_value(folded, ("thickness",), "30%")
-    behind = session.add_muscle([-0.8, -RADIUS, 0.0], [0.15, -RADIUS, 0.0])
-    region = session.add_flesh([-0.6, -RADIUS, 0.0], [-0.6, -RADIUS, 0.15])
+    behind = session.add("muscles", [[-0.8, -RADIUS, 0.0], [0.15, -RADIUS, 0.0]])
+    region = session.add("flesh", [[-0.6, -RADIUS, 0.0], [-0.6, -RADIUS, 0.15]])
     session.save()
     found = session.warnings()
     for name, said in ((still, "so no joint shortens it"), (folded, "passes through"), (region, "hardly moves")):
@@ -492,7 +493,7 @@ def test_warnings_are_beside_the_muscle_or_flesh_that_they_are_about(tmp_path: P
 def test_an_end_below_clothes_lies_in_the_body(gap: float, share: float, tmp_path: Path) -> None:
     (tmp_path / "limb.glb").write_bytes(sleeved_limb(gap=gap, rings=20, sides=24).glb())
     session = Session(tmp_path / "limb.glb", tmp_path / "tools.yaml")
-    session.add_muscle([-0.8, RADIUS + gap, 0.0], [0.3, RADIUS + gap, 0.0], "sleeve")
+    session.add("muscles", [[-0.8, RADIUS + gap, 0.0], [0.3, RADIUS + gap, 0.0]], "sleeve")
     (written,) = yaml.safe_load(session.text)["muscles"]
     for key in ("origin", "insertion"):
         assert written[key]["offset"][1] == pytest.approx(0.45 * share * (RADIUS + gap), rel=0.02)
@@ -555,7 +556,7 @@ def test_two_places_make_a_muscle(session: Session, tmp_path: Path) -> None:
     (shown,) = session.meshes("fold", 1.0)
     count = len(shown.source.ground.surface.positions)
     before = shown.positions[:count]
-    name = session.add_muscle([-0.8, RADIUS, 0.0], [0.15, RADIUS, 0.0], "limb")
+    name = session.add("muscles", [[-0.8, RADIUS, 0.0], [0.15, RADIUS, 0.0]], "limb")
     assert name == "muscle_1"
     assert np.abs(session.meshes("fold", 1.0)[0].positions[:count] - before).max() > 0.01
     (entry,) = yaml.safe_load(session.text)["muscles"]
@@ -563,21 +564,22 @@ def test_two_places_make_a_muscle(session: Session, tmp_path: Path) -> None:
     assert session.text.startswith(TOOLS)
     session.save()
     wrinklecli.bake(tmp_path / "limb.glb", tmp_path / "tools.yaml", tmp_path / "out.glb")
-    assert session.add_muscle([-0.8, -RADIUS, 0.0], [0.15, -RADIUS, 0.0]) == "muscle_2"
+    assert session.add("muscles", [[-0.8, -RADIUS, 0.0], [0.15, -RADIUS, 0.0]]) == "muscle_2"
     session.undo()
     session.undo()
     assert session.text == TOOLS
 
 
-def test_a_muscle_that_does_not_fit_makes_no_step(session: Session) -> None:
-    with pytest.raises(ConfigError, match="there is no skin near it"):
-        session.add_muscle([-0.5, 9.0, 0.0], [0.5, 9.0, 0.0])
+@pytest.mark.parametrize("list_key", [key for key, kind in NEW_KINDS.items() if len(kind.asks) == 2])
+def test_what_does_not_fit_makes_no_step(session: Session, list_key: str) -> None:
+    with pytest.raises(ConfigError):
+        session.add(list_key, [[-0.5, 9.0, 0.0], [0.5, 9.0, 0.0]])
     assert not session.changed
 
 
 def test_a_muscle_is_the_first_entry_of_a_new_file(tmp_path: Path) -> None:
     session = Session(limb(tmp_path / "limb.glb", rings=9, sides=8), tmp_path / "new.yaml")
-    session.add_muscle([-0.8, RADIUS, 0.0], [0.15, RADIUS, 0.0])
+    session.add("muscles", [[-0.8, RADIUS, 0.0], [0.15, RADIUS, 0.0]])
     session.save()
     wrinklecli.bake(tmp_path / "limb.glb", tmp_path / "new.yaml", tmp_path / "out.glb")
 
@@ -588,7 +590,7 @@ def test_two_places_make_flesh(tmp_path: Path) -> None:
     (tmp_path / "body.glb").write_bytes(body(keys=20, normals=False).glb())
     session = Session(tmp_path / "body.glb", tmp_path / "tools.yaml")
     before = session.meshes("jump", 1.08)[0].positions
-    assert session.add_flesh([0.0, -0.05, 0.18], [0.0, 0.08, 0.18]) == "flesh_1"
+    assert session.add("flesh", [[0.0, -0.05, 0.18], [0.0, 0.08, 0.18]]) == "flesh_1"
     assert yaml.safe_load(session.text)["flesh"] == [{"name": "flesh_1", "at": [0.0, -0.05, 0.18], "radius": 0.13}]
     shown = session.meshes("jump", 1.08)[0].positions
     assert np.abs(shown - before).max() > 0.005
@@ -599,12 +601,12 @@ def test_two_places_make_flesh(tmp_path: Path) -> None:
     baked = primitive.positions_at(clip, 1.08)
     assert cKDTree(baked).query(shown)[0].max() < 5e-4
     with pytest.raises(ConfigError, match="larger than the body allows"):
-        session.add_flesh([0.0, -0.05, 0.18], [0.0, 9.0, 0.18])
+        session.add("flesh", [[0.0, -0.05, 0.18], [0.0, 9.0, 0.18]])
 
 
 def test_muscles_are_edited_as_tools_are(session: Session) -> None:
     """One list, one mechanism: values with their sources, drafts, names, copies, undo."""
-    name = session.add_muscle([-0.8, RADIUS, 0.0], [0.15, RADIUS, 0.0], "limb")
+    name = session.add("muscles", [[-0.8, RADIUS, 0.0], [0.15, RADIUS, 0.0]], "limb")
     muscle = next(each for each in session.tools() if each.name == name)
     assert (muscle.list_key, muscle.keys["tendon"].value, muscle.keys["tendon"].source) == (
         "muscles",
@@ -645,7 +647,7 @@ def shape_at(session: Session) -> Array:
 
 @pytest.mark.slow
 def test_muscles_of_several_hands_are_merged(session: Session) -> None:
-    session.add_muscle([-0.8, RADIUS, 0.0], [0.15, RADIUS, 0.0], "limb")
+    session.add("muscles", [[-0.8, RADIUS, 0.0], [0.15, RADIUS, 0.0]], "limb")
     session.save()
     path = Path(session.path)
     path.write_text(path.read_text().replace("name: muscle_1", "name: muscle_1\n    tendon: 30%"))
@@ -663,7 +665,7 @@ def test_frequency_and_damping_are_felt_at_once(tmp_path: Path, monkeypatch: pyt
     """A change of the springs solves nothing again, leaves what lies on the skin, and shows what a bake plays."""
     (tmp_path / "body.glb").write_bytes(body(keys=20, normals=False).glb())
     session = Session(tmp_path / "body.glb", tmp_path / "tools.yaml")
-    name = session.add_flesh([0.0, -0.05, 0.18], [0.0, 0.08, 0.18])
+    name = session.add("flesh", [[0.0, -0.05, 0.18], [0.0, 0.08, 0.18]])
     before, (mesh,) = shape_at(session), session.meshes("jump", 0.0)
     monkeypatch.setattr("wrinklecli.effects.flesh.attach.swings_of", lambda *_: pytest.fail("was solved again"))
     for frequency in (2.0, 2.5, 3.0):
@@ -707,6 +709,26 @@ def test_a_field_is_shown_and_its_strength_changes_at_once(tmp_path: Path) -> No
     times, heights = session.heights("folds", "fold")
     assert len(times) == len(heights)
     assert heights.max() > 0
+
+
+def test_a_click_makes_a_field_that_is_edited_as_tools_are(tmp_path: Path) -> None:
+    asset, _ = sleeve_and_field(tmp_path)
+    text = "version: 1\nrefinement: {max_levels: 0}  # quick\n"
+    (tmp_path / "tools.yaml").write_text(text + "tools: []\n")
+    session = Session(asset, tmp_path / "tools.yaml")
+    plain = session.meshes("fold", 1.0)[0].positions
+    name = session.add("fields", [[0.0, 0.25, 0.0]], "limb")
+    assert session.text == text + "fields:\n  - name: field_1\n"
+    assert np.abs(session.meshes("fold", 1.0)[0].positions - plain).max() > 0.01
+    session.enable(name, enabled=False)
+    assert np.array_equal(session.meshes("fold", 1.0)[0].positions, plain)
+    session.delete(name)
+    assert not session.tools()
+    session.undo()
+    session.undo()
+    assert [(tool.name, tool.problem) for tool in session.tools()] == [("field_1", None)]
+    session.undo()
+    assert session.text == text + "tools: []\n"
 
 
 def test_a_field_that_does_not_fit_has_the_line_of_a_bake(tmp_path: Path) -> None:

@@ -133,12 +133,12 @@ def test_a_tool_is_drawn_tuned_and_saved(tmp_path: Path) -> None:
                 lambda: client.camera.update_timestamp > asked and np.allclose(client.camera.position, CAMERA), "turned"
             )
 
-            tab.press_button("New tool")
+            tab.press_button("Tool")
             tab.wait("document.body.innerText.includes('Click where the tool begins')")
             tab.click(*on_screen(page, KNEE[0]))
             tab.wait("document.body.innerText.includes('Now click where it ends')")
             tab.click(*on_screen(page, KNEE[0]))
-            tab.wait("document.body.innerText.includes('Click another place where it ends')")
+            tab.wait("document.body.innerText.includes('Click another place, or Cancel')")
             tab.click(*on_screen(page, KNEE[1]))
             tab.wait("document.body.innerText.includes('wrinkle_1 is new')")
             take_picture(tab, "drawn")

@@ -17,32 +17,28 @@ from wrinklecli.character.scene import deforming_nodes
 from wrinklecli.drive.touch import TouchDrive
 from wrinklecli.editor.asset import LoadedAsset, ReadOptions
 from wrinklecli.editor.attached import AttachedBelow, AttachedTool, AttachedTools, PlayableMesh, ShownMesh
+from wrinklecli.editor.clicked import NEW_KINDS, Clicked
 from wrinklecli.editor.clip_cache import RecentResults, frame_times
 from wrinklecli.editor.edits import Draft, Edits, Step, length_of
 from wrinklecli.editor.free_pose import POSE, FreePose
 from wrinklecli.editor.hand import Hand, slide_to
-from wrinklecli.editor.proposals import Proposal, proposals_of, proposed_keys
+from wrinklecli.editor.proposals import Proposal, proposals_of
 from wrinklecli.editor.raised import RaisedTool, raised_tool
-from wrinklecli.editor.store import Store
+from wrinklecli.editor.store import Store, without_empty_list
 from wrinklecli.errors import ConfigError, WrinkleError
 from wrinklecli.files.inputs import Watched
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
-from wrinklecli.numeric.arrays import Floats, significant
+from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.guard import guarded
 from wrinklecli.review.suggest.placed import ToolGuesser
 from wrinklecli.review.suggest.suggest import suggest
-from wrinklecli.surface.bones import below_skin
 from wrinklecli.tools.effective import EffectiveValue, effective_values, inherited_values
 from wrinklecli.tools.mirror import exchange_sides
 from wrinklecli.tools.read import read_values
 from wrinklecli.tools.records import EffectTool, ToolsFile, WrinkleTool, identifier, in_axes, with_axes
 from wrinklecli.tools.schema import KINDS
 
-_GRIP = 0.6  # slide that a touch allows by itself, over its pad: the default of `grip`
-_DENTED = 0.1  # depth of a new touch over its pad
-# A new touch comes, has dragged the skin, and lets go at these parts of a clip.
-_DRAGGED = (1 / 6, 1 / 3, 2 / 3)
 _KEPT_MEASURED = 4  # meshes whose measurements for first guesses are kept
 
 
@@ -188,102 +184,41 @@ class Session(Edits):
 
     # Edits.
 
-    def add_tool(self, origin: Sequence[float], target: Sequence[float], node: str | None = None) -> str:
-        """Add a tool between two (3,) places at rest, world space, and guess its width and bumps; return its name.
-
-        `node` is the name of the node whose mesh was clicked.
-        """
-        with self._guarded():
-            file = self._base.file
-            axis = file.defaults.get("mirror")
-            sides = dict(zip("xyz", in_axes((np.add(origin, target) / 2.0).tolist(), file.up), strict=True))
-            name = self._new_name("wrinkle" + ("" if axis not in sides else ".L" if sides[axis] > 0 else ".R"))
-            span = float(np.linalg.norm(np.subtract(target, origin)))
-            deforming = deforming_nodes(self._loaded.document)
-            meshes = [mesh for mesh in self._attached().meshes if mesh.ground.rig.node in deforming]
-            clicked = [mesh for mesh in meshes if node in (None, mesh.node)]
-            values: dict[str, Any] = {"name": name}
-            if node is not None and len(deforming) > 1:
-                values["node"] = node
-            values |= {"origin": self._written_place(origin, span), "target": self._written_place(target, span)}
-            if clicked:
-                guess = self._measured_mesh(clicked[0]).tool(np.array(origin, float), np.array(target, float))
-                values |= proposed_keys(guess)
-            else:
-                values["width"] = significant(span, 2)
-            self._become(file.with_tool(values), f"add {name}")
-            return name
-
-    def add_muscle(self, origin: Sequence[float], insertion: Sequence[float], node: str | None = None) -> str:
-        """Add a muscle below two (3,) places on the skin at rest, world space; return its name.
-
-        Each end goes about halfway to the nearest bone, which carries it. `node` is as for `add_tool`.
-
-        Raises:
-            WrinkleError: It does not fit.
-        """
-        with self._guarded():
-            deforming = deforming_nodes(self._loaded.document)
-            meshes = [mesh for mesh in self._attached().meshes if mesh.ground.rig.node in deforming]
-            ground = next(mesh.ground for mesh in meshes if node in (None, mesh.node))
-            span = float(np.linalg.norm(np.subtract(insertion, origin)))
-            values: dict[str, Any] = {}
-            for key, place in (("origin", origin), ("insertion", insertion)):
-                joint, offset = below_skin(ground, np.array(place, float))
-                values[key] = {"joint": joint, "offset": self._written_place(offset.tolist(), span)}
-            return self._add_below_skin("muscles", "muscle", values, node)
-
-    def add_flesh(self, at: Sequence[float], border: Sequence[float], node: str | None = None) -> str:
-        """Add a region of flesh round a (3,) place on the skin at rest, world space, that reaches to another one.
-
-        `node` is as for `add_tool`. Returns the region's name.
-
-        Raises:
-            WrinkleError: It does not fit.
-        """
-        with self._guarded():
-            radius = float(np.linalg.norm(np.subtract(border, at)))
-            values = {"at": self._written_place(at, radius), "radius": significant(radius, 3)}
-            return self._add_below_skin("flesh", "flesh", values, node)
-
-    def add_touch(
-        self, at: Sequence[float], to: Sequence[float], node: str | None = None, *, clip: str | None = None
+    def add(
+        self, list_key: str, places: Sequence[Sequence[float]], node: str | None = None, *, clip: str | None = None
     ) -> str:
-        """Add a touch at a (3,) place on the skin at rest, world space, whose tip drags the skin to another one.
+        """Add an effect of a list of the file, if it fits, where someone has clicked; return its name.
 
-        It does so in the clip of a name, and lets go at two thirds of it; without such a clip a player may do so.
-        `node` is as for `add_tool`. Returns the touch's name.
+        Args:
+            list_key: A key of `NEW_KINDS`.
+            places: A (3,) place on the skin at rest, world space, for each click.
+            node: Name of the node whose mesh was clicked.
+            clip: Name of the clip that is shown.
 
         Raises:
             WrinkleError: It does not fit.
         """
         with self._guarded():
-            slide = float(np.linalg.norm(np.subtract(to, at)))
-            # The pad from whose usual grip such a slide comes.
-            pad = significant(slide / _GRIP, 3)
-            values: dict[str, Any] = {"at": self._written_place(at, slide), "towards": self._written_place(to, slide)}
-            values["pad"] = pad
+            loaded, kind, file = self._loaded, NEW_KINDS[list_key], self._base.file.of_list(list_key)
+            deforming, attached = deforming_nodes(loaded.document), self._attached()
+            meshes = [mesh for mesh in attached.meshes if mesh.ground.rig.node in deforming]
+            mesh = next((mesh for mesh in meshes if node in (None, mesh.node)), None)
+            if mesh is None:
+                raise ConfigError("neither joints nor morph targets move this mesh", where=self.asset)
+            points = np.array(places, float)
             shown = next((each for each in self.clips if each.name == clip), None)
-            if shown is not None:
-                times = [significant(shown.start + part * (shown.end - shown.start), 4) for part in _DRAGGED]
-                depth, far = significant(_DENTED * pad, 3), significant(slide, 3)
-                rows = [[times[0], 0.0, 0.0, 0.0], [times[1], far, 0.0, depth], [times[2], far, 0.0, depth]]
-                values["keys"] = {clip: rows}
-            return self._add_below_skin("touches", "touch", values, node)
-
-    def _add_below_skin(self, key: str, word: str, values: dict[str, Any], node: str | None) -> str:
-        """Add an effect to the list at a key of the file, if it fits; return its name, which begins with a word."""
-        loaded, file = self._loaded, self._base.file
-        name = self._new_name(word)
-        several = node is not None and len(deforming_nodes(loaded.document)) > 1
-        values = {"name": name, **({"node": node} if several else {}), **values}
-        edited = file.without_empty().of_list(key).with_tool(values).of_list("tools")
-        # A step that shows nothing would only be undone.
-        problem = loaded.attach(self._settings_of(edited)).problems.get(name)
-        if problem is not None:
-            raise ConfigError(problem)
-        self._become(edited, f"add {name}")
-        return name
+            clicked = Clicked(points, mesh.ground, shown, self._written_place, lambda: self._measured_mesh(mesh))
+            axis = file.defaults.get("mirror")
+            sides = dict(zip("xyz", in_axes(points.mean(axis=0).tolist(), file.up), strict=True))
+            name = self._new_name(kind.word + ("" if axis not in sides else ".L" if sides[axis] > 0 else ".R"))
+            values = {"name": name, **({"node": mesh.node} if len(deforming) > 1 else {}), **kind.keys(clicked)}
+            edited = without_empty_list(file.with_tool(values).of_list("tools"))
+            # A step that shows nothing would only be undone.
+            problem = loaded.attach(self._settings_of(edited), attached).problems.get(name)
+            if problem is not None:
+                raise ConfigError(problem)
+            self._become(edited, f"add {name}")
+            return name
 
     def proposals(self, *, posed: bool = False) -> list[Proposal]:
         """The tools that `suggest` finds for the asset, in its motions, or with `posed` in the pose that is set.

@@ -170,7 +170,7 @@ def test_a_taken_port_is_said_in_a_line(page: Page, tmp_path: Path) -> None:
 def test_a_day_of_edits_and_moments_takes_no_more_memory(page: Page, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(edits, "_MAX_STEPS", MOMENTS)
     session = page.session
-    name = session.add_tool((-0.3, 0.25, 0.0), (0.3, 0.25, 0.0))
+    name = session.add("tools", [(-0.3, 0.25, 0.0), (0.3, 0.25, 0.0)])
 
     def held(seed: int) -> tuple[int, int, int]:
         """Objects, threads and descriptors after as many edits as can be undone, each shown with a moment of a clip."""

@@ -47,7 +47,7 @@ def page(opened: Page) -> Iterator[Page]:
     """The page as it was opened."""
     yield opened
     opened._pending = None
-    opened._pointer._end_new()
+    opened._pointer._end()
     while opened.session.undo():
         pass
     opened.choose(None, look=False)
@@ -89,10 +89,10 @@ def tools_of(page: Page) -> dict[str, Any]:
 @pytest.mark.quick(2)
 @pytest.mark.parametrize("nearly", [0.0, 1e-9, 1e-3, -5e-3])
 def test_two_clicks_on_one_spot_leave_one_end(page: Page, nearly: float) -> None:
-    page._pointer._begin_new()
+    page._pointer._begin("tools")
     assert "where it ends" in click(page, -0.3)
-    assert click(page, -0.3 + nearly) == "It began there. Click another place where it ends, or Cancel."
-    assert click(page, -0.3, nearly) == "It began there. Click another place where it ends, or Cancel."
+    assert click(page, -0.3 + nearly) == "It began there. Click another place, or Cancel."
+    assert click(page, -0.3, nearly) == "It began there. Click another place, or Cancel."
     assert page.session.text == TOOLS
     assert "wrinkle_1 is new" in click(page, 0.3)
     added = tools_of(page)["wrinkle_1"]
@@ -101,7 +101,7 @@ def test_two_clicks_on_one_spot_leave_one_end(page: Page, nearly: float) -> None
 
 
 def test_a_click_beside_the_mesh_leaves_the_new_tool_as_it_is(page: Page) -> None:
-    page._pointer._begin_new()
+    page._pointer._begin("tools")
     assert click(page, 9.0) == "There is no mesh. Click where the tool begins. It runs across the wrinkles."
     click(page, -0.3)
     assert click(page, 9.0) == "There is no mesh. Now click where it ends."
@@ -109,35 +109,25 @@ def test_a_click_beside_the_mesh_leaves_the_new_tool_as_it_is(page: Page) -> Non
 
 
 def test_a_tool_that_is_refused_leaves_its_first_end(page: Page, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refused(*_: object) -> str:
+    def refused(*_: object, **__: object) -> str:
         raise ConfigError("same as origin", where="tools[2].target")
 
-    page._pointer._begin_new()
+    page._pointer._begin("tools")
     click(page, -0.3)
     with monkeypatch.context() as patched:
-        patched.setattr(page.session, "add_tool", refused)
-        assert click(page, 0.3) == "tools[2].target: same as origin\nClick another place where it ends, or Cancel."
+        patched.setattr(page.session, "add", refused)
+        assert click(page, 0.3) == "tools[2].target: same as origin\nClick another place, or Cancel."
     assert "wrinkle_1 is new" in click(page, 0.3)
 
 
 def test_a_typed_value_that_is_refused_takes_no_click_away(page: Page) -> None:
     page.choose("a", look=False)
-    page._pointer._begin_new()
+    page._pointer._begin("tools")
     click(page, -0.3)
     page._commit_later("bumps", 9.0, lambda: page.session.set_value("a", ("bumps",), 99))
     assert "found 99" in click(page, 0.3)
     assert "wrinkle_1 is new" in click(page, 0.3)
     assert tools_of(page)["a"]["bumps"] == 3
-
-
-def test_a_tool_that_does_not_fit_says_so_at_once(page: Page, monkeypatch: pytest.MonkeyPatch) -> None:
-    page._pointer._begin_new()
-    click(page, -0.3)
-    monkeypatch.setattr(page.session, "add_tool", lambda *_: page.session.copy("a"))
-    page.session.move_point("a", 0, [9, 9, 9])
-    message = click(page, 0.3)
-    assert "from the mesh" in message
-    assert message.endswith("Drag its ends, or Undo.")
 
 
 @pytest.mark.quick(2)
@@ -253,25 +243,40 @@ def test_a_tool_of_the_list_is_shown_where_it_is_tallest(page: Page) -> None:
 
 
 def test_two_clicks_make_a_muscle(page: Page) -> None:
-    page._pointer._begin("muscle")
+    page._pointer._begin("muscles")
     assert "Click the skin above where the muscle begins" in said(page)
     assert "There is no mesh" in click(page, 5.0)
     click(page, -0.8)
     assert "muscle_1 is new" in click(page, 0.3)
     (entry,) = yaml.safe_load(page.session.text)["muscles"]
     assert [entry[key]["joint"] for key in ("origin", "insertion")] == ["joint_0", "joint_1"]
-    assert page._pointer._ends is None
+    assert page._pointer._new is None
     # The next new tool is a tool again.
-    page._pointer._begin_new()
+    page._pointer._begin("tools")
     click(page, -0.3)
     click(page, 0.3)
     assert len(yaml.safe_load(page.session.text)["tools"]) == 3
 
 
+def test_one_click_is_for_a_field_and_cancel_ends_what_does_not_fit(page: Page) -> None:
+    page._pointer._begin("fields")
+    assert (page._pointer._buttons.visible, page._pointer._cancel.visible) == (False, True)
+    assert click(page, 9.0) == "There is no mesh. Click the garment that folds."
+    for x in (-0.3, 0.3):
+        message = click(page, x)
+        assert "limb is faceted" in message
+        assert message.endswith("\nClick another place, or Cancel.")
+    page._pointer._give_up()
+    assert (page._pointer._buttons.visible, page._pointer._cancel.visible) == (True, False)
+    click(page, -0.3)
+    assert page.chosen == "a"
+    assert page.session.text == TOOLS
+
+
 @pytest.mark.slow
 def test_two_clicks_make_flesh(page: Page) -> None:
     page._pointer._begin("flesh")
-    assert "Click the middle of the flesh" in said(page)
+    assert "Click the middle of flesh" in said(page)
     click(page, -0.5)
     assert "flesh_1 is new: play a clip that moves the body" in click(page, -0.2)
     (entry,) = yaml.safe_load(page.session.text)["flesh"]
@@ -281,7 +286,7 @@ def test_two_clicks_make_flesh(page: Page) -> None:
 @pytest.mark.slow
 def test_two_clicks_make_a_touch_that_the_shown_clip_drags(page: Page) -> None:
     page.player.go("fold", 0.0)
-    page._pointer._begin("touch")
+    page._pointer._begin("touches")
     assert "Click the skin that a tip touches" in said(page)
     click(page, -0.6)
     assert "touch_1 is new: play the clip" in click(page, -0.5)
@@ -301,7 +306,7 @@ def test_two_clicks_make_a_touch_that_the_shown_clip_drags(page: Page) -> None:
 def test_a_touch_needs_no_clip(tmp_path: Path) -> None:
     """A tip that only a player moves."""
     session = Session(limb(tmp_path / "limb.glb", clip=None), tmp_path / "tools.yaml")
-    session.add_touch([-0.6, 0.25, 0.0], [-0.5, 0.25, 0.0])
+    session.add("touches", [[-0.6, 0.25, 0.0], [-0.5, 0.25, 0.0]])
     (entry,) = yaml.safe_load(session.text)["touches"]
     assert "keys" not in entry
 

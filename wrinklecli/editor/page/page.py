@@ -56,13 +56,14 @@ _PLAYER_WIDTH = 420  # pixels
 _BRAND = (31, 111, 214)  # sRGB
 _WARNING = "#b35c00"
 _START = "Choose a tool in the list: it is shown where it is tallest. B shows it without wrinkles."
-_START_EMPTY = "Find places proposes tools, or New tool draws one with two clicks. Then move its sliders."
+_START_EMPTY = "Find places proposes tools; new ones take a click or two on the mesh. Then move their sliders."
 _NO_WARNINGS = "no warnings"
 _NO_CONTACT = "It is edited without its contact, which Resolve contact shows."
 _TURN = "Pose turns joints by hand."
 _DRAG_DOT = "Drag its dot: the skin slides."
 _HINT = (
-    "None yet. New tool takes two clicks on the mesh, across the wrinkles to be; Find places looks for folds. "
+    "None yet. A new field takes a click on a garment, a tool two, across the wrinkles to be; Find places looks for "
+    "folds. "
     "Drag turns the view, with the right button it moves, the wheel comes closer."
 )
 
@@ -144,7 +145,7 @@ class Page:
             self._message = gui.add_html("")
             self._problems = gui.add_html("")
         said.float(x=15, y=15, width=_PLAYER_WIDTH)
-        self.say(_START if session.settings().tools else _START_EMPTY, ASKS)
+        self.say(_START if session.tools() else _START_EMPTY, ASKS)
         self._files = FileButtons(self)
         play = gui.add_panel()
         with play.add_tab("Play"):
@@ -155,7 +156,7 @@ class Page:
         with play.add_tab("Pose"):
             self._pose_panel = PosePanel(self, self.player)
         play.float(x=15, y=-15, width=_PLAYER_WIDTH)
-        self._pointer.add_button()
+        self._pointer.add_buttons()
         self._list = gui.add_folder("Tools")
         with self._list:
             self._hint = gui.add_html(paragraph_of(_HINT, QUIET))
@@ -437,8 +438,8 @@ class Page:
 
 
 def _counts(tools: Sequence[EditedTool]) -> str:
-    """Count the tools, and the effects of the other lists that have any."""
+    """Count the effects of each list that has any."""
     keys = [tool.list_key for tool in tools]
     return ", ".join(
-        counted(keys.count(key), kind.items.item) for key, kind in KINDS.items() if key == "tools" or key in keys
+        counted(keys.count(key), kind.items.item) for key, kind in KINDS.items() if key in (keys or ["tools"])
     )

@@ -141,9 +141,9 @@ class Charts:
         self._over: tuple[Floats, Floats] | None = None
 
     def show_curve(self, curve: Floats | None) -> None:
-        """Draw the (points, 2) of a control curve."""
-        self._curve.visible = curve is not None
-        if curve is not None:
+        """Draw the (points, 2) of a control curve, of which a field has none."""
+        self._curve.visible = curve is not None and len(curve) > 0
+        if curve is not None and len(curve):
             self._curve.data = (curve[:, 0], curve[:, 1])
 
     def set_ranges(self, length: float, height: float) -> None:

@@ -1,7 +1,6 @@
-"""The mouse on the mesh: it clicks the two ends of a new tool, chooses tools, and drags their dots and touched skin."""
+"""The mouse on the mesh: it clicks the places of new effects, chooses tools, and drags their dots and touched skin."""
 
 import time
-from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -9,9 +8,10 @@ import numpy as np
 import viser
 
 from wrinklecli.editor.attached import AttachedTool
+from wrinklecli.editor.clicked import NEW_KINDS
 from wrinklecli.editor.page.key_controls import as_written, key_controls
 from wrinklecli.editor.page.viewport import Hit, Viewport
-from wrinklecli.editor.page.widgets import ASKS, BAD, PageHost, add_button
+from wrinklecli.editor.page.widgets import ASKS, BAD, PageHost, add_button, add_group
 from wrinklecli.errors import WrinkleError
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.surface.region import Region
@@ -22,19 +22,7 @@ _SAME_SPOT = 0.004
 _FRAME = 1 / 30  # seconds between two pictures of skin that springs back
 # Seconds without a move after which a hand lets go, which says itself when it does unless its tab is closed.
 _HELD_SECONDS = 20.0
-_BEGIN = {
-    "tool": "Click where the tool begins. It runs across the wrinkles.",
-    "muscle": "Click the skin above where the muscle begins.",
-    "flesh": "Click the middle of the flesh.",
-    "touch": "Click the skin that a tip touches.",
-}
-_MOVED = {
-    "muscle": "play a clip that bends its joint",
-    "flesh": "play a clip that moves the body",
-    "touch": "play the clip, or drag its dot: the skin slides",
-}
-_END = "Now click where it ends."
-_AGAIN = "Click another place where it ends, or Cancel."
+_AGAIN = "Click another place, or Cancel."
 
 
 class Pointer:
@@ -42,8 +30,8 @@ class Pointer:
 
     def __init__(self, page: PageHost) -> None:
         self._page, self._work, self._session = page, page.work, page.session
-        self._ends: list[Floats] | None = None  # clicked ends of a new tool; None if no new tool is begun
-        self._kind = "tool"  # what these ends are of, a key of `_BEGIN`
+        self._new: str | None = None  # list of the file that a new effect is begun for
+        self._places: list[Floats] = []  # that were clicked for it
 
     def listen(self, viewport: Viewport) -> None:
         """Take the clicks in a viewport."""
@@ -51,35 +39,25 @@ class Pointer:
         clicks: Any = self._page.server.scene.on_click()
         clicks(self._clicked)
 
-    def add_button(self) -> None:
-        """Add the button that begins a new tool."""
-        tip = "Click where it begins and where it ends."
-        self._new = add_button(self._page, "New tool", self._begin_new, icon=viser.Icon.PLUS, hint=tip)
-        tip = "Click the skin where the muscle begins, and where it ends beyond the joint that it bends."
-        add_button(self._page, "New muscle", lambda: self._begin("muscle"), icon=viser.Icon.PLUS, hint=tip)
-        tip = "Click the middle of flesh that swings, and how far it reaches."
-        add_button(self._page, "New flesh", lambda: self._begin("flesh"), icon=viser.Icon.PLUS, hint=tip)
-        tip = "Click the skin that a tip touches, and where it drags that skin in the shown clip."
-        add_button(self._page, "New touch", lambda: self._begin("touch"), icon=viser.Icon.PLUS, hint=tip)
+    def add_buttons(self) -> None:
+        """Add the buttons that begin a new effect, and the one that ends it."""
+        begin = {kind.title: partial(self._begin, key) for key, kind in NEW_KINDS.items()}
+        self._buttons = add_group(self._page, "new", begin)
+        self._cancel = add_button(self._page, "Cancel", self._give_up, color="orange", visible=False)
 
-    def _begin_new(self) -> None:
-        if self._ends is None:
-            self._ends = []
-            self._new.label, self._new.color = "Cancel", "orange"
-            self._page.say(_BEGIN[self._kind], ASKS)
-        else:
-            self._end_new()
-            self._page.say("")
+    def _begin(self, list_key: str) -> None:
+        self._new = list_key
+        self._buttons.visible, self._cancel.visible = False, True
+        self._page.say(NEW_KINDS[list_key].asks[0], ASKS)
 
-    def _begin(self, kind: str) -> None:
-        if self._ends is None:
-            self._kind = kind
-            self._begin_new()
+    def _give_up(self) -> None:
+        self._end()
+        self._page.say("")
 
-    def _end_new(self) -> None:
-        self._ends, self._kind = None, "tool"
+    def _end(self) -> None:
+        self._new, self._places = None, []
         self._viewport.highlight(None)
-        self._new.label, self._new.color = "New tool", None
+        self._buttons.visible, self._cancel.visible = True, False
 
     async def _clicked(self, event: viser.SceneClickEvent) -> None:
         origin, direction = np.array(event.ray_origin, float), np.array(event.ray_direction, float)
@@ -87,56 +65,33 @@ class Pointer:
 
     def _click(self, origin: Floats, direction: Floats) -> None:
         hit = self._viewport.hit(origin, direction)
-        if self._ends is not None:
-            self._click_end(hit, self._ends)
+        if self._new is not None:
+            self._click_place(hit, self._new)
         elif hit is not None:
             self._page.choose(self._viewport.tool_at(hit) or self._page.chosen, look=False)
 
-    def _click_end(self, hit: Hit | None, ends: list[Floats]) -> None:
-        """Take a click for an end of the new tool; the first end stays until the second makes a tool."""
+    def _click_place(self, hit: Hit | None, list_key: str) -> None:
+        """Take a click for a new effect; places before the last one stay until that makes one that fits."""
+        kind, places = NEW_KINDS[list_key], self._places
         if hit is None:
-            self._page.say(f"There is no mesh. {_END if ends else _BEGIN[self._kind]}", ASKS)
-        elif not ends:
-            ends.append(hit.place)
-            self._viewport.highlight(hit)
-            self._page.say(_END, ASKS)
-        elif _is_same_spot(hit, ends[0]):
+            self._page.say(f"There is no mesh. {kind.asks[len(places)]}", ASKS)
+        elif places and _is_same_spot(hit, places[-1]):
             self._page.say(f"It began there. {_AGAIN}", ASKS)
-        elif self._kind != "tool":
-            self._add_below(ends[0], hit)
+        elif len(places) + 1 < len(kind.asks):
+            places.append(hit.place)
+            self._viewport.highlight(hit)
+            self._page.say(kind.asks[len(places)], ASKS)
         else:
             self._page.commit()
+            clicks, node = [place.tolist() for place in (*places, hit.place)], hit.mesh.source.node
             try:
-                name = self._session.add_tool(ends[0].tolist(), hit.place.tolist(), hit.mesh.source.node)
+                name = self._session.add(list_key, clicks, node, clip=self._page.shown_clip)
             except WrinkleError as error:
                 self._page.say("\n".join((error.lines[0], _AGAIN)), BAD)
                 return
-            self._end_new()
+            self._end()
             self._page.choose(name, look=False)
-            problem = next(tool.problem for tool in self._session.tools() if tool.name == name)
-            if problem is None:
-                self._page.say(f"{name} is new: drag its ends, and the dots at its sides for the width")
-            else:
-                self._page.say(f"{problem}\nDrag its ends, or Undo.", BAD)
-
-    def _add_below(self, first: Floats, hit: Hit) -> None:
-        """Make a muscle, with its insertion below a hit, flesh that reaches to it, or a touch that drags skin to it."""
-        makers: dict[str, Callable[[Sequence[float], Sequence[float], str | None], str]] = {
-            "muscle": self._session.add_muscle,
-            "flesh": self._session.add_flesh,
-            "touch": partial(self._session.add_touch, clip=self._page.shown_clip),
-        }
-        add = makers[self._kind]
-        moved = _MOVED[self._kind]
-        self._page.commit()
-        try:
-            name = add(first.tolist(), hit.place.tolist(), hit.mesh.source.node)
-        except WrinkleError as error:
-            self._page.say("\n".join((error.lines[0], _AGAIN)), BAD)
-            return
-        self._end_new()
-        self._page.choose(name, look=False)
-        self._page.say(f"{name} is new: {moved}, and move its sliders")
+            self._page.say(f"{name} is new: {kind.then}")
 
     def drag(self, kind: str, number: int, origin: Floats, direction: Floats, phase: str) -> None:
         """Move a dot of the chosen tool; see `drawn_scene.Drag`."""
