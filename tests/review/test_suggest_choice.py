@@ -17,8 +17,8 @@ from wrinklecli.character.rig import read_rig
 from wrinklecli.gltf.document import read_document
 from wrinklecli.review.check import check
 from wrinklecli.review.suggest.anatomy import limit_to_body
-from wrinklecli.review.suggest.substance import named
 from wrinklecli.review.suggest.suggest import Suggestions, suggest
+from wrinklecli.surface.substance import named
 
 Json = dict[str, Any]
 

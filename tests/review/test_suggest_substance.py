@@ -19,8 +19,8 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.errors import AssetError
 from wrinklecli.review.suggest.candidates import Candidate
 from wrinklecli.review.suggest.fitted_tools import Suggestion
-from wrinklecli.review.suggest.substance import Substance, named
 from wrinklecli.review.suggest.suggest import Suggestions, suggest
+from wrinklecli.surface.substance import Substance, named
 
 Json = dict[str, Any]
 

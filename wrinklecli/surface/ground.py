@@ -19,6 +19,7 @@ from wrinklecli.numeric.closest import Tree
 from wrinklecli.numeric.rays import ray_hits
 from wrinklecli.surface.prune import Poses
 from wrinklecli.surface.rest import Rest, rest_pose
+from wrinklecli.surface.swatch import Pictures
 from wrinklecli.tools.records import ONE_PERCENT, EffectTool, Length, ToolsFile
 
 # Vertices that another mesh has at least over this one, or this one below it, if it is part of what one wears.
@@ -68,6 +69,11 @@ class Ground:
     def masks(self) -> dict[Hashable, Array]:
         """Images of masks that were read, by what they were read from: many tools may share one."""
         return {}
+
+    @cached_property
+    def pictures(self) -> Pictures:
+        """The textures of the asset, as far as places were looked at."""
+        return Pictures(self.document)
 
     @cached_property
     def poses(self) -> Poses:

@@ -1,7 +1,7 @@
 """The record of a field of wrinkles, as `tools.records` has those of tools. `configs/README.md` is the reference."""
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, get_args
 
 from wrinklecli.choices import MaterialName, Stops
 from wrinklecli.frozen import dataclass
@@ -25,6 +25,7 @@ class Field(BodyEffect):
     Attributes:
         wavelength: From crest to crest at rest; a percentage is of the girth of the limb beneath.
         slack: Part of a length that is lost before a fold rises.
+        substance: The substances on which it lies; None for all.
         joints: Names of the joints that fold it.
     """
 
@@ -36,6 +37,17 @@ class Field(BodyEffect):
         "r}. Default none.",
         None,
         read=read_mask_of,
+    )
+    substance: tuple[MaterialName, ...] | None = key(
+        {
+            "if": {"type": "null"},
+            "else": list_of(
+                one_of(*get_args(MaterialName)), 1, len(get_args(MaterialName)), "a list of skin, cloth and leather"
+            ),
+        },
+        "Substances on which it lies, as places look: a list of skin, cloth and leather. Default: all that is there.",
+        None,
+        read=lambda value: None if value is None else tuple(value),
     )
     stops: Stops = key(
         one_of("features", "none"),

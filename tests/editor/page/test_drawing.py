@@ -11,11 +11,11 @@ from kit.forehead import BROWS, forehead
 from kit.limb import limb_asset, write_tools
 from kit.places import ROOT
 from kit.touch import plate, touch
+from wrinklecli.character.paints import Opacity, Paint
 from wrinklecli.editor.page.drawing import _LINE_POINTS, Body, _bordered, body_of, outline_below, outline_of
 from wrinklecli.editor.page.viewpoints import clear_time
 from wrinklecli.editor.raised import raised_tool
 from wrinklecli.editor.session import Session
-from wrinklecli.review.preview.paints import Opacity, Paint
 
 # In front of the left thigh, just below the crotch, and so wide that the other leg is as near in space.
 WIDE = "{name: a, origin: [0.05, 0.75, 0.08], target: [0.05, 0.6, 0.08], width: 200%}"

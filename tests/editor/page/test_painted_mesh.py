@@ -9,8 +9,8 @@ from PIL import Image
 
 from kit.clients import assert_valid
 from kit.player import Gltf
+from wrinklecli.character.paints import Texture
 from wrinklecli.editor.page.painted_mesh import PaintedMesh
-from wrinklecli.review.preview.paints import Texture
 
 POSITIONS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.25], [0.0, 2.0, 0.5], [1.0, 2.0, -0.75]])
 NORMALS = np.tile([0.0, 0.6, 0.8], (4, 1))

@@ -1,6 +1,7 @@
 """Fields on a mesh at rest: where they may be, how long their waves are, and which joints fold them."""
 
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from kit.garments import attached, bent_tube, cut_open, split_materials, tallest
 from kit.limb import RADIUS
 from wrinklecli.effects.field.attach import AttachedField
 from wrinklecli.errors import WrinkleError
-from wrinklecli.numeric.arrays import Bools, Ints
+from wrinklecli.numeric.arrays import Bools, Floats, Ints
 
 RED, BLUE = [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]
 WAVE = 0.12
@@ -81,6 +82,24 @@ def test_flat_places_beside_smooth_ones_get_none() -> None:
     heights = tallest(field) / tallest(field).max()
     assert np.quantile(heights[side < -0.1], 0.9) < 0.05
     assert near(field, side > 0.05) == 1.0
+
+
+def test_a_field_lies_on_its_substances() -> None:
+    """One half of the tube has the colour of a face."""
+
+    def folded(**keys: Any) -> Floats:
+        asset = split_materials(tube(primitives=2), [0.75, 0.41, 0.26], BLUE)
+        ground, field = attached(asset, stops="none", wavelength=WAVE, **keys)
+        places.append(ground.rest.positions[:, 0])
+        return tallest(field)
+
+    places: list[Floats] = []
+    everywhere, cloth, both = folded(), folded(substance=["cloth"]), folded(substance=["skin", "cloth"])
+    assert both == pytest.approx(everywhere, abs=1e-6 * everywhere.max())
+    along = places[0]
+    assert not cloth[along < -WAVE].any()
+    assert cloth[along < 1e-6].max() < 0.05 * everywhere.max()
+    assert cloth[along > 0.2].max() == pytest.approx(everywhere[along > 0.2].max(), rel=0.1)
 
 
 def test_a_mask_leaves_a_half() -> None:

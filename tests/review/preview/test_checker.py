@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from wrinklecli.character.paints import Texture, look_up
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.review.preview.checker import checked
-from wrinklecli.review.preview.paints import Texture, look_up
 from wrinklecli.review.preview.render import Snapshot
 
 

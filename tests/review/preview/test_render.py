@@ -10,11 +10,11 @@ import pytest
 
 from kit.limb import tool, write_tools
 from kit.pictures import SIZE, covered, draw, limb, picture, reds
+from wrinklecli.character.paints import Texture
 from wrinklecli.review.preview import render
 from wrinklecli.review.preview.camera import Camera, camera_axes
 from wrinklecli.review.preview.draw import Mark
 from wrinklecli.review.preview.opacity import Opacities
-from wrinklecli.review.preview.paints import Texture
 from wrinklecli.review.preview.preview_options import Style
 from wrinklecli.review.preview.render import Snapshot
 

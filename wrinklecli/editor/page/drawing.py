@@ -11,12 +11,12 @@ import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
+from wrinklecli.character.paints import Paint
 from wrinklecli.editor.attached import AttachedBelow, AttachedTool, PlayableMesh
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, among, distinct, distinct_values, face_normals, unit
 from wrinklecli.numeric.closest import closest_point
 from wrinklecli.numeric.intersections import edges_of
-from wrinklecli.review.preview.paints import Paint
 
 _NORMAL_STEP = 1 / 127  # difference of stored normals that counts as none: the step of an 8-bit normal
 _LINE_POINTS = 25  # points on each line of an outline; an odd number has one in the middle

@@ -8,10 +8,10 @@ import struct
 
 import numpy as np
 
+from wrinklecli.character.paints import Texture
 from wrinklecli.gltf.document import BIN_CHUNK, COMPONENT_TYPES, GLB_MAGIC, JSON_CHUNK, SIZE_TYPES, TRIANGLES
 from wrinklecli.gltf.pixels import Bytes, jpeg_of
 from wrinklecli.numeric.arrays import Array, Floats, Ints
-from wrinklecli.review.preview.paints import Texture
 
 _WRAPS = {"clamp": 33071, "mirror": 33648, "repeat": 10497}  # glTF's wrapping modes
 _ROUGHNESS = 0.9  # like skin or cloth: folds show by their shading, not by reflections

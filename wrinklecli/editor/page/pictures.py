@@ -8,13 +8,13 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from wrinklecli.character.paints import Paint
 from wrinklecli.editor.attached import ShownMesh
 from wrinklecli.editor.page.drawing import Body, body_of, outline_of
 from wrinklecli.editor.page.viewpoints import ASPECT, frame_tool
 from wrinklecli.editor.raised import RaisedTool
 from wrinklecli.gltf.pixels import Bytes, jpeg_of
 from wrinklecli.numeric.arrays import vertex_normals
-from wrinklecli.review.preview.paints import Paint
 from wrinklecli.review.preview.render import Snapshot, render
 
 _HEIGHT = 126  # pixels: two pictures fill the width of the panel

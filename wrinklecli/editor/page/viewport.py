@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import viser
 
+from wrinklecli.character.paints import Colour, Paint, read_paints
 from wrinklecli.character.scene import read_scene
 from wrinklecli.editor.attached import AttachedBelow, AttachedTool, ShownMesh
 from wrinklecli.editor.baked_file import BakedFile
@@ -25,7 +26,6 @@ from wrinklecli.numeric.closest import closest_point
 from wrinklecli.numeric.rays import distances_along
 from wrinklecli.review.preview.camera import Camera
 from wrinklecli.review.preview.heat import point_colours
-from wrinklecli.review.preview.paints import Colour, Paint, read_paints
 from wrinklecli.review.preview.shown import INKS
 
 _HINT: Colour = (1.0, 0.55, 0.0)  # of a tool that is hinted at, sRGB

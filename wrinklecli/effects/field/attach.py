@@ -6,6 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from wrinklecli.character.bent import bent_areas
+from wrinklecli.choices import SUBSTANCES
 from wrinklecli.drive.table import Table
 from wrinklecli.drive.turned import TurnDrive
 from wrinklecli.effects.attached import WithoutSegment
@@ -27,6 +28,7 @@ from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.mask import read_mask
 from wrinklecli.surface.rounding import FACETED, bends
 from wrinklecli.surface.strain import solid
+from wrinklecli.surface.substance import substances_at
 from wrinklecli.tools.fields import Field
 from wrinklecli.tools.records import Length, drawn_from
 
@@ -68,6 +70,7 @@ class AttachedField(WithoutSegment):
         seed: What its irregularity is drawn from.
         regions: The part of the surface.
         drive: The weights of its targets.
+        notes: A line for each texture that cannot be read, if its substances are looked for.
     """
 
     tool: Field
@@ -81,6 +84,7 @@ class AttachedField(WithoutSegment):
     seed: str
     regions: tuple[FieldRegion]
     drive: TurnDrive
+    notes: tuple[str, ...] = ()
 
     moves: ClassVar[None] = None
     covers: ClassVar[tuple[str, ...]] = ()
@@ -178,6 +182,7 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
         seed,
         (region,),
         _drive(tool, sweeps, factors),
+        () if tool.substance is None else tuple(ground.pictures.notes),
     )
 
 
@@ -245,7 +250,7 @@ def _wavelengths(tool: Field, fabric: Fabric, ground: Ground, sheet: Sheet) -> t
 
 
 def _allowed(tool: Field, ground: Ground, members: Ints, sheet: Sheet, wavelength: float) -> Floats:
-    """(vertices,) factors of the heights: by its mask, at features, and where the surface is faceted.
+    """(vertices,) factors of the heights: by mask and substances, at features, and where the surface is faceted.
 
     Raises:
         BakeError: Nothing is left.
@@ -265,9 +270,32 @@ def _allowed(tool: Field, ground: Ground, members: Ints, sheet: Sheet, wavelengt
             places = sheet.positions[ends]
             near, _ = nearest_of(np.concatenate([places[:, 0], places.mean(axis=1), places[:, 1]]), sheet.positions)
             found *= smoothstep(np.minimum(near / (_FADE * wavelength), 1.0))
+    found *= _of_substance(tool, ground, members, sheet, wavelength)
     mask = read_mask(tool, ground, members)
     if mask is not None:
         found *= mask.welded(surface.weld, len(found))
         if not found.any():
             raise BakeError(f"the mask leaves nothing of {tool.name}", where=tool.place("mask"))
+    return found
+
+
+def _of_substance(tool: Field, ground: Ground, members: Ints, sheet: Sheet, wavelength: float) -> Floats:
+    """(vertices,) factors of the heights, which fade where its substances end.
+
+    Raises:
+        BakeError: Its substances are nowhere.
+    """
+    if tool.substance is None:
+        return np.ones(len(sheet.positions))
+    kinds = substances_at(ground, wavelength)[members]
+    inside = np.isin(kinds, [SUBSTANCES.index(each) for each in tool.substance])
+    # The average is a half at a straight border.
+    part = sheet.averaging(_FADE * wavelength).of_integrals(sheet.to_vertices(inside.astype(float)))
+    found = smoothstep(np.clip(2.0 * part - 1.0, 0.0, 1.0))
+    if not found.any():
+        there = listed(SUBSTANCES[kind] for kind in np.unique(kinds).tolist())
+        raise BakeError(
+            f"nothing of {ground.rig.names[ground.rig.node]} looks like {' or '.join(tool.substance)}: it is {there}",
+            where=tool.place("substance"),
+        )
     return found

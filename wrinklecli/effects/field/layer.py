@@ -63,9 +63,10 @@ class FieldLayer(BodyLayer[AttachedField]):
         return field_effect(plan, attached, deltas, self.middles[self.attached.index(attached)])
 
     def warnings(self, _plan: MeshPlan, clips: Sequence[Clip]) -> list[str]:
-        """A line if there is no clip."""
+        """A line if there is no clip, and for each texture that cannot be read."""
         names = ", ".join(each.tool.name for each in self.attached)
-        return [] if clips else [f"{names}: there is no clip: fields fold only in a player with a driver"]
+        found = [f"{each.tool.name}: {note}" for each in self.attached for note in each.notes]
+        return found if clips else [*found, f"{names}: there is no clip: fields fold only in a player with a driver"]
 
 
 def _free(plan: MeshPlan) -> Floats:

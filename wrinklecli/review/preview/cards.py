@@ -5,10 +5,10 @@ from typing import Any
 
 from PIL import Image, ImageDraw
 
+from wrinklecli.character.paints import Colour
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.pixels import Bytes
 from wrinklecli.review.preview.overlay import Placed
-from wrinklecli.review.preview.paints import Colour
 from wrinklecli.review.preview.peaks import Fact
 from wrinklecli.review.preview.sheet_layout import cut_to, font_of, labelled, rgb_bytes
 

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from wrinklecli.character.paints import Texture
 from wrinklecli.gltf.pixels import Bytes
 from wrinklecli.numeric.arrays import Floats
-from wrinklecli.review.preview.paints import Texture
 from wrinklecli.review.preview.render import Snapshot
 
 # Cells in the greatest slide of a picture: their edges show a tenth of it.

@@ -9,12 +9,12 @@ from itertools import product
 
 import numpy as np
 
+from wrinklecli.character.paints import Colour
 from wrinklecli.character.pose import node_matrices
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.review.preview.camera import Camera
 from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.preview.overlay import Dot, Overlay, Placed, Stroke, Word
-from wrinklecli.review.preview.paints import Colour
 from wrinklecli.review.preview.shown import ShownAsset
 
 # The axes x, y and z of a tools file as rows in glTF's axes, by the file's up axis.

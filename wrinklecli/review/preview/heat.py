@@ -2,11 +2,11 @@
 
 import numpy as np
 
+from wrinklecli.character.paints import Colour
 from wrinklecli.character.scene import ScenePrimitive
 from wrinklecli.character.weld import weld
 from wrinklecli.gltf.pixels import linear_rgb
 from wrinklecli.numeric.arrays import Floats, Ints, face_normals
-from wrinklecli.review.preview.paints import Colour
 
 # Compression, which is 1 minus the smallest principal stretch, and its colour, sRGB. Darker is more.
 HEAT: tuple[tuple[float, Colour], ...] = (

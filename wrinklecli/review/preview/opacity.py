@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from wrinklecli.character.paints import Paint, Texture, look_up
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints
-from wrinklecli.review.preview.paints import Paint, Texture, look_up
 from wrinklecli.review.preview.rays import INVISIBLE
 
 # Points along an edge of a triangle at which it is looked at, to see if all of it shows.

@@ -6,10 +6,10 @@ from typing import Literal
 
 import numpy as np
 
+from wrinklecli.character.paints import Colour
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Array, Floats
 from wrinklecli.review.preview.camera import Camera, project
-from wrinklecli.review.preview.paints import Colour
 from wrinklecli.review.preview.rays import TracedSurface, in_sight
 
 # Points of a stroke for each pixel of its length, so that it has no gaps.

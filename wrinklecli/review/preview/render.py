@@ -4,6 +4,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from wrinklecli.character.paints import Paint, Texture, look_up
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.pixels import Bytes, srgb
 from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints
@@ -12,7 +13,6 @@ from wrinklecli.review.preview.draw import INK, Mark, ProjectedMark, blend, draw
 from wrinklecli.review.preview.light import REACH, light_up
 from wrinklecli.review.preview.opacity import Opacities
 from wrinklecli.review.preview.overlay import NOTHING, Overlay, draw_overlay
-from wrinklecli.review.preview.paints import Paint, Texture, look_up
 from wrinklecli.review.preview.preview_options import PLAIN, Style
 from wrinklecli.review.preview.rays import Hits, TracedSurface, first_hits, trace
 

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from wrinklecli.character.paints import Colour
 from wrinklecli.errors import WrinkleError
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.pixels import Bytes
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.review.preview.overlay import Placed
-from wrinklecli.review.preview.paints import Colour
 from wrinklecli.review.preview.preview_options import MOST_SIDE
 
 # The greatest number of pixels of a sheet, or of all frames of an animation, which are in memory until the end.

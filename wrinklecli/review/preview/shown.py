@@ -13,6 +13,7 @@ import numpy as np
 from wrinklecli.baking.baked_body import bodies_of_parts, wrinkle_targets
 from wrinklecli.baking.refined_mesh import primitives_of
 from wrinklecli.character.clip import Clip, clip_named, read_clips
+from wrinklecli.character.paints import Colour, Paint, read_paints
 from wrinklecli.character.pose import morph_weights
 from wrinklecli.character.scene import ScenePrimitive, read_scene
 from wrinklecli.character.skin import PosedMesh
@@ -25,7 +26,6 @@ from wrinklecli.numeric.arrays import Floats, Ints, among, children, distinct_va
 from wrinklecli.review.preview.draw import Mark
 from wrinklecli.review.preview.heat import compressions, heat_colours
 from wrinklecli.review.preview.moments import Moment
-from wrinklecli.review.preview.paints import Colour, Paint, read_paints
 from wrinklecli.review.preview.render import Snapshot
 
 # Bytes that a triangle takes while it is drawn, with Embree's.

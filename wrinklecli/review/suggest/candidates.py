@@ -21,7 +21,6 @@ from wrinklecli.numeric.closest import closest_point, nearest_of
 from wrinklecli.numeric.guard import Progress, no_progress
 from wrinklecli.numeric.processes import in_processes
 from wrinklecli.review.suggest.measure import MeasuredMesh
-from wrinklecli.review.suggest.substance import Substance
 from wrinklecli.surface.compression import (
     CompressedRegion,
     basins,
@@ -32,6 +31,7 @@ from wrinklecli.surface.compression import (
 )
 from wrinklecli.surface.sites import Peaks, at_sites
 from wrinklecli.surface.strain import unscaled_pose
+from wrinklecli.surface.substance import Substance
 from wrinklecli.surface.trace import find_segment
 from wrinklecli.tools.materials import Preset, presets
 from wrinklecli.tools.mirror import exchange_sides, split_side

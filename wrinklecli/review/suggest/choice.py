@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 
 from wrinklecli.character.bones import read_bones, words_of
-from wrinklecli.character.rig import Rig
 from wrinklecli.choices import Part
 from wrinklecli.errors import AssetError, counted, listed, nearest
 from wrinklecli.frozen import dataclass
@@ -23,20 +22,21 @@ from wrinklecli.numeric.processes import in_processes
 from wrinklecli.review.suggest.candidates import Candidate
 from wrinklecli.review.suggest.cover import Layers, is_covered, is_inside
 from wrinklecli.review.suggest.measure import MeasuredMesh
-from wrinklecli.review.suggest.substance import (
+from wrinklecli.review.suggest.suggest_options import SuggestOptions
+from wrinklecli.review.suggest.trial import TriedAsset
+from wrinklecli.surface.compression import CompressedRegion, triangle_weights
+from wrinklecli.surface.substance import (
     Makeup,
     PrimitiveHints,
     Substance,
     facet_length,
     find_bare_skin,
+    is_animal,
     read_hints,
     read_makeup,
     substance_of,
 )
-from wrinklecli.review.suggest.suggest_options import SuggestOptions
-from wrinklecli.review.suggest.swatch import Pictures
-from wrinklecli.review.suggest.trial import TriedAsset
-from wrinklecli.surface.compression import CompressedRegion, triangle_weights
+from wrinklecli.surface.swatch import Pictures
 from wrinklecli.tools.mirror import split_side
 
 # Words of joints and morph targets that move what slides, swells or swings: lips and lids, cheeks, tails and ears.
@@ -45,8 +45,6 @@ _SLIDING = re.compile(
     r"mouth|mth\b|\blips?\b|jaw|tongue|teeth|tooth|viseme|smile|\beyes?\b(?! ?(brow|squint))|lids?\b|blink|gaze|pupil"
     r"|cheek ?puff|breast|bust\b|hair|tail\b|\bears?\b|口|唇|舌|歯|目|瞼|胸|髪|耳|尾"
 )
-# Joints that people lack.
-_TAIL = re.compile(r"\btail\b|尾")
 # Joints of the trunk, where ribs and shoulder blades hold bare skin; clothes fold there.
 _BONY: tuple[Part, ...] = ("chest", "shoulder")
 # Joints that move within a collar or a hood, which is not fixed to them and folds elsewhere.
@@ -132,7 +130,7 @@ def _judged(
         makeups[surface] = read_makeup(document, mesh.rig, mesh.gauge, pictures=pictures)
         known_rims[surface] = rims_of(mesh)
     # Animals are neither shod nor dressed, and their coats have several colours.
-    animals = {surface for surface, mesh in distinct.items() if _has_tail(mesh.rig)}
+    animals = {surface for surface, mesh in distinct.items() if is_animal(mesh.rig)}
     bare = find_bare_skin([(mesh.gauge, makeups[surface]) for surface, mesh in distinct.items()], bones.parts)
     for each in candidates:
         mesh, surface = each.mesh, id(each.mesh.gauge.surface)
@@ -163,10 +161,6 @@ def _judged(
         facet = facet_length(makeup, weights)
         found = replace(each, material=substance.material, facet=facet, part=part, substance=substance, presets=known)
         yield _Judged(found, substance, fault)
-
-
-def _has_tail(rig: Rig) -> bool:
-    return any(_TAIL.search(words_of(rig.names[joint])) for joint in rig.joints.tolist())
 
 
 def _hidden(asset: TriedAsset, candidates: Sequence[Candidate]) -> dict[int, str]:

@@ -22,11 +22,11 @@ from wrinklecli.numeric.closest import nearest_of
 from wrinklecli.review.suggest.choice import rims_of
 from wrinklecli.review.suggest.face_targets import FaceTarget, Side
 from wrinklecli.review.suggest.measure import MeasuredMesh, ground_of
-from wrinklecli.review.suggest.substance import read_makeup, substance_of
 from wrinklecli.surface.compression import sites_with_twins
 from wrinklecli.surface.rest import rest_pose
 from wrinklecli.surface.sites import Sites, spread_sites
 from wrinklecli.surface.strain import Gauge, part_of, read_gauge, unscaled_pose
+from wrinklecli.surface.substance import read_makeup, substance_of
 from wrinklecli.tools.records import ToolsFile
 
 # Part of its greatest displacement by which a target moves the surface that is a part of the face.

@@ -27,11 +27,11 @@ from wrinklecli.review.suggest.shortening import (
     with_lower_bumps,
     with_rising_bumps,
 )
-from wrinklecli.review.suggest.substance import Substance
 from wrinklecli.surface.path import Curve
 from wrinklecli.surface.region import Region
 from wrinklecli.surface.sites import at_sites
 from wrinklecli.surface.strain import principal, unscaled_pose
+from wrinklecli.surface.substance import Substance
 from wrinklecli.surface.trace import CLEAR_LOSS, find_segment, trace
 from wrinklecli.tools.materials import Preset, presets
 from wrinklecli.tools.mirror import split_side

@@ -13,13 +13,13 @@ from wrinklecli.review.suggest.candidates import Candidate
 from wrinklecli.review.suggest.draft import tool_of, width_of
 from wrinklecli.review.suggest.measure import MeasuredMesh, clips_that_move
 from wrinklecli.review.suggest.shortening import Shortening, attached, greatest, shortenings_of, with_rising_bumps
-from wrinklecli.review.suggest.substance import facet_length, read_makeup, substance_of
 from wrinklecli.surface.compression import CompressedRegion, grow_region, triangle_weights
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.path import Path
 from wrinklecli.surface.region import Region
 from wrinklecli.surface.sites import at_sites, spread_sites
 from wrinklecli.surface.strain import read_gauge
+from wrinklecli.surface.substance import facet_length, read_makeup, substance_of
 from wrinklecli.tools.json_schema import readers_of
 from wrinklecli.tools.materials import preset
 from wrinklecli.tools.records import Length, WrinkleTool

@@ -25,13 +25,13 @@ from wrinklecli.review.suggest.fitted_tools import Suggestion, fit_tools
 from wrinklecli.review.suggest.flesh import SuggestedFlesh, flesh_text, suggest_flesh
 from wrinklecli.review.suggest.measure import find_mesh_nodes, measure_meshes
 from wrinklecli.review.suggest.muscles import SuggestedMuscle, muscles_text, suggest_muscles
-from wrinklecli.review.suggest.substance import is_rigid
 from wrinklecli.review.suggest.suggest_options import SuggestOptions
 from wrinklecli.review.suggest.text import refuse_unwritable, tools_text
 from wrinklecli.review.suggest.touches import SuggestedTouch, suggest_touches, touches_text
 from wrinklecli.review.suggest.trial import TriedAsset
 from wrinklecli.review.suggest.unwarned import unwarned
 from wrinklecli.review.suggest.worth import Dropped, Worthwhile, worthwhile
+from wrinklecli.surface.substance import is_rigid
 from wrinklecli.tools.records import RefinementSettings
 
 # Most meshes that a reason names.

@@ -10,13 +10,7 @@ from dataclasses import field
 
 import numpy as np
 
-from wrinklecli.errors import AssetError
-from wrinklecli.frozen import dataclass
-from wrinklecli.gltf.document import Document
-from wrinklecli.gltf.pixels import linear_rgb
-from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Array, Floats, Ints
-from wrinklecli.review.preview.paints import (
+from wrinklecli.character.paints import (
     Texture,
     pixels_at,
     read_texture,
@@ -24,6 +18,12 @@ from wrinklecli.review.preview.paints import (
     texture_info,
     vertex_colours,
 )
+from wrinklecli.errors import AssetError
+from wrinklecli.frozen import dataclass
+from wrinklecli.gltf.document import Document
+from wrinklecli.gltf.pixels import linear_rgb
+from wrinklecli.gltf.shape import Json
+from wrinklecli.numeric.arrays import Array, Floats, Ints
 
 # Points on a place: a stuff that covers a twentieth of it gets about 25 of them, enough to be told from chance.
 _POINTS = 512

@@ -7,19 +7,21 @@ says nothing counts as skin, whose wrinkles are the lowest, with low confidence.
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import field
+from dataclasses import field, replace
 
 import numpy as np
 
+from wrinklecli.character.bones import read_bones, words_of
 from wrinklecli.character.rig import Rig
-from wrinklecli.choices import MaterialName, Part
+from wrinklecli.choices import SUBSTANCES, MaterialName, Part
 from wrinklecli.choices import Substance as SubstanceKind
 from wrinklecli.errors import shortened
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, face_normals, unit
-from wrinklecli.review.suggest.swatch import Pictures, Swatch
-from wrinklecli.surface.strain import Gauge
+from wrinklecli.surface.ground import Ground
+from wrinklecli.surface.strain import Gauge, read_gauge
+from wrinklecli.surface.swatch import Pictures, Swatch
 
 # The reason of a substance that the user gives.
 BY_USER = "as --material says"
@@ -51,6 +53,8 @@ _JAPANESE: dict[SubstanceKind, str] = {
     "cloth": "服|布|袖|襟|シャツ|ズボン|パンツ|スカート|上着|コート|マント|帽子|靴下|リボン|ネクタイ|タイツ|着",
     "skin": "肌|皮膚",
 }
+# Words of joints that people lack.
+_TAIL = re.compile(r"\btail\b|尾")
 # Least metallic factor of a metal; dirty metal, and cloth woven with wire, have less.
 _METALLIC = 0.5
 # Least weight of a joint that a vertex follows alone.
@@ -179,6 +183,11 @@ class Makeup:
     pictures: Pictures = field(compare=False, repr=False)
     bare: Floats | None = None
     animal: bool = False
+
+    def of(self, triangles: Ints) -> "Makeup":
+        """Hints about some triangles, by their numbers."""
+        of_triangles = ("primitives", "split", "boxed", "followed", "radii", "corners")
+        return replace(self, **{name: getattr(self, name)[triangles] for name in of_triangles})
 
 
 def read_makeup(
@@ -421,6 +430,11 @@ def find_bare_skin(meshes: Sequence[tuple[Gauge, Makeup]], parts: Sequence[Part 
     return None
 
 
+def is_animal(rig: Rig) -> bool:
+    """True if a rig has a tail."""
+    return any(_TAIL.search(words_of(rig.names[joint])) for joint in rig.joints.tolist())
+
+
 def _swatch(makeup: Makeup, weights: Floats) -> Swatch:
     return makeup.pictures.swatch(makeup.mesh, makeup.primitives, makeup.corners, makeup.vertex_starts, weights)
 
@@ -432,6 +446,45 @@ def _bell(values: Floats, middle: float, deviation: float) -> Floats:
 def _ramp(values: Floats, low: float, high: float) -> Floats:
     """0 at `low`, which may be the greater, and 1 at `high`."""
     return np.asarray(np.clip((values - low) / (high - low), 0.0, 1.0))
+
+
+def substances_at(ground: Ground, size: float) -> Ints:
+    """(triangles,) numbers in `SUBSTANCES` of all triangles of a mesh, place by place; "none" where one has no area.
+
+    Connected parts of a primitive may be plates or boxes as a whole. Elsewhere a place is what a cube with edges of
+    this size, scene units, has of such a part.
+    """
+    document, rig, surface = ground.document, ground.rig, ground.surface
+    gauge, animal, bodies = read_gauge(surface, ground.rest, rig), is_animal(rig), read_bones(document).parts
+    hints = read_hints(document, rig, animal=animal)
+    makeup = replace(read_makeup(document, rig, gauge, pictures=ground.pictures), hints=hints, animal=animal)
+    if not animal:
+        makeup = replace(makeup, bare=find_bare_skin([(gauge, makeup)], bodies))
+    areas = gauge.flat[:, 0] * gauge.flat[:, 2] / 2.0
+    greatest = surface.joints[np.arange(len(surface.positions)), surface.weights.argmax(axis=1)]
+    nodes = rig.joints[greatest][gauge.triangles[:, 0]]
+
+    def kind_at(own: Ints, *, by_morph: bool) -> int:
+        part = None if animal else bodies[int(np.bincount(nodes[own], areas[own]).argmax())]
+        return SUBSTANCES.index(substance_of(makeup.of(own), areas[own], part, by_morph=by_morph).kind)
+
+    found, hard = np.full(len(surface.triangles), SUBSTANCES.index("none")), SUBSTANCES.index("hard")
+    wholes = np.stack([makeup.primitives, gauge.pieces], axis=1)
+    for own in _groups(wholes):
+        found[gauge.numbers[own]] = kind_at(own, by_morph=False)
+    remaining = np.flatnonzero(found[gauge.numbers] != hard)
+    cells = np.floor(gauge.middles / size).astype(np.intp)
+    for place in _groups(np.concatenate([wholes, cells], axis=1)[remaining]):
+        own = remaining[place]
+        found[gauge.numbers[own]] = kind_at(own, by_morph=True)
+    return found
+
+
+def _groups(keys: Ints) -> list[Ints]:
+    """The numbers of equal rows."""
+    _, groups = np.unique(keys, axis=0, return_inverse=True)
+    groups = groups.reshape(-1)
+    return np.split(np.argsort(groups, kind="stable"), np.cumsum(np.bincount(groups))[:-1])
 
 
 def is_rigid(gauge: Gauge) -> bool:
