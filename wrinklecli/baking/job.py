@@ -213,7 +213,7 @@ def tools_by_node(document: Document, settings: ToolsFile) -> tuple[dict[int, li
     problems: list[BakeError] = []
     places: dict[str, list[str]] = {}
     for tool in settings.effects:
-        why = why_left_out(tool, names)
+        why = why_left_out(tool, document, names)
         if why is not None:
             warnings.append(f"{tool.name}: left out, as {why}")
         else:
@@ -222,7 +222,7 @@ def tools_by_node(document: Document, settings: ToolsFile) -> tuple[dict[int, li
                 tool = _by_own_names(tool, names)
                 found.setdefault(node, []).append(tool)
                 for over in _moved_along(tool, node):
-                    if (why := why_left_out(over, names)) is not None:
+                    if (why := why_left_out(over, document, names)) is not None:
                         warnings.append(f"{tool.name}: a mesh is left out, as {why}")
                         continue
                     other = _node_of(over, document, names, "meshes")
@@ -265,12 +265,15 @@ def _parts_of(node: Json) -> list[str]:
     return [name for name in parts if isinstance(name, str)] if isinstance(parts, list) else []
 
 
-def why_left_out(tool: EffectTool, names: MeshNames) -> str | None:
+def why_left_out(tool: EffectTool, document: Document, names: MeshNames) -> str | None:
     """The reason why a bake would go on without a tool; None if it would not."""
     if tool.idle:
         return "its strength is 0 in every clip"
     if tool.optional and tool.node is not None and not names.called(tool.node):
         return f"there is no node {tool.node!r}"
+    joints = tool.joints if tool.optional and isinstance(tool, Field) else "all"
+    if joints != "all" and not set(joints) & {node.get("name") for node in document.items("nodes")}:
+        return f"there is no node {listed(joints)}"
     return None
 
 

@@ -150,7 +150,7 @@ class LoadedAsset:
         by_node: dict[int, list[EffectTool]] = {}
         file_clips = tuple(clip for clip in self.clips if clip.name not in self.range_clips)
         for tool in settings.on_skin:
-            why = why_left_out(tool, MeshNames.of(self.document))
+            why = why_left_out(tool, self.document, MeshNames.of(self.document))
             if why is not None:
                 problems[tool.name] = f"{tool.name}: is left out, as {why}"
                 continue

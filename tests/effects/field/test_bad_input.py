@@ -194,3 +194,31 @@ def test_a_joint_that_is_not_there_is_left_out_where_a_field_is_optional() -> No
         place(tube()), top={"fields": [{**FOLDS, "joints": ["joint_1", "tail"], "optional": True}]}, max_levels=0
     )
     assert wrinkle_columns(file, "limb")
+
+
+def test_an_optional_field_without_any_of_its_joints_is_left_out(wrinkle: Wrinkle, tmp_path: Path) -> None:
+    tail = {**FOLDS, "name": "tail", "joints": ["tail", "tail_2"], "optional": True}
+    file = bake_once(place(tube()), top={"fields": [FOLDS, tail]}, max_levels=0)
+    report = report_of(file).data
+    assert "tail: left out, as there is no node 'tail', 'tail_2'" in report["warnings"]
+    assert [each["name"] for each in report["fields"]] == ["folds"]
+    line = refused(wrinkle, tmp_path, tube(), tail)
+    assert "no tool is left: those that there are, are absent or of strength 0" in line
+    line = refused(wrinkle, tmp_path, tube(), {**tail, "optional": False})
+    assert "no joint 'tail' bends its mesh" in line
+    assert "no joint 'joint_0' bends its mesh" in refused(wrinkle, tmp_path, tube(), {**tail, "joints": ["joint_0"]})
+
+
+def test_a_field_under_another_is_told() -> None:
+    """What the first leaves of an equal one is low everywhere; one that folds other places keeps its height."""
+    asset = tube()
+    along = attribute(asset, 0, "POSITION")[:, 0]
+    with_attribute(asset, "_ONE", (along < 0).astype(float))
+    with_attribute(asset, "_OTHER", (along > 0).astype(float))
+    first, second = ({"name": name, "mask": {"attribute": name}} for name in ("_ONE", "_OTHER"))
+    told = [
+        report_of(bake_once(place(asset), top={"fields": fields}, max_levels=0)).data["warnings"]
+        for fields in ([FOLDS, {"name": "again"}], [first, second])
+    ]
+    assert any("again: tools and fields before it leave" in each for each in told[0])
+    assert not any("leave" in each for each in told[1])

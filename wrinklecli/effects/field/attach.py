@@ -214,7 +214,7 @@ def _joints(tool: Field, ground: Ground) -> list[int]:
         return bending
     known = {rig.names[node]: node for node in bending}
     absent = [name for name in tool.joints if name not in known]
-    if absent and not tool.optional:
+    if absent and not (tool.optional and len(absent) < len(tool.joints)):
         raise BakeError(
             f"no joint {absent[0]!r} bends its mesh{nearest(absent[0], known)}; there are {listed(known)}",
             where=tool.place("joints"),

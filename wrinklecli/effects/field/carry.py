@@ -44,11 +44,13 @@ class Displacements:
         deltas: (shapes, vertices, 3) at weight 1, bind space.
         middles: Those of edges, beyond the mean of their ends.
         shares: (vertices,) parts of the greatest height, without waves, which later fields leave to it.
+        remaining: The greatest height over that without tools and earlier fields.
     """
 
     deltas: Floats
     middles: Middles
     shares: Floats
+    remaining: float
 
 
 def displaced(attached: AttachedField, fine: Refinement, free: Floats) -> Displacements:
@@ -64,7 +66,9 @@ def displaced(attached: AttachedField, fine: Refinement, free: Floats) -> Displa
     positions, normals = fine.rest_positions[vertices], fine.rest_normals_at(vertices)
     sheet = Sheet.of(positions, np.searchsorted(vertices, faces))
     heights = np.maximum(sheet.averaging(_SMOOTH * attached.wavelength).of(values[:, :count]), 0.0)
+    whole = max(float(heights.max(initial=0.0)), _TINY)
     heights *= (free[vertices] * np.minimum(shares / _LEAST, 1.0))[:, None]
+    remaining = float(heights.max(initial=0.0)) / whole
     waves = _waves(attached, sheet, normals, values[:, count:], shares)
     outward = fine.raising_at(vertices)
     moves = (heights * waves.heights[:, None]).T[:, :, None] * outward
@@ -80,7 +84,8 @@ def displaced(attached: AttachedField, fine: Refinement, free: Floats) -> Displa
     edges = Middles.numbers_of(vertices[waves.sides], fine)
     covered = np.zeros(len(free))
     covered[vertices] = np.minimum(heights.max(axis=1) / heights.max(initial=_TINY), 1.0)
-    return Displacements(found, Middles(edges, bent.T[:, :, None] * (outward[a] + outward[b]) / 2.0), covered)
+    middles = Middles(edges, bent.T[:, :, None] * (outward[a] + outward[b]) / 2.0)
+    return Displacements(found, middles, covered, remaining)
 
 
 def _lowered(attached: AttachedField, fine: Refinement, sheet: Sheet, vertices: Ints, moves: Floats) -> Floats:

@@ -23,12 +23,21 @@ from wrinklecli.surface.refine import Refinement
 from wrinklecli.tools.fields import Field
 from wrinklecli.tools.records import EffectTool, ToolsFile
 
+# Part of its height that a field has at its tallest place below which others cover it: it is lower all over then.
+_LITTLE = 0.5
+
 
 @dataclass(frozen=True, slots=True)
 class FieldLayer(BodyLayer[AttachedField]):
-    """The fields of a mesh; `middles` has those of the edges of each."""
+    """The fields of a mesh.
+
+    Attributes:
+        middles: Those of the edges of each.
+        remaining: The greatest height of each over that without tools and earlier fields.
+    """
 
     middles: tuple[Middles, ...] = ()
+    remaining: tuple[float, ...] = ()
 
     section: ClassVar[str] = SECTION
 
@@ -42,7 +51,8 @@ class FieldLayer(BodyLayer[AttachedField]):
             made = displaced(each, plan.fine, free)
             free = free * (1.0 - made.shares)
             found.append(made)
-        return cls(every, regions, tuple(each.deltas for each in found), tuple(each.middles for each in found))
+        deltas, middles = tuple(each.deltas for each in found), tuple(each.middles for each in found)
+        return cls(every, regions, deltas, middles, tuple(each.remaining for each in found))
 
     @property
     def named_clips(self) -> frozenset[str]:
@@ -63,9 +73,14 @@ class FieldLayer(BodyLayer[AttachedField]):
         return field_effect(plan, attached, deltas, self.middles[self.attached.index(attached)])
 
     def warnings(self, _plan: MeshPlan, clips: Sequence[Clip]) -> list[str]:
-        """A line if there is no clip, and for each texture that cannot be read."""
+        """A line if there is no clip, for each texture that cannot be read, and for each field under others."""
         names = ", ".join(each.tool.name for each in self.attached)
         found = [f"{each.tool.name}: {note}" for each in self.attached for note in each.notes]
+        found += [
+            f"{each.tool.name}: tools and fields before it leave {100 * part:.2g} % of its height at most"
+            for each, part in zip(self.attached, self.remaining, strict=False)
+            if part < _LITTLE
+        ]
         return found if clips else [*found, f"{names}: there is no clip: fields fold only in a player with a driver"]
 
 
