@@ -5,6 +5,7 @@ from typing import Any
 import pytest
 
 from wrinklecli.tools.effective import effective_values, inherited_values
+from wrinklecli.tools.fields import Field
 from wrinklecli.tools.json_schema import readers_of
 from wrinklecli.tools.materials import presets, presets_of
 from wrinklecli.tools.read import read_values
@@ -33,6 +34,21 @@ def test_the_values_that_count_are_those_of_a_bake(own: dict[str, Any], defaults
     found = effective_values(own, defaults, KNOWN)
     for key in {*found, *readers} - {*OWN_KEYS, "mirror"}:
         assert readers[key](found[key].value) == getattr(tool, key), key
+
+
+@pytest.mark.parametrize("own", [{}, {"material": "leather"}, {"slack": "7%", "variation": None, "wavelength": "auto"}])
+def test_the_values_of_a_field_are_those_of_a_bake(own: dict[str, Any]) -> None:
+    """Its material gives them, also where the file asks for that by a word."""
+    own = {"name": "a", **own}
+    (tool,) = read_values({"version": 1, "fields": [own]}).fields
+    readers = readers_of(Field)
+    found = effective_values(
+        {key: each for key, each in own.items() if each not in (None, "auto")}, {}, presets(), Field
+    )
+    for key in readers.keys() - {"mirror"}:
+        assert readers[key](found[key].value) == getattr(tool, key), key
+    sources = {key: found[key].source_words for key in ("slack", "strength")}
+    assert sources == {"slack": "own key" if "slack" in own else f"material {tool.material}", "strength": "built in"}
 
 
 def test_each_value_says_where_it_comes_from() -> None:

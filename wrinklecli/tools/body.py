@@ -143,6 +143,11 @@ class BodyEffect:
         """The fields that the keys of a file give."""
         return {name: each for name, each in values.items() if name != "mirror"}
 
+    @classmethod
+    def of_material(cls, _values: Mapping[str, Any], _known: Mapping[str, Preset]) -> Mapping[str, Any]:
+        """Nothing: it has no material."""
+        return {}
+
     def place(self, *keys: str) -> str:
         """The place of a key, for later errors."""
         return self.places.get(keys, self.where)

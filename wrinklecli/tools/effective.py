@@ -46,11 +46,9 @@ def effective_values(
     """
     given = {**defaults, **own}
     found = {key: EffectiveValue(value, "built-in") for key, value in defaults_of(record).items()}
-    material = known.get(str(given.get("material")))
-    if material is not None:
-        gap = given.get("gap", material.keys.get("gap", 0))
-        keys = {**material.keys, "bumps": material.bumps(gap)}
-        found |= {key: EffectiveValue(value, "material", material.name) for key, value in keys.items()}
+    material = str(given.get("material", found["material"].value if "material" in found else None))
+    of_material = record.of_material(given, known)
+    found |= {key: EffectiveValue(value, "material", material) for key, value in of_material.items()}
     found |= {key: EffectiveValue(value, "defaults") for key, value in defaults.items()}
     return found | {key: EffectiveValue(value, "tool") for key, value in own.items()}
 

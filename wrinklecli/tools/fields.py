@@ -1,13 +1,36 @@
 """The record of a field of wrinkles, as `tools.records` has those of tools. `configs/README.md` is the reference."""
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Literal, get_args
+from typing import Any, ClassVar, Literal, get_args
 
 from wrinklecli.choices import MaterialName, Stops
 from wrinklecli.frozen import dataclass
-from wrinklecli.tools.body import AUTO_LENGTH, BodyEffect, read_auto_length
-from wrinklecli.tools.json_schema import TEXT, any_keys, expects, key, list_of, number, one_of, slider, whole
+from wrinklecli.tools.body import BodyEffect, read_auto_length
+from wrinklecli.tools.json_schema import (
+    LENGTH,
+    LENGTHS,
+    TEXT,
+    any_keys,
+    expects,
+    key,
+    list_of,
+    number,
+    one_of,
+    readers_of,
+    slider,
+    whole,
+)
+from wrinklecli.tools.materials import Preset
 from wrinklecli.tools.records import MASK, Length, Mask, Point, read_mask_of
+
+OF_MATERIALS: Mapping[MaterialName, Mapping[str, Any]] = {
+    "cloth": {"wavelength": "9%", "slack": "4%", "variation": 0.15},
+    "leather": {"wavelength": "12%", "slack": "4%", "variation": 0.15},
+    "skin": {"wavelength": "6%", "slack": "10%", "variation": 0.1},
+}
+"""What each material gives a field for keys that it does not have; chosen by eye on trousers, a suit and a sleeve."""
+
+_WAVELENGTH = expects(f"auto, {LENGTHS}", anyOf=[{"enum": ["auto"]}, {**LENGTH, **slider(2, 30, 0.5, "%")}])
 
 _PERCENT = expects(
     "a percentage from 0% to 50%",
@@ -61,14 +84,14 @@ class Field(BodyEffect):
         "cloth",
         group="Shape",
     )
-    wavelength: Literal["auto"] | Length = key(
-        AUTO_LENGTH,
+    wavelength: Length = key(
+        _WAVELENGTH,
         "From crest to crest at rest: a length, or a percentage of the girth of the limb beneath. Default auto: the "
         "material's.",
         "auto",
         read=read_auto_length,
     )
-    slack: float | None = key(
+    slack: float = key(
         {**_PERCENT, "type": ["string", "null"]},
         "Part of its length that the surface loses before a fold rises. Default: the material's.",
         None,
@@ -77,7 +100,7 @@ class Field(BodyEffect):
     strength: float = key(
         {**number(0, 10), **slider(0, 2, 0.05)}, "Factor of the heights in all clips. Default 1.", 1.0, read=float
     )
-    variation: float | None = key(
+    variation: float = key(
         {**number(0, 1), "type": ["number", "null"]},
         "0 even distances of crests, 1 most irregular. Default: the material's.",
         None,
@@ -104,6 +127,18 @@ class Field(BodyEffect):
         read=lambda value: {clip: float(each) for clip, each in value.items()},
         hashed=False,
     )
+
+    @classmethod
+    def of_material(cls, values: Mapping[str, Any], _known: Mapping[str, Preset]) -> Mapping[str, Any]:
+        """What its material gives for keys that it does not have."""
+        return OF_MATERIALS[values.get("material", "cloth")]
+
+    @classmethod
+    def fields_of(cls, values: Mapping[str, Any], known: Mapping[str, Preset]) -> dict[str, Any]:
+        """The fields that the keys of a file give, with those of its material."""
+        given, readers = cls.of_material(values, known), readers_of(Field)
+        absent = {name: readers[name](each) for name, each in given.items() if values.get(name) in (None, "auto")}
+        return {name: each for name, each in values.items() if name != "mirror"} | absent
 
     @property
     def points(self) -> tuple[Point, ...]:

@@ -662,6 +662,14 @@ class WrinkleTool:
         found["origin"], *between, found["target"] = points
         return with_material({**found, "between": tuple(between)}, readers_of(WrinkleTool), known)
 
+    @classmethod
+    def of_material(cls, values: Mapping[str, Any], known: Mapping[str, Preset]) -> Mapping[str, Any]:
+        """What the material of these keys gives for others, as a file would write it."""
+        material = known.get(str(values.get("material")))
+        if material is None:
+            return {}
+        return {**material.keys, "bumps": material.bumps(values.get("gap", material.keys.get("gap", 0)))}
+
     def place(self, *keys: str) -> str:
         """The place of a key, for later errors, such as `tools.yaml:14: tools[0].node`."""
         return self.places.get(keys, self.where)

@@ -130,7 +130,8 @@ def test_wavelengths_are_scene_units_or_per_cent_of_the_girth() -> None:
     assert units.wavelength == pytest.approx(0.1 * girth)
     assert np.ptp(units.wavelengths) == 0.0
     assert shares.wavelength == pytest.approx(0.1 * girth, rel=0.05)
-    assert usual.wavelength == pytest.approx(usual.fabric.wavelength * girth, rel=0.05)
+    assert usual.wavelength == pytest.approx(0.09 * girth, rel=0.05)
+    assert (units.span, usual.span) == pytest.approx((girth, girth), rel=0.05)
 
 
 def test_waves_are_longer_on_thicker_limbs() -> None:

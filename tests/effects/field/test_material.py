@@ -9,6 +9,7 @@ from kit.garments import plane
 from kit.tools_text import README
 from wrinklecli.effects.field.irregular import lengthened, raised, turned
 from wrinklecli.effects.field.material import FABRICS, Fabric
+from wrinklecli.tools.fields import OF_MATERIALS
 
 EACH = pytest.mark.parametrize("fabric", FABRICS.values(), ids=list(FABRICS))
 COSINES = np.cos(np.linspace(0.0, 2.0 * np.pi, 361))
@@ -41,10 +42,8 @@ def test_the_reference_has_the_values_of_materials() -> None:
     columns = re.search(r"^\| \| (.*) \|$", section, re.MULTILINE)
     assert columns is not None
     for column, material in enumerate(columns[1].replace("`", "").split(" | ")):
-        fabric = FABRICS[material]
-        percents = [rows[key][column] for key in ("wavelength `auto`, of the girth", "`slack`")]
-        assert percents == [f"{100 * each:g}%" for each in (fabric.wavelength, fabric.slack)]
-        assert rows["`variation`"][column] == f"{fabric.variation:g}"
+        found = [rows[key][column] for key in ("wavelength `auto`, of the girth", "`slack`", "`variation`")]
+        assert found == [f"{each}" for each in OF_MATERIALS[material].values()]
 
 
 def test_numbers_are_smooth_and_of_one_place_however_fine_the_mesh_is() -> None:

@@ -168,9 +168,8 @@ class ToolControls:
             choice = self._titled_widget(control, self._gui.add_dropdown(control.title, words, hint=control.tip))
         details: dict[str, Any] = {}
         if is_length:
-            title = "(% of length)" if control.choices else f"{control.title} (%)"
             details[_LENGTH] = self._gui.add_slider(
-                title, control.low, control.high, control.step, control.low, hint=control.tip
+                f"{control.title} (%)", control.low, control.high, control.step, control.low, hint=control.tip
             )
             if choice is None:
                 self._titled_widget(control, details[_LENGTH])

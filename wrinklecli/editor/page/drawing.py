@@ -160,7 +160,7 @@ def outline_of(tool: AttachedTool, mesh: PlayableMesh, body: int, colour: tuple[
     Lines are followed over the surface from the anchors: what is only near in space, such as the other leg, has none.
     """
     if tool.attached.segment is None:
-        return _bordered(tool.attached.tool.name, tool.excess, mesh, body, colour, tool.attached.span)
+        return _bordered(tool.attached.tool.name, tool.excess, mesh, body, colour, tool.attached.bump_width)
     region, surface = tool.region, mesh.ground.surface
     near = mesh.ground.rest.around.faces_of(distinct_values(surface.triangles[region.members]))
     faces = np.flatnonzero(among(mesh.parents, near))

@@ -30,7 +30,7 @@ from wrinklecli.surface.rounding import FACETED, bends
 from wrinklecli.surface.strain import solid
 from wrinklecli.surface.substance import substances_at
 from wrinklecli.tools.fields import Field
-from wrinklecli.tools.records import Length, drawn_from
+from wrinklecli.tools.records import drawn_from
 
 # Part of the largest area that a joint bends below which it folds nothing.
 _LEAST_BENT = 1e-3
@@ -60,13 +60,13 @@ class AttachedField(WithoutSegment):
 
     Attributes:
         tool: The field of the tools file.
-        fabric: What its material gives, with its own keys.
+        fabric: The shape of its folds.
+        girth: Of the limbs beneath, in the median; scene units.
         wavelength: From crest to crest at rest, scene units.
         sweeps: The poses in which it was measured.
         factors: Half heights by shapes on the coarse surface.
         directions: (vertices, 6) tensors, whose least direction crests run across.
         wavelengths: (vertices,) those of places, scene units.
-        variation: 0 for even crests, 1 for the most irregular.
         seed: What its irregularity is drawn from.
         regions: The part of the surface.
         drive: The weights of its targets.
@@ -75,12 +75,12 @@ class AttachedField(WithoutSegment):
 
     tool: Field
     fabric: Fabric
+    girth: float
     wavelength: float
     sweeps: Sweeps
     factors: Factors
     directions: Floats
     wavelengths: Floats
-    variation: float
     seed: str
     regions: tuple[FieldRegion]
     drive: TurnDrive
@@ -91,8 +91,8 @@ class AttachedField(WithoutSegment):
 
     @property
     def span(self) -> float:
-        """A wavelength."""
-        return self.wavelength
+        """The girth."""
+        return self.girth
 
     @property
     def greatest_height(self) -> float:
@@ -132,9 +132,7 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
         raise BakeError(f"{name} has no triangle with an area", where=where)
     fabric = FABRICS[tool.material]
     sheet = Sheet.of(rest.positions, surface.triangles[members])
-    wavelength, wavelengths = _wavelengths(tool, fabric, ground, sheet)
-    variation = fabric.variation if tool.variation is None else tool.variation
-    slack = fabric.slack if tool.slack is None else tool.slack
+    girth, wavelength, wavelengths = _wavelengths(tool, ground, sheet)
     turns = turns_of(ground, _joints(tool, ground))
     if not turns:
         raise BakeError("no joint of its mesh turns", where=where)
@@ -151,34 +149,34 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
         sweeps.matrices,
         wavelength=wavelength,
         wavelengths=wavelengths,
-        slack=slack,
+        slack=tool.slack,
         allowed=allowed,
     )
     factors = factors_of(sweeps, measured.heights, sheet.areas, _MOST_SHAPES)
     tallest = float(measured.heights.max())
     if not len(factors.turns) or tallest < _LEAST_HEIGHT * wavelength:
         raise BakeError(
-            f"hardly anything of {name} loses more than {100 * slack:.3g} % of its length, the slack, as its joints"
-            f" turn: folds would be {2.0 * tallest:.2g} high at most",
+            f"hardly anything of {name} loses more than {100 * tool.slack:.3g} % of its length, the slack, as its"
+            f" joints turn: folds would be {2.0 * tallest:.2g} high at most",
             where=where,
         )
     height = 2.0 * (1.0 - fabric.inward) * tallest
     shares = measured.heights.max(axis=0) / tallest
     seen = members[(shares[surface.triangles[members]] > _LEAST_SEEN).any(axis=1)]
     _, lines, _ = shortest(measured.directions, rest.normals)
-    lines = turned(lines, rest.normals, rest.positions, wavelength, variation, seed)
+    lines = turned(lines, rest.normals, rest.positions, wavelength, tool.variation, seed)
     region = FieldRegion(
         seen, rest, height, shares, lines, wavelengths, Tree.of(rest.positions, surface.triangles[seen])
     )
     return AttachedField(
         tool,
         fabric,
+        girth,
         wavelength,
         sweeps,
         factors,
         measured.directions,
         wavelengths,
-        variation,
         seed,
         (region,),
         _drive(tool, sweeps, factors),
@@ -222,8 +220,8 @@ def _joints(tool: Field, ground: Ground) -> list[int]:
     return [known[name] for name in tool.joints if name in known]
 
 
-def _wavelengths(tool: Field, fabric: Fabric, ground: Ground, sheet: Sheet) -> tuple[float, Floats]:
-    """The typical wavelength, and (vertices,) those of all places, scene units.
+def _wavelengths(tool: Field, ground: Ground, sheet: Sheet) -> tuple[float, float, Floats]:
+    """The girth of limbs, the typical wavelength, and (vertices,) those of all places, scene units.
 
     Those by the girth of limbs go with its root: sheets on a thicker tube fold in longer waves, λ ~ √(thickness ·
     radius).
@@ -231,22 +229,19 @@ def _wavelengths(tool: Field, fabric: Fabric, ground: Ground, sheet: Sheet) -> t
     Raises:
         BakeError: It is longer than the mesh.
     """
-    wanted, size = tool.wavelength, float(np.linalg.norm(np.ptp(sheet.positions, axis=0)))
-    if isinstance(wanted, Length) and not wanted.percent:
-        found = wanted.resolve(1.0)
-        everywhere = np.full(len(sheet.positions), found)
-    else:
-        depths = BoneLines.of(ground).distances(sheet.positions)
-        middle = float(weighted_quantiles(depths, sheet.areas, np.array([0.5]))[0])
-        girth = 2.0 * np.pi * middle
-        found = fabric.wavelength * girth if wanted == "auto" else wanted.resolve(girth)
+    size = float(np.linalg.norm(np.ptp(sheet.positions, axis=0)))
+    depths = BoneLines.of(ground).distances(sheet.positions)
+    middle = float(weighted_quantiles(depths, sheet.areas, np.array([0.5]))[0])
+    girth = 2.0 * np.pi * middle
+    found, everywhere = tool.wavelength.resolve(girth), np.ones(len(sheet.positions))
+    if tool.wavelength.percent:
         ratios = sheet.averaging(_GIRTHS * found).of(depths / middle)
-        everywhere = found * np.sqrt(np.clip(ratios, _THINNEST, _THICKEST))
+        everywhere = np.sqrt(np.clip(ratios, _THINNEST, _THICKEST))
     if not found < size:
         raise BakeError(
             f"a wavelength of {found:.3g} is longer than its mesh, {size:.3g}", where=tool.place("wavelength")
         )
-    return found, everywhere
+    return girth, found, found * everywhere
 
 
 def _allowed(tool: Field, ground: Ground, members: Ints, sheet: Sheet, wavelength: float) -> Floats:

@@ -134,7 +134,7 @@ def _waves(attached: AttachedField, sheet: Sheet, normals: Floats, values: Float
     size = np.abs(values[:, :6]).max(axis=1)
     clear = (across - least) / np.where(size > 0, size, 1.0)
     trust = np.clip(shares * np.clip(clear / _CLEAR, 0.05, 1.0), 0.0, 1.0)
-    varied = (attached.wavelength, attached.variation, seed)
+    varied = (attached.wavelength, attached.tool.variation, seed)
     lines = irregular.turned(lines, normals, places, *varied)
     wavelengths = values[:, 6] * irregular.lengthened(places, *varied)
     sides = Sides.of(places, sheet.triangles, normals, lines, wavelengths)

@@ -1,4 +1,4 @@
-"""What a field gets from its material: wavelength, slack, irregularity, and the shape of a fold.
+"""The shape of a fold by the material of its field.
 
 The folds of cloth have round crests and narrower valleys, and lie on what is below: they rise more than they sink.
 """
@@ -17,19 +17,13 @@ _POINTS = 360
 
 @dataclass(frozen=True, slots=True)
 class Fabric:
-    """Defaults of a field.
+    """The shape of a fold.
 
     Attributes:
-        wavelength: From crest to crest over the girth of the limb.
-        slack: Compression that makes no fold.
-        variation: Differences of the distances of crests, over their mean.
         roundness: 0 for crests as in a row of circles that touch; large for sine waves.
         inward: Part of the wave's height that is below the surface at rest.
     """
 
-    wavelength: float
-    slack: float
-    variation: float
     roundness: float
     inward: float
 
@@ -46,8 +40,8 @@ class Fabric:
 
 
 FABRICS: Mapping[MaterialName, Fabric] = {
-    "cloth": Fabric(wavelength=0.09, slack=0.04, variation=0.15, roundness=0.2, inward=0.2),
-    "leather": Fabric(wavelength=0.12, slack=0.04, variation=0.15, roundness=0.5, inward=0.2),
-    "skin": Fabric(wavelength=0.06, slack=0.1, variation=0.1, roundness=0.12, inward=0.3),
+    "cloth": Fabric(roundness=0.2, inward=0.2),
+    "leather": Fabric(roundness=0.5, inward=0.2),
+    "skin": Fabric(roundness=0.12, inward=0.3),
 }
-"""By material. Wavelengths and slacks were chosen by eye on trousers, a suit and a sleeve."""
+"""By material."""
