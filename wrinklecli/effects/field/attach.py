@@ -13,7 +13,7 @@ from wrinklecli.effects.attached import WithoutSegment
 from wrinklecli.effects.field.compression import shortest
 from wrinklecli.effects.field.factors import Factors, factors_of
 from wrinklecli.effects.field.heights import measure
-from wrinklecli.effects.field.irregular import turned
+from wrinklecli.effects.field.irregular import lengthened, turned
 from wrinklecli.effects.field.material import FABRICS, Fabric
 from wrinklecli.effects.field.region import FieldRegion
 from wrinklecli.effects.field.turns import Sweeps, acting_together, turns_of
@@ -165,9 +165,8 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
     seen = members[(shares[surface.triangles[members]] > _LEAST_SEEN).any(axis=1)]
     _, lines, _ = shortest(measured.directions, rest.normals)
     lines = turned(lines, rest.normals, rest.positions, wavelength, tool.variation, seed)
-    region = FieldRegion(
-        seen, rest, height, shares, lines, wavelengths, Tree.of(rest.positions, surface.triangles[seen])
-    )
+    varied = wavelengths * lengthened(rest.positions, wavelength, tool.variation, seed)
+    region = FieldRegion(seen, rest, height, shares, lines, varied, Tree.of(rest.positions, surface.triangles[seen]))
     return AttachedField(
         tool,
         fabric,

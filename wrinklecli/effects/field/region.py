@@ -15,7 +15,7 @@ from wrinklecli.surface.rest import Rest
 # Part of the greatest height from which on edges are as short as wrinkles ask; they may be longer where it is lower.
 _WHOLE = 0.3
 # Length along a crest over that across it of edges that show it as well.
-_SLENDER = 1.6
+_SLENDER = 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,7 +40,7 @@ class FieldRegion(SmoothRegion):
     wavelengths: Floats
     tree: Tree
 
-    intervals: ClassVar[float] = 1.0
+    intervals: ClassVar[float] = 1.25
 
     @property
     def span(self) -> float:
