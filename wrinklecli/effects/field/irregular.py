@@ -11,8 +11,10 @@ from wrinklecli.numeric.drawn import drawn
 
 # Waves in space, and their lengths in wavelengths of a field, evenly between these two.
 _WAVES, _SHORTEST, _LONGEST = 12, 4.0, 9.0
-# Logarithm by which wavelengths differ, radians by which crests turn, and logarithm by which heights differ.
-_LENGTHS, _TURNS, _HEIGHTS = 1.0, 1.2, 1.5
+# Those of heights over these: a crest has to differ from its neighbours, not one end of a garment from the other.
+_NEIGHBOURS = 0.5
+# Logarithm by which wavelengths differ, radians by which crests turn, and part by which heights differ.
+_LENGTHS, _TURNS, _HEIGHTS = 1.0, 2.0, 3.0
 
 
 def lengthened(positions: Floats, wavelength: float, variation: float, seed: str) -> Floats:
@@ -21,8 +23,8 @@ def lengthened(positions: Floats, wavelength: float, variation: float, seed: str
 
 
 def raised(positions: Floats, wavelength: float, variation: float, seed: str) -> Floats:
-    """(vertices,) factors of the height, likewise."""
-    return np.exp(_HEIGHTS * variation * _smooth(positions, wavelength, f"heights {seed}"))
+    """(vertices,) factors of the height, from 0 to 2, likewise."""
+    return 1.0 + np.tanh(_HEIGHTS * variation * _smooth(positions, _NEIGHBOURS * wavelength, f"heights {seed}"))
 
 
 def turned(lines: Floats, normals: Floats, positions: Floats, wavelength: float, variation: float, seed: str) -> Floats:
