@@ -35,8 +35,8 @@ from wrinklecli.character.pose import blend, morph_weights, transform
 from wrinklecli.character.surface import dense_influences, read_vertices
 from wrinklecli.character.weight_track import widen
 from wrinklecli.choices import Engine, Storage
-from wrinklecli.effects.effect import Effect, MeshPlan, Motion, target_weights, targets_of
-from wrinklecli.effects.sampling import motion_at, read
+from wrinklecli.effects.effect import Effect, MeshPlan, Motion, SamplingOptions, target_weights, targets_of
+from wrinklecli.effects.sampling import motion_at, play, read
 from wrinklecli.errors import RefusedError, listed
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
@@ -121,6 +121,7 @@ def fit_budget(
     motions: list[Motion],
     clips: Sequence[Clip],
     engine: Engine,
+    how: SamplingOptions,
 ) -> tuple[list[Effect], list[Motion], Json]:
     """Hold a mesh's morph targets to the limits of an engine.
 
@@ -128,7 +129,8 @@ def fit_budget(
     at all times. Too many targets are reduced, tool by tool, to the fewest that give all heights over the tool's whole
     range of shortenings within a quarter of the error bound, independently of the clips. Too many targets at a time
     cost no error if a tool's bumps rise one after another: see `wrinkle.remix.in_turn`. (Tools that move alike, as
-    mirrored ones may, keep targets of their own, since shared ones would change with the clips.)
+    mirrored ones may, keep targets of their own, since shared ones would change with the clips.) If there are too many
+    still, effects that can do with their main targets alone lose the others, one by one.
 
     Args:
         document: The source.
@@ -137,6 +139,7 @@ def fit_budget(
         motions: The clips that are baked.
         clips: All clips, whose poses judge joints.
         engine: The engine.
+        how: Times of clips that are sampled anew.
 
     Returns:
         Effects and motions to write in place of those given, and findings for the report.
@@ -154,8 +157,10 @@ def fit_budget(
         motions = _played(plan, effects, motions)
         found.update(_weight_range(plan, motions))
     effects, motions = list(effects), list(motions)
+    whole = effects
     if _excess(plan, effects, motions, budget):
-        effects, motions, found["reduced"] = _reduce(plan, effects, motions, budget)
+        effects, motions = _reduce(plan, effects, motions, budget, how)
+        found["reduced"] = [_change(*each) for each in zip(whole, effects, strict=True) if each[0] is not each[1]]
     excess = _excess(plan, effects, motions, budget)
     if excess:
         less = _remedies(effects)
@@ -194,30 +199,46 @@ def _weight_range(plan: MeshPlan, motions: Sequence[Motion]) -> Json:
 
 
 def _reduce(
-    plan: MeshPlan, effects: Sequence[Effect], motions: Sequence[Motion], budget: Budget
-) -> tuple[list[Effect], list[Motion], list[Json]]:
-    """Give each effect the fewest targets, or the fewest at a time, and list the changes for the report."""
-    tolerance = _REDUCTION_SHARE * plan.max_error
-    reduced, changes = [], []
-    for old in effects:
-        new = old
-        if old.remixes is not None:
-            new = old.remixes.with_fewest_targets(old, plan, tolerance, at_once=budget.active is not None)
-        reduced.append(new)
-        if new is not old:
-            changes.append(
-                {
-                    "tool": old.name,
-                    "from": len(old.target_names),
-                    "to": len(new.target_names),
-                    "at_once": new.most_at_once,
-                    "error": significant(new.error - old.error, 4),
-                }
-            )
-    played = _played(plan, reduced, motions)
-    if budget.active is not None:
-        return reduced, [_keyed_at_turns(plan, reduced, motion) for motion in played], changes
-    return reduced, played, changes
+    plan: MeshPlan, effects: Sequence[Effect], motions: Sequence[Motion], budget: Budget, how: SamplingOptions
+) -> tuple[list[Effect], list[Motion]]:
+    """Give each effect the fewest targets, or the fewest at a time; if these are too many, its main ones alone."""
+    tolerance, at_once = _REDUCTION_SHARE * plan.max_error, budget.active is not None
+    reduced = [
+        each.remixes.with_fewest_targets(each, plan, tolerance, at_once=at_once) if each.remixes else each
+        for each in effects
+    ]
+
+    def shown(*, anew: bool) -> list[Motion]:
+        played = play(plan, reduced, [each.clip for each in motions], how) if anew else _played(plan, reduced, motions)
+        return [_keyed_at_turns(plan, reduced, motion) for motion in played] if at_once else played
+
+    played = shown(anew=False)
+    while _excess(plan, reduced, played, budget):
+        # One target at a time, of the effect that has most.
+        fewer = [
+            each.remixes.with_at_most(each, max(len(each.targets) - 1, 1)) if each.remixes else each for each in reduced
+        ]
+        spare = [k for k, each in enumerate(fewer) if each is not reduced[k]]
+        if not spare:
+            break
+        most = max(spare, key=lambda k: len(reduced[k].targets))
+        reduced[most] = fewer[most]
+        played = shown(anew=False)
+        if not _excess(plan, reduced, played, budget):
+            # Other tables need other keys.
+            played = shown(anew=True)
+    return reduced, played
+
+
+def _change(old: Effect, new: Effect) -> Json:
+    """The entry of an effect with fewer targets in the report."""
+    return {
+        "tool": old.name,
+        "from": len(old.target_names),
+        "to": len(new.target_names),
+        "at_once": new.most_at_once,
+        "error": significant(new.error - old.error, 4),
+    }
 
 
 def _played(plan: MeshPlan, effects: Sequence[Effect], motions: Sequence[Motion]) -> list[Motion]:

@@ -129,8 +129,12 @@ def _pose_frames(job: Job, plan: MeshPlan, clock: StageClock, progress: Progress
 
 def _sample(job: Job, plan: MeshPlan, mode: Mode, progress: Progress) -> tuple[list[Effect], list[Motion]]:
     """Run the effects of a mesh over all clips."""
-    how = SamplingOptions(job.settings.sampling.fps, mode, job.document.memory, progress, job.options.jobs)
-    return sample_effects(plan, job.clips, how)
+    return sample_effects(plan, job.clips, _sampling(job, mode, progress))
+
+
+def _sampling(job: Job, mode: Mode, progress: Progress) -> SamplingOptions:
+    """How clips are sampled."""
+    return SamplingOptions(job.settings.sampling.fps, mode, job.document.memory, progress, job.options.jobs)
 
 
 def _add_morph_targets(
@@ -143,7 +147,10 @@ def _add_morph_targets(
     budget = None
     if options.engine is not None:
         with clock.stage("budget"):
-            effects, motions, budget = fit_budget(job.document, plan, effects, motions, job.every_clip, options.engine)
+            how = _sampling(job, "morph", progress)
+            effects, motions, budget = fit_budget(
+                job.document, plan, effects, motions, job.every_clip, options.engine, how
+            )
     tracked = motions if options.tracks == "all" else []
     with clock.stage("encode"):
         idle = options.mode == "weights"

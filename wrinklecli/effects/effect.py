@@ -181,6 +181,10 @@ class Remixes(ABC):
         """The effect with the fewest targets, or the fewest `at_once`, within a tolerance, scene units."""
         return effect
 
+    def with_at_most(self, effect: "Effect", most: int) -> "Effect":  # noqa: ARG002
+        """An effect of its main targets alone, so many at most; the same one if it needs all of them."""
+        return effect
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Effect:

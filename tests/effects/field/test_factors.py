@@ -124,6 +124,37 @@ def test_there_are_at_most_as_many_shapes_as_are_asked_for(most: int) -> None:
     assert (np.diff(factors.turns) >= 0).all()
 
 
+@pytest.mark.parametrize("most", [1, 2, 3, 5, 7])
+def test_fewer_shapes_are_sums_of_the_shapes(most: int) -> None:
+    """Those of the turns that raise most are left; two of one turn become one before a turn gets none."""
+    poses = sweeps(4)
+    heights = sum(0.01 * (k + 1) * np.outer(early(poses.angles[:, k]), bump(0.2 * k + 0.1)) for k in range(4))
+    heights = heights + 0.03 * np.outer(late(poses.angles[:, 3]), bump(0.4))
+    whole = factors_of(poses, np.asarray(heights), AREAS, MOST)
+    assert whole.turns.tolist() == [0, 1, 2, 3, 3]
+    fewer, mix = whole.fewer(poses, most)
+    assert len(fewer.turns) == min(most, 5)
+    assert set(fewer.turns.tolist()) == set(range(4)[-most:])
+    assert set(fewer.left_out) == set(range(4)[:-most])
+    assert fewer.shapes == pytest.approx(mix @ whole.shapes)
+    assert (mix >= 0).all()
+    assert all(table.max() == pytest.approx(1.0) and table.min() >= 0.0 for table in fewer.tables)
+    # Its error is that of the heights, as far as those of fewer shapes are off those of all.
+    gaps = (fitted(poses, fewer) - np.asarray(heights)) * np.sqrt(AREAS)
+    assert fewer.error == pytest.approx(np.linalg.norm(gaps) / np.linalg.norm(heights * np.sqrt(AREAS)), rel=0.3)
+
+
+def test_two_shapes_become_the_nearest_one() -> None:
+    """As near as the singular value that is left out."""
+    poses, _, factors = of_two_shapes()
+    fewer, _ = factors.fewer(poses, 2)
+    own = poses.owners == 0
+    both = fitted(poses, factors)[own] * np.sqrt(AREAS)
+    one = fitted(poses, fewer)[own] * np.sqrt(AREAS)
+    left = np.linalg.svd(both, compute_uv=False)[1:]
+    assert np.linalg.norm(one - both) == pytest.approx(np.linalg.norm(left), rel=1e-4)
+
+
 @pytest.mark.parametrize("unit", [1e-21, 1e-7, 1e9])
 def test_units_do_not_matter(unit: float) -> None:
     poses, heights, factors = of_two_shapes()

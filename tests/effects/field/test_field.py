@@ -51,6 +51,34 @@ def test_forms_of_a_bake_are_valid(options: Json) -> None:
     assert_valid(file.path)
 
 
+@cache
+def _many_turns() -> Path:
+    return place(many_joints(6, rings=24))
+
+
+@pytest.mark.slow
+def test_an_engine_gets_the_main_shapes_of_a_field() -> None:
+    """A limit is held by fewer shapes, not refused; joints without any are named."""
+    whole, held = (bake_once(_many_turns(), top=ONE, **FLAT, **each) for each in ({}, {"engine": "vtk"}))
+    every, few = (wrinkle_columns(each, "limb") for each in (whole, held))
+    assert len(every) > 4
+    assert len(few) == 4
+    report = report_of(held).data
+    (change,) = report["engine"]["meshes"][0]["reduced"]
+    assert (change["from"], change["to"]) == (len(every), 4)
+    (entry,) = report["fields"]
+    assert len(entry["targets"]) == sum(each["shapes"] for each in entry["turns"]) == 4
+    assert entry["error"] > report_of(whole).data["fields"][0]["error"]
+    shown = {each["joint"] for each in entry["turns"]}
+    hidden = {each["joint"] for each in report_of(whole).data["fields"][0]["turns"]} - shown
+    said = " ".join(report["warnings"])
+    assert hidden
+    assert all(f"'{name}'" in said for name in hidden)
+    # What is left moves the surface as far as the whole did.
+    deltas = [np.linalg.norm(each.deltas("limb")[columns], axis=2) for each, columns in ((whole, every), (held, few))]
+    assert deltas[1].max() > 0.5 * deltas[0].max()
+
+
 def test_a_bake_is_within_its_error() -> None:
     file = bake_once(TWO_BENDS(), top=ONE)
     report = report_of(file).data

@@ -178,12 +178,12 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
         wavelengths,
         seed,
         (region,),
-        _drive(tool, sweeps, factors),
+        drive_of(tool, sweeps, factors),
         () if tool.substance is None else tuple(ground.pictures.notes),
     )
 
 
-def _drive(tool: Field, sweeps: Sweeps, factors: Factors) -> TurnDrive:
+def drive_of(tool: Field, sweeps: Sweeps, factors: Factors) -> TurnDrive:
     """The weights of the shapes, turn by turn, as these are in order."""
     turns = []
     for number in np.unique(factors.turns).tolist():

@@ -9,10 +9,10 @@ import numpy as np
 from wrinklecli.character.pose import Pose
 from wrinklecli.drive.turned import TurnDrive
 from wrinklecli.effects.body import BodyWords, body_effect, largest_moves, moves_at_rest
-from wrinklecli.effects.effect import Effect, MeshPlan, Remixes, Seen
-from wrinklecli.effects.field.attach import AttachedField
+from wrinklecli.effects.effect import Effect, MeshPlan, Remixes, Seen, named_targets
+from wrinklecli.effects.field.attach import AttachedField, drive_of
 from wrinklecli.effects.field.factors import weights_of
-from wrinklecli.effects.shapes import Middles, Sample, make_shapes, summed
+from wrinklecli.effects.shapes import Middles, Sample, Shape, make_shapes, summed
 from wrinklecli.errors import listed
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
@@ -68,6 +68,26 @@ class FieldWords(BodyWords[AttachedField], Remixes):
         targets = tuple(replace(each, shape=summed([each.shape], np.array([most]))) for each in effect.targets)
         return replace(effect, targets=targets, drive=drive.weaker(most))
 
+    def with_at_most(self, effect: Effect, most: int) -> Effect:
+        """Its main shapes alone: of each joint those that fold it most."""
+        attached, drive = self.attached, effect.drive
+        assert isinstance(drive, TurnDrive)
+        if len(effect.targets) <= most:
+            return effect
+        factors, mix = attached.factors.fewer(attached.sweeps, most)
+        fewer = replace(attached, factors=factors)
+        fewer = replace(fewer, drive=drive_of(fewer.tool, fewer.sweeps, factors))
+        shapes: list[Shape | None] = []
+        for row in mix:
+            own = [target for target in effect.targets if row[target.number]]
+            shapes.append(summed([each.shape for each in own], row[[each.number for each in own]]) if own else None)
+        there = np.array([shape is not None for shape in shapes])
+        targets = named_targets(effect.identifier, shapes)
+        made = replace(fewer.drive, strength=drive.strength, strengths=drive.strengths)
+        words = FieldWords(fewer, np.tensordot(mix, self.deltas, axes=1), np.tensordot(mix, self.moves, axes=1))
+        played = made.of_targets(there, tuple(each.name for each in targets))
+        return replace(effect, targets=targets, drive=played, words=words, remixes=words)
+
     def values(self, names: Sequence[str]) -> Json:
         """Its folds, the joints that turn it, and how far tables of their angles are off."""
         attached, factors = self.attached, self.attached.factors
@@ -109,7 +129,7 @@ class FieldWords(BodyWords[AttachedField], Remixes):
         absent = [names[node] for node in dict.fromkeys(turned) if node not in shown]
         if absent:
             found.append(
-                f"{name}: {listed(absent)} fold it too, but a field has {len(attached.factors.turns)} shapes at most:"
-                " another one with these `joints` has its own"
+                f"{name}: {listed(absent)} fold it too, but there is room for {len(attached.factors.turns)} shapes:"
+                " those of the joints that fold it most, or of the `joints` that are named"
             )
         return found

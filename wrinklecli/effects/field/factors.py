@@ -37,6 +37,7 @@ class Factors:
         tables: For each shape (angles of its turn,) weights from 0 to 1.
         error: Root mean square of what the shapes miss in all poses, over that of the heights,
         best: and of what they would miss with the best weights.
+        products: (shapes, shapes) integrals of their products over the surface.
         left_out: Numbers of turns that fold the surface, but for which there are too many.
     """
 
@@ -45,7 +46,51 @@ class Factors:
     tables: tuple[Floats, ...]
     error: float
     best: float
+    products: Floats
     left_out: tuple[int, ...] = ()
+
+    def fewer(self, sweeps: Sweeps, most: int) -> "tuple[Factors, Floats]":
+        """At most so many shapes, for the turns that fold most, and (shapes, old shapes) factors that make them.
+
+        Two shapes of a turn to one side become the one that is nearest to both.
+        """
+        sides, columns = [], {}
+        for turn in np.unique(self.turns).tolist():
+            angles = sweeps.turns[turn].angles
+            for sign in (-1.0, 1.0):
+                own = [k for k in np.flatnonzero(self.turns == turn) if self.tables[k][sign * angles > 0].any()]
+                if own:
+                    table = np.stack([self.tables[k] for k in own], axis=1)
+                    products = self.products[np.ix_(own, own)]
+                    merged = _merged(table, products)
+                    volume = float(np.einsum("ak,kl,al->a", table, products, table).max()) ** 0.5
+                    error = _size(table - np.outer(*merged), products) / _size(table, products)
+                    sides.append(_Side(turn, np.flatnonzero(sign * angles > 0), volume, error))
+                    columns[id(sides[-1])] = own, merged
+        mixes, turns, tables = [], [], []
+        for side, count in _chosen(_ranked(sweeps, sides), most):
+            own, (table, shares) = columns[id(side)]
+            alone = [(self.tables[k], np.eye(len(self.turns))[k]) for k in own]
+            together = [(table, np.bincount(own, shares, len(self.turns)))]
+            for made, parts in alone if count >= len(own) else together:
+                turns.append(side.turn)
+                tables.append(made)
+                mixes.append(parts)
+        owners = np.array(turns, np.intp)
+        mix: Floats = np.array(mixes)
+        before, after = (weights_of(sweeps, *each) for each in ((self.turns, self.tables), (owners, tables)))
+        lost = _size(before - after @ mix, self.products) / _size(before, self.products)
+        gone = dict.fromkeys(turn for turn in self.turns.tolist() if turn not in turns)
+        found = Factors(
+            turns=owners,
+            shapes=mix @ self.shapes,
+            tables=tuple(tables),
+            error=float(np.hypot(self.error, lost)),
+            best=self.best,
+            products=mix @ self.products @ mix.T,
+            left_out=(*gone, *self.left_out),
+        )
+        return found, mix
 
 
 def factors_of(sweeps: Sweeps, heights: Floats, areas: Floats, most: int) -> Factors:
@@ -61,7 +106,7 @@ def factors_of(sweeps: Sweeps, heights: Floats, areas: Floats, most: int) -> Fac
             shapes.append(shape / sizes)
             tables.append(_table(sweeps.turns[side.turn].angles, sweeps.angles[side.poses, side.turn], column))
     if not turns:
-        return Factors(np.zeros(0, np.intp), np.zeros((0, heights.shape[1])), (), 0.0, 0.0)
+        return Factors(np.zeros(0, np.intp), np.zeros((0, heights.shape[1])), (), 0.0, 0.0, np.zeros((0, 0)))
     owners = np.array(turns)
     weights = weights_of(sweeps, owners, tables)
     fitted = _refitted(weights, np.stack(shapes) * sizes, heights * sizes) / sizes
@@ -73,6 +118,7 @@ def factors_of(sweeps: Sweeps, heights: Floats, areas: Floats, most: int) -> Fac
         tables=tuple(tables),
         error=float(np.linalg.norm(gaps) / whole),
         best=_best(fitted * sizes, heights * sizes),
+        products=(fitted * sizes**2) @ fitted.T,
         left_out=tuple(side.turn for side in sides if side.turn not in turns),
     )
 
@@ -104,10 +150,7 @@ class _Side:
 
 
 def _folding(sweeps: Sweeps, heights: Floats, sizes: Floats, scale: float) -> list[_Side]:
-    """The turns' sides that fold the surface: of each joint the one that folds it most first, then the second of each.
-
-    A trunk folds more cloth than an elbow does, but one looks at both.
-    """
+    """The turns' sides that fold the surface, ranked."""
     sides = []
     for turn in range(len(sweeps.turns)):
         for sign in (-1.0, 1.0):
@@ -117,6 +160,14 @@ def _folding(sweeps: Sweeps, heights: Floats, sizes: Floats, scale: float) -> li
                 weights, shapes = _factorised(own, 1)
                 gap = np.linalg.norm(own - weights @ shapes) / np.linalg.norm(own)
                 sides.append(_Side(turn, poses, float(np.linalg.norm(own, axis=1).max()), float(gap)))
+    return _ranked(sweeps, sides)
+
+
+def _ranked(sweeps: Sweeps, sides: Sequence[_Side]) -> list[_Side]:
+    """Of each joint the side that folds the surface most first, then the second of each.
+
+    A trunk folds more cloth than an elbow does, but one looks at both.
+    """
     ranks: dict[int, int] = {}
     ranked = []
     for side in sorted(sides, key=lambda side: -side.volume):
@@ -150,6 +201,23 @@ def _factorised(heights: Floats, count: int) -> tuple[Floats, Floats]:
         shapes *= (weights.T @ heights) / np.maximum((weights.T @ weights) @ shapes, _TINY * scale)
     greatest = np.maximum(weights.max(axis=0), _TINY)
     return weights / greatest, shapes * greatest[:, None]
+
+
+def _merged(table: Floats, products: Floats) -> tuple[Floats, Floats]:
+    """(rows,) weights of one shape, 1 at most, and (shapes,) the parts of it, nearest to (rows, shapes) of them.
+
+    They are the first singular vectors, which have no negative numbers where nothing else has.
+    """
+    values, vectors = np.linalg.eigh(products)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    weights = np.abs(np.linalg.svd(table @ root)[0][:, 0])
+    greatest = weights.max()
+    return weights / greatest, (weights @ table) * greatest
+
+
+def _size(rows: Floats, products: Floats) -> float:
+    """The root of the integrals of the squares of (rows, shapes) sums of shapes."""
+    return float(np.sqrt(max(np.einsum("rk,kl,rl->", rows, products, rows), 0.0)))
 
 
 def _table(angles: Floats, at: Floats, weights: Floats) -> Floats:
