@@ -1,4 +1,4 @@
-"""`wrinkle edit` in a real browser: a tool is drawn by two clicks, tuned and saved, and bakes as if written by hand."""
+"""`wrinkle edit` in a real browser: what is made by clicks, tuned and saved bakes as if written by hand."""
 
 import json
 import os
@@ -117,7 +117,7 @@ def test_a_browser_opens_the_page_by_its_token_alone_and_lets_no_site_in(tmp_pat
 
 
 @pytest.mark.slow
-def test_a_tool_is_drawn_tuned_and_saved(tmp_path: Path) -> None:
+def test_a_field_is_made_and_a_tool_is_drawn_tuned_and_saved(tmp_path: Path) -> None:
     asset = Path(shutil.copy(ROOT / "samples" / "trousers.glb", tmp_path))
     session = Session(asset)
     page = Page(session)
@@ -132,6 +132,16 @@ def test_a_tool_is_drawn_tuned_and_saved(tmp_path: Path) -> None:
             until(
                 lambda: client.camera.update_timestamp > asked and np.allclose(client.camera.position, CAMERA), "turned"
             )
+
+            tab.press_button("Field")
+            tab.click(*on_screen(page, KNEE[0]))
+            tab.wait("document.body.innerText.includes('field_1 is new')")
+            tab.press("h", code=72)
+            tab.wait("document.body.innerText.includes('Compressed by')")
+            take_picture(tab, "field")
+            tab.press("h", code=72)
+            tab.press_button("Delete")
+            until(lambda: not session.tools(), "a deleted field")
 
             tab.press_button("Tool")
             tab.wait("document.body.innerText.includes('Click where the tool begins')")

@@ -26,6 +26,7 @@ from wrinklecli.editor.page import server
 from wrinklecli.editor.page.page import Page
 from wrinklecli.editor.session import Session
 from wrinklecli.errors import WrinkleError
+from wrinklecli.review.preview.heat import point_colours
 
 TABS = 100
 MOMENTS = 100
@@ -64,6 +65,23 @@ def test_a_split_needs_a_share_wrinkles_and_somebody_who_looks(page: Page) -> No
         viewport._camera, viewport._split.value, viewport._wrinkled.value = camera, share, wrinkled
         assert (viewport._seen_plane() is not None) == bool(camera and share and wrinkled)
     viewport._camera, viewport._split.value = None, 0
+
+
+def test_heat_is_the_compression_below_the_wrinkles_with_a_legend(page: Page) -> None:
+    viewport, session, moment = page._viewport, page.session, ("fold", 1.0)
+    session.add("tools", [(-0.4, 0.25, 0.0), (0.4, 0.25, 0.0)])
+    assert not viewport._heats(session.meshes(*moment), moment)
+    for shown in (True, False):
+        viewport._heat()
+        assert viewport._legend.visible == shown
+        if shown:
+            (colours,) = viewport._heats(session.meshes(*moment), moment)
+    (plain,) = session.meshes(*moment, wrinkled=False)
+    (wrinkled,) = session.meshes(*moment)
+    found = [point_colours(each.source.rest_positions, each.positions, each.faces) for each in (plain, wrinkled)]
+    assert np.array_equal(colours, found[0])
+    assert not np.array_equal(*found)
+    session.undo()
 
 
 def unpacked(data: str | bytes) -> bytes:

@@ -18,14 +18,14 @@ from wrinklecli.editor.page.drawn_scene import HINTED, LOOKS, Drag, DrawnScene, 
 from wrinklecli.editor.page.player import Player
 from wrinklecli.editor.page.split import SplitPlane
 from wrinklecli.editor.page.viewpoints import FOV, SIDES, frame_asset, frame_tool
-from wrinklecli.editor.page.widgets import PageHost, add_group, add_shortcut, on_set, value_within
+from wrinklecli.editor.page.widgets import PageHost, add_group, add_shortcut, on_set, show_changed, value_within
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.closest import closest_point
 from wrinklecli.numeric.rays import distances_along
 from wrinklecli.review.preview.camera import Camera
-from wrinklecli.review.preview.heat import point_colours
+from wrinklecli.review.preview.heat import HEAT, HEAT_TICKS, point_colours
 from wrinklecli.review.preview.shown import INKS
 
 _HINT: Colour = (1.0, 0.55, 0.0)  # of a tool that is hinted at, sRGB
@@ -43,6 +43,7 @@ _GROUND = (150, 152, 158)  # sRGB of light from below
 _AMBIENT = 0.9  # strength of the light from sky and ground
 _BACKGROUND = ((236, 239, 243), (203, 208, 215))  # sRGB above and below
 _BACKGROUND_ROWS = 64  # pixels, which the browser stretches and smooths
+_LEGEND_X, _LEGEND_WIDTH = 450, 230  # pixels: right of the player
 _UP = np.array([0.0, 1.0, 0.0])  # as in glTF
 _DEPTH = 100.0  # a camera sees from its distance over this to its distance times this
 
@@ -95,7 +96,8 @@ class Viewport:
     def add_widgets(self, *, heat: bool) -> None:
         """Add the widgets at the current place of the panel."""
         gui = self._server.gui
-        self._look: Any = gui.add_dropdown("surface", LOOKS, initial_value="heat" if heat else LOOKS[0])
+        tip = "Heat is the compression of the surface below its wrinkles. H shows it, and the textures again."
+        self._look: Any = gui.add_dropdown("surface", LOOKS, initial_value="heat" if heat else LOOKS[0], hint=tip)
         tip = "B hides them, and shows them again; as long as it is held, if it is."
         self._wrinkled: Any = gui.add_checkbox("wrinkles", initial_value=True, hint=tip)
         self._wire: Any = gui.add_checkbox("wire", initial_value=False)
@@ -106,18 +108,28 @@ class Viewport:
         tip = "Part of the view, from the left, that is shown without wrinkles. V shows a half so, or nothing."
         self._split: Any = gui.add_slider("split (%)", 0, 100, 1, 0, hint=tip)
         add_group(self._page, "look from", {side: partial(self.look_at_all, side) for side in SIDES})
+        self._legend: Any = gui.add_panel(visible=heat)
+        with self._legend.add_tab("Compressed by"):
+            gui.add_html(_heat_legend())
+        self._legend.float(x=_LEGEND_X, y=-15, width=_LEGEND_WIDTH)
         for each in (self._look, self._wire, self._beside):
             on_set(self._page, each, "bodies", self._show_bodies)
         own: tuple[Any, ...] = (self._wrinkled, self._as_baked, self._split)
         for each in own:
             on_set(self._page, each, "wrinkles", self._page.show)
         add_shortcut(self._page, "Split the view: without wrinkles on the left", self._halve, hotkey="V")
+        add_shortcut(self._page, "Heat: show the compression, or the textures", self._heat, hotkey="H")
         add_shortcut(self._page, "Before or after: hide wrinkles, or show them", self._exchange, hotkey="B")
 
     def _exchange(self) -> None:
         """Hide the wrinkles, or show them again."""
         self._wrinkled.value = not self._wrinkled.value
         self._page.show()
+
+    def _heat(self) -> None:
+        """Colour the surface by its compression, or by its textures."""
+        self._look.value = LOOKS[0] if self._look.value == "heat" else "heat"
+        self._show_bodies()
 
     def _halve(self) -> None:
         """Show the left half without wrinkles, or nothing."""
@@ -209,6 +221,7 @@ class Viewport:
     def _show_bodies(self) -> None:
         """Show meshes that are new or look different."""
         look: Look = self._look.value
+        show_changed(self._legend, "visible", look == "heat")
         wire, beside = bool(self._wire.value), self._meshes_beside()
         self._bodies = self._bodies_of(self.shown)
         with self._server.atomic():
@@ -235,17 +248,25 @@ class Viewport:
     def _move_bodies(self) -> None:
         cuts = [] if self._plane is None else [self._plane.cut(mesh.positions, mesh.faces) for mesh in self.shown]
         self._scene.show_cut(np.concatenate(cuts) if cuts else None)
-        if self._scene.move_bodies(self._points, self._heats(self.shown)):
+        if self._scene.move_bodies(self._points, self._heats(self.shown, self._moment)):
             self._work.put_later("swap", _READ_SECONDS, self._scene.swap)
         beside = self._meshes_beside()
-        if self._beside_scene.move_bodies([mesh.positions for mesh in beside], self._heats(beside)):
+        at = (None, 0.0) if self._beside.value == _AT_REST else self._moment
+        if self._beside_scene.move_bodies([mesh.positions for mesh in beside], self._heats(beside, at)):
             self._work.put_later("swap beside", _READ_SECONDS, self._beside_scene.swap)
 
-    def _heats(self, meshes: Sequence[ShownMesh]) -> list[Floats]:
-        """Colours of compression for the points of meshes; none if compression is not shown."""
+    def _heats(self, meshes: Sequence[ShownMesh], moment: tuple[str | None, float]) -> list[Floats]:
+        """Colours for the points of meshes at a moment of a clip: the compression that wrinkles answer.
+
+        None if it is not shown.
+        """
         if self._look.value != "heat":
             return []
-        return [point_colours(mesh.source.rest_positions, mesh.positions, mesh.faces) for mesh in meshes]
+        plain = {mesh.source: mesh for mesh in self._session.meshes(*moment, wait=False, wrinkled=False)}
+        return [
+            point_colours(mesh.source.rest_positions, plain.get(mesh.source, mesh).positions, mesh.faces)
+            for mesh in meshes
+        ]
 
     def _show_tools(self) -> None:
         outlines = []
@@ -357,6 +378,17 @@ def paints_of(document: Document) -> tuple[dict[int, list[Paint]], tuple[str, ..
     for source, paint in zip(sources, paints, strict=True):
         by_node.setdefault(source.rig.node, []).append(paint)
     return by_node, tuple(unread)
+
+
+def _heat_legend() -> str:
+    """HTML of the colours of compression."""
+    last = HEAT[-1][0]
+    stops = ", ".join(f"rgb{tuple(round(255 * c) for c in colour)} {100 * loss / last:.0f}%" for loss, colour in HEAT)
+    ticks = "".join(f"<span>{100 * tick:.0f} %</span>" for tick in HEAT_TICKS)
+    return (
+        f'<div style="margin:4px 12px 0;height:12px;background:linear-gradient(90deg, {stops})"></div>'
+        f'<div style="margin:0 12px 6px;display:flex;justify-content:space-between;font-size:.75em">{ticks}</div>'
+    )
 
 
 def _background() -> Any:
