@@ -10,11 +10,14 @@ import pytest
 from kit.asset import Json, attribute
 from kit.garments import job_of, planned, tube, with_attribute
 from kit.limb import RADIUS, tool
+from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.effects.effect import MeshPlan
+from wrinklecli.effects.faults import count_turned_over
 from wrinklecli.effects.field import carry
 from wrinklecli.effects.field.layer import FieldLayer
 from wrinklecli.effects.field.material import FABRICS
-from wrinklecli.numeric.arrays import Floats
+from wrinklecli.effects.plan import skin_parts
+from wrinklecli.numeric.arrays import Floats, face_normals
 
 # Along the inner side of the bend.
 ENDS = {"origin": [-0.15, RADIUS, 0.0], "target": [0.15, RADIUS, 0.0]}
@@ -79,6 +82,25 @@ def test_waves_are_level_with_their_mean_where_they_fork(fabric: object) -> None
     assert spreads == sorted(spreads)
     assert spreads[1] < 0.1 * spreads[-1]
     assert made[-1] == pytest.approx(fabric.wave(np.cos(angles)))
+
+
+@pytest.mark.parametrize("options", [{"angle": 120.0}, {"angle": 110.0, "joints": 3}], ids=["one", "two"])
+def test_a_field_turns_no_triangle_over_that_the_skin_does_not(options: Json) -> None:
+    """Between the poses of a sweep neither, nor beside the field."""
+    job = job_of(tube(**options))
+    (plan,) = plan_meshes(job)
+    (part,), (clip,) = skin_parts(plan), job.clips
+    times = np.linspace(clip.start, clip.end, 13).tolist()
+    assert sum(count_turned_over(part, plan.fine, plan.rig, clip, time) for time in times) == 0
+    moves = np.zeros((len(times), len(plan.fine.positions), 3))
+    moves[:, part.vertices] = part.displacements(plan.fine, plan.rig, clip, np.array(times))
+    mesh = plan.fine.skinned(plan.rig, np.arange(moves.shape[1]))
+    for skinned, folded in zip(
+        *(mesh.carried(clip, np.array(times), each)[0] for each in (0 * moves, moves)), strict=True
+    ):
+        faces = (face_normals(each, plan.fine.triangles) for each in (skinned, folded))
+        assert (np.einsum("tx,tx->t", *faces) >= 0.0).all()
+    assert part.sizes(plan.fine).max() > 0.3 * part.attached.greatest_height
 
 
 def test_a_field_fades_under_a_tool() -> None:

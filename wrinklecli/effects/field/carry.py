@@ -1,8 +1,16 @@
 """A field on the refined surface: the displacements of its shapes, in bind space."""
 
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TypeAlias
+
 import numpy as np
 
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.pose import joint_matrices
+from wrinklecli.character.rig import Rig
 from wrinklecli.character.skin import pose, prepare
+from wrinklecli.effects.faults import turned_over
 from wrinklecli.effects.field import irregular
 from wrinklecli.effects.field.attach import AttachedField
 from wrinklecli.effects.field.compression import shortest
@@ -11,7 +19,7 @@ from wrinklecli.effects.field.material import Fabric
 from wrinklecli.effects.field.stripes import Sides, phases
 from wrinklecli.effects.shapes import Middles
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, face_normals, unit
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, face_normals, flags_of, vertex_normals
 from wrinklecli.numeric.laplacian import Sheet
 from wrinklecli.surface.refine import Refinement
 
@@ -28,12 +36,19 @@ _FORK = 0.5
 _CLEAR = 0.16
 # Most poses, those with the greatest weights, in which triangles are looked at.
 _POSES = 64
-# Cosine of the turn of a triangle beyond which its wrinkle is lowered, part by which that is, and passes.
-_TURNED, _LOWERED, _PASSES = 0.26, 0.35, 8
-# Length round such a triangle, in wavelengths, over which that fades, and the average from which on it is whole.
-_NEAR, _WIDER = 0.25, 4.0
+# Moments of a clip that are among them, evenly spread, at most; and decimal digits of weights by which poses differ.
+_MOMENTS, _DIGITS = 25, 3
+# Part by which wrinkles that turn a triangle over are lowered, passes, and those in which the last are levelled.
+_LOWERED, _PASSES, _FLAT_PASSES = 0.35, 8, 16
+# Length round such a triangle, in wavelengths, over which that fades, the average from which on it is whole, and a part
+# of it that changes nothing.
+_NEAR, _WIDER, _UNTOUCHED = 0.25, 4.0, 0.01
 # Length over which heights are averaged, in wavelengths: linear mixtures of coarse values have creases.
 _SMOOTH = 0.3
+
+
+# A pose: the triangles that it does not turn over itself, their normals, (3, vertices) places, and moves of a field.
+_Look: TypeAlias = tuple[Bools, Floats, Floats, Floats]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,8 +68,13 @@ class Displacements:
     remaining: float
 
 
-def displaced(attached: AttachedField, fine: Refinement, free: Floats) -> Displacements:
-    """Carry a field to the refined surface, of which tools leave it (fine vertices,) parts from 0 to 1."""
+def displaced(
+    attached: AttachedField, fine: Refinement, free: Floats, shown: tuple[Rig, Sequence[Clip]] | None = None
+) -> Displacements:
+    """Carry a field to the refined surface, of which tools leave it (fine vertices,) parts from 0 to 1.
+
+    If a rig and its clips are `shown`, triangles are looked at in these, too.
+    """
     shapes = attached.factors.shapes
     count = len(shapes)
     values = fine.subdivision.interpolate(np.concatenate([shapes, attached.directions.T, attached.wavelengths[None]]).T)
@@ -72,10 +92,10 @@ def displaced(attached: AttachedField, fine: Refinement, free: Floats) -> Displa
     waves = _waves(attached, sheet, normals, values[:, count:], shares)
     outward = fine.raising_at(vertices)
     moves = (heights * waves.heights[:, None]).T[:, :, None] * outward
-    left = _lowered(attached, fine, sheet, vertices, moves)
-    moves *= left[:, None]
     lengths = np.sqrt(np.sum(moves**2, axis=2))
     moves = np.where((lengths > _UNSEEN * lengths.max(initial=0.0))[:, :, None], moves, 0.0)
+    left = _lowered(_poses(attached, shown), fine, sheet, vertices, moves, attached.wavelength)
+    moves *= left[:, None]
     heights *= left[:, None]
     a, b = waves.sides.T
     bent = (waves.middles - (waves.heights[a] + waves.heights[b]) / 2.0)[:, None] * (heights[a] + heights[b]) / 2.0
@@ -88,35 +108,116 @@ def displaced(attached: AttachedField, fine: Refinement, free: Floats) -> Displa
     return Displacements(found, middles, covered, remaining)
 
 
-def _lowered(attached: AttachedField, fine: Refinement, sheet: Sheet, vertices: Ints, moves: Floats) -> Floats:
-    """(vertices,) factors of (shapes, vertices, 3) moves by which hardly a triangle turns in any pose.
+def _poses(attached: AttachedField, shown: tuple[Rig, Sequence[Clip]] | None) -> tuple[Floats, Floats]:
+    """(poses, joints, 4, 4) matrices and (poses, shapes) weights of sweeps and clips, those with the greatest weights.
+
+    Clips show how far joints turn, and together: between the poses of a sweep a crease may turn a triangle.
+    """
+    sweeps, factors = attached.sweeps, attached.factors
+    matrices, weights = [sweeps.matrices], [weights_of(sweeps, factors.turns, factors.tables)]
+    drive = replace(attached.drive, strengths={}, strength=1.0)
+    if shown is not None:
+        rig, clips = shown
+        for clip in clips:
+            times = np.linspace(clip.start, clip.end, _MOMENTS)
+            matrices.append(joint_matrices(rig, clip, times))
+            weights.append(drive.weights_in(rig, clip)(times))
+    every = np.concatenate(weights)
+    # A clip that goes to and fro has each pose twice.
+    own = np.sort(np.unique(np.round(every, _DIGITS), axis=0, return_index=True)[1])
+    chosen = own[np.argsort(-(every[own] ** 2).sum(axis=1), kind="stable")][:_POSES]
+    return np.concatenate(matrices)[chosen], every[chosen]
+
+
+def _lowered(
+    poses: tuple[Floats, Floats], fine: Refinement, sheet: Sheet, vertices: Ints, moves: Floats, wavelength: float
+) -> Floats:
+    """(vertices,) factors of (shapes, vertices, 3) moves by which hardly a triangle is turned over in some poses.
 
     Moves add up, so each pose is made once, with them and without.
     """
-    sweeps, factors = attached.sweeps, attached.factors
-    weights = weights_of(sweeps, factors.turns, factors.tables)
-    chosen = np.argsort(-(weights**2).sum(axis=1), kind="stable")[:_POSES]
-    skin = prepare(fine.influences(sweeps.matrices.shape[1]).at(vertices), fine.bind_positions[vertices], moves)
-    before, _ = pose(skin, sweeps.matrices[chosen], np.zeros((len(chosen), len(moves))))
-    after, _ = pose(skin, sweeps.matrices[chosen], weights[chosen])
-    raised = after - before
-    faces = [unit(face_normals(each.T, sheet.triangles)) for each in before]
-    near, left = sheet.averaging(_NEAR * attached.wavelength), np.ones(len(vertices))
-    looked = list(zip(faces, before, raised, strict=True))
-    for _ in range(_PASSES):
-        marked, still_turned = np.zeros(len(vertices)), []
-        for each in looked:
-            face, still, rise = each
-            moved = unit(face_normals((still + left * rise).T, sheet.triangles))
-            turned = np.sum(face * moved, axis=1) < _TURNED
-            if turned.any():
-                marked[sheet.triangles[turned]] = 1.0
-                still_turned.append(each)
-        looked = still_turned
+    matrices, weights = poses
+    # Triangles beside the field have corners in it.
+    whole = _Part.of(flags_of(vertices, len(fine.positions)), fine.triangles)
+    rows = np.searchsorted(whole.vertices, vertices)
+    every_move = np.zeros((len(moves), len(whole.vertices), 3))
+    every_move[:, rows] = moves
+    influences = fine.influences(matrices.shape[1]).at(whole.vertices)
+    skin = prepare(influences, fine.bind_positions[whole.vertices], every_move)
+    before, _ = pose(skin, matrices, np.zeros(weights.shape))
+    after, _ = pose(skin, matrices, weights)
+    near, left = sheet.averaging(_NEAR * wavelength), np.ones(len(whole.vertices))
+    marked = np.zeros(len(left))
+    for still, moved in zip(before, after, strict=True):
+        turned = _turned_over(moved, whole.triangles, face_normals(still.T, whole.triangles))
+        marked[whole.triangles[whole.judged & turned]] = 1.0
+    if not marked.any():
+        return left[rows]
+    lowered = np.zeros(len(left))
+    lowered[rows] = _WIDER * near.of(marked[rows])
+    part = _Part.of(np.maximum(lowered, marked) > _UNTOUCHED, whole.triangles)
+    looks = []
+    for still, moved in zip(before[:, :, part.vertices], after[:, :, part.vertices], strict=True):
+        faces = face_normals(still.T, part.triangles)
+        looks.append((part.judged & ~_turned_over(still, part.triangles, faces), faces, still, moved - still))
+    looked = looks
+    for number in range(_PASSES + _FLAT_PASSES):
+        marked, looked = _marked(part, looked, left)
+        if not looked:
+            # What was lowered for one pose may turn triangles in another.
+            marked, looked = _marked(part, looks, left)
         if not looked:
             break
-        left *= 1.0 - _LOWERED * np.clip(_WIDER * near.of(marked), 0.0, 1.0)
-    return left
+        if number < _PASSES:
+            left[rows] *= 1.0 - _LOWERED * np.clip(_WIDER * near.of(marked[rows]), 0.0, 1.0)
+        else:
+            # Level, with all triangles that give its corners their normals, it is as turned as the skin.
+            left[whole.triangles[(marked[whole.triangles] > 0).any(axis=1)]] = 0.0
+    return left[rows]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Part:
+    """A part of a surface, with the triangles around it.
+
+    Attributes:
+        vertices: (vertices,) sorted, of the surface.
+        triangles: (triangles, 3) indices among them.
+        judged: (triangles,) True for those that have all of the triangles around them.
+    """
+
+    vertices: Ints
+    triangles: Ints
+    judged: Bools
+
+    @classmethod
+    def of(cls, inside: Bools, triangles: Ints) -> "_Part":
+        """The triangles with a corner among the (vertices,) that are inside, and those around these."""
+        judged = np.asarray(inside[triangles].any(axis=1))
+        around = np.asarray(flags_of(triangles[judged], len(inside))[triangles].any(axis=1))
+        vertices = distinct_values(triangles[around])
+        return cls(vertices, np.searchsorted(vertices, triangles[around]), judged[around])
+
+
+def _marked(part: _Part, looks: Sequence[_Look], left: Floats) -> tuple[Floats, list[_Look]]:
+    """(vertices,) ones where moves with (vertices,) factors turn triangles over, and the poses in which they do."""
+    marked, here = np.zeros(len(left)), left[part.vertices]
+    found: list[_Look] = []
+    for each in looks:
+        judged, faces, still, rise = each
+        turned = np.asarray(judged & _turned_over(still + here * rise, part.triangles, faces))
+        if turned.any():
+            marked[part.vertices[part.triangles[turned]]] = 1.0
+            found.append(each)
+    return marked, found
+
+
+def _turned_over(places: Floats, triangles: Ints, skinned: Floats) -> Bools:
+    """(triangles,) True for those turned over at (3, vertices) places, or that face away from their skinned normals."""
+    positions = places.T
+    faces = face_normals(positions, triangles)
+    away = np.einsum("tx,tx->t", faces, skinned) < 0.0
+    return np.asarray(away | turned_over(faces, vertex_normals(positions, triangles)[triangles]))
 
 
 def _waves(attached: AttachedField, sheet: Sheet, normals: Floats, values: Floats, shares: Floats) -> "_Waves":

@@ -42,13 +42,15 @@ class FieldLayer(BodyLayer[AttachedField]):
     section: ClassVar[str] = SECTION
 
     @classmethod
-    def of(cls, plan: MeshPlan, numbered: Iterable[tuple[int, AttachedField]]) -> "FieldLayer":
-        """Let the refined surface carry them, each with the number of its region."""
+    def of(
+        cls, plan: MeshPlan, numbered: Iterable[tuple[int, AttachedField]], clips: Sequence[Clip] = ()
+    ) -> "FieldLayer":
+        """Let the refined surface carry them, each with the number of its region, and look at them in clips."""
         pairs = list(numbered)
         regions, every = tuple(number for number, _ in pairs), tuple(each for _, each in pairs)
         free, found = _free(plan), []
         for each in every:
-            made = displaced(each, plan.fine, free)
+            made = displaced(each, plan.fine, free, (plan.rig, clips))
             free = free * (1.0 - made.shares)
             found.append(made)
         deltas, middles = tuple(each.deltas for each in found), tuple(each.middles for each in found)
@@ -103,9 +105,10 @@ class FieldKind(EffectKind):
         """
         return attach_fields([tool for tool in tools if isinstance(tool, Field)], ground)
 
-    def plan(self, plan: MeshPlan, _ground: Ground, attached: Sequence[tuple[int, AnyAttached]]) -> FieldLayer:
+    def plan(self, plan: MeshPlan, ground: Ground, attached: Sequence[tuple[int, AnyAttached]]) -> FieldLayer:
         """Let the refined surface carry the fields."""
-        return FieldLayer.of(plan, [(number, each) for number, each in attached if isinstance(each, AttachedField)])
+        fields = [(number, each) for number, each in attached if isinstance(each, AttachedField)]
+        return FieldLayer.of(plan, fields, ground.clips)
 
     def driven_by(self, attached: AnyAttached, tool: EffectTool) -> AnyAttached:
         """The field with the strengths of another entry."""
