@@ -1,4 +1,4 @@
-"""Compression as a colour."""
+"""Compression, and crests, as colours."""
 
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from kit.pictures import draw, limb, picture
 from wrinklecli.gltf.document import read_document
-from wrinklecli.review.preview.heat import HEAT, compression, heat_colours
+from wrinklecli.review.preview.heat import HEAT, compression, crest_colours, heat_colours
 from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.preview.shown import read_shown, take_snapshot
 
@@ -59,6 +59,16 @@ def test_heat_shows_where_a_fold_compresses(tmp_path: Path) -> None:
     assert warm.max() > 60
     assert np.abs(hottest.mean(axis=0) - (60, 80)).max() < 12
     assert warm[60, [20, 150]].max() < 20, "the ends stay grey"
+
+
+def test_crests_and_furrows_of_all_heights_have_colours() -> None:
+    """Shapes rise together, so what one lowers as much as another raises it is plain."""
+    shapes = np.zeros((2, 5, 3))
+    shapes[:, :, 1] = [[1.0, 0.1, 0.0, -0.1, 1.0], [1.0, 0.1, 0.0, -0.1, -1.0]]
+    red_first = crest_colours(shapes, np.array([[0.0, 1.0, 0.0]] * 5)) @ [1.0, 0.0, -1.0]
+    assert red_first[0] > red_first[1] > 0.3 * red_first[0] > 0.0 > red_first[3]
+    assert red_first[2] == red_first[4] == pytest.approx(0.0, abs=0.05)
+    assert not np.ptp(crest_colours(np.zeros((1, 5, 3)), np.zeros((5, 3))), axis=0).any()
 
 
 def test_the_legend_has_the_colours_of_the_heat() -> None:

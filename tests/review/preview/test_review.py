@@ -276,7 +276,7 @@ def test_a_touch_is_seen_from_above_with_a_checker(tmp_path: Path) -> None:
 
 
 def test_a_field_is_shown_where_it_folds_most_and_covers_nothing(tmp_path: Path) -> None:
-    """Before the bake and after it; no colour marks a whole garment."""
+    """Before the bake and after it; no colour marks a whole garment, but what compresses it and its crests below."""
     asset, tools = sleeve_and_field(tmp_path)
     for path, options in ((asset, {"tools": tools}), (bake_field().path, {})):
         out = tmp_path / "a.png"
@@ -284,7 +284,12 @@ def test_a_field_is_shown_where_it_folds_most_and_covers_nothing(tmp_path: Path)
         assert made.shown == "1 field"
         assert not made.warnings
         shown = picture(out).astype(int)
-        assert np.ptp(shown, axis=2).max() < 80, "no ink"
+        folds, measured = np.array_split(shown, 2)
+        assert np.ptp(folds, axis=2).max() < 80, "no ink"
+        compression, crests = (half[..., 0] - half[..., 2] for half in np.array_split(measured, 2, axis=1))
+        assert compression.max() > 80
+        assert compression.min() > -40, "warm alone"
+        assert (crests.max(), -crests.min()) > (80, 60)
     (peak,) = peaks_of(asset, tools)
     assert peak.raised
     assert "folds by " in words(peak)

@@ -1,4 +1,8 @@
-"""Show compression as a colour: how much shorter each place of a surface is than in the stored pose."""
+"""Show as a colour what folds a surface, and how it folds.
+
+Compression says how much shorter each place is than in the stored pose; crests and furrows are where wrinkles rise and
+sink.
+"""
 
 import numpy as np
 
@@ -20,6 +24,11 @@ HEAT: tuple[tuple[float, Colour], ...] = (
 # Compressions that a legend names.
 HEAT_TICKS = (0.0, 0.2, 0.4, 0.6, 0.8)
 
+# Height of a wrinkle over the greatest that has half of the colour of a crest.
+_HALF = 0.05
+# Colours of furrows, of what no wrinkle moves, and of crests, sRGB.
+_FURROW, _STILL, _CREST = (0.10, 0.22, 0.48), (0.84, 0.84, 0.82), (0.98, 0.78, 0.30)
+
 
 def heat_colours(losses: Floats) -> Floats:
     """(…, 3) sRGB colours of (…) compressions."""
@@ -34,6 +43,19 @@ def compressions(primitive: ScenePrimitive, positions: Floats) -> Floats:
     vertices = primitive.vertices
     places = weld(vertices.positions, vertices.morph_deltas, vertices.joints, vertices.weights).points
     return _means(stored, positions, primitive.triangles, places)[places]
+
+
+def crest_colours(shapes: Floats, normals: Floats) -> Floats:
+    """(vertices, 3) linear RGB of crests and furrows, those of low wrinkles nearly as plain as those of high ones.
+
+    Args:
+        shapes: (shapes, vertices, 3) displacements that rise together, bind space.
+        normals: (vertices, 3), bind space.
+    """
+    risen = np.einsum("sva,va->v", shapes, normals)
+    parts = risen / (np.abs(risen) + (_HALF * float(np.abs(risen).max(initial=0.0)) or 1.0))
+    colours = [np.interp(parts, (-1.0, 0.0, 1.0), ends) for ends in zip(_FURROW, _STILL, _CREST, strict=True)]
+    return linear_rgb(np.stack(colours, axis=-1))
 
 
 def point_colours(rest: Floats, posed: Floats, triangles: Ints) -> Floats:

@@ -30,6 +30,8 @@ from wrinklecli.tools.records import ToolsFile, identifier
 
 TOOLS = "tools"
 """The list of tools files and extras with the tools that make wrinkles."""
+FIELDS = "fields"
+"""The list with the fields, which fold whole garments."""
 
 # What each of the other lists does to the skin, in words before a length and after "no clip", and then how it is shown.
 _ACTS = {
@@ -37,7 +39,7 @@ _ACTS = {
     "muscles": ("bulges by ", "bulges it: shown at its full height"),
     "flesh": ("moves by ", "moves it: shown at its greatest move"),
     "touches": ("moves by ", "slides it: shown at its greatest slide"),
-    "fields": ("folds by ", "folds it: shown with all its folds at full height"),
+    FIELDS: ("folds by ", "folds it: shown with all its folds at full height"),
 }
 # Frames per second of the grid on which the peaks of a baked file are found.
 _FPS = 30.0

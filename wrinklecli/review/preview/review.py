@@ -21,10 +21,11 @@ from wrinklecli.review.preview.camera import Camera, camera_axes, parse_view
 from wrinklecli.review.preview.cards import Card, CardSheet, Picture, cards_size
 from wrinklecli.review.preview.checker import checked
 from wrinklecli.review.preview.framing import NO_TRIANGLES, ONE_POINT, View, plan_views
+from wrinklecli.review.preview.heat import HEAT, heat_colours
 from wrinklecli.review.preview.misfits import RED, Misfit, find_misfits, misfit_overlay, misfit_points
 from wrinklecli.review.preview.moments import Moment
-from wrinklecli.review.preview.overlay import placed_words
-from wrinklecli.review.preview.peaks import TOOLS, Fact, Peak, baked_peaks_of, planned_peaks
+from wrinklecli.review.preview.overlay import Placed, placed_words
+from wrinklecli.review.preview.peaks import FIELDS, TOOLS, Fact, Peak, baked_peaks_of, planned_peaks
 from wrinklecli.review.preview.preview_options import PreviewOptions, Style
 from wrinklecli.review.preview.rays import Occluders
 from wrinklecli.review.preview.render import Snapshot, render
@@ -58,6 +59,10 @@ _INSET_MARGIN = 1.05
 # Colours of an inset's edge, and of the frame in it, 8-bit sRGB.
 _EDGE = (150, 156, 165)
 _FRAME = (200, 30, 30)
+# Labels of the pictures of what folds a field, and how.
+_MEASURED = ("compression", "crests")
+# Colour of the words beside a legend, sRGB.
+_LEGEND_INK = (0.13, 0.16, 0.19)
 # Pixels around the asset in an inset, and the least half side of the frame.
 _INSET_GAP = 3
 
@@ -66,7 +71,8 @@ _INSET_GAP = 3
 class _Shot:
     """A tool to draw on the card of a number, in the colour numbered `ink`.
 
-    It is shown at its peak, or earlier if its wrinkles are hidden then. The view has one camera.
+    It is shown at its peak, or earlier if its wrinkles are hidden then. The view has one camera. The pictures are of
+    what folds it, and how, if it is `measured`; else before and after.
     """
 
     number: int
@@ -74,6 +80,7 @@ class _Shot:
     ink: int
     moment: Moment
     view: View
+    measured: bool = False
 
     @property
     def aside(self) -> str:
@@ -84,6 +91,8 @@ class _Shot:
     @property
     def facts(self) -> list[Sequence[Fact]]:
         """Rows of facts."""
+        if self.measured:
+            return [[Fact("how much the surface is compressed, and where its folds are crests and furrows")]]
         first, *others = card_facts(self.peak)
         if self.view.visible < _OUT_OF_SIGHT:
             first = (*first, Fact("out of sight", alarming=True))
@@ -123,7 +132,8 @@ def review(
     shown = peaks[: MOST_REVIEWED - len(misfits)]
     warnings += _left_out(peaks[len(shown) :], peaks)
     sections = [*(each.section for each in shown), *(TOOLS for _ in misfits)]
-    count = len(shown) * max(len(options.views), 1) + len(misfits)
+    fields = sum(peak.section == FIELDS for peak in shown)
+    count = (len(shown) + fields) * max(len(options.views), 1) + len(misfits)
     columns, size = _layout(count, options)
     rows = max(len(facts) for facts in (*map(card_facts, shown), *map(_refusal, misfits)))
     cells = columns, -(-count // columns)
@@ -132,7 +142,8 @@ def review(
     shots: list[_Shot] = []
     for ink, peak in enumerate(shown):
         for moment, view in moments_and_views(after, peak, options):
-            shots.append(_Shot(len(shots), peak, ink, moment, view))
+            for measured in (False, True)[: 1 + (peak.section == FIELDS)]:
+                shots.append(_Shot(len(shots), peak, ink, moment, view, measured))
         progress("looking", ink + 1, len(shown))
     sheet = CardSheet(*cells, size, rows, _title(document, planned, sections))
     cards = chain(_cards(before, after, shots, options), enumerate(_misfit_cards(before, misfits, options), len(shots)))
@@ -233,7 +244,10 @@ def _cards(
             axes = shot.view.cameras[0].axes
             key = best_light(place, axes, free)
             pair = snapshots
-            if shot.peak.slides and not options.heat:
+            if shot.measured:
+                compressed = take_snapshot(alone.without_wrinkles(), moment, heat=True)
+                pair = compressed, take_snapshot(alone, moment, heat=False, crests=True)
+            elif shot.peak.slides and not options.heat:
                 # A checker needs the same triangles before and after.
                 plain, slid = (take_snapshot(each, moment, heat=False) for each in (alone.without_wrinkles(), alone))
                 pair = checked(plain, slid, axes)
@@ -264,13 +278,31 @@ def _card(shot: _Shot, snapshots: Sequence[Snapshot], key: Floats, options: Prev
     raking = replace(style, key=tuple(key.tolist()))
     pictures = [render(each, camera, size=options.picture_size, style=raking) for each in (marked, snapshots[1])]
     pictures[0] = with_inset(pictures[0], snapshots[0], camera, style)
+    labels = _MEASURED if shot.measured else options.labels or ("before", "after")
+    words = _draw_legend(pictures[0]) if shot.measured else ()
     return Card(
         name=shot.peak.name,
         colour=INKS[shot.ink % len(INKS)] if marked.marks else None,
         aside=shot.aside,
         facts=shot.facts,
-        pictures=[Picture(*each) for each in zip(pictures, options.labels or ("before", "after"), strict=True)],
+        pictures=[Picture(*each) for each in zip(pictures, labels, (words, ()), strict=True)],
     )
+
+
+def _draw_legend(pixels: Bytes) -> tuple[Placed, ...]:
+    """Draw the colours of compression in the lower right corner of a (height, width, 3) picture, in place.
+
+    Returns:
+        What they mean at both ends.
+    """
+    height, width = pixels.shape[:2]
+    side, long = max(height // 40, 4), width // 4
+    right, bottom, top = width - 5 * side, height - 2 * side, HEAT[-1][0]
+    bar = np.round(255 * heat_colours(np.linspace(0.0, top, long))).astype(np.uint8)
+    pixels[bottom - side : bottom, right - long : right] = bar
+    middle = bottom - side / 2
+    ends = ((right - long - side, "0 %", "rm"), (right + side / 2, f"{100 * top:.0f} %", "lm"))
+    return tuple(Placed((x, middle), word, _LEGEND_INK, anchor) for x, word, anchor in ends)
 
 
 def with_inset(pixels: Bytes, snapshot: Snapshot, camera: Camera, style: Style) -> Bytes:

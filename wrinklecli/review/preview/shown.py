@@ -24,7 +24,7 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.pixels import linear_rgb
 from wrinklecli.numeric.arrays import Floats, Ints, among, children, distinct_values, face_normals, unit
 from wrinklecli.review.preview.draw import Mark
-from wrinklecli.review.preview.heat import compressions, heat_colours
+from wrinklecli.review.preview.heat import compressions, crest_colours, heat_colours
 from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.preview.render import Snapshot
 
@@ -217,8 +217,10 @@ def _marks(source: ScenePrimitive, plans: Sequence[MeshPlan], refined: bool) -> 
             )
 
 
-def take_snapshot(asset: ShownAsset, moment: Moment, *, heat: bool) -> Snapshot:
-    """All triangles of an asset at a moment, in the colours of its materials, or coloured by compression (`heat`).
+def take_snapshot(asset: ShownAsset, moment: Moment, *, heat: bool, crests: bool = False) -> Snapshot:
+    """All triangles of an asset at a moment, in the colours of its materials.
+
+    Or they are coloured by compression (`heat`), or by the `crests` and furrows of its wrinkles.
 
     Raises:
         TooMuchError: There are too many triangles.
@@ -233,7 +235,11 @@ def take_snapshot(asset: ShownAsset, moment: Moment, *, heat: bool) -> Snapshot:
             normals = np.repeat(unit(face_normals(positions, triangles))[:, None], 3, axis=1)
         else:
             normals = posed.normals[0, triangles]
-        if heat:
+        if crests:
+            bound = shown.source.vertices
+            outward = np.zeros_like(bound.positions) if bound.normals is None else bound.normals
+            paint = replace(paint, colours=crest_colours(shown.shapes, outward), texture=None)
+        elif heat:
             colours = linear_rgb(heat_colours(compressions(shown.source, positions)))
             paint = replace(paint, colours=colours, texture=None)
         else:
