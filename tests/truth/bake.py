@@ -1,4 +1,4 @@
-"""The scenes as glTF, with a tool each, baked: what our wrinkles look like on the mesh that Blender simulates."""
+"""The scenes as glTF, with a tool or a field each, baked: our wrinkles on the mesh that Blender simulates."""
 
 import time
 from pathlib import Path
@@ -44,16 +44,12 @@ def asset_of(scene: Scene) -> Asset:
     return asset
 
 
-def bake(scene: Scene, look: Json, folder: Path) -> tuple[Gltf, float]:
-    """The scene baked with one tool of some keys, and the seconds that took."""
+def bake(scene: Scene, listed: Json, folder: Path) -> tuple[Gltf, float]:
+    """The scene baked with the tools or fields that are listed, and the seconds that took."""
     folder.mkdir(parents=True, exist_ok=True)
     asset_of(scene).write(folder / "cloth.glb")
-    ends = {"origin": list(scene.origin), "target": list(scene.target)}
-    if "path" in look:
-        ends = {}
-    tool = {"name": "fold", "width": scene.width, **ends, **look}
     refinement = {"scheme": "midpoint"}
-    (folder / "tools.yaml").write_text(yaml.safe_dump({"version": 1, "refinement": refinement, "tools": [tool]}))
+    (folder / "tools.yaml").write_text(yaml.safe_dump({"version": 1, "refinement": refinement, **listed}))
     before = time.process_time()
     wrinklecli.bake(folder / "cloth.glb", folder / "tools.yaml", folder / "out.glb")
     return Gltf(folder / "out.glb"), time.process_time() - before

@@ -15,6 +15,7 @@ sys.path += [str(HERE), str(HERE.parent), str(HERE.parent.parent)]
 
 from bake import bake, played  # noqa: E402
 from measure import Folds, arc_lengths, line_normals, measure  # noqa: E402
+from relief import Relief  # noqa: E402
 from scenes import SCENES, Array, Scene, share_of  # noqa: E402
 
 from kit.asset import Json  # noqa: E402
@@ -29,20 +30,45 @@ VARIANTS: dict[str, Json] = {
     "path": {"path": True, "compressible": "0%"},
     "path, any height": {"path": True, "compressible": "0%", "max_height": "none"},
 }
+# Fields, which find by themselves where folds are, and which way they run; on tubes only: no joint turns on the strip.
+# A fold is as high as its distance to the next asks for, so heights are compared at the simulation's distances too.
+FIELDS = ("field", "field, distances as simulated")
 # Of a strip as long as it likes a material cannot tell the bumps: those that the simulation has.
 STRIP_BUMPS = {"denim": 5, "leather": 3}
-COLUMNS = ("scene", "cloth", "frame", "shorter", "what", *(field.name for field in fields(Folds)), "seconds")
+COLUMNS = (
+    *("scene", "cloth", "frame", "shorter", "what"),
+    *(field.name for field in fields(Folds)),
+    *("turned", "overlap", "seconds"),
+)
 
 
-def look_of(scene: Scene, cloth: str, variant: str) -> Json:
-    """The keys of a scene's tool."""
+def tool_of(scene: Scene, cloth: str, variant: str) -> Json:
+    """The tools file's list of a scene's one tool."""
     look: Json = {"material": LOOKS[cloth], **VARIANTS[variant]}
     if scene.body is None:
-        look["bumps"] = STRIP_BUMPS[cloth]
+        look |= {"bumps": STRIP_BUMPS[cloth], "stops": "none"}  # folds run over its open sides
+    ends = np.array([scene.origin, scene.target])
     if look.pop("path", False):
-        ends = np.array([scene.origin, scene.target])
         look["path"] = [(ends[0] + share * (ends[1] - ends[0])).tolist() for share in np.linspace(0.0, 1.0, 9)]
-    return look
+    else:
+        look |= {"origin": list(scene.origin), "target": list(scene.target)}
+    return {"tools": [{"name": "fold", "width": scene.width, **look}]}
+
+
+def field_of(cloth: str, wavelength: float | None = None) -> Json:
+    """The tools file's list of a field over all of a scene's cloth."""
+    length = {} if wavelength is None else {"wavelength": wavelength}
+    return {"fields": [{"name": "folds", "material": LOOKS[cloth], **length}]}
+
+
+def looks_of(scene: Scene, cloth: str, simulated: Array) -> dict[str, Json]:
+    """The lists that are baked of a scene, by name."""
+    found = {variant: tool_of(scene, cloth, variant) for variant in VARIANTS}
+    if scene.sides:
+        rest = scene.cloth.positions
+        apart = np.median([folds(scene, simulated[frame], rest, frame).wavelength for frame in FRAMES])
+        found |= dict(zip(FIELDS, (field_of(cloth), field_of(cloth, float(apart))), strict=True))
+    return found
 
 
 def folds(scene: Scene, positions: Array, rest: Array, frame: int) -> Folds:
@@ -55,8 +81,8 @@ def rows_of(scene: Scene, cloth: str, folder: Path) -> list[tuple[object, ...]]:
     with np.load(folder / f"{scene.name}_{cloth}.npz") as stored:
         simulated, spent = stored["positions"].astype(float), float(stored["seconds"].mean())
     baked, baked_rests = {}, {}
-    for variant in VARIANTS:
-        file, seconds = bake(scene, look_of(scene, cloth, variant), folder / f"{scene.name}_{cloth}_{variant}")
+    for variant, listed in looks_of(scene, cloth, simulated).items():
+        file, seconds = bake(scene, listed, folder / f"{scene.name}_{cloth}_{variant}")
         baked[variant], baked_rests[variant] = played(file, np.array(FRAMES)), file.attribute("cloth", "POSITION")
         print(
             f"{scene.name} {cloth} {variant}: simulated {spent:.3g} s a frame; baked in {seconds:.3g} s for all frames"
@@ -73,7 +99,11 @@ def rows_of(scene: Scene, cloth: str, folder: Path) -> list[tuple[object, ...]]:
             if what != "simulated":
                 fine = baked_rests[what.removeprefix("baked, ")]
                 found = replace(found, arc=float(np.mean(arc_lengths(positions, fine, scene.lines))))
-            rows.append((scene.name, cloth, frame, shorter, what, *astuple(found), cost))
+            turned = overlap = float("nan")
+            if scene.sides and what != "simulated":
+                true, ours = (Relief.of(scene, each[: len(rest)], base) for each in (simulated[frame], positions))
+                turned, overlap = true.turned(ours), true.overlap(ours)
+            rows.append((scene.name, cloth, frame, shorter, what, *astuple(found), turned, overlap, cost))
     return rows
 
 

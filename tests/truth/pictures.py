@@ -12,7 +12,7 @@ mpl.use("Agg")
 
 import matplotlib.pyplot as plt  # noqa: E402
 from bake import bake, played  # noqa: E402
-from compare import LOOKS, look_of  # noqa: E402
+from compare import LOOKS, field_of, tool_of  # noqa: E402
 from matplotlib.axes import Axes  # noqa: E402
 from matplotlib.collections import PolyCollection  # noqa: E402
 from scenes import SCENES, Array, Scene, share_of  # noqa: E402
@@ -48,18 +48,23 @@ def main() -> None:
     for name in sys.argv[2:] or SCENES:
         scene = SCENES[name]()
         triangles = scene.cloth.quads[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
-        figure, grid = plt.subplots(2 * len(LOOKS), len(FRAMES), figsize=(12, 3.2 * 2 * len(LOOKS)), squeeze=False)
-        for number, cloth in enumerate(LOOKS):
+        kinds = ("tool", "field") if scene.sides else ("tool",)
+        height = len(LOOKS) * (1 + len(kinds))
+        figure, grid = plt.subplots(height, len(FRAMES), figsize=(12, 3.2 * height), squeeze=False)
+        rows = iter(grid)
+        for cloth in LOOKS:
             with np.load(folder / f"{name}_{cloth}.npz") as stored:
                 simulated = stored["positions"].astype(float)
-            file, _ = bake(scene, look_of(scene, cloth, "default"), folder / f"{name}_{cloth}_default")
-            ours, _ = played(file, np.array(FRAMES))
-            for column, frame in enumerate(FRAMES):
-                above, below = grid[2 * number, column], grid[2 * number + 1, column]
-                draw(above, scene, simulated[frame], triangles, frame)
-                draw(below, scene, ours[column], file.triangles("cloth"), frame)
-                above.set_title(f"{cloth}, simulated, {100 * share_of(frame):.0f} %")
-                below.set_title(f"{cloth}, baked")
+            for axes, frame in zip(next(rows), FRAMES, strict=True):
+                draw(axes, scene, simulated[frame], triangles, frame)
+                axes.set_title(f"{cloth}, simulated, {100 * share_of(frame):.0f} %")
+            for kind in kinds:
+                listed = field_of(cloth) if kind == "field" else tool_of(scene, cloth, "default")
+                file, _ = bake(scene, listed, folder / f"{name}_{cloth}_{kind}")
+                ours, _ = played(file, np.array(FRAMES))
+                for axes, points, frame in zip(next(rows), ours, FRAMES, strict=True):
+                    draw(axes, scene, points, file.triangles("cloth"), frame)
+                    axes.set_title(f"{cloth}, baked, a {kind}")
         figure.tight_layout()
         figure.savefig(HERE / "pictures" / f"{name}.png", dpi=60)
         plt.close(figure)

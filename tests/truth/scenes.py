@@ -49,6 +49,7 @@ class Scene:
         origin: Where the wrinkles begin, at rest.
         target: Where they end.
         width: Full width of the tool: such that it has hardly faded on the lines.
+        sides: Vertices of a ring of the cloth, if it is a tube; else 0.
     """
 
     name: str
@@ -62,6 +63,7 @@ class Scene:
     origin: tuple[float, float, float]
     target: tuple[float, float, float]
     width: float
+    sides: int
 
     def matrices(self, share: float) -> Array:
         """(2, 4, 4) from rest to world space of both joints, at a share of the movement from 0 to 1."""
@@ -122,6 +124,7 @@ def sleeve() -> Scene:
         origin=(-0.10, 0.062, 0.0),
         target=(0.10, 0.062, 0.0),
         width=0.30,
+        sides=sides,
     )
 
 
@@ -142,6 +145,7 @@ def trousers() -> Scene:
         origin=(-0.14, 0.0762, 0.0),
         target=(0.14, 0.0678, 0.0),
         width=0.39,
+        sides=sides,
     )
 
 
@@ -174,6 +178,7 @@ def strip() -> Scene:
         origin=(0.0, 0.0, 0.0),
         target=(length, 0.0, 0.0),
         width=1.6,  # folds run across all of it
+        sides=0,
     )
 
 
