@@ -4,7 +4,8 @@ Everything is done by the command `wrinkle`, on the PATH or in an environment th
 Python needs nothing. The page beside this file says how to install and use it. `python wrinkle_blender.py OUT.zip`
 writes the extension with its manifest.
 
-A tool is a curve that shows its patch, with an empty at each of its points. Keys of the tools file are custom
+A tool is a curve that shows its patch, with an empty at each of its points; of a field, which lies on a whole mesh, the
+curve is empty. Keys of the tools file are custom
 properties of the curve: numbers with their ranges, and for everything else the text that stands behind the colon in
 YAML. Keys that are not set have their defaults, or what the material gives. Positions are those at rest in frame 0, as
 Blender exports them.
@@ -69,6 +70,7 @@ KINDS = {
     "muscles": Kind("muscle", ("origin", "insertion"), 2),
     "flesh": Kind("flesh", ("at",), 1),
     "touches": Kind("touch", ("at",), 1),
+    "fields": Kind("field", (), 0),
 }
 # Keys of an entry that are no custom properties: Blender's objects say them.
 PLACED = ("name", "node", "origin", "target", "path", "insertion", "at")
@@ -708,6 +710,8 @@ def lines_of(tool: Any, skin: Skin) -> list[list[tuple[Any, int]]]:
             return [[(places[0], 0), (places[1], 1)]]
         case "flesh":
             return [_ring(skin, places[0], _length(tool, "radius", 0.0, 0.0))]
+        case "fields":  # the whole mesh
+            return []
         case _:
             pad = _length(tool, "pad", 0.0, 0.0)
             return [_ring(skin, places[0], pad), _ring(skin, places[0], pad + _length(tool, "reach", pad, 1.1 * pad))]
@@ -910,7 +914,7 @@ def file_text(scene: Any, bodies: Sequence[Any]) -> str:
         tools = [each for each in tools_of(scene) if kind_of(each) == kind and each["wrinkle_mesh"] in bodies]
         entries[kind] = [*map(entry_of, tools)]
     if not any(entries.values()):
-        raise ValueError("no tools yet: pick two vertices and add a wrinkle")
+        raise ValueError("no tools yet: add a field, or pick two vertices and add a wrinkle")
     return tools_text(json.loads(scene.get("wrinkle_file", "{}")), entries)
 
 
@@ -1319,7 +1323,7 @@ class _OnTool(_Operator):
 
 
 class Add(_Operator):
-    """Add a tool at the picked vertices: two for a wrinkle or a muscle, a row for a path, one for flesh or a touch"""
+    """Add a tool at the picked vertices: two for a wrinkle or a muscle, one for flesh or a touch; a field needs none"""
 
     bl_idname = "wrinkle.add"
     bl_label = "Add wrinkle"
@@ -1333,15 +1337,15 @@ class Add(_Operator):
 
     @classmethod
     def poll(cls, context: Any) -> bool:
-        """Only where vertices can be picked."""
-        return context.mode == "EDIT_MESH"
+        """Only where a mesh is active."""
+        return context.object is not None and context.object.type == "MESH"
 
     def act(self, context: Any) -> None:
         """Make the tool."""
         known = schema()  # says at once if there is no wrinkle
-        body, kind = context.edit_object, KINDS[self.kind]
+        body, kind = body_at(context), KINDS[self.kind]
         body.update_from_editmode()
-        picked = self._picked(body)
+        picked = self._picked(body) if kind.picked and context.mode == "EDIT_MESH" else []
         if len(picked) < kind.picked or (len(picked) > kind.picked and self.kind != "tools"):
             raise ValueError(f"{kind.title}: pick {kind.picked} vertices, not {len(picked)}")
         most = known["properties"]["tools"]["items"]["properties"]["path"]["maxItems"]
@@ -1353,7 +1357,7 @@ class Add(_Operator):
         if self.kind == "muscles":
             places = [self._within(skin, place, bone) for place, bone in zip(places, bones, strict=True)]
         taken = [each["name"] for each in tools_of(context.scene)]
-        name = free_name(self.name or bones[0] or kind.title, taken)
+        name = free_name(self.name or next(iter(bones), "") or kind.title, taken)
         tool = make_tool(context.scene, self.kind, name, skin, [*zip(places, bones, strict=True)])
         if self.kind == "tools":
             set_key(tool, "width", f"{number_text(self.width)}%")
@@ -1475,7 +1479,7 @@ class MirrorTool(_OnTool):
 
 
 # Keys whose values name joints, meshes or morph targets, which have sides.
-_SIDED = ("joint", "by", "meshes", "rest_length", "activation", "towards")
+_SIDED = ("joint", "joints", "by", "meshes", "rest_length", "activation", "towards")
 
 
 def _copied(context: Any, tool: Any, name: str, moved: Callable[[Any], Any], named: Callable[[str], str]) -> None:
@@ -1756,7 +1760,7 @@ class Tools(bpy.types.Panel):
         for kind, each in KINDS.items():
             adding.operator("wrinkle.add", text=f"Add {each.title}").kind = kind
         if context.mode != "EDIT_MESH":
-            layout.label(text="Pick vertices in edit mode", icon="INFO")
+            layout.label(text="Pick vertices in edit mode, but for a field", icon="INFO")
         active = tool_at(context)
         tools = layout.column(align=True)
         for tool in tools_of(context.scene):

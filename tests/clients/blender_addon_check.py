@@ -261,9 +261,9 @@ def panel() -> list[str]:
 
 def check_that_the_panel_has_every_key_and_a_bar() -> None:
     body = start("body")
-    assert "Pick vertices in edit mode" in panel()
+    assert "Pick vertices in edit mode, but for a field" in panel()
     pick(body, (0.205, 0.06, 1.368), (0.382, -0.05, 1.18))
-    for kind, points in (("tools", 2), ("muscles", 2), ("flesh", 1), ("touches", 1)):
+    for kind, points in (("tools", 2), ("muscles", 2), ("flesh", 1), ("touches", 1), ("fields", 0)):
         pick(body, *((0.205, 0.06, 1.368), (0.382, -0.05, 1.18))[:points])
         bpy.ops.wrinkle.add(kind=kind, name=kind)
         drawn = panel()
@@ -498,9 +498,14 @@ def check_that_a_preview_is_the_draft_that_the_command_bakes() -> None:
 
 
 def check_that_files_are_loaded_and_saved_alike() -> None:
-    for sample in ("trousers", "wrist", "body"):
+    for sample, tools in (
+        ("trousers", "trousers"),
+        ("trousers", "trousers_field"),
+        ("wrist", "wrist"),
+        ("body", "body"),
+    ):
         start(sample)
-        source = ROOT / "configs" / f"{sample}.yaml"
+        source = ROOT / "configs" / f"{tools}.yaml"
         bpy.ops.wrinkle.load(filepath=str(source))
         bpy.ops.wrinkle.save(filepath=str(FOLDER / "again.yaml"))
         first = addon.z_up(json.loads(wrinkle("schema", "--read", source)))
@@ -540,6 +545,21 @@ def check_that_muscles_flesh_and_touches_are_added_and_bake() -> None:
     names = {each.name for each in bpy.data.objects["body.wrinkled"].data.shape_keys.key_blocks}
     for name in ("biceps", "belly", "poke"):
         assert [each for each in names if name in each], name
+
+
+def check_that_a_field_is_added_without_vertices_and_bakes() -> None:
+    start("trousers")
+    bpy.ops.wrinkle.add(kind="fields", name="folds.L")
+    bpy.ops.wrinkle.set_key(key="slack", text="5%")
+    bpy.ops.wrinkle.set_key(key="joints", text="[thigh.L]")
+    bpy.ops.wrinkle.mirror()
+    made = [addon.entry_of(one(name)) for name in ("folds.L", "folds.R")]
+    assert [each["joints"] for each in made] == ["[thigh.L]", "[thigh.R]"]
+    bpy.ops.wrinkle.delete()
+    addon.draw_changed(bpy.context.scene)
+    bpy.ops.wrinkle.preview()
+    names = {each.name for each in bpy.data.objects["trousers.wrinkled"].data.shape_keys.key_blocks}
+    assert [each for each in names if "folds_L" in each]
 
 
 def check_that_faults_are_one_line_and_change_nothing() -> None:

@@ -103,3 +103,13 @@ def test_mirror_collisions():
 def test_a_missing_end_does_not_lie_on_itself():
     text = HEAD.replace("[1, ", "[0, ").replace("    target: [0, 4, 3]\n", "")
     assert lines_of(f"{text}    width: 1\n    mirror: x\n") == ["t.yaml:3: tools[0].target: required, but missing"]
+
+
+def test_a_field_has_the_joints_or_the_mesh_of_the_other_side():
+    made = parse_tools("{version: 1, fields: [{name: arm.L, mirror: x, joints: [arm_l, hip]}]}").fields
+    assert [(each.name, each.joints) for each in made] == [("arm.L", ("arm_l", "hip")), ("arm.R", ("arm_r", "hip"))]
+    made = parse_tools("{version: 1, fields: [{name: arm.L, mirror: x, node: sleeve_L}]}").fields
+    assert [each.node for each in made] == ["sleeve_L", "sleeve_R"]
+    for keys in ("", ", node: shirt", ", joints: all, node: shirt"):
+        (line,) = lines_of(f"{{version: 1, fields: [{{name: arm.L, mirror: x{keys}}}]}}")
+        assert line.endswith("its mirrored field would lie on itself: remove mirror")

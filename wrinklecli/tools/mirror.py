@@ -50,8 +50,9 @@ def mirrored(record: type, values: Mapping[str, Any], axis: str) -> dict[str, An
     for key in ("name", "node", "joint"):
         if isinstance(values.get(key), str):
             other[key] = exchange_sides(values[key])
-    if "meshes" in values:
-        other["meshes"] = tuple(map(exchange_sides, values["meshes"]))
+    for key in ("meshes", "joints"):
+        if isinstance(names := values.get(key), tuple):
+            other[key] = tuple(map(exchange_sides, names))
     for key in ("rest_length", "activation"):
         if isinstance(driver := values.get(key), RestLengthMorph | ActivationMorph):
             other[key] = replace(driver, morph=exchange_sides(driver.morph))

@@ -169,7 +169,7 @@ def _problems_of_mirrored(
         message = f"found {name.shown}, expected a side to exchange for mirror, such as brow.L or left_brow"
     elif (taken := identifier(other["name"])) in owners:
         message = f"found {name.shown}, but its mirrored {item} would have the name of {owners[taken]}"
-    elif None not in _points(tool.values, kind) and _points(tool.values, kind) == _points(other, kind):
+    elif None not in _points(tool.values, kind) and _place(tool.values, kind) == _place(other, kind):
         message = f"found {name.shown}, but its mirrored {item} would lie on itself: remove mirror"
     else:
         return
@@ -178,6 +178,11 @@ def _problems_of_mirrored(
 
 def _points(values: Mapping[str, Any], kind: Kind) -> set[Point | None]:
     return {*values["path"]} if "path" in values else {values.get(name) for name in kind.points}
+
+
+def _place(values: Mapping[str, Any], kind: Kind) -> Any:
+    """What says where an effect is: its points, or for want of such its mesh and its joints."""
+    return _points(values, kind) or [values.get(key) for key in ("node", "joints")]
 
 
 def _problems_of_material(effect: _Effect, known: Mapping[str, Preset]) -> Iterator[Problem]:
