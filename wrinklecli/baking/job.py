@@ -1,7 +1,7 @@
 """The job of a bake: its options, and an asset read with its clips, and with the tools of each mesh."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, TypeAlias, cast
 
@@ -18,6 +18,7 @@ from wrinklecli.errors import BakeError, ConfigError, counted, listed, nearest
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.images import files_of
+from wrinklecli.gltf.joined_mesh import JoinedMesh, joined
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.memory import MAX_MEMORY, MAX_VERTICES, Memory
 from wrinklecli.tools.body import Flesh
@@ -102,6 +103,7 @@ class Job:
         every_clip: The clips of the document.
         clips: The clips to bake.
         by_node: The tools of each node that has a mesh, sorted by node.
+        joined: By their first nodes the meshes that are one in the document, and several in the asset.
         pose: Name of the clip that is the pose asked for, if any.
         range: Names of the clips that are the asset's range of motion.
         notes: A line for each motion that was made, for each part of the anims that was left out or renamed, and for
@@ -119,6 +121,7 @@ class Job:
     every_clip: tuple[Clip, ...]
     clips: tuple[Clip, ...]
     by_node: dict[int, list[EffectTool]]
+    joined: dict[int, JoinedMesh]
     pose: str | None
     range: tuple[str, ...]
     notes: tuple[str, ...]
@@ -174,12 +177,13 @@ def job_of(asset: Document, settings: ToolsFile, options: BakeOptions, motions: 
         WrinkleError: They do not go together.
     """
     by_node, left_out = tools_by_node(asset, settings)
-    joined = moved(asset, list(by_node), motions)
-    document = joined.document
-    every_clip = joined.clips
-    asked = joined.chosen(options.clips)
+    whole, by_node, meshes = _joined(asset, settings, by_node)
+    played = moved(whole, list(by_node), motions)
+    document = played.document
+    every_clip = played.clips
+    asked = played.chosen(options.clips)
     sampled = () if asked or settings.sampling.clips == "all" else settings.sampling.clips
-    nameable = tuple(clip for clip in every_clip if clip.name not in (*joined.range, joined.pose))
+    nameable = tuple(clip for clip in every_clip if clip.name not in (*played.range, played.pose))
     vain_clips = check_clip_names(settings, sampled, nameable)
     return Job(
         options=options,
@@ -187,14 +191,15 @@ def job_of(asset: Document, settings: ToolsFile, options: BakeOptions, motions: 
         asset=asset,
         document=document,
         inputs=(document.files[0], settings.path, *settings.merged_paths, *document.files[1:], *settings.files_beside),
-        beside=(*files_of(asset), *joined.beside),
+        beside=(*files_of(asset), *played.beside),
         every_clip=every_clip,
         clips=chosen_clips(every_clip, sampled or asked, where=document.path),
         by_node=by_node,
-        pose=joined.pose,
-        range=joined.range,
-        notes=joined.notes,
-        warnings=(*joined.warnings, *vain_clips, *left_out),
+        joined=meshes,
+        pose=played.pose,
+        range=played.range,
+        notes=played.notes,
+        warnings=(*played.warnings, *vain_clips, *left_out),
     )
 
 
@@ -218,7 +223,7 @@ def tools_by_node(document: Document, settings: ToolsFile) -> tuple[dict[int, li
             warnings.append(f"{tool.name}: left out, as {why}")
         else:
             try:
-                node = _node_of(tool, document, names)
+                node = _nodes_of(tool, document, names)[0]
                 tool = _by_own_names(tool, names)
                 found.setdefault(node, []).append(tool)
                 for over in _moved_along(tool, node):
@@ -269,12 +274,57 @@ def why_left_out(tool: EffectTool, document: Document, names: MeshNames) -> str 
     """The reason why a bake would go on without a tool; None if it would not."""
     if tool.idle:
         return "its strength is 0 in every clip"
-    if tool.optional and tool.node is not None and not names.called(tool.node):
-        return f"there is no node {tool.node!r}"
+    if tool.optional and tool.node is not None and not any(map(names.called, _named(tool))):
+        return f"there is no node {listed(_named(tool))}"
     joints = tool.joints if tool.optional and isinstance(tool, Field) else "all"
     if joints != "all" and not set(joints) & {node.get("name") for node in document.items("nodes")}:
         return f"there is no node {listed(joints)}"
     return None
+
+
+def _named(tool: EffectTool) -> list[str]:
+    """The names of its nodes that a tool has."""
+    return [] if tool.node is None else [tool.node, *(tool.beside if isinstance(tool, Field) else ())]
+
+
+def _nodes_of(tool: EffectTool, document: Document, names: MeshNames) -> list[int]:
+    """The nodes whose meshes a tool wrinkles, without those that are absent if it is optional.
+
+    Raises:
+        BakeError: They are not there.
+    """
+    if not isinstance(tool, Field) or not tool.beside:
+        return [_node_of(tool, document, names)]
+    wanted = [name for name in _named(tool) if not tool.optional or names.called(name)]
+    return list(dict.fromkeys(_node_of(replace(tool, node=name), document, names) for name in wanted))
+
+
+def _joined(
+    document: Document, settings: ToolsFile, by_node: Mapping[int, list[EffectTool]]
+) -> tuple[Document, dict[int, list[EffectTool]], dict[int, JoinedMesh]]:
+    """Let the meshes of each field with several nodes be one: the document, the tools by nodes, and these meshes.
+
+    Raises:
+        WrinkleError: They cannot be.
+    """
+    names = MeshNames.of(document)
+    groups: list[set[int]] = []
+    for tool in settings.effects:
+        if isinstance(tool, Field) and tool.beside and why_left_out(tool, document, names) is None:
+            group = {*_nodes_of(tool, document, names)}
+            # Fields that share a mesh are on one surface.
+            group = group.union(*(each for each in groups if each & group))
+            groups = [*(each for each in groups if not each & group), group]
+    meshes: dict[int, JoinedMesh] = {}
+    for group in groups:
+        if len(group) > 1:
+            document, mesh = joined(document, sorted(group))
+            meshes[mesh.nodes[0]] = mesh
+    found: dict[int, list[EffectTool]] = {}
+    firsts = {node: first for first, mesh in meshes.items() for node in mesh.nodes}
+    for node, tools in by_node.items():
+        found.setdefault(firsts.get(node, node), []).extend(tools)
+    return document, dict(sorted(found.items())), meshes
 
 
 def _by_own_names(tool: EffectTool, names: MeshNames) -> EffectTool:

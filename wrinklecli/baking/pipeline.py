@@ -102,8 +102,8 @@ def _bake(
         if options.mode != "frames" and out is not None:
             morphed = [_add_morph_targets(job, edited, plan, clock, progress) for plan in plans]
             with clock.stage("encode"):
-                if options.split:
-                    edited, morphed = split_meshes(edited, morphed)
+                if options.split or job.joined:
+                    edited, morphed = split_meshes(edited, morphed, job.joined, asked=options.split)
                 elif options.mode == "morph":
                     morphed = [weighed(edited, mesh) for mesh in morphed]
         # If nothing is to be written, the report describes the plans alone.

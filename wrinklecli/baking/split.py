@@ -1,6 +1,6 @@
 """A baked mesh split in parts, each with only the morph targets that move it: see `baking.parts`."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from wrinklecli.baking.budget import mesh_texture_bytes, texel_bytes, texture_bytes
@@ -11,6 +11,7 @@ from wrinklecli.drive.drive import wrinkle_entry
 from wrinklecli.effects.effect import targets_of
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.edited_document import EditedDocument
+from wrinklecli.gltf.joined_mesh import JoinedMesh, give_back
 from wrinklecli.gltf.split_mesh import Part, split_node
 from wrinklecli.numeric.arrays import distinct_values
 
@@ -18,8 +19,12 @@ from wrinklecli.numeric.arrays import distinct_values
 _MATTERS = 1_000_000
 
 
-def split_meshes(edited: EditedDocument, baked: Sequence[BakedMesh]) -> tuple[EditedDocument, list[BakedMesh]]:
-    """Split the mesh of each baked node if that makes its morph targets smaller; no vertex moves.
+def split_meshes(
+    edited: EditedDocument, baked: Sequence[BakedMesh], joined: Mapping[int, JoinedMesh], *, asked: bool
+) -> tuple[EditedDocument, list[BakedMesh]]:
+    """Split the mesh of each baked node where it was joined of several, and, if that is asked for, others too.
+
+    Others are split if that makes their morph targets smaller. No vertex moves.
 
     Returns:
         A document being changed whose source is the whole of `edited`, and the meshes with their parts.
@@ -28,7 +33,14 @@ def split_meshes(edited: EditedDocument, baked: Sequence[BakedMesh]) -> tuple[Ed
         BakeError: Something sets the morph targets of a mesh in a way that several meshes cannot follow.
     """
     whole = edited.continued()
-    return whole, [_split(whole, edited.source, mesh) for mesh in baked]
+    made = []
+    for mesh in baked:
+        node = mesh.plan.rig.node
+        if node in joined:
+            made.append(_told(whole, mesh, give_back(whole, joined[node])))
+        else:
+            made.append(_split(whole, edited.source, mesh) if asked else weighed(edited, mesh))
+    return whole, made
 
 
 def weighed(edited: EditedDocument, mesh: BakedMesh) -> BakedMesh:
@@ -43,16 +55,18 @@ def weighed(edited: EditedDocument, mesh: BakedMesh) -> BakedMesh:
 
 
 def _split(whole: EditedDocument, source: Document, mesh: BakedMesh) -> BakedMesh:
-    rig, gltf = mesh.plan.rig, whole.gltf
     parts = _parts(whole.source, source, mesh)
-    if len(parts) < 2:
-        return mesh
-    made = split_node(whole, rig.node, parts)
+    return mesh if len(parts) < 2 else _told(whole, mesh, split_node(whole, mesh.plan.rig.node, parts))
+
+
+def _told(whole: EditedDocument, mesh: BakedMesh, made: Sequence[int]) -> BakedMesh:
+    """A mesh with its parts, whose names are in the extras of the first."""
+    gltf = whole.gltf
     nodes = [gltf["nodes"][node] for node in made]
     entry = wrinkle_entry(nodes[0])
     if entry is not None:
         for node in nodes[1:]:
-            node["extras"] = {key: each for key, each in node["extras"].items() if key != "wrinkle"}
+            node["extras"] = {key: each for key, each in node.get("extras", {}).items() if key != "wrinkle"}
             if not node["extras"]:
                 del node["extras"]
         entry[PARTS] = [node.get("name", "") for node in nodes[1:]]

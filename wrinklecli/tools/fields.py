@@ -47,6 +47,7 @@ class Field(BodyEffect):
 
     Attributes:
         wavelength: From crest to crest at rest; a percentage is of the girth of the limb beneath.
+        beside: The other nodes of a list in `node`.
         slack: Part of a length that is lost before a fold rises.
         substance: The substances on which it lies; None for all.
         joints: Names of the joints that fold it.
@@ -54,6 +55,16 @@ class Field(BodyEffect):
 
     sections: ClassVar[tuple[str, ...]] = ("fields",)
 
+    node: str | None = key(
+        {
+            "if": {"type": "array"},
+            "then": list_of(TEXT, 1, None, "a node or a list of nodes"),
+            "else": {**TEXT, "type": ["string", "null"]},
+        },
+        "Node of the mesh, or a list of nodes whose meshes are one surface; may be left out where one mesh deforms.",
+        None,
+        read=lambda value: tuple(value) if isinstance(value, list) else value,
+    )
     mask: Mask | None = key(
         MASK,
         "Factor of the height at each place, 0 to 1: {attribute: _WRINKLE} of the vertices, or {image: FILE, channel: "
@@ -128,6 +139,8 @@ class Field(BodyEffect):
         hashed=False,
     )
 
+    beside: tuple[str, ...] = ()
+
     @classmethod
     def of_material(cls, values: Mapping[str, Any], _known: Mapping[str, Preset]) -> Mapping[str, Any]:
         """What its material gives for keys that it does not have."""
@@ -138,7 +151,11 @@ class Field(BodyEffect):
         """The fields that the keys of a file give, with those of its material."""
         given, readers = cls.of_material(values, known), readers_of(Field)
         absent = {name: readers[name](each) for name, each in given.items() if values.get(name) in (None, "auto")}
-        return {name: each for name, each in values.items() if name != "mirror"} | absent
+        found = {name: each for name, each in values.items() if name != "mirror"} | absent
+        if isinstance(found.get("node"), tuple):
+            found["node"], *found["beside"] = dict.fromkeys(found["node"])
+            found["beside"] = tuple(found["beside"])
+        return found
 
     @property
     def points(self) -> tuple[Point, ...]:

@@ -50,7 +50,7 @@ def mirrored(record: type, values: Mapping[str, Any], axis: str) -> dict[str, An
     for key in ("name", "node", "joint"):
         if isinstance(values.get(key), str):
             other[key] = exchange_sides(values[key])
-    for key in ("meshes", "joints"):
+    for key in ("node", "meshes", "joints"):
         if isinstance(names := values.get(key), tuple):
             other[key] = tuple(map(exchange_sides, names))
     for key in ("rest_length", "activation"):
