@@ -3,10 +3,12 @@
 import copy
 import difflib
 import itertools
+import re
 from collections.abc import Mapping
 from typing import Any
 
 import pytest
+import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -482,3 +484,24 @@ def test_a_value_is_read_as_it_was_written(value: Any) -> None:
     assert not problems
     assert root is not None
     assert root.value == {"a": dict(value) if isinstance(value, Mapping) else value}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{version: 1, fields: [{name: a}]}",
+        '{"version": 1, "fields": [{"name": "a"}]}\n',
+        "{version: 1, # first\n fields: [\n  {name: a} # second\n ]\n}\n",
+        "version: 1\nfields: [name: a]  # first\n",
+    ],
+)
+def test_a_file_in_brackets_is_edited_in_brackets(text: str) -> None:
+    """The shortest files of fields; what was there stays, with its comments."""
+    fields = ToolsText(text, "t.yaml", "fields")
+    edited = fields.with_value(0, ("strength",), 2).with_value(0, ("clips", "walk"), 0.5)
+    assert edited.tools == ({"name": "a", "strength": 2, "clips": {"walk": 0.5}},)
+    assert re.findall(r"# \w+", edited.text) == re.findall(r"# \w+", text)
+    more = edited.of_list("tools").with_tool({"name": "b", "width": "80%"})
+    assert yaml.safe_load(more.text) == yaml.safe_load(edited.text) | {"tools": [{"name": "b", "width": "80%"}]}
+    assert more.without_tool(0).with_tool({"name": "c"}).tools == ({"name": "c"},)
+    assert yaml.safe_load(more.without_tool(0).without_empty().text) == yaml.safe_load(edited.text)

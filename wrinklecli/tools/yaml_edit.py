@@ -85,6 +85,12 @@ def _part_of(values: Any, steps: Steps) -> Any:
     return values
 
 
+def _value_of(lines: Sequence[str]) -> Any:
+    """What lines of YAML say."""
+    root, _ = read_tree("\n".join(lines))
+    return None if root is None else root.value
+
+
 def _changed(text: str, changes: Sequence[_Change]) -> str:
     for start, end, instead in sorted(changes, key=lambda change: change[0], reverse=True):
         text = text[:start] + instead + text[end:]
@@ -285,8 +291,10 @@ class ToolsText:
     def without_empty(self) -> "ToolsText":
         """Remove the list if it is empty, as the reader refuses it beside other lists."""
         at = self._root.number_of(self.key)
-        if at is None or self.tools or self._root.flow:
+        if at is None or self.tools:
             return self
+        if self._root.flow:
+            return self._with(self._removal(self._root, at))
         ends = self._line_start(self._root.keys[at].start), self._line_end(self._root.items[at].end, behind=True)
         return ToolsText(_changed(self.text, [(*ends, "")]), self.name, self.key)
 
@@ -489,6 +497,8 @@ class ToolsText:
     def _addition(self, part: _Part, key: str, value: Any) -> _Change:
         """Add a key behind the last one of a mapping."""
         text = f"{written(key)}: {written(value)}"
+        if part.flow and self.text[part.start] != "{" and part.anchor is None:  # a pair in a list: [name: a]
+            return (part.start, part.end, f"{{{self.text[part.start : part.end]}, {text}}}")
         if part.flow:
             at = part.items[-1].end if part.items else self.text.index("{", part.start) + 1
             return (at, at, f", {text}" if part.items else text)
@@ -538,6 +548,11 @@ class ToolsText:
     def _new_tool(self, lines: Sequence[str], *, behind: int) -> list[_Change]:
         """Add a tool behind another one."""
         tools, newline = self._tools, self._newline
+        if (tools is None or not tools.items) and self._root.flow:
+            entry = [_value_of(lines)]
+            if tools is None:
+                return [self._addition(self._root, self.key, entry)]
+            return [(tools.start, tools.end, written(entry))]
         if tools is None or not tools.items:
             new = f"{newline}  - {self._indented(lines, 4)}"
             at = self._line_end((tools or self._root).end)
@@ -558,6 +573,5 @@ class ToolsText:
         """The text of a tool's lines behind a dash; one line if all tools stand in brackets."""
         tools = self._tools
         if tools is not None and tools.items and tools.flow and not _BRACKET.match(lines[0]):
-            root, _ = read_tree("\n".join(lines))
-            return written(root.value if root is not None else None)
+            return written(_value_of(lines))
         return self._newline.join([lines[0], *(" " * indent + line if line else line for line in lines[1:])])
