@@ -454,5 +454,6 @@ def _side_of(tool: Mapping[str, Any], axis: str) -> str:
     if len(places):
         return "L" if float(places[:, "xyz".index(axis)].sum()) > 0 else "R"
     nodes = [str(name) for each in _points(tool) if isinstance(each, dict) for name in each.values()]
-    sides = [split_side(name)[1] for name in (*nodes, str(tool.get("joint", "")))]
+    nodes += [str(tool.get(key, "")) for key in ("joint", "node", "joints")]
+    sides = [split_side(name)[1] for name in nodes]
     return next((side for side in sides if side), "R")

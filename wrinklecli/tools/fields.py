@@ -112,7 +112,7 @@ class Field(BodyEffect):
         {**number(0, 10), **slider(0, 2, 0.05)}, "Factor of the heights in all clips. Default 1.", 1.0, read=float
     )
     variation: float = key(
-        {**number(0, 1), "type": ["number", "null"]},
+        {**number(0, 1, step=0.05), "type": ["number", "null"]},
         "0 even distances of crests, 1 most irregular. Default: the material's.",
         None,
         group="Irregularity",

@@ -10,6 +10,7 @@ import pytest
 from wrinklecli.choices import GROUPS
 from wrinklecli.editor.page.controls import ToolControls
 from wrinklecli.tools.effective import EffectiveValue, effective_values
+from wrinklecli.tools.fields import Field
 from wrinklecli.tools.materials import presets
 from wrinklecli.tools.schema import KINDS
 
@@ -28,10 +29,11 @@ class Slider(SimpleNamespace):
 
 
 class Gui:
-    """Keeps sliders by their labels, and the labels of tabs."""
+    """Keeps sliders and other widgets by their labels, and the labels of tabs."""
 
     def __init__(self) -> None:
         self.sliders: dict[str, Any] = {}
+        self.others: dict[str, Any] = {}
         self.tabs: list[str] = []
 
     def add_slider(self, label: str, low: float, high: float, *_: float, hint: str) -> Any:
@@ -47,9 +49,13 @@ class Gui:
         return SimpleNamespace(add_tab=self.add_tab)
 
     def __getattr__(self, _name: str) -> Any:
-        return lambda label="", *_, **__: SimpleNamespace(
-            label=label, options=(), hint="", visible=True, value=None, on_update=lambda _: None
-        )
+        def add(label: str = "", *_: Any, **__: Any) -> Any:
+            self.others[label] = SimpleNamespace(
+                label=label, options=(), hint="", visible=True, value=None, on_update=lambda _: None
+            )
+            return self.others[label]
+
+        return add
 
 
 def controls(list_key: str = "tools", change: Any = lambda *_: None) -> tuple[Gui, ToolControls]:
@@ -81,6 +87,17 @@ def test_a_slider_reaches_to_the_value_in_the_file_and_back(title: str, own: dic
     show(shown)
     assert (slider.min, slider.max) == ends
     assert ends[0] <= slider.value <= ends[1]
+
+
+def test_a_field_shows_what_its_material_gives_and_a_list_as_one_by_hand() -> None:
+    gui, shown = controls("fields")
+    for joints, word in (("all", "all"), (["hip"], "by hand")):
+        values = effective_values({"name": "a", "joints": joints}, {}, presets(), Field)
+        shown.show(values, {}, 0.5, list(presets()))
+        assert gui.others["joints"].value == word
+    assert [gui.sliders[title].value for title in ("wavelength (%)", "slack (%)", "variation")] == [9.0, 4.0, 0.15]
+    assert gui.others["node"].value == "", "for none"
+    assert "clips" not in gui.others
 
 
 @pytest.mark.parametrize("list_key", KINDS)

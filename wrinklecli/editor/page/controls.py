@@ -184,7 +184,7 @@ class ToolControls:
         def show() -> None:
             value = self._values.get(key)
             word = NONE if value is None else value if value in control.choices else _LENGTH
-            if isinstance(value, Mapping):
+            if isinstance(value, Mapping | list):
                 word = _MAPPING
             if choice is not None:
                 choice.value = word if word in words else words[0]
@@ -218,14 +218,17 @@ class ToolControls:
             try:
                 value = json.loads(widget.value)
             except ValueError:
-                value = widget.value
+                value = widget.value or None
             self._change((key,), value, "typed")
 
         on_user_change(widget, change)
         line = TypedText(widget)
-        self._shows.append(
-            lambda: line.show(self._values["name"], json.dumps(self._values.get(key), ensure_ascii=False))
-        )
+
+        def show() -> None:
+            value = self._values.get(key)
+            line.show(self._values["name"], "" if value is None else json.dumps(value, ensure_ascii=False))
+
+        self._shows.append(show)
         return widget
 
     def _add_parts(self, control: KeyControl) -> None:

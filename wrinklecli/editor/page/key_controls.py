@@ -19,7 +19,7 @@ _STEP = 0.01  # step of a number that is typed; smaller changes are not visible
 NONE = "none"
 # Keys that are set by the mouse on the mesh, by buttons, or clip by clip.
 ELSEWHERE: Mapping[str, Sequence[str]] = {
-    **dict.fromkeys(KINDS, ("name", "enabled")),
+    **{name: tuple({"name", "enabled", "clips"} & kind.items.keys.keys()) for name, kind in KINDS.items()},
     "tools": (*OWN_KEYS, "enabled", "clips"),
 }
 
