@@ -220,7 +220,7 @@ def test_json_has_these_keys(tmp_path: Path) -> None:
     result = run(path, "--json", "-q")
     assert result.exit_code == 0
     data = json.loads(result.stdout)
-    assert list(data) == ["suggest", "asset", "reason", "notes", "dropped", "tools"]
+    assert list(data) == ["suggest", "asset", "reason", "notes", "dropped", "tools", "fields"]
     assert data["suggest"] == 1
     assert data["reason"] is None
     assert all(list(tool) == KEYS for tool in data["tools"])

@@ -55,7 +55,9 @@ def places_on(folder: Path, asset: Asset, **options: Any) -> list[Candidate]:
         found.extend(candidates)
         return []
 
-    with mock.patch.object(importlib.import_module("wrinklecli.review.suggest.suggest"), "fit_tools", fitted):
+    module = importlib.import_module("wrinklecli.review.suggest.suggest")
+    none = mock.patch.object(module, "find_garments", return_value=[])
+    with none, mock.patch.object(module, "fit_tools", fitted):
         suggest(asset.write(folder / "asset.glb"), everything=True, **options)
     return found
 
@@ -190,15 +192,15 @@ def test_where_nothing_is_said_the_confidence_is_low(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_file_and_json_say_why(tmp_path: Path) -> None:
-    path = painted(characters.denim(128)).write(tmp_path / "asset.glb")
-    assert "  # cloth, by its texture (sure)\n  - name: " in suggest(path, everything=True).text
+    path = painted(characters.skin(128)).write(tmp_path / "asset.glb")
+    assert "  # skin, by its texture (sure)\n  - name: " in suggest(path, everything=True).text
     (tool, *_) = json.loads(run(path, "--json", "--all").stdout)["tools"]
-    assert (tool["substance"], tool["why"]) == ("cloth", "by its texture")
+    assert (tool["substance"], tool["why"]) == ("skin", "by its texture")
     assert 0.8 < tool["confidence"] <= 1.0
 
 
 @pytest.mark.parametrize(
-    ("name", "kind"), [*(("My=Jeans", kind) for kind in ("skin", "leather", "hard", "none")), ("limb", "cloth")]
+    ("name", "kind"), [("My=Jeans", "skin"), ("limb", "leather"), ("My=Jeans", "hard"), ("limb", "none")]
 )
 def test_material_overrides_the_picture(tmp_path: Path, name: str, kind: str) -> None:
     path = painted(characters.denim(64), name="My=Jeans").write(tmp_path / "asset.glb")

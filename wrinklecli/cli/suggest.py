@@ -17,6 +17,7 @@ from wrinklecli.errors import aligned, shortened
 if TYPE_CHECKING:
     from wrinklecli.review.suggest.fitted_tools import Suggestion
     from wrinklecli.review.suggest.flesh import SuggestedFlesh
+    from wrinklecli.review.suggest.garments import SuggestedField
     from wrinklecli.review.suggest.muscles import SuggestedMuscle
     from wrinklecli.review.suggest.suggest import Suggestions
     from wrinklecli.review.suggest.touches import SuggestedTouch
@@ -36,7 +37,7 @@ def _materials(values: tuple[str, ...]) -> dict[str, str]:
 
 
 @click.command(
-    short_help="Find where clips compress an asset, and write tools for it.",
+    short_help="Find where clips compress an asset, and write fields and tools for it.",
     epilog="Example: wrinkle suggest samples/trousers.glb -o tools.yaml",
 )
 @click.argument("asset", type=opt.FILE)
@@ -91,14 +92,17 @@ def suggest(
 ) -> None:
     """Find where the clips of ASSET (glTF) compress its surface most, and write a tools file for `wrinkle bake`.
 
-    Each tool gets a material, skin, cloth or leather: by the colours and the fine contrast of the textures under its
-    place, then by names. A comment beside the tool says why, and how sure that is; --material says otherwise. Metal,
-    plates, boxes, folds that another layer hides, ribs, lips and lids are left out; notes on standard error say so, and
-    --all takes all. If the asset is symmetric about x = 0, the tools are symmetric too, whatever the clips.
+    Garments get fields, one for each mesh of which something looks like cloth by its textures or names; `substance`
+    keeps a field to that, and `joints` to the trunk and limbs. All else gets tools, each with a material by the colours
+    and the fine contrast of the textures under its place, then by names. A comment beside the tool says why, and how
+    sure that is; --material says otherwise. Metal, plates, boxes, folds that another layer hides, ribs, lips and lids
+    are left out; notes on standard error say so, and --all takes all. If the asset is symmetric about x = 0, the tools
+    are symmetric too, whatever the clips.
 
-    Each tool is tried on the refined mesh and looked at where it is tallest, from the best side. It is left out if its
-    wrinkles are hardly seen or hidden, or if the surface would pass through itself all over the place, show triangles
-    turned over, or bend its flat facets; -v says which. The next best folds take their places; --all looks at nothing.
+    Each field and tool is tried on the refined mesh and looked at where it is tallest, from the best side. It is left
+    out if its wrinkles are hardly seen or hidden, or if the surface would pass through itself all over the place, show
+    triangles turned over, or bend its flat facets; -v says which. The next best tools take the places of others. --all
+    looks at no tools.
 
     An asset without clips is measured in its range of motion: each joint bent about its axes, each morph target
     raised, as far as a body of such joints goes. --clip takes the names of these motions too, such as
@@ -124,11 +128,13 @@ def suggest(
     standard error. If there is nothing to suggest, as for a rigid asset, nothing is written and the exit code is 1, so
     that a pipeline stops.
 
-    --json prints {"suggest": 1, "asset", "reason", "notes", "dropped", "tools"}; "dropped" has "name", "reason" and
-    "value" of each tool that is not worth it. Each of "tools" has "name", "node", "origin", "between", "target",
-    "mirror", "width", "material", "strategy", "bumps", "max_height", "compressible", "rest_length", "contact", "mesh",
-    "driver", "driver_kind", "clip", "time", "span", "shortest", "shortening", "clips", "score", "substance", "why" and
-    "confidence", 0 to 1, null where nobody asked. Within version 1, keys are
+    --json prints {"suggest": 1, "asset", "reason", "notes", "dropped", "tools", "fields"}; "dropped" has "name",
+    "reason" and "value" of each field and tool that is not worth it. Each of "fields" has "name", "node", "material",
+    "substance", "joints", "strength", "mesh", "why", "clip", "time", "height", "wavelength", "targets" and "gpu_bytes",
+    which its targets take in parts of the mesh, as bake --split makes them. Each of "tools" has "name", "node",
+    "origin", "between", "target", "mirror", "width", "material", "strategy", "bumps", "max_height", "compressible",
+    "rest_length", "contact", "mesh", "driver", "driver_kind", "clip", "time", "span", "shortest", "shortening",
+    "clips", "score", "substance", "why" and "confidence", 0 to 1, null where nobody asked. Within version 1, keys are
     only added. Lengths are scene units, shortenings are ratios to the span. "between" has the points of a path
     between its ends. "clips" has the least length in each clip, null where the character is hidden. "reason" says why
     there are no tools, and is null if there are some.
@@ -201,6 +207,7 @@ def _json(asset: str, found: "Suggestions") -> dict[str, Any]:
         "notes": list(found.notes),
         "dropped": [{"name": each.name, "reason": each.reason, "value": _short(each.value)} for each in found.dropped],
         "tools": [_json_tool(each) for each in found.tools],
+        "fields": [_json_field(each) for each in found.fields],
         **({"muscles": [_json_muscle(each) for each in found.muscles]} if found.muscles else {}),
         **({"flesh": [_json_region(each) for each in found.flesh]} if found.flesh else {}),
         **({"touches": [_json_touch(each) for each in found.touches]} if found.touches else {}),
@@ -239,6 +246,26 @@ def _json_tool(each: "Suggestion") -> dict[str, Any]:
         "substance": None if each.substance is None else each.substance.kind,
         "why": None if each.substance is None else each.substance.why,
         "confidence": None if each.substance is None else round(each.substance.confidence, 2),
+    }
+
+
+def _json_field(each: "SuggestedField") -> dict[str, Any]:
+    field = each.field
+    return {
+        "name": field.name,
+        "node": field.node,
+        "material": field.material,
+        "substance": field.substance,
+        "joints": field.joints,
+        "strength": field.strength,
+        "mesh": each.mesh,
+        "why": each.why,
+        "clip": each.clip,
+        "time": _short(each.time),
+        "height": _short(each.height),
+        "wavelength": _short(each.wavelength),
+        "targets": each.targets,
+        "gpu_bytes": each.gpu_bytes,
     }
 
 
@@ -294,6 +321,21 @@ def _short(value: float) -> float:
 
 def _tables(found: "Suggestions") -> Iterator[tuple[list[list[str]], int]]:
     """For each kind of suggestions a table with a heading, and the number of its last columns that have numbers."""
+    fields = [
+        [
+            each.field.name,
+            each.mesh,
+            each.clip,
+            f"{each.time:.2f} s",
+            f"{each.height:.3g}",
+            f"{each.wavelength:.3g}",
+            str(each.targets),
+            f"{each.gpu_bytes / 1e6:.1f} MB",
+        ]
+        for each in found.fields
+    ]
+    if fields:
+        yield [["field", "mesh", "clip", "at", "height", "wavelength", "targets", "split, on a GPU"], *fields], 5
     if found.tools:
         yield _tool_rows(found.tools), 4
     muscles = [[_sided(each.muscle.name, each.mirrored), each.bone, f"{each.depth:.3g}"] for each in found.muscles]

@@ -28,7 +28,7 @@ BY_USER = "as --material says"
 
 # Words of names, singular; the first kind wins. No fold crosses hair, eyes and teeth. Some words are those of Ready
 # Player Me (`Wolf3D_Outfit_Footwear`), Daz (`EyeMoisture`, `Fingernails`) and Character Creator (`Std_Eye_Occlusion`).
-_WORDS: dict[SubstanceKind, str] = {
+WORDS: dict[SubstanceKind, str] = {
     "leather": "leather boot shoe sneaker footwear sandal belt strap glove saddle holster pouch",
     "hard": """metal metallic steel iron chrome gold silver brass copper alloy armor armour robot bot mech machine
         plastic glass glasses eyewear goggle stone wood wooden plate screw bolt gear helmet headwear visor lens gun
@@ -41,7 +41,7 @@ _WORDS: dict[SubstanceKind, str] = {
         tie""",
     "skin": "skin flesh dermis",
 }
-_KIND_OF: dict[str, SubstanceKind] = {word: kind for kind, words in reversed(_WORDS.items()) for word in words.split()}
+_KIND_OF: dict[str, SubstanceKind] = {word: kind for kind, words in reversed(WORDS.items()) for word in words.split()}
 # Words for fur, which hides the folds of the skin below it; and animals that have it, if their rigs are animals'.
 _FUR = "fur furry pelt feather plumage"
 _FURRED = """fox wolf dog puppy hound cat kitten bear tiger lion leopard panther cheetah lynx rabbit hare squirrel
@@ -482,6 +482,8 @@ def substances_at(ground: Ground, size: float) -> Ints:
 
 def _groups(keys: Ints) -> list[Ints]:
     """The numbers of equal rows."""
+    if not len(keys):
+        return []
     _, groups = np.unique(keys, axis=0, return_inverse=True)
     groups = groups.reshape(-1)
     return np.split(np.argsort(groups, kind="stable"), np.cumsum(np.bincount(groups))[:-1])
@@ -513,7 +515,7 @@ def named(names: Iterable[str], of: str, *, animal: bool = False) -> Substance |
         singular = {word.removesuffix("s") for word in words}
         if singular & {*_FUR.split(), *(_FURRED.split() if animal else ())}:
             return Substance("hard", f"{of} is named {shortened(name, 40)}", stiff="fur")
-        for kind in _WORDS:
+        for kind in WORDS:
             if kind in kinds or re.search(_JAPANESE[kind], name):
                 return Substance(kind, f"{of} is named {shortened(name, 40)}")
     return None

@@ -136,7 +136,7 @@ class BodyEffect:
     where: str = ""
     places: Mapping[tuple[str, ...], str] = field(default_factory=dict, hash=False, compare=False)
 
-    section: ClassVar[str]
+    sections: ClassVar[tuple[str, ...]]
 
     @classmethod
     def fields_of(cls, values: Mapping[str, Any], _known: Mapping[str, Preset]) -> dict[str, Any]:
@@ -158,11 +158,6 @@ class BodyEffect:
         return identifier(self.name)
 
     @property
-    def sections(self) -> tuple[str, ...]:
-        """The kinds of effects that act for it: its own alone."""
-        return (self.section,)
-
-    @property
     def idle(self) -> bool:
         """False: it has no strength that could be 0."""
         return False
@@ -178,7 +173,7 @@ class Muscle(BodyEffect):
         activation: None for a muscle that its length alone thickens.
     """
 
-    section: ClassVar[str] = "muscles"
+    sections: ClassVar[tuple[str, ...]] = ("muscles",)
 
     origin: Point = key(
         END,
@@ -259,7 +254,7 @@ class Flesh(BodyEffect):
         carrier: If it is one of `meshes` that moves with the region, the number of the region's own node.
     """
 
-    section: ClassVar[str] = "flesh"
+    sections: ClassVar[tuple[str, ...]] = ("flesh",)
 
     at: Position | Marker | None = key(
         ANCHOR, "Middle of the region, on the skin: world space at rest in scene units, or {marker: NODE}.",
@@ -451,7 +446,7 @@ class Touch(BodyEffect):
         keys: Each clip's keys: seconds, ascending, the slide forward and sideways, and the tip's depth.
     """
 
-    section: ClassVar[str] = "touches"
+    sections: ClassVar[tuple[str, ...]] = ("touches",)
 
     at: Position | Marker = key(
         ANCHOR, "Middle of the place, on the skin: world space at rest in scene units, or {marker: NODE}.",

@@ -297,15 +297,7 @@ class Contact:
     )
 
 
-CONTACT = if_mapping(
-    schema_of(Contact),
-    # To YAML 1.1, which is read, off is false.
-    expects("off, resolve or {per_clip: false, ignore: []}", enum=["off", "resolve", False]),
-)
-
-
-def read_contact(value: Any) -> Contact | None:
-    """Contact as a file asks for it; None for none."""
+def _read_contact(value: Any) -> Contact | None:
     if isinstance(value, dict):
         return read_record(Contact, value)
     return Contact() if value == "resolve" else None
@@ -649,10 +641,14 @@ class WrinkleTool:
         read=lambda value: read_record(Lag, value) if isinstance(value, dict) else None,
     )
     contact: Contact | None = key(
-        CONTACT,
+        if_mapping(
+            schema_of(Contact),
+            # To YAML 1.1, which is read, off is false.
+            expects("off, resolve or {per_clip: false, ignore: []}", enum=["off", "resolve", False]),
+        ),
         "resolve, or a mapping of what else it shall do: folds that touch never cross. Default off.",
         "off",
-        read=read_contact,
+        read=_read_contact,
     )
     where: str = ""
     places: Mapping[tuple[str, ...], str] = field(default_factory=dict, hash=False, compare=False)

@@ -77,8 +77,6 @@ class Candidate:
         widest: Greatest width of the tool, scene units.
         longest: Greatest length of a straight tool, scene units.
         between: (points, 3) of a path between the ends; none for a straight tool.
-        bumps: Number of bumps; None if the material and the size decide.
-        lower: Factor on their heights.
         driver: Name of the joint or morph target that compresses the region.
         by_morph: True if the driver is a morph target.
         part: The part of the body of a driving joint, if known.
@@ -98,8 +96,6 @@ class Candidate:
     widest: float = math.inf
     longest: float = math.inf
     between: Floats = field(default_factory=lambda: np.zeros((0, 3)))
-    bumps: int | None = None
-    lower: float = 1.0
     driver: str = ""
     by_morph: bool = False
     part: Part | None = None

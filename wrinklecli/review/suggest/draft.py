@@ -131,8 +131,6 @@ def tool_of(candidate: Candidate, name: str, width: float, bump_length: float | 
     bumps = min(max(usual, round(span / longest)), usual + _MORE_BUMPS)
     if chosen and "bumps" in chosen.keys:
         bumps = chosen.bumps()
-    if candidate.bumps is not None:
-        bumps = candidate.bumps
     if candidate.facet:
         # Among flat faces a bump that is shorter than a face looks like a step.
         bumps = max(1, min(bumps, int(span / candidate.facet)))

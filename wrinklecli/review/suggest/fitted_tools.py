@@ -15,7 +15,7 @@ from wrinklecli.choices import Part, Profile
 from wrinklecli.effects.attached import Attached
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, unit, weighted_quantiles
-from wrinklecli.review.suggest.buckling import crossing_pair, limb_radius
+from wrinklecli.numeric.rays import distances_along, near_points
 from wrinklecli.review.suggest.candidates import Candidate
 from wrinklecli.review.suggest.draft import pair_of, renamed, stem_and_side, tool_of, width_of
 from wrinklecli.review.suggest.measure import MeasuredMesh
@@ -59,15 +59,14 @@ _PRESENT = 0.25
 _AS_SHORT = 0.75
 # Greatest half width of a path over the radius of its sharpest bend.
 _OF_RADIUS = 0.9
-# Least shortening of a path that crosses another one on a limb over that of a level tool: it ends on the limb's sides,
-# where a bend neither presses together nor stretches.
-_OF_SLANTED = 0.4
 # Least width of a path over the straight tool's.
 _LEAST_WIDTH = 0.6
 # Greatest length of a tool at a finger's joint over the shorter bone's: the creases of a finger lie close to its joint.
 _OF_BONE = 0.4
 # Limbs whose bare skin creases at the joint, over a length as great as the limb is thick. Cloth folds farther away.
 _BARE_LIMBS: tuple[Part, ...] = ("lower arm", "lower leg")
+# Least and greatest radius of a limb over the length or the width of its compressed region: else it is no limb.
+_RADII = (0.15, 1.5)
 # Least distance of a candidate from x = 0 over its length or width, for a pair whose halves are apart.
 _APART = 0.25
 # Greatest |v| of a place well within a patch.
@@ -162,9 +161,9 @@ def fit_tools(candidates: Sequence[Candidate], further: Sequence[Clip] = ()) -> 
 
 @dataclass(frozen=True, slots=True)
 class _Fitted:
-    """Suggestions for a place, two if they cross, with the patches of their tools and of the twins of those."""
+    """A suggestion for a place, with the patches of its tool and of the twin of that."""
 
-    suggestions: list[Suggestion]
+    suggestion: Suggestion
     patches: list[Attached[WrinkleTool]]
 
 
@@ -204,7 +203,7 @@ class _Search:
             regions = [patch.regions[0] for patch in fitted.patches]
             if any(_overlap(region, other) for region in regions for other in others):
                 continue
-            suggestion = fitted.suggestions[0]
+            suggestion = fitted.suggestion
             key = (candidate.mesh.rig.node, suggestion.driver)
             placed += [(candidate.mesh, region) for region in regions]
             search = replace(
@@ -212,7 +211,7 @@ class _Search:
                 names=search.names | {patch.tool.identifier for patch in fitted.patches},
                 bump_lengths={key: suggestion.span / suggestion.tool.bumps, **search.bump_lengths},
             )
-            yield from fitted.suggestions
+            yield suggestion
 
     def _fit(self, candidate: Candidate) -> _Fitted | None:
         """The tool of a candidate, with its twin if it has one; None if it does not attach or shorten."""
@@ -224,9 +223,6 @@ class _Search:
         refined = None if near is None else _refined(near)
         if refined is None:
             return None
-        crossing = self._crossing(refined, apart=apart)
-        if crossing is not None:
-            return crossing
         curved = _curved(refined)
         fitted = self._fit_refined(curved, apart=apart)
         if curved is refined.candidate:
@@ -234,29 +230,9 @@ class _Search:
         straight = self._fit_refined(refined.candidate, apart=apart)
         if fitted is None or straight is None:
             return fitted or straight
-        ((suggestion,), (instead,)) = fitted.suggestions, straight.suggestions
-        return replace(fitted, suggestions=[replace(suggestion, straight=instead)])
+        return replace(fitted, suggestion=replace(fitted.suggestion, straight=straight.suggestion))
 
-    def _crossing(self, level: "_Refined", *, apart: bool) -> _Fitted | None:
-        """Fit two tools that cross on a limb; None where level folds are right, or if one of the two is no tool."""
-        search, fitted = self, list[_Fitted]()
-        least = _least_shortening(level.candidate, mild=self.mild)
-        if level.moment is None or level.moment.ratio < least:
-            return None
-        for each in crossing_pair(level.candidate):
-            found = search._fit_refined(each, apart=apart, least=_OF_SLANTED * least)
-            if found is None:
-                return None
-            fitted.append(found)
-            search = replace(search, names=search.names | {patch.tool.identifier for patch in found.patches})
-        if not fitted:
-            return None
-        return _Fitted(
-            [suggestion for each in fitted for suggestion in each.suggestions],
-            [patch for each in fitted for patch in each.patches],
-        )
-
-    def _fit_refined(self, candidate: Candidate, *, apart: bool, least: float | None = None) -> _Fitted | None:
+    def _fit_refined(self, candidate: Candidate, *, apart: bool) -> _Fitted | None:
         """Fit a tool to a candidate with refined ends, as `_fit`; `apart` is True if it is clear of its twin."""
         mesh, region, driver = candidate.mesh, candidate.region, candidate.driver
         stem, side = stem_and_side(driver, candidate.part or "fold")
@@ -284,7 +260,7 @@ class _Search:
                 return None
             shortenings = [shortenings_of(mesh, patch) for patch in patches]
             ratios = [greatest(each).ratio for each in shortenings]
-            if max(ratios) < (_least_shortening(candidate, mild=self.mild) if least is None else least):
+            if max(ratios) < _least_shortening(candidate, mild=self.mild):
                 continue
             if ratios[0] < _RESTS * ratios[-1]:
                 # The tool that the clips fold is written, and `mirror` makes the other.
@@ -300,8 +276,7 @@ class _Search:
         every = [
             found | shortenings_of(mesh, patch, self.further) for patch, found in zip(patches, shortenings, strict=True)
         ]
-        height = None if candidate.lower == 1.0 else candidate.lower * patches[0].tool.bump_height
-        tools = with_rising_bumps(mesh, patches, every, height=height)
+        tools = with_rising_bumps(mesh, patches, every)
         if tools is None:
             return None
         twin = greatest(shortenings[1]) if len(tools) == 2 else None
@@ -329,11 +304,11 @@ class _Search:
         suggestion = replace(suggestion, lower=lower)
         if suggestion.tool.profile != _WIDE_FURROWS and not candidate.by_morph:
             wide = attached(mesh, [replace(each, profile=_WIDE_FURROWS) for each in tools])
-            smooth = None if wide is None else with_rising_bumps(mesh, wide, every, height=height)
+            smooth = None if wide is None else with_rising_bumps(mesh, wide, every)
             if smooth is not None:
                 other = replace(suggestion, tool=smooth[0], lower=None, own_profile=True)
                 suggestion = replace(suggestion, smoother=other)
-        return _Fitted([suggestion], patches)
+        return _Fitted(suggestion, patches)
 
 
 def _covers(region: Region, place: Floats, normal: Floats) -> bool:
@@ -360,7 +335,7 @@ def _near_joint(candidate: Candidate) -> Candidate | None:
     if candidate.part == "finger":
         longest = _OF_BONE * _shorter_bone(candidate)
     elif candidate.part in _BARE_LIMBS and candidate.material == "skin":
-        radius = limb_radius(candidate)
+        radius = _limb_radius(candidate)
         longest = np.inf if radius is None else 2.0 * radius
     if not np.isfinite(longest):
         return candidate
@@ -368,6 +343,21 @@ def _near_joint(candidate: Candidate) -> Candidate | None:
     region = replace(candidate.region, length=min(candidate.region.length, longest))
     found = find_segment(candidate.mesh.sites, region, [pose], longest=longest)
     return found and replace(candidate, region=region, longest=longest, origin=found[0], target=found[1])
+
+
+def _limb_radius(candidate: Candidate) -> float | None:
+    """Radius of the limb at the middle of a candidate, scene units; None where there is nothing opposite."""
+    rest, region = candidate.mesh.rest, candidate.region
+    extent = max(region.length, region.width)
+    place, normal = rest.foot((candidate.origin + candidate.target) / 2.0)
+    corners = rest.positions[rest.triangles]
+    corners = corners[near_points(corners, place[None], 2.0 * _RADII[1] * extent)]
+    start = 1e-3 * extent  # beyond the triangle that the place lies on
+    found = distances_along(place - start * normal, -normal, corners)
+    # Clothes may have an inner side, so the opposite one is the farthest.
+    found = found[np.isfinite(found) & (found < 2.0 * _RADII[1] * extent)]
+    radius = float(found.max(initial=0.0)) / 2.0
+    return radius if _RADII[0] * extent < radius else None
 
 
 def _shorter_bone(candidate: Candidate) -> float:

@@ -150,7 +150,10 @@ def look_at(staged: StagedTool, sight: Sight, side: Side) -> Seen:
         us, vs = np.einsum("pk,pka->ap", hits.weights, staged.places[triangles[hits.triangles]])
         known = np.isfinite(us)
         changes = _changes(*lightness[1:, both])
-        crests = Crests.of(changes[known], us[known], vs[known], staged.bumps)
+        # A field has no coordinates, and crests all over its place.
+        crests = Crests(float(np.sqrt(np.mean(changes**2))), 1.0)
+        if known.any():
+            crests = Crests.of(changes[known], us[known], vs[known], staged.bumps)
         if (taken[0] & both).any():
             rounding = float(np.sqrt(np.mean(_changes(*lightness[:2, taken[0] & both]) ** 2)))
     there = drawn[2].triangles[staged.place[drawn[2].triangles]]

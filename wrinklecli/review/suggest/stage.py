@@ -29,6 +29,8 @@ from wrinklecli.review.suggest.cover import Layers, met_from_inside
 
 # Part of a tool's greatest displacement above which a vertex is on its place.
 _LEAST = 0.05
+# Distance from its tallest fold, in wavelengths, up to which a field is looked at: it lies all over a garment.
+_ROUND = 3.0
 # Reach of what is near a place over the greatest side of its box: what is further off hides it only from afar.
 _NEAR = 3.0
 # Rays by which the part of a place that another mesh comes through is measured, and their length over the place's size:
@@ -170,6 +172,9 @@ class Stage:
         faces, place = fine.triangles[:, ::way], np.zeros(len(fine.triangles), np.bool_)
         members = children(fine.subdivision.parents, region.members)
         on = flags_of(chosen[part.shares > _LEAST], len(plain))
+        if part.attached.segment is None:
+            tallest = int(np.argmax(np.sum((wrinkled - plain) ** 2, axis=1)))
+            on &= np.sum((plain - plain[tallest]) ** 2, axis=1) < (_ROUND * part.attached.span) ** 2
         place[members] = on[faces[members]].any(axis=1)
         low, high = _box(np.concatenate([plain[faces[place]], wrinkled[faces[place]]]))
         reach = _NEAR * float((high - low).max())
@@ -186,8 +191,9 @@ class Stage:
         normals = fine.subdivision.interpolate(vertex_normals(plain[:old], fine.surface.triangles[:, ::way]))
         across_others = np.repeat(face_normals(corners, np.arange(len(corners)).reshape(-1, 3)), 3, axis=0)
         places = np.full((len(plain), 2), np.nan)
-        _, across = region.coordinates(fine.posed_at(region.pose, chosen)[0])
-        places[chosen] = np.stack([part.us, across], axis=1)
+        if part.attached.segment is not None:
+            _, across = region.coordinates(fine.posed_at(region.pose, chosen)[0])
+            places[chosen] = np.stack([part.us, across], axis=1)
         return StagedTool(
             flat_positions=np.concatenate([flat[used], corners]),
             flat_normals=np.concatenate([normals[used], across_others]),
@@ -199,7 +205,7 @@ class Stage:
             fresh=np.append((used >= old) & on[used], np.zeros(len(corners), np.bool_)),
             shaded_flat=not plan.has_normals,
             places=np.concatenate([places[used], np.full((len(corners), 2), np.nan)]),
-            bumps=part.attached.tool.bumps,
+            bumps=1 if part.attached.segment is None else part.attached.tool.bumps,
         )
 
     def _read(self, kept: "_Kept") -> SkinnedMesh:

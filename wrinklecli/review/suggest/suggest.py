@@ -23,8 +23,16 @@ from wrinklecli.review.suggest.choice import choose_candidates
 from wrinklecli.review.suggest.faces import suggest_face
 from wrinklecli.review.suggest.fitted_tools import Suggestion, fit_tools
 from wrinklecli.review.suggest.flesh import SuggestedFlesh, flesh_text, suggest_flesh
+from wrinklecli.review.suggest.garments import (
+    SuggestedField,
+    beside_garments,
+    find_garments,
+    suggest_fields,
+    written_fields,
+)
 from wrinklecli.review.suggest.measure import find_mesh_nodes, measure_meshes
 from wrinklecli.review.suggest.muscles import SuggestedMuscle, muscles_text, suggest_muscles
+from wrinklecli.review.suggest.stage import Stage
 from wrinklecli.review.suggest.suggest_options import SuggestOptions
 from wrinklecli.review.suggest.text import refuse_unwritable, tools_text
 from wrinklecli.review.suggest.touches import SuggestedTouch, suggest_touches, touches_text
@@ -40,15 +48,16 @@ _MOST_NAMED = 6
 
 @dataclass(frozen=True, slots=True)
 class Suggestions:
-    """The tools suggested for an asset.
+    """The fields and tools suggested for an asset.
 
     Attributes:
         tools: Best first; may be empty.
-        text: A tools file with them; empty if there are none.
+        text: A tools file with them and the fields; empty if there are none.
         reason: Why there are none; empty if there are some.
         notes: A line for each material that meshes are made of, and for each reason to leave out folds.
         inputs: All files that were read, and the asset's images.
-        dropped: Tools that are not worth it, each with the reason.
+        dropped: Fields and tools that are not worth it, each with the reason.
+        fields: A field for each garment.
         muscles: With the option `muscles`, the muscles in place of tools.
         flesh: With the option `flesh`, the regions in place of tools.
         touches: With the option `touch`, the touches in place of tools.
@@ -60,6 +69,7 @@ class Suggestions:
     notes: tuple[str, ...]
     inputs: tuple[str, ...]
     dropped: tuple[Dropped, ...] = ()
+    fields: tuple[SuggestedField, ...] = ()
     muscles: tuple[SuggestedMuscle, ...] = ()
     flesh: tuple[SuggestedFlesh, ...] = ()
     touches: tuple[SuggestedTouch, ...] = ()
@@ -72,7 +82,7 @@ def suggest(
     progress: Progress = no_progress,
     **named: Any,
 ) -> Suggestions:
-    """Find where clips compress an asset's surfaces, and suggest tools there.
+    """Find where clips compress an asset's surfaces, and suggest fields for garments, and tools for skin.
 
     Without clips, the asset's range of motion is looked at: joints and morph targets, one at a time. With `face`, the
     morph targets of a face are, whatever clips there are. With `muscles` or `flesh`, these are guessed by the names of
@@ -140,12 +150,16 @@ def suggest(
             others = (clip for clip in clips if clip.name not in joined.range)
             clips = (*others, *limit_to_body(generated, read_rig(document, next(iter(nodes))), read_bones(document)))
         meshes = measure_meshes(document, nodes, clips, options, progress) if clips else []
-        candidates = find_candidates(meshes, read_bones(document).parts, progress, jobs=options.jobs)
         tried = TriedAsset(document, joined.clips, jobs=options.jobs)
+        stage = Stage(tried.scene, (*clips, *joined.clips))
+        garments = find_garments(tried, [mesh for mesh, _ in meshes], options)
+        fields, unfit = suggest_fields(tried, garments, stage)
+        bare = beside_garments(meshes, garments)
+        candidates = find_candidates(bare, read_bones(document).parts, progress, jobs=options.jobs)
         chosen, reasons, hard = choose_candidates(tried, candidates, options)
         rigid = {mesh.rig.names[mesh.rig.node]: None for mesh, _ in meshes if is_rigid(mesh.gauge)}
         hard = [*(f"{name} is rigid" for name in rigid), *hard]
-        flat = all(candidate.mesh.flat for candidate in chosen)
+        flat = bool(chosen) and all(candidate.mesh.flat for candidate in chosen)
         fitted = fit_tools(chosen, generated)
         reason = ""
         if candidates and not chosen:
@@ -174,8 +188,9 @@ def suggest(
         )
         if not options.everything:
             found = unwarned(tried, found, checked)
+        found.dropped[:0] = unfit
         beside = [*joined.beside, *(os.fspath(path) for path in options.presets)]
-        return _written(document, beside, found, [*notes, *reasons], reason, options.written_presets)
+        return _written(document, beside, found, [*notes, *reasons], reason, options.written_presets, fields)
 
 
 def _joined(clauses: Sequence[str]) -> str:
@@ -192,19 +207,22 @@ def _written(
     notes: Sequence[str],
     reason: str,
     presets: Sequence[str],
+    fields: Sequence[SuggestedField] = (),
 ) -> Suggestions:
     """Write tools; `reason` says why there are none, unless they were tried and left out.
 
     `beside` are files that were read besides the asset's, `presets` those of presets as the text names them.
     """
     text = ""
-    if found.tools:
-        text = tools_text(found.tools, os.path.basename(document.path), found.refinement, presets)
-        refuse_unwritable(text, document, found.tools)
+    if found.tools or fields:
+        text = tools_text(
+            found.tools, os.path.basename(document.path), found.refinement, presets, written_fields(fields)
+        )
+        refuse_unwritable(text, document, found.tools, [each.field for each in fields])
         reason = ""
     elif found.dropped:
-        reason = "none of its tools is worth it, as the notes say"
+        reason = "nothing is worth it, as the notes say"
     elif found.notes:
         reason = "what its motions fold is left out, as the notes say"
     inputs, notes = (*files_of(document), *beside), (*notes, *found.notes, *found.summary)
-    return Suggestions(tuple(found.tools), text, reason, notes, inputs, tuple(found.dropped))
+    return Suggestions(tuple(found.tools), text, reason, notes, inputs, tuple(found.dropped), tuple(fields))

@@ -2,11 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 from wrinklecli.errors import AssetError, WrinkleError
 from wrinklecli.gltf.document import Document
 from wrinklecli.review.suggest.draft import SLACK, decimals, place_of, written_length
 from wrinklecli.review.suggest.fitted_tools import Suggestion
+from wrinklecli.tools.fields import Field
+from wrinklecli.tools.materials import presets as usual_presets
 from wrinklecli.tools.mirror import exchange_sides, split_side
 from wrinklecli.tools.read import read_values
 from wrinklecli.tools.records import Contact, Length, RefinementSettings, RestLengthMorph, ToolsFile, WrinkleTool
@@ -20,21 +23,27 @@ def tools_text(
     asset: str,
     refinement: RefinementSettings = _USUAL,
     presets: Sequence[str] = (),
+    fields: Sequence[str] = (),
 ) -> str:
-    """Write a tools file, with the asset's name in its comments, and the refinement if it is not the usual one.
+    """Write a file of fields and tools, with the asset's name in comments, and the refinement if it is not usual.
 
-    `presets` are the files of presets that it names.
+    `presets` are the files of presets that it names, `fields` the lines of its fields.
     """
     lines = [
-        f"# Tools for {printable(asset, 90)}, as `wrinkle suggest` found them, best first.",
-        "#",
-        "# Each is a segment across the folds that a clip makes: its ends come closer, and the lost length comes back",
-        "# as bumps. Where folds turn it is a path. Positions are those of the stored pose, in scene units, Y up. This",
-        "# is made to be edited: move the ends, try other widths and numbers of bumps, delete what you do not want.",
+        f"# Wrinkles for {printable(asset, 70)}, as `wrinkle suggest` found them.",
+        "# This is made to be edited: delete what you do not want.",
         "version: 1",
         "",
         *([f"presets: [{', '.join(map(quoted, presets))}]", ""] if presets else []),
         *written_refinement(refinement),
+    ]
+    lines += fields
+    if not suggestions:
+        return "\n".join(lines[:-1]) + "\n"
+    lines += [
+        "# Each is a segment across the folds that a clip makes: its ends come closer, and the lost length comes back",
+        "# as bumps. Where folds turn it is a path. Positions are those of the stored pose, in scene units, Y up. Best",
+        "# first: move the ends, try other widths and numbers of bumps.",
         "defaults:",
         f"  rest_length: {100 - SLACK}%     # slack: the first {SLACK} % of shortening make no wrinkles",
         "  max_height: auto     # the material's, which compressible has bumps reach in the deepest fold",
@@ -113,7 +122,7 @@ def read_suggested(text: str, suggestions: Sequence[Suggestion]) -> ToolsFile:
     """
     root, problems = read_tree(text)
     assert root is not None, problems
-    return read_values(root.value, known=suggestions[0].presets)
+    return read_values(root.value, known=suggestions[0].presets if suggestions else usual_presets())
 
 
 def written_refinement(refinement: RefinementSettings) -> list[str]:
@@ -137,17 +146,20 @@ def quoted(name: str) -> str:
     return '"' + "".join(c if c.isprintable() else f"\\U{ord(c):08x}" for c in escaped) + '"'
 
 
-def refuse_unwritable(text: str, document: Document, suggestions: Sequence[Suggestion]) -> None:
-    """Check that reading the text gives the suggested tools.
+def refuse_unwritable(
+    text: str, document: Document, suggestions: Sequence[Suggestion], fields: Sequence[Field] = ()
+) -> None:
+    """Check that reading the text gives the suggested tools and fields.
 
     Raises:
         AssetError: The asset's lengths are beyond the range of a tools file.
     """
     try:
-        read = read_suggested(text, suggestions).tools
+        read = read_suggested(text, suggestions)
     except WrinkleError as error:
         raise AssetError(f"cannot be described by a tools file: {error.lines[0]}", where=document.path) from error
-    by_name = {tool.name: tool for tool in read}
-    for each in suggestions:
-        found = by_name[each.tool.name]
-        assert found == replace(each.tool, where=found.where), each.tool.name
+    suggested: list[Any] = [*(each.tool for each in suggestions), *fields]
+    by_name = {each.name: each for each in read.effects}
+    for each in suggested:
+        found = by_name[each.name]
+        assert found == replace(each, where=found.where), each.name

@@ -72,6 +72,19 @@ class Placement:
     coarse: bool
     departs: bool
 
+    @classmethod
+    def of(cls, plan: MeshPlan, part: Part) -> "Placement":
+        """Look at a part of a plan."""
+        members = part.attached.regions[0].members
+        return cls(
+            plan=plan,
+            part=part,
+            vertices=distinct_values(plan.fine.surface.triangles[members]),
+            crosses=bool(part.place_warnings(plan)),
+            coarse=bool(among(members, plan.fine.subdivision.unmet).any()),
+            departs=plan.fine.departs(part.region),
+        )
+
 
 class TriedAsset:
     """An asset on which suggestions are tried; each of its meshes is read, and posed in all clips, once."""
@@ -127,19 +140,7 @@ class Trial:
             )
         except WrinkleError:
             return {}
-        return {
-            part.attached.tool.name: Placement(
-                plan=plan,
-                part=part,
-                vertices=distinct_values(plan.fine.surface.triangles[members]),
-                crosses=bool(part.place_warnings(plan)),
-                coarse=bool(among(members, plan.fine.subdivision.unmet).any()),
-                departs=plan.fine.departs(part.region),
-            )
-            for plan in plans
-            for part in skin_parts(plan)
-            for members in (part.attached.regions[0].members,)
-        }
+        return {part.attached.tool.name: Placement.of(plan, part) for plan in plans for part in skin_parts(plan)}
 
     def placed_again(
         self, suggestions: Sequence[Suggestion], changed: Sequence[Suggestion], placed: Mapping[str, Placement]

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import field, replace
 from functools import partial
-from itertools import islice
+from itertools import chain, islice
 
 import numpy as np
 
@@ -112,6 +112,7 @@ REASONS = {
     "rounded": "one sees how refinement rounds the surface, not its wrinkles: these change the light by {} of that",
     "no crests": "what one sees of it is lumps or specks: {} of the change of light follows its crests",
     "warned": "`check` would warn: {}",
+    "refused": "{}",
 }
 """Reasons to leave out a tool, in words with a place for the value; the first one that holds is said."""
 
@@ -253,6 +254,14 @@ def _judge(stage: Stage, suggestion: Suggestion, placed: dict[str, Placement]) -
         tool = replace(suggestion.tool, contact=Contact()) if resolved else suggestion.tool
         suggestion = replace(suggestion, tool=tool, crossings=max(look.tallest.crossings[1] for look in looks))
     return replace(suggestion, one_sided=suggestion.twin_moment is not None and len(looks) == 1)
+
+
+def fault_of(stage: Stage, placement: Placement, clip: str, time: float) -> tuple[str, float] | None:
+    """Why a field is not worth it where it is tallest, with the number that says so; None if it is."""
+    look = _look(stage, placement, clip, time)
+    if look is None or isinstance(look, float):
+        return ("not raised", 0.0) if look is None else ("bends", look)
+    return next(chain(_faults(look, resolved=False), _sight(look.seen, _LEAST_CONTRAST["body"])), None)
 
 
 @dataclass(frozen=True, slots=True)

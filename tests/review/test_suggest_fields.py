@@ -1,0 +1,122 @@
+"""Garments get a field in place of tools: by their pictures or names, as far as they look like cloth."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from kit import characters
+from kit.asset import Asset, attribute
+from kit.limb import limb_asset
+from kit.samples import sample
+from kit.suggested import in_assets, run, suggest_once
+from wrinklecli import bake
+from wrinklecli.review.check import check
+from wrinklecli.review.suggest.suggest import Suggestions, suggest
+from wrinklecli.tools.read import parse_tools
+
+SIZE: dict[str, Any] = {"rings": 24, "sides": 16, "angle": 60.0}
+
+
+def dressed(asset: Asset, *, image: Any = None, **material: Any) -> Asset:
+    """An asset with one material, which may have a picture, on all primitives."""
+    if image is not None:
+        view = asset.view(characters.png(image))
+        number = asset.append("images", {"bufferView": view, "mimeType": "image/png"})
+        texture = {"index": asset.append("textures", {"source": number})}
+        material["pbrMetallicRoughness"] = {"baseColorTexture": texture}
+    number = asset.append("materials", material)
+    for primitive in asset.gltf["meshes"][0]["primitives"]:
+        primitive["material"] = number
+    return asset
+
+
+def named(asset: Asset, *joints: str) -> Asset:
+    for node, name in zip(asset.gltf["skins"][0]["joints"], joints, strict=False):
+        asset.gltf["nodes"][node]["name"] = name
+    return asset
+
+
+@pytest.fixture(scope="module")
+def jeans(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Suggestions]:
+    path = dressed(limb_asset(**SIZE), name="Jeans").write(tmp_path_factory.mktemp("jeans") / "limb.glb")
+    return path, suggest(path)
+
+
+@pytest.mark.slow
+def test_a_garment_gets_a_field_and_no_tools(jeans: tuple[Path, Suggestions], tmp_path: Path) -> None:
+    path, found = jeans
+    assert not found.tools
+    (each,) = found.fields
+    (read,) = parse_tools(found.text).fields
+    assert (read.name, read.node, read.substance, read.material, read.joints) == ("clothes", None, None, "cloth", "all")
+    assert each.clip == "fold"
+    assert 0.0 < each.height < each.wavelength
+    (tmp_path / "tools.yaml").write_text(found.text)
+    assert not check(path, tmp_path / "tools.yaml").warnings
+    report = bake(path, tmp_path / "tools.yaml", tmp_path / "out.glb", draft=True)
+    assert not report.warnings
+    assert max(map(len, found.text.splitlines())) <= 120
+
+
+@pytest.mark.slow
+def test_a_skirt_over_both_legs_gets_a_field(tmp_path: Path) -> None:
+    asset = characters.CHARACTERS["knight_tabard"]().write(tmp_path / "knight.glb")
+    assert [each.mesh for each in suggest(asset).fields] == ["Object.012"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["sample", "real"])
+def test_trousers_get_a_field_that_a_squat_folds(name: str) -> None:
+    found = suggest_once(sample("trousers") if name == "sample" else in_assets("trousers.glb"))
+    assert not found.tools
+    (each,) = found.fields
+    assert each.field.name == "trousers"
+    assert each.field.substance is None
+
+
+@pytest.mark.slow
+def test_the_command_says_what_a_field_costs(jeans: tuple[Path, Suggestions], tmp_path: Path) -> None:
+    path, found = jeans
+    result = run(path, "--json", "-o", tmp_path / "tools.yaml")
+    (field,) = json.loads(result.stdout)["fields"]
+    assert field["targets"] == found.fields[0].targets
+    assert field["gpu_bytes"] == found.fields[0].gpu_bytes > 0
+    assert "MB" in result.stderr.splitlines()[-1]
+
+
+@pytest.mark.slow
+def test_where_a_mesh_is_cloth_in_part_its_field_is_kept_to_that(tmp_path: Path) -> None:
+    picture = np.concatenate([characters.skin(64), characters.denim(64)], axis=1)
+    asset = dressed(limb_asset(**SIZE), image=picture)
+    places, positions = attribute(asset, 0, "TEXCOORD_0"), attribute(asset, 0, "POSITION")
+    places[:, 0] = np.where(positions[:, 1] > 0, 0.7, 0.2) + 0.1 * (places[:, 0] % 1.0)
+    found = suggest(asset.write(tmp_path / "limb.glb"))
+    (each,) = found.fields
+    assert each.field.substance == ("cloth",)
+    assert "substance: [cloth]" in found.text
+
+
+@pytest.mark.quick(1)
+@pytest.mark.parametrize(
+    ("asset", "why"),
+    [
+        (dressed(limb_asset(**SIZE), pbrMetallicRoughness={"baseColorFactor": [0.1, 0.2, 0.6, 1]}), "a plain colour"),
+        (named(dressed(limb_asset(**SIZE), name="Jeans"), "LeftFoot", "LeftToes"), "a shoe"),
+        (dressed(limb_asset(**SIZE, normals=False), name="Jeans"), "facets"),
+        (dressed(limb_asset(**SIZE), name="Steel"), "metal"),
+    ],
+    ids=lambda each: each if isinstance(each, str) else "",
+)
+def test_what_is_no_garment_gets_no_field(tmp_path: Path, asset: Asset, why: str) -> None:
+    assert not suggest(asset.write(tmp_path / "limb.glb"), everything=True).fields, why
+
+
+@pytest.mark.quick(1)
+def test_a_garment_that_no_field_fits_gets_no_tools_either(tmp_path: Path) -> None:
+    found = suggest(dressed(limb_asset(**SIZE, normals=False), name="Jeans").write(tmp_path / "limb.glb"))
+    assert not found.text
+    assert [(each.name, each.reason) for each in found.dropped] == [("clothes", "refused")]
+    assert "is faceted" in found.dropped[0].line

@@ -1,0 +1,286 @@
+"""Garments: meshes, or parts of them, that look like cloth. Each gets a field, which is tried and judged as tools are.
+
+A field lies on cloth alone, and the joints of the trunk and of limbs fold it: collars, gloves and shoes fold otherwise.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from wrinklecli.baking.budget import texel_bytes
+from wrinklecli.character.bent import bent_areas
+from wrinklecli.character.bones import read_bones, words_of
+from wrinklecli.character.clip import clip_grid
+from wrinklecli.character.paints import texture_info
+from wrinklecli.choices import SUBSTANCES, MaterialName
+from wrinklecli.choices import Part as PartOfBody
+from wrinklecli.effects.effect import MeshPlan, Part
+from wrinklecli.effects.faults import turned_warnings
+from wrinklecli.effects.plan import attach_effects, driven_by, plan_on, sketch, skin_parts
+from wrinklecli.effects.sampling import seen_at
+from wrinklecli.errors import WrinkleError, counted
+from wrinklecli.frozen import dataclass
+from wrinklecli.gltf.document import Document
+from wrinklecli.numeric.arrays import Floats, diagonal
+from wrinklecli.numeric.processes import in_processes
+from wrinklecli.review.suggest.cover import Layers, is_covered
+from wrinklecli.review.suggest.measure import MeasuredMesh
+from wrinklecli.review.suggest.stage import Stage
+from wrinklecli.review.suggest.suggest_options import SuggestOptions
+from wrinklecli.review.suggest.text import entry, quoted
+from wrinklecli.review.suggest.trial import Placement, TriedAsset
+from wrinklecli.review.suggest.worth import Dropped, fault_of
+from wrinklecli.surface.sites import Peaks
+from wrinklecli.surface.substance import WORDS, PrimitiveHints, is_rigid, read_hints, substances_at
+from wrinklecli.tools.fields import Field
+from wrinklecli.tools.mirror import numbered
+from wrinklecli.tools.records import ONE_PERCENT, Sampling, ToolsFile
+from wrinklecli.tools.yaml_tree import printable
+
+_CLOTH: MaterialName = "cloth"
+# Size of the places whose substance is looked at, as a part of the diagonal of a mesh's box: about a fold's, 4 cm on a
+# person.
+_PLACE = 0.02
+# Part of a mesh's area that has to be cloth for a field, and from which on all of it is.
+_SOME, _ALL = 0.1, 0.97
+# Parts of a body whose joints fold no garment: a neck moves within a collar; the folds of gloves and shoes are tools'.
+_APART: tuple[PartOfBody, ...] = ("neck", "head", "jaw", "eye", "hand", "palm", "finger", "foot", "toes")
+# Part of the largest area that a joint bends below which it folds nothing.
+_LEAST_BENT = 0.02
+# Joints of a field, those that bend the most: so many shapes can play it.
+_MOST_JOINTS = 24
+# Strengths that are tried where a field turns triangles over.
+_STRENGTHS = (1.0, 0.7, 0.5)
+# Shapes of a field that are looked at where they are tallest: half of them have to be worth it.
+_LOOKS = 4
+# Part of the surface round a place from which on the place lies on a garment, whose field wrinkles it.
+_MOSTLY = 0.5
+# Characters of a line of a list.
+_LONGEST = 100
+
+
+@dataclass(frozen=True, slots=True)
+class SuggestedField:
+    """A field over a garment.
+
+    Attributes:
+        field: Its definition, as it is written.
+        mesh: Name of the node.
+        why: What of the mesh is cloth, in words.
+        clip: Name of the clip that folds it most.
+        time: The time of the tallest fold in this clip, seconds.
+        height: The height of that fold, scene units.
+        wavelength: From crest to crest, scene units.
+        targets: The number of its morph targets.
+        gpu_bytes: What they take on a GPU where each part of the mesh has those that move it.
+    """
+
+    field: Field
+    mesh: str
+    why: str
+    clip: str
+    time: float
+    height: float
+    wavelength: float
+    targets: int
+    gpu_bytes: int
+
+
+@dataclass(frozen=True, slots=True)
+class Garment:
+    """A mesh of which something is cloth, and the field to try.
+
+    Attributes:
+        mesh: The mesh.
+        field: Without a strength.
+        why: What of the mesh is cloth, in words.
+        cloth: (triangles,) 1 for those of the gauge that are, else 0.
+    """
+
+    mesh: MeasuredMesh
+    field: Field
+    why: str
+    cloth: Floats
+
+
+def find_garments(asset: TriedAsset, meshes: Sequence[MeasuredMesh], options: SuggestOptions) -> list[Garment]:
+    """Find the garments among meshes; of instances the first one counts."""
+    garments: list[Garment] = []
+    layers = Layers(asset.scene, [clip for mesh in meshes for clip in mesh.clips])
+    for number, mesh in enumerate(meshes):
+        if all(mesh.gauge.surface is not other.gauge.surface for other in meshes[:number]):
+            found = _garment(asset, mesh, layers, [each.field.name for each in garments], options)
+            garments += [] if found is None else [found]
+    return garments
+
+
+def _garment(
+    asset: TriedAsset, mesh: MeasuredMesh, layers: Layers, taken: Sequence[str], options: SuggestOptions
+) -> Garment | None:
+    """The field of a mesh; None if hardly anything of it is cloth that is seen, or if no joint folds it."""
+    gauge, rig, document = mesh.gauge, mesh.rig, asset.document
+    if not rig.skinned or is_rigid(gauge):
+        return None
+    parts, primitives = read_bones(document).parts, gauge.surface.primitives[gauge.numbers]
+    kinds = substances_at(asset.ground(rig.node), _PLACE * diagonal(mesh.rest.positions))[gauge.numbers]
+    hints = read_hints(document, rig, options.materials)
+    asked = np.array([-1 if each.asked is None else SUBSTANCES.index(each.asked.kind) for each in hints])[primitives]
+    kinds = np.where(asked < 0, kinds, asked)
+    told = np.array([_is_told(document, rig.mesh, number, each) for number, each in enumerate(hints)])[primitives]
+    heaviest = gauge.surface.joints[np.arange(len(gauge.surface.joints)), gauge.surface.weights.argmax(axis=1)]
+    apart = np.array([parts[joint] in _APART for joint in rig.joints.tolist()])[heaviest[gauge.triangles]].all(axis=1)
+    cloth = ((kinds == SUBSTANCES.index(_CLOTH)) & told & ~apart).astype(np.float64)
+    areas = gauge.flat[:, 0] * gauge.flat[:, 2] / 2.0
+    share = float(areas @ cloth / areas.sum())
+    if share < _SOME or is_covered(mesh, layers, areas * cloth, mesh.clips[0], mesh.clips[0].start):
+        return None
+    bent, _ = bent_areas(document, [rig])
+    bending = [node for node in np.argsort(-bent, kind="stable").tolist() if bent[node] > _LEAST_BENT * bent.max()]
+    joints = [rig.names[node] for node in bending if parts[node] not in _APART][:_MOST_JOINTS]
+    if not joints:
+        return None
+    whole = share > _ALL or bool((asked >= 0).all())
+    stem = _name_of([rig.names[rig.node], str(document.items("meshes")[rig.mesh].get("name", ""))])
+    values = {
+        "name": numbered(stem, taken) if stem in taken else stem,
+        "node": mesh.node,
+        "substance": None if whole else (_CLOTH,),
+        "material": _CLOTH,
+        "joints": "all" if len(joints) == len(bending) else tuple(joints),
+    }
+    return Garment(
+        mesh,
+        Field(**Field.fields_of(values, {})),
+        f"{'all' if whole else f'{100 * share:.0f} %'} of it looks like cloth",
+        cloth,
+    )
+
+
+def _is_told(document: Document, mesh: int, primitive: int, hints: PrimitiveHints) -> bool:
+    """True if a picture, a name or the user says what a primitive is made of: a plain colour may be anything's."""
+    if any(each is not None for each in (hints.asked, hints.material, hints.node)):
+        return True
+    shown = document.items("meshes")[mesh]["primitives"][primitive]
+    return "COLOR_0" in shown["attributes"] or bool(texture_info(document, shown, "baseColorTexture"))
+
+
+def _name_of(names: Sequence[str]) -> str:
+    """The last word for a garment in the name of a node, or else of its mesh; `clothes` if there is none."""
+    known = WORDS[_CLOTH].split()
+    words = [word for name in names[::-1] for word in words_of(name).split()]
+    return next((word for word in words[::-1] if word in known or word.removesuffix("s") in known), "clothes")
+
+
+def beside_garments(
+    meshes: Sequence[tuple[MeasuredMesh, Peaks]], garments: Sequence[Garment]
+) -> list[tuple[MeasuredMesh, Peaks]]:
+    """Leave out what clips compress of garments, from the peaks of meshes that may have some."""
+    cloth = {id(each.mesh.gauge.surface): each.cloth for each in garments}
+    found = {id(peaks): peaks for _, peaks in meshes}
+    for mesh, peaks in meshes:
+        if id(mesh.gauge.surface) in cloth:
+            on = mesh.sites.gather @ cloth[id(mesh.gauge.surface)] > _MOSTLY
+            found[id(peaks)] = replace(peaks, losses=np.where(on, 0.0, peaks.losses))
+    return [(mesh, found[id(peaks)]) for mesh, peaks in meshes]
+
+
+def suggest_fields(
+    asset: TriedAsset, garments: Sequence[Garment], stage: Stage
+) -> tuple[list[SuggestedField], list[Dropped]]:
+    """Try a field on each garment; give those that are worth it, and those that are not, each with the reason."""
+    tried = [*in_processes(partial(_tried, asset, stage), garments, asset.jobs)]
+    stage.let_go()
+    return (
+        [each for each in tried if isinstance(each, SuggestedField)],
+        [each for each in tried if isinstance(each, Dropped)],
+    )
+
+
+def _tried(asset: TriedAsset, stage: Stage, garment: Garment) -> SuggestedField | Dropped:
+    """A field as it bakes well, or the reason why it is left out."""
+    mesh = garment.mesh
+    settings = ToolsFile(path=asset.document.path)
+    try:
+        plan = plan_on(*attach_effects(asset.ground(mesh.rig.node), [garment.field], settings), settings, ONE_PERCENT)
+    except WrinkleError as error:
+        where = mesh.rig.names[mesh.rig.node]
+        return Dropped(garment.field.name, where, "refused", 0.0, error.lines[0])
+    (part,) = skin_parts(plan)
+    for strength in _STRENGTHS:
+        field = replace(garment.field, strength=strength)
+        weaker = sketch(driven_by(part.attached, field), part.region, plan.fine, np.zeros(0, np.bool_), part)
+        found = _judged(asset, plan, weaker or part, stage, replace(garment, field=field))
+        if isinstance(found, SuggestedField) or found.reason not in ("turns", "warned"):
+            break
+    return found
+
+
+def _judged(asset: TriedAsset, plan: MeshPlan, part: Part, stage: Stage, garment: Garment) -> SuggestedField | Dropped:
+    """A planned field that is worth it, or the reason why it is not."""
+    field, mesh = garment.field, garment.mesh
+    where = mesh.rig.names[mesh.rig.node]
+    seen = [seen_at(part, plan.rig, clip, clip_grid(clip, plan.rig, fps=Sampling().fps)) for clip in mesh.clips]
+    warnings = part.words(plan).warnings(plan, seen, up="y") + turned_warnings(plan, part, seen)
+    if warnings:
+        return Dropped(field.name, where, "warned", 0.0, warnings[0])
+    # Each shape where it is tallest, the tallest of all first.
+    heights = np.stack([each.weights.max(axis=0) for each in seen]) * part.sizes(plan.fine)
+    clips, order = heights.argmax(axis=0), np.argsort(-heights.max(axis=0), kind="stable")[:_LOOKS]
+    moments = []
+    for shape, number in zip(order.tolist(), clips[order].tolist(), strict=True):
+        motion = seen[number].motion
+        moments.append((motion.clip.name, float(motion.times[int(seen[number].weights[:, shape].argmax())])))
+    moments = list(dict.fromkeys(moments))
+    faults = [fault_of(stage, Placement.of(plan, part), *moment) for moment in moments]
+    if 2 * sum(each is not None for each in faults) > len(faults):
+        return Dropped(field.name, where, *next(each for each in faults if each is not None))
+    moved = sum(size for layer in plan.layers for size in layer.target_sizes(plan, [], 0, asset.document.memory))
+    return SuggestedField(
+        field=field,
+        mesh=where,
+        why=garment.why,
+        clip=moments[0][0],
+        time=moments[0][1],
+        height=float(heights.max()),
+        wavelength=part.attached.span,
+        targets=len(part.drive.targets),
+        gpu_bytes=texel_bytes(plan, moved),
+    )
+
+
+def written_fields(fields: Sequence[SuggestedField]) -> list[str]:
+    """The lines of the key `fields`; none without fields."""
+    if not fields:
+        return []
+    lines = [
+        "# A field wrinkles a garment wherever its joints compress it, across the direction in which they do. Try",
+        "# another wavelength, strength or slack.",
+        "fields:",
+    ]
+    for each in fields:
+        field = each.field
+        keys = {
+            "node": None if field.node is None else quoted(field.node),
+            "substance": field.substance and f"[{', '.join(field.substance)}]",
+            "material": field.material,
+            "joints": None if field.joints == "all" else _in_lines(map(quoted, field.joints)),
+            "strength": None if field.strength == 1.0 else f"{field.strength:g}",
+        }
+        lines += [
+            f"  # {each.why}: folds are {each.wavelength:.3g} from crest to crest, and up to {each.height:.2g} high in"
+            f" clip {printable(each.clip, 50)} at {each.time:.2f} s",
+            f"  # {counted(each.targets, 'morph target')}, {each.gpu_bytes / 1e6:.1f} MB on a GPU after --split",
+            *entry(field.name, keys),
+            "",
+        ]
+    return lines
+
+
+def _in_lines(items: Iterable[str]) -> str:
+    """A list in YAML, in lines that fit."""
+    lines = [""]
+    for each in items:
+        lines = [*lines[:-1], f"{lines[-1]}{each}, "] if len(lines[-1] + each) < _LONGEST else [*lines, f"{each}, "]
+    return f"[{(chr(10) + 14 * ' ').join(line.rstrip() for line in lines).rstrip(',')}]"
