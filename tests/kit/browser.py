@@ -35,6 +35,7 @@ _OPTIONS = (
     "--disable-background-networking",
     "--disable-component-update",
     "--disable-dev-shm-usage",
+    "--disable-gpu-compositing",  # without a GPU, the page around the scene takes half of what is drawn
     "--disable-sync",
     "--no-first-run",
     "--remote-debugging-port=0",
