@@ -93,6 +93,7 @@ class Sizes:
         alone: how many of them are baked one by one.
         folds: Names of the folds with contact.
         drawn: Frames that three.js draws.
+        picture, levels: Options that make pictures, and bakes of samples, smaller.
     """
 
     workloads: Sequence[tuple[str, int, float]]
@@ -109,6 +110,8 @@ class Sizes:
     alone: int
     folds: Sequence[str]
     drawn: int
+    picture: tuple[str, ...] = ()
+    levels: tuple[str, ...] = ()
 
 
 FULL = Sizes(
@@ -143,6 +146,8 @@ TINY = Sizes(
     alone=1,
     folds=("nose",),
     drawn=2,
+    picture=("--size", "64x48"),
+    levels=("--max-levels", "0"),
 )
 
 
@@ -412,7 +417,7 @@ def track_bytes(path: Path) -> int:
 def scaling(places: Places) -> Iterator[Row]:
     """Exponents by which time and memory grow with the tools, instances and frames of a file, beyond those of few."""
     folder = places.folder
-    picture = ("-o", folder / "many.png", "-q")
+    picture = ("-o", folder / "many.png", "-q", *places.sizes.picture)
 
     def baked(count: int) -> Command:
         return "bake", *write_tube(folder, count), "-q", "-o", folder / "tube.glb"
@@ -470,11 +475,11 @@ def ways(places: Places) -> Iterator[Row]:
     """The proof and the report of a bake of many clips, and a diff after a change of bumps."""
     folder, samples, configs, count = places.folder, ROOT / "samples", ROOT / "configs", places.sizes.clips
     clips = more_clips(samples / "wrist.glb", folder / "clips.glb", count)
-    tools, out = configs / "wrist.yaml", folder / "o.glb"
+    tools, out, levels = configs / "wrist.yaml", folder / "o.glb", places.sizes.levels
     plain, draft, reported = timed(
-        lambda: bake(clips, tools, out),
-        lambda: bake(clips, tools, out, "--draft"),
-        lambda: bake(clips, tools, out, "--report", str(folder / "r.json")),
+        lambda: bake(clips, tools, out, *levels),
+        lambda: bake(clips, tools, out, *levels, "--draft"),
+        lambda: bake(clips, tools, out, *levels, "--report", str(folder / "r.json")),
         repeats=places.repeats(3),
     )
     what = f"baking {count} clips"
@@ -483,10 +488,10 @@ def ways(places: Places) -> Iterator[Row]:
     name = "wrist" if places.assets is None else "head"
     asset, tools, fewer = samples / f"{name}.glb", configs / f"{name}.yaml", folder / "fewer.yaml"
     fewer.write_text(tools.read_text(encoding="utf-8").replace("bumps: 5", "bumps: 3"), encoding="utf-8")
-    bake(asset, fewer, folder / "fewer.glb")
+    bake(asset, fewer, folder / "fewer.glb", *levels)
     compare = "import sys; from wrinklecli.review.diff.diff import diff; diff(sys.argv[1], sys.argv[2])"
     baking, comparing = timed(
-        lambda: bake(asset, tools, out),
+        lambda: bake(asset, tools, out, *levels),
         lambda: run(out, folder / "fewer.glb", code=compare),
         repeats=places.repeats(3),
     )
@@ -638,8 +643,8 @@ def drawn(places: Places) -> Iterator[Row]:
         cases = {"head": head, "character": (two_knees(places), written(places.folder, "knees", KNEES), "squat")}
     for name, (asset, tools, clip) in cases.items():
         whole, parts = (places.folder / f"{name}_{each}.glb" for each in ("whole", "parts"))
-        bake(asset, tools, whole)
-        bake(asset, tools, parts, "--split")
+        bake(asset, tools, whole, *places.sizes.levels)
+        bake(asset, tools, parts, *places.sizes.levels, "--split")
         one, many, bare = frame_times([whole, parts, asset], clip, places.sizes.drawn)
         shown = f"{many:.0f} over {one:.0f} ms; without wrinkles {bare:.0f} ms"
         what = f"a frame of the {name} in parts, {triangles(asset):,} triangles, three.js without a GPU"
