@@ -24,11 +24,11 @@ def test_the_file_does_not_depend_on_the_number_of_processes(tmp_path: Path, mon
 
     monkeypatch.setattr(sample, "_spanned", logged)
     made = []
-    for jobs in (1, 2, 4):  # both folds, and their sweeps
+    for jobs in (1, 4):  # both folds, and their sweeps
         (tmp_path / "fits.txt").unlink(missing_ok=True)
         report = wrinklecli.bake(asset, tools, tmp_path / "out.glb", jobs=jobs)
         assert all(fold["targets"] for fold in report.data["folds"])
         made.append((tmp_path / "out.glb").read_bytes())
         processes = set((tmp_path / "fits.txt").read_text(encoding="utf-8").split())
         assert (str(os.getpid()) in processes) == (jobs == 1), "the folds are fitted by the processes, too"
-    assert made == made[:1] * 3
+    assert made == made[:1] * 2

@@ -159,10 +159,11 @@ def _direction(
     hessian = tissue.hessian(near, positions)
     numbers = np.flatnonzero(np.diff(hessian.indptr).reshape(-1, 3).any(axis=1) & free[touching])
     coordinates, rows = (3 * numbers[:, None] + np.arange(3)).reshape(-1), touching[numbers]
+    hessian = hessian[coordinates]
     contacts = ContactForces(
         (np.cumsum(free) - 1)[rows],
-        -barrier[rows] - (hessian[coordinates] @ direction[touching].reshape(-1)).reshape(-1, 3),
-        hessian[coordinates][:, coordinates],
+        -barrier[rows] - (hessian @ direction[touching].reshape(-1)).reshape(-1, 3),
+        hessian[:, coordinates],
         correction[rows],
     )
     direction[free] = tissue.response.equilibrium(contacts, resisting) - correction[free]
