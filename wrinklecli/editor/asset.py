@@ -160,7 +160,7 @@ class LoadedAsset:
                 (node,), _ = tools_by_node(self.document, alone)
                 # Contact takes too long to be shown while a tool is edited.
                 by_node.setdefault(node, []).append(
-                    replace(tool, contact=None) if isinstance(tool, WrinkleTool) else tool
+                    replace(tool, contact=None) if isinstance(tool, WrinkleTool | Field) else tool
                 )
             except WrinkleError as error:
                 problems[tool.name] = error.lines[0]

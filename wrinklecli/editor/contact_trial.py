@@ -27,6 +27,7 @@ from wrinklecli.numeric.guard import Progress, guarded
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.numeric.processes import core_count
 from wrinklecli.review.preview.apply import PlannedTools, apply_tools
+from wrinklecli.tools.fields import Field
 from wrinklecli.tools.records import ToolsFile
 
 
@@ -60,10 +61,15 @@ def trial_of(session: Session, tool: EditedTool, clip: str) -> ContactTrial:
     tools = (
         each if each.name in own else replace(each, contact=None) for each in settings.tools if each.name in fitting
     )
+    fields = (
+        each if each.name in own else replace(each, contact=None)
+        for each in settings.fields
+        if isinstance(each, Field) and each.name in fitting
+    )
     return ContactTrial(
         asset=session.asset,
         read_options=session.read_options,
-        settings=replace(settings, tools=tuple(tools)),
+        settings=replace(settings, tools=tuple(tools), fields=tuple(fields)),
         tool=tool.name,
         clip=clip,
         pose=session.pose,

@@ -136,7 +136,7 @@ class BodyEffect:
     where: str = ""
     places: Mapping[tuple[str, ...], str] = field(default_factory=dict, hash=False, compare=False)
 
-    sections: ClassVar[tuple[str, ...]]
+    section: ClassVar[str]
 
     @classmethod
     def fields_of(cls, values: Mapping[str, Any], _known: Mapping[str, Preset]) -> dict[str, Any]:
@@ -158,6 +158,11 @@ class BodyEffect:
         return identifier(self.name)
 
     @property
+    def sections(self) -> tuple[str, ...]:
+        """The kinds of effects that act for it: its own alone."""
+        return (self.section,)
+
+    @property
     def idle(self) -> bool:
         """False: it has no strength that could be 0."""
         return False
@@ -173,7 +178,7 @@ class Muscle(BodyEffect):
         activation: None for a muscle that its length alone thickens.
     """
 
-    sections: ClassVar[tuple[str, ...]] = ("muscles",)
+    section: ClassVar[str] = "muscles"
 
     origin: Point = key(
         END,
@@ -254,7 +259,7 @@ class Flesh(BodyEffect):
         carrier: If it is one of `meshes` that moves with the region, the number of the region's own node.
     """
 
-    sections: ClassVar[tuple[str, ...]] = ("flesh",)
+    section: ClassVar[str] = "flesh"
 
     at: Position | Marker | None = key(
         ANCHOR, "Middle of the region, on the skin: world space at rest in scene units, or {marker: NODE}.",
@@ -446,7 +451,7 @@ class Touch(BodyEffect):
         keys: Each clip's keys: seconds, ascending, the slide forward and sideways, and the tip's depth.
     """
 
-    sections: ClassVar[tuple[str, ...]] = ("touches",)
+    section: ClassVar[str] = "touches"
 
     at: Position | Marker = key(
         ANCHOR, "Middle of the place, on the skin: world space at rest in scene units, or {marker: NODE}.",

@@ -21,7 +21,7 @@ from wrinklecli.tools.json_schema import (
     whole,
 )
 from wrinklecli.tools.materials import Preset
-from wrinklecli.tools.records import MASK, Length, Mask, Point, read_mask_of
+from wrinklecli.tools.records import CONTACT, MASK, Contact, Length, Mask, Point, read_contact, read_mask_of
 
 OF_MATERIALS: Mapping[MaterialName, Mapping[str, Any]] = {
     "cloth": {"wavelength": "9%", "slack": "4%", "variation": 0.15},
@@ -53,7 +53,7 @@ class Field(BodyEffect):
         joints: Names of the joints that fold it.
     """
 
-    sections: ClassVar[tuple[str, ...]] = ("fields",)
+    section: ClassVar[str] = "fields"
 
     node: str | None = key(
         {
@@ -138,6 +138,17 @@ class Field(BodyEffect):
         read=lambda value: {clip: float(each) for clip, each in value.items()},
         hashed=False,
     )
+    contact: Contact | None = key(
+        CONTACT,
+        "resolve, or a mapping of what else it shall do: its folds at joints that touch never cross. Default off.",
+        "off",
+        read=read_contact,
+    )
+
+    @property
+    def sections(self) -> tuple[str, ...]:
+        """Fields, and folds where contact keeps them apart."""
+        return (self.section,) if self.contact is None else (self.section, "folds")
 
     beside: tuple[str, ...] = ()
 

@@ -297,7 +297,15 @@ class Contact:
     )
 
 
-def _read_contact(value: Any) -> Contact | None:
+CONTACT = if_mapping(
+    schema_of(Contact),
+    # To YAML 1.1, which is read, off is false.
+    expects("off, resolve or {per_clip: false, ignore: []}", enum=["off", "resolve", False]),
+)
+
+
+def read_contact(value: Any) -> Contact | None:
+    """Contact as a file asks for it; None for none."""
     if isinstance(value, dict):
         return read_record(Contact, value)
     return Contact() if value == "resolve" else None
@@ -641,14 +649,10 @@ class WrinkleTool:
         read=lambda value: read_record(Lag, value) if isinstance(value, dict) else None,
     )
     contact: Contact | None = key(
-        if_mapping(
-            schema_of(Contact),
-            # To YAML 1.1, which is read, off is false.
-            expects("off, resolve or {per_clip: false, ignore: []}", enum=["off", "resolve", False]),
-        ),
+        CONTACT,
         "resolve, or a mapping of what else it shall do: folds that touch never cross. Default off.",
         "off",
-        read=_read_contact,
+        read=read_contact,
     )
     where: str = ""
     places: Mapping[tuple[str, ...], str] = field(default_factory=dict, hash=False, compare=False)

@@ -1,4 +1,4 @@
-"""Folds: the surface round a joint that bends between the ends of some tools, posed with all its wrinkles.
+"""Folds: the surface round a joint that bends between the ends of some tools or folds a field, with all its wrinkles.
 
 Not in the paper, which names contact as a goal. Contact is solved for each fold on its own, that is for the tools over
 one joint and the surface round it that may touch.
@@ -7,6 +7,7 @@ one joint and the surface round it that may touch.
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 
@@ -15,7 +16,9 @@ from wrinklecli.character.pose import node_matrices
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.skin import SkinnedMesh
 from wrinklecli.choices import Part
+from wrinklecli.effects.attached import AnyAttached
 from wrinklecli.effects.contact.hinge import Hinge, hinge_of
+from wrinklecli.effects.contact.raised_field import RaisedField, bent_radius
 from wrinklecli.effects.contact.rise import Rise, rise_of
 from wrinklecli.effects.wrinkle.bending import bent_node
 from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
@@ -45,13 +48,15 @@ _MOMENTS = 8
 # Poses that are computed at once, to bound memory.
 _AT_ONCE = 16
 
+Carried: TypeAlias = CarriedPatch | RaisedField
+
 
 @dataclass(frozen=True)
 class Fold:
     """The surface round a joint, with all tools that wrinkle it.
 
     Attributes:
-        patches: The tools whose contact is resolved here, as they are baked.
+        patches: The tools and fields whose contact is resolved here, as they are baked.
         hinge: The joint, or the motion that raises the tools' wrinkles if no joint bends.
         vertices: (vertices,) sorted fine welded vertices.
         triangles: (triangles, 3) indices into `vertices`, followed by the vertices of other meshes.
@@ -61,11 +66,11 @@ class Fold:
         rig: The mesh's joints.
         rest: Its rest pose.
         fine: The refined surface.
-        carried: All tools on the mesh.
+        carried: All tools on the mesh, and its fields.
         others: The parts of other meshes that may touch the fold.
     """
 
-    patches: tuple[Patch, ...]
+    patches: tuple[AnyAttached, ...]
     hinge: Hinge | Rise
     vertices: Ints
     triangles: Ints
@@ -75,7 +80,7 @@ class Fold:
     rig: Rig
     rest: Rest
     fine: Refinement
-    carried: tuple[CarriedPatch, ...]
+    carried: tuple[Carried, ...]
     others: tuple[SkinnedMesh, ...] = ()
 
     @property
@@ -100,7 +105,7 @@ class Fold:
         return Crossings.of(self.rest_positions, self.triangles)
 
     @cached_property
-    def moved(self) -> list[tuple[CarriedPatch, Ints, Ints]]:
+    def moved(self) -> list[tuple[Carried, Ints, Ints]]:
         """The tools that move any vertices, the indices of these here, and their indices among the tool's."""
         found = []
         for each in self.carried:
@@ -120,6 +125,9 @@ class Fold:
         """
         moves = np.zeros((len(times), len(self.vertices), 3))
         for carried, here, there in self.moved:
+            if isinstance(carried, RaisedField):
+                moves[:, here] += carried.displacements(self.rig, clip, times, there)
+                continue
             amplitudes = None
             if clip is not None and clip.index < 0:
                 amplitudes = looked_up(carried.patch.curve, carried.patch.segment.lengths(self.rig, clip, times))
@@ -168,7 +176,7 @@ class Fold:
 
 
 def find_folds(
-    carried_patches: Sequence[CarriedPatch],
+    carried_patches: Sequence[Carried],
     chosen: Sequence[int],
     fine: Refinement,
     rest: Rest,
@@ -176,16 +184,23 @@ def find_folds(
     parts: Sequence[Part | None],
     obstacles: Callable[[Collection[str]], Sequence[SkinnedMesh]] | None = None,
 ) -> tuple[list[Fold], list[int]]:
-    """Find the folds of the chosen tools, and the tools that nothing shortens; tools over one joint share a fold.
+    """Find the folds of the chosen tools and fields, and the tools that nothing shortens.
+
+    Tools over one joint share a fold. A field has one at each joint that folds it.
 
     `parts` names the part of a body that each node moves, if known. `obstacles` gives the other meshes, without the
     meshes of nodes with some names.
     """
     by_node: dict[int, list[int]] = {}
     by_rise: dict[bytes, dict[int, Rise]] = {}
-    without = []
+    without: list[int] = []
     for number in chosen:
-        patch = carried_patches[number].patch
+        carried = carried_patches[number]
+        if isinstance(carried, RaisedField):
+            for joint in carried.joints:
+                by_node.setdefault(joint, []).append(number)
+            continue
+        patch = carried.patch
         node = bent_node(patch, rig)
         rise = rise_of(patch, rig) if node is None else None
         if node is not None:
@@ -194,7 +209,7 @@ def find_folds(
             by_rise.setdefault(rise.motion.motion, {})[number] = rise
         else:
             without.append(number)
-    sites = [_round_joint(each, node, carried_patches, rest, rig, parts[node]) for node, each in by_node.items()]
+    sites = [_round_joint(each, node, carried_patches, fine, rest, rig, parts[node]) for node, each in by_node.items()]
     sites += [_round_tools(each, carried_patches) for each in by_rise.values()]
     folds = []
     for site in sites:
@@ -233,25 +248,38 @@ class _Site:
     pivot: Floats
     radius: float
     reach: float
-    carried: Sequence[CarriedPatch]
+    carried: Sequence[Carried]
 
 
 def _round_joint(
-    tools: Sequence[int], node: int, carried: Sequence[CarriedPatch], rest: Rest, rig: Rig, part: Part | None
+    tools: Sequence[int],
+    node: int,
+    carried: Sequence[Carried],
+    fine: Refinement,
+    rest: Rest,
+    rig: Rig,
+    part: Part | None,
 ) -> _Site:
-    """The site of tools over one joint."""
-    patches = [carried[number].patch for number in tools]
+    """The site of tools and fields over one joint; the tools say about which axis and how far it bends."""
+    every = [carried[number] for number in tools]
+    patches = [each.patch for each in every if isinstance(each, CarriedPatch)]
     pivot = node_matrices(rig, rest.clip, rest.time, [node])[0, 0, :3, 3]
-    radius = max(_limb_radius(patch, pivot) for patch in patches)
-    return _Site(tools, hinge_of(node, patches, pivot, rig, part), pivot, radius, _REACH_RADII * radius, carried)
+    if patches:
+        radius, hinge = max(_limb_radius(patch, pivot) for patch in patches), hinge_of(node, patches, pivot, rig, part)
+    else:
+        radius = bent_radius(node, pivot, fine, rig)
+        hinge = next(each.hinge_at(node) for each in every if isinstance(each, RaisedField))
+    return _Site(tools, hinge, pivot, radius, _REACH_RADII * radius, carried)
 
 
-def _round_tools(rises: Mapping[int, Rise], carried: Sequence[CarriedPatch]) -> _Site:
+def _round_tools(rises: Mapping[int, Rise], carried: Sequence[Carried]) -> _Site:
     """The site of tools that rise together; it counts as thick as the longest of them is long."""
     patches = [each.patch for each in rises.values()]
     grown = list(carried)
     for number, patch in zip(rises, patches, strict=True):
-        grown[number] = replace(carried[number], patch=patch)
+        tool = carried[number]
+        assert isinstance(tool, CarriedPatch)
+        grown[number] = replace(tool, patch=patch)
     middles = np.array([np.mean([anchor.position for anchor in patch.anchors], axis=0) for patch in patches])
     pivot = middles.mean(axis=0)
     radius = max(patch.span for patch in patches)
@@ -259,8 +287,13 @@ def _round_tools(rises: Mapping[int, Rise], carried: Sequence[CarriedPatch]) -> 
     return _Site([*rises], next(iter(rises.values())), pivot, radius, reach, grown)
 
 
-def _fold_at(site: _Site, patches: Sequence[Patch], fine: Refinement, rest: Rest, rig: Rig, *, alone: bool) -> Fold:
-    seeds = np.concatenate([site.carried[number].vertices for number in site.tools])
+def _fold_at(
+    site: _Site, patches: Sequence[AnyAttached], fine: Refinement, rest: Rest, rig: Rig, *, alone: bool
+) -> Fold:
+    every = [site.carried[number] for number in site.tools]
+    seeds = np.concatenate(
+        [each.near(site.pivot, site.radius, fine) if isinstance(each, RaisedField) else each.vertices for each in every]
+    )
     vertices, triangles, own = _round(site.pivot, site.reach, fine, seeds, alone=alone)
     return Fold(
         patches=tuple(patches),

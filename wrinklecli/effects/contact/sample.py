@@ -12,6 +12,7 @@ import numpy as np
 from wrinklecli.character.clip import KEY_GAP, Clip, clip_grid
 from wrinklecli.character.pose import pose_at
 from wrinklecli.drive.drive import Drive
+from wrinklecli.drive.turned import TurnDrive
 from wrinklecli.effects.contact.effect import SECTION, ContactWords, GivenUpWords, NonNegativeBasis, contact_effect
 from wrinklecli.effects.contact.given_up import GivenUp, UnresolvedError, degenerate_given_up
 from wrinklecli.effects.contact.hinge import Hinge
@@ -27,6 +28,8 @@ from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, interpolate
 from wrinklecli.numeric.guard import one_thread
 from wrinklecli.numeric.memory import leave_room, start_blas
 from wrinklecli.numeric.processes import in_processes
+from wrinklecli.tools.fields import Field
+from wrinklecli.tools.records import identifier
 
 if TYPE_CHECKING:
     from wrinklecli.effects.contact.crease import (
@@ -630,17 +633,23 @@ def _samples(plan: MeshPlan, crease: "Crease", effects: Sequence[Effect]) -> lis
 
 
 def _acting(effect: Effect, plan: MeshPlan, clip: Clip, time: float) -> list[tuple[Shape, float]]:
-    """The shapes of a wrinkling tool that act at a moment of a motion that is in no file, without a spring."""
-    if not isinstance(effect.words, WrinkleWords) or not isinstance(effect.drive, Drive) or effect.drive.signal is None:
+    """The shapes of a tool or field that act at a moment of a motion that is in no file, without a spring."""
+    drive = effect.drive
+    if isinstance(effect.words, WrinkleWords) and isinstance(drive, Drive) and drive.signal is not None:
+        drive = replace(drive, lag=None)
+    elif not isinstance(drive, TurnDrive):
         return []
-    (weights,) = replace(effect.drive, lag=None).weights_in(plan.rig, clip)(np.array([time]))
+    (weights,) = drive.weights_in(plan.rig, clip)(np.array([time]))
     return [(each.shape, float(weight)) for each, weight in zip(effect.targets, weights, strict=True) if weight]
 
 
 def _identifier(plan: MeshPlan, fold: "Fold", effects: Sequence[Effect]) -> str:
     """The part of target names that is the fold's own, from its first tool; no other target of the mesh has it."""
-    name = f"{fold.patches[0].tool.identifier}_contact"
-    taken = {each.identifier for each in effects if each.section != SECTION}
+    tool = fold.patches[0].tool
+    name = f"{tool.identifier}_contact"
+    if isinstance(tool, Field) and isinstance(fold.hinge, Hinge):
+        name = f"{tool.identifier}_{identifier(plan.rig.names[fold.hinge.signal.node])}_contact"
+    taken = {each.identifier for each in effects}
     while name in taken or any(own.startswith(f"wrinkle_{name}_") for own in plan.rig.morph_names):
         name += "_"
     return name

@@ -19,7 +19,7 @@ from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, distinct_values, significant
 from wrinklecli.tools.fields import Field
 
-(SECTION,) = Field.sections
+SECTION = Field.section
 """The key of extras and report under which fields stand."""
 
 

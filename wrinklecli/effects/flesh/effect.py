@@ -13,7 +13,7 @@ from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, significant
 from wrinklecli.tools.body import Flesh
 
-(SECTION,) = Flesh.sections
+SECTION = Flesh.section
 """The key of extras and report under which flesh stands."""
 
 # Least error of a region over its limit: float32 stores weights up to 1, and their products with shapes, no better.

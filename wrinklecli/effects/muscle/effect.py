@@ -19,7 +19,7 @@ from wrinklecli.numeric.arrays import Floats, significant
 from wrinklecli.tools.body import Muscle
 from wrinklecli.tools.records import in_axes
 
-(SECTION,) = Muscle.sections
+SECTION = Muscle.section
 """The key of extras and report under which muscles stand."""
 
 # Thicknesses of a belly that travels at which its normals are right.

@@ -12,7 +12,7 @@ from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, significant
 from wrinklecli.tools.body import Touch
 
-(SECTION,) = Touch.sections
+SECTION = Touch.section
 """The key of extras and report under which touches stand."""
 
 # Part of the greatest slide below which nobody sees the skin move.
