@@ -23,6 +23,8 @@ from wrinklecli.numeric.arrays import Floats, Ints
 _DIAGONAL = 3.0**0.5
 # Sum of the differences of skin weights above which a vertex is posed: float32 weights of four joints differ by less.
 _ROUNDED = 1e-6
+# Difference of factors, over the greatest, below which one stands for all: float32 matrices differ by less.
+_ALIKE = 1e-5
 # Vertices whose weights of all joints are written out at once.
 _AT_ONCE = 2**13
 
@@ -106,7 +108,13 @@ class Pair:
         # The square of a joint's factor is an eigenvalue of the transposed matrix times itself: at most a sum of a row.
         squares = np.abs(linear.transpose(0, 1, 3, 2) @ linear).sum(axis=3)
         factors = np.sqrt(squares.max(axis=2, initial=0.0))
-        stretches = np.concatenate([factors[:, :0], *(factors @ np.abs(second) for _, second in self._dense())], axis=1)
+        if np.ptp(factors) <= _ALIKE * factors.max(initial=0.0):
+            # Joints that only turn stretch nothing: skin weights sum to 1.
+            stretches = np.full((len(factors), len(self._gaps)), factors.max(initial=0.0))
+        else:
+            stretches = np.concatenate(
+                [factors[:, :0], *(factors @ np.abs(second) for _, second in self._dense())], axis=1
+            )
         # Two joints take one vertex to places that are no farther apart.
         spread = np.abs(origins - origins[:, :1]).sum(axis=2).max(axis=1, initial=0.0)
         spread += 2.0 * factors.max(axis=1, initial=0.0) * _DIAGONAL * self._reach

@@ -32,8 +32,8 @@ _WORST = 16
 _NORMAL_FRAMES = 96
 # and those of each clip, at least.
 _LEAST_NORMAL_FRAMES = 4
-# Vertices times frames that are compared at once: arrays of a few MB.
-_CHUNK = 2**16
+# Vertices times frames that are compared at once: arrays of several MB.
+_CHUNK = 2**18
 
 
 @dataclass(frozen=True, slots=True)
@@ -299,34 +299,34 @@ def measure_residual(
     normal = None
     if normal_frames and proof.normals is not None:
         normal = float(np.percentile(angles, 99)) if len(angles) else 0.0
-    ends = np.cumsum([0, *(len(each.targets) for each in effects)])
-    pairs = zip(effects, np.split(played - exact, ends[1:-1], axis=1), strict=True) if len(effects) else ()
-    weights = max((_largest_move([target.shape for target in each.targets], gaps) for each, gaps in pairs), default=0.0)
+    owners = np.repeat(np.arange(len(effects)), [len(each.targets) for each in effects])
+    weights = max(
+        (_largest_move(proof, effects, (played - exact) * (owners == number)) for number in range(len(effects))),
+        default=0.0,
+    )
     return Residual(position, time, weights, normal)
 
 
-def _largest_move(shapes: Sequence[Shape], gaps: Floats) -> float:
-    """The largest move of a vertex by (times, shapes) errors of weights, scene units.
+def _largest_move(proof: Proof, effects: Sequence[Effect], gaps: Floats) -> float:
+    """The largest move of a vertex by (times, targets) errors of weights, scene units.
 
     Shapes of one effect may overlap, so that errors add up, or make up for each other. Times are looked at as long as
     their errors without their signs may give a larger move.
     """
+    shapes = [target.shape for target in targets_of(effects)]
     sizes = np.array([each.tallest for each in shapes])
     bounds = np.abs(gaps) @ sizes
     order = np.argsort(-bounds, kind="stable")
     if not bounds.any():
         return 0.0
-    vertices = distinct_values(np.concatenate([each.vertices for each in shapes]))
-    moves = np.zeros((len(shapes), len(vertices), 3))
-    for number, each in enumerate(shapes):
-        moves[number, np.searchsorted(vertices, each.vertices)] = each.deltas
-    longest = np.sqrt((moves**2).sum(axis=2)).max(axis=1)
-    worst, chunk = 0.0, max(_CHUNK // len(vertices), 1)
+    own = np.flatnonzero(gaps.any(axis=0))
+    longest = np.array([np.sqrt((shapes[number].deltas ** 2).sum(axis=1)).max() for number in own.tolist()])
+    scale = float((sizes[own] / longest).max())
+    worst, chunk = 0.0, max(_CHUNK // len(proof.vertices), 1)
     for rows in np.split(order, range(chunk, len(order), chunk)):
         if bounds[rows[0]] <= worst:
             break
-        off = (gaps[rows] @ moves.reshape(len(shapes), -1)).reshape(len(rows), -1, 3)
-        worst = max(worst, float((sizes / longest).max()) * float(np.sqrt((off**2).sum(axis=2).max())))
+        worst = max(worst, scale * float(np.sqrt((proof.exact.added(gaps[rows]) ** 2).sum(axis=1).max())))
     return worst
 
 

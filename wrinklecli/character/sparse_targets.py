@@ -15,8 +15,9 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, Ints
 
-# Most targets that are added up by one product: more have mostly zeros and would take too much memory.
-_FEW_TARGETS = 16
+# Most targets that are added up by one product, zeros and all; more are if they move at least this part of all
+# vertices each, in the mean: otherwise zeros would take too much memory.
+_FEW_TARGETS, _FULL = 16, 0.125
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,17 +87,18 @@ class Targets:
 
     def added(self, weights: Floats) -> Floats:
         """(frames, 3, vertices) sums of the deltas by (frames, targets) weights."""
-        if len(self.targets) <= _FEW_TARGETS:
+        moved = sum(len(target.vertices) for target in self.targets)
+        if len(self.targets) <= _FEW_TARGETS or moved >= _FULL * len(self.targets) * self.vertex_count:
             return (weights @ self._dense).reshape(len(weights), 3, self.vertex_count)
         total = np.zeros((len(weights), 3, self.vertex_count))
         for target, played in zip(self.targets, weights.T, strict=True):
             frames = np.flatnonzero(played)
             if len(frames) and len(target.vertices):
-                moved = played[frames, None, None] * target.deltas.T
+                moves = played[frames, None, None] * target.deltas.T
                 if len(frames) == len(weights):
-                    total[:, :, target.vertices] += moved
+                    total[:, :, target.vertices] += moves
                 else:
-                    total[np.ix_(frames, np.arange(3), target.vertices)] += moved
+                    total[np.ix_(frames, np.arange(3), target.vertices)] += moves
         return total
 
     @cached_property
