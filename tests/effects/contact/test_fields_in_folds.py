@@ -45,6 +45,12 @@ def planned(file: Path) -> MeshPlan:
     return plan
 
 
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory: pytest.TempPathFactory) -> MeshPlan:
+    """The limb with a field alone."""
+    return planned(written(tmp_path_factory.mktemp("field")))
+
+
 def folds_of(plan: MeshPlan) -> ContactLayer:
     found = plan.layer(ContactLayer)
     assert found is not None
@@ -58,16 +64,15 @@ def totals(path: Path) -> list[int]:
     return found
 
 
-def test_a_fold_is_found_at_each_joint_that_folds_a_field(tmp_path: Path) -> None:
-    (fold,) = folds_of(planned(written(tmp_path))).folds
+def test_a_fold_is_found_at_each_joint_that_folds_a_field(plan: MeshPlan) -> None:
+    (fold,) = folds_of(plan).folds
     assert fold.rig.names[fold.hinge.signal.node] == "joint_1"
     assert np.degrees([fold.hinge.least, fold.hinge.most]) == pytest.approx([0.0, 75.0], abs=0.1)
     # The limb is 0.25 thick, and what it bends reaches a little along it.
     assert 0.25 < fold.radius < 0.4
 
 
-def test_a_fold_is_posed_with_its_field(tmp_path: Path) -> None:
-    plan = planned(written(tmp_path))
+def test_a_fold_is_posed_with_its_field(plan: MeshPlan) -> None:
     (fold,) = folds_of(plan).folds
     (part,) = plan.layers[0].parts
     clip, times = fold.hinge.turn(np.array([0.0, fold.hinge.most])), np.array([0.0, 0.5, 1.0])
@@ -116,6 +121,7 @@ def test_a_field_whose_fold_is_given_up_is_lowered_there(monkeypatch: pytest.Mon
     assert low[far] == pytest.approx(full[far])
 
 
+@pytest.mark.slow
 def test_a_field_is_level_in_the_end_where_it_crosses(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(lowering, "_TIMES", 1)
     monkeypatch.setattr(lowering, "_LOWER", 1.0)

@@ -14,8 +14,7 @@ from wrinklecli.effects.effect import Effect, MeshPlan
 from wrinklecli.effects.field.attach import AttachedField
 from wrinklecli.effects.field.layer import FieldLayer
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, Ints
-from wrinklecli.numeric.laplacian import vertex_areas
+from wrinklecli.numeric.arrays import Floats, Ints, face_normals
 from wrinklecli.surface.refine import Refinement
 
 
@@ -92,9 +91,11 @@ class RaisedField:
 
 
 def bent_radius(node: int, pivot: Floats, fine: Refinement, rig: Rig) -> float:
-    """The mean distance from a joint, at rest, of the surface that it bends."""
-    surface, places = fine.surface, fine.rest_positions[: len(fine.surface.weights)]
+    """The mean distance from a joint, at rest, of the triangles that it bends, by their areas and by how much."""
+    surface = fine.surface
+    corners = fine.rest_positions[surface.triangles]
     below = rig.joints_below[int(np.flatnonzero(rig.joints == node)[0])]
     carried = np.sum(surface.weights * below[surface.joints], axis=1)
-    bent = carried * (1.0 - carried) * vertex_areas(places, surface.triangles)
-    return float(np.sqrt(np.sum((places - pivot) ** 2, axis=1)) @ bent / bent.sum())
+    areas = np.linalg.norm(face_normals(fine.rest_positions, surface.triangles), axis=1)
+    apart = np.sqrt(np.sum((corners.mean(axis=1) - pivot) ** 2, axis=1))
+    return float(np.average(apart, weights=areas * np.ptp(carried[surface.triangles], axis=1)))
