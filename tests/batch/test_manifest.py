@@ -203,3 +203,17 @@ def test_a_flood_of_mistakes_is_a_screen_of_lines(name: str, text: str, first: s
         line, *others = complaints(name, text)
     assert line == first
     assert others == [] or (len(others), others[-1]) == (50, "and 99,950 more")
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize("key", ["clip", "tool", "anim"])
+def test_one_name_or_a_list_of_one_is_enough_and_none_is_not(key: str) -> None:
+    def job(value: object) -> str:
+        return json.dumps({"asset": "chars/a/a.glb", "tools": "t.yaml", "out": "o.glb", key: value})
+
+    for value in ("x", ["x"], ["x", "y"]):
+        (found,) = read("m.jsonl", job(value))
+        assert found.options[key] == tuple(value)
+    for value in ("", [], [""]):
+        (line,) = complaints("m.jsonl", job(value))
+        assert line.startswith(f"m.jsonl:1: jobs[0].{key}")

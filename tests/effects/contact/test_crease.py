@@ -99,3 +99,20 @@ def test_a_straight_sweep_that_fails_at_once_ends_the_search(
             creases.resolve(surface, [failed, sound], share=0.1, most=8)
     else:
         assert creases.resolve(surface, [failed, sound], share=0.1, most=8) == (*poses, "another")
+
+
+@pytest.mark.parametrize("with_clip", [False, True])
+def test_leaning_sweeps_may_cross_where_clips_are_solved(with_clip: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    poses = [SimpleNamespace(found=None, folded=1.0, lean=lean) for lean in (0, 1, 2)]
+    poses += [SimpleNamespace(found=None, folded=None, lean=0)] * with_clip
+    asked: list[list[bool]] = []
+
+    def noted(*_: object, demanded: Any, **__: object) -> Any:
+        asked.append(demanded.tolist())
+        raise InterruptedError
+
+    monkeypatch.setattr(creases, "fit_poses", noted)
+    surface: Any = SimpleNamespace(fold=None, tissue=SimpleNamespace(free=np.ones(3, bool), own=np.ones(3, bool)))
+    with pytest.raises(InterruptedError):
+        creases._compressed(surface, poses, share=0.5, least=1, most=8)  # type: ignore[arg-type]
+    assert asked == [[True, False, False, True] if with_clip else [True, True, True]]

@@ -10,6 +10,7 @@ from kit.carried import ROOTS, carry_patch, placed
 from kit.limb import limb_asset, tool
 from kit.prepared import prepare
 from wrinklecli.effects.faults import count_turned_over
+from wrinklecli.effects.wrinkle import creases
 from wrinklecli.effects.wrinkle.bending import turns_of
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.creases import creased
@@ -149,3 +150,21 @@ def test_two_joints_that_share_a_tool_lower_its_wrinkles_in_the_folds_of_both() 
         assert ratios[near & (place > 0.2) & (place < 0.7)].max() < 0.4
     # Where wrinkles are tall, too, both have turned.
     assert [{channel.node for channel in each.channels} for each in turns_of(made.patch, made.rig)] == [{2, 3}] * 2
+
+
+def test_a_loss_spreads_evenly_to_all_sides_up_to_the_margin() -> None:
+    """It is felt most where it is, also at the edge of the map."""
+    patch = lowered(limb_with(SOFT), tool(**TALL))[2].patch
+    ends = np.array([creases._MARGIN, 1.0 + creases._MARGIN])
+    us, vs = np.linspace(-ends[0], 1.0 + ends[0], 13), np.linspace(-ends[1], ends[1], 13)
+    places = np.stack(np.meshgrid(us, vs, indexing="ij"), axis=2).reshape(-1, 2)
+    middle, corner = 84, 168
+    for lone in (middle, corner, 0):
+        spread = creases._spread(np.eye(169)[lone], places, patch)
+        assert spread[lone] == spread.max() > 0.5
+        assert (spread[np.linalg.norm(places - places[lone], axis=1) > 1.0] < 0.01).all()
+        if lone == middle:
+            assert spread == pytest.approx(spread[::-1], abs=0.15), "about as far to one side as to the other"
+    beyond = creases._spread(np.eye(1)[0], np.array([[9.0, 9.0]]), patch)
+    assert beyond == pytest.approx(creases._spread(np.eye(1)[0], 1.0 * ends[None] + [[1.0, 0.0]], patch), abs=0.05)
+    assert creases._spread(np.full(169, 0.4), places, patch) == pytest.approx(np.full(169, 0.4))

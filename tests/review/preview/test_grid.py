@@ -12,7 +12,7 @@ from kit.limb import LENGTH
 from kit.pictures import covered, draw, limb, picture
 from wrinklecli.gltf.document import read_document
 from wrinklecli.review.preview.framing import plan_views
-from wrinklecli.review.preview.grid import draw_grid, ruler_step
+from wrinklecli.review.preview.grid import _SPACE, draw_grid, ruler_step
 from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.preview.overlay import placed_words
 from wrinklecli.review.preview.preview_options import PreviewOptions
@@ -91,3 +91,19 @@ def test_a_grid_is_drawn_from_any_side(tmp_path: Path) -> None:
     draw([limb(tmp_path)], tmp_path / "b.png", views=["front"], rest=True, size=(200, 150), labels=[" "])
     plain = picture(tmp_path / "b.png")
     assert covered(shown[:, :200]).sum() > covered(plain).sum() + 500
+
+
+@pytest.mark.parametrize("size", [(400, 300), (400, 900)])
+def test_numbers_of_the_upright_edge_have_room(tmp_path: Path, size: tuple[int, int]) -> None:
+    asset = limb(tmp_path, rings=3, sides=4, angle=90.0)
+    shown, _ = read_shown(read_document(asset), "", ())
+    options = PreviewOptions(grid=True, views=["30:10"], size=size)
+    moment = Moment("fold", 1.0)
+    ((camera,),) = (each.cameras for each in plan_views([shown], [moment], options))
+    overlay = draw_grid(shown, moment, camera, size, up="y")
+    places = np.array([word.place for word in overlay.words if word.text.lstrip("-").replace(".", "").isdigit()])
+    # The last numbers are its own; below them may be one of the floor.
+    edge = places[(np.abs(places - places[-1]) < 1e-9)[:, [0, 2]].all(axis=1)][1:]
+    gaps = np.abs(np.diff(camera.project(edge, size)[:, 1]))
+    assert len(edge) >= 3
+    assert 0.95 * _SPACE < gaps.min() <= gaps.max() < 2.6 * _SPACE
