@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 import wrinklecli
 from kit.asset import Array
-from kit.fields import sleeve_and_field
+from kit.fields import sleeve, sleeve_and_field
 from kit.flesh import body
 from kit.limb import RADIUS, limb, limb_asset, sleeved_limb
 from wrinklecli.character.clip import read_clips
@@ -414,6 +414,23 @@ def test_a_proposal_is_tried_alone_where_it_is_tallest(session: Session) -> None
     taken = session.raised(name)
     assert taken is not None
     assert taken.time == tried.time
+
+
+@pytest.mark.slow
+def test_a_field_is_proposed_for_a_garment_tried_and_taken(tmp_path: Path) -> None:
+    asset = sleeve(rings=24, sides=16)
+    asset.gltf["materials"] = [{"name": "denim"}]
+    asset.gltf["meshes"][0]["primitives"][0]["material"] = 0
+    session = Session(asset.write(tmp_path / "limb.glb"), tmp_path / "tools.yaml")
+    (offer,) = session.proposals()
+    assert (offer.list_key, session.is_taken(offer)) == ("fields", False)
+    tried = session.try_out(offer)
+    assert tried is not None
+    assert tried.height > 0.005
+    name = session.accept(offer)
+    assert yaml.safe_load(session.text)["fields"] == [{**offer.values, "name": name}]
+    assert session.is_taken(offer)
+    assert [tool.problem for tool in session.tools()] == [None]
 
 
 @pytest.mark.slow

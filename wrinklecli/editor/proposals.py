@@ -1,4 +1,4 @@
-"""Tools that the editor proposes, as keys of a tools file: a first guess for a new tool, and the tools of `suggest`."""
+"""What the editor proposes, as keys of a tools file: a first guess for a new tool, and what `suggest` finds."""
 
 from collections.abc import Mapping
 from functools import cached_property
@@ -20,14 +20,15 @@ _SAME_WAY = 0.8  # cosine of the directions of two tools from which they make th
 
 @dataclass(frozen=True)
 class Proposal:
-    """A tool that `suggest` has found: its keys (Y-up), and one line about the clip that folds the place.
+    """An effect of a list that `suggest` has found: its keys (Y-up), and one line about the clip that folds the place.
 
-    A tool of the file may have the same name.
+    One of the file may have the same name.
     """
 
     name: str
     why: str
     values: Mapping[str, Any]
+    list_key: str = "tools"
 
     @cached_property
     def _points(self) -> Floats:
@@ -36,7 +37,11 @@ class Proposal:
         return np.array(points, float)
 
     def is_taken(self, tool: AttachedTool) -> bool:
-        """True if a tool of the proposal's node makes the same folds at its middle."""
+        """True if an effect on the proposal's mesh makes the same folds: a field there, or a tool at its middle."""
+        if self.list_key not in tool.attached.tool.sections:
+            return False
+        if tool.attached.segment is None:
+            return True
         points, half = self._points, len(self._points) // 2
         middle = points[half] if len(points) % 2 else (points[half - 1] + points[half]) / 2.0
         along = unit((points[-1] - points[0])[None])[0]
@@ -60,15 +65,22 @@ def proposed_keys(tool: WrinkleTool) -> dict[str, Any]:
 
 
 def proposals_of(found: Suggestions) -> list[Proposal]:
-    """Make a proposal of each tool that `suggest` has found, with the defaults of its file that are not built in."""
+    """Make a proposal of what `suggest` has found, with the defaults of its file that are not built in."""
+    if not found.text:
+        return []
     file = ToolsText(found.text)
     usual = defaults_of(WrinkleTool)
-    defaults = {key: value for key, value in file.defaults.items() if value != usual.get(key)} if found.text else {}
-    return [
+    defaults = {key: value for key, value in file.defaults.items() if value != usual.get(key)}
+    fields = [
+        Proposal(each.field.name, each.why, values, "fields")
+        for each, values in zip(found.fields, file.of_list("fields").tools, strict=True)
+    ]
+    tools = [
         Proposal(
             name=each.tool.name,
             why=f"{each.driver} shortens it by {100 * each.shortening:.0f} % in {each.clip}",
             values={**values, **{key: value for key, value in defaults.items() if key not in values}},
         )
-        for each, values in zip(found.tools, file.tools if found.text else (), strict=True)
+        for each, values in zip(found.tools, file.tools, strict=True)
     ]
+    return fields + tools

@@ -36,7 +36,7 @@ from wrinklecli.review.suggest.suggest import suggest
 from wrinklecli.tools.effective import EffectiveValue, effective_values, inherited_values
 from wrinklecli.tools.mirror import exchange_sides
 from wrinklecli.tools.read import read_values
-from wrinklecli.tools.records import EffectTool, ToolsFile, WrinkleTool, identifier, in_axes, with_axes
+from wrinklecli.tools.records import EffectTool, ToolsFile, identifier, in_axes, with_axes
 from wrinklecli.tools.schema import KINDS
 
 _KEPT_MEASURED = 4  # meshes whose measurements for first guesses are kept
@@ -221,7 +221,7 @@ class Session(Edits):
             return name
 
     def proposals(self, *, posed: bool = False) -> list[Proposal]:
-        """The tools that `suggest` finds for the asset, in its motions, or with `posed` in the pose that is set.
+        """What `suggest` finds for the asset, in its motions, or with `posed` in the pose that is set.
 
         A call may take seconds; others may go on meanwhile.
         """
@@ -243,9 +243,9 @@ class Session(Edits):
         return self._proposals[1]
 
     def try_out(self, proposal: Proposal) -> RaisedTool | None:
-        """Try a proposed tool alone; None if it does not fit, or nothing raises it. Others may go on meanwhile."""
+        """Try a proposal alone; None if it does not fit, or nothing raises it. Others may go on meanwhile."""
         header = {key: value for key, value in self._base.file.header.items() if key == "presets"}
-        return self._tried({**header, "tools": [dict(proposal.values)]})
+        return self._tried({**header, proposal.list_key: [dict(proposal.values)]})
 
     def try_material(self, tool: str, material: str) -> RaisedTool | None:
         """Try a tool alone with another material, as `set_material` gives it."""
@@ -256,7 +256,7 @@ class Session(Edits):
         return self._tried({**header, "tools": [{**values, "material": material, "mirror": "none"}]})
 
     def is_taken(self, proposal: Proposal) -> bool:
-        """True if a tool of the file makes the folds that a proposed one would make."""
+        """True if an effect of the file makes the folds that a proposed one would make."""
         node = proposal.values.get("node")
         with self._guarded():
             tools = self._attached().tools.values()
@@ -264,15 +264,15 @@ class Session(Edits):
             return any(proposal.is_taken(each) for each in tools if nodes is None or each.ground.rig.node in nodes)
 
     def accept(self, proposal: Proposal) -> str:
-        """Add a proposed tool, and return its name."""
+        """Add what is proposed, and return its name."""
         with self._guarded():
-            file, name = self._base.file, proposal.name
+            file, name = self._base.file.of_list(proposal.list_key), proposal.name
             if identifier(name) in self._taken_names():
                 name = self._new_name(name)
-            values = with_axes(WrinkleTool, proposal.values, file.up) | {"name": name}
+            values = with_axes(KINDS[proposal.list_key].record, proposal.values, file.up) | {"name": name}
             if file.defaults.get("mirror") not in (None, "none"):
                 values.setdefault("mirror", "none")
-            self._become(file.with_tool(values), f"accept {name}")
+            self._become(without_empty_list(file.with_tool(values).of_list("tools")), f"accept {name}")
             return name
 
     # The files.
@@ -434,14 +434,16 @@ class Session(Edits):
             yield
 
     def _tried(self, values: Mapping[str, Any]) -> RaisedTool | None:
-        """Try the tool of a file alone, refined as the tools of the session are."""
+        """Try the only effect of a file, without tools, refined as those of the session are."""
         with self._lock:
             loaded, settings = self._loaded, self._settings_of(self._base.file)
             posed = () if self._pose_clip is None else (self._pose_clip,)
         read = read_values({"version": 1, **values}, name=self.path, known=self.presets)
         with guarded(self.asset):
-            attached = loaded.attach(replace(settings, up=read.up, tools=read.tools[:1]))
-            return raised_tool(attached, read.tools[0].name, loaded.cache, (*loaded.clips, *posed))
+            tried, *_ = read.effects
+            lists: dict[str, Any] = {"tools": (), tried.sections[0]: (tried,)}
+            attached = loaded.attach(replace(settings, up=read.up, **lists))
+            return raised_tool(attached, tried.name, loaded.cache, (*loaded.clips, *posed))
 
     def _measured_mesh(self, mesh: PlayableMesh) -> ToolGuesser:
         """A mesh with the measurements that first guesses need."""
