@@ -44,7 +44,7 @@ def face_normals(positions: Floats, triangles: Ints) -> Floats:
 
 def vertex_normals(positions: Floats, triangles: Ints) -> Floats:
     """(vertices, 3) area-weighted unit normals; 0 where a vertex has no area around it."""
-    return unit(_normal_sums(positions, triangles))
+    return unit(normal_sums(face_normals(positions, triangles), triangles, len(positions)))
 
 
 def normals_at(positions: Floats, triangles: Ints, vertices: Ints) -> Floats:
@@ -52,13 +52,13 @@ def normals_at(positions: Floats, triangles: Ints, vertices: Ints) -> Floats:
     wanted = np.zeros(len(positions), bool)
     wanted[vertices] = True
     a, b, c = wanted[triangles].T
-    return unit(_normal_sums(positions, triangles[a | b | c])[vertices])
+    faces = triangles[a | b | c]
+    return unit(normal_sums(face_normals(positions, faces), faces, len(positions))[vertices])
 
 
-def _normal_sums(positions: Floats, triangles: Ints) -> Floats:
-    """(vertices, 3) sums of the normals of the triangles around each vertex."""
-    faces = face_normals(positions, triangles)
-    sums = [np.bincount(triangles.ravel(), np.repeat(faces[:, k], 3), len(positions)) for k in range(3)]
+def normal_sums(faces: Floats, triangles: Ints, count: int) -> Floats:
+    """(vertices, 3) sums of the (triangles, 3) normals `faces` around each of so many vertices."""
+    sums = [np.bincount(triangles.ravel(), np.repeat(faces[:, k], 3), count) for k in range(3)]
     return np.asarray(np.stack(sums, axis=1), np.float64)
 
 

@@ -19,7 +19,7 @@ from wrinklecli.effects.field.material import Fabric
 from wrinklecli.effects.field.stripes import Sides, phases
 from wrinklecli.effects.shapes import Middles
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, face_normals, flags_of, vertex_normals
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, face_normals, flags_of, normal_sums
 from wrinklecli.numeric.laplacian import Sheet
 from wrinklecli.surface.refine import Refinement
 
@@ -217,7 +217,7 @@ def _turned_over(places: Floats, triangles: Ints, skinned: Floats) -> Bools:
     positions = places.T
     faces = face_normals(positions, triangles)
     away = np.einsum("tx,tx->t", faces, skinned) < 0.0
-    return np.asarray(away | turned_over(faces, vertex_normals(positions, triangles)[triangles]))
+    return np.asarray(away | turned_over(faces, normal_sums(faces, triangles, len(positions))[triangles]))
 
 
 def _waves(attached: AttachedField, sheet: Sheet, normals: Floats, values: Floats, shares: Floats) -> "_Waves":
