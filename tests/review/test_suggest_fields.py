@@ -57,6 +57,7 @@ def test_a_garment_gets_a_field_and_no_tools(jeans: tuple[Path, Suggestions], tm
     (tmp_path / "tools.yaml").write_text(found.text)
     assert not check(path, tmp_path / "tools.yaml").warnings
     report = bake(path, tmp_path / "tools.yaml", tmp_path / "out.glb", draft=True)
+    assert report.data["fields"][0]["wavelength"] == pytest.approx(each.wavelength, rel=1e-3)
     assert not report.warnings
     assert max(map(len, found.text.splitlines())) <= 120
 

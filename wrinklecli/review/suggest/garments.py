@@ -244,7 +244,7 @@ def _judged(asset: TriedAsset, plan: MeshPlan, part: Part, stage: Stage, garment
         clip=moments[0][0],
         time=moments[0][1],
         height=float(heights.max()),
-        wavelength=part.attached.span,
+        wavelength=part.attached.bump_width,
         targets=len(part.drive.targets),
         gpu_bytes=texel_bytes(plan, moved),
     )

@@ -174,7 +174,7 @@ class Stage:
         on = flags_of(chosen[part.shares > _LEAST], len(plain))
         if part.attached.segment is None:
             tallest = int(np.argmax(np.sum((wrinkled - plain) ** 2, axis=1)))
-            on &= np.sum((plain - plain[tallest]) ** 2, axis=1) < (_ROUND * part.attached.span) ** 2
+            on &= np.sum((plain - plain[tallest]) ** 2, axis=1) < (_ROUND * part.attached.bump_width) ** 2
         place[members] = on[faces[members]].any(axis=1)
         low, high = _box(np.concatenate([plain[faces[place]], wrinkled[faces[place]]]))
         reach = _NEAR * float((high - low).max())
