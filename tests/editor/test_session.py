@@ -594,6 +594,16 @@ def test_what_does_not_fit_makes_no_step(session: Session, list_key: str) -> Non
     assert not session.changed
 
 
+@pytest.mark.parametrize("list_key", NEW_KINDS)
+def test_nothing_is_made_on_a_mesh_that_nothing_moves(tmp_path: Path, list_key: str) -> None:
+    asset = limb_asset(rings=7, sides=6)
+    for node in asset.gltf["nodes"]:
+        node.pop("skin", None)
+    session = Session(asset.write(tmp_path / "limb.glb"), tmp_path / "tools.yaml")
+    with pytest.raises(ConfigError, match="neither joints nor morph targets move this mesh"):
+        session.add(list_key, [[-0.5, 0.25, 0.0], [0.5, 0.25, 0.0]])
+
+
 def test_a_muscle_is_the_first_entry_of_a_new_file(tmp_path: Path) -> None:
     session = Session(limb(tmp_path / "limb.glb", rings=9, sides=8), tmp_path / "new.yaml")
     session.add("muscles", [[-0.8, RADIUS, 0.0], [0.15, RADIUS, 0.0]])
