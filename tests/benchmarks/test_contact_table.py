@@ -25,5 +25,5 @@ def test_the_table_of_readme_is_that_of_contact_csv(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_case_is_measured() -> None:
     pytest.importorskip("ipctk", reason="needs the extra `contact`")
-    done = run("--only", "rigid")
-    assert done.stdout.startswith("ok  fold: rigid"), done.stdout + done.stderr
+    done = run("--only", "one_sided")
+    assert done.stdout.startswith("ok  fold: one sided"), done.stdout + done.stderr
