@@ -84,7 +84,7 @@ def test_lone_surrogate_in_a_name_survives(tmp_path: Path) -> None:
         assert read_document(tmp_path / name).gltf["nodes"][0]["name"] == "\ud83d"
 
 
-@pytest.mark.parametrize("depth", [50, 200, 400, 900, 100_000])
+@pytest.mark.parametrize("depth", [50, 255, 256, 900, 100_000])
 def test_deep_json_is_read_and_written_or_refused(tmp_path: Path, depth: int) -> None:
     text = b'{"asset": {"version": "2.0"}, "extras": ' + b"[" * depth + b"]" * depth + b"}"
     (tmp_path / "a.gltf").write_bytes(text)
@@ -94,8 +94,8 @@ def test_deep_json_is_read_and_written_or_refused(tmp_path: Path, depth: int) ->
         write(edited, tmp_path / "b.glb")
     except AssetError as error:
         faults.append(str(error))
+    assert bool(faults) == (depth > 255), "with the document itself there may be 256 levels"
     if faults:
-        assert depth > 200, "no real asset is that deep, but those of 200 are read"
         assert "nested" in faults[0]
     else:
         assert read_document(tmp_path / "b.glb").gltf["extras"] == edited.source.gltf["extras"]
