@@ -48,7 +48,7 @@ class Field(BodyEffect):
     Attributes:
         wavelength: From crest to crest at rest; a percentage is of the girth of the limb beneath.
         beside: The other nodes of a list in `node`.
-        slack: Part of a length that is lost before a fold rises.
+        slack: Part of a length that is lost before a fold rises; folds take it up beyond.
         substance: The substances on which it lies; None for all.
         joints: Names of the joints that fold it.
     """

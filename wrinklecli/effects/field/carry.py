@@ -19,7 +19,16 @@ from wrinklecli.effects.field.material import Fabric
 from wrinklecli.effects.field.stripes import Sides, phases
 from wrinklecli.effects.shapes import Middles
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, face_normals, flags_of, normal_sums
+from wrinklecli.numeric.arrays import (
+    Bools,
+    Floats,
+    Ints,
+    distinct_values,
+    face_normals,
+    flags_of,
+    normal_sums,
+    weighted_quantiles,
+)
 from wrinklecli.numeric.laplacian import Sheet
 from wrinklecli.surface.refine import Refinement
 
@@ -30,8 +39,10 @@ _TINY = 1e-300
 _UNSEEN = 1e-3
 # Part of the greatest height below which a place has no phase.
 _LEAST = 0.01
+# Half height over the wavelength from which on a fold is seen well: later fields leave it alone.
+_SEEN = 0.04
 # Length of ψ below which waves level out: it is 0 at a fork, and 1 half a wavelength beside it.
-_FORK = 0.5
+_FORK = 0.7
 # Difference of the greatest and least stretch over the greatest from which on a direction counts wholly.
 _CLEAR = 0.16
 # Most poses, those with the greatest weights, in which triangles are looked at.
@@ -43,6 +54,11 @@ _LOWERED, _PASSES, _FLAT_PASSES = 0.35, 8, 16
 # Length round such a triangle, in wavelengths, over which that fades, the average from which on it is whole, and a part
 # of it that changes nothing.
 _NEAR, _WIDER, _UNTOUCHED = 0.25, 4.0, 0.01
+# Waves along a side of a triangle that shows them, the quantile of a field's sides that are usual beyond that, as in a
+# draft, and length over the usual one from which on a side shows none.
+_SHORT_ENOUGH, _USUAL, _TOO_LONG = 0.25, 0.75, 1.6
+# Length over which that is averaged once more, in wavelengths: folds that end within less look torn.
+_EVEN = 0.6
 # Length over which heights are averaged, in wavelengths: linear mixtures of coarse values have creases.
 _SMOOTH = 0.3
 
@@ -58,7 +74,7 @@ class Displacements:
     Attributes:
         deltas: (shapes, vertices, 3) at weight 1, bind space.
         middles: Those of edges, beyond the mean of their ends.
-        shares: (vertices,) parts of the greatest height, without waves, which later fields leave to it.
+        shares: (vertices,) from 0 to 1, how much of the surface later fields leave to it.
         remaining: The greatest height over that without tools and earlier fields.
     """
 
@@ -89,12 +105,15 @@ def displaced(
     whole = max(float(heights.max(initial=0.0)), _TINY)
     heights *= (free[vertices] * np.minimum(shares / _LEAST, 1.0))[:, None]
     remaining = float(heights.max(initial=0.0)) / whole
+    covered = np.zeros(len(free))
+    covered[vertices] = np.minimum(heights.max(axis=1) / (_SEEN * values[:, -1]), 1.0)
     waves = _waves(attached, sheet, normals, values[:, count:], shares)
     outward = fine.raising_at(vertices)
     moves = (heights * waves.heights[:, None]).T[:, :, None] * outward
     lengths = np.sqrt(np.sum(moves**2, axis=2))
     moves = np.where((lengths > _UNSEEN * lengths.max(initial=0.0))[:, :, None], moves, 0.0)
     left = _lowered(_poses(attached, shown), fine, sheet, vertices, moves, attached.wavelength)
+    left = np.minimum(left, np.maximum(sheet.averaging(_EVEN * attached.wavelength).of(left), 0.0))
     moves *= left[:, None]
     heights *= left[:, None]
     a, b = waves.sides.T
@@ -102,8 +121,6 @@ def displaced(
     found = np.zeros((count, len(fine.positions), 3))
     found[:, vertices] = moves
     edges = Middles.numbers_of(vertices[waves.sides], fine)
-    covered = np.zeros(len(free))
-    covered[vertices] = np.minimum(heights.max(axis=1) / heights.max(initial=_TINY), 1.0)
     middles = Middles(edges, bent.T[:, :, None] * (outward[a] + outward[b]) / 2.0)
     return Displacements(found, middles, covered, remaining)
 
@@ -234,16 +251,30 @@ def _waves(attached: AttachedField, sheet: Sheet, normals: Floats, values: Float
     least, lines, across = shortest(values[:, :6], normals)
     size = np.abs(values[:, :6]).max(axis=1)
     clear = (across - least) / np.where(size > 0, size, 1.0)
-    trust = np.clip(shares * np.clip(clear / _CLEAR, 0.05, 1.0), 0.0, 1.0)
+    clear = np.clip(clear / _CLEAR, 0.0, 1.0)
+    trust = np.clip(shares * np.maximum(clear, 0.05), 0.0, 1.0)
     varied = (attached.wavelength, attached.tool.variation, seed)
     lines = irregular.turned(lines, normals, places, *varied)
     wavelengths = values[:, 6] * irregular.lengthened(places, *varied)
     sides = Sides.of(places, sheet.triangles, normals, lines, wavelengths)
     psi = phases(sides, places, sheet.triangles, trust, attached.wavelength, seed=seed)
-    uneven = irregular.raised(places, *varied)
+    # Where poses fold the surface across each other, no direction is right.
+    uneven = clear * _shown(sides, sheet, attached.wavelength) * irregular.raised(places, *varied)
     return _Waves(
         uneven * _height(fabric, psi), sides.ends, uneven[sides.ends].mean(axis=1) * _height(fabric, sides.middles(psi))
     )
+
+
+def _shown(sides: Sides, sheet: Sheet, wavelength: float) -> Floats:
+    """(vertices,) from 1 to 0 where sides of triangles are so much longer than elsewhere that waves become knobs.
+
+    Refinement splits no side whose middle would need too many joints, as in a groin.
+    """
+    longest = np.zeros(len(sheet.positions))
+    np.maximum.at(longest, sides.ends, np.abs(sides.turns)[:, None] / (2.0 * np.pi))
+    usual = max(float(weighted_quantiles(longest, sheet.areas, np.array([_USUAL]))[0]), _SHORT_ENOUGH)
+    shown = np.clip((_TOO_LONG - longest / usual) / (_TOO_LONG - 1.0), 0.0, 1.0)
+    return np.clip(sheet.averaging(_SMOOTH * wavelength).of(shown), 0.0, 1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,7 +11,7 @@ import numpy as np
 from wrinklecli.character.pose import transform
 from wrinklecli.effects.field.compression import Gauges, along, posed_rigidly, rigid_parts, shortest
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, Ints, face_normals, vertex_normals
+from wrinklecli.numeric.arrays import Floats, Ints, face_normals, inverses, smoothstep, vertex_normals
 from wrinklecli.numeric.laplacian import Average, Sheet, curvatures
 from wrinklecli.surface.rest import Rest
 
@@ -26,6 +26,18 @@ _DIRECTIONS = 1.5
 _STEEPEST = 1.3
 # Height over the concave radius of the pose, above which opposite flanks of a crease meet.
 _IN_CREASE = 0.8
+# Stretch across the crests from which on nothing rises: a taut sheet is flat.
+_TAUT = 1.1
+# Compression beyond the slack, in slacks, over which folds take it up: those of cloth that has buckled keep its length.
+_RISE = 2.0
+# Lost part of the length at which waves are highest.
+_MOST_LOST = 0.5
+# Times that cloth slips by the length of the average of strain.
+_SLIPS = 5
+# Least factor by which skinning makes heights lower that is made up for: a limb bent by 130 degrees.
+_LEAST_LOWER = 0.4
+# Replaces a divisor of 0.
+_TINY = 1e-300
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,12 +45,14 @@ class Heights:
     """Half heights of wrinkles in poses, on the coarse surface at rest.
 
     Attributes:
-        heights: (poses, vertices) scene units.
+        heights: (poses, vertices) scene units, at rest.
+        tallest: The greatest as skinning shows it, which is lower on the inner side of a bend.
         directions: (vertices, 6) the strains of all poses, weighted by their heights: the surface's wrinkles run across
             the direction that is shortened most.
     """
 
     heights: Floats
+    tallest: float
     directions: Floats
 
 
@@ -67,24 +81,52 @@ def measure(
         slack: Compression that makes no fold.
         allowed: (vertices,) from 0 to 1, factors of the height.
     """
-    normals = rest.normals
-    gauges = Gauges.of(sheet.positions, sheet.triangles)
+    normals, gauges = rest.normals, Gauges.of(sheet.positions, sheet.triangles)
     smooth, fine = sheet.averaging(_STRAIN * wavelength), sheet.averaging(_LIMITS * wavelength)
-    found, total = np.zeros((len(matrices), len(sheet.positions))), np.zeros((len(sheet.positions), 6))
-    for row, pose in zip(found, matrices, strict=True):
+    lost, total = np.zeros((len(matrices), len(sheet.positions))), np.zeros((len(sheet.positions), 6))
+    for row, pose in zip(lost, matrices, strict=True):
         moved = posed_rigidly(sheet.positions, joints, weights, rigid_parts(pose, rest.matrices))
         strain = smooth.of_integrals(sheet.to_vertices(gauges.strains(moved)))
-        least, direction, across = shortest(strain, normals)
+        least, _, across = shortest(strain, normals)
         # What shrinks alike in all directions has none in which it would fold.
-        lost = np.clip(1.0 - np.exp(least - np.minimum(across, 0.0)) - slack, 0.0, 0.5)
-        height = wavelengths / np.pi * np.sqrt(lost * (1.0 - lost))
-        if height.any():
-            height = np.minimum(height, _room(sheet, rest, joints, weights, pose, gauges, fine, direction, wavelengths))
-            height = np.maximum(fine.of(height), 0.0) * allowed
-        row += height
-        total += (height**2)[:, None] * strain
+        shorter = 1.0 - np.exp(least - np.minimum(across, 0.0))
+        row += (
+            np.maximum(shorter, 0.0)
+            * smoothstep(np.clip((shorter - slack) / max(_RISE * slack, _TINY), 0.0, 1.0))
+            * allowed
+        )
+        total += (_squares(row) * wavelengths**2)[:, None] * strain
     directions = sheet.averaging(_DIRECTIONS * wavelength).of(total)
-    return Heights(_drawn_out(sheet, normals, directions, found, wavelength) * allowed, directions)
+    _, direction, _ = shortest(directions, normals)
+    room = np.stack(
+        [_room(sheet, rest, joints, weights, pose, gauges, fine, direction, wavelengths) for pose in matrices]
+    )
+    squares = _squares(_slipped(lost, room[:, 0], smooth))
+    drawn = _drawn_out(sheet, direction, np.sqrt(squares), wavelength)
+    shown = np.sqrt(np.minimum(drawn**2, room[:, 0])) * wavelengths / np.pi * allowed
+    return Heights(shown / room[:, 1], float(shown.max()), directions)
+
+
+def _squares(lost: Floats) -> Floats:
+    """(…,) squares of π · half height over wavelength, of waves that keep a length of which (…,) parts are lost."""
+    part = np.minimum(lost, _MOST_LOST)
+    return np.asarray(part * (1.0 - part))
+
+
+def _slipped(lost: Floats, room: Floats, average: Average) -> Floats:
+    """(poses, vertices) lost parts of the length where cloth slips from places without room to those beside them.
+
+    `room` are the greatest squares, as `_squares` gives them.
+    """
+    # The lost part at which waves are as high as there is room for.
+    held = 0.5 - np.sqrt(np.maximum(0.25 - room, 0.0))
+    kept = np.minimum(lost, held)
+    excess = lost - kept
+    for _ in range(_SLIPS):
+        kept += np.maximum(average.of(excess.T).T, 0.0)
+        excess = np.maximum(kept - held, 0.0)
+        kept -= excess
+    return kept
 
 
 def _room(
@@ -98,22 +140,29 @@ def _room(
     direction: Floats,
     wavelengths: Floats,
 ) -> Floats:
-    """(vertices,) half heights for which there is room in a pose as engines show it: by slope, and in its creases."""
+    """Room for waves across (vertices, 3) directions in a pose as engines show it.
+
+    Returns:
+        (2, vertices): the greatest squares of π · half height over wavelength, by slope, in creases, and where the
+        surface is stretched; and the factor by which skinning makes heights lower.
+    """
     blended = np.einsum("vk,vkab->vab", weights, pose[:, :3][joints])
     shown = transform(blended[None], rest.bind_positions)[0]
+    normals = vertex_normals(shown, sheet.triangles)
     strain = fine.of_integrals(sheet.to_vertices(gauges.strains(shown)))
     stretch = np.exp(along(strain, direction, direction))
-    bend = np.sum(curvatures(shown, sheet.triangles) * vertex_normals(shown, sheet.triangles), axis=1)
-    concave = fine.of(np.maximum(-bend, 0.0))
-    steep = _STEEPEST * wavelengths * stretch / (2.0 * np.pi)
-    return np.minimum(steep, _IN_CREASE / np.maximum(concave, _IN_CREASE / (10.0 * wavelengths)))
+    concave = fine.of(np.maximum(-np.sum(curvatures(shown, sheet.triangles) * normals, axis=1), 0.0))
+    room = np.minimum(_STEEPEST / 2.0 * stretch, np.pi * _IN_CREASE / np.maximum(wavelengths * concave, _TINY))
+    room *= np.clip((_TAUT - stretch) / (_TAUT - 1.0), 0.0, 1.0)
+    turned = np.einsum("vab,vbc,vc->va", blended[:, :, :3], inverses(rest.blended), rest.normals)
+    lower = np.clip(np.sum(turned * normals, axis=1), _LEAST_LOWER, 1.0)
+    return np.stack([room**2, lower])
 
 
-def _drawn_out(sheet: Sheet, normals: Floats, directions: Floats, heights: Floats, wavelength: float) -> Floats:
+def _drawn_out(sheet: Sheet, across: Floats, heights: Floats, wavelength: float) -> Floats:
     """(poses, vertices) heights that go on along their crests, with the greatest as it was."""
     if not heights.any():
         return heights
-    _, across, _ = shortest(directions, normals)
     made = sheet.averaging(np.sqrt(2.0) * wavelength, _anisotropic(sheet, across)).of(heights.T).T
     made = np.maximum(made, 0.0)
     return np.asarray(made * (heights.max() / made.max()))

@@ -12,8 +12,8 @@ from wrinklecli.surface.path import Straight
 from wrinklecli.surface.region import SmoothRegion
 from wrinklecli.surface.rest import Rest
 
-# Part of the greatest height from which on edges are as short as wrinkles ask; they may be longer where it is lower.
-_WHOLE = 0.3
+# Height over the wavelength from which on edges are as short as wrinkles ask; they may be longer where it is lower.
+_STEEP = 0.08
 # Length along a crest over that across it of edges that show it as well.
 _SLENDER = 2.0
 
@@ -87,8 +87,8 @@ class FieldRegion(SmoothRegion):
         # The part across the crests, and a share of the whole.
         squared = np.maximum(np.einsum("ei,eij,ej->e", way, line.reshape(-1, 3, 3), way), 0.0)
         length = np.sqrt(np.maximum(squared, np.sum(way**2, axis=1) / _SLENDER**2))
-        share = shares[at, 0].max(axis=1)
-        return np.asarray(2.0 * length / wavelengths[at, 0].mean(axis=1) * np.minimum(share / _WHOLE, 1.0) ** 0.5)
+        steep = (self.height * shares / wavelengths)[at, 0].max(axis=1)
+        return np.asarray(2.0 * length / wavelengths[at, 0].mean(axis=1) * np.minimum(steep / _STEEP, 1.0) ** 0.5)
 
 
 def _tensors(lines: Floats) -> Floats:
