@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from measure import line_normals
 from scenes import Array, Scene
-from scipy.ndimage import gaussian_filter1d
+from scipy.ndimage import gaussian_filter1d, label
 
 # Wavelength above which heights are taken off, metres, and how sharply: how a tube hangs, bridges its bend and keeps
 # its girth is no fold, and is several times as high. Folds were up to 14 cm apart; once round the sleeve is 39 cm.
@@ -17,6 +17,8 @@ _HANG, _SHARPNESS = 0.15, 4
 # Standard deviation of the averages of slopes and of squared heights, metres: half of most simulated distances of
 # crests, so that single crests even out.
 _NEAR = 0.05
+# Vertices of a crest: fewer have no direction.
+_FEWEST = 3
 
 
 @dataclass(frozen=True)
@@ -24,6 +26,7 @@ class Relief:
     """Folds on a tube.
 
     Attributes:
+        places: (rings, sides, 2) along the tube and around it, m; 0 around is the middle of the fold.
         areas: (vertices,) at rest, m²; 0 on the stretched side.
         heights: (vertices,) of folds alone, m.
         squares: (vertices,) squared heights, averaged nearby, m².
@@ -31,6 +34,7 @@ class Relief:
             direction of the greatest.
     """
 
+    places: Array
     areas: Array
     heights: Array
     squares: Array
@@ -61,7 +65,10 @@ class Relief:
         one = np.gradient(heights, along, axis=0)
         other = (np.roll(heights, -1, axis=1) - np.roll(heights, 1, axis=1)) / (2.0 * around[:, None])
         slopes = np.stack([one * one, one * other, one * other, other * other], axis=2)
+        angles = np.arange(scene.sides) - scene.sides * (np.arange(scene.sides) > scene.sides // 2)
+        places = np.stack(np.broadcast_arrays(along * np.arange(count)[:, None], middle * angles), axis=2)
         return cls(
+            places=places,
             areas=np.repeat(along * around, scene.sides) * (scene.cloth.positions[:, 1] > 0),
             heights=heights.ravel(),
             squares=averaged(heights**2, _NEAR).ravel(),
@@ -76,6 +83,24 @@ class Relief:
         found = np.zeros(len(order), bool)
         found[order[: int(np.searchsorted(sums, sums[-1] / 2.0)) + 1]] = True
         return found
+
+    @property
+    def crest(self) -> tuple[float, float]:
+        """Length and width of crests, m: of connected parts higher than the root mean square, by their heights."""
+        order = np.argsort(self.places[0, :, 1])
+        places, areas = self.places[:, order], self.areas.reshape(self.places.shape[:2])[:, order]
+        heights = self.heights.reshape(areas.shape)[:, order]
+        parts, count = label((areas > 0) & (heights > np.sqrt(np.average(heights**2, weights=areas))))
+        sizes, weights = [], []
+        for part in range(1, count + 1):
+            inside = parts == part
+            if np.count_nonzero(inside) >= _FEWEST:
+                # A rod's variance is a twelfth of its squared length.
+                variances = np.linalg.eigvalsh(np.cov(places[inside].T))
+                sizes.append(np.sqrt(12.0 * np.maximum(variances, 0.0)))
+                weights.append(heights[inside].sum())
+        width, length = np.average(sizes, axis=0, weights=weights)
+        return float(length), float(width)
 
     def overlap(self, other: "Relief") -> float:
         """The area that the densest parts share, over the mean of both areas."""
