@@ -124,11 +124,13 @@ def _garment(
     if not rig.skinned or is_rigid(gauge):
         return None
     parts, primitives = read_bones(document).parts, gauge.surface.primitives[gauge.numbers]
-    kinds = substances_at(asset.ground(rig.node), _PLACE * diagonal(mesh.rest.positions))[gauge.numbers]
     hints = read_hints(document, rig, options.materials)
+    told = np.array([_is_told(document, rig.mesh, number, each) for number, each in enumerate(hints)])[primitives]
+    if not told.any():
+        return None
+    kinds = substances_at(asset.ground(rig.node), _PLACE * diagonal(mesh.rest.positions))[gauge.numbers]
     asked = np.array([-1 if each.asked is None else SUBSTANCES.index(each.asked.kind) for each in hints])[primitives]
     kinds = np.where(asked < 0, kinds, asked)
-    told = np.array([_is_told(document, rig.mesh, number, each) for number, each in enumerate(hints)])[primitives]
     heaviest = gauge.surface.joints[np.arange(len(gauge.surface.joints)), gauge.surface.weights.argmax(axis=1)]
     apart = np.array([parts[joint] in _APART for joint in rig.joints.tolist()])[heaviest[gauge.triangles]].all(axis=1)
     cloth = ((kinds == SUBSTANCES.index(_CLOTH)) & told & ~apart).astype(np.float64)

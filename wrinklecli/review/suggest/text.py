@@ -41,7 +41,7 @@ def tools_text(
     if not suggestions:
         return "\n".join(lines[:-1]) + "\n"
     lines += [
-        "# Each is a segment across the folds that a clip makes: its ends come closer, and the lost length comes back",
+        "# A tool is a segment across folds that a clip makes: its ends come closer, and the lost length comes back",
         "# as bumps. Where folds turn it is a path. Positions are those of the stored pose, in scene units, Y up. Best",
         "# first: move the ends, try other widths and numbers of bumps.",
         "defaults:",
