@@ -83,6 +83,7 @@ class Pointer:
             self._page.say(kind.asks[len(places)], ASKS)
         else:
             self._page.commit()
+            self._page.say("measuring …", ASKS)  # a field of a dressed body takes seconds
             clicks, node = [place.tolist() for place in (*places, hit.place)], hit.mesh.source.node
             try:
                 name = self._session.add(list_key, clicks, node, clip=self._page.shown_clip)
