@@ -153,7 +153,8 @@ def check(
             # With a pose in place of clips, a bake has the asset's clips all the same.
             there = moving if job.pose is None else moving_clips(plan, job.every_clip)
             baked = [clip for clip in there if clip.name not in (*job.range, job.pose)]
-            warnings += mesh_warnings(plan, job.settings, baked)
+            # A note says that the asset has no clip, and what is looked at in their place.
+            warnings += mesh_warnings(plan, job.settings, baked or moving)
             # No tool is at fault, and an option of the bake decides.
             notes += track_warnings(plan, baked)
             measured = [each for each in zip(parts, seen, strict=True) if each[0].attached.segment is not None]
