@@ -16,6 +16,7 @@ from wrinklecli import bake
 from wrinklecli.review.check import check
 from wrinklecli.review.suggest.suggest import Suggestions, suggest
 from wrinklecli.tools.read import parse_tools
+from wrinklecli.tools.records import RefinementSettings
 
 SIZE: dict[str, Any] = {"rings": 24, "sides": 16, "angle": 60.0}
 
@@ -60,6 +61,16 @@ def test_a_garment_gets_a_field_and_no_tools(jeans: tuple[Path, Suggestions], tm
     assert report.data["fields"][0]["wavelength"] == pytest.approx(each.wavelength, rel=1e-3)
     assert not report.warnings
     assert max(map(len, found.text.splitlines())) <= 120
+
+
+@pytest.mark.slow
+def test_a_garment_of_long_triangles_is_refined_as_finely_as_its_field_asks(tmp_path: Path) -> None:
+    path = dressed(limb_asset(rings=5, sides=24, angle=60.0), name="Jeans").write(tmp_path / "limb.glb")
+    found = suggest(path)
+    (each,) = found.fields
+    assert parse_tools(found.text).refinement.max_levels == each.levels > RefinementSettings().max_levels
+    (tmp_path / "tools.yaml").write_text(found.text)
+    assert not check(path, tmp_path / "tools.yaml").warnings
 
 
 @pytest.mark.slow

@@ -30,13 +30,13 @@ from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.review.suggest.stage import Stage
 from wrinklecli.review.suggest.suggest_options import SuggestOptions
 from wrinklecli.review.suggest.text import entry, quoted
-from wrinklecli.review.suggest.trial import Placement, TriedAsset
+from wrinklecli.review.suggest.trial import MOST_LEVELS, Placement, TriedAsset
 from wrinklecli.review.suggest.worth import Dropped, fault_of
 from wrinklecli.surface.sites import Peaks
 from wrinklecli.surface.substance import WORDS, PrimitiveHints, is_rigid, read_hints, substances_at
 from wrinklecli.tools.fields import Field
 from wrinklecli.tools.mirror import numbered
-from wrinklecli.tools.records import ONE_PERCENT, Sampling, ToolsFile
+from wrinklecli.tools.records import ONE_PERCENT, RefinementSettings, Sampling, ToolsFile
 from wrinklecli.tools.yaml_tree import printable
 
 _CLOTH: MaterialName = "cloth"
@@ -77,6 +77,7 @@ class SuggestedField:
         wavelength: From crest to crest, scene units.
         targets: The number of its morph targets.
         gpu_bytes: What they take on a GPU where each part of the mesh has those that move it.
+        levels: How often edges are halved for it.
     """
 
     field: Field
@@ -88,6 +89,7 @@ class SuggestedField:
     wavelength: float
     targets: int
     gpu_bytes: int
+    levels: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,7 +215,8 @@ def suggest_fields(
 def _tried(asset: TriedAsset, stage: Stage, budget: float, garment: Garment) -> SuggestedField | Dropped:
     """A field as it bakes well, with as many joints as a budget of bytes allows; or the reason why it is left out."""
     mesh = garment.mesh
-    settings = ToolsFile(path=asset.document.path)
+    # No edge is halved more often than it has to be.
+    settings = ToolsFile(path=asset.document.path, refinement=RefinementSettings(max_levels=MOST_LEVELS))
     try:
         plan = plan_on(*attach_effects(asset.ground(mesh.rig.node), [garment.field], settings), settings, ONE_PERCENT)
     except WrinkleError as error:
@@ -239,6 +242,8 @@ def _judged(asset: TriedAsset, plan: MeshPlan, part: Part, stage: Stage, garment
     where = mesh.rig.names[mesh.rig.node]
     seen = [seen_at(part, plan.rig, clip, clip_grid(clip, plan.rig, fps=Sampling().fps)) for clip in mesh.clips]
     warnings = part.words(plan).warnings(plan, seen, up="y") + turned_warnings(plan, part, seen)
+    if plan.fine.subdivision.limited:
+        warnings.append(f"{plan.fine.subdivision.limited} edges stay too long for it at max_levels {MOST_LEVELS}")
     if warnings:
         return Dropped(field.name, where, "warned", 0.0, warnings[0])
     # Each shape where it is tallest, the tallest of all first.
@@ -263,6 +268,7 @@ def _judged(asset: TriedAsset, plan: MeshPlan, part: Part, stage: Stage, garment
         wavelength=part.attached.bump_width,
         targets=len(part.drive.targets),
         gpu_bytes=texel_bytes(plan, moved),
+        levels=plan.fine.subdivision.levels,
     )
 
 

@@ -161,6 +161,7 @@ def suggest(
         hard = [*(f"{name} is rigid" for name in rigid), *hard]
         flat = bool(chosen) and all(candidate.mesh.flat for candidate in chosen)
         fitted = fit_tools(chosen, generated)
+        levels = [each.levels for each in fields]
         reason = ""
         if candidates and not chosen:
             reason = _joined([*hard, "what its motions fold is left out, as the notes say"])
@@ -181,7 +182,7 @@ def suggest(
         found = worthwhile(
             tried,
             fitted,
-            RefinementSettings(scheme=scheme),
+            RefinementSettings(scheme=scheme, max_levels=max([RefinementSettings().max_levels, *levels])),
             count=options.count,
             everything=options.everything,
             joined=clips,

@@ -32,7 +32,7 @@ _TRIES = 3
 # Factor on its width each time.
 _NARROWER = 0.75
 # Most times that an edge is halved for suggested wrinkles: then a triangle is several times as long as the fold.
-_MOST_LEVELS = 6
+MOST_LEVELS = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,17 +151,17 @@ class Trial:
 
     def is_coarse(self, suggestion: Suggestion) -> bool:
         """True if edges stay too long for a suggestion even where they are halved most often."""
-        trial = replace(self, refinement=replace(self.refinement, max_levels=_MOST_LEVELS))
+        trial = replace(self, refinement=replace(self.refinement, max_levels=MOST_LEVELS))
         return any(each.coarse for each in trial.placements([suggestion]).values())
 
     def fine_enough(self, suggestions: Sequence[Suggestion]) -> "tuple[Trial, dict[str, Placement]]":
         """Find the least levels, these or more, that make edges short enough, or else the most; and place them so."""
         if not self._must_be_finer(suggestions):
             placed = self.placements(suggestions)
-            finest = self.refinement.max_levels >= _MOST_LEVELS
+            finest = self.refinement.max_levels >= MOST_LEVELS
             if finest or not any(each.coarse for each in placed.values()):
                 return self, placed
-        most = replace(self, refinement=replace(self.refinement, max_levels=_MOST_LEVELS))
+        most = replace(self, refinement=replace(self.refinement, max_levels=MOST_LEVELS))
         # No edge is halved more often than it has to be, so the mesh is that of the least levels.
         placed = most.placements(suggestions)
         levels = max((each.plan.fine.subdivision.levels for each in placed.values()), default=0)
@@ -171,7 +171,7 @@ class Trial:
     def _must_be_finer(self, suggestions: Sequence[Suggestion]) -> bool:
         """True if an edge of the mesh as it is stays too long for a suggestion, however evenly it is halved."""
         levels = self.refinement.max_levels
-        if self.variants or levels >= _MOST_LEVELS:
+        if self.variants or levels >= MOST_LEVELS:
             return False
         steps = self.refinement.edges_per_interval / 2**levels
         unrefined = replace(self.refinement, max_levels=0, edges_per_interval=steps)
