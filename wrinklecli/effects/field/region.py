@@ -13,9 +13,9 @@ from wrinklecli.surface.region import SmoothRegion
 from wrinklecli.surface.rest import Rest
 
 # Height over the wavelength from which on edges are as short as wrinkles ask; they may be longer where it is lower.
-_STEEP = 0.08
+_STEEP = 0.15
 # Length along a crest over that across it of edges that show it as well.
-_SLENDER = 2.0
+_SLENDER = 2.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
