@@ -83,17 +83,6 @@ def test_a_field_for_an_asset_without_clips_passes_check(tmp_path: Path) -> None
 
 
 @pytest.mark.slow
-def test_a_field_beyond_the_budget_is_folded_by_those_joints_that_bend_the_most(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("wrinklecli.review.suggest.garments._BUDGET", 1.0)
-    asset = dressed(limb_asset(**{**SIZE, "joints": 3}), name="Jeans")
-    (each,) = suggest(asset.write(tmp_path / "limb.glb")).fields
-    assert len(each.field.joints) == 1
-    assert each.field.joints != "all"
-
-
-@pytest.mark.slow
 def test_a_skirt_over_both_legs_gets_a_field(tmp_path: Path) -> None:
     asset = characters.CHARACTERS["knight_tabard"]().write(tmp_path / "knight.glb")
     assert [each.mesh for each in suggest(asset).fields] == ["Object.012"]

@@ -57,8 +57,6 @@ _STRENGTHS = (1.0, 0.7, 0.5)
 _LOOKS = 4
 # Part of the surface round a place from which on the place lies on a garment, whose field wrinkles it.
 _MOSTLY = 0.5
-# Bytes on a GPU that the fields of a character may take together, if baked with --split: what its textures take, about.
-_BUDGET = 8e6
 # Characters of a line of a list.
 _LONGEST = 100
 
@@ -101,19 +99,12 @@ class Garment:
         field: Without a strength.
         why: What of the mesh is cloth, in words.
         cloth: (triangles,) 1 for those of the gauge that are, else 0.
-        joints: Names of those that fold it, those that bend the most first.
     """
 
     mesh: MeasuredMesh
     field: Field
     why: str
     cloth: Floats
-    joints: tuple[str, ...]
-
-    def with_joints(self, count: int) -> "Garment":
-        """The garment with a field that so many joints fold."""
-        joints = self.joints[:count]
-        return replace(self, field=replace(self.field, joints=joints), joints=joints)
 
 
 def find_garments(asset: TriedAsset, meshes: Sequence[MeasuredMesh], options: SuggestOptions) -> list[Garment]:
@@ -168,7 +159,6 @@ def _garment(
         Field(**Field.fields_of(values, {})),
         f"{'all' if whole else f'{100 * share:.0f} %'} of it looks like cloth",
         cloth,
-        tuple(joints),
     )
 
 
@@ -204,7 +194,7 @@ def suggest_fields(
     asset: TriedAsset, garments: Sequence[Garment], stage: Stage
 ) -> tuple[list[SuggestedField], list[Dropped]]:
     """Try a field on each garment; give those that are worth it, and those that are not, each with the reason."""
-    tried = [*in_processes(partial(_tried, asset, stage, _BUDGET / max(len(garments), 1)), garments, asset.jobs)]
+    tried = [*in_processes(partial(_tried, asset, stage), garments, asset.jobs)]
     stage.let_go()
     return (
         [each for each in tried if isinstance(each, SuggestedField)],
@@ -212,8 +202,8 @@ def suggest_fields(
     )
 
 
-def _tried(asset: TriedAsset, stage: Stage, budget: float, garment: Garment) -> SuggestedField | Dropped:
-    """A field as it bakes well, with as many joints as a budget of bytes allows; or the reason why it is left out."""
+def _tried(asset: TriedAsset, stage: Stage, garment: Garment) -> SuggestedField | Dropped:
+    """A field as it bakes well, or the reason why it is left out."""
     mesh = garment.mesh
     # No edge is halved more often than it has to be.
     settings = ToolsFile(path=asset.document.path, refinement=RefinementSettings(max_levels=MOST_LEVELS))
@@ -229,10 +219,6 @@ def _tried(asset: TriedAsset, stage: Stage, budget: float, garment: Garment) -> 
         found = _judged(asset, plan, weaker or part, stage, replace(garment, field=field))
         if isinstance(found, SuggestedField) or found.reason not in ("turns", "warned"):
             break
-    count = len(garment.joints)
-    if isinstance(found, SuggestedField) and found.gpu_bytes > budget and count > 1:
-        fewer = max(1, min(count - 1, int(count * budget / found.gpu_bytes)))
-        return _tried(asset, stage, budget, garment.with_joints(fewer))
     return found
 
 
