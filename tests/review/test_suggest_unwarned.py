@@ -27,7 +27,7 @@ REAL = ("cesium_man.glb", "hand.glb", "head_male.glb", "simple_skin.gltf", "trou
 
 def unwarned_file(asset: Path, folder: Path) -> bool:
     found = suggest_once(asset, **FEW.get(asset.stem, {}))
-    assert found.tools
+    assert found.text
     (folder / "tools.yaml").write_text(found.text)
     return check(asset, folder / "tools.yaml").warnings == ()
 
