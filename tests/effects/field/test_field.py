@@ -122,11 +122,15 @@ def test_drivers_and_tracks_play_a_field_as_its_bake_does(tmp_path: Path) -> Non
 
 
 def test_clips_have_strengths_of_their_own() -> None:
-    plain = weights_of(bake_once(TUBE(), top=ONE, **FLAT))
+    whole = bake_once(TUBE(), top=ONE, **FLAT)
+    plain, columns = weights_of(whole), wrinkle_columns(whole, "limb")
+    with_, without = (whole.pose("limb", "fold", [1.0], without=each)[0] for each in ((), columns))
+    (field,) = report_of(whole).data["fields"]
+    # Keys of each file may be off by 1 % of the tallest wrinkle; on so coarse a mesh no vertex rises as far.
+    allowed = 0.01 * field["height_limit"] / np.linalg.norm(with_ - without, axis=1).max()
     for keys, factor in (({"strength": 0.5}, 0.5), ({"clips": {"fold": 0.25}}, 0.25)):
         file = bake_once(TUBE(), top={"fields": [{"name": "folds", **keys}]}, **FLAT)
-        # Keys of each file may be off by 1 %.
-        assert weights_of(file) == pytest.approx(factor * plain, abs=0.01 * (1.0 + factor))
+        assert weights_of(file) == pytest.approx(factor * plain, abs=allowed * (1.0 + factor))
     (drive_,) = extras_of(file)
     assert drive_["strengths"] == {"fold": 0.25}
 
@@ -193,7 +197,8 @@ def test_vertices_with_other_numbers_give_the_same_surface() -> None:
     error = report_of(plain).data["meshes"][0]["max_error"]
     count = len(order)
     one, other = (each.pose("limb", "fold", [0.5, 1.0]) for each in (plain, mixed))
-    assert np.abs(one[:, :count] - other[:, order]).max() < error
+    # Each is off by the error at most.
+    assert np.abs(one[:, :count] - other[:, order]).max() < 2.0 * error
 
 
 @pytest.mark.slow

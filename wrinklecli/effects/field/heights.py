@@ -32,10 +32,13 @@ _TAUT = 1.1
 _RISE = 2.0
 # Lost part of the length at which waves are highest.
 _MOST_LOST = 0.5
+# Lost part of the length below which folds fade: heights go with its root, so what is hardly anything would be seen.
+_LEAST_LOST = 0.01
 # Times that cloth slips by the length of the average of strain.
 _SLIPS = 5
-# Least factor by which skinning makes heights lower that is made up for: a limb bent by 130 degrees.
-_LEAST_LOWER = 0.4
+# Least factor by which skinning makes heights lower that is made up for: a limb bent by 106 degrees. What is turned
+# further is hidden in its crease, where taller folds take shapes from what is seen.
+_LEAST_LOWER = 0.6
 # Replaces a divisor of 0.
 _TINY = 1e-300
 
@@ -90,12 +93,9 @@ def measure(
         least, _, across = shortest(strain, normals)
         # What shrinks alike in all directions has none in which it would fold.
         shorter = 1.0 - np.exp(least - np.minimum(across, 0.0))
-        row += (
-            np.maximum(shorter, 0.0)
-            * smoothstep(np.clip((shorter - slack) / max(_RISE * slack, _TINY), 0.0, 1.0))
-            * allowed
-        )
-        total += (_squares(row) * wavelengths**2)[:, None] * strain
+        taken_up = smoothstep(np.clip((shorter - slack) / max(_RISE * slack, _TINY), 0.0, 1.0))
+        row += np.where(allowed > 0, np.maximum(shorter, 0.0) * taken_up, 0.0)
+        total += (_squares(row) * (allowed * wavelengths) ** 2)[:, None] * strain
     directions = sheet.averaging(_DIRECTIONS * wavelength).of(total)
     _, direction, _ = shortest(directions, normals)
     room = np.stack(
@@ -126,7 +126,7 @@ def _slipped(lost: Floats, room: Floats, average: Average) -> Floats:
         kept += np.maximum(average.of(excess.T).T, 0.0)
         excess = np.maximum(kept - held, 0.0)
         kept -= excess
-    return kept
+    return kept * smoothstep(np.minimum(kept / _LEAST_LOST, 1.0))
 
 
 def _room(
