@@ -204,6 +204,7 @@ class Effect:
         least: Weights up to this are 0, so that few targets act at a time; the proof counts them.
         projected: The vertices that are projected in each frame, and a function from a clip and (frames,) seconds to
             their (frames, vertices, 3) displacements, bind space, for the proof; None if shapes do not change.
+        add_up: True if several targets move one vertex at once, so that errors of their weights add up.
     """
 
     name: str
@@ -218,6 +219,7 @@ class Effect:
     remixes: Remixes | None = None
     least: float = 0.0
     projected: tuple[Ints, Callable[[Clip, Floats], Floats]] | None = None
+    add_up: bool = False
 
     @property
     def target_names(self) -> tuple[str, ...]:

@@ -165,17 +165,27 @@ def move_sizes(plan: MeshPlan, effects: Sequence[Effect]) -> Floats:
     """(targets,) the largest move of each target at weight 1, scene units.
 
     That of an effect with an error bound of its own is times the plan's bound over it, so that one bound holds for all.
-    Where vertices are projected, all targets move each of them, so their errors add up.
+    Where several targets move a vertex at once, their errors add up.
     """
     factors = [
-        (1.0 if each.max_error is None else plan.max_error / each.max_error)
-        * (1.0 if each.projected is None else len(each.targets))
-        for each in effects
+        (1.0 if each.max_error is None else plan.max_error / each.max_error) * _together(each) for each in effects
     ]
     sizes = [
         target.shape.tallest * factor for each, factor in zip(effects, factors, strict=True) for target in each.targets
     ]
     return np.array(sizes, np.float64)
+
+
+def _together(effect: Effect) -> float:
+    """The largest sum of the moves of all targets at one vertex, over the largest move of one."""
+    if effect.projected is not None:
+        return len(effect.targets)  # all of them move each vertex
+    shapes = [target.shape for target in effect.targets]
+    if not effect.add_up or not shapes:
+        return 1.0
+    lengths = [np.linalg.norm(shape.deltas, axis=1) for shape in shapes]
+    sums = np.bincount(np.concatenate([shape.vertices for shape in shapes]), np.concatenate(lengths))
+    return float(sums.max() / max(float(each.max(initial=0.0)) for each in lengths))
 
 
 def within(memory: Memory, signal: Signal, width: int, *, where: str) -> Signal:

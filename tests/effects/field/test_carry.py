@@ -44,11 +44,11 @@ def sizes(deltas: Floats) -> Floats:
 
 
 def test_displacements_are_along_normals_and_no_higher_than_said() -> None:
-    """At rest the tallest is a little higher than as skinning shows it; nothing is a spike."""
+    """The tallest bump of a variation may stand out; nothing is a spike."""
     plan = plan_of({"name": "folds", "variation": 0})
     (deltas,) = layer_of(plan).deltas
     (field,) = layer_of(plan).attached
-    assert 0.3 * field.greatest_height < sizes(deltas).max() <= 1.2 * field.greatest_height
+    assert 0.3 * field.greatest_height < sizes(deltas).max() <= 1.05 * field.greatest_height
     moved = sizes(deltas) > 0.05 * sizes(deltas).max()
     ways = deltas[np.argmax(np.linalg.norm(deltas, axis=2), axis=0), np.arange(len(moved))][moved]
     radial = plan.fine.rest_positions[moved] * [0.0, 1.0, 1.0]

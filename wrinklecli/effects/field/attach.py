@@ -96,7 +96,7 @@ class AttachedField(WithoutSegment):
 
     @property
     def greatest_height(self) -> float:
-        """The height of its tallest fold, as skinning shows it."""
+        """The height of its tallest fold at rest; skinning lowers those on the inner side of a bend."""
         return self.regions[0].height
 
     @property
@@ -153,7 +153,7 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
         allowed=allowed,
     )
     factors = factors_of(sweeps, measured.heights, sheet.areas, _MOST_SHAPES)
-    tallest = measured.tallest
+    tallest = float(measured.heights.max())
     if not len(factors.turns) or tallest < _LEAST_HEIGHT * wavelength:
         raise BakeError(
             f"hardly anything of {name} loses more than {100 * tool.slack:.3g} % of its length, the slack, as its"
@@ -161,7 +161,7 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
             where=where,
         )
     height = 2.0 * (1.0 - fabric.inward) * tallest
-    shares = np.minimum(measured.heights.max(axis=0) / tallest, 1.0)
+    shares = measured.heights.max(axis=0) / tallest
     seen = members[(shares[surface.triangles[members]] > _LEAST_SEEN).any(axis=1)]
     _, lines, _ = shortest(measured.directions, rest.normals)
     lines = turned(lines, rest.normals, rest.positions, wavelength, tool.variation, seed)

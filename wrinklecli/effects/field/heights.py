@@ -49,13 +49,11 @@ class Heights:
 
     Attributes:
         heights: (poses, vertices) scene units, at rest.
-        tallest: The greatest as skinning shows it, which is lower on the inner side of a bend.
         directions: (vertices, 6) the strains of all poses, weighted by their heights: the surface's wrinkles run across
             the direction that is shortened most.
     """
 
     heights: Floats
-    tallest: float
     directions: Floats
 
 
@@ -103,8 +101,8 @@ def measure(
     )
     squares = _squares(_slipped(lost, room[:, 0], smooth))
     drawn = _drawn_out(sheet, direction, np.sqrt(squares), wavelength)
-    shown = np.sqrt(np.minimum(drawn**2, room[:, 0])) * wavelengths / np.pi * allowed
-    return Heights(shown / room[:, 1], float(shown.max()), directions)
+    heights = np.sqrt(np.minimum(drawn**2, room[:, 0])) * wavelengths / np.pi * allowed / room[:, 1]
+    return Heights(heights, directions)
 
 
 def _squares(lost: Floats) -> Floats:
