@@ -215,4 +215,6 @@ def test_a_tool_that_is_drawn_is_carried_at_once_or_comes_with_the_rig(section: 
     pinned = np.zeros(len(plan.fine.surface.positions), np.bool_)
     made = sketch(part.attached, part.region, plan.fine, pinned)
     assert (made is not None) == (section in ("tools", "fields"))
-    assert made is None or (made.vertices == part.vertices).all()
+    # A sketch of a field looks at no clips, which may level a vertex more.
+    assert made is None or np.isin(part.vertices, made.vertices).all()
+    assert made is None or len(made.vertices) < 1.01 * len(part.vertices)
