@@ -201,11 +201,6 @@ def free_rows(tissue: Tissue) -> Ints:
     return np.flatnonzero(tissue.free & tissue.own)
 
 
-def skinned_positions(fold: Fold, tissue: Tissue, clip: Clip | None, times: Floats) -> Iterator[Floats]:
-    """(vertices, 3) skinned positions at each of (frames,) seconds of a clip, solver's units."""
-    return (posed.positions for posed in _poses(fold, tissue, clip, times))
-
-
 def last_state(states: Iterator[Solution]) -> SolverState | None:
     """The state of the last solution."""
     state = None
