@@ -47,6 +47,16 @@ def bent_areas(document: Document, rigs: Sequence[Rig]) -> tuple[Floats, Floats]
     return (moved - whole)[:root], moved[:root]
 
 
+def bending_nodes(document: Document, rig: Rig, least: float) -> list[int]:
+    """The nodes that bend a mesh, those that bend most first; `least` is a part of the largest area that one bends.
+
+    Raises:
+        AssetError: The mesh is malformed.
+    """
+    areas, _ = bent_areas(document, [rig])
+    return [node for node in np.argsort(-areas, kind="stable").tolist() if areas[node] > least * areas.max()]
+
+
 def _carried_together(document: Document, rig: Rig) -> Iterator[tuple[Ints, Ints, Floats]]:
     """Give pairs of nodes, in both orders and each with itself, and the sum of A s t over the triangles.
 

@@ -67,6 +67,12 @@ class Surface:
         """Diagonal of the bounding box, bind units."""
         return diagonal(self.positions)
 
+    @cached_property
+    def heaviest(self) -> Ints:
+        """(vertices,) the joint of the greatest weight of each, an index into the rig's joints."""
+        found: Ints = self.joints[np.arange(len(self.joints)), self.weights.argmax(axis=1)]
+        return found
+
     def dense_weights(self, vertices: Ints, joint_count: int) -> Floats:
         """(vertices, joints) skin weights of some vertices."""
         return dense_influences(self.joints.take(vertices, axis=0), self.weights.take(vertices, axis=0), joint_count)

@@ -148,6 +148,11 @@ class Gauge:
     flat: Floats
     tensors: Floats
 
+    @property
+    def areas(self) -> Floats:
+        """(triangles,) areas at rest, scene units squared."""
+        return self.flat[:, 0] * self.flat[:, 2] / 2.0
+
 
 def read_gauge(surface: Surface, rest: Rest, rig: Rig) -> Gauge:
     """Prepare to measure a surface; triangles without area are left out."""

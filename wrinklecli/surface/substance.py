@@ -418,9 +418,8 @@ def find_bare_skin(meshes: Sequence[tuple[Gauge, Makeup]], parts: Sequence[Part 
             surface, rig = gauge.surface, gauge.rig
             if not rig.skinned:
                 continue
-            greatest = surface.joints[np.arange(len(surface.positions)), surface.weights.argmax(axis=1)]
-            inside = np.array([parts[joint] in bare for joint in rig.joints.tolist()])[greatest][gauge.triangles]
-            areas = np.where(inside.all(axis=1), gauge.flat[:, 0] * gauge.flat[:, 2], 0.0)
+            inside = np.array([parts[joint] in bare for joint in rig.joints.tolist()])[surface.heaviest]
+            areas = np.where(inside[gauge.triangles].all(axis=1), gauge.areas, 0.0)
             if not areas.any():
                 continue
             swatch = _swatch(makeup, areas)
@@ -460,9 +459,7 @@ def substances_at(ground: Ground, size: float) -> Ints:
     makeup = replace(read_makeup(document, rig, gauge, pictures=ground.pictures), hints=hints, animal=animal)
     if not animal:
         makeup = replace(makeup, bare=find_bare_skin([(gauge, makeup)], bodies))
-    areas = gauge.flat[:, 0] * gauge.flat[:, 2] / 2.0
-    greatest = surface.joints[np.arange(len(surface.positions)), surface.weights.argmax(axis=1)]
-    nodes = rig.joints[greatest][gauge.triangles[:, 0]]
+    areas, nodes = gauge.areas, rig.joints[surface.heaviest][gauge.triangles[:, 0]]
 
     def kind_at(own: Ints, *, by_morph: bool) -> int:
         part = None if animal else bodies[int(np.bincount(nodes[own], areas[own]).argmax())]

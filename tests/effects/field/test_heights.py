@@ -140,6 +140,7 @@ def test_heights_make_up_for_skinning_that_lowers_them() -> None:
         Gauges.of(positions, triangles),
         Sheet.of(positions, triangles).averaging(0.3 * WAVE),
         np.tile([1.0, 0.0, 0.0], (len(positions), 1)),
+        np.tile([0.0, 0.0, 1.0], (len(positions), 1)),
         np.full(len(positions), WAVE),
     )
     assert lower == pytest.approx(np.cos(angle))

@@ -5,12 +5,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from wrinklecli.character.bent import bent_areas
+from wrinklecli.character.bent import bending_nodes
 from wrinklecli.choices import SUBSTANCES
 from wrinklecli.drive.table import Table
 from wrinklecli.drive.turned import TurnDrive
 from wrinklecli.effects.attached import WithoutSegment
-from wrinklecli.effects.field.compression import shortest
 from wrinklecli.effects.field.factors import Factors, factors_of
 from wrinklecli.effects.field.heights import measure
 from wrinklecli.effects.field.irregular import lengthened, turned
@@ -163,8 +162,7 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
     height = 2.0 * (1.0 - fabric.inward) * tallest
     shares = measured.heights.max(axis=0) / tallest
     seen = members[(shares[surface.triangles[members]] > _LEAST_SEEN).any(axis=1)]
-    _, lines, _ = shortest(measured.directions, rest.normals)
-    lines = turned(lines, rest.normals, rest.positions, wavelength, tool.variation, seed)
+    lines = turned(measured.lines, rest.normals, rest.positions, wavelength, tool.variation, seed)
     varied = wavelengths * lengthened(rest.positions, wavelength, tool.variation, seed)
     region = FieldRegion(seen, rest, height, shares, lines, varied, Tree.of(rest.positions, surface.triangles[seen]))
     return AttachedField(
@@ -205,8 +203,7 @@ def _joints(tool: Field, ground: Ground) -> list[int]:
         BakeError: There is no such joint.
     """
     rig = ground.rig
-    areas, _ = bent_areas(ground.document, [rig])
-    bending = [node for node in np.argsort(-areas, kind="stable").tolist() if areas[node] > _LEAST_BENT * areas.max()]
+    bending = bending_nodes(ground.document, rig, _LEAST_BENT)
     if tool.joints == "all":
         return bending
     known = {rig.names[node]: node for node in bending}

@@ -51,10 +51,12 @@ class Heights:
         heights: (poses, vertices) scene units, at rest.
         directions: (vertices, 6) the strains of all poses, weighted by their heights: the surface's wrinkles run across
             the direction that is shortened most.
+        lines: (vertices, 3) these directions, unit vectors without signs.
     """
 
     heights: Floats
     directions: Floats
+    lines: Floats
 
 
 def measure(
@@ -95,14 +97,15 @@ def measure(
         row += np.where(allowed > 0, np.maximum(shorter, 0.0) * taken_up, 0.0)
         total += (_squares(row) * (allowed * wavelengths) ** 2)[:, None] * strain
     directions = sheet.averaging(_DIRECTIONS * wavelength).of(total)
-    _, direction, _ = shortest(directions, normals)
+    _, lines, _ = shortest(directions, normals)
+    raising = np.einsum("vbc,vc->vb", inverses(rest.blended), normals)
     room = np.stack(
-        [_room(sheet, rest, joints, weights, pose, gauges, fine, direction, wavelengths) for pose in matrices]
+        [_room(sheet, rest, joints, weights, pose, gauges, fine, lines, raising, wavelengths) for pose in matrices]
     )
     squares = _squares(_slipped(lost, room[:, 0], smooth))
-    drawn = _drawn_out(sheet, direction, np.sqrt(squares), wavelength)
+    drawn = _drawn_out(sheet, lines, np.sqrt(squares), wavelength)
     heights = np.sqrt(np.minimum(drawn**2, room[:, 0])) * wavelengths / np.pi * allowed / room[:, 1]
-    return Heights(heights, directions)
+    return Heights(heights, directions, lines)
 
 
 def _squares(lost: Floats) -> Floats:
@@ -136,9 +139,12 @@ def _room(
     gauges: Gauges,
     fine: Average,
     direction: Floats,
+    raising: Floats,
     wavelengths: Floats,
 ) -> Floats:
     """Room for waves across (vertices, 3) directions in a pose as engines show it.
+
+    `raising` are the (vertices, 3) normals at rest, bind space.
 
     Returns:
         (2, vertices): the greatest squares of π · half height over wavelength, by slope, in creases, and where the
@@ -152,7 +158,7 @@ def _room(
     concave = fine.of(np.maximum(-np.sum(curvatures(shown, sheet.triangles) * normals, axis=1), 0.0))
     room = np.minimum(_STEEPEST / 2.0 * stretch, np.pi * _IN_CREASE / np.maximum(wavelengths * concave, _TINY))
     room *= np.clip((_TAUT - stretch) / (_TAUT - 1.0), 0.0, 1.0)
-    turned = np.einsum("vab,vbc,vc->va", blended[:, :, :3], inverses(rest.blended), rest.normals)
+    turned = np.einsum("vab,vb->va", blended[:, :, :3], raising)
     lower = np.clip(np.sum(turned * normals, axis=1), _LEAST_LOWER, 1.0)
     return np.stack([room**2, lower])
 

@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from wrinklecli.baking.budget import texel_bytes
-from wrinklecli.character.bent import bent_areas
+from wrinklecli.character.bent import bending_nodes
 from wrinklecli.character.bones import read_bones, words_of
 from wrinklecli.character.clip import clip_grid
 from wrinklecli.character.paints import texture_info
@@ -133,15 +133,12 @@ def _garment(
     kinds = substances_at(asset.ground(rig.node), _PLACE * diagonal(mesh.rest.positions))[gauge.numbers]
     asked = np.array([-1 if each.asked is None else SUBSTANCES.index(each.asked.kind) for each in hints])[primitives]
     kinds = np.where(asked < 0, kinds, asked)
-    heaviest = gauge.surface.joints[np.arange(len(gauge.surface.joints)), gauge.surface.weights.argmax(axis=1)]
-    apart = np.array([parts[joint] in _APART for joint in rig.joints.tolist()])[heaviest[gauge.triangles]].all(axis=1)
-    cloth = ((kinds == SUBSTANCES.index(_CLOTH)) & told & ~apart).astype(np.float64)
-    areas = gauge.flat[:, 0] * gauge.flat[:, 2] / 2.0
-    share = float(areas @ cloth / areas.sum())
-    if share < _SOME or is_covered(mesh, layers, areas * cloth, mesh.clips[0], mesh.clips[0].start):
+    apart = np.array([parts[joint] in _APART for joint in rig.joints.tolist()])[gauge.surface.heaviest]
+    cloth = ((kinds == SUBSTANCES.index(_CLOTH)) & told & ~apart[gauge.triangles].all(axis=1)).astype(np.float64)
+    share = float(gauge.areas @ cloth / gauge.areas.sum())
+    if share < _SOME or is_covered(mesh, layers, gauge.areas * cloth, mesh.clips[0], mesh.clips[0].start):
         return None
-    bent, _ = bent_areas(document, [rig])
-    bending = [node for node in np.argsort(-bent, kind="stable").tolist() if bent[node] > _LEAST_BENT * bent.max()]
+    bending = bending_nodes(document, rig, _LEAST_BENT)
     joints = [rig.names[node] for node in bending if parts[node] not in _APART][:_MOST_JOINTS]
     if not joints:
         return None
