@@ -49,7 +49,7 @@ def whole() -> Gltf:
 
 
 def moves(file: Gltf, mesh: int, part: int) -> dict[str, Floats]:
-    """By their names the displacements of the morph targets that move a primitive."""
+    """The displacements of the morph targets that move a primitive, by their names."""
     found = file.json["meshes"][mesh]
     primitive = found["primitives"][part]
     arrays = {

@@ -14,7 +14,7 @@ HALF = np.array([[[0.0, 0.0], [0.5, 0.0], [0.5, 1.0]], [[0.0, 0.0], [0.5, 1.0], 
 
 
 class Relief:
-    """As high as the number of the triangle; the slopes are twice and three times as much."""
+    """Each texel is as high as its triangle's number; the slopes are twice and three times as much."""
 
     numbers = (7,)
 

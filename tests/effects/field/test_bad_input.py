@@ -211,7 +211,7 @@ def test_an_optional_field_without_any_of_its_joints_is_left_out(wrinkle: Wrinkl
 
 
 def test_a_field_under_another_is_told() -> None:
-    """What the first leaves of an equal one is low everywhere; one that folds other places keeps its height."""
+    """The bake tells of a field that an equal one leaves low; one that folds other places keeps its height."""
     asset = tube()
     along = attribute(asset, 0, "POSITION")[:, 0]
     with_attribute(asset, "_ONE", (along < 0).astype(float))

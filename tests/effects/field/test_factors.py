@@ -126,7 +126,7 @@ def test_there_are_at_most_as_many_shapes_as_are_asked_for(most: int) -> None:
 
 @pytest.mark.parametrize("most", [1, 2, 3, 5, 7])
 def test_fewer_shapes_are_sums_of_the_shapes(most: int) -> None:
-    """Those of the turns that raise most are left; two of one turn become one before a turn gets none."""
+    """The shapes of the turns that raise most are left; two of one turn become one before a turn gets none."""
     poses = sweeps(4)
     heights = sum(0.01 * (k + 1) * np.outer(early(poses.angles[:, k]), bump(0.2 * k + 0.1)) for k in range(4))
     heights = heights + 0.03 * np.outer(late(poses.angles[:, 3]), bump(0.4))
@@ -145,7 +145,7 @@ def test_fewer_shapes_are_sums_of_the_shapes(most: int) -> None:
 
 
 def test_two_shapes_become_the_nearest_one() -> None:
-    """As near as the singular value that is left out."""
+    """One shape misses as much as the singular value that is left out."""
     poses, _, factors = of_two_shapes()
     fewer, _ = factors.fewer(poses, 2)
     own = poses.owners == 0

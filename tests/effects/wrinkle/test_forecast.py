@@ -1,4 +1,4 @@
-"""Where a forecast looks into clips, and how crowded it finds keys to be there."""
+"""A forecast looks into clips at some moments, and finds how crowded keys are there."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -44,7 +44,7 @@ def test_a_line_is_divided_until_it_is_right_or_keys_are_too_close(
 
 
 def test_the_error_of_a_line_is_that_between_its_ends(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of three vertices: one moves straight, one along a parabola, one does not move."""
+    """One vertex moves straight, one along a parabola, and one does not move."""
 
     def displaced(*given: Any) -> Floats:
         times = given[-1]

@@ -94,7 +94,7 @@ def test_rays_go_on_behind_what_lets_light_through() -> None:
 
 
 def test_where_there_is_no_triangle_nothing_hides_anything() -> None:
-    """As where a tool's mesh is hidden at the moment of a review."""
+    """A scene is empty where a tool's mesh is hidden at the moment of a review."""
     occluders = Occluders.of(np.zeros((0, 3, 3)))
     point, up = np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]])
     assert occluders.free(point, up, up).all()
