@@ -4,13 +4,16 @@
 of the tool and the coarse triangles suffice, and the answer is immediate.
 """
 
+from functools import partial
+
 import numpy as np
 
 from wrinklecli.editor.page.drawing import Body, ToolOutline, outline_of
 from wrinklecli.editor.raised import RaisedTool
-from wrinklecli.numeric.arrays import Floats, Ints, unit
+from wrinklecli.numeric.arrays import Floats, Ints
 from wrinklecli.review.preview.camera import VIEWS, Camera, camera_axes
 from wrinklecli.review.preview.rays import Occluders
+from wrinklecli.review.preview.sides import Free, Place, Side, best_moment, best_side
 
 SIDES = ("front", "right", "back", "left")
 """Views of `preview` that have a button on the page."""
@@ -25,13 +28,7 @@ _TANGENT = float(np.tan(FOV / 2))
 _ELEVATION = 8.0  # degrees above level, which shows where a floor would be
 _ASSET_MARGIN = 1.15  # distance over the one that just fits the asset
 _TOOL_MARGIN = 2.2  # distance over the one that just fits a tool, to show what bends there
-_AZIMUTHS = range(-180, 180, 30)  # degrees, tried for a tool
-_ELEVATIONS = (-35.0, 0.0, 35.0)  # degrees, tried for a tool; from higher up a part of the body is hard to recognise
-_POINTS = 40  # points of a tool that are tested for each direction
-_ABOVE = 0.08  # height of the tested points above the coarse triangles, in half diagonals, as wrinkles may be
-_EARLIER = (1.0, 0.75, 0.5)  # parts of the time to a tool's peak at which it may be shown
-_PLAIN = 0.4  # part of a tool, by the cosines of its normals, that is plainly seen: half of one round a limb
-_LEVEL = 0.15  # share of its score that a view from straight above or below would lose
+_ABOVE = 0.08  # height of the points of a tool above the coarse triangles, in half diagonals, as wrinkles may be
 
 
 def frame_asset(points: Floats, side: str) -> Camera:
@@ -48,8 +45,9 @@ def frame_tool(
     `hiding` are the (triangles, 3) points of the triangles that may hide the tool; `margin` is a factor of the
     distance.
     """
-    camera, _ = _best_camera(outline, body, points, hiding, margin)
-    return camera
+    axes = best_side(*_place_of(outline, body, points, hiding)).axes
+    places = outline.points.positions(body, points)
+    return Camera.framing(places, axes, aspect=ASPECT, margin=margin, tangent=_TANGENT)
 
 
 def clear_time(raised: RaisedTool) -> float:
@@ -58,34 +56,23 @@ def clear_time(raised: RaisedTool) -> float:
     number = nodes.index(raised.attached.ground.rig.node)
     mesh = raised.meshes[number]
     outline, body = outline_of(raised.attached, mesh, number, (0.0, 0.0, 0.0)), Body(mesh.faces, ())
-    start = raised.clip.start if raised.clip.start < raised.time else raised.clip.end
-    best, most = raised.time, 0.0
-    for part in _EARLIER:
-        time = start + part * (raised.time - start)
+
+    def look(time: float) -> tuple[float, Side]:
         points = raised.shown(time)[number].positions
-        _, part_seen = _best_camera(outline, body, points, mesh.ground.surface.triangles, _TOOL_MARGIN)
-        seen = part_seen * raised.height_at(time)
-        if seen > most:
-            best, most = time, seen
-        if part == 1 and part_seen >= _PLAIN:
-            break
-    return best
+        place, free = _place_of(outline, body, points, mesh.ground.surface.triangles, raised.height_at(time))
+        return time, best_side(place, free)
+
+    start = raised.clip.start if raised.clip.start < raised.time else raised.clip.end
+    return best_moment(start, raised.time, look)[0]
 
 
-def _best_camera(outline: ToolOutline, body: Body, points: Floats, hiding: Ints, margin: float) -> tuple[Camera, float]:
-    """The camera of `frame_tool`, and the part of the tool that it shows."""
+def _place_of(
+    outline: ToolOutline, body: Body, points: Floats, hiding: Ints, height: float = 1.0
+) -> tuple[Place, Free]:
+    """The place of a tool whose wrinkles have a height, and what is hidden there."""
     places, normals = outline.points.positions(body, points), outline.points.normals(body, points)
-    reach = float(np.linalg.norm(np.ptp(places, axis=0))) / 2
-    chosen = np.unique(np.linspace(0, len(places) - 1, _POINTS).astype(int))
-    tested, facing = places[chosen] + _ABOVE * reach * normals[chosen], normals[chosen]
-    directions = [(azimuth, elevation) for elevation in _ELEVATIONS for azimuth in _AZIMUTHS]
-    cameras = [
-        Camera.framing(places, camera_axes(*each), aspect=ASPECT, margin=margin, tangent=_TANGENT)
-        for each in directions
-    ]
-    eyes = np.array([camera.eye for camera in cameras])
-    seen = Occluders.of(points[hiding]).free(tested, facing, unit(eyes[:, None] - tested))
-    scores = np.sum(seen * (np.array([camera.axes[2] for camera in cameras]) @ facing.T).clip(min=0.0), axis=1)
-    scores *= 1 - _LEVEL + _LEVEL * np.cos(np.radians([elevation for _, elevation in directions]))
-    best = int(np.argmax(scores))
-    return cameras[best], float(scores[best]) / len(chosen)
+    above = places + _ABOVE * float(np.linalg.norm(np.ptp(places, axis=0))) / 2 * normals
+    ones = np.ones(len(above))
+    return Place(above, normals, normals, ones, height * ones), partial(
+        Occluders.of(points[hiding]).free, above, normals
+    )

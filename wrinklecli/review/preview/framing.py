@@ -2,12 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from wrinklecli.errors import AssetError
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, vertex_normals
+from wrinklecli.numeric.arrays import Bools, Floats
 from wrinklecli.numeric.guard import Progress, no_progress
 from wrinklecli.review.preview.camera import FACING, VIEWS, Camera, camera_axes, parse_view
 from wrinklecli.review.preview.grid import snapped
@@ -15,7 +16,7 @@ from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.preview.preview_options import PreviewOptions
 from wrinklecli.review.preview.rays import Occluders
 from wrinklecli.review.preview.shown import ShownAsset
-from wrinklecli.review.preview.sides import ANGLES, FACES, LEVELS
+from wrinklecli.review.preview.sides import Free, Place, best_side
 
 # Why there is no picture of an asset.
 NO_TRIANGLES = "nothing to see: no triangles in the scene, or all are scaled to 0"
@@ -32,10 +33,6 @@ _WRINKLES_MARGIN = 1.35
 _FIGURE_MARGIN = 1.12
 # Directions in which the bounds of a cloud of points are found, to frame it.
 _DIRECTIONS = 128
-# Moments by which these views are judged.
-_JUDGED_MOMENTS = 4
-# Vertices of each primitive by which these views are judged.
-_JUDGED_VERTICES = 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,13 +42,11 @@ class _Wrinkles:
     Attributes:
         masks: For each primitive of each asset (vertices,) True for those that the wrinkles move at the moments, or
             could move if no wrinkle shows.
-        totals: (moments,) sum of all displacements; 0 throughout if no wrinkle shows.
-        known: True if there are wrinkles.
+        most: The asset and the moment that show most of them; None without wrinkles.
     """
 
     masks: list[list[Bools]]
-    totals: Floats
-    known: bool
+    most: tuple[ShownAsset, Moment] | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,13 +56,11 @@ class View:
     Attributes:
         name: A name of `VIEWS`, or azimuth:elevation.
         cameras: One for each moment.
-        score: For a view that faces the wrinkles, the sum of their visible displacements, bind units times vertices.
-        visible: Ratio of that score to the score of wrinkles that nothing hides and that all face the view.
+        visible: Part of the wrinkles that is visible from there, for a view that faces them.
     """
 
     name: str
     cameras: tuple[Camera, ...]
-    score: float = 0.0
     visible: float = 1.0
 
 
@@ -102,10 +95,10 @@ def plan_views(
             centres = _followed(shown, moments, centres[0])
     relative = np.concatenate([points - centre for points, centre in zip(bounds, centres, strict=True)])
     views = []
-    usual = _GRID if options.grid else [FACING if wrinkles.known else _DEFAULT]
+    usual = _GRID if options.grid else [_DEFAULT if wrinkles.most is None else FACING]
     for view in options.views or usual:
-        side = _facing(assets, moments, wrinkles) if view == FACING else View(view, ())
-        margin = _WRINKLES_MARGIN if wrinkles.known and not options.grid else _FIGURE_MARGIN
+        side = _facing(assets, wrinkles) if view == FACING else View(view, ())
+        margin = _FIGURE_MARGIN if wrinkles.most is None or options.grid else _WRINKLES_MARGIN
         camera = _camera(relative, side.name, margin, options)
         if not camera.reach > 0:
             raise AssetError(ONE_POINT, where=assets[0].document.path)
@@ -125,21 +118,25 @@ def _camera(points: Floats, view: str, margin: float, options: PreviewOptions) -
 
 
 def _wrinkles(assets: Sequence[ShownAsset], moments: Sequence[Moment]) -> _Wrinkles:
-    totals = np.zeros(len(moments))
+    totals = np.zeros((len(assets), len(moments)))
     found: list[list[Floats]] = []
-    for asset in assets:
+    for place, asset in enumerate(assets):
         amounts = [np.zeros(len(shown.source.vertices.positions)) for shown in asset.primitives]
         for k, shown in enumerate(asset.primitives):
             for number, moment in enumerate(moments if len(shown.shape_numbers) else ()):
                 moved = shown.displacements(asset.clip(moment.clip), moment.time)
-                totals[number] += moved.sum()
+                totals[place, number] += moved.sum()
                 amounts[k] = np.maximum(amounts[k], moved)
         found.append(amounts)
+    place, number = divmod(int(totals.argmax()), len(moments))
+    most = assets[place], moments[number]
     if not totals.any():
         found = [[np.sqrt(np.sum(shown.shapes**2, axis=2)).sum(axis=0) for shown in each.primitives] for each in assets]
+        wrinkled = next((asset for asset in assets if asset.wrinkled), assets[0])
+        most = wrinkled.of_targets(lambda _node, _name: True, lambda _name: 1.0), Moment(None, 0.0)
     greatest = max((float(each.max(initial=0.0)) for amounts in found for each in amounts), default=0.0)
     masks = [[each > _LEAST_WRINKLE * greatest for each in amounts] for amounts in found]
-    return _Wrinkles(masks, totals, greatest > 0)
+    return _Wrinkles(masks, most if greatest > 0 else None)
 
 
 def _points_to_frame(assets: Sequence[ShownAsset], moment: Moment, wrinkles: _Wrinkles | None) -> tuple[Floats, Floats]:
@@ -150,7 +147,7 @@ def _points_to_frame(assets: Sequence[ShownAsset], moment: Moment, wrinkles: _Wr
             positions, triangles = posed.positions[0], posed.triangles
             used = np.zeros(len(positions), bool)
             used[triangles] = True
-            if wrinkles is not None and wrinkles.known:
+            if wrinkles is not None and wrinkles.most is not None:
                 used &= wrinkles.masks[number][shown.number]
                 # Of a vertex that moves alone one sees the triangles around it.
                 if used.any() and not np.ptp(positions[used], axis=0).any():
@@ -173,40 +170,26 @@ def _bounds(points: Floats) -> Floats:
     return furthest
 
 
-def _facing(assets: Sequence[ShownAsset], moments: Sequence[Moment], wrinkles: _Wrinkles) -> View:
+def _facing(assets: Sequence[ShownAsset], wrinkles: _Wrinkles) -> View:
     """The view, without cameras yet, from which most of the wrinkles are visible; AssetError if there are none."""
-    if not wrinkles.known:
+    if wrinkles.most is None:
         others = ", ".join(VIEWS)
         raise AssetError(f"has no wrinkles to face; other views are {others}", where=assets[-1].document.path)
-    chosen = np.argsort(-wrinkles.totals, kind="stable")[:_JUDGED_MOMENTS]
-    backs = np.array([camera_axes(*each)[2] for each in ANGLES])
-    scores, whole = np.zeros(len(ANGLES)), 0.0
-    for moment in (moments[number] for number in chosen):
-        for asset, masks in zip(assets, wrinkles.masks, strict=True):
-            visible = asset.posed(moment)
-            if not visible:
-                continue
-            occluders = Occluders.of(np.concatenate([posed.corners() for _, posed in visible]))
-            for shown, posed in visible:
-                positions = posed.positions[0]
-                vertices = np.flatnonzero(masks[shown.number])
-                stride = max(len(vertices) // _JUDGED_VERTICES, 1)
-                vertices = vertices[::stride]
-                if not len(vertices):
-                    continue
-                weights = np.full(len(vertices), float(stride))
-                if wrinkles.totals.any():
-                    weights *= shown.displacements(asset.clip(moment.clip), moment.time)[vertices]
-                normals = vertex_normals(positions, posed.wound())[vertices]
-                free = occluders.free(positions[vertices], normals, backs)
-                scores += (free * np.minimum(backs @ normals.T, FACES)) @ weights
-                whole += FACES * float(weights.sum())
-    best = int(np.argmax(scores * LEVELS))
-    if not scores[best] > 0:
-        return View(_DEFAULT, (), visible=0.0)
-    # Wrinkles that do not show have no score, although their vertices may face the view.
-    score = float(scores[best]) if wrinkles.totals.any() else 0.0
-    return View(f"{ANGLES[best][0]}:{ANGLES[best][1]}", (), score, float(scores[best]) / whole)
+    side = best_side(*place_of(*wrinkles.most))
+    return View(side.name if side.score > 0 else _DEFAULT, (), side.visible)
+
+
+def place_of(asset: ShownAsset, moment: Moment) -> tuple[Place, Free]:
+    """The place of an asset's wrinkles at a moment, and what is hidden there."""
+    plain, wrinkled = asset.without_wrinkles().posed(moment), asset.posed(moment)
+    nothing = np.zeros((0, 3, 3))
+    before, after = (
+        np.concatenate([nothing, *(posed.corners() for shown, posed in each if len(shown.shape_numbers))])
+        for each in (plain, wrinkled)
+    )
+    everything = np.concatenate([nothing, *(posed.corners() for _, posed in wrinkled)])
+    place = Place.of(before, after)
+    return place, partial(Occluders.of(everything).free, place.points, place.normals)
 
 
 def _followed(asset: ShownAsset, moments: Sequence[Moment], focus: Floats) -> Floats:

@@ -275,16 +275,15 @@ class Occluders:
         Args:
             points: (points, 3) of the surface.
             normals: (points, 3) unit.
-            towards: Unit, (eyes, 3) to eyes that are far away, or (eyes, points, 3).
+            towards: (eyes, 3) unit, to eyes that are far away.
 
         Returns:
             (eyes, points) True if a point faces an eye and nothing lies between them.
         """
-        towards = np.broadcast_to(towards if towards.ndim == 3 else towards[:, None], (len(towards), *points.shape))
         lifted = (points - self.middle) / self.extent + 10 * LIFT * normals
         starts = np.tile(lifted, (len(towards), 1)).astype(np.float32)
-        met = self.rays.run(starts, towards.reshape(-1, 3).astype(np.float32), query="OCCLUDED")
-        return np.asarray((met.reshape(len(towards), -1) < 0) & (np.sum(towards * normals, axis=2) > 0))
+        met = self.rays.run(starts, np.repeat(towards, len(points), axis=0).astype(np.float32), query="OCCLUDED")
+        return np.asarray((met.reshape(len(towards), -1) < 0) & (towards @ normals.T > 0))
 
 
 def unit_rows(vectors: Array) -> Array:

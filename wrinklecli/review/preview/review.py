@@ -3,7 +3,6 @@
 import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import partial
 from itertools import chain
 from pathlib import Path
 
@@ -20,18 +19,17 @@ from wrinklecli.review.preview.apply import PlannedTools, apply_tools
 from wrinklecli.review.preview.camera import Camera, camera_axes, parse_view
 from wrinklecli.review.preview.cards import Card, CardSheet, Picture, cards_size
 from wrinklecli.review.preview.checker import checked
-from wrinklecli.review.preview.framing import NO_TRIANGLES, ONE_POINT, View, plan_views
+from wrinklecli.review.preview.framing import NO_TRIANGLES, ONE_POINT, View, place_of, plan_views
 from wrinklecli.review.preview.heat import HEAT, heat_colours
 from wrinklecli.review.preview.misfits import RED, Misfit, find_misfits, misfit_overlay, misfit_points
 from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.preview.overlay import Placed, placed_words
 from wrinklecli.review.preview.peaks import FIELDS, TOOLS, Fact, Peak, baked_peaks_of, planned_peaks
 from wrinklecli.review.preview.preview_options import PreviewOptions, Style
-from wrinklecli.review.preview.rays import Occluders
 from wrinklecli.review.preview.render import Snapshot, render
 from wrinklecli.review.preview.sheet_layout import Drawn, refuse_large
 from wrinklecli.review.preview.shown import INKS, ShownAsset, read_shown, take_snapshot
-from wrinklecli.review.preview.sides import Free, Place, Side, best_light, best_moment, best_side, side_above
+from wrinklecli.review.preview.sides import Side, best_light, best_moment, best_side, side_above
 from wrinklecli.tools.records import ToolsFile
 
 # The greatest number of tools on a sheet, which then has sixteen rows.
@@ -163,27 +161,14 @@ def moments_and_views(after: ShownAsset, peak: Peak, options: PreviewOptions) ->
 
     def look(time: float) -> tuple[Moment, Side]:
         moment = replace(peak.moment, time=time)
-        return moment, choose(*_place(alone, moment))
+        return moment, choose(*place_of(alone, moment))
 
     choose = side_above if peak.slides else best_side
     clip, time = alone.clip(peak.moment.clip), peak.moment.time
     start = time if clip is None else clip.start if clip.start < time else clip.end
     moment, side = best_moment(start, time, look)
     (view,) = plan_views([alone], [moment], replace(options, views=[side.name] if side.score else []))
-    yield moment, replace(view, score=side.score, visible=side.visible)
-
-
-def _place(alone: ShownAsset, moment: Moment) -> tuple[Place, Free]:
-    """The place of a tool's wrinkles, and what is hidden there."""
-    plain, wrinkled = alone.without_wrinkles().posed(moment), alone.posed(moment)
-    nothing = np.zeros((0, 3, 3))
-    before, after = (
-        np.concatenate([nothing, *(posed.corners() for shown, posed in each if len(shown.shape_numbers))])
-        for each in (plain, wrinkled)
-    )
-    everything = np.concatenate([nothing, *(posed.corners() for _, posed in wrinkled)])
-    place = Place.of(before, after)
-    return place, partial(Occluders.of(everything).free, place.points, place.normals)
+    yield moment, replace(view, visible=side.visible)
 
 
 def _counted(sections: Sequence[str]) -> str:
@@ -240,7 +225,7 @@ def _cards(
         snapshots = tuple(take_snapshot(each, moment, heat=options.heat) for each in (before, source))
         for shot in members:
             alone = _alone(after, shot.peak)
-            place, free = _place(alone, moment)
+            place, free = place_of(alone, moment)
             axes = shot.view.cameras[0].axes
             key = best_light(place, axes, free)
             pair = snapshots
