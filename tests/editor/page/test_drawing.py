@@ -12,7 +12,7 @@ from kit.limb import limb_asset, write_tools
 from kit.places import ROOT
 from kit.touch import plate, touch
 from wrinklecli.character.paints import Opacity, Paint
-from wrinklecli.editor.page.drawing import _LINE_POINTS, Body, _bordered, body_of, outline_below, outline_of
+from wrinklecli.editor.page.drawing import Body, _bordered, body_of, outline_below, outline_of
 from wrinklecli.editor.page.viewpoints import clear_time
 from wrinklecli.editor.raised import raised_tool
 from wrinklecli.editor.session import Session
@@ -22,17 +22,27 @@ WIDE = "{name: a, origin: [0.05, 0.75, 0.08], target: [0.05, 0.6, 0.08], width: 
 KNEE = "{name: a, origin: [0.115, 0.55, -0.078], target: [0.115, 0.4, -0.078], width: 120%}"
 
 
-@pytest.mark.parametrize(("tool", "longest"), [(WIDE, 0.6), (KNEE, 0.15)])
-def test_no_line_of_an_outline_leaves_the_surface(tool: str, longest: float, tmp_path: Path) -> None:
+@pytest.mark.parametrize("tool", [WIDE, KNEE])
+def test_an_outline_is_the_border_of_a_patch_and_never_leaves_the_surface(tool: str, tmp_path: Path) -> None:
     (tmp_path / "tools.yaml").write_text(f"version: 1\ntools: [{tool}]\n")
     session = Session(ROOT / "samples" / "trousers.glb", tmp_path / "tools.yaml")
-    (shown,) = session.meshes("squat", 1.2, wait=False)
-    attached = session.attached_tools()["a"]
-    outline = outline_of(attached, shown.source, 0, (1.0, 0.0, 0.0))
+    (shown,) = session.meshes(None, 0.0, wait=False)
+    region = session.attached_tools()["a"].region
+    outline = outline_of(session.attached_tools()["a"], shown.source, 0, (1.0, 0.0, 0.0))
+    first, second = outline.points.triangles[outline.segments].T
+    assert len(first) > 40
+    assert np.array_equal(first, second), "a line across a triangle"
     places = outline.points.positions(Body(shown.faces, ()), shown.positions)
-    lengths = np.linalg.norm(np.diff(places[outline.segments], axis=1)[:, 0], axis=1)
-    assert len(lengths) > 40
-    assert lengths.max() < longest * attached.region.span
+    u, v = region.coordinates(places[outline.segments.reshape(-1)])
+    assert (u > -0.01).all()
+    assert (u < 1.01).all()
+    assert np.abs(v).max() < 1.01
+    assert all((np.abs(side) < 1e-3).any() for side in (u, u - 1.0, v))
+    assert places[outline.anchors] == pytest.approx(np.array([each.position for each in region.anchors]), abs=1e-3)
+    along, across = region.coordinates(places[outline.edges])
+    assert along == pytest.approx(0.5, abs=0.1)
+    assert across.min() < -0.5
+    assert across.max() > 0.5
 
 
 @pytest.mark.parametrize("laid", ["stored", "raised"])
@@ -43,9 +53,13 @@ def test_an_outline_is_a_rectangle_in_the_pose_in_which_the_tool_is_laid(laid: s
     bends = {}
     for time in (0.0, 0.75):
         (shown,) = session.meshes("raise", time, wait=False)
-        outline = outline_of(session.attached_tools()["brow"], shown.source, 0, (1.0, 0.0, 0.0))
-        places = outline.points.positions(Body(shown.faces, ()), shown.positions)
-        bends[time] = np.ptp(places[2 * _LINE_POINTS : 3 * _LINE_POINTS, 1])
+        tool, body = session.attached_tools()["brow"], Body(shown.faces, ())
+        outline = outline_of(tool, shown.source, 0, (1.0, 0.0, 0.0))
+        u, v = tool.region.coordinates(
+            outline.points.positions(body, shown.source.positions_in(tool.region.pose))[outline.segments].mean(axis=1)
+        )
+        places = outline.points.positions(body, shown.positions)[outline.segments]
+        bends[time] = np.ptp(places[(np.abs(u) < 1e-3) & (np.abs(v) < 0.9), :, 1])
     straight, bent = (0.0, 0.75) if laid == "stored" else (0.75, 0.0)
     assert bends[straight] < 0.03
     assert bends[bent] > 3.0 * bends[straight]

@@ -8,24 +8,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import dijkstra
 
 from wrinklecli.character.paints import Paint
 from wrinklecli.editor.attached import AttachedBelow, AttachedTool, PlayableMesh
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, among, distinct, distinct_values, face_normals, unit
+from wrinklecli.numeric.arrays import Floats, Ints, among, distinct, distinct_values, face_normals, unit
 from wrinklecli.numeric.closest import closest_point
-from wrinklecli.numeric.intersections import edges_of
 
 _NORMAL_STEP = 1 / 127  # difference of stored normals that counts as none: the step of an 8-bit normal
-_LINE_POINTS = 25  # points on each line of an outline; an odd number has one in the middle
 _LIFT = 0.015  # height of an outline above the surface over the tool's length
-_ZIGZAG = 1.5  # longest way along edges, over the straight one: over squares with diagonals it is 1.41
-_DETOUR = 2.0  # the same for the way to a place of the patch, whose distance is as the patch sees it: 1.4 · 1.41
-_LEAST_WAY = 0.25  # way within which all is near, over the tool's length: lines begin at a triangle, not at a point
-_SHORT = 2.0  # edges: lines up to this long jump nowhere
-_TOLERANCE = 1e-6  # barycentric coordinates may be this far below 0, so that no point falls between two triangles
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,54 +146,38 @@ def _joined(triangles: Ints, points: Ints, normals: Floats, colours: Floats) -> 
 
 
 def outline_of(tool: AttachedTool, mesh: PlayableMesh, body: int, colour: tuple[float, float, float]) -> ToolOutline:
-    """Outline a tool on its mesh, the body of a number.
-
-    Lines are followed over the surface from the anchors: what is only near in space, such as the other leg, has none.
-    """
+    """Outline a tool on its mesh, the body of a number: the border of its patch, and the line along the middle."""
     if tool.attached.segment is None:
         return _bordered(tool.attached.tool.name, tool.excess, mesh, body, colour, tool.attached.bump_width)
     region, surface = tool.region, mesh.ground.surface
     near = mesh.ground.rest.around.faces_of(distinct_values(surface.triangles[region.members]))
-    faces = np.flatnonzero(among(mesh.parents, near))
-    positions = mesh.positions_in(region.pose)
-    corners = positions[mesh.faces[faces]]
-    u, v = region.coordinates(corners)
-    normals = unit(face_normals(positions, mesh.faces[faces]))
-    outward = region.cosines(u.mean(axis=1), normals) > 0
-    places, ways = np.stack([u, v], axis=2), _Ways(positions, mesh.faces[faces])
-    ends, ones = np.linspace(0.0, 1.0, _LINE_POINTS), np.ones(_LINE_POINTS)
-    anchors = distinct_values(np.concatenate([anchor.triangles for anchor in region.anchors]))
-    middle = np.column_stack((ends, 0 * ends))
-    found, _ = _located(middle, places, ways.order(np.flatnonzero(among(mesh.parents[faces], anchors)), outward))
-    starts = distinct_values(found[found >= 0])
-    lengths = ways.lengths(starts) if len(starts) else np.zeros(len(faces))
-    straight = np.abs(v).mean(axis=1) * region.half_width
-    wanted = ways.order(starts, outward & (lengths <= _DETOUR * straight + _LEAST_WAY * region.span))
-    # (u, v) of the four sides of the patch, and of the line from origin to target.
-    sides_and_middle = [(ends, ones), (ends, -ones), (0 * ends, 2 * ends - 1), (ones, 2 * ends - 1), (ends, 0 * ends)]
-    sought = [np.column_stack(line) for line in sides_and_middle]
-    for anchor in region.anchors:
-        place = anchor.barycentrics @ region.pose.positions[anchor.vertices]
-        sought.append(np.column_stack([np.atleast_1d(each) for each in region.coordinates(place)]))
-    # The edges are sought from the middle outwards: a wide patch may end where the surface faces away.
-    sought += [np.column_stack([0.5 * ones, side * ends]) for side in (1.0, -1.0)]
-    located = [_located(line, places, wanted) for line in sought]
-    found, barycentrics = (np.concatenate(each) for each in zip(*located, strict=True))
-    lines = np.arange(len(sides_and_middle) * _LINE_POINTS).reshape(-1, _LINE_POINTS)
-    segments = np.stack([lines[:, :-1].ravel(), lines[:, 1:].ravel()], axis=1)
-    segments = segments[(found[segments] >= 0).all(axis=1)]
-    spots = np.einsum("sc,sca->sa", barycentrics, corners[found])
-    segments = segments[[ways.joined(*found[ends], *spots[ends]) for ends in segments]]
-    outwards = np.arange(len(found) - 2 * _LINE_POINTS, len(found)).reshape(2, _LINE_POINTS)
-    reached = np.cumprod(found[outwards] >= 0, axis=1).sum(axis=1)
-    edges = [int(side[count - 1]) for side, count in zip(outwards, reached, strict=True) if count > 1]
+    around = np.flatnonzero(among(mesh.parents, near))
+    used, corners = np.unique(mesh.faces[around], return_inverse=True)
+    corners = corners.reshape(-1, 3)
+    positions = mesh.positions_in(region.pose)[used]
+    u, v = region.coordinates(positions)
+    outward = np.flatnonzero(region.cosines(u[corners].mean(axis=1), unit(face_normals(positions, corners))) > 0)
+    found, barycentrics = _border(np.minimum(np.minimum(u, 1.0 - u), 1.0 - np.abs(v)), corners[outward])
+    along, across = (np.einsum("sc,sc->s", barycentrics, each[corners[outward[found]]]) for each in (u, v))
+    # Dots to drag lie on the border beside the middle, on either side.
+    beside = [side[np.argsort(np.abs(along[side] - 0.5))[:1]] for side in map(np.flatnonzero, (across > 0, across < 0))]
+    middle, shares = zero_lines(v, corners[outward])
+    places = np.einsum("sc,sc->s", shares, u[corners[outward[middle]]]).reshape(-1, 2).mean(axis=1)
+    within = np.repeat((places > 0) & (places < 1), 2)
+    ends = [closest_point(mesh.rest_positions, mesh.faces[around], each.position) for each in region.anchors]
+    drawn = len(found) + int(within.sum())
+    triangles = np.concatenate([outward[found], outward[middle[within]], [triangle for triangle, _, _ in ends]])
     return ToolOutline(
         name=tool.attached.tool.name,
         colour=colour,
-        points=SurfacePoints(body, faces[np.maximum(found, 0)], barycentrics),
-        segments=segments,
-        anchors=np.arange(lines.size, int(outwards[0, 0])),
-        edges=np.array(edges, np.intp),
+        points=SurfacePoints(
+            body,
+            around[triangles.astype(np.intp)],
+            np.concatenate([barycentrics, shares[within], [each for _, each, _ in ends]]),
+        ),
+        segments=np.arange(drawn).reshape(-1, 2),
+        anchors=np.arange(drawn, len(triangles)),
+        edges=np.concatenate(beside),
         skins=np.zeros(0, np.intp),
         length=region.span,
     )
@@ -251,13 +226,8 @@ def _border(values: Floats, faces: Ints) -> tuple[Ints, Floats]:
         (ends,) triangles and (ends, 3) barycentric coordinates, two ends for each line: across triangles on which the
         values pass 0, and along the mesh's own border.
     """
-    corners = values[faces]
-    above = corners > 0
-    triangles, sides = np.nonzero(above != np.roll(above, -1, axis=1))
-    here, there = corners[triangles, sides], corners[triangles, (sides + 1) % 3]
-    crossing = np.zeros((len(triangles), 3))
-    crossing[np.arange(len(triangles)), sides] = there / (there - here)
-    crossing[np.arange(len(triangles)), (sides + 1) % 3] = here / (here - there)
+    triangles, crossing = zero_lines(values, faces)
+    above = values[faces] > 0
     pairs = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
     _, numbers, counts = np.unique(pairs, axis=0, return_inverse=True, return_counts=True)
     open_sides = (counts[numbers.reshape(-1)] == 1).reshape(-1, 3) & above & np.roll(above, -1, axis=1)
@@ -266,66 +236,17 @@ def _border(values: Floats, faces: Ints) -> tuple[Ints, Floats]:
     return np.concatenate([triangles, np.repeat(open_faces, 2)]), np.concatenate([crossing, ends])
 
 
-class _Ways:
-    """The ways over a surface of (triangles, 3) vertices at (vertices, 3) positions, along its edges."""
-
-    def __init__(self, positions: Floats, triangles: Ints) -> None:
-        used, corners = np.unique(triangles, return_inverse=True)
-        self._corners = corners.reshape(-1, 3)
-        edges = edges_of(self._corners)
-        lengths = np.sqrt(np.sum(np.diff(positions[used[edges]], axis=1)[:, 0] ** 2, axis=1))
-        self._graph = csr_matrix((lengths, (edges[:, 0], edges[:, 1])), shape=(len(used), len(used)))
-        self._edge = float(lengths.mean()) if len(lengths) else 0.0
-
-    def lengths(self, starts: Ints, longest: float = np.inf) -> Floats:
-        """(triangles,) lengths of the shortest ways from the (starts,) triangles; infinite beyond the longest."""
-        sources = distinct_values(self._corners[starts])
-        found = dijkstra(self._graph, directed=False, indices=sources, limit=longest, min_only=True)
-        return np.asarray(found[self._corners].min(axis=1))
-
-    def order(self, starts: Ints, chosen: Bools) -> Ints:
-        """Sort the chosen of the triangles by their ways from the starts, so that of two sheets the nearer is first."""
-        kept = np.flatnonzero(chosen)
-        return kept[np.argsort(self.lengths(starts)[kept], kind="stable")] if len(starts) else kept
-
-    def joined(self, first: int, second: int, here: Floats, there: Floats) -> bool:
-        """True if the way from one triangle to another is about as long as the straight one from (3,) to (3,)."""
-        straight = float(np.linalg.norm(there - here))
-        if straight <= _SHORT * self._edge:
-            return True
-        longest = _ZIGZAG * straight
-        return bool(self.lengths(np.array([first]), longest)[second] <= longest)
-
-
-def _located(line: Floats, places: Floats, order: Ints) -> tuple[Ints, Floats]:
-    """Find the plane triangles that the (points, 2) of a line are in, among (triangles, 3, 2).
+def zero_lines(values: Floats, faces: Ints) -> tuple[Ints, Floats]:
+    """The lines across (triangles, 3) faces on which (vertices,) values pass 0.
 
     Returns:
-        (points,) the first triangle of each in an order, or -1; and (points, 3) barycentric coordinates.
+        (ends,) triangles and (ends, 3) barycentric coordinates, two ends for each line.
     """
-    numbers, places = order, places[order]
-    low, high = line.min(axis=0) - _TOLERANCE, line.max(axis=0) + _TOLERANCE
-    close = np.ones(len(places), bool)
-    for axis in (0, 1):
-        a, b, c = places[:, :, axis].T
-        close &= np.minimum(np.minimum(a, b), c) <= high[axis]
-        close &= np.maximum(np.maximum(a, b), c) >= low[axis]
-    near = np.flatnonzero(close)
-    found, barycentrics = np.full(len(line), -1), np.tile((1.0, 0.0, 0.0), (len(line), 1))
-    if not len(near):
-        return found, barycentrics
-    a, b, c = places[near].transpose(1, 2, 0)
-    ab, ac = b - a, c - a
-    ap = line[:, :, None] - a
-    area = ab[0] * ac[1] - ab[1] * ac[0]
-    solid = np.abs(area) > 0
-    safe = np.where(solid, area, 1.0)
-    second = (ap[:, 0] * ac[1] - ap[:, 1] * ac[0]) / safe
-    third = (ab[0] * ap[:, 1] - ab[1] * ap[:, 0]) / safe
-    hits = (second >= -_TOLERANCE) & (third >= -_TOLERANCE) & (second + third <= 1 + _TOLERANCE) & solid
-    inside = np.flatnonzero(hits.any(axis=1))
-    first = np.argmax(hits[inside], axis=1)
-    found[inside] = numbers[near[first]]
-    x, y = second[inside, first], third[inside, first]
-    barycentrics[inside] = np.stack([1 - x - y, x, y], axis=1)
-    return found, barycentrics
+    corners = values[faces]
+    above = corners > 0
+    triangles, sides = np.nonzero(above != np.roll(above, -1, axis=1))
+    here, there = corners[triangles, sides], corners[triangles, (sides + 1) % 3]
+    crossing = np.zeros((len(triangles), 3))
+    crossing[np.arange(len(triangles)), sides] = there / (there - here)
+    crossing[np.arange(len(triangles)), (sides + 1) % 3] = here / (here - there)
+    return triangles, crossing

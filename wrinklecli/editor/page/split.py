@@ -6,6 +6,7 @@ Both states have the same triangles, so the plane chooses between them vertex by
 import numpy as np
 from viser import CameraHandle, transforms
 
+from wrinklecli.editor.page.drawing import zero_lines
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints
 
@@ -47,12 +48,6 @@ class SplitPlane:
 
     def cut(self, points: Floats, triangles: Ints) -> Floats:
         """(segments, 2, 3) where the plane cuts (triangles, 3) of (points, 3), a little nearer to the eye."""
-        away = self.distances(points)
-        sides = away[triangles] > 0
-        chosen = triangles[sides.any(axis=1) & ~sides.all(axis=1)]
-        starts, ends = chosen, np.roll(chosen, -1, axis=1)
-        crossed = (away[starts] > 0) != (away[ends] > 0)  # two edges of each
-        a, b = starts[crossed], ends[crossed]
-        shares = (away[a] / (away[a] - away[b]))[:, None]
-        found = (1.0 - shares) * points[a] + shares * points[b]
-        return np.asarray((found + _LIFT * (self.eye - found)).reshape(-1, 2, 3))
+        found, shares = zero_lines(self.distances(points), triangles)
+        places = np.einsum("sc,sca->sa", shares, points[triangles[found]])
+        return np.asarray((places + _LIFT * (self.eye - places)).reshape(-1, 2, 3))
