@@ -75,7 +75,7 @@ def shaded(baked: Path, folder: Path) -> Image.Image:
         focus=(FOCUS[0], FOCUS[1], 0.0),
         radius=RADIUS,
         size=(PANEL[0], PANEL[1] + 2 * CUT),
-        style=Style(lit_from_right=True),
+        style=Style(key=(0.62, 0.62, 0.48)),
     )
     preview([baked], out, options)
     with Image.open(out) as picture:

@@ -20,7 +20,7 @@ PICTURES: dict[str, Json] = {
     "review": {"review": True, "size": (128, 96)},
     "styles": {
         "rest": True,
-        "style": Style(wire=True, backfaces=True, lit_from_right=True),
+        "style": Style(wire=True, backfaces=True, key=(0.62, 0.62, 0.48)),
         "views": ["top"],
         "size": (128, 96),
     },

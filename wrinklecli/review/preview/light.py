@@ -12,14 +12,9 @@ REACH = 4
 _AMBIENT_RAYS = 8
 # Rays to the key light for each pixel; the filter makes 64 of them.
 _SHADOW_RAYS = 4
-# Direction to the key light in camera axes (right, up, backwards): from the side, so that it shows relief.
-_KEY = np.array((-0.62, 0.62, 0.48), np.float32)
-# Direction to the fill light in camera axes, from the other side.
-_FILL = np.array((0.75, 0.05, 0.65), np.float32)
-# Linear RGB of the key light, the fill light and the sky: the key light is a little warmer.
-_LIGHTS = np.array([(0.78, 0.75, 0.72), (0.126, 0.133, 0.14), (0.228, 0.235, 0.24)], np.float32)
-# The same where the key light rakes over wrinkles, and the fill light is at the camera, which nothing hides from what
-# it sees: what the key light does not reach has a third of the light, as in a portrait, and is not black.
+# Linear RGB of the key light, which rakes over wrinkles and is a little warmer, of the fill light at the camera, which
+# nothing hides from what it sees, and of the sky: what the key light does not reach has a third of the light, as in a
+# portrait, and is not black.
 RAKING_LIGHTS = np.array([(0.78, 0.75, 0.72), (0.247, 0.25, 0.253), (0.137, 0.141, 0.144)], np.float32)
 # Radius of the key light at unit distance.
 _SOFTNESS = np.float32(0.12)
@@ -43,9 +38,7 @@ def light_up(
     hits: Hits,
     shape: tuple[int, int],
     first: int,
-    *,
-    from_right: bool = False,
-    raking: tuple[float, float, float] | None = None,
+    towards: tuple[float, float, float],
 ) -> tuple[Array, Array]:
     """Light hits: (hits, 3) diffuse light, to multiply their colours by, and (hits,) shine to add, both linear.
 
@@ -54,9 +47,7 @@ def light_up(
         hits: The hits of a band of pixels, in any order.
         shape: Rows and columns of the band.
         first: Row of the picture at which the band begins.
-        from_right: Put the key light on the right, and the fill light on the left.
-        raking: Unit direction to the key light in camera axes, with the fill light at the camera; None for the usual
-            lights.
+        towards: Direction to the key light in camera axes.
     """
     width = shape[1]
     # Light is traced for one hit of each pixel.
@@ -69,23 +60,15 @@ def light_up(
     pixels, sets = pixels[order], sets[order]
     chosen = hits.only(firsts[pixels])
     starts = _starts(surface, chosen)
-    side = np.array((-1.0 if from_right else 1.0, 1.0, 1.0), np.float32)
-    key, fill, lights = unit_rows(side * _KEY[None]), unit_rows(side * _FILL[None])[0], _LIGHTS
-    if raking is not None:
-        key, lights = np.array([raking], np.float32), RAKING_LIGHTS
+    key = unit_rows(np.array([towards], np.float32))
     openness = smooth(_openness(surface, starts, chosen.normals, sets), pixels, shape)[hits.pixels]
     lit = smooth(_lit(surface, starts, chosen, sets, key), pixels, shape)[hits.pixels]
-    filled = (
-        openness * np.maximum(hits.normals @ fill, 0)
-        if raking is None
-        else -np.sum(hits.normals * hits.directions, axis=1)
-    )
     amounts = (
         lit * np.maximum(hits.normals @ key[0], 0),
-        filled,
+        -np.sum(hits.normals * hits.directions, axis=1),
         openness * (0.8 + 0.2 * hits.normals[:, 1]),
     )
-    light = np.stack(amounts, axis=1) @ lights
+    light = np.stack(amounts, axis=1) @ RAKING_LIGHTS
     gleam = np.maximum(np.einsum("pi,pi->p", hits.normals, unit_rows(key - hits.directions)), 0) ** 2
     return light, _SHINE * lit * (gleam * gleam * gleam) ** 4
 

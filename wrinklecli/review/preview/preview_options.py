@@ -22,16 +22,14 @@ class Style:
         wire: Draw the triangles' edges too.
         clay: Draw everything in grey.
         backfaces: Draw triangles that are seen from behind in red.
-        lit_from_right: Mirror the lights, so that left and right tools look alike.
-        key: Unit direction in camera axes (right, up, backwards) from which a key light rakes over wrinkles, and the
-            camera lights what lies in its shade; None for the usual lights.
+        key: Direction to the key light in camera axes (right, up, backwards), from the side so that it shows relief;
+            a light at the camera reaches what lies in its shade.
     """
 
     wire: bool = False
     clay: bool = False
     backfaces: bool = False
-    lit_from_right: bool = False
-    key: tuple[float, float, float] | None = None
+    key: tuple[float, float, float] = (-0.62, 0.62, 0.48)
 
 
 PLAIN = Style()

@@ -141,7 +141,7 @@ def _band(scene: _Scene, size: tuple[int, int], style: Style, top: int, bottom: 
     first, last = max(top - REACH, 0), min(bottom + REACH, height)
     shape = (last - first, width)
     hits = _sampled(scene, size, style, shape, first)
-    light, shine = light_up(scene.surface, hits, shape, first, from_right=style.lit_from_right, raking=style.key)
+    light, shine = light_up(scene.surface, hits, shape, first, style.key)
     colours = np.clip(_base_colours(scene, hits, style) * light + shine[:, None], 0, 1)
     colours = _ENCODED[(colours * (len(_ENCODED) - 1) + 0.5).astype(np.intp)]
     if scene.projected is not None:

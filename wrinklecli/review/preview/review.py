@@ -259,7 +259,8 @@ def _card(shot: _Shot, snapshots: Sequence[Snapshot], key: Floats, options: Prev
     marked = replace(snapshots[0], marks=tuple(m for m in snapshots[0].marks if m.name == shot.peak.name))
     camera = shot.view.cameras[0]
     # Left and right tools are seen from opposite sides; with mirrored lights their insets look alike.
-    style = replace(options.style, lit_from_right=bool(camera.axes[2, 0] < 0))
+    x, y, z = options.style.key
+    style = replace(options.style, key=(-x, y, z)) if camera.axes[2, 0] < 0 else options.style
     raking = replace(style, key=tuple(key.tolist()))
     pictures = [render(each, camera, size=options.picture_size, style=raking) for each in (marked, snapshots[1])]
     pictures[0] = with_inset(pictures[0], snapshots[0], camera, style)
