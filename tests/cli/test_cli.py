@@ -23,6 +23,7 @@ from kit.limb import write_tools
 from kit.places import ROOT
 from kit.player import Gltf, Json, anchor_distances
 from kit.samples import BACK, BROW, PALM, Editor, edited, sample
+from kit.work import PATIENCE
 from wrinklecli.baking import pipeline
 from wrinklecli.drive.table import TABLE_ERROR
 from wrinklecli.errors import counted
@@ -504,10 +505,6 @@ def test_make_bakes_again_exactly_when_it_must(tmp_path: Path) -> None:
 # Killed
 
 
-# Seconds for a process to end that was told to: other programs may run.
-_PATIENCE = 300
-
-
 @contextmanager
 def started(*arguments: str, cwd: Path, before: str = "") -> Iterator[subprocess.Popen[bytes]]:
     """`wrinkle` in a process of its own, after some lines of Python; it is gone in the end.
@@ -535,7 +532,7 @@ def test_killed_at_any_moment_the_output_is_whole(sign: signal.Signals, tmp_path
         with started("bake", WRIST, "tools.yaml", "-o", "out.glb", cwd=tmp_path) as process:
             time.sleep(rng.uniform(0.1, 0.9))
             process.send_signal(sign)
-            process.communicate(timeout=_PATIENCE)
+            process.communicate(timeout=PATIENCE)
         assert (tmp_path / "out.glb").read_bytes() in (b"old", new)
 
 
@@ -553,7 +550,7 @@ def test_killed_while_writing_the_old_output_stays(sign: signal.Signals, tmp_pat
         assert process.stderr.readline() == b"written\n"
         assert len(files(tmp_path)) == 3
         process.send_signal(sign)
-        _, said = process.communicate(timeout=_PATIENCE)
+        _, said = process.communicate(timeout=PATIENCE)
     assert (tmp_path / "out.glb").read_bytes() == b"old"
     if sign != signal.SIGKILL:
         assert files(tmp_path).keys() == {"out.glb", "tools.yaml"}

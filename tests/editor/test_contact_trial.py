@@ -13,6 +13,7 @@ pytest.importorskip("ipctk", reason="needs the extra `contact`")
 import wrinklecli
 from kit.folds import CLIP, elbow
 from kit.player import Gltf
+from kit.work import PATIENCE
 from wrinklecli.editor.baked_file import BakedFile
 from wrinklecli.editor.contact_trial import ContactTrial, RunningTrial, trial_of
 from wrinklecli.editor.free_pose import POSE, FreePose
@@ -25,7 +26,7 @@ def solved(trial: ContactTrial) -> BakedFile:
     """The outcome of a trial, once it is done."""
     found: Queue[BakedFile | WrinkleError] = Queue()
     RunningTrial(trial, no_progress, found.put)
-    result = found.get(timeout=60.0)
+    result = found.get(timeout=PATIENCE)
     assert isinstance(result, BakedFile), result
     return result
 

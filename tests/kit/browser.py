@@ -17,8 +17,8 @@ from threading import Thread
 from typing import Any
 
 from kit.clients import give_up
+from kit.work import PATIENCE
 
-_PATIENCE = 60.0  # seconds; drawn without a GPU, a page takes its time
 _STEADY = 0.15  # seconds in which what moves has moved
 # A page that draws itself all the time takes all of a core without a GPU, and shows no more than ten times a second.
 _SELDOM = """
@@ -57,7 +57,7 @@ class Page:
         self._sent += 1
         self._connection.send(json.dumps({"id": self._sent, "method": method, "params": parameters}))
         while True:
-            answer = json.loads(self._connection.recv(timeout=_PATIENCE))
+            answer = json.loads(self._connection.recv(timeout=PATIENCE))
             if answer.get("id") == self._sent:
                 assert "error" not in answer, (method, answer["error"])
                 result: dict[str, Any] = answer["result"]
@@ -173,7 +173,7 @@ class Page:
 
 def until(look: Callable[[], Any], what: str) -> Any:
     """What a function returns, once that is true."""
-    end = time.monotonic() + _PATIENCE
+    end = time.monotonic() + PATIENCE
     while not (found := look()):
         assert time.monotonic() < end, f"never: {what}"
         time.sleep(0.05)
@@ -239,5 +239,5 @@ def _port(profile: Path) -> str:
 def _pages(port: str) -> list[dict[str, str]]:
     from urllib.request import urlopen
 
-    with urlopen(f"http://127.0.0.1:{port}/json/list", timeout=_PATIENCE) as answer:
+    with urlopen(f"http://127.0.0.1:{port}/json/list", timeout=PATIENCE) as answer:
         return [each for each in json.load(answer) if each["type"] == "page"]

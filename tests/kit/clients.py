@@ -24,11 +24,11 @@ import pytest
 from numpy.typing import NDArray
 
 from kit.places import IN_CI
+from kit.work import PATIENCE
 
 Floats = NDArray[np.float64]
 
 HERE = Path(__file__).resolve().parents[1] / "clients"
-_PATIENCE = 300.0  # seconds for an answer: other programs may run, but nothing may wait for ever
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +116,7 @@ class _Server:
             ended.set()
             self._process.kill()
 
-        watch = threading.Timer(_PATIENCE, end)
+        watch = threading.Timer(PATIENCE, end)
         watch.start()
         try:
             self._process.stdin.write(f"{line}\n")
@@ -154,7 +154,7 @@ def ask(module: str, function: str, *arguments: Any) -> Any:
     if not reply:
         said = _server().close()
         _server.cache_clear()
-        raise AssertionError(f"{module}.mjs: no answer within {_PATIENCE:g} s, or node has ended: {said[-2000:]}")
+        raise AssertionError(f"{module}.mjs: no answer within {PATIENCE:g} s, or node has ended: {said[-2000:]}")
     answer = json.loads(reply)
     assert "error" not in answer, f"{module}.mjs: {answer['error'][-2000:]}"
     return answer["answer"]

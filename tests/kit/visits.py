@@ -11,10 +11,11 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
+from kit.work import PATIENCE
+
 Edit = list[Any]
 
 VISITS = ("connect", "send", "bytes", "text", "get", "leave")
-_PATIENCE = 30.0  # seconds in which the page has to answer, on a busy machine
 _LOOKS = 0.002  # seconds between two looks at whether the page is there
 _KINDS = ("ScenePointerMessage", "ViewerCameraMessage", "SceneNodeClickMessage", "SceneNodeDragMessage")
 # fmt: off
@@ -201,11 +202,11 @@ class _Visitors:
                 with contextlib.suppress(OSError, EOFError):  # whatever is answered; a tab may be shown the door
                     getattr(self, f"_{what}")(*values)
             with self._connected({}) as sound:
-                assert len(sound.recv(timeout=_PATIENCE)) > 1000, "a new tab is not shown the page"
+                assert len(sound.recv(timeout=PATIENCE)) > 1000, "a new tab is not shown the page"
             for name in ("work", "slow"):
                 done = threading.Event()
                 getattr(self._page, name).put(object(), done.set)
-                assert done.wait(_PATIENCE), f"the page's thread for {name} does no more"
+                assert done.wait(PATIENCE), f"the page's thread for {name} does no more"
 
     def _connected(self, headers: dict[str, str]) -> Any:
         """Open a tab of a page that says where it is from, and what it takes this machine for."""
@@ -216,14 +217,14 @@ class _Visitors:
         usual = f"[{self._host}]" if ":" in self._host else self._host
         headers = {name: value.format(port=self._port) for name, value in headers.items()}
         options: dict[str, Any] = {"origin": headers["Origin"]} if "Origin" in headers else {}
-        end = socket.create_connection((self._host, self._port), timeout=_PATIENCE)
+        end = socket.create_connection((self._host, self._port), timeout=PATIENCE)
         try:
             return connect(
                 f"ws://{headers.get('Host', f'{usual}:{self._port}')}/{self._query}",
                 sock=end,
                 subprotocols=[self._protocol],  # type: ignore[list-item]
                 max_size=None,
-                open_timeout=_PATIENCE,
+                open_timeout=PATIENCE,
                 **options,
             )
         except BaseException:
@@ -249,7 +250,7 @@ class _Visitors:
             *(f"{name}: {value}" for name, value in headers.items()),
             "Connection: close",
         ]
-        with socket.create_connection((self._host, self._port), timeout=_PATIENCE) as asked:
+        with socket.create_connection((self._host, self._port), timeout=PATIENCE) as asked:
             asked.sendall("\r\n".join([*lines, "", ""]).format(port=self._port).encode())
             answer = asked.recv(2**16)
         assert b"root:" not in answer, "served a file of this machine"

@@ -1,8 +1,11 @@
-"""Work counted in calls of functions, which is the same on every machine and under any load."""
+"""How tests look at work without the clock: counted in calls, the same on every machine and under any load."""
 
 import sys
 from collections.abc import Callable
 from typing import Any
+
+# Seconds for what has to happen: other programs may run, but nothing may wait for ever.
+PATIENCE = 300.0
 
 
 def calls_of(function: Callable[[], Any]) -> int:

@@ -14,6 +14,7 @@ from kit.asset import read_glb
 from kit.bakes import folding_limb
 from kit.command import Wrinkle, files
 from kit.limb import limb, tool, write_tools
+from kit.work import PATIENCE
 from wrinklecli import bake
 from wrinklecli.errors import BakeError
 from wrinklecli.review.inspect import inspect
@@ -162,7 +163,7 @@ def test_solvers_with_little_memory_end_in_a_line(tmp_path: Path, memory: str, e
     command = [sys.executable, "-c", "from wrinklecli.cli import main; main()", "bake", str(asset), "tools.yaml"]
     ran = subprocess.run(
         [*command, "-o", "out.glb", "--max-memory", memory, "-q", "-j", "1"],
-        cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False,
+        cwd=tmp_path, capture_output=True, text=True, timeout=PATIENCE, check=False,
     )  # fmt: skip
     assert ran.returncode in (0, 1), ran.stderr
     if ran.returncode:

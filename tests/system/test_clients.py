@@ -187,7 +187,7 @@ def test_an_unknown_clip_is_said(tmp_path: Path) -> None:
 def test_node_is_started_again_where_it_gave_no_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tiny_glb(tmp_path / "tiny.glb")
     with monkeypatch.context() as hasty:
-        hasty.setattr(clients, "_PATIENCE", 0.0)
+        hasty.setattr(clients, "PATIENCE", 0.0)
         with pytest.raises(AssertionError, match=r"validate\.mjs: no answer within 0 s"):
             validate([path])
     assert_valid(path)

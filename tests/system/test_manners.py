@@ -17,6 +17,7 @@ import pytest
 from kit.limb import limb_asset, write_tools
 from kit.places import ROOT
 from kit.samples import PALM, sample
+from kit.work import PATIENCE
 from wrinklecli.cli import cli
 
 COMMANDS = sorted(cli.commands)
@@ -139,9 +140,9 @@ def start_on_terminal(command: list[str], **environment: str) -> tuple[subproces
     return process, ours
 
 
-def read_until(terminal: int, wanted: bytes | None, *, seconds: float = 20.0) -> str:
+def read_until(terminal: int, wanted: bytes | None) -> str:
     """What is written to a terminal until some text is there, or until the process ends."""
-    seen, end = b"", time.monotonic() + seconds
+    seen, end = b"", time.monotonic() + PATIENCE
     while time.monotonic() < end and (wanted is None or wanted not in seen):
         if select.select([terminal], [], [], 0.1)[0]:
             try:

@@ -18,6 +18,7 @@ from kit.clients import ask, drive, give_up
 from kit.flesh import SECONDS, bob, bob_share, body, jump, region
 from kit.places import FOLDER, ROOT
 from kit.vectors import CASES, Case, vectors
+from kit.work import PATIENCE
 
 FILE = ROOT / "samples" / "driver" / "vectors.json"
 GODOT = FILE.parent / "godot"
@@ -87,7 +88,7 @@ def run(command: str, package: str, *arguments: str | Path) -> str:
     """Give what a program of Debian says; without it the test is skipped, and fails where `CI` is set."""
     if shutil.which(command) is None:
         give_up(f"{command} is not installed: apt-get install {package}")
-    done = subprocess.run([command, *arguments], capture_output=True, text=True, check=False, timeout=120)
+    done = subprocess.run([command, *arguments], capture_output=True, text=True, check=False, timeout=PATIENCE)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 

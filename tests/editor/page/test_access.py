@@ -14,6 +14,7 @@ from websockets.exceptions import InvalidHandshake
 from websockets.sync.client import connect
 
 from kit.limb import limb
+from kit.work import PATIENCE
 from wrinklecli.cli.edit import edit
 from wrinklecli.editor.page.access import Access
 from wrinklecli.editor.page.page import Page
@@ -48,7 +49,7 @@ def cookie_of(page: Page) -> str:
 
 def got(page: Page, path: str = "/", **headers: str | list[str] | None) -> tuple[int, http.client.HTTPMessage, bytes]:
     """The status, headers and text that the page answers; its port takes the place of `PORT`."""
-    with contextlib.closing(http.client.HTTPConnection("127.0.0.1", page.port, timeout=10)) as connection:
+    with contextlib.closing(http.client.HTTPConnection("127.0.0.1", page.port, timeout=PATIENCE)) as connection:
         connection.putrequest("GET", path, skip_host=True)
         for name, values in ({"Host": "127.0.0.1:PORT"} | headers).items():
             for value in [values] if isinstance(values, str) else values or ():
@@ -73,7 +74,7 @@ def opens(page: Page, path: str = "", **headers: str) -> bool:
             max_size=None,
         ) as tab,
     ):
-        return len(tab.recv(timeout=20)) > 1000
+        return len(tab.recv(timeout=PATIENCE)) > 1000
     return False
 
 

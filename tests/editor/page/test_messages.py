@@ -19,6 +19,7 @@ from websockets.sync.client import ClientConnection, connect
 from kit.browser import until
 from kit.drawn import CHARACTERS
 from kit.limb import limb
+from kit.work import PATIENCE
 from wrinklecli.editor.page import server, work_queue
 from wrinklecli.editor.page.messages import is_sent
 from wrinklecli.editor.page.page import Page
@@ -122,7 +123,7 @@ def answered(page: Page, sender: ClientConnection, monkeypatch: pytest.MonkeyPat
     until(lambda: sender.send(last) or seen.is_set(), "the last message")
     # viser calls what controls do in threads; once all of them are here, none does anything else.
     pool = page.server._thread_executor
-    together = threading.Barrier(pool._max_workers + 1, timeout=60)
+    together = threading.Barrier(pool._max_workers + 1, timeout=PATIENCE)
     for _ in range(pool._max_workers):
         pool.submit(together.wait)
     together.wait()
@@ -230,7 +231,7 @@ def test_after_hundreds_of_messages_every_tab_edits_and_saves(page: Page, monkey
 def test_a_flood_of_clicks_does_not_grow(page: Page, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(work_queue, "_MAX_EVENTS", 20)
     free = threading.Event()
-    page.work.put("busy", lambda: free.wait(10) and None)
+    page.work.put("busy", lambda: free.wait(PATIENCE) and None)
     with tab(page) as hostile:
         for _ in range(100):
             hostile.send(msgspec.msgpack.encode(set_to(control(page, "file"), value="Undo")))

@@ -21,6 +21,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from kit.browser import until
 from kit.limb import limb, limb_asset
+from kit.work import PATIENCE
 from wrinklecli.editor import edits
 from wrinklecli.editor.page import server
 from wrinklecli.editor.page.page import Page
@@ -93,23 +94,23 @@ def unpacked(data: str | bytes) -> bytes:
 
 def test_hostile_messages_end_no_other_tab(page: Page) -> None:
     with tab(page) as other:
-        other.recv(timeout=10)
+        other.recv(timeout=PATIENCE)
         for message in EVIL:
             with tab(page) as hostile, contextlib.suppress(ConnectionClosed):
                 hostile.send(message)
-                hostile.recv(timeout=10)
+                hostile.recv(timeout=PATIENCE)
         with contextlib.suppress(TimeoutError):
             while True:
                 other.recv(timeout=0.1)
         page.say("still here")
-        assert other.recv(timeout=10)
+        assert other.recv(timeout=PATIENCE)
 
 
 @pytest.mark.slow
 def test_many_tabs_show_one_session(page: Page) -> None:
     with contextlib.ExitStack() as stack:
         tabs = [stack.enter_context(tab(page)) for _ in range(TABS)]
-        assert all(len(each.recv(timeout=20)) > 1000 for each in tabs)
+        assert all(len(each.recv(timeout=PATIENCE)) > 1000 for each in tabs)
 
 
 @pytest.mark.slow
@@ -119,7 +120,7 @@ def test_tabs_that_are_gone_leave_nothing(page: Page) -> None:
     try:
         for _ in range(8):
             gone = tab(page)
-            gone.recv(timeout=10)
+            gone.recv(timeout=PATIENCE)
             gone.socket.close()
         until(lambda: sum(isinstance(each, ServerConnection) for each in gc.get_objects()) <= 2, "no old connections")
     finally:
@@ -135,7 +136,7 @@ def test_names_with_half_a_character_are_shown(tmp_path: Path) -> None:
     page = Page(Session(asset.write(tmp_path / "limb.glb")))
     try:
         with tab(page) as shown:
-            assert b"half \\ud801" in b"".join(unpacked(shown.recv(timeout=20)) for _ in range(2))
+            assert b"half \\ud801" in b"".join(unpacked(shown.recv(timeout=PATIENCE)) for _ in range(2))
     finally:
         page.close()
 
@@ -155,7 +156,7 @@ def test_other_pages_are_not_let_in(page: Page) -> None:
     with pytest.raises(InvalidStatus, match="403"):
         tab(page, origin="http://evil.example")
     with tab(page, origin=f"http://127.0.0.1:{page.port}") as own:
-        assert own.recv(timeout=10)
+        assert own.recv(timeout=PATIENCE)
 
 
 def test_what_slides_is_not_lost_to_what_slides_next(tmp_path: Path) -> None:

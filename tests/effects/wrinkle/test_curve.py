@@ -528,9 +528,9 @@ def test_default_amplitudes_of_full_bumps_need_no_unabsorbed_length():
 def test_ten_thousand_frames_take_a_moment(profile):
     curve = plan(profile=profile, bumps=8, details=(0.2, 0.1), strategy="origin", max_height=0.04)
     parts = np.linspace(0.0, 1.0, 10_000)
-    start = time.perf_counter()
+    start = time.process_time()
     curve.follow(TAUT * (1 - parts), np.ones(len(parts)))
-    assert time.perf_counter() - start < 2.0  # About 0.02 and 0.2 s here; generous, for busy machines.
+    assert time.process_time() - start < 2.0  # about 0.02 and 0.2 s here; generous, for slow machines
 
 
 @pytest.mark.parametrize("profile", ["skin", "cloth"])
