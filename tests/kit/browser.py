@@ -99,6 +99,13 @@ class Page:
         """Move the mouse."""
         self._mouse("mouseMoved", *place)
 
+    def can_be_dragged(self, place: tuple[float, float]) -> bool:
+        """True if the mouse, which moves there with Shift down, lies on something that viser says can be dragged."""
+        self.call("Input.dispatchMouseEvent", type="mouseMoved", x=place[0], y=place[1], buttons=0, modifiers=8)
+        self._drawn()
+        cursors = "[...document.querySelectorAll('canvas')].map(each => each.style.cursor)"
+        return "pointer" in self.value(cursors)
+
     def release(self, place: tuple[float, float]) -> None:
         """Release the left button."""
         self._mouse("mouseReleased", *place)
