@@ -3,7 +3,7 @@
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, TypeAlias, cast
+from typing import Any, TypeAlias
 
 from wrinklecli.baking.baked_body import lost_record
 from wrinklecli.baking.original import original
@@ -340,8 +340,7 @@ def _by_own_names(tool: EffectTool, names: MeshNames) -> EffectTool:
         changes["meshes"] = tuple(map(own, tool.meshes))
     if isinstance(tool, WrinkleTool | Field) and tool.contact is not None:
         changes["contact"] = replace(tool.contact, ignore=tuple(map(own, tool.contact.ignore)))
-    renamed: EffectTool = replace(cast("WrinkleTool", tool), **changes)
-    return renamed
+    return replace(tool, **changes)
 
 
 def _node_of(tool: EffectTool, document: Document, names: MeshNames, key: str = "node") -> int:

@@ -9,6 +9,7 @@ import os
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 
@@ -223,8 +224,8 @@ class LoadedAsset:
 
     def _below(self, effect: EffectTool, ground: Ground, settings: ToolsFile) -> AnyAttached:
         """Attach an effect below the skin; one that differs by its drive alone is the same."""
-        same = dict.fromkeys(getattr(effect, "DRIVING", ()), 0.0)
-        plain = replace(effect, where="", places={}, **same)  # type: ignore[type-var]
+        same: dict[str, Any] = dict.fromkeys(getattr(effect, "DRIVING", ()), 0.0)
+        plain = replace(effect, where="", places={}, **same)
         return self._attached.get_or_make((ground, plain), lambda: attach_one(effect, ground, settings))
 
     def _ground(self, node: int, settings: ToolsFile, tools: list[EffectTool]) -> Ground:
@@ -338,7 +339,7 @@ def _key(ground: Ground, patches: Sequence[AnyAttached], settings: ToolsFile) ->
 
 def _without_places(tool: EffectTool) -> EffectTool:
     """Forget a tool's places in the file, which change with any edit above it."""
-    return replace(tool, where="", places={})  # type: ignore[type-var]
+    return replace(tool, where="", places={})
 
 
 def _overlapping(ground: Ground, effects: Sequence[AnyAttached]) -> list[list[AnyAttached]]:

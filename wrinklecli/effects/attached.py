@@ -12,7 +12,6 @@ from wrinklecli.drive.touch import TouchDrive
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.region import Region
-from wrinklecli.tools.body import BodyEffect
 from wrinklecli.tools.records import EffectTool
 
 Tool = TypeVar("Tool", bound=EffectTool, covariant=True)
@@ -141,7 +140,7 @@ class WithoutSegment(ABC):
 
     __slots__ = ()
 
-    tool: BodyEffect
+    tool: EffectTool
     drive: AnyDrive
 
     @property

@@ -4,10 +4,9 @@
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import field
 from typing import Any, ClassVar, Literal, TypeAlias, get_args
 
-from wrinklecli.choices import PROFILES, Axis, MaterialName, Profile
+from wrinklecli.choices import PROFILES, MaterialName, Profile
 from wrinklecli.frozen import dataclass
 from wrinklecli.tools.json_schema import (
     FLAG,
@@ -21,12 +20,14 @@ from wrinklecli.tools.json_schema import (
     list_of,
     number,
     one_of,
+    percentage,
+    read_percentage,
     read_record,
     schema_of,
     slider,
     whole,
 )
-from wrinklecli.tools.materials import PLAIN_HEIGHT, Preset, preset
+from wrinklecli.tools.materials import PLAIN_HEIGHT, preset
 from wrinklecli.tools.records import (
     ANCHOR,
     DAMPING,
@@ -34,13 +35,13 @@ from wrinklecli.tools.records import (
     MASK,
     SECONDS,
     SWINGS,
+    EffectTool,
     JointPoint,
     Length,
     Marker,
     Mask,
     Point,
     Position,
-    identifier,
     parse_length,
     read_anchor,
     read_end,
@@ -110,66 +111,7 @@ def _read_activation(value: Any) -> Activation | None:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BodyEffect:
-    """The keys that all effects below the skin share.
-
-    Attributes:
-        mirrored: True if `mirror` made it.
-        where: Its place in the file for later errors, such as `tools.yaml:12: muscles[0]`.
-        places: The places of its keys; see `place`.
-    """
-
-    name: str = key(TEXT, "Unique name; also when all but letters, digits and _ is replaced by _.", group="Place")
-    node: str | None = key(
-        {**TEXT, "type": ["string", "null"]}, "Node of the mesh; may be left out where one mesh deforms.", None
-    )
-    mirrored: bool = key(
-        one_of(*get_args(Axis), "none", none=True),
-        "Also make the one of the other side: this coordinate, as the file writes it, negated, left and right "
-        "exchanged in names. Default none.",
-        None,
-        name="mirror",
-        absent=False,
-    )
-    enabled: bool = key(FLAG, "false: checked but not baked. Default true.", True)
-    optional: bool = key(FLAG, "true: an absent node or clip is a note, not an error. Default false.", False)
-    where: str = ""
-    places: Mapping[tuple[str, ...], str] = field(default_factory=dict, hash=False, compare=False)
-
-    section: ClassVar[str]
-
-    @classmethod
-    def fields_of(cls, values: Mapping[str, Any], _known: Mapping[str, Preset]) -> dict[str, Any]:
-        """The fields that the keys of a file give."""
-        return {name: each for name, each in values.items() if name != "mirror"}
-
-    @classmethod
-    def of_material(cls, _values: Mapping[str, Any], _known: Mapping[str, Preset]) -> Mapping[str, Any]:
-        """Nothing: it has no material."""
-        return {}
-
-    def place(self, *keys: str) -> str:
-        """The place of a key, for later errors."""
-        return self.places.get(keys, self.where)
-
-    @property
-    def identifier(self) -> str:
-        """The name in letters, digits and `_`, as in the morph targets `wrinkle_IDENTIFIER_1`; unique too."""
-        return identifier(self.name)
-
-    @property
-    def sections(self) -> tuple[str, ...]:
-        """The kinds of effects that act for it: its own alone."""
-        return (self.section,)
-
-    @property
-    def idle(self) -> bool:
-        """False: it has no strength that could be 0."""
-        return False
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Muscle(BodyEffect):
+class Muscle(EffectTool):
     """One muscle; mirrored ones are muscles of their own.
 
     Attributes:
@@ -249,7 +191,7 @@ class Muscle(BodyEffect):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Flesh(BodyEffect):
+class Flesh(EffectTool):
     """One region of flesh; mirrored ones are regions of their own.
 
     Attributes:
@@ -313,16 +255,10 @@ class Flesh(BodyEffect):
         read=parse_length,
     )
     gravity: float = key(
-        expects(
-            "a percentage from 0% to 100%",
-            type="string",
-            maxLength=40,
-            pattern=r"^\+?0*([0-9]|[1-9][0-9])(\.[0-9]*)? ?%$|^\+?0*100(\.0*)? ?%$",
-            **slider(0, 100, 0.5, "%"),
-        ),
+        percentage(100, 100),
         "Share of gravity that pulls where the body turns; the rest pose has its own already. Default 30%.",
         "30%",
-        read=lambda value: float(value.rstrip("% ")) / 100.0,
+        read=read_percentage,
     )
     max_error: Literal["auto"] | Length = key(
         AUTO_LENGTH,
@@ -345,11 +281,6 @@ class Flesh(BodyEffect):
         """The place of the middle in the file."""
         assert number == 0
         return self.place("at", *keys)
-
-    @property
-    def named_clips(self) -> Sequence[tuple[str, tuple[str, ...]]]:
-        """Nothing: it acts in all clips."""
-        return ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -440,7 +371,7 @@ _OFFSET = number(-1e9, 1e9, "a length")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Touch(BodyEffect):
+class Touch(EffectTool):
     """One place where a tip slides the skin; mirrored ones are places of their own.
 
     Attributes:

@@ -5,7 +5,7 @@ from typing import Any, ClassVar, Literal, get_args
 
 from wrinklecli.choices import MaterialName, Stops
 from wrinklecli.frozen import dataclass
-from wrinklecli.tools.body import BodyEffect, read_auto_length
+from wrinklecli.tools.body import read_auto_length
 from wrinklecli.tools.json_schema import (
     LENGTH,
     LENGTHS,
@@ -16,12 +16,14 @@ from wrinklecli.tools.json_schema import (
     list_of,
     number,
     one_of,
+    percentage,
+    read_percentage,
     readers_of,
     slider,
     whole,
 )
 from wrinklecli.tools.materials import Preset
-from wrinklecli.tools.records import CONTACT, MASK, Contact, Length, Mask, Point, read_contact, read_mask_of
+from wrinklecli.tools.records import CONTACT, MASK, Contact, EffectTool, Length, Mask, read_contact, read_mask_of
 
 OF_MATERIALS: Mapping[MaterialName, Mapping[str, Any]] = {
     "cloth": {"wavelength": "9%", "slack": "4%", "variation": 0.15},
@@ -32,17 +34,9 @@ OF_MATERIALS: Mapping[MaterialName, Mapping[str, Any]] = {
 
 _WAVELENGTH = expects(f"auto, {LENGTHS}", anyOf=[{"enum": ["auto"]}, {**LENGTH, **slider(2, 30, 0.5, "%")}])
 
-_PERCENT = expects(
-    "a percentage from 0% to 50%",
-    type="string",
-    maxLength=40,
-    pattern=r"^\+?0*([0-9]|[1-4][0-9])(\.[0-9]*)? ?%$|^\+?0*50(\.0*)? ?%$",
-    **slider(0, 20, 0.5, "%"),
-)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Field(BodyEffect):
+class Field(EffectTool):
     """A field of wrinkles over a whole garment.
 
     Attributes:
@@ -103,10 +97,10 @@ class Field(BodyEffect):
         read=read_auto_length,
     )
     slack: float = key(
-        {**_PERCENT, "type": ["string", "null"]},
+        {**percentage(50, 20), "type": ["string", "null"]},
         "Part of its length that the surface loses before a fold rises. Default: the material's.",
         None,
-        read=lambda value: None if value is None else float(value.rstrip("% ")) / 100.0,
+        read=lambda value: None if value is None else read_percentage(value),
     )
     strength: float = key(
         {**number(0, 10), **slider(0, 2, 0.05)}, "Factor of the heights in all clips. Default 1.", 1.0, read=float
@@ -167,15 +161,6 @@ class Field(BodyEffect):
             found["node"], *found["beside"] = dict.fromkeys(found["node"])
             found["beside"] = tuple(found["beside"])
         return found
-
-    @property
-    def points(self) -> tuple[Point, ...]:
-        """None: it lies all over its mesh."""
-        return ()
-
-    def place_of(self, _number: int, *keys: str) -> str:
-        """The place of its mesh in the file."""
-        return self.place(*keys)
 
     @property
     def idle(self) -> bool:

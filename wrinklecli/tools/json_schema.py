@@ -40,6 +40,24 @@ def whole(low: int, high: int, *, slides: bool = False) -> Schema:
     return expects(f"a whole number from {low} to {high}", type="integer", minimum=low, maximum=high, **more)
 
 
+def percentage(most: int, slider_most: float) -> Schema:
+    """A percentage from 0 to another one, of two digits or 100, with the end of its slider."""
+    tens, ones = divmod(most, 10)
+    below = f"[0-9]|[1-{tens - 1}][0-9]" + (f"|{tens}[0-{ones - 1}]" if ones else "")
+    return expects(
+        f"a percentage from 0% to {most}%",
+        type="string",
+        maxLength=40,
+        pattern=rf"^\+?0*({below})(\.[0-9]*)? ?%$|^\+?0*{most}(\.0*)? ?%$",
+        **slider(0, slider_most, 0.5, "%"),
+    )
+
+
+def read_percentage(value: str) -> float:
+    """A percentage as a ratio."""
+    return float(value.rstrip("% ")) / 100.0
+
+
 def one_of(*words: str, none: bool = False) -> Schema:
     """One of these words; with `none`, YAML's null too."""
     return expects(" or ".join([", ".join(words[:-1]), words[-1]]), enum=[*words, *([None] if none else [])])

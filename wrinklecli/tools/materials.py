@@ -11,7 +11,7 @@ from typing import Any
 
 from wrinklecli.choices import MaterialName, Part
 from wrinklecli.frozen import dataclass
-from wrinklecli.tools.json_schema import Reader
+from wrinklecli.tools.json_schema import Reader, read_percentage
 from wrinklecli.tools.yaml_tree import plain_values
 
 # A tool without a material.
@@ -110,4 +110,4 @@ def with_material(
 
 
 def _ratio(percent: str | None) -> float | None:
-    return None if percent is None else float(percent.rstrip(" %")) / 100.0
+    return None if percent is None else read_percentage(percent)

@@ -8,7 +8,7 @@ import os
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import field, replace
-from typing import Any, ClassVar, Literal, Protocol, TypeAlias, get_args
+from typing import Any, ClassVar, Literal, TypeAlias, get_args
 
 from wrinklecli.choices import (
     CHANNELS,
@@ -46,6 +46,8 @@ from wrinklecli.tools.json_schema import (
     mapping_of,
     number,
     one_of,
+    percentage,
+    read_percentage,
     read_record,
     readers_of,
     schema_of,
@@ -402,60 +404,81 @@ def identifier(name: str) -> str:
     return re.sub(r"\W", "_", name)
 
 
-class EffectTool(Protocol):
-    """One effect of a tools file, of any kind, as far as a bake needs it to find the mesh."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EffectTool:
+    """One effect of a tools file, of any kind: the keys that all share; a mirrored one is an effect of its own.
+
+    Attributes:
+        mirrored: True if `mirror` made it.
+        where: Its place in the file for later errors, such as `tools.yaml:12: tools[0]`.
+        places: The places of its keys, such as those of `rest_length.morph`; see `place`.
+    """
+
+    name: str = key(TEXT, "Unique name; also when all but letters, digits and _ is replaced by _.", group="Place")
+    node: str | None = key(
+        {**TEXT, "type": ["string", "null"]}, "Node of the mesh; may be left out where one mesh deforms.", None
+    )
+    mirrored: bool = key(
+        one_of(*get_args(Axis), "none", none=True),
+        "Also make the one of the other side: this coordinate, as the file writes it, negated, left and right "
+        "exchanged in names. Default none.",
+        None,
+        name="mirror",
+        absent=False,
+    )
+    enabled: bool = key(FLAG, "false: checked but not baked. Default true.", True)
+    optional: bool = key(FLAG, "true: an absent node or clip is a note, not an error. Default false.", False)
+    where: str = ""
+    places: Mapping[tuple[str, ...], str] = field(default_factory=dict, hash=False, compare=False)
+
+    section: ClassVar[str]
+
+    @classmethod
+    def fields_of(cls, values: Mapping[str, Any], _known: Mapping[str, Preset]) -> dict[str, Any]:
+        """The fields that the keys of a file give."""
+        return {name: each for name, each in values.items() if name != "mirror"}
+
+    @classmethod
+    def of_material(cls, _values: Mapping[str, Any], _known: Mapping[str, Preset]) -> Mapping[str, Any]:
+        """What its material gives for other keys, as a file would write it; most kinds have no material."""
+        return {}
+
+    def place(self, *keys: str) -> str:
+        """The place of a key, for later errors, such as `tools.yaml:14: tools[0].node`."""
+        return self.places.get(keys, self.where)
+
+    def place_of(self, number: int, *keys: str) -> str:  # noqa: ARG002
+        """The place of a point in the file."""
+        return self.place(*keys)
 
     @property
-    def name(self) -> str:
-        """A unique name."""
-        ...
+    def points(self) -> tuple[Point, ...]:
+        """The points at which it lies on the mesh or below it, from its origin on."""
+        return ()
 
     @property
-    def node(self) -> str | None:
-        """The node of the mesh; None for the only one that deforms."""
-        ...
+    def identifier(self) -> str:
+        """The name in letters, digits and `_`, as in the morph targets `wrinkle_IDENTIFIER_1`; unique too."""
+        return identifier(self.name)
 
     @property
     def sections(self) -> tuple[str, ...]:
         """The kinds of effects that act for it, by their sections in extras and report, its own first."""
-        ...
-
-    @property
-    def optional(self) -> bool:
-        """True if an absent node or clip is a note, not an error."""
-        ...
-
-    @property
-    def where(self) -> str:
-        """The place in the file, such as `tools.yaml:12: tools[0]`."""
-        ...
-
-    @property
-    def points(self) -> tuple[Point, ...]:
-        """The points at which the effect lies on the mesh or below it, from its origin on."""
-        ...
+        return (self.section,)
 
     @property
     def idle(self) -> bool:
         """True if nothing would be seen of it: its strength is 0 in every clip."""
-        ...
+        return False
 
     @property
     def named_clips(self) -> Sequence[tuple[str, tuple[str, ...]]]:
-        """The names of clips that the effect asks for, each with the path of its key."""
-        ...
-
-    def place(self, *keys: str) -> str:
-        """The place of a key in the file."""
-        ...
-
-    def place_of(self, number: int, *keys: str) -> str:
-        """The place of a point in the file."""
-        ...
+        """The names of clips that it asks for, each with the path of its key."""
+        return ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class WrinkleTool:
+class WrinkleTool(EffectTool):
     """One wrinkling tool, with defaults and its material applied; mirrored tools are tools of their own.
 
     Attributes:
@@ -464,16 +487,11 @@ class WrinkleTool:
         material: None for none; as for `seed`, `max_height` (no limit), `lag`, `contact` and `mask`.
         compressible: From 0 to 0.95.
         details: Each > 0, their sum < 1.
-        mirrored: True if `mirror` made it.
-        where: Its place in the file for later errors, such as `tools.yaml:12: tools[0]`.
-        places: The places of its keys, such as those of `rest_length.morph`; see `place`.
         bump_height: Highest point of a bump relative to its width at rest, for `max_height: auto`.
     """
 
-    name: str = key(TEXT, "Unique name; also when all but letters, digits and _ is replaced by _.", group="Place")
-    node: str | None = key(
-        {**TEXT, "type": ["string", "null"]}, "Node of the mesh; may be left out where one mesh deforms.", None
-    )
+    section: ClassVar[str] = "tools"
+
     origin: Position | Marker = key(
         ANCHOR, "Where the wrinkles begin: world space at rest in scene units, or {marker: NODE}.", read=read_anchor
     )
@@ -486,14 +504,6 @@ class WrinkleTool:
         read=read_anchors,
         name="path",
         absent=(),
-    )
-    mirrored: bool = key(
-        one_of(*get_args(Axis), "none", none=True),
-        "Also make the tool of the other side: this coordinate, as the file writes it, negated, left and right "
-        "exchanged in names. Default none.",
-        None,
-        name="mirror",
-        absent=False,
     )
     snap: Snap = key(
         one_of(*get_args(Snap)),
@@ -534,8 +544,6 @@ class WrinkleTool:
         None,
         read=read_mask_of,
     )
-    enabled: bool = key(FLAG, "false: checked but not baked. Default true.", True)
-    optional: bool = key(FLAG, "true: an absent node or clip is a note, not an error. Default false.", False)
     material: str | None = key(
         expects(_MATERIALS, type=["string", "null"], minLength=1, examples=[*presets(), "none", None]),
         "What wrinkles: a substance or a preset, which gives other keys other defaults. Default none.",
@@ -601,18 +609,12 @@ class WrinkleTool:
         read=float,
     )
     compressible: float = key(
-        expects(
-            "a percentage from 0% to 95%",
-            type="string",
-            maxLength=40,
-            pattern=r"^\+?0*([0-9]|[1-8][0-9]|9[0-4])(\.[0-9]*)? ?%$|^\+?0*95(\.0*)? ?%$",
-            **slider(0, 95, 0.5, "%"),
-        ),
+        percentage(95, 95),
         "Share of every shortening that the tissue takes itself; the rest makes wrinkles. Default 0%, or the "
         "material's.",
         "0%",
         group="Motion",
-        read=lambda value: float(value.rstrip(" %")) / 100.0,
+        read=read_percentage,
     )
     strength: float = key(
         _STRENGTH, "Factor of the height; negative is inward; not 1 gives up length. Default 1.", 1.0, read=float
@@ -654,8 +656,6 @@ class WrinkleTool:
         "off",
         read=read_contact,
     )
-    where: str = ""
-    places: Mapping[tuple[str, ...], str] = field(default_factory=dict, hash=False, compare=False)
     bump_height: float = PLAIN_HEIGHT
 
     @classmethod
@@ -674,10 +674,6 @@ class WrinkleTool:
             return {}
         return {**material.keys, "bumps": material.bumps(values.get("gap", material.keys.get("gap", 0)))}
 
-    def place(self, *keys: str) -> str:
-        """The place of a key, for later errors, such as `tools.yaml:14: tools[0].node`."""
-        return self.places.get(keys, self.where)
-
     @property
     def points(self) -> tuple[Position | Marker, ...]:
         """All points from origin to target."""
@@ -693,14 +689,9 @@ class WrinkleTool:
         return self.place(*given, *keys)
 
     @property
-    def identifier(self) -> str:
-        """The name in letters, digits and `_`, as in the morph targets `wrinkle_IDENTIFIER_1`; unique too."""
-        return identifier(self.name)
-
-    @property
     def sections(self) -> tuple[str, ...]:
         """Wrinkles, and folds where contact keeps them apart."""
-        return ("tools",) if self.contact is None else ("tools", "folds")
+        return (self.section,) if self.contact is None else (self.section, "folds")
 
     @property
     def idle(self) -> bool:
