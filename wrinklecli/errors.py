@@ -1,13 +1,17 @@
 """The errors that users can mend: one flat tree, which the command line turns into lines and exit codes."""
 
 import difflib
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from typing import TypeVar
 
 _LONGEST = 600  # characters of a message, and of its place
 _MOST_LINES = 50  # lines of an error: a screen; who mends these sees the others
 _MOST_LISTED = 20  # names in a message
 _MOST_NAMES = 1000  # among which a hint is searched
 _LONGEST_NAME = 100  # characters of a name for a hint; people type no longer ones
+
+Item = TypeVar("Item")
+Made = TypeVar("Made")
 
 
 class WrinkleError(Exception):
@@ -55,6 +59,25 @@ class WrinkleError(Exception):
             kept["", f"and {more:,} more"] = None
         error.places, error.lines, error.more = *zip(*kept, strict=True), more
         return error
+
+    @classmethod
+    def every(cls, make: Callable[[Item], Made], items: Iterable[Item]) -> list[Made]:
+        """Make something of every item.
+
+        Raises:
+            WrinkleError: Some cannot be made; it has the problems of all items.
+        """
+        found: list[Made] = []
+        problems: list[WrinkleError] = []
+        for item in items:
+            try:
+                found.append(make(item))
+            except WrinkleError as error:
+                problems.append(error)
+        if problems:
+            # A fault of the whole file is a fault of each item.
+            raise problems[0] if len({str(each) for each in problems}) == 1 else cls.of_all(problems)
+        return found
 
 
 class ConfigError(WrinkleError):

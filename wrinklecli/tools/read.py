@@ -8,6 +8,7 @@ valid keys become records: tools inherit defaults, mirrored tools are made, and 
 import os
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence, Set
 from dataclasses import replace
+from functools import partial
 from itertools import chain, pairwise
 from typing import Any, TypeAlias
 
@@ -395,16 +396,9 @@ def load_merged(paths: Sequence[str | os.PathLike[str]], *, external: bool = Fal
     Raises:
         ConfigError: All problems of the files; or two files share a tool's name, or differ in their other keys.
     """
-    files, problems = [], []
-    for path in paths:
-        try:
-            files.append(load_tools(path, external=external))
-        except ConfigError as error:
-            problems.append(error)
-    if problems:
-        raise ConfigError.of_all(problems)
-    merged = files[0]
-    for each in files[1:]:
+    merged, *others = ConfigError.every(partial(load_tools, external=external), paths)
+    problems: list[ConfigError] = []
+    for each in others:
         problems += _differences(merged, each)
         said = {key: getattr(each, key) for key in _SHARED if (key,) in each.places}
         lists: dict[str, Any] = {key: (*getattr(merged, key), *getattr(each, key)) for key in ToolsFile.LISTS}

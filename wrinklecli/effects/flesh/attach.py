@@ -15,7 +15,7 @@ from wrinklecli.effects.flesh.kept import swings_of
 from wrinklecli.effects.flesh.mask import softness_of
 from wrinklecli.effects.flesh.report import region_warnings
 from wrinklecli.effects.flesh.tissue import Body, NoFleshError, Place, Swings
-from wrinklecli.errors import BakeError, WrinkleError, listed, nearest
+from wrinklecli.errors import BakeError, listed, nearest
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, determinants, inverses, smoothstep
 from wrinklecli.numeric.closest import Tree, nearest_of
@@ -107,25 +107,18 @@ def attach_flesh(tools: Sequence[EffectTool], ground: Ground, settings: ToolsFil
     Raises:
         WrinkleError: Regions do not fit, a line for each.
     """
-    found: list[AttachedFlesh] = []
-    problems: list[WrinkleError] = []
     carriers: dict[int, Ground] = {}
-    for tool in tools:
-        if isinstance(tool, Flesh):
-            try:
-                if tool.carrier is None:
-                    found.append(_attach(tool, ground, settings))
-                    continue
-                if tool.carrier not in carriers:
-                    carriers[tool.carrier] = read_ground(
-                        ground.document, tool.carrier, [tool], settings, ground.clips, neighbours=ground.neighbours
-                    )
-                found.append(_attach_over(tool, carriers[tool.carrier], ground, settings))
-            except WrinkleError as error:
-                problems.append(error)
-    if problems:
-        raise BakeError.of_all(problems)
-    return found
+
+    def attach(tool: Flesh) -> AttachedFlesh:
+        if tool.carrier is None:
+            return _attach(tool, ground, settings)
+        if tool.carrier not in carriers:
+            carriers[tool.carrier] = read_ground(
+                ground.document, tool.carrier, [tool], settings, ground.clips, neighbours=ground.neighbours
+            )
+        return _attach_over(tool, carriers[tool.carrier], ground, settings)
+
+    return BakeError.every(attach, (tool for tool in tools if isinstance(tool, Flesh)))
 
 
 def _attach(tool: Flesh, ground: Ground, settings: ToolsFile) -> AttachedFlesh:

@@ -14,7 +14,7 @@ from wrinklecli.effects.attached import Moves, WithoutSegment
 from wrinklecli.effects.muscle.region import Bulge, bulges_on
 from wrinklecli.effects.muscle.shapes import Belly, RefinedSkin, displaced, modes_of
 from wrinklecli.effects.muscle.volume import ACTIVATION, FULLEST, SHORTEST, ConstantVolume
-from wrinklecli.errors import BakeError, WrinkleError, listed, nearest
+from wrinklecli.errors import BakeError, listed, nearest
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.surface.bones import BoneLines, carried_by
@@ -122,16 +122,8 @@ def attach_muscles(
     Raises:
         WrinkleError: Muscles do not fit, a line for each.
     """
-    found, problems = [], []
     bones = BoneLines.of(ground)
-    for muscle in muscles:
-        try:
-            found.append(_attach(muscle, ground, bones, swelling))
-        except WrinkleError as error:
-            problems.append(error)
-    if problems:
-        raise BakeError.of_all(problems)
-    return found
+    return BakeError.every(lambda muscle: _attach(muscle, ground, bones, swelling), muscles)
 
 
 def _attach(muscle: Muscle, ground: Ground, bones: BoneLines, swelling: Container[str | None]) -> AttachedMuscle:

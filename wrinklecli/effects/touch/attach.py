@@ -15,7 +15,7 @@ from wrinklecli.effects.touch.disc import Disc, disc_on
 from wrinklecli.effects.touch.patch import Patch
 from wrinklecli.effects.touch.rings import Rings, plan_rings
 from wrinklecli.effects.touch.skin import Hold, Place, hold_of, slides_on, slides_on_surface
-from wrinklecli.errors import BakeError, WrinkleError
+from wrinklecli.errors import BakeError
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, inverses, singular, smoothstep, unit
 from wrinklecli.numeric.membrane import stretches
@@ -129,15 +129,7 @@ def attach_touches(touches: Sequence[Touch], ground: Ground, settings: ToolsFile
     Raises:
         WrinkleError: Touches do not fit, a line for each.
     """
-    found, problems = [], []
-    for tool in touches:
-        try:
-            found.append(_attach(tool, ground, settings))
-        except WrinkleError as error:
-            problems.append(error)
-    if problems:
-        raise BakeError.of_all(problems)
-    return found
+    return BakeError.every(lambda tool: _attach(tool, ground, settings), touches)
 
 
 def _attach(tool: Touch, ground: Ground, settings: ToolsFile) -> AttachedTouch:

@@ -25,7 +25,7 @@ from wrinklecli.effects.wrinkle.curve import ControlCurve, plan_curve
 from wrinklecli.effects.wrinkle.demand import demand_of
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.effects.wrinkle.variation import Variation, plan_variation
-from wrinklecli.errors import BakeError, WrinkleError, listed, nearest
+from wrinklecli.errors import BakeError, listed, nearest
 from wrinklecli.numeric.arrays import Ints, components, face_normals, unit
 from wrinklecli.numeric.closest import ROUNDING, meets_box
 from wrinklecli.numeric.intersections import sides_of
@@ -51,15 +51,7 @@ def attach_tools(
     Raises:
         WrinkleError: Tools do not fit, a line for each.
     """
-    patches, problems = [], []
-    for tool in tools:
-        try:
-            patches.append(_laid(_attach(tool, surface, rest, rig, up), surface, rest, rig, clips))
-        except WrinkleError as error:
-            problems.append(error)
-    if problems:
-        raise BakeError.of_all(problems)
-    return patches
+    return BakeError.every(lambda tool: _laid(_attach(tool, surface, rest, rig, up), surface, rest, rig, clips), tools)
 
 
 def _attach(tool: WrinkleTool, surface: Surface, rest: Rest, rig: Rig, up: str) -> Patch:

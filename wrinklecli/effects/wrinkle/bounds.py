@@ -10,7 +10,7 @@ import numpy as np
 
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.effects.wrinkle.reach import Reach
-from wrinklecli.errors import BakeError, WrinkleError
+from wrinklecli.errors import BakeError
 from wrinklecli.numeric.arrays import Bools, Floats, distinct_values, face_normals, unit
 from wrinklecli.numeric.edges import Edges
 from wrinklecli.surface.features import Nearest, cut_at_features, surface_distances
@@ -30,16 +30,7 @@ def bounded(patches: Sequence[Patch], ground: Ground) -> list[Patch]:
     Raises:
         WrinkleError: Masks do not fit, a line for each.
     """
-    found: list[Patch] = []
-    problems: list[WrinkleError] = []
-    for patch in patches:
-        try:
-            found.append(_masked(_stopped(patch, ground), ground))
-        except WrinkleError as error:
-            problems.append(error)
-    if problems:
-        raise BakeError.of_all(problems)
-    return found
+    return BakeError.every(lambda patch: _masked(_stopped(patch, ground), ground), patches)
 
 
 def _stopped(patch: Patch, ground: Ground) -> Patch:

@@ -135,17 +135,13 @@ class WrinkleKind(EffectKind):
         Raises:
             BakeError: Tools move no vertex, a line for each.
         """
-        carried, problems = [], []
+
+        def carried(patch: Patch) -> CarriedPatch:
+            lowered = creased(carry(patch, plan.fine, ground.contacts.held), plan.fine, plan.rest, plan.rig)
+            return demanding(lowered, plan.fine, plan.rig)
+
         patches = {number: each for number, each in attached if isinstance(each, Patch)}
-        for patch in patches.values():
-            try:
-                lowered = creased(carry(patch, plan.fine, ground.contacts.held), plan.fine, plan.rest, plan.rig)
-                carried.append(demanding(lowered, plan.fine, plan.rig))
-            except BakeError as error:
-                problems.append(error)
-        if problems:
-            raise BakeError.of_all(problems)
-        return WrinkleLayer(tuple(carried), min(patches))
+        return WrinkleLayer(tuple(BakeError.every(carried, patches.values())), min(patches))
 
     def lines(self, entry: Json) -> list[str]:
         """The lines of a tool, and tables of its bumps and clips."""
