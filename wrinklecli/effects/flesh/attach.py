@@ -12,7 +12,6 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.drive.swing import GRAVITY, Mode, SwingDrive
 from wrinklecli.effects.attached import Moves, WithoutSegment
 from wrinklecli.effects.flesh.kept import swings_of
-from wrinklecli.effects.flesh.mask import softness_of
 from wrinklecli.effects.flesh.report import region_warnings
 from wrinklecli.effects.flesh.tissue import Body, NoFleshError, Place, Swings
 from wrinklecli.errors import BakeError, listed, nearest
@@ -21,6 +20,7 @@ from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, determina
 from wrinklecli.numeric.closest import Tree, nearest_of
 from wrinklecli.numeric.spring import Spring
 from wrinklecli.surface.ground import Ground, read_ground
+from wrinklecli.surface.mask import read_mask
 from wrinklecli.surface.region import Region
 from wrinklecli.surface.rest import Rest, asked_positions
 from wrinklecli.tools.body import Flesh
@@ -124,7 +124,7 @@ def attach_flesh(tools: Sequence[EffectTool], ground: Ground, settings: ToolsFil
 def _attach(tool: Flesh, ground: Ground, settings: ToolsFile) -> AttachedFlesh:
     rest, rig = ground.rest, ground.rig
     named = _named_joint(tool, ground)
-    place = _place(tool, ground, settings, softness_of(tool, ground, named if tool.at is None else None))
+    place = _place(tool, ground, settings, _softness(tool, ground, named if tool.at is None else None))
     joint = _joint_at(ground, place) if named is None else named
     body = Body(rest.positions, rest.triangles, _bones(ground))
     try:
@@ -318,3 +318,25 @@ def _fading(ground: Ground, contacts: Bools, chosen: Ints, width: float) -> Floa
         return np.ones(len(chosen))
     distances, _ = nearest_of(ground.rest.positions[held], ground.rest.positions[chosen])
     return smoothstep(np.clip(distances / width, 0.0, 1.0))
+
+
+def _softness(tool: Flesh, ground: Ground, joint: int | None) -> Floats | None:
+    """(vertices,) factors from 0 to 1 of a region on the coarse skin; None if its ball alone says where it is.
+
+    Args:
+        tool: The region.
+        ground: The mesh at rest.
+        joint: The index of the joint whose skin is the region; None if the region is elsewhere.
+
+    Raises:
+        WrinkleError: The mask is missing or malformed.
+    """
+    surface = ground.surface
+    soft = None
+    if joint is not None:
+        soft = surface.dense_weights(np.arange(len(surface.positions)), len(ground.rig.joints))[:, joint]
+    mask = read_mask(tool, ground, np.arange(len(surface.triangles)))
+    if mask is None:
+        return soft
+    painted = mask.welded(surface.weld, len(surface.positions))
+    return painted if soft is None else painted * soft

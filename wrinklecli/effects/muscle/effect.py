@@ -6,16 +6,18 @@ from typing import ClassVar
 
 import numpy as np
 
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.pose import morph_weights
 from wrinklecli.effects.body import BodyWords, body_effect, body_shapes, moves_at_rest
 from wrinklecli.effects.effect import Effect, MeshPlan, Remixes, Seen, named_targets
 from wrinklecli.effects.muscle.attach import AttachedMuscle
-from wrinklecli.effects.muscle.meeting import passes_through
 from wrinklecli.effects.muscle.volume import SHORTEST, THINNEST
 from wrinklecli.effects.shapes import summed
 from wrinklecli.errors import listed
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Floats, significant
+from wrinklecli.numeric.arrays import Floats, Ints, significant
+from wrinklecli.numeric.intersections import Crossings
 from wrinklecli.tools.body import Muscle
 from wrinklecli.tools.records import in_axes
 
@@ -32,6 +34,9 @@ _LEAST_DEEP = 0.1
 _DIGITS = 12
 # Change of a muscle's length over that at rest below which it does nothing that one would see.
 _LEAST_CHANGE = 1e-3
+# Distance from the insertion up to which a bulge may meet other skin, over the muscle's length: a forearm folds onto
+# the upper arm, which is about as long.
+_REACH = 1.5
 
 
 def muscle_effect(plan: MeshPlan, attached: AttachedMuscle, deltas: Floats) -> Effect:
@@ -179,10 +184,45 @@ class MuscleWords(BodyWords[AttachedMuscle], Remixes):
             return []
         motion, state, _ = clips[number]
         time = float(motion.times[int(np.argmin(np.where(state.active, state.distances, np.inf)))])
-        deep = passes_through(plan, self.attached, self.deltas, motion.clip, time)
+        deep = _passes_through(plan, self.attached, self.deltas, motion.clip, time)
         if deep <= _LEAST_DEEP * self.height:
             return []
         return [
             f"{self.name}: passes through other skin in {motion.clip.name!r} at {time:.3g} s, which it lifts by up to"
             f" {deep:.3g} there; a tool over the joint with `contact: resolve` keeps both apart, or a lower thickness"
         ]
+
+
+def _passes_through(plan: MeshPlan, attached: AttachedMuscle, deltas: Floats, clip: Clip, time: float) -> float:
+    """The farthest that a muscle moves skin that passes through other skin at a time, and does not without the muscle.
+
+    Args:
+        plan: The mesh.
+        attached: The muscle.
+        deltas: (targets, fine vertices, 3) its displacements at weight 1, bind space.
+        clip: A clip.
+        time: Seconds.
+
+    Returns:
+        Scene units; 0 if none does.
+    """
+    fine, rig, belly = plan.fine, plan.rig, attached.belly
+    near = ((fine.rest_positions - belly.insertion) ** 2).sum(axis=1) < (_REACH * belly.span) ** 2
+    chosen = np.flatnonzero(near)
+    moved = np.any(deltas[:, chosen], axis=(0, 2))
+    mesh, now = fine.skinned(rig, chosen), np.array([time])
+    shown = morph_weights(rig, clip, now)
+    relaxed = shown.copy()
+    relaxed[:, [rig.morph_names.index(name) for name in attached.drive.targets]] = 0.0
+    flexed, flat = (mesh.posed(clip, now, weights=each).positions[0] for each in (shown, relaxed))
+    crossings = Crossings.of(fine.rest_positions[chosen], mesh.triangles)
+    # Most muscles meet nothing, so that the skin without them need not be looked at.
+    after = _pairs(crossings.at(flexed, counting=moved))
+    new = np.array(sorted(after - _pairs(crossings.at(flat, counting=moved))) if after else [], np.intp).reshape(-1, 2)
+    corners = np.concatenate([crossings.edges[new[:, 0]].ravel(), mesh.triangles[new[:, 1]].ravel()])
+    return float(np.sqrt(((flexed - flat)[corners] ** 2).sum(axis=1)).max(initial=0.0))
+
+
+def _pairs(found: tuple[Ints, Ints]) -> set[tuple[int, int]]:
+    """The pairs of an edge and a triangle."""
+    return set(zip(*(part.tolist() for part in found), strict=True))

@@ -12,9 +12,8 @@ from wrinklecli.drive.touch import TouchDrive, turned
 from wrinklecli.effects.attached import Drag, Moves, WithoutSegment
 from wrinklecli.effects.touch.bending import LEAST_CHANGE, Bending, bending_of
 from wrinklecli.effects.touch.disc import Disc, disc_on
-from wrinklecli.effects.touch.patch import Patch
 from wrinklecli.effects.touch.rings import Rings, plan_rings
-from wrinklecli.effects.touch.skin import Hold, Place, hold_of, slides_on, slides_on_surface
+from wrinklecli.effects.touch.skin import Hold, Patch, Place, hold_of, slides_on, slides_on_surface
 from wrinklecli.errors import BakeError
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, inverses, singular, smoothstep, unit

@@ -8,18 +8,12 @@ from PIL import Image, ImageDraw
 from wrinklecli.character.paints import Colour
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.pixels import Bytes
-from wrinklecli.review.preview.overlay import Placed
+from wrinklecli.review.preview.overlay import INK, PAPER, RED, RULE, Placed
 from wrinklecli.review.preview.peaks import Fact
 from wrinklecli.review.preview.sheet_layout import cut_to, font_of, labelled, rgb_bytes
 
-# Colours of the sheet, of its cards and of their frames, 8-bit sRGB.
-_PAGE = (238, 240, 243)
-_CARD = (255, 255, 255)
-_RULE = (214, 219, 226)
-# Colours of names, of facts and of alarming facts, 8-bit sRGB.
-_DARK = (34, 40, 48)
-_GREY = (92, 100, 112)
-_ALARM = (176, 70, 0)
+# Colours of names and of facts, 8-bit sRGB.
+_DARK, _GREY = rgb_bytes(INK), (92, 100, 112)
 # Pixels between cards, and around them.
 _GAP = 12
 # Pixels between the two pictures of a card.
@@ -59,7 +53,7 @@ class CardSheet:
         self._rows = facts
         self._size = size
         self._text = text_size(size)
-        self.image = Image.new("RGB", cards_size(columns, rows, size, facts), _PAGE)
+        self.image = Image.new("RGB", cards_size(columns, rows, size, facts), rgb_bytes(PAPER))
         pen, font = ImageDraw.Draw(self.image), font_of(self._text + 1)
         pen.text((_GAP + 2, _GAP), cut_to(self.image.width - 2 * _GAP, title, font), fill=_DARK, font=font)
 
@@ -70,7 +64,7 @@ class CardSheet:
         left = _GAP + column * (width + _GAP)
         top = _title_height(self._size) + row * (height + _GAP)
         pen = ImageDraw.Draw(self.image)
-        pen.rectangle((left - 1, top - 1, left + width, top + height), fill=_CARD, outline=_RULE)
+        pen.rectangle((left - 1, top - 1, left + width, top + height), fill="white", outline=rgb_bytes(RULE))
         for place, each in enumerate(card.pictures):
             cell = labelled(each.pixels, each.label, font_of(self._text), each.words)
             self.image.paste(cell, (left + place * (self._size[0] + _SLIT), top))
@@ -98,7 +92,7 @@ class CardSheet:
                 text = cut_to(left + width - at, lead + fact.text, small)
                 if fact.alarming and text != "…":
                     pen.text((at, line), lead, fill=_GREY, font=small)
-                    pen.text((at + small.getlength(lead), line), text[len(lead) :], fill=_ALARM, font=small)
+                    pen.text((at + small.getlength(lead), line), text[len(lead) :], fill=rgb_bytes(RED), font=small)
                 else:
                     pen.text((at, line), text, fill=_GREY, font=small)
                 at += small.getlength(text)

@@ -2,13 +2,12 @@
 
 import numpy as np
 
+from wrinklecli.character.paints import Colour
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints
 from wrinklecli.review.preview.camera import project
 from wrinklecli.review.preview.rays import unit_rows
 
-# Colour of the triangles' edges, sRGB.
-INK = np.array((0.05, 0.07, 0.12), np.float32)
 # Half the width of a crest's line, pixels.
 _CREST = 1.2
 # Opacity of a crest's line.
@@ -103,9 +102,9 @@ def _inverses(matrices: Array) -> Array:
     return inverses
 
 
-def blend(colours: Array, opacities: Array, ink: Array, rows: Ints | slice = slice(None)) -> None:
+def blend(colours: Array, opacities: Array, ink: Colour, rows: Ints | slice = slice(None)) -> None:
     """Blend an ink over some colours, in place."""
-    colours[rows] += opacities[:, None] * (ink - colours[rows])
+    colours[rows] += opacities[:, None] * (np.array(ink, np.float32) - colours[rows])
 
 
 def edge_cover(projected: Array, places: Array, triangles: Ints) -> Array:
@@ -152,4 +151,4 @@ def draw_mark(colours: Array, drawn: ProjectedMark, triangles: Ints, weights: Ar
     covered = np.where(mark.inside[rows], np.where(end < _RING_INSIDE, tint, np.maximum(tint, lines)), 0.0)
     ends = np.maximum(np.clip(_DOT - start, 0, 1), np.clip(_RING_LINE - np.abs(end - _RING), 0, 1))
     covered = np.maximum(covered, ends).astype(np.float32)
-    blend(colours, covered, np.array(mark.colour, np.float32), here)
+    blend(colours, covered, mark.colour, here)

@@ -14,7 +14,7 @@ from wrinklecli.character.pose import node_matrices
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.review.preview.camera import Camera
 from wrinklecli.review.preview.moments import Moment
-from wrinklecli.review.preview.overlay import Dot, Overlay, Placed, Stroke, Word
+from wrinklecli.review.preview.overlay import INK, RULE, Dot, Overlay, Placed, Stroke, Word
 from wrinklecli.review.preview.shown import ShownAsset
 
 # The axes x, y and z of a tools file as rows in glTF's axes, by the file's up axis.
@@ -22,10 +22,6 @@ _AXES = {"y": np.eye(3), "z": np.array(((1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0,
 _NAMES = "xyz"
 # Colours of the x, y and z axes, sRGB.
 _INKS: tuple[Colour, ...] = ((0.80, 0.16, 0.16), (0.16, 0.55, 0.16), (0.16, 0.33, 0.88))
-# Colour of the lines of the grid, sRGB.
-_RULE = (0.74, 0.78, 0.83)
-# Colour of the ruler's ticks and numbers, sRGB.
-_INK = (0.25, 0.29, 0.34)
 # Colour of joints and their names, sRGB.
 _BONE = (0.36, 0.12, 0.55)
 # Half the greatest number of labels of a ruler.
@@ -123,17 +119,17 @@ def _ruled(camera: Camera, size: tuple[int, int], axes: Floats, across: int, num
     tick = 2 * _TICK / height
     digit = round(step / 10 ** math.floor(math.log10(step) + _ROUNDING))
     for value in _ticks(middle - reach, middle + reach, step / _PARTS[digit]):
-        strokes.append(line(value, -far, -far + tick, _INK, 1.0, 1.0))
+        strokes.append(line(value, -far, -far + tick, INK, 1.0, 1.0))
     # The line of coordinate 0 is the other axis.
     beside = next(k for k in range(3) if abs(axes[k] @ camera.axes[1 - across]) > 0.5)
     for value in _ticks(middle - reach, middle + reach, step):
         zero = abs(value) < step / 2
-        colour, weight = (_INKS[beside], _AXIS_WIDTH) if zero else (_RULE, _LINE_WIDTH)
+        colour, weight = (_INKS[beside], _AXIS_WIDTH) if zero else (RULE, _LINE_WIDTH)
         strokes.append(line(value, -far, far, colour, weight, 0.45))
-        strokes.append(line(value, -far, -far + 2 * tick, _INK, 1.2, 1.0))
+        strokes.append(line(value, -far, -far + 2 * tick, INK, 1.2, 1.0))
         at = size[across] / 2 + (1, -1)[across] * sign * (value - middle) * pixels
         if _SPACE / 2 < (at if across == 0 else height - at) < size[across] - _SPACE / 2:
-            labels.append(_beside(across, at, height, _label(value, step), _INK))
+            labels.append(_beside(across, at, height, _label(value, step), INK))
     # At the end to which the axis points stands its name, and no number.
     end = size[across] - _SPACE / 4 if (sign > 0) == (across == 0) else _SPACE / 4
     labels.append(_beside(across, end, height, f"+{_NAMES[number]}", _INKS[number]))
@@ -168,7 +164,7 @@ def _boxed(asset: ShownAsset, moment: Moment, camera: Camera, size: tuple[int, i
             ends[:, along] = value
             ends[:, across] = low[across], high[across]
             zero = abs(value) < step / 2
-            colour, weight = (_INKS[across], _AXIS_WIDTH) if zero else (_RULE, _LINE_WIDTH)
+            colour, weight = (_INKS[across], _AXIS_WIDTH) if zero else (RULE, _LINE_WIDTH)
             strokes.append(Stroke(ends @ axes, colour, weight, 0.25))
             words.append(Word(np.where(np.arange(3) == along, value, near) @ axes, _label(value, step), _INKS[along]))
     post = near.copy()

@@ -15,14 +15,12 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, Ints, diagonal
 from wrinklecli.review.preview.apply import PlannedTools, RefusedTool
 from wrinklecli.review.preview.moments import Moment
-from wrinklecli.review.preview.overlay import Dot, Overlay, Stroke, Word
+from wrinklecli.review.preview.overlay import RED, Dot, Overlay, Stroke, Word
 from wrinklecli.review.preview.shown import ShownAsset
 from wrinklecli.surface.anchor import is_far, segment_at
 from wrinklecli.surface.rest import Rest, asked_positions, rest_pose
 from wrinklecli.tools.records import WrinkleTool
 
-# Colour of tools that do not fit, sRGB.
-RED = (0.89, 0.0, 0.0)
 # Points farther from the mesh than this are not framed, over the asset's size.
 _FARTHEST = 1.0
 # Angle by which a view looks past the ends, so that their distance from the mesh shows, degrees.

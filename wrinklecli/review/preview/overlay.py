@@ -12,6 +12,12 @@ from wrinklecli.numeric.arrays import Array, Floats
 from wrinklecli.review.preview.camera import Camera, project
 from wrinklecli.review.preview.rays import TracedSurface, in_sight
 
+# Colours of pictures and of what is drawn on them, sRGB: the background, words and rulers, thin lines and frames, and
+# what is wrong or looked at.
+PAPER = (0.93, 0.94, 0.95)
+INK = (0.16, 0.19, 0.23)
+RULE = (0.74, 0.78, 0.83)
+RED = (0.89, 0.0, 0.0)
 # Points of a stroke for each pixel of its length, so that it has no gaps.
 _POINTS = 2.0
 # The greatest number of points of a stroke, because one that leaves the picture may be very long.

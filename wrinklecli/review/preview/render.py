@@ -9,15 +9,13 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.pixels import Bytes, srgb
 from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints
 from wrinklecli.review.preview.camera import Camera, project
-from wrinklecli.review.preview.draw import INK, Mark, ProjectedMark, blend, draw_mark, edge_cover, project_mark
+from wrinklecli.review.preview.draw import Mark, ProjectedMark, blend, draw_mark, edge_cover, project_mark
 from wrinklecli.review.preview.light import REACH, light_up
 from wrinklecli.review.preview.opacity import Opacities
-from wrinklecli.review.preview.overlay import NOTHING, Overlay, draw_overlay
+from wrinklecli.review.preview.overlay import INK, NOTHING, PAPER, Overlay, draw_overlay
 from wrinklecli.review.preview.preview_options import PLAIN, Style
 from wrinklecli.review.preview.rays import Hits, TracedSurface, first_hits, trace
 
-# Background, sRGB.
-PAPER = (0.93, 0.94, 0.95)
 # Primary rays along each axis of a pixel where one ray is not enough.
 _SAMPLES = 2
 # Pixels that are rendered at once: caches hold their arrays, and memory does not grow with the picture.

@@ -21,13 +21,13 @@ from wrinklecli.review.preview.cards import Card, CardSheet, Picture, cards_size
 from wrinklecli.review.preview.checker import checked
 from wrinklecli.review.preview.framing import NO_TRIANGLES, ONE_POINT, View, place_of, plan_views
 from wrinklecli.review.preview.heat import HEAT, heat_colours
-from wrinklecli.review.preview.misfits import RED, Misfit, find_misfits, misfit_overlay, misfit_points
+from wrinklecli.review.preview.misfits import Misfit, find_misfits, misfit_overlay, misfit_points
 from wrinklecli.review.preview.moments import Moment
-from wrinklecli.review.preview.overlay import Placed, placed_words
+from wrinklecli.review.preview.overlay import INK, RED, RULE, Placed, placed_words
 from wrinklecli.review.preview.peaks import FIELDS, TOOLS, Fact, Peak, baked_peaks_of, planned_peaks
 from wrinklecli.review.preview.preview_options import PreviewOptions, Style
 from wrinklecli.review.preview.render import Snapshot, render
-from wrinklecli.review.preview.sheet_layout import Drawn, refuse_large
+from wrinklecli.review.preview.sheet_layout import Drawn, refuse_large, rgb_bytes
 from wrinklecli.review.preview.shown import INKS, ShownAsset, read_shown, take_snapshot
 from wrinklecli.review.preview.sides import Side, best_light, best_moment, best_side, side_above
 from wrinklecli.tools.records import ToolsFile
@@ -54,13 +54,8 @@ _LEAST_INSET = 32
 _INSET_SHOWS = 2.0
 # Factor of the camera's distance in an inset.
 _INSET_MARGIN = 1.05
-# Colours of an inset's edge, and of the frame in it, 8-bit sRGB.
-_EDGE = (150, 156, 165)
-_FRAME = (200, 30, 30)
 # Labels of the pictures of what folds a field, and how.
 _MEASURED = ("compression", "crests")
-# Colour of the words beside a legend, sRGB.
-_LEGEND_INK = (0.13, 0.16, 0.19)
 # Pixels around the asset in an inset, and the least half side of the frame.
 _INSET_GAP = 3
 
@@ -288,7 +283,7 @@ def _draw_legend(pixels: Bytes) -> tuple[Placed, ...]:
     pixels[bottom - side : bottom, right - long : right] = bar
     middle = bottom - side / 2
     ends = ((right - long - side, "0 %", "rm"), (right + side / 2, f"{100 * top:.0f} %", "lm"))
-    return tuple(Placed((x, middle), word, _LEGEND_INK, anchor) for x, word, anchor in ends)
+    return tuple(Placed((x, middle), word, INK, anchor) for x, word, anchor in ends)
 
 
 def with_inset(pixels: Bytes, snapshot: Snapshot, camera: Camera, style: Style) -> Bytes:
@@ -312,11 +307,11 @@ def with_inset(pixels: Bytes, snapshot: Snapshot, camera: Camera, style: Style) 
         np.clip(np.round(middle + sign * np.maximum(reach, _INSET_GAP)), 0, side - 1).astype(int)
         for sign in (-1.0, 1.0)
     )
-    _outline(small[low[1] : high[1] + 1, low[0] : high[0] + 1], _FRAME)
+    _outline(small[low[1] : high[1] + 1, low[0] : high[0] + 1], rgb_bytes(RED))
     first = max(min(int(drawn.min(initial=side)), low[0]) - _INSET_GAP, 0)
     last = min(max(int(drawn.max(initial=0)), high[0]) + _INSET_GAP + 1, side)
     small = small[:, first:last]
-    _outline(small, _EDGE)
+    _outline(small, rgb_bytes(RULE))
     joined = pixels.copy()
     joined[height - side :, : small.shape[1]] = small
     return joined

@@ -16,9 +16,9 @@ from wrinklecli.review.preview.apply import PlannedTools, apply_tools
 from wrinklecli.review.preview.framing import plan_views
 from wrinklecli.review.preview.grid import draw_grid
 from wrinklecli.review.preview.heat import HEAT, HEAT_TICKS, heat_colours
-from wrinklecli.review.preview.misfits import RED, Misfit, find_misfits, misfit_overlay, misfit_points
+from wrinklecli.review.preview.misfits import Misfit, find_misfits, misfit_overlay, misfit_points
 from wrinklecli.review.preview.moments import Moment, frame_seconds, plan_moments
-from wrinklecli.review.preview.overlay import NOTHING, placed_words
+from wrinklecli.review.preview.overlay import NOTHING, RED, placed_words
 from wrinklecli.review.preview.peaks import baked_peaks_of
 from wrinklecli.review.preview.preview_options import PreviewOptions
 from wrinklecli.review.preview.render import render

@@ -15,7 +15,7 @@ from wrinklecli.errors import WrinkleError
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.pixels import Bytes
 from wrinklecli.numeric.arrays import Floats
-from wrinklecli.review.preview.overlay import Placed
+from wrinklecli.review.preview.overlay import INK, Placed
 from wrinklecli.review.preview.preview_options import MOST_SIDE
 
 # The greatest number of pixels of a sheet, or of all frames of an animation, which are in memory until the end.
@@ -26,10 +26,6 @@ _ASIDE = 7
 _STEPS = (0.0, 0.9, -0.9, 1.8, -1.8)
 # Pixels between pictures.
 _GUTTER = 4
-# Colour of text, 8-bit sRGB.
-_DARK = (60, 66, 74)
-# Colour of the ground, 8-bit sRGB.
-_PALE = (255, 255, 255)
 # Quality of a lossy WebP, 0 to 100.
 _WEBP_QUALITY = 90
 # Frames of an animation from which its palette is made.
@@ -69,7 +65,7 @@ class Sheet:
         self._size = size
         self._legend = legend
         width, height = sheet_size(columns, rows, size, legend)
-        self.image = Image.new("RGB", (width, height), _PALE)
+        self.image = Image.new("RGB", (width, height), "white")
         if height > rows * (size[1] + _GUTTER) - _GUTTER:
             self._draw_legend(height - _legend_height(size))
 
@@ -84,7 +80,7 @@ class Sheet:
         step = int(font.size)
         left, line = step // 2 + 3, top + step // 2
         if self._legend.ramp is not None:
-            pen.text((left, line), self._legend.title, fill=_DARK, font=font)
+            pen.text((left, line), self._legend.title, fill=rgb_bytes(INK), font=font)
             left += int(pen.textlength(self._legend.title, font=font)) + step
             width = min(16 * step, self.image.width - left - 2 * step)
             if width > 4 * step:
@@ -93,8 +89,8 @@ class Sheet:
                     pen.line((left + x, line + 1, left + x, line + step), fill=rgb_bytes(colour))
                 for place, text in self._legend.ticks:
                     x = left + round(place * width)
-                    pen.line((x, line + step, x, line + step + 3), fill=_DARK)
-                    pen.text((x, line + step + 4), text, fill=_DARK, font=font, anchor="ma")
+                    pen.line((x, line + step, x, line + step + 3), fill=rgb_bytes(INK))
+                    pen.text((x, line + step + 4), text, fill=rgb_bytes(INK), font=font, anchor="ma")
                 left += width + 2 * step
         for name, colour in self._legend.names:
             text = cut_to(16 * step, name, font)
@@ -102,7 +98,7 @@ class Sheet:
             if left + room > self.image.width:
                 break
             pen.rectangle((left, line + 2, left + step - 2, line + step), fill=rgb_bytes(colour))
-            pen.text((left + step + 3, line), text, fill=_DARK, font=font)
+            pen.text((left + step + 3, line), text, fill=rgb_bytes(INK), font=font)
             left += room + step // 2
 
 
@@ -146,8 +142,8 @@ def labelled(picture: Bytes, label: str, font: Any, words: Sequence[Placed] = ()
     if text and font.size + 2 * edge < cell.height:
         pen = ImageDraw.Draw(cell)
         left, top, right, bottom = pen.textbbox((edge + 3, edge), text, font=font)
-        pen.rectangle((left - 4, top - 3, right + 4, bottom + 3), fill=_PALE)
-        pen.text((edge + 3, edge), text, fill=_DARK, font=font)
+        pen.rectangle((left - 4, top - 3, right + 4, bottom + 3), fill="white")
+        pen.text((edge + 3, edge), text, fill=rgb_bytes(INK), font=font)
     return cell
 
 
@@ -173,7 +169,7 @@ def _write_words(cell: Image.Image, words: Sequence[Placed], font: Any) -> None:
 
 def _write(pen: Any, at: tuple[float, float], text: str, colour: Colour, font: Any, anchor: str) -> None:
     """Write a word that can be read on any ground."""
-    pen.text(at, text, fill=rgb_bytes(colour), font=font, anchor=anchor, stroke_width=2, stroke_fill=_PALE)
+    pen.text(at, text, fill=rgb_bytes(colour), font=font, anchor=anchor, stroke_width=2, stroke_fill="white")
 
 
 def cut_to(width: float, text: str, font: Any) -> str:
