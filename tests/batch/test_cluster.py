@@ -17,6 +17,7 @@ import pytest
 
 from kit.command import files
 from kit.limb import limb_asset, tool, write_tools
+from kit.work import PATIENCE
 
 pytestmark = [
     pytest.mark.slow,
@@ -71,7 +72,7 @@ def children(process: int) -> list[int]:
 
 
 def until(true: Callable[[], object], process: subprocess.Popen[Any]) -> None:
-    end = time.monotonic() + 300
+    end = time.monotonic() + PATIENCE
     while not true() and process.poll() is None and time.monotonic() < end:
         time.sleep(0.05)
 
@@ -106,10 +107,10 @@ def test_a_signal_ends_a_batch_in_a_line_and_its_workers(folder: Path) -> None:
     until(lambda: told(folder, "ended"), started)
     workers = children(started.pid)
     started.terminate()
-    assert started.wait(timeout=60) == 128 + signal.SIGTERM
+    assert started.wait(timeout=PATIENCE) == 128 + signal.SIGTERM
     assert (folder / "ended.err").read_text().splitlines()[-1] == "wrinkle: interrupted"
     assert workers
-    end = time.monotonic() + 60
+    end = time.monotonic() + PATIENCE
     while any(Path(f"/proc/{each}").exists() for each in workers) and time.monotonic() < end:
         time.sleep(0.05)
     assert not any(Path(f"/proc/{each}").exists() for each in workers)
@@ -133,7 +134,7 @@ def cluster(folder: Path) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
         until(lambda: file.stat().st_size, running[0])
         address = json.loads(file.read_text())["address"]
         with Client(address) as client:  # or one worker does all before the other is there
-            client.wait_for_workers(2, timeout=60)
+            client.wait_for_workers(2, timeout=PATIENCE)
             client.run(importlib.import_module, "wrinklecli.batch.worker")  # to import takes as long as six jobs
         yield address, running[0]
     finally:
@@ -145,16 +146,16 @@ def cluster(folder: Path) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
 def test_a_scheduler_with_two_workers_and_one_that_is_lost(folder: Path) -> None:
     with cluster(folder) as (address, scheduler):
         started = batch(folder, "far", "--scheduler", address)
-        assert started.wait(timeout=300) == 0
+        assert started.wait(timeout=PATIENCE) == 0
         assert files(folder / "far") == files(folder / "alone")
         assert len({each["worker"] for each in told(folder, "far")}) == 2
 
         started = batch(folder, "lost", "--scheduler", address)
         until(lambda: told(folder, "lost"), started)
         scheduler.kill()
-        assert started.wait(timeout=60) == 1
+        assert started.wait(timeout=PATIENCE) == 1
         *_, line = (folder / "lost.err").read_text().splitlines()
         assert line.startswith("the scheduler is lost, with ")
     unreachable = batch(folder, "lost", "--scheduler", address)
-    assert unreachable.wait(timeout=60) == 1
+    assert unreachable.wait(timeout=PATIENCE) == 1
     assert (folder / "lost.err").read_text().startswith(f"{address}: no scheduler answers: ")
