@@ -200,14 +200,14 @@ def look_up(texture: Texture, places: Floats, values: Array = _DECODED) -> Array
     return mixed
 
 
-def pixels_at(texture: Texture, places: Floats, across: int = 0, down: int = 0) -> Bytes:
-    """(places, 3) sRGB pixels at (places, 2) coordinates, or so many pixels beside them."""
+def pixels_at(texture: Texture, places: Floats, reach: int = 0) -> list[Bytes]:
+    """(places, 3) sRGB pixels at (places, 2) coordinates; those in a square that reaches so many pixels further."""
     rows, columns = texture.pixels.shape[:2]
-    floor = np.floor(places * (columns, rows)) + np.array([across, down])
-    found = texture.pixels[
-        _wrapped(floor[:, 1], rows, texture.wraps[1]), _wrapped(floor[:, 0], columns, texture.wraps[0])
-    ]
-    return np.asarray(found, np.uint8)
+    x, y = np.floor(places * (columns, rows)).T
+    steps = range(-reach, reach + 1)
+    down = [_wrapped(y + step, rows, texture.wraps[1]) for step in steps]
+    across = [_wrapped(x + step, columns, texture.wraps[0]) for step in steps]
+    return [np.asarray(texture.pixels[row, column], np.uint8) for column in across for row in down]
 
 
 def _wrapped(indices: Floats, count: int, wrap: str) -> Ints:

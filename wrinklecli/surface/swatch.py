@@ -23,8 +23,10 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.pixels import linear_rgb
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Array, Floats, Ints
+from wrinklecli.numeric.arrays import Floats, Ints, distinct
 
+# Linear RGB of the 256 stored values of sRGB.
+_LINEAR = linear_rgb(np.arange(256) / 255.0)
 # Points on a place: a stuff that covers a twentieth of it gets about 25 of them, enough to be told from chance.
 _POINTS = 512
 # Different pixels among the points of a place from which on fine contrast is measured: a palette's swatch has few.
@@ -125,14 +127,14 @@ class Pictures:
             if coat.base is not None:
                 texture, places = coat.base[0], np.einsum("pk,pkc->pc", parts, coat.base[1][at])
                 contrasts[here] = _contrast(texture, places, colours[here])
-                colours[here] *= _linear(texture, places)
+                colours[here] *= _LINEAR[pixels_at(texture, places)[0]]
                 pictured[here] = True
             metallic[here] = coat.metallic
             roughness[here] = np.nan if coat.roughness is None else coat.roughness
             if coat.metal is not None:
-                stored = pixels_at(coat.metal[0], np.einsum("pk,pkc->pc", parts, coat.metal[1][at])) / 255.0
-                metallic[here] *= stored[:, 2]
-                roughness[here] *= stored[:, 1]
+                (stored,) = pixels_at(coat.metal[0], np.einsum("pk,pkc->pc", parts, coat.metal[1][at]))
+                metallic[here] *= stored[:, 2] / 255.0
+                roughness[here] *= stored[:, 1] / 255.0
         lightness, a, b = (np.cbrt(np.maximum(colours, 0.0) @ _CONES.T) @ _OKLAB.T).T
         known, rough = contrasts[~np.isnan(contrasts)], roughness[~np.isnan(roughness)]
         return Swatch(
@@ -218,18 +220,10 @@ def _spread(weights: Floats) -> tuple[Ints, Floats]:
     return np.asarray(triangles), np.stack([1.0 - u - v, u, v], axis=1)
 
 
-def _linear(texture: Texture, places: Floats) -> Array:
-    return linear_rgb(pixels_at(texture, places) / 255.0)
-
-
 def _contrast(texture: Texture, places: Floats, factors: Floats) -> Floats:
     """(places,) deviation of ln(luminance) in a square of 3 pixels; NaN for all if few pixels are looked at."""
     rows, columns = texture.pixels.shape[:2]
-    if len(np.unique(np.floor(places * (columns, rows)), axis=0)) < _FEWEST_PIXELS:
+    if len(distinct(np.floor(places * (columns, rows)))[0]) < _FEWEST_PIXELS:
         return np.full(len(places), np.nan)
-    around = []
-    for across in (-1, 0, 1):
-        for down in (-1, 0, 1):
-            colours = factors * linear_rgb(pixels_at(texture, places, across, down) / 255.0)
-            around.append(np.log(np.maximum(colours @ _LUMINANCE, _DARKEST)))
-    return np.asarray(np.std(around, axis=0))
+    around = [(factors * _LINEAR[each]) @ _LUMINANCE for each in pixels_at(texture, places, 1)]
+    return np.asarray(np.std(np.log(np.maximum(around, _DARKEST)), axis=0))
