@@ -42,7 +42,10 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(tryfirst=True)  # before pytest looks at `-m`
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Of a test that is marked `quick(n)`, all cases but the first n are slow."""
+    """Of a test that is marked `quick(n)`, all cases but the first n are slow. What is marked `long` comes first.
+
+    Begun last, one of these would keep all workers but its own waiting.
+    """
     seen: Counter[str] = Counter()
     for item in items:
         marker = item.get_closest_marker("quick")
@@ -51,6 +54,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             seen[name] += 1
             if seen[name] > marker.args[0]:
                 item.add_marker("slow")
+    items.sort(key=lambda item: item.get_closest_marker("long") is None)
 
 
 def pytest_collection_finish() -> None:

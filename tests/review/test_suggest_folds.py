@@ -201,6 +201,7 @@ def test_a_real_forehead_folds_across_its_middle() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["cesium_man.glb", "simple_skin.gltf"])
 def test_other_real_assets_fold_at_joints(name: str) -> None:
     path = in_assets(name)

@@ -289,6 +289,7 @@ def test_each_place_of_a_clip_has_its_substance(tmp_path: Path, name: str) -> No
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_nine_of_ten_places_of_all_characters_are_right(tmp_path: Path) -> None:
     found = []
     for name, truth in TRUTH.items():

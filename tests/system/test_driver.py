@@ -455,6 +455,7 @@ def served(folder: Path, **files: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_maps_look_as_the_bake_does(tmp_path: Path) -> None:
     """Side by side in three.js in raking light: what the maps change is what the bake changes."""
     config = ROOT / "configs" / "wrist.yaml"

@@ -45,6 +45,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(os.name != "posix", reason="needs Unix")
 def test_no_command_takes_over_300_mb_for_a_coarse_avatar(folder: Path) -> None:
     tools = "tools.yaml"

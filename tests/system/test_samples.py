@@ -97,6 +97,7 @@ def edges(triangles: NDArray[np.intp]) -> NDArray[np.intp]:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_generator_makes_the_committed_files_byte_for_byte(tmp_path: Path) -> None:
     subprocess.run([sys.executable, str(SAMPLES / "make_samples.py"), str(tmp_path)], check=True)
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(f"{name}.glb" for name in NAMES)
@@ -250,6 +251,7 @@ def outputs(samples: Path) -> dict[str, int]:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(shutil.which("make") is None, reason="needs make")
 def test_make_bakes_all_without_a_warning_and_again_only_what_changed(tmp_path: Path) -> None:
     samples, configs = tmp_path / "samples", tmp_path / "configs"

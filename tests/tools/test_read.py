@@ -845,14 +845,14 @@ def test_the_reference_names_the_limits(constant, words):
 @pytest.mark.parametrize(
     ("tools", "line"),
     [
-        ("- {}\n" * 90_000, "t.yaml:2: tools: found a list of 90000, expected a list of 1 to 1,000 tools"),
-        (f"- {{{','.join(f'k{number}: !x 1' for number in range(45_000))}}}\n", "t.yaml:3: tools[0].k0: found the tag"),
+        ("- {}\n" * 30_000, "t.yaml:2: tools: found a list of 30000, expected a list of 1 to 1,000 tools"),
+        (f"- {{{','.join(f'k{number}: !x 1' for number in range(15_000))}}}\n", "t.yaml:3: tools[0].k0: found the tag"),
     ],
     ids=["tools", "keys"],
 )
 def test_a_flood_of_mistakes_is_a_screen_of_lines(tools: str, line: str) -> None:
-    with hostile.bounded(seconds=30.0, megabytes=250.0):
+    with hostile.bounded(seconds=30.0, megabytes=100.0):
         first, *others = lines_of(f"version: 1\ntools:\n{tools}")
     assert first.startswith(line)
-    assert not others or others[-1] == f"and {44_954:,} more"
+    assert not others or others[-1] == f"and {14_954:,} more"
     assert len(others) in (0, 50)

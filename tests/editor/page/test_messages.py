@@ -259,7 +259,7 @@ def test_nothing_that_an_action_raises_ends_the_queue() -> None:
     for error in (ValueError(), RecursionError(), MemoryError(), SystemExit(), GeneratorExit()):
         queue.put(object(), lambda error=error: raise_it(error))  # type: ignore[misc]
     queue.put(object(), done.set)
-    assert done.wait(10)
+    assert done.wait(PATIENCE)
     assert len(failed) == 5
     queue.end()
-    thread.join(10)
+    thread.join(PATIENCE)

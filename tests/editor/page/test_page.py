@@ -199,7 +199,7 @@ def test_a_day_of_edits_and_moments_takes_no_more_memory(page: Page, monkeypatch
             page.work.put(object(), partial(page.player.go, session.clips[0].name, number / MOMENTS))
             page.work.put(object(), page.refresh)
             page.work.put(object(), done.set)
-            assert done.wait(30)
+            assert done.wait(PATIENCE)
         gc.collect()
         return len(gc.get_objects()), threading.active_count(), len(os.listdir("/proc/self/fd"))
 

@@ -200,7 +200,7 @@ def bake_damaged(fault: str, size: float, seed: int, folder: Path) -> None:
 
 def damaged_limb(fault: str, size: float, seed: int) -> Asset:
     """A limb of noise, or some of whose vertices lie on others, or on edges; `size` is a share, or scene units."""
-    asset = noisy_limb(size if fault == "noise" else 0.0, seed, angle=120.0)
+    asset = noisy_limb(size if fault == "noise" else 0.0, seed, angle=120.0, rings=10, sides=8)
     positions, numbers = attribute(asset, 0, "POSITION"), np.random.default_rng(seed)
     chosen = numbers.random(len(positions)) < size
     others = numbers.permutation(len(positions))
