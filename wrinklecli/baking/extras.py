@@ -29,12 +29,6 @@ class JointNames:
     shared: tuple[str, ...] = ()
 
 
-def player_names(gltf: Json, rig: Rig, nodes: Collection[int]) -> tuple[str, ...]:
-    """Names for all nodes of a rig: of some of them those by which players find them, paths where a name is shared."""
-    named = NamedNodes.of_body(gltf, rig.node, skinned=rig.skinned)
-    return tuple((named.called(node) if node in nodes else None) or name for node, name in enumerate(rig.names))
-
-
 def encode_extras(
     edited: EditedDocument, plan: MeshPlan, effects: Sequence[Effect], *, draft: bool = False
 ) -> JointNames:
@@ -52,24 +46,35 @@ def encode_extras(
     node = edited.gltf["nodes"][rig.node]
     if not isinstance(node.setdefault("extras", {}), dict):
         return JointNames()
+    node["extras"]["wrinkle"] = drives_json(edited.gltf, plan, effects, draft=draft)
+    return _name_joints(edited, rig, _driving(effects))
+
+
+def drives_json(gltf: Json, plan: MeshPlan, effects: Sequence[Effect], *, draft: bool = False) -> Json:
+    """The drives of a node's effects, as players read them."""
     sections: dict[str, list[Json]] = {_TOOLS: []}
     undriven: list[str] = []
-    drives = [each.drive for each in effects]
-    nodes = {node for drive in drives if drive is not None for node in drive.nodes}
-    names = player_names(edited.gltf, rig, nodes)
-    for effect, drive in zip(effects, drives, strict=True):
-        if drive is None or not drive.measures:
+    rig, nodes = plan.rig, _driving(effects)
+    named = NamedNodes.of_body(gltf, rig.node, skinned=rig.skinned)
+    # Players find joints by these names, paths where a name is shared.
+    names = tuple((named.called(node) if node in nodes else None) or name for node, name in enumerate(rig.names))
+    for effect in effects:
+        if effect.drive is None or not effect.drive.measures:
             undriven += [target.name for target in targets_of([effect])]
         else:
-            sections.setdefault(effect.section, []).append(drive.to_json(names, rig.morph_names))
-    node["extras"]["wrinkle"] = {
+            sections.setdefault(effect.section, []).append(effect.drive.to_json(names, rig.morph_names))
+    return {
         "layout": LAYOUT,
         "method": METHOD,
         **({"draft": True} if draft else {}),
         **sections,
         **({"undriven": undriven} if undriven else {}),
     }
-    return _name_joints(edited, rig, nodes)
+
+
+def _driving(effects: Sequence[Effect]) -> set[int]:
+    """The nodes whose motion drives effects."""
+    return {node for each in effects if each.drive is not None for node in each.drive.nodes}
 
 
 def _name_joints(edited: EditedDocument, rig: Rig, joints: Collection[int]) -> JointNames:

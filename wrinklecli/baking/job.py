@@ -150,8 +150,8 @@ def read_job(
         document = original(document)
     drafted = replace(
         settings,
-        tools=tuple(replace(tool, contact=None) for tool in settings.tools),
-        fields=tuple(replace(each, contact=None) for each in settings.fields if isinstance(each, Field)),
+        tools=tuple(each.without_contact for each in settings.tools),
+        fields=tuple(each.without_contact for each in settings.fields),
         flesh=tuple(replace(each, shapes=_DRAFTED_SHAPES) for each in settings.flesh if isinstance(each, Flesh)),
     )
     motions = motions or Motions(anims=options.anims, range_of_motion=False)
@@ -452,7 +452,7 @@ def wrinkles_alone(job: Job) -> Job:
             else:
                 if tool.contact is not None:
                     notes.append(f"{tool.name}: contact is left out, as it moves the mesh")
-                kept.setdefault(node, []).append(replace(tool, contact=None))
+                kept.setdefault(node, []).append(tool.without_contact)
     if not kept:
         raise BakeError("has no wrinkling tool and no field that maps could show", where=job.settings.path)
     return replace(job, by_node=kept, notes=(*job.notes, *notes))

@@ -34,7 +34,7 @@ from wrinklecli.numeric.arrays import Ints, components, distinct_values, flags_o
 from wrinklecli.numeric.memory import MAX_MEMORY, Memory
 from wrinklecli.surface.ground import Ground, read_ground
 from wrinklecli.tools.fields import Field
-from wrinklecli.tools.records import EffectTool, Length, ToolsFile, WrinkleTool
+from wrinklecli.tools.records import EffectTool, Length, ToolsFile
 
 _MAX_ERROR = Length(1.0, percent=True)  # the default of a bake
 _RINGS = 4  # rings of triangles around a tool that its refinement may read or split; tools whose rings meet overlap
@@ -116,8 +116,8 @@ class LoadedAsset:
         self._patches.count = _KEPT_PATCHES + len(settings.on_skin)
         self._clusters.count = _KEPT_PLANS + len(settings.on_skin)
         problems: dict[str, str] = {}
-        by_node = self._tools_by_node(settings, problems)
-        below = self._below_skin(settings, problems)
+        by_node = self._by_node(settings.on_skin, settings, problems)
+        below = self._by_node(replace(settings, tools=(), fields=()).effects, settings, problems)
         meshes, tools, provisional = [], {}, False
         attached_below: dict[str, AttachedBelow] = {}
         for node in self._nodes:
@@ -146,38 +146,24 @@ class LoadedAsset:
             meshes.append(self._mesh(ground, driven, tuple(clusters)))
         return AttachedTools(tuple(meshes), tools, attached_below, problems, provisional)
 
-    def _tools_by_node(self, settings: ToolsFile, problems: dict[str, str]) -> dict[int, list[EffectTool]]:
-        """Find the node of each tool and field, and add the problems of those that a bake refuses or leaves out."""
+    def _by_node(
+        self, effects: Sequence[EffectTool], settings: ToolsFile, problems: dict[str, str]
+    ) -> dict[int, list[EffectTool]]:
+        """Find the nodes of some effects, and add the problems of those that a bake refuses or leaves out."""
         by_node: dict[int, list[EffectTool]] = {}
         file_clips = tuple(clip for clip in self.clips if clip.name not in self.range_clips)
-        for tool in settings.on_skin:
-            why = why_left_out(tool, self.document, MeshNames.of(self.document))
+        for effect in effects:
+            why = why_left_out(effect, self.document, MeshNames.of(self.document))
             if why is not None:
-                problems[tool.name] = f"{tool.name}: is left out, as {why}"
+                problems[effect.name] = f"{effect.name}: is left out, as {why}"
                 continue
-            try:
-                alone = settings.only([tool.name])
-                check_clip_names(alone, (), file_clips)
-                (node,), _ = tools_by_node(self.document, alone)
-                # Contact takes too long to be shown while a tool is edited.
-                by_node.setdefault(node, []).append(
-                    replace(tool, contact=None) if isinstance(tool, WrinkleTool | Field) else tool
-                )
-            except WrinkleError as error:
-                problems[tool.name] = error.lines[0]
-        return by_node
-
-    def _below_skin(self, settings: ToolsFile, problems: dict[str, str]) -> dict[int, list[EffectTool]]:
-        """Find the node of each effect below the skin, and add the problems of those that a bake refuses."""
-        by_node: dict[int, list[EffectTool]] = {}
-        file_clips = tuple(clip for clip in self.clips if clip.name not in self.range_clips)
-        for effect in replace(settings, tools=(), fields=()).effects:
             try:
                 alone = settings.only([effect.name])
                 check_clip_names(alone, (), file_clips)
                 # A region of flesh may move several meshes.
-                for node, effects in tools_by_node(self.document, alone)[0].items():
-                    by_node.setdefault(node, []).extend(effects)
+                for node, found in tools_by_node(self.document, alone)[0].items():
+                    # Contact takes too long to be shown while a tool is edited.
+                    by_node.setdefault(node, []).extend(each.without_contact for each in found)
             except WrinkleError as error:
                 problems[effect.name] = error.lines[0]
         return by_node

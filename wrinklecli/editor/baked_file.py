@@ -5,7 +5,7 @@ import os
 from wrinklecli.baking.job import BakeOptions
 from wrinklecli.baking.pipeline import bake
 from wrinklecli.character.clip import Clip, read_clips
-from wrinklecli.editor.asset import LoadedAsset
+from wrinklecli.editor.asset import LoadedAsset, ReadOptions
 from wrinklecli.editor.attached import PlayableMesh, ShownMesh
 from wrinklecli.editor.session import Session
 from wrinklecli.frozen import dataclass
@@ -28,6 +28,20 @@ class BakedFile:
     sources: tuple[PlayableMesh, ...]
     clips: dict[str, Clip]
     label: str = "baked file"
+
+    @classmethod
+    def read(cls, path: str, options: ReadOptions, summary: str, text: str, label: str = "baked file") -> "BakedFile":
+        """Read a file that was baked from a text.
+
+        Raises:
+            WrinkleError: The file cannot be read.
+        """
+        with guarded(path):
+            memory = Memory(options.max_memory)
+            document = read_document(path, allow_external=options.allow_external, memory=memory)
+            clips = read_clips(document)
+            attached = LoadedAsset(document, clips).attach(ToolsFile(path=path, tools=()))
+        return cls(summary, text, document, attached.meshes, {clip.name: clip for clip in clips}, label)
 
     def plays(self, clip: str | None) -> bool:
         """True if the file has a clip, or None is asked for: the stored pose. Clips that `wrinkle` made up are not."""
@@ -54,9 +68,4 @@ def bake_saved(session: Session, progress: Progress = no_progress) -> BakedFile:
         replace=True,  # the editor too shows the original of a baked asset
     )
     report = bake(session.asset, session.path, out, bake_options, progress=progress)
-    with guarded(out):
-        document = read_document(out, allow_external=options.allow_external, memory=Memory(options.max_memory))
-        clips = read_clips(document)
-        attached = LoadedAsset(document, clips).attach(ToolsFile(path=out, tools=()))
-    summary = "\n".join((f"{out}: {report.summary}", *report.warnings))
-    return BakedFile(summary, text, document, attached.meshes, {clip.name: clip for clip in clips})
+    return BakedFile.read(out, options, "\n".join((f"{out}: {report.summary}", *report.warnings)), text)

@@ -9,10 +9,10 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from multiprocessing.connection import Connection
+from typing import Any
 
 from wrinklecli.baking.job import BakeOptions, job_of
 from wrinklecli.baking.plan import plan_meshes
-from wrinklecli.character.clip import read_clips
 from wrinklecli.character.moved import Motions
 from wrinklecli.editor.asset import LoadedAsset, ReadOptions
 from wrinklecli.editor.baked_file import BakedFile
@@ -20,14 +20,11 @@ from wrinklecli.editor.free_pose import POSE, FreePose
 from wrinklecli.editor.session import EditedTool, Session
 from wrinklecli.errors import BakeError, WrinkleError
 from wrinklecli.frozen import dataclass
-from wrinklecli.gltf.document import read_document
 from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.writer import write
 from wrinklecli.numeric.guard import Progress, guarded
-from wrinklecli.numeric.memory import Memory
 from wrinklecli.numeric.processes import core_count
 from wrinklecli.review.preview.apply import PlannedTools, apply_tools
-from wrinklecli.tools.fields import Field
 from wrinklecli.tools.records import ToolsFile
 
 
@@ -58,18 +55,18 @@ def trial_of(session: Session, tool: EditedTool, clip: str) -> ContactTrial:
     """The trial of a tool of a session, and of the tool that its `mirror` makes, among the tools that are shown."""
     own, fitting = {tool.name, tool.partner}, session.attached_tools()
     settings = session.settings()
-    tools = (
-        each if each.name in own else replace(each, contact=None) for each in settings.tools if each.name in fitting
-    )
-    fields = (
-        each if each.name in own else replace(each, contact=None)
-        for each in settings.fields
-        if isinstance(each, Field) and each.name in fitting
-    )
+    lists: dict[str, Any] = {
+        key: tuple(
+            each if each.name in own else each.without_contact
+            for each in getattr(settings, key)
+            if each.name in fitting
+        )
+        for key in ("tools", "fields")
+    }
     return ContactTrial(
         asset=session.asset,
         read_options=session.read_options,
-        settings=replace(settings, tools=tuple(tools), fields=tuple(fields)),
+        settings=replace(settings, **lists),
         tool=tool.name,
         clip=clip,
         pose=session.pose,
@@ -146,18 +143,12 @@ class RunningTrial:
         if answer.errors:
             raise BakeError.of_all([BakeError(line) for line in answer.errors])
         trial, options = self.trial, self.trial.read_options
-        with guarded(self._out):
-            document = read_document(self._out, memory=Memory(options.max_memory))
-            clips = read_clips(document)
-            attached = LoadedAsset(document, clips).attach(ToolsFile(path=self._out, tools=()))
+        default = f"{trial.tool}: this is its contact in {trial.clip}, as Bake resolves it"
+        summary = "\n".join(answer.left_out) or default
+        found = BakedFile.read(self._out, options, summary, trial.text, f"contact of {trial.tool}")
         # The clip is the one that was added last if it is the pose.
-        shown = clips[-1] if trial.clip == POSE else next(clip for clip in clips if clip.name == trial.clip)
-        summary = (
-            "\n".join(answer.left_out) or f"{trial.tool}: this is its contact in {trial.clip}, as Bake resolves it"
-        )
-        return BakedFile(
-            summary, trial.text, document, attached.meshes, {trial.clip: shown}, f"contact of {trial.tool}"
-        )
+        shown = [*found.clips.values()][-1] if trial.clip == POSE else found.clips[trial.clip]
+        return replace(found, clips={trial.clip: shown})
 
 
 def _end_group(leader: int | None) -> None:

@@ -45,9 +45,7 @@ class RaisedTool:
 def raised_tool(tools: AttachedTools, name: str, cache: ClipCache, clips: Sequence[Clip]) -> RaisedTool | None:
     """Find the clip that raises a tool most, as a review does; None if the tool does not fit, or no clip raises it."""
     attached = tools.tools.get(name)
-    found = None
-    if attached is not None:
-        found = tallest_clip(attached.facts_in(cache, clips))
+    found = None if attached is None else tallest_clip(attached.facts_in(cache, clips))
     if attached is None or found is None:
         return None
     clip = next(clip for clip in clips if clip.name == found["name"])

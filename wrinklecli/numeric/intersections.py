@@ -244,3 +244,19 @@ def _morton_order(points: Floats) -> Ints:
         for k in range(3):
             codes |= (cells[:, k] >> bit & 1) << (3 * bit + k)
     return np.argsort(codes, kind="stable")
+
+
+def zero_lines(values: Floats, faces: Ints) -> tuple[Ints, Floats]:
+    """The lines across (triangles, 3) faces on which (vertices,) values pass 0.
+
+    Returns:
+        (ends,) triangles and (ends, 3) barycentric coordinates, two ends for each line.
+    """
+    corners = values[faces]
+    above = corners > 0
+    triangles, sides = np.nonzero(above != np.roll(above, -1, axis=1))
+    here, there = corners[triangles, sides], corners[triangles, (sides + 1) % 3]
+    crossing = np.zeros((len(triangles), 3))
+    crossing[np.arange(len(triangles)), sides] = there / (there - here)
+    crossing[np.arange(len(triangles)), (sides + 1) % 3] = here / (here - there)
+    return triangles, crossing

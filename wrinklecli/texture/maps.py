@@ -8,12 +8,11 @@ from typing import Any, get_args
 
 import numpy as np
 
-from wrinklecli.baking.extras import METHOD, player_names
+from wrinklecli.baking.extras import METHOD, drives_json
 from wrinklecli.baking.job import BakeOptions, Job, ToolsPaths, read_job, tools_paths, wrinkles_alone
 from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.character.contacts import Neighbours
 from wrinklecli.choices import MapKind
-from wrinklecli.drive.drive import LAYOUT
 from wrinklecli.effects.effect import Effect, MeshPlan, Part, SamplingOptions
 from wrinklecli.effects.plan import skin_parts
 from wrinklecli.effects.sampling import sample_effects
@@ -184,7 +183,8 @@ def make_maps(
         for plan in plan_meshes(job):
             how = SamplingOptions(job.settings.sampling.fps, "morph", job.document.memory, progress)
             effects, _ = sample_effects(plan, [], how)
-            nodes.append(_drives(job.document.gltf, plan, effects))
+            drives = drives_json(job.document.gltf, plan, effects)
+            nodes.append({"node": plan.rig.names[plan.rig.node], "wrinkle": drives})
             warnings += _nameless(job.document, plan, effects)
             layouts = layouts_of(job.document, plan)
             shown: dict[int | None, list[Shown]] = {}
@@ -231,24 +231,6 @@ def _file_name(name: str, taken: set[str]) -> str:
         number += 1
         found = f"{plain}_{number}"
     return found
-
-
-def _drives(gltf: Json, plan: MeshPlan, effects: Sequence[Effect]) -> Json:
-    """The drives of a node's effects, as the extras of a baked node hold them."""
-    rig = plan.rig
-    driven = [(each.section, each.drive) for each in effects if each.drive is not None]
-    names = player_names(gltf, rig, frozenset(node for _, drive in driven for node in drive.nodes))
-    sections: dict[str, list[Json]] = {"tools": []}
-    for section, drive in driven:
-        sections.setdefault(section, []).append(drive.to_json(names, rig.morph_names))
-    return {
-        "node": rig.names[rig.node],
-        "wrinkle": {
-            "layout": LAYOUT,
-            "method": METHOD,
-            **sections,
-        },
-    }
 
 
 def _nameless(document: Document, plan: MeshPlan, effects: Sequence[Effect]) -> list[str]:

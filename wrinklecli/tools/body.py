@@ -33,6 +33,7 @@ from wrinklecli.tools.records import (
     DAMPING,
     END,
     MASK,
+    MAX_SEED,
     SECONDS,
     SWINGS,
     EffectTool,
@@ -338,7 +339,7 @@ class TouchWrinkles:
         None,
     )
     seed: int | None = key(
-        {**whole(0, 2**31 - 1), "type": ["integer", "null"]}, "Seed of the irregularity. Default: from the name.", None
+        {**whole(0, MAX_SEED), "type": ["integer", "null"]}, "Seed of the irregularity. Default: from the name.", None
     )
 
     @property

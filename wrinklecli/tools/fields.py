@@ -1,7 +1,8 @@
 """The record of a field of wrinkles, as `tools.records` has those of tools. `configs/README.md` is the reference."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, Literal, get_args
+from dataclasses import replace
+from typing import Any, ClassVar, Literal, Self, get_args
 
 from wrinklecli.choices import MaterialName, Stops
 from wrinklecli.frozen import dataclass
@@ -23,7 +24,17 @@ from wrinklecli.tools.json_schema import (
     whole,
 )
 from wrinklecli.tools.materials import Preset
-from wrinklecli.tools.records import CONTACT, MASK, Contact, EffectTool, Length, Mask, read_contact, read_mask_of
+from wrinklecli.tools.records import (
+    CONTACT,
+    MASK,
+    MAX_SEED,
+    Contact,
+    EffectTool,
+    Length,
+    Mask,
+    read_contact,
+    read_mask_of,
+)
 
 OF_MATERIALS: Mapping[MaterialName, Mapping[str, Any]] = {
     "cloth": {"wavelength": "9%", "slack": "4%", "variation": 0.15},
@@ -112,7 +123,7 @@ class Field(EffectTool):
         group="Irregularity",
     )
     seed: int | None = key(
-        {**whole(0, 2**31 - 1), "type": ["integer", "null"]}, "Seed of the irregularity. Default: from the name.", None
+        {**whole(0, MAX_SEED), "type": ["integer", "null"]}, "Seed of the irregularity. Default: from the name.", None
     )
     joints: Literal["all"] | tuple[str, ...] = key(
         {
@@ -161,6 +172,11 @@ class Field(EffectTool):
             found["node"], *found["beside"] = dict.fromkeys(found["node"])
             found["beside"] = tuple(found["beside"])
         return found
+
+    @property
+    def without_contact(self) -> Self:
+        """The field, whose folds may cross."""
+        return replace(self, contact=None)
 
     @property
     def idle(self) -> bool:

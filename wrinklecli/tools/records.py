@@ -8,7 +8,7 @@ import os
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import field, replace
-from typing import Any, ClassVar, Literal, TypeAlias, get_args
+from typing import Any, ClassVar, Literal, Self, TypeAlias, get_args
 
 from wrinklecli.choices import (
     CHANNELS,
@@ -467,6 +467,11 @@ class EffectTool:
         return (self.section,)
 
     @property
+    def without_contact(self) -> Self:
+        """The same effect, whose folds may cross."""
+        return self
+
+    @property
     def idle(self) -> bool:
         """True if nothing would be seen of it: its strength is 0 in every clip."""
         return False
@@ -692,6 +697,11 @@ class WrinkleTool(EffectTool):
     def sections(self) -> tuple[str, ...]:
         """Wrinkles, and folds where contact keeps them apart."""
         return (self.section,) if self.contact is None else (self.section, "folds")
+
+    @property
+    def without_contact(self) -> Self:
+        """The tool, whose folds may cross."""
+        return replace(self, contact=None)
 
     @property
     def idle(self) -> bool:

@@ -14,6 +14,7 @@ from wrinklecli.editor.attached import AttachedBelow, AttachedTool, PlayableMesh
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, among, distinct, distinct_values, face_normals, unit
 from wrinklecli.numeric.closest import closest_point
+from wrinklecli.numeric.intersections import zero_lines
 
 _NORMAL_STEP = 1 / 127  # difference of stored normals that counts as none: the step of an 8-bit normal
 _LIFT = 0.015  # height of an outline above the surface over the tool's length
@@ -234,19 +235,3 @@ def _border(values: Floats, faces: Ints) -> tuple[Ints, Floats]:
     open_faces, first = np.nonzero(open_sides)
     ends = np.eye(3)[np.stack([first, (first + 1) % 3], axis=1).reshape(-1)]
     return np.concatenate([triangles, np.repeat(open_faces, 2)]), np.concatenate([crossing, ends])
-
-
-def zero_lines(values: Floats, faces: Ints) -> tuple[Ints, Floats]:
-    """The lines across (triangles, 3) faces on which (vertices,) values pass 0.
-
-    Returns:
-        (ends,) triangles and (ends, 3) barycentric coordinates, two ends for each line.
-    """
-    corners = values[faces]
-    above = corners > 0
-    triangles, sides = np.nonzero(above != np.roll(above, -1, axis=1))
-    here, there = corners[triangles, sides], corners[triangles, (sides + 1) % 3]
-    crossing = np.zeros((len(triangles), 3))
-    crossing[np.arange(len(triangles)), sides] = there / (there - here)
-    crossing[np.arange(len(triangles)), (sides + 1) % 3] = here / (here - there)
-    return triangles, crossing

@@ -6,9 +6,9 @@ Both states have the same triangles, so the plane chooses between them vertex by
 import numpy as np
 from viser import CameraHandle, transforms
 
-from wrinklecli.editor.page.drawing import zero_lines
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints
+from wrinklecli.numeric.intersections import zero_lines
 
 # Part of the distance to the eye by which the line of the cut lies before the surface, so that this does not hide it.
 _LIFT = 0.003

@@ -13,6 +13,7 @@ from wrinklecli.effects.wrinkle.reach import Reach
 from wrinklecli.errors import BakeError
 from wrinklecli.numeric.arrays import Bools, Floats, distinct_values, face_normals, unit
 from wrinklecli.numeric.edges import Edges
+from wrinklecli.numeric.intersections import zero_lines
 from wrinklecli.surface.features import Nearest, cut_at_features, surface_distances
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.mask import read_mask, spread
@@ -62,16 +63,10 @@ def _covered(patch: Patch, ground: Ground) -> Floats:
     vertices, corners = np.unique(ground.surface.triangles[patch.members], return_inverse=True)
     corners = corners.reshape(-1, 3)
     u, v = patch.coordinates(patch.pose.positions[vertices])
-    low, high = np.full(len(corners), np.inf), np.full(len(corners), -np.inf)
-    for k in range(3):
-        start, end = corners[:, k], corners[:, (k + 1) % 3]
-        crossed = (v[start] >= 0.0) != (v[end] >= 0.0)
-        start, end = start[crossed], end[crossed]
-        at = u[start] + v[start] / (v[start] - v[end]) * (u[end] - u[start])
-        low[crossed], high[crossed] = np.minimum(low[crossed], at), np.maximum(high[crossed], at)
-    on_line = low <= high
+    found, shares = zero_lines(v, corners)
+    ends = np.sort(np.clip(np.einsum("ec,ec->e", shares, u[corners[found]]), 0.0, 1.0).reshape(-1, 2), axis=1)
     covered = np.zeros(len(corners))
-    covered[on_line] = np.clip(high[on_line], 0.0, 1.0) - np.clip(low[on_line], 0.0, 1.0)
+    covered[found[::2]] = ends[:, 1] - ends[:, 0]
     return covered
 
 

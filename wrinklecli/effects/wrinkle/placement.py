@@ -13,6 +13,7 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, children, dot
 from wrinklecli.numeric.cells import Cells
 from wrinklecli.numeric.closest import balls, meets_box
+from wrinklecli.numeric.intersections import zero_lines
 from wrinklecli.numeric.rays import ray_distances
 from wrinklecli.surface.refine import Refinement
 
@@ -87,16 +88,9 @@ def ground_under(plan: MeshPlan, patch: Patch) -> SurfaceBelow:
 
 def _cut(triangles: Ints, values: Floats, v: Floats, line: float) -> Floats:
     """(cuts, 2, columns) of (vertices, columns) values at both ends of each triangle's cut with the plane v = line."""
-    above = v[triangles] >= line
-    count = above.sum(axis=1)
-    cut = (count == 1) | (count == 2)
-    # One corner is alone on its side, and the cut connects its two edges.
-    alone = np.argmax(above[cut] == (count[cut] == 1)[:, None], axis=1)
-    corners = np.take_along_axis(triangles[cut], (alone[:, None] + np.arange(3)) % 3, axis=1)
-    first, others = corners[:, :1], corners[:, 1:]
-    t = (line - v[first]) / (v[others] - v[first])
-    found: Floats = values[first] + t[..., None] * (values[others] - values[first])
-    return found
+    found, shares = zero_lines(v - line, triangles)
+    ends = np.einsum("ec,ecx->ex", shares, values[triangles[found]])
+    return np.asarray(ends.reshape(-1, 2, values.shape[1]))
 
 
 def _layers(ends: Floats, points: Floats) -> Bools:
