@@ -8,16 +8,18 @@ from numpy.typing import NDArray
 
 from kit.asset import Asset
 from kit.player import Json
+from wrinklecli.numeric.arrays import vertex_normals
 
 Floats = NDArray[np.float64]
 
 REACH = 0.4  # of the tool on a sheet, scene units to either side of the middle
 
 
-def sheet(path: Path, *profiles: Sequence[Sequence[float]], clip: bool = True) -> Path:
+def sheet(path: Path, *profiles: Sequence[Sequence[float]], clip: bool = True, smooth: bool = False) -> Path:
     """A mesh of ribbons, each an (x, y) line drawn out along z from -0.5 to 0.5; the clip halves its x.
 
-    What lies to the left of a line, seen towards +z, is its outside: +y of one that runs to +x.
+    What lies to the left of a line, seen towards +z, is its outside: +y of one that runs to +x. Without normals it is
+    shaded flat; it has some if it is `smooth`.
     """
     positions, faces = [], []
     depths = np.linspace(-0.5, 0.5, 11)
@@ -33,12 +35,13 @@ def sheet(path: Path, *profiles: Sequence[Sequence[float]], clip: bool = True) -
         positions.append(np.array(points))
     every = np.concatenate(positions)
     asset = Asset()
+    normals = {"NORMAL": asset.accessor(vertex_normals(every, np.array(faces)))} if smooth else {}
     asset.append(
         "meshes",
         {
             "primitives": [
                 {
-                    "attributes": {"POSITION": asset.accessor(every)},
+                    "attributes": {"POSITION": asset.accessor(every), **normals},
                     "indices": asset.accessor(np.ravel(faces), "u2"),
                     "targets": [{"POSITION": asset.accessor(every * [-0.5, 0.0, 0.0])}],
                 }

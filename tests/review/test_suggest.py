@@ -51,6 +51,8 @@ KEYS = [
     "shortening",
     "clips",
     "score",
+    "keep",
+    "merits",
     "substance",
     "why",
     "confidence",
@@ -203,7 +205,7 @@ def test_command_writes_the_file_and_a_table(tmp_path: Path) -> None:
     assert (tmp_path / "tools.yaml").read_text() == suggest_once(path, count=1).text
     note, head, row = result.stderr.splitlines()
     assert note == "note: limb: skin, as nothing says what it is made of (a guess)"
-    assert head.split() == ["tool", "by", "clip", "at", "shortens", "from", "to"]
+    assert head.split() == ["tool", "by", "clip", "at", "keep", "shortens", "from", "to"]
     assert row.split()[:4] == ["joint_1", "joint_1", "fold", "0.93"]
     for arguments in ([path, "--count", 1], [path, "--count", 1, "-o", "-"]):
         result = run(*arguments)

@@ -5,9 +5,10 @@ import pytest
 
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.review.suggest.look import Crests
-from wrinklecli.review.suggest.worth import _LEAST_CONTRAST, _LEAST_CRESTS
 
 BUMPS = 4
+# Part of the change of light.
+MOST = 0.55
 US, VS = (each.ravel() for each in np.meshgrid(np.linspace(0.0, 1.0, 120), np.linspace(-1.0, 1.0, 100)))
 
 
@@ -23,7 +24,7 @@ def test_bands_across_a_tool_are_crests(bumps: int) -> None:
 
 
 def test_crests_that_end_in_the_middle_are_crests() -> None:
-    assert of(np.cos(2 * np.pi * BUMPS * US) * (VS < 0.25)).share > _LEAST_CRESTS
+    assert of(np.cos(2 * np.pi * BUMPS * US) * (VS < 0.25)).share > MOST
 
 
 @pytest.mark.parametrize(
@@ -37,12 +38,12 @@ def test_crests_that_end_in_the_middle_are_crests() -> None:
 )
 def test_lumps_and_specks_are_no_crests(changes: Floats, kind: str) -> None:
     seen = of(changes)
-    assert seen.share < _LEAST_CRESTS, kind
+    assert seen.share < MOST, kind
 
 
 @pytest.mark.parametrize("changes", [np.full(len(US), 1.0), 2.0 * US - 1.0], ids=["darker", "a slope"])
 def test_a_place_that_only_gets_darker_shows_no_crests(changes: Floats) -> None:
-    assert of(changes).contrast < _LEAST_CONTRAST["near"]
+    assert of(changes).contrast < 0.015
 
 
 def test_nothing_is_seen_of_nothing() -> None:

@@ -56,7 +56,7 @@ def test_a_tool_is_made_to_fit_or_left_out(tmp_path: Path) -> None:
     asset = characters.tubes().write(tmp_path / "tubes.glb")
     document = read_document(asset)
     clips = read_clips(document)
-    best = suggest(asset).tools[-1]
+    best = suggest(asset, everything=True).tools[-1]
     # What it lacks is given to it ...
     stiff = replace(best, tool=replace(best.tool, compressible=0.0, max_height="auto"), lower=None)
     found = unwarned(TriedAsset(document, clips), Worthwhile([stiff], RefinementSettings(), [], []), clips)

@@ -4,6 +4,7 @@ import math
 import os
 import re
 from collections.abc import Iterator
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -99,10 +100,10 @@ def suggest(
     are left out; notes on standard error say so, and --all takes all. If the asset is symmetric about x = 0, the tools
     are symmetric too, whatever the clips.
 
-    Each field and tool is tried on the refined mesh and looked at where it is tallest, from the best side. It is left
-    out if its wrinkles are hardly seen or hidden, or if the surface would pass through itself all over the place, show
-    triangles turned over, or bend its flat facets; -v says which. The next best tools take the places of others. --all
-    looks at no tools.
+    Each field and tool is tried on the refined mesh and looked at where it is tallest, from the best side. A score says
+    how likely an artist keeps it: whether one sees the wrinkles, and their crests; whether the surface is smooth, and
+    harmed nowhere; and whether a limb folds there. What artists would rather delete is left out, and -v says why. The
+    next best tools take the places of others. With --all, a comment beside each such tool says why.
 
     An asset without clips is measured in its range of motion: each joint bent about its axes, each morph target
     raised, as far as a body of such joints goes. --clip takes the names of these motions too, such as
@@ -134,8 +135,9 @@ def suggest(
     which its targets take in parts of the mesh, as bake --split makes them. Each of "tools" has "name", "node",
     "origin", "between", "target", "mirror", "width", "material", "strategy", "bumps", "max_height", "compressible",
     "rest_length", "contact", "mesh", "driver", "driver_kind", "clip", "time", "span", "shortest", "shortening",
-    "clips", "score", "substance", "why" and "confidence", 0 to 1, null where nobody asked. Within version 1, keys are
-    only added. Lengths are scene units, shortenings are ratios to the span. "between" has the points of a path
+    "clips", "score", "keep", "merits", "substance", "why" and "confidence", 0 to 1, null where nobody asked. "keep" is
+    how likely an artist keeps the tool, and "merits" are what that is computed from. Within version 1, keys are only
+    added. Lengths are scene units, shortenings are ratios to the span. "between" has the points of a path
     between its ends. "clips" has the least length in each clip, null where the character is hidden. "reason" says why
     there are no tools, and is null if there are some.
 
@@ -243,6 +245,10 @@ def _json_tool(each: "Suggestion") -> dict[str, Any]:
         "shortening": _short(each.shortening),
         "clips": {name: _short(length) if math.isfinite(length) else None for name, length in each.clips.items()},
         "score": _short(each.score),
+        "keep": None if each.judgement is None else round(each.judgement.keep, 3),
+        "merits": None
+        if each.judgement is None
+        else {name: round(value, 3) for name, value in asdict(each.judgement.merits).items()},
         "substance": None if each.substance is None else each.substance.kind,
         "why": None if each.substance is None else each.substance.why,
         "confidence": None if each.substance is None else round(each.substance.confidence, 2),
@@ -337,7 +343,7 @@ def _tables(found: "Suggestions") -> Iterator[tuple[list[list[str]], int]]:
     if fields:
         yield [["field", "mesh", "clip", "at", "height", "wavelength", "targets", "split, on a GPU"], *fields], 5
     if found.tools:
-        yield _tool_rows(found.tools), 4
+        yield _tool_rows(found.tools), 5
     muscles = [[_sided(each.muscle.name, each.mirrored), each.bone, f"{each.depth:.3g}"] for each in found.muscles]
     regions = [
         [
@@ -366,7 +372,7 @@ def _sided(name: str, mirrored: bool) -> str:
 
 
 def _tool_rows(tools: "tuple[Suggestion, ...]") -> list[list[str]]:
-    rows = [["tool", "mesh", "by", "clip", "at", "shortens", "from", "to"]]
+    rows = [["tool", "mesh", "by", "clip", "at", "keep", "shortens", "from", "to"]]
     for each in tools:
         rows.append(
             [
@@ -375,6 +381,7 @@ def _tool_rows(tools: "tuple[Suggestion, ...]") -> list[list[str]]:
                 each.driver,
                 each.clip,
                 f"{each.time:.2f} s",
+                "" if each.judgement is None else f"{100 * each.judgement.keep:.0f} %",
                 f"{100 * each.shortening:.0f} %",
                 f"{each.span:.3g}",
                 f"{each.clips[each.clip]:.3g}",

@@ -4,7 +4,6 @@ Both are chosen among a few by what the wrinkles do to the surface there. The ca
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
@@ -129,18 +128,6 @@ class Side:
     def axes(self) -> Floats:
         """(3, 3) rows: right, up and backwards."""
         return camera_axes(*self.angles)
-
-    @property
-    def beside(self) -> "list[Side]":
-        """The sides next to it, of which about as much is visible."""
-        azimuth, elevation = self.angles
-        turned = [
-            (azimuth - 15, elevation),
-            (azimuth + 15, elevation),
-            (azimuth, elevation - 15),
-            (azimuth, elevation + 15),
-        ]
-        return [replace(self, angles=each) for each in turned if abs(each[1]) <= _STEEPEST]
 
 
 UNSEEN = Side((0.0, 0.0), 0.0, 0.0)

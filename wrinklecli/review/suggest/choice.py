@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 
 from wrinklecli.character.bones import read_bones, words_of
-from wrinklecli.choices import Part
 from wrinklecli.errors import AssetError, counted, listed, nearest
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
@@ -20,7 +19,7 @@ from wrinklecli.numeric.closest import pairs_within
 from wrinklecli.numeric.intersections import sides_of
 from wrinklecli.numeric.processes import in_processes
 from wrinklecli.review.suggest.candidates import Candidate
-from wrinklecli.review.suggest.cover import Layers, is_covered, is_inside
+from wrinklecli.review.suggest.cover import Layers, is_covered
 from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.review.suggest.suggest_options import SuggestOptions
 from wrinklecli.review.suggest.trial import TriedAsset
@@ -45,10 +44,6 @@ _SLIDING = re.compile(
     r"mouth|mth\b|\blips?\b|jaw|tongue|teeth|tooth|viseme|smile|\beyes?\b(?! ?(brow|squint))|lids?\b|blink|gaze|pupil"
     r"|cheek ?puff|breast|bust\b|hair|tail\b|\bears?\b|口|唇|舌|歯|目|瞼|胸|髪|耳|尾"
 )
-# Joints of the trunk, where ribs and shoulder blades hold bare skin; clothes fold there.
-_BONY: tuple[Part, ...] = ("chest", "shoulder")
-# Joints that move within a collar or a hood, which is not fixed to them and folds elsewhere.
-_IN_COLLARS: tuple[Part, ...] = ("neck", "head")
 # Greatest distance of a rim over the region's length for a region that lies on the rim.
 _NEAR_RIM = 0.8
 # Cosine of the normals of two sites that look at each other, at most.
@@ -152,10 +147,6 @@ def _judged(
             fault = substance.fault
         elif _SLIDING.search(words_of(each.driver)):
             fault = f"where {split_side(each.driver)[0] or each.driver} moves, which slides or swells"
-        elif substance.kind == "skin" and part in _BONY:
-            fault = "over ribs, which hold the skin"
-        elif substance.kind == "cloth" and part in _IN_COLLARS:
-            fault = "at a collar, in which the neck moves"
         elif each.by_morph and _is_rim(each.region, known_rims[surface]):
             fault = "at a rim, such as of lips or lids"
         facet = facet_length(makeup, weights)
@@ -190,8 +181,6 @@ def _hidden(asset: TriedAsset, candidates: Sequence[Candidate]) -> dict[int, str
 def _where_hidden(candidate: Candidate, layers: Layers) -> str:
     """Why nobody sees a candidate's region; empty if one can."""
     mesh, region = candidate.mesh, candidate.region
-    if is_inside(mesh, region):
-        return "inside, as of a mouth or a pocket"
     weights = triangle_weights(mesh.sites, region)
     covered = is_covered(mesh, layers, weights, candidate.clip, candidate.time)
     return "under another layer where it folds" if covered else ""

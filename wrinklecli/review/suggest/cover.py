@@ -1,4 +1,4 @@
-"""Regions that hardly anybody sees: within a mouth, or under another layer in the pose that folds them, as in trousers.
+"""Regions that nobody sees: under another layer in the pose that folds them, as in trousers.
 
 Rays leave a region along its normals. They meet a layer that covers it from inside: clothes look away from the body
 that wears them, whereas a forearm in front of an upper arm looks at it.
@@ -13,11 +13,10 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import moving_nodes
 from wrinklecli.character.scene import ScenePrimitive
-from wrinklecli.numeric.arrays import Floats, diagonal, distinct_values, face_normals, unit
+from wrinklecli.numeric.arrays import Floats, diagonal, face_normals, unit
 from wrinklecli.numeric.rays import near_points, ray_hits
 from wrinklecli.review.suggest.measure import MeasuredMesh
-from wrinklecli.surface.compression import CompressedRegion, triangle_weights
-from wrinklecli.surface.strain import posed, tangents
+from wrinklecli.surface.strain import posed
 
 # Greatest distance of a covering layer, as a part of the diagonal of the mesh's box: 20 cm on a person.
 _REACH = 0.12
@@ -31,15 +30,6 @@ _ALONG = 0.2
 _RAYS = 32
 # Part of a region that must be covered for the whole to count as hidden.
 _HIDDEN = 0.6
-# Places of a region from which rays go to all sides, and rays of each.
-_PLACES = 6
-_AROUND = 24
-# Least cosine of such a ray and the normal: surfaces that are nearly level with a place hide it from no one.
-_LEVEL = 0.2
-# Length of these rays over the region's length: the walls of a mouth, an eye socket or a pocket are nearer than that.
-_WITHIN = 4.0
-# Part of these rays that must get out: within a mouth, a socket or a pocket a third do, and two thirds between fingers.
-_LEAST_FREE = 0.5
 # Most posed layers in memory: those of a character are posed once in each pose.
 _KNOWN_LAYERS = 32
 
@@ -149,33 +139,6 @@ def is_covered(mesh: MeasuredMesh, layers: Layers, weights: Floats, clip: Clip, 
     corners += layers.near(clip, time, low, high, node=mesh.rig.node)
     covered = met_from_inside(starts, rays, np.concatenate(corners), size, _REACH * size)
     return bool(weights[chosen] @ covered > _HIDDEN * weights[chosen].sum())
-
-
-def is_inside(mesh: MeasuredMesh, region: CompressedRegion) -> bool:
-    """True if a region lies within a mouth, an eye socket or a pocket at rest, so that hardly anybody sees it.
-
-    Only the piece of the mesh that the region is on hides it: other pieces, such as clothes, are layers.
-    """
-    gauge, rest = mesh.gauge, mesh.rest
-    chosen = np.argsort(-triangle_weights(mesh.sites, region), kind="stable")[:_PLACES]
-    corners = rest.positions[gauge.triangles]
-    places, normals = corners[chosen].mean(axis=1), unit(rest.normals[gauge.triangles[chosen]].sum(axis=1))
-    reach = _WITHIN * max(region.length, region.width)
-    own = corners[np.isin(gauge.pieces, gauge.pieces[chosen])]
-    near = own[near_points(own, places, reach)]
-    # Evenly spread over a half sphere around the normal.
-    heights = 1.0 - (1.0 - _LEVEL) * (np.arange(_AROUND) + 0.5) / _AROUND
-    angles = np.pi * (1.0 + 5.0**0.5) * np.arange(_AROUND)
-    aside = np.sqrt(1.0 - heights**2)
-    free = 0
-    for place, normal, right, up in zip(places, normals, *tangents(normals), strict=True):
-        rays = (
-            np.outer(aside * np.cos(angles), right) + np.outer(aside * np.sin(angles), up) + np.outer(heights, normal)
-        )
-        numbers, _, distances = ray_hits(np.broadcast_to(place, rays.shape), rays, near)
-        met = numbers[(distances > _SELF * reach) & (distances < reach)]
-        free += _AROUND - len(distinct_values(met))
-    return free < _LEAST_FREE * len(places) * _AROUND
 
 
 def met_from_inside(starts: Floats, rays: Floats, corners: Floats, size: float, reach: float) -> Floats:

@@ -19,6 +19,7 @@ from wrinklecli.numeric.rays import distances_along, near_points
 from wrinklecli.review.suggest.candidates import Candidate
 from wrinklecli.review.suggest.draft import pair_of, renamed, stem_and_side, tool_of, width_of
 from wrinklecli.review.suggest.measure import MeasuredMesh
+from wrinklecli.review.suggest.score import Score
 from wrinklecli.review.suggest.shortening import (
     Shortening,
     attached,
@@ -108,6 +109,7 @@ class Suggestion:
         part: The part of the body of a driving joint, if known.
         presets: Materials and presets by name, one of which its tool has.
         crossings: Edges that pass through triangles at the place when it is folded, if `contact` may keep them apart.
+        judgement: What one sees of it, as a score; None if nobody looked, or if no clip raises it.
     """
 
     tool: WrinkleTool
@@ -131,6 +133,7 @@ class Suggestion:
     part: Part | None = None
     presets: Mapping[str, Preset] = field(default_factory=presets)
     crossings: int = 0
+    judgement: Score | None = None
 
     @property
     def lowered(self) -> "Suggestion | None":

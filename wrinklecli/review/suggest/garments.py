@@ -214,7 +214,7 @@ def _tried(asset: TriedAsset, stage: Stage, garment: Garment) -> SuggestedField 
         field = replace(garment.field, strength=strength)
         weaker = sketch(driven_by(part.attached, field), part.region, plan.fine, np.zeros(0, np.bool_), part)
         found = _judged(asset, plan, weaker or part, stage, replace(garment, field=field))
-        if isinstance(found, SuggestedField) or found.reason not in ("turns", "warned"):
+        if isinstance(found, SuggestedField) or found.reason not in ("harm", "warned"):
             break
     return found
 

@@ -39,13 +39,11 @@ class Seen:
     Attributes:
         side: From which it is seen, and how much of the wrinkles is visible from there.
         crests: What one sees of its crests.
-        shown: (pixels,) triangles that are seen with wrinkles at pixels of the place.
         rounding: Change of lightness that refinement alone makes at the place, over the lightness, root mean square.
     """
 
     side: Side
     crests: "Crests"
-    shown: Ints
     rounding: float
 
 
@@ -156,9 +154,8 @@ def look_at(staged: StagedTool, sight: Sight, side: Side) -> Seen:
             crests = Crests.of(changes[known], us[known], vs[known], staged.bumps)
         if (taken[0] & both).any():
             rounding = float(np.sqrt(np.mean(_changes(*lightness[:2, taken[0] & both]) ** 2)))
-    there = drawn[2].triangles[staged.place[drawn[2].triangles]]
     # What hides a place may lie so near to it that its points seemed visible.
-    return Seen(side if len(there) else UNSEEN, crests, there, rounding)
+    return Seen(side if taken[2].any() else UNSEEN, crests, rounding)
 
 
 def _pixels_round(points: Floats) -> Ints:

@@ -9,7 +9,6 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.scene import ScenePrimitive
 from wrinklecli.character.skin import SkinnedMesh
 from wrinklecli.effects.effect import MeshPlan, Part
-from wrinklecli.effects.faults import turned_over
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import (
     Bools,
@@ -55,7 +54,6 @@ class StagedTool:
         triangles: (triangles, 3) of the mesh, then those of other meshes.
         place: (triangles,) True for those that the tool moves.
         others: (triangles,) True for those of other meshes.
-        fresh: (vertices,) True for vertices on the place that refinement has added.
         shaded_flat: True if the mesh has no normals.
         places: (vertices, 2) u along the curve of the wrinkles, which follows their crests, and v across; else NaN.
         bumps: Number of the tool's bumps.
@@ -68,7 +66,6 @@ class StagedTool:
     triangles: Ints
     place: Bools
     others: Bools
-    fresh: Bools
     shaded_flat: bool
     places: Floats
     bumps: int
@@ -110,17 +107,6 @@ class StagedTool:
 
         return count(self.flat_positions), count(self.wrinkled)
 
-    def turned_over(self) -> Bools:
-        """(triangles,) True for those of the place that wrinkles turn over."""
-        faces = self.triangles[self.place]
-
-        def turned(positions: Floats) -> Bools:
-            return turned_over(face_normals(positions, faces), vertex_normals(positions, self.triangles)[faces])
-
-        found = np.zeros(len(self.triangles), np.bool_)
-        found[self.place] = turned(self.wrinkled) & ~turned(self.plain)
-        return found
-
     def bared(self) -> float:
         """Part of the place that comes to lie beneath another mesh, as jeans do where skin shows through them."""
         numbers = np.flatnonzero(self.place)
@@ -131,15 +117,6 @@ class StagedTool:
             corners = positions[self.triangles[self.others]]
             beneath.append(met_from_inside(starts, rays, corners, self.size, _ABOVE * self.size) > 0)
         return float(np.mean(beneath[1] & ~beneath[0]))
-
-    def departures(self) -> Floats:
-        """(new vertices,) distance by which refinement alone moves each off the coarse surface, over the height."""
-        faces = self.triangles[self.place]
-        normals = np.zeros_like(self.plain)
-        np.add.at(normals, faces.ravel(), np.repeat(face_normals(self.flat_positions, faces), 3, axis=0))
-        moved = np.sum((self.plain - self.flat_positions) * unit(normals), axis=1)
-        found: Floats = np.abs(moved[self.fresh]) / self.height
-        return found
 
 
 class Stage:
@@ -202,7 +179,6 @@ class Stage:
             triangles=np.concatenate([numbers[faces[near]], beside]),
             place=np.append(place[near], np.zeros(len(others), np.bool_)),
             others=np.arange(near.sum() + len(others)) >= near.sum(),
-            fresh=np.append((used >= old) & on[used], np.zeros(len(corners), np.bool_)),
             shaded_flat=not plan.has_normals,
             places=np.concatenate([places[used], np.full((len(corners), 2), np.nan)]),
             bumps=1 if part.attached.segment is None else part.attached.tool.bumps,

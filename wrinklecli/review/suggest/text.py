@@ -81,6 +81,8 @@ def tools_text(
         lines.append(f"  # {_driven_by(each)}: {shortens}")
         if each.substance is not None:
             lines.append(f"  # {each.substance.words}")
+        if each.judgement is not None and not each.judgement.is_kept:
+            lines.append(f"  # Left out without --all: {each.judgement.sentence}")
         if each.crossings and tool.contact:
             lines.append(
                 "  # Folded, it would pass through itself: contact keeps its sides apart, and baking takes longer"

@@ -114,15 +114,10 @@ class TriedAsset:
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """The asset on which suggestions are tried, and the settings with which it is refined.
-
-    Attributes:
-        variants: True for variants of tools for which this refinement is fine enough: it is not asked again.
-    """
+    """The asset on which suggestions are tried, and the settings with which it is refined."""
 
     asset: TriedAsset
     refinement: RefinementSettings
-    variants: bool = False
 
     def placements(self, suggestions: Sequence[Suggestion]) -> dict[str, Placement]:
         """Place suggestions and their twins on refined meshes, by the tool's name; empty if a bake would refuse."""
@@ -171,7 +166,7 @@ class Trial:
     def _must_be_finer(self, suggestions: Sequence[Suggestion]) -> bool:
         """True if an edge of the mesh as it is stays too long for a suggestion, however evenly it is halved."""
         levels = self.refinement.max_levels
-        if self.variants or levels >= MOST_LEVELS:
+        if levels >= MOST_LEVELS:
             return False
         steps = self.refinement.edges_per_interval / 2**levels
         unrefined = replace(self.refinement, max_levels=0, edges_per_interval=steps)
@@ -185,7 +180,7 @@ def _planned(mesh: tuple[Ground, Sequence[EffectTool]], settings: ToolsFile) -> 
 
 
 def try_on_refined_meshes(
-    asset: TriedAsset, suggestions: Sequence[Suggestion], refinement: RefinementSettings, *, variants: bool = False
+    asset: TriedAsset, suggestions: Sequence[Suggestion], refinement: RefinementSettings
 ) -> TrialResult:
     """Make suggestions as narrow as they need to be; those that cross a fold at any width stay as they were.
 
@@ -193,9 +188,9 @@ def try_on_refined_meshes(
     even a finer refinement than usual shows no wrinkles.
 
     The refinement is what the file has for other tools; that of the result is finer, or without rounding, where these
-    tools need it. `variants` is as in `Trial`.
+    tools need it.
     """
-    usual = Trial(asset, refinement, variants)
+    usual = Trial(asset, refinement)
     trial, placed = usual.fine_enough(suggestions)
     if any(each.departs for each in placed.values()) and refinement.scheme != "midpoint":
         usual = replace(usual, refinement=replace(refinement, scheme="midpoint"))

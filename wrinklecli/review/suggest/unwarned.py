@@ -84,7 +84,11 @@ def _mended(placed: Mapping[str, Placement], clips: Sequence[Clip], suggestion: 
         return suggestion
     if suggestion.tool.compressible < needed <= MOST_COMPRESSIBLE / 100.0:
         return replace(suggestion, tool=replace(suggestion.tool, compressible=needed), lower=None)
-    return suggestion.lowered or Dropped(suggestion.tool.name, suggestion.mesh, "warned", 0.0, warnings[0])
+    return (
+        suggestion.lowered
+        or suggestion.smoothed
+        or Dropped(suggestion.tool.name, suggestion.mesh, "warned", 0.0, warnings[0])
+    )
 
 
 def _shortest_clips(suggestion: Suggestion, clips: Sequence[Clip]) -> list[Clip]:

@@ -1,0 +1,154 @@
+"""Fits the score of suggested tools to verdicts by eye: keep, weak or delete, in places.csv.
+
+    python tests/benchmarks/places.py            says how often it is right on characters that it was not fitted to
+    python tests/benchmarks/places.py --write    also writes the weights that the program reads
+
+A row of places.csv is a place that somebody looked at, without and with wrinkles and blind to the score, with its
+merits as `suggest --all --json` prints them. The model is an ordinal logistic regression: one weighted sum of their
+logarithms, and a bias for each of "at least weak" and "keep". Weights in units of the logarithms' deviations have a
+normal prior of unit width. The program needs the sum and the bias of "keep".
+"""
+
+import argparse
+import csv
+import json
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+HERE = Path(__file__).resolve().parent
+sys.path[:0] = [str(HERE.parents[1])]
+
+from wrinklecli.review.suggest.score import LEAST  # noqa: E402
+
+PLACES = HERE / "places.csv"
+WEIGHTS = HERE.parents[1] / "wrinklecli" / "review" / "suggest" / "score.json"
+VERDICTS = ("delete", "weak", "keep")
+# Places on sheets that were built to show one fault each: the fit learns from them, and nobody counts them.
+BUILT = "sheet"
+# Digits of a weight: merits have three.
+DIGITS = 3
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Places:
+    """The table: names of merits, (places,) characters and numbers of verdicts, (places, merits) their logarithms."""
+
+    names: list[str]
+    characters: NDArray[np.str_]
+    verdicts: NDArray[np.intp]
+    logs: Floats
+
+    def only(self, chosen: NDArray[np.bool_]) -> "Places":
+        """Some of the places."""
+        return Places(self.names, self.characters[chosen], self.verdicts[chosen], self.logs[chosen])
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The (merits,) weights of a fit, and (2,) biases of "at least weak" and of "keep"."""
+
+    weights: Floats
+    biases: Floats
+
+    @classmethod
+    def of(cls, places: Places) -> "Fit":
+        """Fit weights to places."""
+        means, deviations = places.logs.mean(axis=0), places.logs.std(axis=0)
+        deviations[deviations == 0] = 1.0
+        scaled, count = (places.logs - means) / deviations, len(places.names)
+
+        def loss(values: Floats) -> tuple[float, Floats]:
+            weights, found, slopes = values[:count], 0.5 * values[:count] @ values[:count], values.copy()
+            slopes[count:] = 0.0
+            for step in range(2):
+                sums, above = scaled @ weights + values[count + step], places.verdicts > step
+                off = 1.0 / (1.0 + np.exp(-sums)) - above
+                found += np.sum(np.logaddexp(0.0, sums) - above * sums)
+                slopes[:count] += off @ scaled
+                slopes[count + step] += off.sum()
+            return float(found), slopes
+
+        values = minimize(loss, np.zeros(count + 2), jac=True, method="L-BFGS-B").x
+        weights = values[:count] / deviations
+        return cls(weights, values[count:] - weights @ means)
+
+    def chances(self, places: Places) -> Floats:
+        """(places, 2) probabilities of "at least weak" and of "keep"."""
+        sums = (places.logs @ self.weights)[:, None] + self.biases
+        found: Floats = 1.0 / (1.0 + np.exp(-sums))
+        return found
+
+
+def read_places() -> Places:
+    """Read the table."""
+    with PLACES.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    names = list(rows[0])[3:]
+    return Places(
+        names,
+        np.array([row["character"] for row in rows]),
+        np.array([VERDICTS.index(row["verdict"]) for row in rows]),
+        np.log2(np.maximum([[float(row[name]) for name in names] for row in rows], LEAST)),
+    )
+
+
+def left_out(places: Places) -> Floats:
+    """(places, 2) chances of each place by a fit to all characters but its own."""
+    found = np.zeros((len(places.verdicts), 2))
+    for character in np.unique(places.characters):
+        own = places.characters == character
+        found[own] = Fit.of(places.only(~own)).chances(places.only(own))
+    return found
+
+
+def right(places: Places, chances: Floats) -> float:
+    """The part of places whose likeliest verdict is that of the table."""
+    steps = np.concatenate([np.ones((len(chances), 1)), chances, np.zeros((len(chances), 1))], axis=1)
+    return float(np.mean((steps[:, :-1] - steps[:, 1:]).argmax(axis=1) == places.verdicts))
+
+
+def report(places: Places, chances: Floats) -> str:
+    """How good chances are, in words."""
+    commonest = np.bincount(places.verdicts).max() / len(places.verdicts)
+    proposed, kept = chances[:, 1] >= 0.5, places.verdicts == 2
+    counts = [int(np.sum(proposed & (places.verdicts == verdict))) for verdict in (2, 1, 0)]
+    return "\n".join(
+        [
+            f"{len(kept)} places on {len(np.unique(places.characters))} characters, each left out in turn:",
+            f"right {100 * right(places, chances):.1f} %; the commonest verdict {100 * commonest:.1f} %",
+            f"proposed {int(proposed.sum())}: {counts[0]} keep, {counts[1]} weak, {counts[2]} delete",
+            f"proposed of {int(kept.sum())} to keep: {100 * counts[0] / kept.sum():.0f} %",
+        ]
+    )
+
+
+def weights_of(places: Places) -> dict[str, object]:
+    """What the program reads."""
+    fit, kept = Fit.of(places), places.only(places.verdicts == 2).logs.mean(axis=0)
+
+    def by_name(values: Floats) -> dict[str, float]:
+        return dict(zip(places.names, np.round(values, DIGITS).tolist(), strict=True))
+
+    return {"bias": round(float(fit.biases[1]), DIGITS), "weights": by_name(fit.weights), "kept": by_name(kept)}
+
+
+def main() -> None:
+    """Command line: see the module's text."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--write", action="store_true", help="write the weights that the program reads")
+    places, options = read_places(), parser.parse_args()
+    counted = places.characters != BUILT
+    print(report(places.only(counted), left_out(places)[counted]))
+    if options.write:
+        WEIGHTS.write_text(json.dumps(weights_of(places), indent=2) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

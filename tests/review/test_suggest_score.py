@@ -1,0 +1,34 @@
+"""The score of a place falls with each of its merits, and says which one it wants most."""
+
+from dataclasses import asdict, fields, replace
+
+import pytest
+
+from wrinklecli.review.suggest.score import REASONS, Merits, Score
+
+GOOD = Merits(seen=0.9, crests=0.4, smooth=1.0, whole=1.0, limb=1.0)
+NAMES = [each.name for each in fields(Merits)]
+
+
+def test_a_good_place_is_kept() -> None:
+    assert Score.of(GOOD).is_kept
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_score_falls_with_each_merit(name: str) -> None:
+    values = [asdict(GOOD)[name] * part for part in (1.0, 0.5, 0.1, 0.0)]
+    found = [Score.of(replace(GOOD, **{name: value})) for value in values]
+    assert [each.keep for each in found] == sorted((each.keep for each in found), reverse=True)
+    assert found[0].keep > found[-1].keep
+    assert found[-1].worst == name
+    assert found[-1].reason == (REASONS[name][0], 0.0)
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if name != "limb"])
+def test_no_merit_makes_up_for_one_that_is_missing(name: str) -> None:
+    best = Merits(**dict.fromkeys(NAMES, 1.0))
+    assert not Score.of(replace(best, **{name: 0.0})).is_kept
+
+
+def test_the_sentence_has_the_merit() -> None:
+    assert Score.of(replace(GOOD, smooth=0.3)).sentence == "it lies on facets: 30 % of the edges there are smooth"

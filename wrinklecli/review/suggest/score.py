@@ -1,0 +1,96 @@
+"""The score of a suggested tool or field: from a few merits that a person would name, one number and a sentence.
+
+`tests/benchmarks/places.py` fits the weights to verdicts by eye on places of characters: keep, weak or delete.
+"""
+
+import json
+from dataclasses import asdict
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from wrinklecli.frozen import dataclass
+
+# A merit that is smaller counts as this one: nobody tells a hundredth from nothing.
+LEAST = 0.01
+# The fitted weights.
+_WEIGHTS = Path(__file__).with_name("score.json")
+
+
+@dataclass(frozen=True, slots=True)
+class Merits:
+    """Merits of a place, 0 to 1, where its wrinkles are tallest, seen from the best side.
+
+    Attributes:
+        seen: Part of the wrinkles that is visible.
+        crests: Part of what changes the light that is crests; the rest is lumps and specks, rounding by refinement, and
+            what one does not notice.
+        smooth: Part of the edges that are not hard.
+        whole: Part of the place that neither crosses something, nor turns over, nor lets through what lies beneath.
+        limb: 1 where a limb, a finger, the waist or a face folds; 0 at necks, shoulders, chests and feet.
+    """
+
+    seen: float
+    crests: float
+    smooth: float
+    whole: float
+    limb: float
+
+
+REASONS = {
+    "seen": ("hidden", "other parts hide it: {} of its wrinkles can be seen from the best side"),
+    "crests": ("unseen", "its crests are hardly seen: they are {} of what changes the light"),
+    "smooth": ("facets", "it lies on facets: {} of the edges there are smooth"),
+    "whole": ("harm", "the surface crosses itself, turns over or is bared: {} of the place is unharmed"),
+    "limb": ("no limb", "no limb folds there, as one does at an elbow or a knee"),
+}
+"""For each merit a word for the want of it, and that in a sentence with a place for the value."""
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """A place that was looked at.
+
+    Attributes:
+        merits: What was seen.
+        keep: The probability that an artist keeps the tool.
+        worst: The merit by which it falls most behind those that artists keep.
+    """
+
+    merits: Merits
+    keep: float
+    worst: str
+
+    @classmethod
+    def of(cls, merits: Merits) -> "Score":
+        """Weigh merits: odds are a product of their powers, so that nothing makes up for one that is missing."""
+        fitted = _fitted()
+        logs = {name: float(np.log2(max(value, LEAST))) for name, value in asdict(merits).items()}
+        behind = {name: weight * (logs[name] - fitted["kept"][name]) for name, weight in fitted["weights"].items()}
+        log_odds = fitted["bias"] + sum(weight * logs[name] for name, weight in fitted["weights"].items())
+        return cls(merits, float(1.0 / (1.0 + np.exp(-log_odds))), min(behind, key=behind.__getitem__))
+
+    @property
+    def is_kept(self) -> bool:
+        """True if artists would rather keep the tool than not."""
+        return self.keep >= 0.5
+
+    @property
+    def sentence(self) -> str:
+        """What the place wants most, for people."""
+        value = getattr(self.merits, self.worst)
+        return REASONS[self.worst][1].format(f"{100 * value:.0f} %")
+
+    @property
+    def reason(self) -> tuple[str, float]:
+        """A word for what the place wants most, and that merit."""
+        return REASONS[self.worst][0], getattr(self.merits, self.worst)
+
+
+@cache
+def _fitted() -> dict[str, Any]:
+    """The weights by merit, the bias, and the mean logarithms of the merits of places that artists keep."""
+    found: dict[str, Any] = json.loads(_WEIGHTS.read_text(encoding="utf-8"))
+    return found
