@@ -17,6 +17,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from kit.asset import Array, Asset, Json
+from wrinklecli.numeric.arrays import cross
 
 Weights = dict[str, float]
 Rotation = tuple[str, Sequence[float]]
@@ -152,7 +153,7 @@ class Surface:
     def face(self, ids: list[int], corners: list[tuple[float, float]], region: str, inside: Array) -> None:
         """Add a polygon that looks away from a place."""
         places = np.array([self.points[k] for k in ids])
-        normal = sum(np.cross(places[b] - places[0], places[c] - places[0]) for b, c in _places(len(ids)))
+        normal = _area(places)
         turn = -1 if normal @ (places.mean(axis=0) - inside) < 0 else 1
         self.faces.append(ids[::turn])
         self.corners.append(corners[::turn])
@@ -208,9 +209,7 @@ class Surface:
         """The faces of some regions, as a layer that lies outside of this surface by a distance."""
         normals = np.zeros((len(self.points), 3))
         for ids in self.faces:
-            a, b, c = (self.points[k] for k in ids[:3])
-            for k in ids:
-                normals[k] += np.cross(b - a, c - a)
+            normals[ids] += _area(np.array([self.points[k] for k in ids[:3]]))
         normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-12)[:, None]
         moved = list(np.array(self.points) + by * normals)
         whole = Surface(moved, self.weights, self.faces, self.corners, self.regions)
@@ -510,7 +509,7 @@ class Writer:
         normals = np.zeros_like(points)
         flat_normals = []
         for ids in surface.faces:
-            normal = sum(np.cross(points[b] - points[ids[0]], points[c] - points[ids[0]]) for b, c in _fan(ids))
+            normal = _area(points[ids])
             flat_normals.append(normal / np.linalg.norm(normal))
             normals[ids] += normal
         normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-12)[:, None]
@@ -554,8 +553,10 @@ def _places(count: int) -> list[tuple[int, int]]:
     return [(k, k + 1) for k in range(1, count - 1)]
 
 
-def _fan(ids: Sequence[int]) -> list[tuple[int, int]]:
-    return [(ids[b], ids[c]) for b, c in _places(len(ids))]
+def _area(corners: Array) -> Array:
+    """Twice the area of a polygon of (corners, 3), along its normal; `np.cross` takes ten times as long for so few."""
+    steps = (corners[1:] - corners[0]).T
+    return np.array([each.sum() for each in cross(steps[:, :-1], steps[:, 1:])])
 
 
 # Clips
