@@ -2,14 +2,13 @@
 
 import json
 from dataclasses import dataclass
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
 from kit.asset import Array, Asset, Json
 from kit.limb import limb_asset, tool
+from kit.places import FOLDER
 from wrinklecli.character.clip import Clip, read_clips
 from wrinklecli.character.pose import blend, joint_matrices, morph_weights, transform
 from wrinklecli.character.rig import Rig, read_rig
@@ -64,9 +63,8 @@ class Prepared:
 
 
 def as_document(asset: Asset) -> Document:
-    """The document that reading the asset gives."""
-    with TemporaryDirectory() as folder:
-        return read_document(asset.write(Path(folder) / "limb.glb"))
+    """The document that reading the asset gives. It holds all of the file, whose place is used again and again."""
+    return read_document(asset.write(FOLDER / "limb.glb"))
 
 
 def prepare(asset: Asset, *tools: Json, node: int = 0, **header: Any) -> Prepared:
