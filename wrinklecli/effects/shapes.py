@@ -370,7 +370,8 @@ def turn_to(base: Floats, authored: Floats, vectors: Floats) -> Floats:
     # Opposite normals (a face wound inside out) have no smallest rotation; there, both are mirrored.
     opposite = cosine < -0.999
     scale = 1.0 / np.where(opposite, 1.0, 1.0 + cosine)
-    turned = vectors + np.cross(axis, vectors) + np.cross(axis, np.cross(axis, vectors)) * scale
+    across = np.cross(axis, vectors)
+    turned = vectors + across + np.cross(axis, across) * scale
     return np.where(opposite, -vectors, turned)
 
 
