@@ -5,15 +5,25 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wrinklecli.numeric.intersections import Crossings, edges_of, pass_through
+from wrinklecli.numeric.intersections import Crossings, edges_of
+
+
+def volumes(first: np.ndarray, *others: np.ndarray) -> np.ndarray:
+    """Six times those of tetrahedra with (n, 3) corners each, with signs."""
+    return np.linalg.det(np.stack([other - first for other in others], axis=1))
 
 
 def every_crossing(positions: np.ndarray, triangles: np.ndarray) -> list[tuple[int, int]]:
+    """Edges with an end on either side of a triangle, whose line turns about all of its sides alike."""
     edges = edges_of(triangles)
     e, t = (each.reshape(-1) for each in np.indices((len(edges), len(triangles))))
+    start, stop = positions[edges[e]].swapaxes(0, 1)
+    corners = positions[triangles[t]].swapaxes(0, 1)
+    split = volumes(*corners, start) * volumes(*corners, stop) < 0
+    turns = np.sign([volumes(start, stop, corners[k], corners[k - 1]) for k in range(3)])
     apart = (edges[e][:, :, None] != triangles[t][:, None]).all(axis=(1, 2))
-    crosses = pass_through(positions[edges[e[apart]]], positions[triangles[t[apart]]])
-    return list(zip(e[apart][crosses].tolist(), t[apart][crosses].tolist(), strict=True))
+    crosses = apart & split & (turns == turns[0]).all(axis=0)
+    return list(zip(e[crosses].tolist(), t[crosses].tolist(), strict=True))
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(0, 60))
@@ -54,4 +64,6 @@ CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
 def test_an_edge_passes_through_what_it_has_an_end_on_either_side_of(
     start: tuple[float, ...], stop: tuple[float, ...], crosses: bool
 ) -> None:
-    assert pass_through(np.array([[start, stop]], float), CORNERS[None]).tolist() == [crosses]
+    positions, triangles = np.array([*CORNERS, start, stop]), np.array([[0, 1, 2], [3, 4, 4]])
+    edges, through = Crossings.of(positions, triangles).at(positions)
+    assert list(zip(edges_of(triangles)[edges].tolist(), through.tolist(), strict=True)) == [([3, 4], 0)] * crosses

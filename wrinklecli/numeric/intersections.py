@@ -179,16 +179,6 @@ def widened(edges: Ints, marked: Bools) -> Bools:
     return wider
 
 
-def pass_through(ends: Floats, corners: Floats) -> Bools:
-    """(pairs,) True where a segment of (pairs, 2, 3) ends passes through the triangle of (pairs, 3, 3) corners."""
-    start, stop = ends[:, 0].T, ends[:, 1].T
-    a, b, c = (corners[:, k].T for k in range(3))
-    normal = cross(b - a, c - a)
-    passing = np.flatnonzero(np.sign(dot(start - a, normal)) * np.sign(dot(stop - a, normal)) < 0)
-    alike = _turn_alike(*(each[:, passing] for each in (start, stop, a, b, c)))
-    return flags_of(passing[alike], len(ends))
-
-
 def _turn_alike(start: Floats, stop: Floats, a: Floats, b: Floats, c: Floats) -> Bools:
     """(pairs,) True where the line from a start to a stop passes within a triangle's corners; all are (3, pairs)."""
     ray = stop - start
