@@ -198,16 +198,16 @@ def _fit_normals(
         for shape, weight in sample.beneath:
             _, rows, others = np.intersect1d(touched, shape.normal_vertices, assume_unique=True, return_indices=True)
             wanted[number, rows] -= weight * shape.normal_deltas[others]
-    normal = np.zeros((len(touched), len(deltas), len(deltas)))
-    right = np.zeros((len(touched), len(deltas), 3))
+    leverages, count = cosines**4, len(deltas)
+    normal = np.zeros((len(touched), count, count))
+    # Few of many shapes act together.
+    ones, others = np.nonzero(np.triu(np.any((weights[:, :, None] != 0) & (weights[:, None] != 0), axis=0)))
+    normal[:, ones, others] = normal[:, others, ones] = leverages.T @ (weights[:, ones] * weights[:, others])
+    wanted *= leverages[:, :, None]
+    right = (weights.T @ wanted.reshape(len(weights), -1)).reshape(count, -1, 3)
+    right = np.ascontiguousarray(right.transpose(1, 0, 2))
     # A shape turns no normal around which it moves nothing, though it could make up for what others leave there.
     reaching = normals.reached(np.any(deltas, axis=2))
-    # Sample by sample, as few of many shapes act in each.
-    for leverage, row, want in zip(cosines**4, weights, wanted, strict=True):
-        acting = np.flatnonzero(row)
-        own = leverage[:, None] * row[acting]
-        normal[:, acting[:, None], acting] += own[:, :, None] * row[acting]
-        right[:, acting] += own[:, :, None] * want[:, None]
     normal *= reaching[:, :, None] & reaching[:, None]
     right *= reaching[:, :, None]
     # Shapes that hardly act in any sample get no normals instead of huge ones.
