@@ -190,8 +190,9 @@ def test_crests_run_across_the_compression_of_a_bent_tube() -> None:
 
 
 def test_more_slack_makes_lower_folds() -> None:
-    heights = [bent_tube(slack=slack)[1].greatest_height for slack in ("0%", "4%", "20%")]
-    assert heights[0] > heights[1] > heights[2] > 0
+    """As a whole: where there is no room for more, folds are as high with little slack as with none."""
+    heights = [float(np.linalg.norm(tallest(bent_tube(slack=slack)[1]))) for slack in ("0%", "4%", "20%")]
+    assert heights[0] > 1.01 * heights[1] > 1.02 * heights[2] > 0
 
 
 def test_longer_waves_are_higher_in_proportion() -> None:

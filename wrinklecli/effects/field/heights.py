@@ -153,9 +153,10 @@ def _room(
     blended = np.einsum("vk,vkab->vab", weights, pose[:, :3][joints])
     shown = transform(blended[None], rest.bind_positions)[0]
     normals = vertex_normals(shown, sheet.triangles)
-    strain = fine.of_integrals(sheet.to_vertices(gauges.strains(shown)))
-    stretch = np.exp(along(strain, direction, direction))
-    concave = fine.of(np.maximum(-np.sum(curvatures(shown, sheet.triangles) * normals, axis=1), 0.0))
+    stretches = along(sheet.to_vertices(gauges.strains(shown)), direction, direction)
+    hollows = sheet.areas * np.maximum(-np.sum(curvatures(shown, sheet.triangles) * normals, axis=1), 0.0)
+    strain, concave = fine.of_integrals(np.stack([stretches, hollows], axis=1)).T
+    stretch = np.exp(strain)
     room = np.minimum(_STEEPEST / 2.0 * stretch, np.pi * _IN_CREASE / np.maximum(wavelengths * concave, _TINY))
     room *= np.clip((_TAUT - stretch) / (_TAUT - 1.0), 0.0, 1.0)
     turned = np.einsum("vab,vb->va", blended[:, :, :3], raising)
