@@ -29,7 +29,7 @@ from wrinklecli.numeric.arrays import (
     normal_sums,
     weighted_quantiles,
 )
-from wrinklecli.numeric.laplacian import Sheet
+from wrinklecli.numeric.laplacian import Average, Sheet
 from wrinklecli.surface.refine import Refinement
 
 # Replaces a divisor of 0.
@@ -51,16 +51,14 @@ _POSES = 64
 _MOMENTS, _DIGITS = 25, 3
 # Part by which wrinkles that turn a triangle over are lowered, passes, and those in which the last are levelled.
 _LOWERED, _PASSES, _FLAT_PASSES = 0.35, 8, 16
-# Length round such a triangle, in wavelengths, over which that fades, the average from which on it is whole, and a part
-# of it that changes nothing.
-_NEAR, _WIDER, _UNTOUCHED = 0.25, 4.0, 0.01
+# Average round such a triangle, from which on that is whole, is one over this, and a part of it that changes nothing.
+_WIDER, _UNTOUCHED = 4.0, 0.01
 # Waves along a side of a triangle that shows them, the quantile of a field's sides that are usual beyond that, as in a
 # draft, and length over the usual one from which on a side shows none.
 _SHORT_ENOUGH, _USUAL, _TOO_LONG = 0.25, 0.75, 1.6
-# Length over which that is averaged once more, in wavelengths: folds that end within less look torn.
-_EVEN = 0.6
-# Length over which heights are averaged, in wavelengths: linear mixtures of coarse values have creases.
-_SMOOTH = 0.3
+# Length over which heights and what lowers them are averaged, in wavelengths: linear mixtures of coarse values have
+# creases, and folds that end within less look torn.
+_SMOOTH = 0.4
 
 
 # A pose: the triangles that it does not turn over itself, their normals, (3, vertices) places, and moves of a field.
@@ -101,19 +99,20 @@ def displaced(
     values, shares = values[vertices], greatest[vertices] / greatest.max()
     positions, normals = fine.rest_positions[vertices], fine.rest_normals_at(vertices)
     sheet = Sheet.of(positions, np.searchsorted(vertices, faces))
-    heights = np.maximum(sheet.averaging(_SMOOTH * attached.wavelength).of(values[:, :count]), 0.0)
+    average = sheet.averaging(_SMOOTH * attached.wavelength)
+    heights = np.maximum(average.of(values[:, :count]), 0.0)
     whole = max(float(heights.max(initial=0.0)), _TINY)
     heights *= (free[vertices] * np.minimum(shares / _LEAST, 1.0))[:, None]
     remaining = float(heights.max(initial=0.0)) / whole
     covered = np.zeros(len(free))
     covered[vertices] = np.minimum(heights.max(axis=1) / (_SEEN * values[:, -1]), 1.0)
-    waves = _waves(attached, sheet, normals, values[:, count:], shares)
+    waves = _waves(attached, sheet, average, normals, values[:, count:], shares)
     outward = fine.raising_at(vertices)
     moves = (heights * waves.heights[:, None]).T[:, :, None] * outward
     lengths = np.sqrt(np.sum(moves**2, axis=2))
     moves = np.where((lengths > _UNSEEN * lengths.max(initial=0.0))[:, :, None], moves, 0.0)
-    left = _lowered(_poses(attached, shown), fine, sheet, vertices, moves, attached.wavelength)
-    left = np.minimum(left, np.maximum(sheet.averaging(_EVEN * attached.wavelength).of(left), 0.0))
+    left = _lowered(_poses(attached, shown), fine, average, vertices, moves)
+    left = np.minimum(left, np.maximum(average.of(left), 0.0))
     moves *= left[:, None]
     heights *= left[:, None]
     a, b = waves.sides.T
@@ -146,9 +145,7 @@ def _poses(attached: AttachedField, shown: tuple[Rig, Sequence[Clip]] | None) ->
     return np.concatenate(matrices)[chosen], every[chosen]
 
 
-def _lowered(
-    poses: tuple[Floats, Floats], fine: Refinement, sheet: Sheet, vertices: Ints, moves: Floats, wavelength: float
-) -> Floats:
+def _lowered(poses: tuple[Floats, Floats], fine: Refinement, average: Average, vertices: Ints, moves: Floats) -> Floats:
     """(vertices,) factors of (shapes, vertices, 3) moves by which hardly a triangle is turned over in some poses.
 
     Moves add up, so each pose is made once, with them and without.
@@ -163,15 +160,14 @@ def _lowered(
     skin = prepare(influences, fine.bind_positions[whole.vertices], every_move)
     before, _ = pose(skin, matrices, np.zeros(weights.shape))
     after, _ = pose(skin, matrices, weights)
-    near, left = sheet.averaging(_NEAR * wavelength), np.ones(len(whole.vertices))
-    marked = np.zeros(len(left))
+    left, marked = np.ones(len(whole.vertices)), np.zeros(len(whole.vertices))
     for still, moved in zip(before, after, strict=True):
         turned = _turned_over(moved, whole.triangles, face_normals(still.T, whole.triangles))
         marked[whole.triangles[whole.judged & turned]] = 1.0
     if not marked.any():
         return left[rows]
     lowered = np.zeros(len(left))
-    lowered[rows] = _WIDER * near.of(marked[rows])
+    lowered[rows] = _WIDER * average.of(marked[rows])
     part = _Part.of(np.maximum(lowered, marked) > _UNTOUCHED, whole.triangles)
     looks = []
     for still, moved in zip(before[:, :, part.vertices], after[:, :, part.vertices], strict=True):
@@ -186,7 +182,7 @@ def _lowered(
         if not looked:
             break
         if number < _PASSES:
-            left[rows] *= 1.0 - _LOWERED * np.clip(_WIDER * near.of(marked[rows]), 0.0, 1.0)
+            left[rows] *= 1.0 - _LOWERED * np.clip(_WIDER * average.of(marked[rows]), 0.0, 1.0)
         else:
             # Level, with all triangles that give its corners their normals, it is as turned as the skin.
             left[whole.triangles[(marked[whole.triangles] > 0).any(axis=1)]] = 0.0
@@ -237,12 +233,15 @@ def _turned_over(places: Floats, triangles: Ints, skinned: Floats) -> Bools:
     return np.asarray(away | turned_over(faces, normal_sums(faces, triangles, len(positions))[triangles]))
 
 
-def _waves(attached: AttachedField, sheet: Sheet, normals: Floats, values: Floats, shares: Floats) -> "_Waves":
+def _waves(
+    attached: AttachedField, sheet: Sheet, average: Average, normals: Floats, values: Floats, shares: Floats
+) -> "_Waves":
     """The waves of a field.
 
     Args:
         attached: The field.
         sheet: The refined surface at rest.
+        average: Over `_SMOOTH` of it.
         normals: (vertices, 3) of it.
         values: (vertices, 7) directions as tensors, and wavelengths.
         shares: (vertices,) parts of the greatest height.
@@ -259,13 +258,13 @@ def _waves(attached: AttachedField, sheet: Sheet, normals: Floats, values: Float
     sides = Sides.of(places, sheet.triangles, normals, lines, wavelengths)
     psi = phases(sides, places, sheet.triangles, trust, attached.wavelength, seed=seed)
     # Where poses fold the surface across each other, no direction is right.
-    uneven = clear * _shown(sides, sheet, attached.wavelength) * irregular.raised(places, *varied)
+    uneven = clear * _shown(sides, sheet, average) * irregular.raised(places, *varied)
     return _Waves(
         uneven * _height(fabric, psi), sides.ends, uneven[sides.ends].mean(axis=1) * _height(fabric, sides.middles(psi))
     )
 
 
-def _shown(sides: Sides, sheet: Sheet, wavelength: float) -> Floats:
+def _shown(sides: Sides, sheet: Sheet, average: Average) -> Floats:
     """(vertices,) from 1 to 0 where sides of triangles are so much longer than elsewhere that waves become knobs.
 
     Refinement splits no side whose middle would need too many joints, as in a groin.
@@ -274,7 +273,7 @@ def _shown(sides: Sides, sheet: Sheet, wavelength: float) -> Floats:
     np.maximum.at(longest, sides.ends, np.abs(sides.turns)[:, None] / (2.0 * np.pi))
     usual = max(float(weighted_quantiles(longest, sheet.areas, np.array([_USUAL]))[0]), _SHORT_ENOUGH)
     shown = np.clip((_TOO_LONG - longest / usual) / (_TOO_LONG - 1.0), 0.0, 1.0)
-    return np.clip(sheet.averaging(_SMOOTH * wavelength).of(shown), 0.0, 1.0)
+    return np.clip(average.of(shown), 0.0, 1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
