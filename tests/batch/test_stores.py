@@ -122,12 +122,11 @@ SMALL = 10**6  # bytes that a file may have in these tests
 
 
 @pytest.fixture
-def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+def http() -> None:
     pytest.importorskip("aiohttp")
-    monkeypatch.setattr(stores, "_PATIENCE", 0.3)
 
 
-@pytest.mark.usefixtures("impatient")
+@pytest.mark.usefixtures("http")
 @pytest.mark.parametrize(
     ("address", "answer", "number", "said"),
     [
@@ -150,17 +149,20 @@ def test_a_file_at_a_url_has_no_more_bytes_than_may_be_read(
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.usefixtures("impatient")
+@pytest.mark.usefixtures("http")
 @pytest.mark.parametrize("chain", ["", "zip://a.glb::"])
 @pytest.mark.parametrize("answer", SLOW, ids=lambda each: each.__name__)
-def test_a_server_that_stops_or_dribbles_does_not_answer(answer: web.Answer, chain: str) -> None:
+def test_a_server_that_stops_or_dribbles_does_not_answer(
+    answer: web.Answer, chain: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(stores, "_PATIENCE", 0.3)
     began = time.monotonic()
     with web.served({"/a.zip": answer}) as server, pytest.raises(StoreError, match="the store does not answer: "):
         stores.read(f"{chain}{server}/a.zip")
-    assert time.monotonic() - began < 3
+    assert time.monotonic() - began < 20.0  # seconds: less than `_PATIENCE` is otherwise, for a busy machine
 
 
-@pytest.mark.usefixtures("impatient")
+@pytest.mark.usefixtures("http")
 def test_a_refused_connection_is_no_missing_file() -> None:
     with web.served({}) as server:
         pass
@@ -168,7 +170,7 @@ def test_a_refused_connection_is_no_missing_file() -> None:
         stores.read(f"{server}/a.yaml")
 
 
-@pytest.mark.usefixtures("impatient")
+@pytest.mark.usefixtures("http")
 def test_archives_are_read_by_url() -> None:
     answers = {"/a.zip": web.sound(web.zipped(bytes(1000))), "/a.tar.gz": web.sound(web.tarred(bytes(1000)))}
     with web.served(answers) as server:
@@ -178,14 +180,14 @@ def test_archives_are_read_by_url() -> None:
             stores.read(f"zip://b.glb::{server}/a.zip")
 
 
-@pytest.mark.usefixtures("impatient")
+@pytest.mark.usefixtures("http")
 def test_a_zip_that_says_less_than_it_has_is_no_larger() -> None:
     answers = {"/a.zip": web.sound(web.zipped(bytes(20 * SMALL), said=1000))}
     with web.served(answers) as server, pytest.raises((OSError, StoreError)):
         stores.read(f"zip://a.glb::{server}/a.zip", SMALL)
 
 
-@pytest.mark.usefixtures("impatient")
+@pytest.mark.usefixtures("http")
 @pytest.mark.parametrize("large", ["limb.gltf", "tools.yaml", "limb.bin", "clips.glb"])
 def test_a_job_says_which_of_its_files_is_too_large(large: str, wrinkle: Wrinkle, tmp_path: Path) -> None:
     limb_asset(rings=7, sides=6).write(tmp_path / "limb.gltf")
@@ -207,8 +209,10 @@ def test_a_job_says_which_of_its_files_is_too_large(large: str, wrinkle: Wrinkle
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("impatient")
-def test_a_store_that_stops_is_asked_again(wrinkle: Wrinkle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.usefixtures("http")
+def test_a_store_that_breaks_off_is_asked_again(
+    wrinkle: Wrinkle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(worker, "_FIRST_PAUSE", 0.01)
     asset = limb_asset(rings=7, sides=6).write(tmp_path / "limb.glb").read_bytes()
     tools = write_tools(tmp_path / "tools.yaml", refinement={"max_levels": 0}, sampling={"fps": 4}).read_bytes()
@@ -216,7 +220,7 @@ def test_a_store_that_stops_is_asked_again(wrinkle: Wrinkle, tmp_path: Path, mon
 
     def at_last(request: BaseHTTPRequestHandler, ended: Event) -> None:
         asked.append(request.path)
-        (web.sound(asset) if len(asked) == 3 else web.stopped)(request, ended)
+        (web.sound(asset) if len(asked) == 3 else web.broken)(request, ended)
 
     with web.served({"/limb.glb": at_last, "/tools.yaml": web.sound(tools)}) as server:
         arguments = ("--tools", f"{server}/tools.yaml", "--out", tmp_path / "out.glb", "--cache", tmp_path / "cache")
@@ -226,7 +230,7 @@ def test_a_store_that_stops_is_asked_again(wrinkle: Wrinkle, tmp_path: Path, mon
         assert wrinkle("batch", f"{server}/limb.glb", *arguments, "-q").code == 0
 
 
-@pytest.mark.usefixtures("impatient")
+@pytest.mark.usefixtures("http")
 def test_a_manifest_is_no_larger_than_one_may_be(wrinkle: Wrinkle, tmp_path: Path) -> None:
     with web.served({"/jobs.yaml": web.announced}) as server:
         ran = wrinkle("batch", f"{server}/jobs.yaml", "--cache", tmp_path / "cache")

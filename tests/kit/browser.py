@@ -224,7 +224,7 @@ def browsing(folder: Path, address: str, size: tuple[int, int] = (1280, 800)) ->
     try:
         port = until(lambda: _port(profile), "the browser's port")
         listed = until(lambda: _pages(port), "the browser's page")
-        with connect(listed[0]["webSocketDebuggerUrl"], max_size=None) as connection:
+        with connect(listed[0]["webSocketDebuggerUrl"], max_size=None, open_timeout=PATIENCE) as connection:
             page = Page(connection)
             page.call(
                 "Emulation.setDeviceMetricsOverride", width=size[0], height=size[1], deviceScaleFactor=1, mobile=False

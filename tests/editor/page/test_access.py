@@ -72,6 +72,7 @@ def opens(page: Page, path: str = "", **headers: str) -> bool:
             subprotocols=[f"viser-v{viser.__version__}"],  # type: ignore[list-item]
             additional_headers=headers,
             max_size=None,
+            open_timeout=PATIENCE,
         ) as tab,
     ):
         return len(tab.recv(timeout=PATIENCE)) > 1000

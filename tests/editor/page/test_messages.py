@@ -63,7 +63,8 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
 def tab(page: Page) -> ClientConnection:
     """A tab that shows the page."""
     address = page.address.replace("http", "ws", 1)
-    connection = connect(address, subprotocols=[f"viser-v{viser.__version__}"], max_size=None)  # type: ignore
+    protocol: Any = f"viser-v{viser.__version__}"
+    connection = connect(address, subprotocols=[protocol], max_size=None, open_timeout=PATIENCE)
     threading.Thread(target=lambda: [None for _ in connection], daemon=True).start()
     connection.send(msgspec.msgpack.encode(CAMERA))
     return connection

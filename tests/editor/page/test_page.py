@@ -55,7 +55,8 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
 
 def tab(page: Page, **options: object) -> ClientConnection:
     address = page.address.replace("http", "ws", 1)
-    return connect(address, subprotocols=[f"viser-v{viser.__version__}"], max_size=None, **options)  # type: ignore
+    options = {"subprotocols": [f"viser-v{viser.__version__}"], "max_size": None, "open_timeout": PATIENCE} | options
+    return connect(address, **options)  # type: ignore[arg-type]
 
 
 def test_a_split_needs_a_share_wrinkles_and_somebody_who_looks(page: Page) -> None:
