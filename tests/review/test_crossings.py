@@ -22,6 +22,7 @@ def test_a_fold_that_closes_crosses_and_wrinkles_add_to_it(tmp_path: Path) -> No
     (bare,), (clip,) = crossings(asset).data["clips"], crossings(asset, tools).data["clips"]
     (counts,) = bare["counts"]
     assert bare["totals"] == [sum(counts)]
+    assert bare["level"] is None
     assert counts[0] == 0 < max(counts)
     assert clip["counts"][0] == counts
     assert clip["totals"][1] > clip["totals"][0]
@@ -133,11 +134,14 @@ def test_what_refinement_alone_has_split_counts_once(build: Callable[..., Asset]
     assert before.max() >= 24
     # The two sides of a fold are symmetric, and meet exactly.
     assert np.abs(after - before).max() <= 3
+    assert clip["level"] == clip["counts"][1]
     assert clip["places"][0]["counts"] == clip["totals"]
     # Nothing is lost where wrinkles rise.
     write_tools(tools, tool(bumps=3, width=0.8), refinement={"max_levels": 2})
     (risen,) = crossings(asset, tools).data["clips"]
     assert risen["totals"][1] > 1.5 * clip["totals"][1]
+    # Without the wrinkles, but in as many parts.
+    assert clip["totals"][1] < sum(risen["level"]) < risen["totals"][1]
 
 
 @pytest.mark.slow

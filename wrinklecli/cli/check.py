@@ -50,14 +50,16 @@ def check(
 
     --crossings needs no TOOLS. It says where and when surfaces of the scene go through themselves or each other,
     without wrinkles, and with those of TOOLS or those that ASSET has. Skinning alone makes some crossings. Edges that
-    refinement has split, and that no wrinkle moves, count as before. A baked file that `wrinkle track` or other
-    software has rewritten is only counted as it is.
+    refinement has split, and that no wrinkle moves, count as before. Where wrinkles move them, refinement alone makes
+    more of each crossing, so a clip has the number on the refined surface without wrinkles, too. A baked file that
+    `wrinkle track` or other software has rewritten is only counted as it is.
 
     --json prints {"check": 1, "asset", "tools_file", "meshes", "tools", "notes", "warnings"}, and "muscles", "flesh",
     "touches" and "fields" where there are any; within version 1, keys are only added. Lengths are scene units,
     positions have the tools file's axes, shortenings are shares of the rest length. With --crossings it prints
     {"crossings": 1, "asset", "tools_file", "states", "stored_pose", "clips", "warnings"}: counts are a number for each
-    state, or a list of them for the times of a clip.
+    state, or a list of them for the times of a clip; "level" of a clip has those of the refined surface without
+    wrinkles.
 
     Exit codes: 0 done; 1 the input is at fault; 2 wrong usage; 3 refused (--strict with warnings), no picture
     written; 70 a bug.
@@ -143,7 +145,9 @@ def _emit_crossings(asset: str, tools: str | None, *, as_json: bool, strict: boo
 def _emit_counts(data: dict[str, Any]) -> None:
     emit(f"stored pose: {_changed(data['stored_pose'])}")
     for clip in data["clips"]:
-        emit(f"{clip['name']}: {_changed(clip['totals'])} in {counted(len(clip['times']), 'moment')}{_most(clip)}")
+        level = "" if clip["level"] is None else f" ({sum(clip['level']):,} on the refined surface without wrinkles)"
+        moments = counted(len(clip["times"]), "moment")
+        emit(f"{clip['name']}: {_changed(clip['totals'])}{level} in {moments}{_most(clip)}")
         shown, others = clip["places"][:_MOST_PLACES], clip["places"][_MOST_PLACES:]
         for place in shown:
             at = ", ".join(f"{x:.3g}" for x in place["at"])

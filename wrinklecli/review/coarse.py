@@ -1,7 +1,8 @@
 """Crossings of a refined surface, counted as on the surface before: what refinement alone has split counts once."""
 
 from collections.abc import Sequence
-from dataclasses import field
+from dataclasses import field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -38,6 +39,31 @@ class CoarseCounter:
     fine: SceneSurface
     # For each vertex of the fine surface that was asked for, the coarse vertices between which it lies.
     _known: dict[int, tuple[int, ...]] = field(default_factory=dict)
+
+    @cached_property
+    def level(self) -> SceneSurface:
+        """The fine surface, which no new morph target moves."""
+        meshes = []
+        for number, mesh in enumerate(self.fine.meshes):
+            places = mesh.skin.places.copy()
+            places[:, 1:][:, self._new[number]] = 0.0
+            meshes.append(replace(mesh, skin=replace(mesh.skin, places=places)))
+        return replace(self.fine, meshes=tuple(meshes))
+
+    @cached_property
+    def _new(self) -> list[list[int]]:
+        """For each mesh of the fine surface the numbers of the morph targets that the coarse one has not."""
+        owned = {rig.node: rig.morph_names for rig in self.coarse.rigs}
+        wholes = [owned.get(self.fine.rigs[whole].node) for whole in self.fine.wholes]
+        return [
+            [k for k, name in enumerate(rig.morph_names) if before is None or name not in before]
+            for rig, before in zip(self.fine.rigs, wholes, strict=True)
+        ]
+
+    @property
+    def is_moved(self) -> bool:
+        """True if there are any."""
+        return any(self._new)
 
     def reduced(self, clip: Clip | None, times: Floats, found: Sequence[CrossingPairs]) -> list[CrossingPairs]:
         """The crossings of each of (frames,) seconds of a clip, or without one of the stored pose, that count."""
@@ -80,13 +106,11 @@ class CoarseCounter:
 
     def _moved(self, clip: Clip | None, times: Floats) -> Bools:
         """(frames, vertices) True where morph targets that the coarse surface has not move the fine one."""
-        owned = {rig.node: rig.morph_names for rig in self.coarse.rigs}
         moved = np.zeros((len(times), len(self.fine.positions)), bool)
         for number, mesh in enumerate(self.fine.meshes):
             rig, skin = mesh.rig, mesh.skin
             there = slice(self.fine.starts[number], self.fine.starts[number + 1])
-            before = owned.get(self.fine.rigs[self.fine.wholes[number]].node)
-            new = [k for k, name in enumerate(rig.morph_names) if before is None or name not in before]
+            new = self._new[number]
             acting = morph_weights(rig, clip, times)[:, new] != 0
             moved[:, there] = acting @ skin.places[:, 1:][:, new].any(axis=0)
         return moved

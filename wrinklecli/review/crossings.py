@@ -65,6 +65,8 @@ def crossings(
 
     The asset without wrinkles is counted, and the asset with those of the tools or with those that it carries. Where no
     wrinkle moves the surface, parts of an edge or triangle that refinement has split count as one, as before the bake.
+    Where wrinkles do, refinement alone makes more of each crossing: "level" of a clip has the counts of the refined
+    surface without them.
 
     Args:
         asset: The .gltf or .glb to read.
@@ -123,6 +125,13 @@ class _State:
         """Find what crosses at each of (frames,) seconds of a clip, or in the stored pose."""
         every = self.surface.found(clip, times)
         return every if self.counter is None else self.counter.reduced(clip, times, every)
+
+    def level(self, clip: Clip, times: Floats) -> list[int] | None:
+        """What would cross if nothing of the bake moved the refined surface, counted alike; None without a bake."""
+        if self.counter is None or not self.counter.is_moved:
+            return None
+        every = self.counter.level.found(clip, times)
+        return [len(each.edges) for each in self.counter.reduced(clip, times, every)]
 
 
 def _states(
@@ -187,10 +196,11 @@ def _describe_clip(states: Sequence[_State], clip: Clip, fps: float | None) -> J
     """Count the crossings of each state at moments of a clip."""
     moments = distinct_values(np.linspace(clip.start, clip.end, _MOMENTS))
     times = moments if fps is None else clip_grid(clip, None, fps=fps)
-    found = []
+    found, level = [], None
     for each in states:
         (own,) = [other for other in read_clips(each.document) if other.index == clip.index]
         found.append(each.found(own, times))
+        level = each.level(own, times)
     counts = [[len(frame.edges) for frame in frames] for frames in found]
     places: dict[str, Json] = {}
     for number, (each, frames) in enumerate(zip(states, found, strict=True)):
@@ -203,6 +213,7 @@ def _describe_clip(states: Sequence[_State], clip: Clip, fps: float | None) -> J
         "times": [_round(time) for time in times],
         "counts": counts,
         "totals": [sum(each) for each in counts],
+        "level": level,
         "places": sorted(places.values(), key=lambda each: (-max(each["counts"]), each["between"])),
     }
 

@@ -86,7 +86,7 @@ def without_contact(planned: PlannedTools) -> tuple[PlannedTools, list[str]]:
 
     A look at tools takes seconds, and resolving their folds may take a minute.
     """
-    asked = [each.name for each in planned.settings.on_skin if "folds" in each.sections]
+    asked = [tool.name for tool in planned.settings.tools if tool.contact is not None]
     left = tuple(
         replace(plan, layers=tuple(each for each in plan.layers if not each.is_solved)) for plan in planned.plans
     )
