@@ -156,7 +156,7 @@ def read_job(
     )
     motions = motions or Motions(anims=options.anims, range_of_motion=False)
     job = job_of(document, drafted if options.draft else settings, options, motions)
-    asked = [each.name for each in settings.on_skin if "folds" in each.sections]
+    asked = [each.name for each in settings.on_skin if each != each.without_contact]
     if not options.draft or not asked:
         return job
     return replace(job, notes=(*job.notes, f"{', '.join(asked)}: contact is left out, as in every draft"))
@@ -338,7 +338,7 @@ def _by_own_names(tool: EffectTool, names: MeshNames) -> EffectTool:
     changes: dict[str, Any] = {} if tool.node is None else {"node": own(tool.node)}
     if isinstance(tool, Flesh):
         changes["meshes"] = tuple(map(own, tool.meshes))
-    if isinstance(tool, WrinkleTool | Field) and tool.contact is not None:
+    if isinstance(tool, WrinkleTool) and tool.contact is not None:
         changes["contact"] = replace(tool.contact, ignore=tuple(map(own, tool.contact.ignore)))
     return replace(tool, **changes)
 
@@ -445,9 +445,11 @@ def wrinkles_alone(job: Job) -> Job:
     notes = []
     for node, tools in job.by_node.items():
         for tool in tools:
-            if not isinstance(tool, WrinkleTool | Field):
+            if isinstance(tool, Field):
+                kept.setdefault(node, []).append(tool)
+            elif not isinstance(tool, WrinkleTool):
                 notes.append(f"{tool.name}: left out, as it moves the body; maps hold wrinkles alone")
-            elif isinstance(tool, WrinkleTool) and tool.attachment == "patch":
+            elif tool.attachment == "patch":
                 notes.append(f"{tool.name}: left out, as attachment: patch has other wrinkles in each frame")
             else:
                 if tool.contact is not None:

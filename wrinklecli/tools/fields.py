@@ -25,7 +25,6 @@ from wrinklecli.tools.json_schema import (
 )
 from wrinklecli.tools.materials import Preset
 from wrinklecli.tools.records import (
-    CONTACT,
     MASK,
     MAX_SEED,
     Contact,
@@ -144,16 +143,12 @@ class Field(EffectTool):
         hashed=False,
     )
     contact: Contact | None = key(
-        CONTACT,
-        "resolve, or a mapping of what else it shall do: its folds at joints that touch never cross. Default off.",
+        # To YAML 1.1, which is read, off is false.
+        expects("off or resolve", anyOf=[{"enum": ["off", "resolve", False]}]),
+        "resolve: it is lowered where it would cross more than the skin alone. Default off.",
         "off",
         read=read_contact,
     )
-
-    @property
-    def sections(self) -> tuple[str, ...]:
-        """Fields, and folds where contact keeps them apart."""
-        return (self.section,) if self.contact is None else (self.section, "folds")
 
     beside: tuple[str, ...] = ()
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, field, replace
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,7 +20,6 @@ from wrinklecli.numeric.arrays import Floats, significant
 if TYPE_CHECKING:
     from wrinklecli.effects.contact.crease import Crease, Followed, PlayerError
     from wrinklecli.effects.contact.fold import Fold
-    from wrinklecli.effects.wrinkle.patch import Patch
 
 
 SECTION = "folds"
@@ -84,10 +83,11 @@ def contact_effect(
         return found
 
     response, hinge = crease.response.mapped(written, basis.null[list(columns)]), crease.fold.hinge
-    if isinstance(hinge, Hinge):
-        drive = Drive("", hinge.signal, names, response)
-    else:
-        drive = tool_drive(cast("Patch", crease.fold.patches[0]), names, response)
+    drive = (
+        Drive("", hinge.signal, names, response)
+        if isinstance(hinge, Hinge)
+        else tool_drive(crease.fold.patches[0], names, response)
+    )
     silent = {name: 0.0 for name, error in words.player_errors.items() if error.silent}
     rows = {name: Rows(times, written(each.weights)) for name, (times, each) in words.followed.items()}
     drive = replace(drive, strengths={**drive.strengths, **silent}, rows=rows)

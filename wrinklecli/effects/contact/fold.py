@@ -1,4 +1,4 @@
-"""Folds: the surface round a joint that bends between the ends of some tools or folds a field, with all its wrinkles.
+"""Folds: the surface round a joint that bends between the ends of some tools, posed with all its wrinkles and fields.
 
 Not in the paper, which names contact as a goal. Contact is solved for each fold on its own, that is for the tools over
 one joint and the surface round it that may touch.
@@ -7,7 +7,6 @@ one joint and the surface round it that may touch.
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import TypeAlias
 
 import numpy as np
 
@@ -16,10 +15,10 @@ from wrinklecli.character.pose import node_matrices
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.skin import SkinnedMesh
 from wrinklecli.choices import Part
-from wrinklecli.effects.attached import AnyAttached
+from wrinklecli.effects.body import BodyPart
 from wrinklecli.effects.contact.hinge import Hinge, hinge_of
-from wrinklecli.effects.contact.raised_field import RaisedField, bent_radius
 from wrinklecli.effects.contact.rise import Rise, rise_of
+from wrinklecli.effects.field.attach import AttachedField
 from wrinklecli.effects.wrinkle.bending import bent_node
 from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
 from wrinklecli.effects.wrinkle.lookup import looked_up
@@ -48,7 +47,22 @@ _MOMENTS = 8
 # Poses that are computed at once, to bound memory.
 _AT_ONCE = 16
 
-Carried: TypeAlias = CarriedPatch | RaisedField
+
+@dataclass(frozen=True, slots=True)
+class Raised:
+    """A field in folds, at a part of its height."""
+
+    part: BodyPart[AttachedField]
+    factor: float = 1.0
+
+    @property
+    def vertices(self) -> Ints:
+        """(vertices,) sorted fine vertices that it moves."""
+        return self.part.vertices
+
+    def displacements(self, fine: Refinement, rig: Rig, clip: Clip | None, times: Floats) -> Floats:
+        """(frames, vertices, 3) their displacements, bind space."""
+        return self.factor * self.part.displacements(fine, rig, clip, times)
 
 
 @dataclass(frozen=True)
@@ -56,7 +70,7 @@ class Fold:
     """The surface round a joint, with all tools that wrinkle it.
 
     Attributes:
-        patches: The tools and fields whose contact is resolved here, as they are baked.
+        patches: The tools whose contact is resolved here, as they are baked.
         hinge: The joint, or the motion that raises the tools' wrinkles if no joint bends.
         vertices: (vertices,) sorted fine welded vertices.
         triangles: (triangles, 3) indices into `vertices`, followed by the vertices of other meshes.
@@ -66,11 +80,12 @@ class Fold:
         rig: The mesh's joints.
         rest: Its rest pose.
         fine: The refined surface.
-        carried: All tools on the mesh, and its fields.
+        carried: All tools on the mesh.
+        fields: All fields on it.
         others: The parts of other meshes that may touch the fold.
     """
 
-    patches: tuple[AnyAttached, ...]
+    patches: tuple[Patch, ...]
     hinge: Hinge | Rise
     vertices: Ints
     triangles: Ints
@@ -80,7 +95,8 @@ class Fold:
     rig: Rig
     rest: Rest
     fine: Refinement
-    carried: tuple[Carried, ...]
+    carried: tuple[CarriedPatch, ...]
+    fields: tuple[Raised, ...] = ()
     others: tuple[SkinnedMesh, ...] = ()
 
     @property
@@ -105,14 +121,14 @@ class Fold:
         return Crossings.of(self.rest_positions, self.triangles)
 
     @cached_property
-    def moved(self) -> list[tuple[Carried, Ints, Ints]]:
+    def moved(self) -> list[tuple[CarriedPatch, Ints, Ints]]:
         """The tools that move any vertices, the indices of these here, and their indices among the tool's."""
-        found = []
-        for each in self.carried:
-            _, here, there = np.intersect1d(self.vertices, each.vertices, assume_unique=True, return_indices=True)
-            if len(here):
-                found.append((each, here, there))
-        return found
+        return [(each, *both) for each in self.carried if len((both := self._shared_with(each.vertices))[0])]
+
+    def _shared_with(self, vertices: Ints) -> tuple[Ints, Ints]:
+        """The indices here, and among others, of (others,) sorted fine vertices that are in both."""
+        _, here, there = np.intersect1d(self.vertices, vertices, assume_unique=True, return_indices=True)
+        return here, there
 
     def posed(self, clip: Clip | None, times: Floats) -> tuple[Floats, Floats]:
         """Pose the wrinkled surface at (frames,) seconds of a clip, without contact.
@@ -125,23 +141,24 @@ class Fold:
         """
         moves = np.zeros((len(times), len(self.vertices), 3))
         for carried, here, there in self.moved:
-            if isinstance(carried, RaisedField):
-                moves[:, here] += carried.displacements(self.rig, clip, times, there)
-                continue
             amplitudes = None
             if clip is not None and clip.index < 0:
                 amplitudes = looked_up(carried.patch.curve, carried.patch.segment.lengths(self.rig, clip, times))
             moves[:, here] += displacements(carried, self.fine, self.rig, clip, times, amplitudes)[:, there]
+        for each in self.fields:
+            here, there = self._shared_with(each.vertices)
+            moves[:, here] += each.displacements(self.fine, self.rig, clip, times)[:, there]
         every = [self.mesh.carried(clip, times, moves), *(each.carried(clip, times) for each in self.others)]
         return np.concatenate([each[0] for each in every], axis=1), np.concatenate([each[1] for each in every], axis=1)
 
     def at_height(self, factor: float, chosen: Collection[int] | None = None) -> "Fold":
-        """The fold with all wrinkles, or those of some tools by their numbers, at a part of their height."""
+        """The fold with all wrinkles and fields, or those of some tools by their numbers, at a part of their height."""
         carried = [
             each.times(np.full(len(each.vertices), factor)) if chosen is None or number in chosen else each
             for number, each in enumerate(self.carried)
         ]
-        return replace(self, carried=tuple(carried))
+        fields = [replace(each, factor=factor) if chosen is None else each for each in self.fields]
+        return replace(self, carried=tuple(carried), fields=tuple(fields))
 
     def poses(self, clip: Clip | None, times: Floats) -> Iterator[tuple[Floats, Floats]]:
         """`posed` frame by frame."""
@@ -176,31 +193,25 @@ class Fold:
 
 
 def find_folds(
-    carried_patches: Sequence[Carried],
+    carried_patches: Sequence[CarriedPatch],
     chosen: Sequence[int],
     fine: Refinement,
     rest: Rest,
     rig: Rig,
     parts: Sequence[Part | None],
     obstacles: Callable[[Collection[str]], Sequence[SkinnedMesh]] | None = None,
+    fields: Sequence[Raised] = (),
 ) -> tuple[list[Fold], list[int]]:
-    """Find the folds of the chosen tools and fields, and the tools that nothing shortens.
-
-    Tools over one joint share a fold. A field has one at each joint that folds it.
+    """Find the folds of the chosen tools, and the tools that nothing shortens; tools over one joint share a fold.
 
     `parts` names the part of a body that each node moves, if known. `obstacles` gives the other meshes, without the
     meshes of nodes with some names.
     """
     by_node: dict[int, list[int]] = {}
     by_rise: dict[bytes, dict[int, Rise]] = {}
-    without: list[int] = []
+    without = []
     for number in chosen:
-        carried = carried_patches[number]
-        if isinstance(carried, RaisedField):
-            for joint in carried.joints:
-                by_node.setdefault(joint, []).append(number)
-            continue
-        patch = carried.patch
+        patch = carried_patches[number].patch
         node = bent_node(patch, rig)
         rise = rise_of(patch, rig) if node is None else None
         if node is not None:
@@ -209,13 +220,14 @@ def find_folds(
             by_rise.setdefault(rise.motion.motion, {})[number] = rise
         else:
             without.append(number)
-    sites = [_round_joint(each, node, carried_patches, fine, rest, rig, parts[node]) for node, each in by_node.items()]
+    sites = [_round_joint(each, node, carried_patches, rest, rig, parts[node]) for node, each in by_node.items()]
     sites += [_round_tools(each, carried_patches) for each in by_rise.values()]
     folds = []
     for site in sites:
         patches = [carried_patches[number].patch for number in site.tools]
         ignored = {name for patch in patches for name in (patch.tool.contact or Contact()).ignore}
         fold = _fold_at(site, patches, fine, rest, rig, alone=rig.names[rig.node] in ignored)
+        fold = replace(fold, fields=tuple(fields))
         folds.append(_with_obstacles(fold, obstacles(ignored) if obstacles else ()))
     return folds, without
 
@@ -248,38 +260,25 @@ class _Site:
     pivot: Floats
     radius: float
     reach: float
-    carried: Sequence[Carried]
+    carried: Sequence[CarriedPatch]
 
 
 def _round_joint(
-    tools: Sequence[int],
-    node: int,
-    carried: Sequence[Carried],
-    fine: Refinement,
-    rest: Rest,
-    rig: Rig,
-    part: Part | None,
+    tools: Sequence[int], node: int, carried: Sequence[CarriedPatch], rest: Rest, rig: Rig, part: Part | None
 ) -> _Site:
-    """The site of tools and fields over one joint; the tools say about which axis and how far it bends."""
-    every = [carried[number] for number in tools]
-    patches = [each.patch for each in every if isinstance(each, CarriedPatch)]
+    """The site of tools over one joint."""
+    patches = [carried[number].patch for number in tools]
     pivot = node_matrices(rig, rest.clip, rest.time, [node])[0, 0, :3, 3]
-    if patches:
-        radius, hinge = max(_limb_radius(patch, pivot) for patch in patches), hinge_of(node, patches, pivot, rig, part)
-    else:
-        radius = bent_radius(node, pivot, fine, rig)
-        hinge = next(each.hinge_at(node) for each in every if isinstance(each, RaisedField))
-    return _Site(tools, hinge, pivot, radius, _REACH_RADII * radius, carried)
+    radius = max(_limb_radius(patch, pivot) for patch in patches)
+    return _Site(tools, hinge_of(node, patches, pivot, rig, part), pivot, radius, _REACH_RADII * radius, carried)
 
 
-def _round_tools(rises: Mapping[int, Rise], carried: Sequence[Carried]) -> _Site:
+def _round_tools(rises: Mapping[int, Rise], carried: Sequence[CarriedPatch]) -> _Site:
     """The site of tools that rise together; it counts as thick as the longest of them is long."""
     patches = [each.patch for each in rises.values()]
     grown = list(carried)
     for number, patch in zip(rises, patches, strict=True):
-        tool = carried[number]
-        assert isinstance(tool, CarriedPatch)
-        grown[number] = replace(tool, patch=patch)
+        grown[number] = replace(carried[number], patch=patch)
     middles = np.array([np.mean([anchor.position for anchor in patch.anchors], axis=0) for patch in patches])
     pivot = middles.mean(axis=0)
     radius = max(patch.span for patch in patches)
@@ -287,13 +286,8 @@ def _round_tools(rises: Mapping[int, Rise], carried: Sequence[Carried]) -> _Site
     return _Site([*rises], next(iter(rises.values())), pivot, radius, reach, grown)
 
 
-def _fold_at(
-    site: _Site, patches: Sequence[AnyAttached], fine: Refinement, rest: Rest, rig: Rig, *, alone: bool
-) -> Fold:
-    every = [site.carried[number] for number in site.tools]
-    seeds = np.concatenate(
-        [each.near(site.pivot, site.radius, fine) if isinstance(each, RaisedField) else each.vertices for each in every]
-    )
+def _fold_at(site: _Site, patches: Sequence[Patch], fine: Refinement, rest: Rest, rig: Rig, *, alone: bool) -> Fold:
+    seeds = np.concatenate([site.carried[number].vertices for number in site.tools])
     vertices, triangles, own = _round(site.pivot, site.reach, fine, seeds, alone=alone)
     return Fold(
         patches=tuple(patches),

@@ -3,27 +3,24 @@
 from collections.abc import Sequence
 from functools import partial
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, ClassVar, cast
+from typing import TYPE_CHECKING, ClassVar
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.mesh_names import MeshNames
 from wrinklecli.effects.attached import AnyAttached
 from wrinklecli.effects.effect import Effect, EffectKind, MeshPlan, Part, SamplingOptions
-from wrinklecli.effects.plan import skin_parts
-from wrinklecli.effects.wrinkle.part import WrinklePart
+from wrinklecli.effects.field.layer import FieldLayer
+from wrinklecli.effects.wrinkle.layer import WrinkleLayer
 from wrinklecli.errors import BakeError, listed, nearest
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.surface.ground import Ground
-from wrinklecli.tools.fields import Field
 from wrinklecli.tools.records import EffectTool, ToolsFile, WrinkleTool
 
 if TYPE_CHECKING:
-    from wrinklecli.effects.body import BodyPart
     from wrinklecli.effects.contact.fold import Fold
-    from wrinklecli.effects.field.attach import AttachedField
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +63,7 @@ class ContactLayer:
 
 
 class ContactKind(EffectKind):
-    """Contact has no tools of its own: wrinkling tools and fields ask for it."""
+    """Contact has no tools of its own: wrinkling tools ask for it."""
 
     @property
     def is_installed(self) -> bool:
@@ -87,8 +84,10 @@ class ContactKind(EffectKind):
         Raises:
             BakeError: The library that resolves contact is missing, or a node whose mesh is to be ignored.
         """
-        parts = skin_parts(plan)
-        tools = [part.attached.tool for part in parts if part.attached.tool.contact is not None]
+        wrinkles = plan.layer(WrinkleLayer)
+        carried = wrinkles.carried_patches if wrinkles else ()
+        chosen = [number for number, each in enumerate(carried) if each.patch.tool.contact is not None]
+        tools = [carried[number].patch.tool for number in chosen]
         if not self.is_installed:
             message = "contact needs ipctk, which is not installed: pip install 'wrinklecli[contact]'"
             raise BakeError(message, where=tools[0].place("contact"))
@@ -96,27 +95,23 @@ class ContactKind(EffectKind):
         from wrinklecli.character.bones import read_bones
         from wrinklecli.character.scene import drawn_with
         from wrinklecli.character.scene_meshes import read_scene_meshes
-        from wrinklecli.effects.contact.fold import find_folds
-        from wrinklecli.effects.contact.raised_field import RaisedField
+        from wrinklecli.effects.contact.fold import Raised, find_folds
 
         _check_ignored(ground.document, tools)
+        parts = read_bones(ground.document).parts
         own = (ground.rig.node, *ground.contacts.copies, *ground.contacts.unread)
         others = [node for node in drawn_with(ground.document, ground.rig.node) if node not in own]
         obstacles = partial(read_scene_meshes, ground.document, others)
-        carried = [
-            part.carried if isinstance(part, WrinklePart) else RaisedField.of(cast("BodyPart[AttachedField]", part))
-            for part in parts
-        ]
-        chosen = [number for number, each in enumerate(carried) if each.patch.tool.contact is not None]
-        bones = read_bones(ground.document).parts
-        folds, without = find_folds(carried, chosen, plan.fine, ground.rest, ground.rig, bones, obstacles)
+        raised = plan.layer(FieldLayer)
+        fields = [Raised(part) for part in raised.parts] if raised else []
+        folds, without = find_folds(carried, chosen, plan.fine, ground.rest, ground.rig, parts, obstacles, fields)
         return ContactLayer(tuple(folds), tuple(carried[number].patch.tool.name for number in without))
 
 
 KIND = ContactKind()
 
 
-def _check_ignored(document: Document, tools: Sequence[WrinkleTool | Field]) -> None:
+def _check_ignored(document: Document, tools: Sequence[WrinkleTool]) -> None:
     """Refuse names of nodes that are not there, unless the tools file is for other assets too.
 
     Raises:

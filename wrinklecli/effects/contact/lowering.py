@@ -2,8 +2,7 @@
 
 A fold that is given up plays as skinned. Its skin may pass through itself, but wrinkles are to add nothing to it. Where
 they do, they are halved, again and again, and rise to their full height over half a bump to either side, as in the
-creases of a bend (module `creases`). A field, which has no bumps, is halved within half a wavelength of such
-places, and level there in the end. Not in the paper.
+creases of a bend (module `creases`). Not in the paper.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,15 +12,13 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.effects.contact.effect import GivenUpWords
-from wrinklecli.effects.contact.fold import FAINT, Carried, Fold
-from wrinklecli.effects.contact.raised_field import RaisedField
+from wrinklecli.effects.contact.fold import FAINT, Fold
 from wrinklecli.effects.effect import Effect, MeshPlan, SamplingOptions
-from wrinklecli.effects.field.effect import FieldWords
 from wrinklecli.effects.sampling import duplicates_of
+from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.creases import faded
 from wrinklecli.effects.wrinkle.effect import WrinkleWords, wrinkle_effect
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, smoothstep
-from wrinklecli.numeric.closest import nearest_of
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values
 
 # Moments of a clip at which crossings are counted, evenly spread, at most.
 _MOMENTS = 25
@@ -36,23 +33,13 @@ def with_lowered_wrinkles(
     """Effects in which the tools of folds without contact are lowered, by their motions in all clips."""
     made = list(effects)
     moving = [clips[first] for first in sorted(set(duplicates_of(plan, clips)))]
-    numbers = {
-        each.name: number for number, each in enumerate(made) if isinstance(each.words, WrinkleWords | FieldWords)
-    }
-    fields: dict[int, RaisedField] = {}
+    numbers = {each.name: number for number, each in enumerate(made) if isinstance(each.words, WrinkleWords)}
     for number, effect in enumerate(made):
         if not isinstance(effect.words, GivenUpWords):
             continue
         heights = {}
         for carried in lowered(effect.words.fold, moving).values():
             tool = numbers[carried.patch.tool.name]
-            if isinstance(carried, RaisedField):
-                # A joint's fold may lower what others leave.
-                least = fields.get(tool, carried).factors
-                fields[tool] = field = replace(carried, factors=np.minimum(least, carried.factors))
-                made[tool] = field.effect(plan)
-                heights[made[tool].name] = field.ratio
-                continue
             words = made[tool].words
             assert isinstance(words, WrinkleWords)
             before = words.carried
@@ -63,7 +50,7 @@ def with_lowered_wrinkles(
     return made
 
 
-def lowered(fold: Fold, clips: Sequence[Clip]) -> Mapping[int, Carried]:
+def lowered(fold: Fold, clips: Sequence[Clip]) -> Mapping[int, CarriedPatch]:
     """Lower the tools of a fold until they cross no more than its skin alone does, in all looked-at moments together.
 
     Returns:
@@ -75,8 +62,7 @@ def lowered(fold: Fold, clips: Sequence[Clip]) -> Mapping[int, Carried]:
     looks = [(clip, np.array([time])) for clip in clips for time in _moments(clip)]
     faint = fold.at_height(FAINT, chosen)
     skin = [_pairs(faint, counting, *look) for look in looks]
-    found: dict[int, Carried] = {}
-    crossing = np.zeros(0, np.intp)
+    found: dict[int, CarriedPatch] = {}
     for count in range(_TIMES + 1):
         wrinkled = [_pairs(fold, counting, *look) for look in looks]
         if sum(map(len, wrinkled)) <= sum(map(len, skin)):
@@ -90,11 +76,7 @@ def lowered(fold: Fold, clips: Sequence[Clip]) -> Mapping[int, Carried]:
         worse = [k for k, (each, plain) in enumerate(zip(wrinkled, skin, strict=True)) if len(each) > len(plain)]
         looks, skin = [looks[k] for k in worse], [skin[k] for k in worse]
     flat = fold.at_height(0.0, chosen).carried
-    for number, each in zip(chosen, [fold.carried[number] for number in chosen], strict=True):
-        found[number] = (
-            each.times(1.0 - _beside(fold, each, crossing)) if isinstance(each, RaisedField) else flat[number]
-        )
-    return found
+    return {number: flat[number] for number in chosen}
 
 
 def _moments(clip: Clip) -> list[float]:
@@ -121,21 +103,11 @@ def _corners(fold: Fold, pairs: Sequence[tuple[int, int]]) -> Ints:
     return own
 
 
-def _beside(fold: Fold, field: RaisedField, crossing: Ints) -> Floats:
-    """(vertices,) 1 where a field moves some (crossing,) fine vertices, and less within half a wavelength of these."""
-    places = fold.fine.rest_positions
-    apart, _ = nearest_of(places[crossing], places[field.vertices])
-    return 1.0 - smoothstep(np.minimum(apart / (field.patch.wavelength / 2.0), 1.0))
-
-
-def _halved(fold: Fold, chosen: Sequence[int], crossing: Ints) -> tuple[Carried, ...]:
+def _halved(fold: Fold, chosen: Sequence[int], crossing: Ints) -> tuple[CarriedPatch, ...]:
     """All tools of the mesh, of which some are lower round the (crossing,) fine vertices."""
     every = list(fold.carried)
     for number in chosen:
         carried = every[number]
-        if isinstance(carried, RaisedField):
-            every[number] = carried.times(1.0 - (1.0 - _LOWER) * _beside(fold, carried, crossing))
-            continue
         losses = np.where(np.isin(carried.vertices, crossing), 1.0 - _LOWER, 0.0)
         places = carried.patch.coordinates(fold.fine.rest_positions[carried.vertices])
         every[number] = faded(carried, losses, np.stack(places, axis=1))

@@ -98,4 +98,6 @@ def _bare(fold: "Fold") -> "Fold":
     coarse = fold.fine.surface.triangles
     inside = coarse[np.isin(coarse, fold.vertices).all(axis=1)]
     others = fold.triangles[fold.triangles[:, 0] >= len(fold.vertices)]
-    return replace(fold, carried=(), triangles=np.concatenate([np.searchsorted(fold.vertices, inside), others]))
+    return replace(
+        fold, carried=(), fields=(), triangles=np.concatenate([np.searchsorted(fold.vertices, inside), others])
+    )

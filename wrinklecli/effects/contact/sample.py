@@ -28,8 +28,6 @@ from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, interpolate
 from wrinklecli.numeric.guard import one_thread
 from wrinklecli.numeric.memory import leave_room, start_blas
 from wrinklecli.numeric.processes import in_processes
-from wrinklecli.tools.fields import Field
-from wrinklecli.tools.records import identifier
 
 if TYPE_CHECKING:
     from wrinklecli.effects.contact.crease import (
@@ -645,10 +643,7 @@ def _acting(effect: Effect, plan: MeshPlan, clip: Clip, time: float) -> list[tup
 
 def _identifier(plan: MeshPlan, fold: "Fold", effects: Sequence[Effect]) -> str:
     """The part of target names that is the fold's own, from its first tool; no other target of the mesh has it."""
-    tool = fold.patches[0].tool
-    name = f"{tool.identifier}_contact"
-    if isinstance(tool, Field) and isinstance(fold.hinge, Hinge):
-        name = f"{tool.identifier}_{identifier(plan.rig.names[fold.hinge.signal.node])}_contact"
+    name = f"{fold.patches[0].tool.identifier}_contact"
     taken = {each.identifier for each in effects}
     while name in taken or any(own.startswith(f"wrinkle_{name}_") for own in plan.rig.morph_names):
         name += "_"

@@ -1,32 +1,23 @@
 """A field on the refined surface: the displacements of its shapes, in bind space."""
 
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import TypeAlias
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.character.pose import joint_matrices
 from wrinklecli.character.rig import Rig
-from wrinklecli.character.skin import pose, prepare
-from wrinklecli.effects.faults import turned_over
 from wrinklecli.effects.field import irregular
 from wrinklecli.effects.field.attach import AttachedField
 from wrinklecli.effects.field.compression import shortest
-from wrinklecli.effects.field.factors import weights_of
+from wrinklecli.effects.field.lowering import lowering
 from wrinklecli.effects.field.material import Fabric
 from wrinklecli.effects.field.stripes import Sides, phases
 from wrinklecli.effects.shapes import Middles
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import (
-    Bools,
     Floats,
     Ints,
     distinct_values,
-    face_normals,
-    flags_of,
-    normal_sums,
     weighted_quantiles,
 )
 from wrinklecli.numeric.laplacian import Average, Sheet
@@ -45,24 +36,12 @@ _SEEN = 0.04
 _FORK = 0.7
 # Difference of the greatest and least stretch over the greatest from which on a direction counts wholly.
 _CLEAR = 0.16
-# Most poses, those with the greatest weights, in which triangles are looked at.
-_POSES = 64
-# Moments of a clip that are among them, evenly spread, at most; and decimal digits of weights by which poses differ.
-_MOMENTS, _DIGITS = 25, 3
-# Part by which wrinkles that turn a triangle over are lowered, passes, and those in which the last are levelled.
-_LOWERED, _PASSES, _FLAT_PASSES = 0.35, 8, 16
-# Average round such a triangle, from which on that is whole, is one over this, and a part of it that changes nothing.
-_WIDER, _UNTOUCHED = 4.0, 0.01
 # Waves along a side of a triangle that shows them, the quantile of a field's sides that are usual beyond that, as in a
 # draft, and length over the usual one from which on a side shows none.
 _SHORT_ENOUGH, _USUAL, _TOO_LONG = 0.25, 0.75, 1.6
 # Length over which heights and what lowers them are averaged, in wavelengths: linear mixtures of coarse values have
 # creases, and folds that end within less look torn.
 _SMOOTH = 0.4
-
-
-# A pose: the triangles that it does not turn over itself, their normals, (3, vertices) places, and moves of a field.
-_Look: TypeAlias = tuple[Bools, Floats, Floats, Floats]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,7 +66,7 @@ def displaced(
 ) -> Displacements:
     """Carry a field to the refined surface, of which tools leave it (fine vertices,) parts from 0 to 1.
 
-    If a rig and its clips are `shown`, triangles are looked at in these, too.
+    If a rig and its clips are `shown`, the surface is looked at in these, too.
     """
     shapes = attached.factors.shapes
     count = len(shapes)
@@ -111,10 +90,10 @@ def displaced(
     moves = (heights * waves.heights[:, None]).T[:, :, None] * outward
     lengths = np.sqrt(np.sum(moves**2, axis=2))
     moves = np.where((lengths > _UNSEEN * lengths.max(initial=0.0))[:, :, None], moves, 0.0)
-    left = _lowered(_poses(attached, shown), fine, average, vertices, moves)
-    left = np.minimum(left, np.maximum(average.of(left), 0.0))
-    moves *= left[:, None]
-    heights *= left[:, None]
+    left = lowering(attached, shown, fine, average, vertices, moves)
+    left = np.minimum(left, np.maximum(average.of(left.T).T, 0.0))
+    moves *= left[:, :, None]
+    heights *= left.T
     a, b = waves.sides.T
     bent = (waves.middles - (waves.heights[a] + waves.heights[b]) / 2.0)[:, None] * (heights[a] + heights[b]) / 2.0
     found = np.zeros((count, len(fine.positions), 3))
@@ -122,115 +101,6 @@ def displaced(
     edges = Middles.numbers_of(vertices[waves.sides], fine)
     middles = Middles(edges, bent.T[:, :, None] * (outward[a] + outward[b]) / 2.0)
     return Displacements(found, middles, covered, remaining)
-
-
-def _poses(attached: AttachedField, shown: tuple[Rig, Sequence[Clip]] | None) -> tuple[Floats, Floats]:
-    """(poses, joints, 4, 4) matrices and (poses, shapes) weights of sweeps and clips, those with the greatest weights.
-
-    Clips show how far joints turn, and together: between the poses of a sweep a crease may turn a triangle.
-    """
-    sweeps, factors = attached.sweeps, attached.factors
-    matrices, weights = [sweeps.matrices], [weights_of(sweeps, factors.turns, factors.tables)]
-    drive = replace(attached.drive, strengths={}, strength=1.0)
-    if shown is not None:
-        rig, clips = shown
-        for clip in clips:
-            times = np.linspace(clip.start, clip.end, _MOMENTS)
-            matrices.append(joint_matrices(rig, clip, times))
-            weights.append(drive.weights_in(rig, clip)(times))
-    every = np.concatenate(weights)
-    # A clip that goes to and fro has each pose twice.
-    own = np.sort(np.unique(np.round(every, _DIGITS), axis=0, return_index=True)[1])
-    chosen = own[np.argsort(-(every[own] ** 2).sum(axis=1), kind="stable")][:_POSES]
-    return np.concatenate(matrices)[chosen], every[chosen]
-
-
-def _lowered(poses: tuple[Floats, Floats], fine: Refinement, average: Average, vertices: Ints, moves: Floats) -> Floats:
-    """(vertices,) factors of (shapes, vertices, 3) moves by which hardly a triangle is turned over in some poses.
-
-    Moves add up, so each pose is made once, with them and without.
-    """
-    matrices, weights = poses
-    # Triangles beside the field have corners in it.
-    whole = _Part.of(flags_of(vertices, len(fine.positions)), fine.triangles)
-    rows = np.searchsorted(whole.vertices, vertices)
-    every_move = np.zeros((len(moves), len(whole.vertices), 3))
-    every_move[:, rows] = moves
-    influences = fine.influences(matrices.shape[1]).at(whole.vertices)
-    skin = prepare(influences, fine.bind_positions[whole.vertices], every_move)
-    before, _ = pose(skin, matrices, np.zeros(weights.shape))
-    after, _ = pose(skin, matrices, weights)
-    left, marked = np.ones(len(whole.vertices)), np.zeros(len(whole.vertices))
-    for still, moved in zip(before, after, strict=True):
-        turned = _turned_over(moved, whole.triangles, face_normals(still.T, whole.triangles))
-        marked[whole.triangles[whole.judged & turned]] = 1.0
-    if not marked.any():
-        return left[rows]
-    lowered = np.zeros(len(left))
-    lowered[rows] = _WIDER * average.of(marked[rows])
-    part = _Part.of(np.maximum(lowered, marked) > _UNTOUCHED, whole.triangles)
-    looks = []
-    for still, moved in zip(before[:, :, part.vertices], after[:, :, part.vertices], strict=True):
-        faces = face_normals(still.T, part.triangles)
-        looks.append((part.judged & ~_turned_over(still, part.triangles, faces), faces, still, moved - still))
-    looked = looks
-    for number in range(_PASSES + _FLAT_PASSES):
-        marked, looked = _marked(part, looked, left)
-        if not looked:
-            # What was lowered for one pose may turn triangles in another.
-            marked, looked = _marked(part, looks, left)
-        if not looked:
-            break
-        if number < _PASSES:
-            left[rows] *= 1.0 - _LOWERED * np.clip(_WIDER * average.of(marked[rows]), 0.0, 1.0)
-        else:
-            # Level, with all triangles that give its corners their normals, it is as turned as the skin.
-            left[whole.triangles[(marked[whole.triangles] > 0).any(axis=1)]] = 0.0
-    return left[rows]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Part:
-    """A part of a surface, with the triangles around it.
-
-    Attributes:
-        vertices: (vertices,) sorted, of the surface.
-        triangles: (triangles, 3) indices among them.
-        judged: (triangles,) True for those that have all of the triangles around them.
-    """
-
-    vertices: Ints
-    triangles: Ints
-    judged: Bools
-
-    @classmethod
-    def of(cls, inside: Bools, triangles: Ints) -> "_Part":
-        """The triangles with a corner among the (vertices,) that are inside, and those around these."""
-        judged = np.asarray(inside[triangles].any(axis=1))
-        around = np.asarray(flags_of(triangles[judged], len(inside))[triangles].any(axis=1))
-        vertices = distinct_values(triangles[around])
-        return cls(vertices, np.searchsorted(vertices, triangles[around]), judged[around])
-
-
-def _marked(part: _Part, looks: Sequence[_Look], left: Floats) -> tuple[Floats, list[_Look]]:
-    """(vertices,) ones where moves with (vertices,) factors turn triangles over, and the poses in which they do."""
-    marked, here = np.zeros(len(left)), left[part.vertices]
-    found: list[_Look] = []
-    for each in looks:
-        judged, faces, still, rise = each
-        turned = np.asarray(judged & _turned_over(still + here * rise, part.triangles, faces))
-        if turned.any():
-            marked[part.vertices[part.triangles[turned]]] = 1.0
-            found.append(each)
-    return marked, found
-
-
-def _turned_over(places: Floats, triangles: Ints, skinned: Floats) -> Bools:
-    """(triangles,) True for those turned over at (3, vertices) places, or that face away from their skinned normals."""
-    positions = places.T
-    faces = face_normals(positions, triangles)
-    away = np.einsum("tx,tx->t", faces, skinned) < 0.0
-    return np.asarray(away | turned_over(faces, normal_sums(faces, triangles, len(positions))[triangles]))
 
 
 def _waves(

@@ -74,14 +74,6 @@ class FieldLayer(BodyLayer[AttachedField]):
         """The effect of one field."""
         return field_effect(plan, attached, deltas, self.middles[self.attached.index(attached)])
 
-    def lowered(self, plan: MeshPlan, attached: AttachedField, factors: Floats) -> Effect:
-        """The effect of one field with (fine vertices,) factors of its height."""
-        number = self.attached.index(attached)
-        middles = self.middles[number]
-        ends = np.stack(np.divmod(middles.edges, len(factors)))
-        lower = Middles(middles.edges, middles.deltas * factors[ends].mean(axis=0)[:, None])
-        return field_effect(plan, attached, self.deltas[number] * factors[:, None], lower)
-
     def warnings(self, _plan: MeshPlan, clips: Sequence[Clip]) -> list[str]:
         """A line if there is no clip, for each texture that cannot be read, and for each field under others."""
         names = ", ".join(each.tool.name for each in self.attached)

@@ -1,0 +1,70 @@
+"""Fields with `contact: resolve` are lowered where they would cross more than the skin does."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from kit.garments import job_of
+from kit.limb import limb_asset
+from wrinklecli.baking.job import Job
+from wrinklecli.baking.plan import plan_meshes
+from wrinklecli.effects.effect import MeshPlan
+from wrinklecli.effects.field.layer import FieldLayer
+from wrinklecli.numeric.arrays import Floats, Ints
+from wrinklecli.numeric.intersections import Crossings
+
+
+@cache
+def planned(contact: str, angle: float, levels: int = 0) -> tuple[Job, MeshPlan]:
+    """A tube that folds onto itself, with a field."""
+    job = job_of(limb_asset(angle=angle, rings=16, sides=10), {"name": "folds", "contact": contact}, levels=levels)
+    (plan,) = plan_meshes(job)
+    return job, plan
+
+
+def deltas_of(plan: MeshPlan) -> Floats:
+    layer = plan.layer(FieldLayer)
+    assert layer is not None
+    return layer.deltas[0]
+
+
+def crossing(job: Job, plan: MeshPlan, part: float) -> Ints:
+    """(frames,) edges through triangles in the clip, with the field at a part of its height."""
+    fine, layer, (clip,) = plan.fine, plan.layer(FieldLayer), job.clips
+    assert layer is not None
+    times = np.linspace(clip.start, clip.end, 13)
+    moves = np.zeros((len(times), len(fine.positions), 3))
+    (field,) = layer.parts
+    moves[:, field.vertices] = part * field.displacements(fine, plan.rig, clip, times)
+    surface = Crossings.of(fine.rest_positions, fine.triangles)
+    posed, _ = fine.skinned(plan.rig).carried(clip, times, moves)
+    return np.array([len(surface.pairs_at(each)) for each in posed])
+
+
+@pytest.mark.parametrize("levels", [0, pytest.param(1, marks=pytest.mark.slow)])
+def test_a_field_with_contact_never_crosses_more_than_the_skin(levels: int) -> None:
+    free, held = (planned(contact, 75.0, levels) for contact in ("off", "resolve"))
+    skin = crossing(*free, 0.0)
+    assert skin.max() > 0
+    assert crossing(*free, 1.0).sum() > skin.sum()
+    assert (crossing(*held, 1.0) <= skin).all()
+
+
+def test_contact_lowers_what_crosses_alone() -> None:
+    before, after = (deltas_of(planned(contact, 75.0)[1]) for contact in ("off", "resolve"))
+    sizes, lower = (np.linalg.norm(each, axis=2) for each in (before, after))
+    assert (lower <= sizes + 1e-12).all()
+    assert (lower.max(axis=0) < 0.5 * sizes.max(axis=0)).any()
+    # They point the same way.
+    assert np.sum(before * after, axis=2) == pytest.approx(sizes * lower, abs=1e-12)
+    # The outer side of the bend never meets anything.
+    outer = planned("off", 75.0)[1].fine.rest_positions[:, 1] < -0.1
+    assert sizes[:, outer].any()
+    assert lower[:, outer] == pytest.approx(sizes[:, outer], abs=1e-3 * sizes.max())
+
+
+@pytest.mark.slow
+def test_contact_changes_nothing_where_nothing_crosses() -> None:
+    before, after = (deltas_of(planned(contact, 30.0)[1]) for contact in ("off", "resolve"))
+    assert np.array_equal(before, after)

@@ -1,0 +1,321 @@
+"""Lowers a field in the places where some pose shows it at fault.
+
+Two things are at fault: a triangle that the field turns over and the skin alone does not, and, with `contact: resolve`,
+an edge that passes through a triangle, in a pose in which the skin alone has fewer of these. A field's heights are
+ours, and level it is the skin, so this always has an answer.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.pose import joint_matrices
+from wrinklecli.character.rig import Rig
+from wrinklecli.character.skin import pose, prepare
+from wrinklecli.effects.faults import turned_over
+from wrinklecli.effects.field.attach import AttachedField
+from wrinklecli.effects.field.factors import weights_of
+from wrinklecli.frozen import dataclass
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, face_normals, flags_of, matches, normal_sums
+from wrinklecli.numeric.intersections import Crossings, widened
+from wrinklecli.numeric.laplacian import Average
+from wrinklecli.surface.refine import Refinement
+
+# Most poses, those with the greatest weights, in which the surface is looked at.
+_POSES = 64
+# Moments of a clip that are among them, evenly spread, at most; and decimal digits of weights by which poses differ.
+_MOMENTS, _DIGITS = 25, 3
+# Part by which wrinkles at fault are lowered, passes, and those in which the last are levelled.
+_LOWERED, _PASSES, _FLAT_PASSES = 0.5, 8, 16
+# Average round a fault, from which on that is whole, is one over this, and a part of it that changes nothing.
+_WIDER, _UNTOUCHED = 4.0, 0.01
+# Replaces a divisor of 0.
+_TINY = 1e-300
+# Edges round what crosses that may cross too as a field sinks: it passes through places between whole and level.
+_RINGS = 3
+
+
+def lowering(
+    attached: AttachedField,
+    shown: tuple[Rig, Sequence[Clip]] | None,
+    fine: Refinement,
+    average: Average,
+    vertices: Ints,
+    moves: Floats,
+) -> Floats:
+    """(shapes, vertices) factors of (shapes, vertices, 3) moves by which hardly anything is at fault in some poses.
+
+    A shape is lowered as much as it acts in a pose that shows a fault: what is hidden in a deep crease stays as it is
+    in a bend that shows it.
+
+    Args:
+        attached: The field.
+        shown: A rig and its clips, in which the surface is looked at, too.
+        fine: The refined surface.
+        average: Averages over some of a wavelength, at the (vertices,) that the field moves.
+        vertices: (vertices,) sorted fine vertices.
+        moves: (shapes, vertices, 3) displacements at weight 1, bind space.
+    """
+    poses = _Poses.of(attached, shown, fine, vertices, moves)
+    looks: list[_Look] = [*_turning(poses, average)]
+    if attached.tool.contact is not None:
+        looks += _crossing(poses)
+    left, looked = np.ones((len(moves), len(fine.positions))), looks
+    for number in range(_PASSES + _FLAT_PASSES):
+        marked, looked = _marked(looked, left)
+        if not looked:
+            # What was lowered for one pose may be at fault in another.
+            marked, looked = _marked(looks, left)
+        if not looked:
+            break
+        if number >= _PASSES:
+            # Level, with all triangles that give its corners their normals, it is at fault as the skin is. Shapes that
+            # act most go first, and those that hardly act last.
+            share = 0.5 ** (number + 1 - _PASSES)
+            for row, faults in zip(left, marked, strict=True):
+                corners = fine.triangles[(faults[fine.triangles] > share).any(axis=1)]
+                faults[:], row[corners] = 0.0, 0.0
+                faults[corners] = 1.0
+        left[:, vertices] *= 1.0 - _LOWERED * np.clip(_WIDER * average.of(marked[:, vertices].T).T, 0.0, 1.0)
+    return left[:, vertices]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Poses:
+    """The poses in which a surface is looked at.
+
+    Attributes:
+        fine: The refined surface.
+        vertices: (vertices,) sorted fine vertices that the field moves.
+        moves: (shapes, vertices, 3) by its shapes, bind space.
+        matrices: (poses, joints, 4, 4).
+        weights: (poses, shapes).
+    """
+
+    fine: Refinement
+    vertices: Ints
+    moves: Floats
+    matrices: Floats
+    weights: Floats
+
+    @classmethod
+    def of(
+        cls,
+        attached: AttachedField,
+        shown: tuple[Rig, Sequence[Clip]] | None,
+        fine: Refinement,
+        vertices: Ints,
+        moves: Floats,
+    ) -> "_Poses":
+        """Those of sweeps and clips, with the greatest weights.
+
+        Clips show how far joints turn, and together: between the poses of a sweep a crease may turn a triangle.
+        """
+        sweeps, factors = attached.sweeps, attached.factors
+        matrices, weights = [sweeps.matrices], [weights_of(sweeps, factors.turns, factors.tables)]
+        drive = replace(attached.drive, strengths={}, strength=1.0)
+        if shown is not None:
+            rig, clips = shown
+            for clip in clips:
+                times = np.linspace(clip.start, clip.end, _MOMENTS)
+                matrices.append(joint_matrices(rig, clip, times))
+                weights.append(drive.weights_in(rig, clip)(times))
+        every = np.concatenate(weights)
+        # A clip that goes to and fro has each pose twice.
+        own = np.sort(np.unique(np.round(every, _DIGITS), axis=0, return_index=True)[1])
+        chosen = own[np.argsort(-(every[own] ** 2).sum(axis=1), kind="stable")][:_POSES]
+        return cls(fine, vertices, moves, np.concatenate(matrices)[chosen], every[chosen])
+
+    def of_part(self, vertices: Ints) -> "list[_Pose]":
+        """How some fine vertices are posed."""
+        influences = self.fine.influences(self.matrices.shape[1]).at(vertices)
+        moves = np.zeros((len(self.moves), len(vertices), 3))
+        rows, columns = matches(vertices, self.vertices)
+        moves[:, rows] = self.moves[:, columns]
+        still, _ = pose(
+            prepare(influences, self.fine.bind_positions[vertices], moves[:0]),
+            self.matrices,
+            np.zeros((len(self.matrices), 0)),
+        )
+        turns = self.matrices[:, :, :3, :3].transpose(0, 2, 3, 1)
+        pairs = list(zip(influences.joints, influences.weights, strict=True))
+        return [
+            _Pose(vertices, moves, places, sum(parts * each[:, :, joints] for joints, parts in pairs), weights)
+            for places, each, weights in zip(still, turns, self.weights, strict=True)
+        ]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pose:
+    """A part of the surface in a pose.
+
+    Attributes:
+        vertices: (vertices,) sorted fine vertices.
+        moves: (shapes, vertices, 3) by the shapes of the field, bind space.
+        still: (3, vertices) places in the skin.
+        turns: (3, 3, vertices) from bind to world space.
+        weights: (shapes,).
+    """
+
+    vertices: Ints
+    moves: Floats
+    still: Floats
+    turns: Floats
+    weights: Floats
+
+    def places(self, left: Floats | None = None) -> Floats:
+        """(3, vertices) places with the field, by (shapes, fine vertices) factors if it is lowered."""
+        moves = np.tensordot(self.weights, self.moves if left is None else left[:, self.vertices, None] * self.moves, 1)
+        return np.asarray(self.still + np.einsum("abv,vb->av", self.turns, moves))
+
+    @property
+    def shares(self) -> Floats:
+        """(shapes,) their weights over the greatest."""
+        return self.weights / max(float(self.weights.max(initial=0.0)), _TINY)
+
+
+class _Look(Protocol):
+    """A pose in which a surface may be at fault."""
+
+    @property
+    def pose(self) -> _Pose:
+        """The part of the surface."""
+        ...
+
+    def at_fault(self, left: Floats) -> Ints:
+        """The fine vertices at which it is, with (shapes, fine vertices) factors of the field."""
+        ...
+
+
+def _marked(looks: Sequence[_Look], left: Floats) -> tuple[Floats, list[_Look]]:
+    """(shapes, fine vertices) how much shapes act at faults of a field with factors, and the looks that have any."""
+    marked, found = np.zeros(left.shape), list[_Look]()
+    for each in looks:
+        faults = each.at_fault(left)
+        if len(faults):
+            marked[:, faults] = np.maximum(marked[:, faults], each.pose.shares[:, None])
+            found.append(each)
+    return marked, found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Part:
+    """A part of a surface, with the triangles around it.
+
+    Attributes:
+        vertices: (vertices,) sorted, of the surface.
+        triangles: (triangles, 3) indices among them.
+        judged: (triangles,) True for those that have all of the triangles around them.
+    """
+
+    vertices: Ints
+    triangles: Ints
+    judged: Bools
+
+    @classmethod
+    def of(cls, inside: Bools, triangles: Ints) -> "_Part":
+        """The triangles with a corner among the (vertices,) that are inside, and those around these."""
+        judged = np.asarray(inside[triangles].any(axis=1))
+        around = np.asarray(flags_of(triangles[judged], len(inside))[triangles].any(axis=1))
+        vertices = distinct_values(triangles[around])
+        return cls(vertices, np.searchsorted(vertices, triangles[around]), judged[around])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Turning:
+    """A pose in which triangles may turn over.
+
+    Attributes:
+        pose: Of the part of the surface.
+        triangles: (triangles, 3) indices among its vertices.
+        judged: (triangles,) True for those that are looked at, as the skin does not turn them over itself.
+        faces: (triangles, 3) their normals in the skin.
+    """
+
+    pose: _Pose
+    triangles: Ints
+    judged: Bools
+    faces: Floats
+
+    def at_fault(self, left: Floats) -> Ints:
+        """The corners of triangles that are turned over."""
+        turned = _turned_over(self.pose.places(left), self.triangles, self.faces)
+        return self.pose.vertices[distinct_values(self.triangles[self.judged & turned])]
+
+
+def _turning(poses: _Poses, average: Average) -> Iterator[_Turning]:
+    """The looks at triangles: only near those that the whole field turns over in a pose."""
+    fine = poses.fine
+    # Triangles beside the field have corners in it.
+    whole = _Part.of(flags_of(poses.vertices, len(fine.positions)), fine.triangles)
+    marked = np.zeros(len(fine.positions))
+    for each in poses.of_part(whole.vertices):
+        turned = _turned_over(each.places(), whole.triangles, face_normals(each.still.T, whole.triangles))
+        marked[whole.vertices[whole.triangles[whole.judged & turned]]] = 1.0
+    if not marked.any():
+        return
+    marked[poses.vertices] = np.maximum(marked[poses.vertices], _WIDER * average.of(marked[poses.vertices]))
+    part = _Part.of(marked > _UNTOUCHED, fine.triangles)
+    for each in poses.of_part(part.vertices):
+        faces = face_normals(each.still.T, part.triangles)
+        yield _Turning(each, part.triangles, part.judged & ~_turned_over(each.still, part.triangles, faces), faces)
+
+
+def _turned_over(places: Floats, triangles: Ints, skinned: Floats) -> Bools:
+    """(triangles,) True for those turned over at (3, vertices) places, or that face away from their skinned normals."""
+    positions = places.T
+    faces = face_normals(positions, triangles)
+    away = np.einsum("tx,tx->t", faces, skinned) < 0.0
+    return np.asarray(away | turned_over(faces, normal_sums(faces, triangles, len(positions))[triangles]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Crossing:
+    """A pose in which the surface may pass through itself.
+
+    Attributes:
+        pose: Of the part of the surface.
+        surface: Its edges and triangles.
+        pairs: Those that cross in the skin alone.
+    """
+
+    pose: _Pose
+    surface: Crossings
+    pairs: set[tuple[int, int]]
+
+    def at_fault(self, left: Floats) -> Ints:
+        """The corners of edges and triangles that cross with the field and not without, if more of them do."""
+        found = _pairs(self.surface, self.pose.places(left))
+        if len(found) <= len(self.pairs):
+            return np.zeros(0, np.intp)
+        return self.pose.vertices[_corners(self.surface, found - self.pairs)]
+
+
+def _crossing(poses: _Poses) -> Iterator[_Crossing]:
+    """The looks at crossings: only at what crosses with the whole field in some pose, and round that."""
+    fine, every = poses.fine, np.arange(len(poses.fine.positions))
+    triangles = fine.triangles[(fine.triangles != np.roll(fine.triangles, 1, axis=1)).all(axis=1)]
+    surface = Crossings.of(fine.rest_positions, triangles)
+    involved = np.zeros(len(every), bool)
+    for each in poses.of_part(every):
+        involved[_corners(surface, _pairs(surface, each.places()))] = True
+    for _ in range(_RINGS):
+        involved = widened(surface.edges, involved)
+    part, corners = np.unique(triangles[involved[triangles].all(axis=1)], return_inverse=True)
+    surface = Crossings.of(fine.rest_positions[part], corners.reshape(-1, 3))
+    for each in poses.of_part(part):
+        yield _Crossing(each, surface, _pairs(surface, each.still))
+
+
+def _pairs(surface: Crossings, places: Floats) -> set[tuple[int, int]]:
+    """The edges and triangles of a surface that cross at (3, vertices) places."""
+    return surface.pairs_at(np.ascontiguousarray(places.T))
+
+
+def _corners(surface: Crossings, pairs: Iterable[tuple[int, int]]) -> Ints:
+    """The vertices of some edges and triangles."""
+    edges, triangles = np.array(sorted(pairs), np.intp).reshape(-1, 2).T
+    return np.union1d(surface.edges[edges], surface.triangles[triangles])
