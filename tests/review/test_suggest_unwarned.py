@@ -7,14 +7,14 @@ import pytest
 
 from kit import characters
 from kit.samples import sample
-from kit.suggested import in_assets, suggest_once
+from kit.suggested import in_assets, squeezed, suggest_once
 from wrinklecli import check, suggest
 from wrinklecli.character.clip import read_clips
 from wrinklecli.gltf.document import read_document
 from wrinklecli.review.suggest.trial import TriedAsset
 from wrinklecli.review.suggest.unwarned import unwarned
 from wrinklecli.review.suggest.worth import Dropped, Worthwhile
-from wrinklecli.tools.records import Length, RefinementSettings
+from wrinklecli.tools.records import Contact, Length, RefinementSettings, WrinkleTool
 
 # Of the one with most joints, motions that fold the skin and the shirt over it; its trousers are one more garment.
 FEW = {"avatar": {"clips": [f"mixamorig:Left{each}, +90°" for each in ("Hand about z", "Arm about z")]}}
@@ -69,6 +69,17 @@ def test_a_tool_is_made_to_fit_or_left_out(tmp_path: Path) -> None:
     (dropped,) = found.dropped
     assert (dropped.name, dropped.reason) == (best.tool.name, "warned")
     assert "its width of" in dropped.line
+
+
+def test_a_tool_that_is_lowered_keeps_what_was_found_of_it() -> None:
+    tool = WrinkleTool(name="knee", origin=(0.0, 0.0, 0.0), target=(1.0, 0.0, 0.0), width=Length(1.0))
+    tall = squeezed(tool, 1.0)
+    low = replace(tall, tool=replace(tool, max_height=Length(0.1)))
+    found = replace(tall, tool=replace(tool, width=Length(0.5), contact=Contact()), crossings=7, lower=low)
+    lowered = found.lowered
+    assert lowered is not None
+    assert lowered.tool == replace(found.tool, max_height=Length(0.1))
+    assert lowered.crossings == 7
 
 
 def test_the_reason_of_a_warned_tool_is_the_line_of_check() -> None:

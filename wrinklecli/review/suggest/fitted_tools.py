@@ -137,7 +137,7 @@ class Suggestion:
 
     @property
     def lowered(self) -> "Suggestion | None":
-        """The tool `lower`, as wide as this one, which a fold may have made narrower; None if there is none."""
+        """The tool `lower`, as wide as this one and with the contact found since; None if there is none."""
         return self._as_wide(self.lower)
 
     @property
@@ -146,7 +146,11 @@ class Suggestion:
         return self._as_wide(self.smoother)
 
     def _as_wide(self, other: "Suggestion | None") -> "Suggestion | None":
-        return other and replace(other, tool=replace(other.tool, width=self.tool.width))
+        if other is None:
+            return None
+        tool = replace(other.tool, width=self.tool.width, contact=self.tool.contact)
+        known = {name: getattr(self, name) for name in ("one_sided", "crossings", "judgement")}
+        return replace(other, tool=tool, **known)
 
 
 def fit_tools(candidates: Sequence[Candidate], further: Sequence[Clip] = ()) -> Iterator[Suggestion]:
