@@ -497,4 +497,4 @@ class Session(Edits):
 
 def _source_of(effect: EffectTool) -> str:
     """The name of an effect in the file: of one that `mirror` made, that of the other side."""
-    return exchange_sides(effect.name) if getattr(effect, "mirrored", False) else effect.name
+    return exchange_sides(effect.name) if effect.mirrored else effect.name

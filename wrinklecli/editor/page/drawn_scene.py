@@ -6,21 +6,22 @@ from typing import Literal
 import numpy as np
 import viser
 
+from wrinklecli.character.paints import Colour
 from wrinklecli.editor.page.drawing import Body, DrawnMesh, SurfacePoints, ToolOutline
 from wrinklecli.editor.page.painted_mesh import PaintedMesh
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.pixels import srgb
 from wrinklecli.numeric.arrays import Floats, vertex_normals
+from wrinklecli.review.preview.overlay import INK
 
 Look = Literal["textures", "clay", "heat"]
+HINT: Colour = (1.0, 0.55, 0.0)
+"""Colour of what is hinted at, or pointed at, sRGB."""
 HINTED = "(suggested)"
 """Name of the outline of a tool that is not in the file."""
 LOOKS: tuple[Look, ...] = ("textures", "clay", "heat")
 
-_CLAY = (203, 198, 190)  # sRGB, as all these colours
-_WIRE = (40, 44, 52)
-_HIGHLIGHT = (255, 140, 0)
-_WHITE = (255, 255, 255)
+_CLAY = (203, 198, 190)  # sRGB
 _DOT = 0.05  # radius of an anchor's dot over the tool's length …
 _MIN_DOT = 0.002  # … but at least this, over the size of all bodies …
 _MAX_DOT = 0.009  # … and at most this
@@ -98,7 +99,7 @@ class DrawnScene:
                     )
             if wire:
                 self._wires[number] = self._scene.add_mesh_simple(
-                    f"/{self._name}/wire{number}", places, body.triangles, color=_WIRE, wireframe=True
+                    f"/{self._name}/wire{number}", places, body.triangles, color=_bytes_of(INK), wireframe=True
                 )
 
     def move_bodies(self, points: Sequence[Floats], heats: Sequence[Floats] = ()) -> bool:
@@ -160,7 +161,7 @@ class DrawnScene:
             return
         if self._cut is None:
             self._cut = self._scene.add_line_segments(
-                f"/{self._name}/cut", segments, _WIRE, thickness=_LINE, thickness_units="screen"
+                f"/{self._name}/cut", segments, _bytes_of(INK), thickness=_LINE, thickness_units="screen"
             )
         self._cut.points, self._cut.visible = segments.astype(np.float32), True
 
@@ -171,7 +172,7 @@ class DrawnScene:
             self._highlight = None
         if spot is not None:
             (place,) = spot.positions(self._bodies[spot.body], points[spot.body])
-            dot = self._add_dot("pointed", _MAX_DOT * self._size, _HIGHLIGHT, place)
+            dot = self._add_dot("pointed", _MAX_DOT * self._size, _bytes_of(HINT), place)
             self._highlight = spot, dot
 
     def _show_dots(self, outline: ToolOutline, places: Floats) -> None:
@@ -179,7 +180,7 @@ class DrawnScene:
         target = ("anchor", len(outline.anchors) - 1)
         for key, spot in _dots_of(outline):
             kind, number = key
-            colour = _WHITE if kind == "edge" or key == target else _bytes_of(outline.colour)
+            colour = _bytes_of((1.0, 1.0, 1.0)) if kind == "edge" or key == target else _bytes_of(outline.colour)
             shown = self._dots.get(key)
             if shown is not None:
                 shown.position, shown.color = places[spot], colour

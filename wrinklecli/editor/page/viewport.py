@@ -14,7 +14,7 @@ from wrinklecli.character.scene import read_scene
 from wrinklecli.editor.attached import AttachedBelow, AttachedTool, ShownMesh
 from wrinklecli.editor.baked_file import BakedFile
 from wrinklecli.editor.page.drawing import Body, SurfacePoints, ToolOutline, body_of, outline_below, outline_of
-from wrinklecli.editor.page.drawn_scene import HINTED, LOOKS, Drag, DrawnScene, Look
+from wrinklecli.editor.page.drawn_scene import HINT, HINTED, LOOKS, Drag, DrawnScene, Look
 from wrinklecli.editor.page.player import Player
 from wrinklecli.editor.page.split import SplitPlane
 from wrinklecli.editor.page.viewpoints import FOV, SIDES, frame_asset, frame_tool
@@ -28,7 +28,6 @@ from wrinklecli.review.preview.camera import Camera
 from wrinklecli.review.preview.heat import HEAT, HEAT_TICKS, point_colours
 from wrinklecli.review.preview.shown import INKS
 
-_HINT: Colour = (1.0, 0.55, 0.0)  # of a tool that is hinted at, sRGB
 _READ_SECONDS = 0.08  # seconds in which a browser reads a coloured mesh
 _RESTS_SECONDS = 0.15  # after which a camera that was turned rests, and the split follows it
 _BESIDE_DISTANCE = 1.15  # widths of the asset between it and what is shown beside it
@@ -277,7 +276,7 @@ class Viewport:
         for number, (name, tool) in enumerate(edited.items()):
             outlines.append(self._outline(name, tool, INKS[number % len(INKS)]))
         if self._hinted is not None and not self._is_baked:
-            outlines.append(self._outline(HINTED, self._hinted, _HINT))
+            outlines.append(self._outline(HINTED, self._hinted, HINT))
         self._scene.show_tools(outlines, self._chosen, self._points)
 
     def _outline(self, name: str, tool: AttachedTool | AttachedBelow, colour: Colour) -> ToolOutline:

@@ -6,19 +6,22 @@ Coordinates are those of a tools file: world space in scene units, with the file
 import math
 from collections.abc import Iterator
 from itertools import product
+from typing import get_args
 
 import numpy as np
 
 from wrinklecli.character.paints import Colour
 from wrinklecli.character.pose import node_matrices
+from wrinklecli.choices import Up
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.review.preview.camera import Camera
 from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.preview.overlay import INK, RULE, Dot, Overlay, Placed, Stroke, Word
 from wrinklecli.review.preview.shown import ShownAsset
+from wrinklecli.tools.records import in_axes
 
 # The axes x, y and z of a tools file as rows in glTF's axes, by the file's up axis.
-_AXES = {"y": np.eye(3), "z": np.array(((1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0)))}
+_AXES = {up: np.array([in_axes(row, up) for row in np.eye(3).tolist()]).T for up in get_args(Up)}
 _NAMES = "xyz"
 # Colours of the x, y and z axes, sRGB.
 _INKS: tuple[Colour, ...] = ((0.80, 0.16, 0.16), (0.16, 0.55, 0.16), (0.16, 0.33, 0.88))

@@ -27,7 +27,7 @@ HEAT_TICKS = (0.0, 0.2, 0.4, 0.6, 0.8)
 # Height of a wrinkle over the greatest that has half of the colour of a crest.
 _HALF = 0.05
 # Colours of furrows, of what no wrinkle moves, and of crests, sRGB.
-_FURROW, _STILL, _CREST = (0.10, 0.22, 0.48), (0.84, 0.84, 0.82), (0.98, 0.78, 0.30)
+_FURROW, _STILL, _CREST = (0.10, 0.22, 0.48), HEAT[0][1], (0.98, 0.78, 0.30)
 
 
 def heat_colours(losses: Floats) -> Floats:

@@ -6,13 +6,13 @@ import numpy as np
 
 from wrinklecli.character.paints import Paint, Texture, look_up
 from wrinklecli.frozen import dataclass
-from wrinklecli.gltf.pixels import Bytes, srgb
+from wrinklecli.gltf.pixels import Bytes, linear_rgb, srgb
 from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints
 from wrinklecli.review.preview.camera import Camera, project
 from wrinklecli.review.preview.draw import Mark, ProjectedMark, blend, draw_mark, edge_cover, project_mark
 from wrinklecli.review.preview.light import REACH, light_up
 from wrinklecli.review.preview.opacity import Opacities
-from wrinklecli.review.preview.overlay import INK, NOTHING, PAPER, Overlay, draw_overlay
+from wrinklecli.review.preview.overlay import INK, NOTHING, PAPER, RED, Overlay, draw_overlay
 from wrinklecli.review.preview.preview_options import PLAIN, Style
 from wrinklecli.review.preview.rays import Hits, TracedSurface, first_hits, trace
 
@@ -28,8 +28,6 @@ _CREASE = np.float32(0.94)
 _CLAY = 0.62
 # Part of the light that a base colour of 1 reflects: nothing real reflects all.
 _ALBEDO = np.float32(0.9)
-# Colour of triangles that are seen from behind, linear RGB.
-_BACKFACE = (0.9, 0.03, 0.02)
 # Opacity of the triangles' edges.
 _WIRE = np.float32(0.75)
 # Linear values 0 to 1 in sRGB; a power for each pixel would take 0.2 s.
@@ -211,5 +209,5 @@ def _base_colours(scene: _Scene, hits: Hits, style: Style) -> Array:
                 places = np.einsum("pi,pia->pa", hits.weights[here], coordinates)
                 base[here] *= look_up(texture, places)
     if style.backfaces:
-        base[hits.sides[:, 0] < 0] = _BACKFACE
+        base[hits.sides[:, 0] < 0] = linear_rgb(np.array(RED))
     return base
