@@ -73,7 +73,7 @@ def noise(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_fold_that_does_not_settle_is_given_up_whole(noise: Path, tmp_path: Path) -> None:
     given_up, report = baked(noise, tmp_path, "resolve")
     (line,) = (line for line in report.warnings if "contact" in line)
-    assert line.startswith("crease: contact is left out of this fold: it did not settle in 'fold' at ")
+    assert line.startswith("crease: contact is left out of this fold at joint_1: it did not settle in 'fold' at ")
     assert "; lower or fewer bumps leave more room; " in line
     (fold,) = report.data["folds"]
     assert (fold["tools"], fold["joint"], fold["targets"]) == (["crease"], "joint_1", [])

@@ -259,4 +259,5 @@ class GivenUpWords:
             hint += f"; its wrinkles are lowered to {mean:.0f} % in the mean, to cross no more than the skin does"
         else:
             hint += "; `contact: off` is the same without this line"
-        return f"{', '.join(self.tools)}: contact is left out of this fold: it {found.reason}{where}{poses}; {hint}"
+        fold = "this fold" if self.joint is None else f"this fold at {self.joint}"
+        return f"{', '.join(self.tools)}: contact is left out of {fold}: it {found.reason}{where}{poses}; {hint}"

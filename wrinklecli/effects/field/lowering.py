@@ -129,7 +129,7 @@ class _Poses:
         chosen = own[np.argsort(-(every[own] ** 2).sum(axis=1), kind="stable")][:_POSES]
         return cls(fine, vertices, moves, np.concatenate(matrices)[chosen], every[chosen])
 
-    def of_part(self, vertices: Ints) -> "list[_Pose]":
+    def of_part(self, vertices: Ints) -> "Iterator[_Pose]":
         """How some fine vertices are posed."""
         influences = self.fine.influences(self.matrices.shape[1]).at(vertices)
         moves = np.zeros((len(self.moves), len(vertices), 3))
@@ -142,10 +142,9 @@ class _Poses:
         )
         turns = self.matrices[:, :, :3, :3].transpose(0, 2, 3, 1)
         pairs = list(zip(influences.joints, influences.weights, strict=True))
-        return [
-            _Pose(vertices, moves, places, sum(parts * each[:, :, joints] for joints, parts in pairs), weights)
-            for places, each, weights in zip(still, turns, self.weights, strict=True)
-        ]
+        for places, each, weights in zip(still, turns, self.weights, strict=True):
+            turned = sum(parts * each[:, :, joints] for joints, parts in pairs)
+            yield _Pose(vertices, moves, places, turned, weights)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
