@@ -17,8 +17,8 @@ from wrinklecli.numeric.drawn import drawn
 from wrinklecli.numeric.elements import factorised
 from wrinklecli.numeric.laplacian import side_weights, vertex_areas
 
-# Lengths of the diffusion, in wavelengths, and rounds over each: long ones join regions, short ones make forks sharp.
-_ROUNDS = ((6.0, 4), (2.0, 6), (1.0, 6), (0.5, 6))
+# Lengths of the diffusion, in wavelengths, and rounds over each: the long one joins regions, the other makes forks sharp.
+_LONG, _SHARP, _TIMES = 3.0, 0.5, 8
 # Trust that any place has: phases go on where nothing asks for them.
 _LEAST_TRUST = 1e-3
 # Waves in space, one wavelength long, of which the first phases are made: some of them run across any crest.
@@ -110,9 +110,9 @@ def phases(sides: Sides, positions: Floats, triangles: Ints, trust: Floats, wave
     )
     masses = np.repeat(vertex_areas(positions, triangles) * (trust + _LEAST_TRUST), 2)
     found = _drawn_at(positions, wavelength, seed)
-    for length, rounds in _ROUNDS:
+    for length in (_LONG, _SHARP):
         factors = factorised((sparse.diags_array(masses) + (length * wavelength) ** 2 / 4.0 * energy).tocsc())
-        for _ in range(rounds):
+        for _ in range(_TIMES):
             found = factors.solve(masses * _restored(found).reshape(-1)).reshape(-1, 2)
     return np.asarray(found)
 
