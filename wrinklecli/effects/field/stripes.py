@@ -17,7 +17,7 @@ from wrinklecli.numeric.drawn import drawn
 from wrinklecli.numeric.elements import factorised
 from wrinklecli.numeric.laplacian import side_weights, vertex_areas
 
-# Lengths of the diffusion, in wavelengths, and rounds over each: the long one joins regions, the other makes forks sharp.
+# Lengths of the diffusion, in wavelengths, and rounds over each: one joins regions, the other makes forks sharp.
 _LONG, _SHARP, _TIMES = 3.0, 0.5, 8
 # Trust that any place has: phases go on where nothing asks for them.
 _LEAST_TRUST = 1e-3
