@@ -118,3 +118,10 @@ def test_a_tool_s_mesh_is_said_or_asked_for_by_name(tmp_path: Path) -> None:
     pairs = [tool(name=f"{name}.L", mirror="x", origin=[0.1, 0.2, 0.0]) for name in "abc"]
     several = "several meshes deform; say which, by node: one of 'limb', 'twin'"
     assert faults(path, *pairs) == [f"tools[0]: {several}; the same holds for 5 more tools"]
+
+
+def test_each_file_that_is_read_is_one_input(tmp_path: Path) -> None:
+    asset = limb(tmp_path / "limb.gltf")
+    tools = write_tools(tmp_path / "tools.yaml")
+    inputs = [Path(each).name for each in read_job(asset, tools, BakeOptions()).inputs]
+    assert sorted(inputs) == sorted(each.name for each in tmp_path.iterdir())

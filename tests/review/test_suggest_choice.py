@@ -1,14 +1,16 @@
 """Suggestions leave out or join what an artist would: hard parts, covered skin, lips, both sides of a body."""
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from kit.asset import Asset, attribute, stored
+from kit.asset import Asset, attribute, plate, stored
 from kit.golden import Golden
 from kit.limb import RADIUS, flat_limb, limb_asset
+from kit.prepared import unattached
 from kit.suggested import ends, middle
 from wrinklecli.character.bones import read_bones
 from wrinklecli.character.clip import read_clips
@@ -17,7 +19,10 @@ from wrinklecli.character.rig import read_rig
 from wrinklecli.gltf.document import read_document
 from wrinklecli.review.check import check
 from wrinklecli.review.suggest.anatomy import limit_to_body
+from wrinklecli.review.suggest.choice import rims_of
 from wrinklecli.review.suggest.suggest import Suggestions, suggest
+from wrinklecli.surface.sites import spread_sites
+from wrinklecli.surface.strain import read_gauge
 from wrinklecli.surface.substance import named
 
 Json = dict[str, Any]
@@ -357,3 +362,14 @@ def test_layers_of_one_mesh_are_told_apart(tmp_path: Path) -> None:
     assert any("under another layer" in note for note in found.notes)
     radii = [np.linalg.norm(np.array(end)[1:]) for end in ends(found.tools[0].tool)]
     assert min(radii) > 1.02 * RADIUS * np.cos(np.pi / 12), "on the outer one"
+
+
+def test_rims_are_where_a_surface_ends() -> None:
+    flat = np.stack(np.meshgrid(*[np.linspace(0.0, 1.0, 9)] * 2, [0.0]), axis=-1).reshape(-1, 3)
+    first = (np.arange(8)[:, None] * 9 + np.arange(8)).reshape(-1, 1)
+    faces = np.concatenate([first + np.array(each) for each in ((0, 1, 10), (0, 10, 9))])
+    made = unattached(plate(flat, faces))
+    sites = spread_sites(read_gauge(made.surface, made.rest, made.rig))
+    mesh: Any = SimpleNamespace(sites=sites, gauge=sites.gauge, rest=made.rest)
+    border = flat[((flat == 0.0) | (flat == 1.0))[:, :2].any(axis=1)]
+    assert np.array_equal(np.unique(rims_of(mesh), axis=0), np.unique(border, axis=0))

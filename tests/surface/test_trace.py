@@ -12,7 +12,7 @@ from wrinklecli.numeric.arrays import Floats
 from wrinklecli.surface.compression import CompressedRegion
 from wrinklecli.surface.sites import Sites, spread_sites
 from wrinklecli.surface.strain import read_gauge
-from wrinklecli.surface.trace import _fits, find_segment
+from wrinklecli.surface.trace import _fits, _walk, find_segment
 
 COUNT = 21
 
@@ -103,3 +103,14 @@ def test_a_segment_lies_where_both_ends_face_as_it_does() -> None:
         line = np.stack([normals, places], axis=1)
         assert _fits(line, 0, 40, 2.0) == fits
         assert not _fits(line, 3, 3, 0.0)
+
+
+def test_a_straight_walk_ends_at_the_border() -> None:
+    sites, axes = sheet(0.4)
+    triangles, positions = sites.gauge.triangles, sites.gauge.rest.positions
+    step = 0.25
+    lines = _walk(sites.gauge.rest, triangles, [2.0 * positions], np.zeros(3), np.stack([*axes, -axes[0]]), step)
+    for line, way in zip(lines, [*axes, -axes[0]], strict=True):
+        assert line[:, 0] == pytest.approx(np.tile([0.0, 0.0, 1.0], (9, 1)), abs=1e-9)
+        assert line[:, 1] == pytest.approx(np.arange(9)[:, None] * step * way, abs=1e-6), "to the border, 2 away"
+        assert line[:, 2] == pytest.approx(2.0 * line[:, 1])

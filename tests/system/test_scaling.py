@@ -131,9 +131,9 @@ def test_layers_are_posed_once_in_a_pose(
 @pytest.mark.slow
 @pytest.mark.parametrize("make", [partial(crowd_asset, skinned=True), troop_asset], ids=["one skeleton", "their own"])
 def test_suggestions_take_as_many_calls_for_each_instance(make: Callable[[int], Asset], tmp_path: Path) -> None:
-    paths = [make(count).write(tmp_path / f"{count}.glb") for count in (10, 20)]
-    few, many = (calls_of(partial(suggest, path, count=1)) for path in paths)
-    assert many < 2.1 * few
+    paths = [make(count).write(tmp_path / f"{count}.glb") for count in (6, 12, 18)]
+    few, some, many = calls_of(*(partial(suggest, path, count=1) for path in paths))
+    assert many - some < 1.05 * (some - few), "differences, as most calls depend on no instance"
 
 
 def elsewhere(asset: Asset) -> Asset:
@@ -147,11 +147,11 @@ def elsewhere(asset: Asset) -> Asset:
 @pytest.mark.slow
 @pytest.mark.parametrize("make", [partial(crowd_asset, skinned=True), troop_asset], ids=["one skeleton", "their own"])
 def test_a_comparison_takes_as_many_calls_for_each_instance(make: Callable[[int], Asset], tmp_path: Path) -> None:
-    calls = []
-    for count in (8, 16, 32):
-        a, b = make(count).write(tmp_path / "a.glb"), elsewhere(make(count)).write(tmp_path / "b.glb")
-        calls.append(calls_of(partial(diff, a, b)))
-    few, some, many = calls
+    pairs = [
+        (make(count).write(tmp_path / f"a{count}.glb"), elsewhere(make(count)).write(tmp_path / f"b{count}.glb"))
+        for count in (8, 16, 32)
+    ]
+    few, some, many = calls_of(*(partial(diff, a, b) for a, b in pairs))
     assert many - some < 2.05 * (some - few)
 
 

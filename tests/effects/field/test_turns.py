@@ -165,3 +165,15 @@ def test_other_seeds_mix_otherwise() -> None:
     first, again, other = (Sweeps.of(ground.rig, turns, seed=each).angles for each in "aab")
     assert first.tolist() == again.tolist()
     assert first.tolist() != other.tolist()
+
+
+@pytest.mark.parametrize("name", ["spine", "chest", "upper_leg_l", "lower_leg_l", "upper_arm_l", "lower_arm_l"])
+def test_parts_of_a_body_turn_both_ways_but_a_knee_and_an_elbow(name: str) -> None:
+    asset = tube(clip=None)
+    asset.gltf["nodes"][ELBOW]["name"] = name
+    asset.gltf["nodes"][ELBOW]["children"] = [asset.append("nodes", {"name": "end", "translation": [1.0, 0.0, 0.0]})]
+    _, turns = found_in(asset)
+    swing = degrees(turns[0])
+    assert swing[0] <= 0.0 < swing[-1]
+    assert (swing[0] < 0.0) == (not name.startswith("lower"))
+    assert all(each[0] == pytest.approx(-each[-1]) for each in map(degrees, turns[1:])), "to both sides as far"

@@ -1,5 +1,6 @@
 """Flesh from the tools file to the player: proof, limits, what is refused, and the driver."""
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -19,10 +20,13 @@ from wrinklecli.baking.track import track
 from wrinklecli.character.clip import Channel, Clip, read_clips
 from wrinklecli.character.rig import read_rig
 from wrinklecli.effects.flesh import tissue as tissue_module
+from wrinklecli.effects.flesh.attach import _spring
 from wrinklecli.effects.flesh.kept import swings_of
 from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import read_document
 from wrinklecli.numeric.piecewise import Signal
+from wrinklecli.tools.body import Flesh
+from wrinklecli.tools.read import parse_tools
 
 
 @pytest.fixture(scope="module")
@@ -416,3 +420,14 @@ def test_clothes_that_do_not_fit_are_one_line(tmp_path: Path, changes: Json, mes
         wrinklecli.bake(dressed(), path, tmp_path / "out.glb")
     (line,) = str(refused.value).splitlines()
     assert message in line
+
+
+@pytest.mark.parametrize("faster", [1.0, 1.5, 4.0])
+def test_what_swings_faster_is_damped_more(faster: float) -> None:
+    """Damping in proportion to stiffness, as of tissue: the time in which a swing fades falls with the square."""
+    file = {"version": 1, "flesh": [region(frequency=2.5, damping=0.2)]}
+    (tool,) = parse_tools(json.dumps(file), name="tools.yaml").effects
+    assert isinstance(tool, Flesh)
+    slowest, spring = _spring(tool, 1.0), _spring(tool, faster)
+    assert (slowest.speed, slowest.damping) == pytest.approx((2.0 * np.pi * 2.5, 0.2))
+    assert spring.speed * spring.damping == pytest.approx(faster**2 * slowest.speed * slowest.damping)

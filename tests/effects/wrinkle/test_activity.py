@@ -6,12 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from kit.carried import carry_patch
 from kit.limb import RADIUS, limb_asset, tool
 from kit.prepared import posed_surface, prepare
 from wrinklecli.character.clip import Clip
 from wrinklecli.drive.table import TABLE_ERROR
 from wrinklecli.effects.wrinkle.activity import activities, activity
 from wrinklecli.effects.wrinkle.lookup import weights_of
+from wrinklecli.effects.wrinkle.report import describe_activity
 from wrinklecli.numeric.arrays import Floats
 
 
@@ -115,3 +117,16 @@ def test_rest_length_follows_a_morph_target_from_0_to_1_and_no_further() -> None
     prepared = prepare(asset, tool(rest_length={"morph": "morph_1", "full": "125%"}))
     _, lengths, _ = prepared.patch.segment.lengths(prepared.rig, prepared.clip, np.array([0.0, 1.0, 2.0, 3.0]))
     assert lengths == pytest.approx([0.8, 0.9, 1.0, 0.8], abs=1e-7)
+
+
+@pytest.mark.parametrize("keys", [{}, {"compressible": "30%"}, {"max_height": "2%", "compressible": "60%"}], ids=str)
+def test_a_report_shows_that_the_curve_keeps_its_length(keys: dict[str, Any]) -> None:
+    """What tissue takes is no error of the bumps, whatever part of a shortening it takes."""
+    prepared = prepare(limb_asset(rings=9, sides=8), tool(**keys))
+    carried, _ = carry_patch(prepared)
+    seen = activity(prepared.patch, prepared.rig, prepared.clip, np.arange(3.0))
+    told = describe_activity(carried, seen, prepared.clip)
+    assert max(told["shortening"]) > 0.1
+    assert max(told["curve_length_error"]) < 1e-9 * max(told["rest_length"])
+    lines = told["line_length_errors"]
+    assert abs(lines["errors"][lines["v"].index(0.0)]) < 1e-3

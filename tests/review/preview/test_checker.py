@@ -28,7 +28,9 @@ def test_a_checker_lies_straight_before_and_slides_with_the_skin() -> None:
     # Two cells, a light and a dark one, are as wide as two thirds of the greatest slide.
     steps = np.diff(before.coordinates[2:7, 0], axis=0)
     assert np.allclose(steps, [1.0 / (2.0 * 1.5 / 3.0), 0.0])
-    tones = look_up(after.textures[1], np.array([[0.25, 0.25], [0.75, 0.25], [1.25, 0.25], [0.75, 0.75]]))[:, 0]
+    colours = look_up(after.textures[1], np.array([[0.25, 0.25], [0.75, 0.25], [1.25, 0.25], [0.75, 0.75]]))
+    tones = colours[:, 0]
+    assert np.array_equal(colours, np.repeat(tones[:, None], 3, axis=1)), "grey, without opacity"
     assert tones[0] == tones[2] == tones[3] > tones[1] + 0.3
 
 

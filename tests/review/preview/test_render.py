@@ -248,3 +248,12 @@ def test_what_is_behind_blended_triangles_shows_through_them(order: Sequence[int
     assert not covered(render.render(nothing, HEAD_ON, size=(64, 64))).any()
     whole = seen_through(both(*squares), 1.0, 1.0, 1.0)
     assert np.array_equal(*(render.render(each, HEAD_ON, size=(64, 64)) for each in (whole, both(*squares))))
+
+
+@pytest.mark.parametrize("clay", [False, True])
+def test_a_texture_finer_than_pixels_is_mixed_in_each_of_them(clay: bool) -> None:
+    stripes = np.zeros((1, 4 * SIZE[0], 3), np.uint8)
+    stripes[:, ::2] = 255
+    shown = render.render(square(half=0.9, textures=(Texture(stripes),)), HEAD_ON, size=SIZE, style=Style(clay=clay))
+    inside = shown[20:40, 30:50].astype(int)
+    assert np.ptp(inside) < 60

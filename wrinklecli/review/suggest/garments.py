@@ -110,22 +110,28 @@ class Garment:
 def find_garments(asset: TriedAsset, meshes: Sequence[MeasuredMesh], options: SuggestOptions) -> list[Garment]:
     """Find the garments among meshes; of instances the first one counts."""
     garments: list[Garment] = []
+    parts = read_bones(asset.document).parts
     layers = Layers(asset.scene, [clip for mesh in meshes for clip in mesh.clips])
     for number, mesh in enumerate(meshes):
         if all(mesh.gauge.surface is not other.gauge.surface for other in meshes[:number]):
-            found = _garment(asset, mesh, layers, [each.field.name for each in garments], options)
+            found = _garment(asset, mesh, parts, layers, [each.field.name for each in garments], options)
             garments += [] if found is None else [found]
     return garments
 
 
 def _garment(
-    asset: TriedAsset, mesh: MeasuredMesh, layers: Layers, taken: Sequence[str], options: SuggestOptions
+    asset: TriedAsset,
+    mesh: MeasuredMesh,
+    parts: Sequence[PartOfBody | None],
+    layers: Layers,
+    taken: Sequence[str],
+    options: SuggestOptions,
 ) -> Garment | None:
     """The field of a mesh; None if hardly anything of it is cloth that is seen, or if no joint folds it."""
     gauge, rig, document = mesh.gauge, mesh.rig, asset.document
     if not rig.skinned or is_rigid(gauge):
         return None
-    parts, primitives = read_bones(document).parts, gauge.surface.primitives[gauge.numbers]
+    primitives = gauge.surface.primitives[gauge.numbers]
     hints = read_hints(document, rig, options.materials)
     told = np.array([_is_told(document, rig.mesh, number, each) for number, each in enumerate(hints)])[primitives]
     if not told.any():
