@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 HERE = Path(__file__).resolve().parent
-sys.path[:0] = [str(HERE.parents[1])]
+if __name__ == "__main__":  # imported by a test, it changes no path that other tests see
+    sys.path[:0] = [str(HERE.parents[1])]
 
 from wrinklecli.review.suggest.score import LEAST  # noqa: E402
 

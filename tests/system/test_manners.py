@@ -21,7 +21,7 @@ from kit.work import PATIENCE
 from wrinklecli.cli import cli
 
 COMMANDS = sorted(cli.commands)
-README = (ROOT / "README.md").read_text()
+README, OPTIONS_PAGE = (ROOT / "README.md").read_text(), (ROOT / "configs" / "bake.md").read_text()
 MAIN = [sys.executable, "-c", "from wrinklecli.cli import main; main()"]
 
 
@@ -68,7 +68,7 @@ def test_options_of_one_name_are_of_one_kind() -> None:
         assert short <= {"-o", "-q", "-v", "-j"}
 
 
-def test_the_readme_names_every_command_and_every_exit_code() -> None:
+def test_the_pages_name_every_command_and_every_exit_code() -> None:
     shown = re.findall(r"^wrinkle (\w+) ", README, re.MULTILINE)
     assert shown == [
         *(
@@ -89,7 +89,7 @@ def test_the_readme_names_every_command_and_every_exit_code() -> None:
         )
     ]
     assert set(COMMANDS) == set(shown)
-    table = dict(re.findall(r"^\| (\d+) \| (.*) \|$", README, re.MULTILINE))
+    table = dict(re.findall(r"^\| (\d+) \| (.*) \|$", OPTIONS_PAGE, re.MULTILINE))
     assert sorted(table, key=int) == ["0", "1", "2", "3", "70"]
     for name in COMMANDS:
         text = " ".join((cli.commands[name].help or "").split())

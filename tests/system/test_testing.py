@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import wrinklecli.review.diff.diff  # noqa: F401  # a run within this one forgets what it imports, and cannot again
 from kit.asset import Asset, attribute
 from kit.limb import limb_asset
 from kit.variants import PICTURE, rich

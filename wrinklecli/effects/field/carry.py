@@ -41,7 +41,7 @@ _CLEAR = 0.16
 _SHORT_ENOUGH, _USUAL, _TOO_LONG = 0.25, 0.75, 1.6
 # Length over which heights and what lowers them are averaged, in wavelengths: linear mixtures of coarse values have
 # creases, and folds that end within less look torn.
-_SMOOTH = 0.4
+_SMOOTH = 0.3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
