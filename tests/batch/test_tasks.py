@@ -10,6 +10,7 @@ from wrinklecli.batch import cluster
 from wrinklecli.batch.cluster import Task
 from wrinklecli.batch.jobs import BatchJob, Outcome
 from wrinklecli.batch.worker import Settings
+from wrinklecli.errors import WrinkleError
 
 distributed = pytest.importorskip("distributed")
 
@@ -94,3 +95,11 @@ def test_every_job_comes_back_once_and_one_that_kills_fails_alone(monkeypatch: p
     *before, last = (len(task) for task in client.tasks if POISON in task)
     assert min(before) > 1
     assert last == 1
+
+
+def test_workers_that_die_one_after_another_end_a_batch() -> None:
+    sent = cluster._DaskRun(Client(), SETTINGS, lambda: 40, [].append)
+    sent._check_workers()
+    sent._check_workers()
+    with pytest.raises(WrinkleError, match="120 workers died"):
+        sent._check_workers()

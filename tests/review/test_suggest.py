@@ -18,7 +18,9 @@ from kit.samples import edited, shared_mesh
 from kit.suggested import each_once, ends, middle, run, suggest_once
 from wrinklecli import bake
 from wrinklecli.baking.job import BakeOptions, read_job
+from wrinklecli.character.clip import Clip
 from wrinklecli.errors import AssetError, BakeError, WrinkleError
+from wrinklecli.review.suggest.measure import _finer
 from wrinklecli.review.suggest.suggest import suggest
 from wrinklecli.tools.read import load_tools, parse_tools
 
@@ -388,3 +390,17 @@ def test_clips_that_hide_the_character_are_null_in_json(tmp_path: Path) -> None:
 def test_shared_meshes_are_looked_at_for_each_node() -> None:
     found = suggest(edited("wrist", shared_mesh), count=4)
     assert {each.mesh for each in found.tools} == {"wrist", "twin"}
+
+
+@pytest.mark.parametrize("poses", [1, 2, 3, 9, 25, 40])
+@pytest.mark.parametrize("frames", [2, 10, 200])
+def test_tools_are_measured_at_the_poses_of_a_clip_and_at_more_between_few_of_them(poses: int, frames: int) -> None:
+    clip = Clip(0, "fold", (), 0.5, 0.5 + (frames - 1) / 32.0)
+    times = np.linspace(clip.start, clip.end, poses)
+    finer = _finer(clip, times, 32.0)
+    assert set(times.round(9)) <= set(finer.round(9))
+    parts = (len(finer) - 1) // max(poses - 1, 1)
+    if poses > 1:
+        wanted = min(25, frames)
+        assert len(finer) >= wanted, "as many as show where a segment is shortest"
+        assert parts == 1 or (parts - 1) * (poses - 1) + 1 < wanted, "no more than are needed"

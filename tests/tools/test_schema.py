@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -121,3 +122,19 @@ def test_percentages(written: str, good: bool) -> None:
     else:
         with pytest.raises(ConfigError, match=r"width: found .* expected a length"):
             parse_tools(text)
+
+
+def test_sliders_go_up_in_steps_to_values_that_the_key_may_have() -> None:
+    def found(schema: Any) -> Iterator[dict[str, Any]]:
+        if isinstance(schema, dict):
+            yield from [schema] if "slider" in schema else []
+        for each in schema.values() if isinstance(schema, dict) else schema if isinstance(schema, list) else ():
+            yield from found(each)
+
+    sliders = list(found(TOOLS_SCHEMA))
+    assert len(sliders) > 20
+    for each in sliders:
+        slider = each["slider"]
+        low, high = slider["minimum"], slider["maximum"]
+        assert 0.0 < slider["step"] <= high - low, slider
+        assert each.get("minimum", low) <= low < high <= each.get("maximum", high), slider
