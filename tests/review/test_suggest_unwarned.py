@@ -22,7 +22,7 @@ FEW = {"avatar": {"clips": [f"mixamorig:Left{each}, +90°" for each in ("Hand ab
 BUILT = ("avatar", "tubes", "cartoon", "knight_tabard", "low_poly_smooth")
 SAMPLES = ("wrist", "trousers", "head", "body")
 # The assets of others that get tools.
-REAL = ("cesium_man.glb", "hand.glb", "head_male.glb", "simple_skin.gltf", "trousers.glb")
+REAL = ("cesium_man.glb", "hand.glb", "head_male.glb", "trousers.glb")
 
 
 def unwarned_file(asset: Path, folder: Path) -> bool:
