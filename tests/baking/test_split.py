@@ -221,6 +221,7 @@ def test_a_field_is_split_between_its_joints(tmp_path: Path, monkeypatch: pytest
     assert_valid(parted.path)
     mesh, (told,) = made.data["meshes"][0], made.data["fields"]
     whole = mesh["vertices"] * len(told["targets"]) * 32
+    assert target_bytes(parted.path) < 0.8 * whole
     assert whole - target_bytes(parted.path) > worth * (len(list(nodes_of(parted))) - 1), "each cut saves its worth"
     joints = [turn["joint"] for turn in told["turns"] for _ in range(turn["shapes"])]
     names = told["targets"]
