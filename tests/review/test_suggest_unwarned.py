@@ -16,8 +16,8 @@ from wrinklecli.review.suggest.unwarned import unwarned
 from wrinklecli.review.suggest.worth import Dropped, Worthwhile
 from wrinklecli.tools.records import Contact, Length, RefinementSettings, WrinkleTool
 
-# Of the one with most joints, motions that fold the skin and the shirt over it; its trousers are one more garment.
-FEW = {"avatar": {"clips": [f"mixamorig:Left{each}, +90°" for each in ("Hand about z", "Arm about z")]}}
+# Of the one with most joints, motions that fold the skin and a garment, which gets a field.
+FEW = {"avatar": {"clips": [f"mixamorig:Left{each}, +90°" for each in ("Hand about z", "Leg about x")]}}
 # The built characters that get tools. Those of the dressed one, in any colours, are the same as on its low-poly mesh.
 BUILT = ("avatar", "tubes", "cartoon", "knight_tabard", "low_poly_smooth")
 SAMPLES = ("wrist", "trousers", "head", "body")
