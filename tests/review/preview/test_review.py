@@ -23,6 +23,7 @@ from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.review.check import check
 from wrinklecli.review.preview import review as reviewing
 from wrinklecli.review.preview.apply import plan_tools
+from wrinklecli.review.preview.overlay import RED
 from wrinklecli.review.preview.peaks import Peak, baked_peaks, planned_peaks
 from wrinklecli.review.preview.preview import is_reviewed
 from wrinklecli.review.preview.preview_options import PreviewOptions
@@ -198,7 +199,7 @@ def test_a_card_tells_where_it_is_and_what_clip_however_long_its_name(tmp_path: 
     for each, framed in ((small, True), (large, False)):
         tools = write_tools(tmp_path / "tools.yaml", each)
         draw([path], out, tools=tools, review=True, hide_tools=True, size=(160, 120))
-        assert (near(picture(out), np.array((200, 30, 30)) / 255.0, within=5) > 10) == framed
+        assert (near(picture(out), np.array(RED), within=5) > 10) == framed
     (peak,) = peaks_of(path, tmp_path / "tools.yaml")
     rows = " ".join(fact.text for row in reviewing.card_facts(peak) for fact in row)
     assert f"in clip {name}" in rows
