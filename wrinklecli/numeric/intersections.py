@@ -7,6 +7,7 @@ Source: C. Ericson, *Real-Time Collision Detection*, 2005, §6.3 (descent of two
 triangles by signed volumes). Differs: all pairs of a level of the trees are compared at once.
 """
 
+from collections.abc import Iterable
 from functools import reduce
 from typing import TypeAlias
 
@@ -71,14 +72,14 @@ class Crossings:
         edges, triangles = crossing[np.lexsort(crossing.T[::-1])].T
         return edges, triangles
 
-    def vertices_at(self, positions: Floats, counting: Bools) -> Bools:
+    def vertices_at(self, positions: Floats, counting: Bools | None = None) -> Bools:
         """(vertices,) True for the vertices of edges and triangles that cross at (vertices, 3) positions.
 
-        Only crossings of which at least one vertex is among the (vertices,) `counting` are marked.
+        If (vertices,) `counting` are given, only crossings of which at least one vertex is among these are marked.
         """
         edges, triangles = self.at(positions)
         corners = np.concatenate([self.edges[edges], self.triangles[triangles]], axis=1)
-        return flags_of(corners[counting[corners].any(axis=1)], len(positions))
+        return flags_of(corners if counting is None else corners[counting[corners].any(axis=1)], len(positions))
 
     def pairs_at(self, positions: Floats, counting: Bools | None = None) -> set[tuple[int, int]]:
         """The edges and the triangles that they pass through at (vertices, 3) positions.
@@ -87,6 +88,11 @@ class Crossings:
         """
         edges, triangles = self.at(positions, counting)
         return set(zip(edges.tolist(), triangles.tolist(), strict=True))
+
+    def corners_of(self, pairs: Iterable[tuple[int, int]]) -> Ints:
+        """(pairs, 5) vertices of edges, and of the triangles that they pass through; pairs are sorted."""
+        edges, triangles = np.array(sorted(pairs), np.intp).reshape(-1, 2).T
+        return np.concatenate([self.edges[edges], self.triangles[triangles]], axis=1)
 
     @property
     def _leaves(self) -> tuple[tuple[Ints, Ints], tuple[Ints, Ints]]:

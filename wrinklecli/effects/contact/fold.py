@@ -61,7 +61,7 @@ class Raised:
         return self.part.vertices
 
     def displacements(self, fine: Refinement, rig: Rig, clip: Clip | None, times: Floats) -> Floats:
-        """(frames, vertices, 3) their displacements, bind space."""
+        """(frames, vertices, 3) displacements of these, bind space."""
         return self.factor * self.part.displacements(fine, rig, clip, times)
 
 

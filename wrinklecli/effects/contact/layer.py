@@ -10,7 +10,7 @@ from wrinklecli.character.mesh_names import MeshNames
 from wrinklecli.effects.attached import AnyAttached
 from wrinklecli.effects.effect import Effect, EffectKind, MeshPlan, Part, SamplingOptions
 from wrinklecli.effects.field.layer import FieldLayer
-from wrinklecli.effects.wrinkle.layer import WrinkleLayer
+from wrinklecli.effects.wrinkle.layer import carried_patches_of
 from wrinklecli.errors import BakeError, listed, nearest
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
@@ -84,8 +84,7 @@ class ContactKind(EffectKind):
         Raises:
             BakeError: The library that resolves contact is missing, or a node whose mesh is to be ignored.
         """
-        wrinkles = plan.layer(WrinkleLayer)
-        carried = wrinkles.carried_patches if wrinkles else ()
+        carried = carried_patches_of(plan)
         chosen = [number for number, each in enumerate(carried) if each.patch.tool.contact is not None]
         tools = [carried[number].patch.tool for number in chosen]
         if not self.is_installed:

@@ -97,8 +97,7 @@ def _pairs(fold: Fold, counting: Bools, clip: Clip, times: Floats) -> set[tuple[
 
 def _corners(fold: Fold, pairs: Sequence[tuple[int, int]]) -> Ints:
     """The fine vertices of some edges and triangles."""
-    edges, triangles = np.array(pairs, np.intp).reshape(-1, 2).T
-    corners = np.concatenate([fold.crossings.edges[edges].ravel(), fold.crossings.triangles[triangles].ravel()])
+    corners = fold.crossings.corners_of(pairs)
     own: Ints = fold.vertices[np.unique(corners[corners < len(fold.vertices)])]
     return own
 

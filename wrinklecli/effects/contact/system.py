@@ -212,9 +212,8 @@ def holding_contacts(fold: Fold, apart: Floats, clips: Sequence[Clip]) -> tuple[
     still = wide.crossings.pairs_at(wide.rest_positions, counting)
     for clip in clips:
         for positions in wide.posed(clip, _moments([fold], clip))[0]:
-            pairs = np.array(sorted(wide.crossings.pairs_at(positions, counting) - still), np.intp).reshape(-1, 2)
-            corners = [wide.crossings.edges[pairs[:, 0]], wide.crossings.triangles[pairs[:, 1]]]
-            crossing = wide.vertices[np.concatenate(corners, axis=1)]
+            pairs = wide.crossings.pairs_at(positions, counting) - still
+            crossing = wide.vertices[wide.crossings.corners_of(pairs)]
             ours = np.isin(crossing, free)
             fresh = np.union1d(fresh, crossing[ours.any(axis=1) & ~ours.all(axis=1)])
     if not len(fresh):

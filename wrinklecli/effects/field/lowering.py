@@ -5,7 +5,7 @@ an edge that passes through a triangle, in a pose in which the skin alone has fe
 ours, and level it is the skin, so this always has an answer.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Protocol
 
@@ -110,7 +110,7 @@ class _Poses:
         vertices: Ints,
         moves: Floats,
     ) -> "_Poses":
-        """Those of sweeps and clips, with the greatest weights.
+        """The poses of sweeps and clips with the greatest weights.
 
         Clips show how far joints turn, and together: between the poses of a sweep a crease may turn a triangle.
         """
@@ -130,7 +130,7 @@ class _Poses:
         return cls(fine, vertices, moves, np.concatenate(matrices)[chosen], every[chosen])
 
     def of_part(self, vertices: Ints) -> "Iterator[_Pose]":
-        """How some fine vertices are posed."""
+        """Some fine vertices in each of the poses."""
         influences = self.fine.influences(self.matrices.shape[1]).at(vertices)
         moves = np.zeros((len(self.moves), len(vertices), 3))
         rows, columns = matches(vertices, self.vertices)
@@ -287,10 +287,10 @@ class _Crossing:
 
     def at_fault(self, left: Floats) -> Ints:
         """The corners of edges and triangles that cross with the field and not without, if more of them do."""
-        found = _pairs(self.surface, self.pose.places(left))
+        found = self.surface.pairs_at(_rows(self.pose.places(left)))
         if len(found) <= len(self.pairs):
             return np.zeros(0, np.intp)
-        return self.pose.vertices[_corners(self.surface, found - self.pairs)]
+        return self.pose.vertices[distinct_values(self.surface.corners_of(found - self.pairs))]
 
 
 def _crossing(poses: _Poses) -> Iterator[_Crossing]:
@@ -300,21 +300,15 @@ def _crossing(poses: _Poses) -> Iterator[_Crossing]:
     surface = Crossings.of(fine.rest_positions, triangles)
     involved = np.zeros(len(every), bool)
     for each in poses.of_part(every):
-        involved[_corners(surface, _pairs(surface, each.places()))] = True
+        involved |= surface.vertices_at(_rows(each.places()))
     for _ in range(_RINGS):
         involved = widened(surface.edges, involved)
     part, corners = np.unique(triangles[involved[triangles].all(axis=1)], return_inverse=True)
     surface = Crossings.of(fine.rest_positions[part], corners.reshape(-1, 3))
     for each in poses.of_part(part):
-        yield _Crossing(each, surface, _pairs(surface, each.still))
+        yield _Crossing(each, surface, surface.pairs_at(_rows(each.still)))
 
 
-def _pairs(surface: Crossings, places: Floats) -> set[tuple[int, int]]:
-    """The edges and triangles of a surface that cross at (3, vertices) places."""
-    return surface.pairs_at(np.ascontiguousarray(places.T))
-
-
-def _corners(surface: Crossings, pairs: Iterable[tuple[int, int]]) -> Ints:
-    """The vertices of some edges and triangles."""
-    edges, triangles = np.array(sorted(pairs), np.intp).reshape(-1, 2).T
-    return np.union1d(surface.edges[edges], surface.triangles[triangles])
+def _rows(places: Floats) -> Floats:
+    """(vertices, 3) of (3, vertices) places."""
+    return np.ascontiguousarray(places.T)

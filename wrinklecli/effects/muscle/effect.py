@@ -16,7 +16,7 @@ from wrinklecli.effects.shapes import summed
 from wrinklecli.errors import listed
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Floats, Ints, significant
+from wrinklecli.numeric.arrays import Floats, significant
 from wrinklecli.numeric.intersections import Crossings
 from wrinklecli.tools.body import Muscle
 from wrinklecli.tools.records import in_axes
@@ -217,12 +217,6 @@ def _passes_through(plan: MeshPlan, attached: AttachedMuscle, deltas: Floats, cl
     flexed, flat = (mesh.posed(clip, now, weights=each).positions[0] for each in (shown, relaxed))
     crossings = Crossings.of(fine.rest_positions[chosen], mesh.triangles)
     # Most muscles meet nothing, so that the skin without them need not be looked at.
-    after = _pairs(crossings.at(flexed, counting=moved))
-    new = np.array(sorted(after - _pairs(crossings.at(flat, counting=moved))) if after else [], np.intp).reshape(-1, 2)
-    corners = np.concatenate([crossings.edges[new[:, 0]].ravel(), mesh.triangles[new[:, 1]].ravel()])
-    return float(np.sqrt(((flexed - flat)[corners] ** 2).sum(axis=1)).max(initial=0.0))
-
-
-def _pairs(found: tuple[Ints, Ints]) -> set[tuple[int, int]]:
-    """The pairs of an edge and a triangle."""
-    return set(zip(*(part.tolist() for part in found), strict=True))
+    after = crossings.pairs_at(flexed, moved)
+    corners = crossings.corners_of(after - crossings.pairs_at(flat, moved) if after else ())
+    return float(np.sqrt(((flexed - flat)[corners] ** 2).sum(axis=-1)).max(initial=0.0))
