@@ -212,10 +212,8 @@ def read_makeup(
     sums = np.stack([np.bincount(surface.weld, normals[:, k], count) for k in range(3)], axis=1)
     of_point = np.bincount(surface.weld, minlength=count)
     split = np.sqrt(np.sum(sums**2, axis=1)) < _SPLIT_NORMALS * of_point
-    greatest = surface.weights.argmax(axis=1)
-    rows = np.arange(count)
-    alone = surface.weights[rows, greatest] >= _RIGID_WEIGHT
-    followed = np.where(alone & rig.skinned, surface.joints[rows, greatest], -1)
+    alone = surface.weights.max(axis=1) >= _RIGID_WEIGHT
+    followed = np.where(alone & rig.skinned, surface.heaviest, -1)
     return Makeup(
         read_hints(document, rig),
         surface.primitives[gauge.numbers],

@@ -16,7 +16,7 @@ from wrinklecli.effects.field.irregular import lengthened, turned
 from wrinklecli.effects.field.material import FABRICS, Fabric
 from wrinklecli.effects.field.region import FieldRegion
 from wrinklecli.effects.field.turns import Sweeps, acting_together, turns_of
-from wrinklecli.errors import BakeError, WrinkleError, listed, nearest
+from wrinklecli.errors import BakeError, listed, nearest
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, face_normals, smoothstep, weighted_quantiles
 from wrinklecli.numeric.closest import Tree, nearest_of
@@ -110,15 +110,7 @@ def attach_fields(fields: Sequence[Field], ground: Ground) -> list[AttachedField
     Raises:
         WrinkleError: Fields do not fit, a line for each.
     """
-    found, problems = [], []
-    for each in fields:
-        try:
-            found.append(_attach(each, ground))
-        except WrinkleError as error:
-            problems.append(error)
-    if problems:
-        raise BakeError.of_all(problems)
-    return found
+    return BakeError.every(lambda each: _attach(each, ground), fields)
 
 
 def _attach(tool: Field, ground: Ground) -> AttachedField:
