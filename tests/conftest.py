@@ -42,7 +42,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(tryfirst=True)  # before pytest looks at `-m`
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Of a test that is marked `quick(n)`, all cases but the first n are slow. What is marked `long` comes first.
+    """Cases of a test marked `quick(n)` are slow, but for the first n; tests marked `long` come first.
 
     Begun last, one of these would keep all workers but its own waiting.
     """

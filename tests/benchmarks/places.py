@@ -116,7 +116,7 @@ def right(places: Places, chances: Floats) -> float:
 
 
 def report(places: Places, chances: Floats) -> str:
-    """How good chances are, in words."""
+    """A text that says how often chances are right."""
     commonest = np.bincount(places.verdicts).max() / len(places.verdicts)
     proposed, kept = chances[:, 1] >= 0.5, places.verdicts == 2
     counts = [int(np.sum(proposed & (places.verdicts == verdict))) for verdict in (2, 1, 0)]
@@ -131,7 +131,7 @@ def report(places: Places, chances: Floats) -> str:
 
 
 def weights_of(places: Places) -> dict[str, object]:
-    """What the program reads."""
+    """The weights as the program reads them."""
     fit, kept = Fit.of(places), places.only(places.verdicts == 2).logs.mean(axis=0)
 
     def by_name(values: Floats) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""How tests look at work without the clock: counted in calls, the same on every machine and under any load."""
+"""Work is counted in calls, without the clock: they are the same on every machine and under any load."""
 
 import sys
 from collections.abc import Callable

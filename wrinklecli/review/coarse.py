@@ -62,7 +62,7 @@ class CoarseCounter:
 
     @property
     def is_moved(self) -> bool:
-        """True if there are any."""
+        """True if the fine surface has new morph targets."""
         return any(self._new)
 
     def reduced(self, clip: Clip | None, times: Floats, found: Sequence[CrossingPairs]) -> list[CrossingPairs]:

@@ -190,7 +190,7 @@ def test_crests_run_across_the_compression_of_a_bent_tube() -> None:
 
 
 def test_more_slack_makes_lower_folds() -> None:
-    """As a whole: where there is no room for more, folds are as high with little slack as with none."""
+    """Folds are lower as a whole; where there is no room for more, they are as high with little slack as with none."""
     heights = [float(np.linalg.norm(tallest(bent_tube(slack=slack)[1]))) for slack in ("0%", "4%", "20%")]
     assert heights[0] > 1.01 * heights[1] > 1.02 * heights[2] > 0
 

@@ -121,7 +121,7 @@ def test_rest_length_follows_a_morph_target_from_0_to_1_and_no_further() -> None
 
 @pytest.mark.parametrize("keys", [{}, {"compressible": "30%"}, {"max_height": "2%", "compressible": "60%"}], ids=str)
 def test_a_report_shows_that_the_curve_keeps_its_length(keys: dict[str, Any]) -> None:
-    """What tissue takes is no error of the bumps, whatever part of a shortening it takes."""
+    """Tissue takes a part of each shortening, which is no error of the bumps."""
     prepared = prepare(limb_asset(rings=9, sides=8), tool(**keys))
     carried, _ = carry_patch(prepared)
     seen = activity(prepared.patch, prepared.rig, prepared.clip, np.arange(3.0))

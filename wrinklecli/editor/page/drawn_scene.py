@@ -180,7 +180,7 @@ class DrawnScene:
         target = ("anchor", len(outline.anchors) - 1)
         for key, spot in _dots_of(outline):
             kind, number = key
-            colour = _bytes_of((1.0, 1.0, 1.0)) if kind == "edge" or key == target else _bytes_of(outline.colour)
+            colour = _bytes_of((1.0, 1.0, 1.0) if kind == "edge" or key == target else outline.colour)
             shown = self._dots.get(key)
             if shown is not None:
                 shown.position, shown.color = places[spot], colour

@@ -178,7 +178,7 @@ def _judged(
     folding = suggestion.substance is None or suggestion.by_morph or suggestion.part in _FOLDING
     # A twin that a clip hardly raises is hardly seen either; one that rises as far must look as good.
     tallest = max((look.best.height for look in looks), default=0.0)
-    sides = [each.scored(resolved, folding) for each in looks if each.best.height > _AS_TALL * tallest]
+    sides = [each.scored(resolved=resolved, folding=folding) for each in looks if each.best.height > _AS_TALL * tallest]
     if sides:
         score = min(sides, key=lambda each: each.keep)
         if not (score.is_kept or everything):
@@ -193,8 +193,10 @@ def _judged(
 def fault_of(stage: Stage, placement: Placement, clip: str, time: float) -> tuple[str, float] | None:
     """Why a field is not worth it where it is tallest, with the number that says so; None if it is."""
     look = _look(stage, placement, clip, time)
-    score = None if look is None else look.scored(False, True)
-    return ("not raised", 0.0) if score is None else None if score.is_kept else score.reason
+    if look is None:
+        return "not raised", 0.0
+    score = look.scored(resolved=False, folding=True)
+    return None if score.is_kept else score.reason
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,8 +217,8 @@ class _Look:
     tallest: StagedTool
     teeth: float
 
-    def scored(self, resolved: bool, folding: bool) -> Score:
-        """Measure the tool and weigh that; contact keeps apart what is `resolved`."""
+    def scored(self, *, resolved: bool, folding: bool) -> Score:
+        """Measure and weigh the tool; contact keeps apart what is `resolved`, and a limb may be `folding` there."""
         seen, staged = look_at(self.best, self.sight, self.side), self.tallest
         before, after = (0, 0) if resolved else staged.crossings
         hard = float(self.placement.plan.fine.hard_shares[self.placement.part.region])
