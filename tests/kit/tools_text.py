@@ -11,6 +11,8 @@ from wrinklecli.tools.records import WrinkleTool
 from wrinklecli.tools.schema import TOOLS_SCHEMA
 
 README = (ROOT / "configs" / "README.md").read_text(encoding="utf-8")
+# All pages on the tools file, one below the other.
+REFERENCE = "\n".join(page.read_text(encoding="utf-8") for page in sorted((ROOT / "configs").glob("*.md")))
 # Lines 1 to 5 of a file with one tool; more keys of the tool follow from line 6 on.
 HEAD = """version: 1
 tools:

@@ -15,21 +15,25 @@ from kit.places import ROOT
 
 PICTURES_OF_KEYS = [*(ROOT / "samples" / "pictures").glob("key_*.png")]
 PAGES = (*ROOT.glob("*.md"), *ROOT.glob(".github/*.md"), ROOT / "wrinklecli" / "README.md")
-PAGES += (*ROOT.glob("configs/*.md"), *ROOT.glob("samples/*.md"), *ROOT.glob("samples/blender/*.md"))
+PAGES += (*ROOT.glob("configs/*.md"), *ROOT.glob("samples/*.md"), *ROOT.glob("samples/*/README.md"))
+PAGES += (*ROOT.glob("tests/*/README.md"),)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
 def test_links_lead_somewhere(page: Path) -> None:
-    text = page.read_text(encoding="utf-8")
-    # Headings as GitHub makes anchors of them.
-    headings = {re.sub(r"[^\w -]", "", line.lstrip("# ")).lower().replace(" ", "-") for line in text.splitlines()}
-    for link in re.findall(r"\]\(([^)\s]+)\)", text):
+    for link in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")):
         file, _, anchor = link.partition("#")
         if file.startswith("http"):
             continue
-        assert (page.parent / file).exists(), link
-        if not file:
-            assert anchor in headings, link
+        linked = page.parent / file if file else page
+        assert linked.exists(), link
+        assert not anchor or anchor in anchors(linked), link
+
+
+def anchors(page: Path) -> set[str]:
+    """The headings of a page as GitHub makes anchors of them."""
+    lines = page.read_text(encoding="utf-8").splitlines()
+    return {re.sub(r"[^\w -]", "", line.lstrip("# ")).lower().replace(" ", "-") for line in lines if line[:1] == "#"}
 
 
 def test_the_map_names_every_room() -> None:

@@ -33,6 +33,7 @@ from kit.tools_text import (
     NAMES,
     OPTIONS,
     README,
+    REFERENCE,
     TEXT,
     TOOL,
     TOOL_KEYS,
@@ -744,7 +745,7 @@ def readme_tables() -> dict[str, dict[str, tuple[str, str]]]:
     """For each heading of the reference its keys, their values and their defaults as written."""
     tables: dict[str, dict[str, tuple[str, str]]] = {}
     heading = ""
-    for line in README.splitlines():
+    for line in REFERENCE.splitlines():
         if line.startswith("#"):
             heading = line.strip("# ")
         elif match := re.match(r"\| `(\w+)` \| (.*) \| (`[^`]+`|required|none) \| [^|]+ \|$", line):
@@ -773,7 +774,7 @@ def readme_tables() -> dict[str, dict[str, tuple[str, str]]]:
         ("wrinkles", TOUCH["wrinkles"]["then"]["properties"]),
         ("release", TOUCH["release"]["properties"]),
         ("joint", MUSCLE["origin"]["then"]["properties"]),
-        ("Folds that touch", TOOL["contact"]["then"]["properties"]),
+        ("Contact", TOOL["contact"]["then"]["properties"]),
     ],
 )
 def test_the_reference_names_every_key_with_its_values_and_its_default(heading, keys):

@@ -1,6 +1,6 @@
 """The records of effects that move the body, as `tools.records` has them of wrinkles: muscles, flesh and touches.
 
-`configs/README.md` is the reference of the keys.
+The pages `muscles`, `flesh` and `touch` in `configs` are the reference of the keys.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""The record of a field of wrinkles, as `tools.records` has those of tools. `configs/README.md` is the reference."""
+"""The record of a field of wrinkles, as `tools.records` has those of tools. `configs/fields.md` is the reference."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
