@@ -9,7 +9,10 @@ from wrinklecli.drive.stored import Json, read_numbers, stored
 
 
 def point_json(point: CarriedPoint, names: Sequence[str], morph_names: Sequence[str]) -> Json:
-    """A point in the spaces of its joints; `scales` are those of the joints at rest."""
+    """A point in the spaces of its joints; `scales` are those of the joints at rest.
+
+    It may follow the first of the rig's morph targets alone: points of effects below the skin follow the asset's own.
+    """
     places = point.points[..., :3] / point.weights[:, None]
     scales = 1.0 / np.cbrt(np.where(point.shares > 0, point.shares, 1.0))
     entry: Json = {
@@ -19,7 +22,7 @@ def point_json(point: CarriedPoint, names: Sequence[str], morph_names: Sequence[
         "scales": stored(scales),
     }
     if places[1:].any():
-        moves = zip(morph_names, places[1:], strict=True)
+        moves = zip(morph_names[: len(places) - 1], places[1:], strict=True)
         entry["morphs"] = {name: stored(deltas) for name, deltas in moves if deltas.any()}
     return entry
 
