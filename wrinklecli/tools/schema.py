@@ -106,7 +106,9 @@ POINT_KEYS = tuple(dict.fromkeys(key for kind in KINDS.values() for key in kind.
 _INHERITED = mapping_of({name: each for kind in KINDS.values() for name, each in kind.items.inherited.items()})
 _LISTS = {
     name: key_of(
-        list_of(kind.schema, 1, kind.most, f"a list of 1 to {kind.most:,} {kind.items.item}s, each begun by a dash"),
+        list_of(
+            kind.schema, 1, kind.most, f"a list of 1 to {kind.most:,} {ToolsFile.LISTS[name][1]}, each begun by a dash"
+        ),
         kind.description,
     )
     for name, kind in KINDS.items()
