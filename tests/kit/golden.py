@@ -1,13 +1,14 @@
 """Goldens of numbers and pictures: what the commands gave when somebody last looked at it.
 
-`golden(found, "wrist.json")` compares numbers, and `golden.picture(path, "grid.png")` a picture, with a file in
-tests/data/goldens. Where they differ the test fails. `pytest --wrinkle-update` then replaces the golden, and the test
-still fails: a golden is never accepted unseen.
+`golden(found, "wrist.json")` compares numbers, `golden.text(found, "check.txt")` a text, and
+`golden.picture(path, "grid.png")` a picture, with a file in tests/data/goldens. Where they differ the test fails.
+`pytest --wrinkle-update` then replaces the golden, and the test still fails: a golden is never accepted unseen.
 """
 
 import json
 import re
 from collections.abc import Iterator, Sequence
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ _PLACES = re.compile(rf"({re.escape(str(ROOT))}|{re.escape(str(SHARED))})/\S*/")
 # Of a picture: a grey level that the eye sees, and the part of the pixels that may be further off, as fonts differ.
 _LEVELS, _PIXELS = 24, 0.002
 _MEAN = 0.02  # grey levels by which all pixels may be off
+_NUMBER = re.compile(r"(-?\d+(?:\.\d+)?(?:e[-+]?\d+)?)")
 
 
 class Golden:
@@ -42,6 +44,20 @@ class Golden:
         lines = list(differences(kept, found, "", tolerance))
         if lines and self._update:
             path.write_text(json.dumps(found) + "\n")
+        if lines:
+            pytest.fail("\n".join([f"{name}: golden, found", *lines[:20]]), pytrace=False)
+
+    def text(self, found: str, name: str) -> None:
+        """Compare a text with a golden; widths of columns may differ, and numbers by what rounding is."""
+        path = FOLDER / name
+        found = _PLACES.sub("", found).rstrip() + "\n"
+        kept = path.read_text() if path.exists() else ""
+        pairs = list(zip_longest(kept.splitlines(), found.splitlines(), fillvalue=""))
+        lines = [
+            f"{number}: {old}\n{number}: {new}" for number, (old, new) in enumerate(pairs) if not same_line(old, new)
+        ]
+        if lines and self._update:
+            path.write_text(found)
         if lines:
             pytest.fail("\n".join([f"{name}: golden, found", *lines[:20]]), pytrace=False)
 
@@ -102,10 +118,22 @@ def _is_long(values: Sequence[Any]) -> bool:
     return array.dtype.kind in "if" and array.size > _MOST_NUMBERS
 
 
-def words_and_numbers(text: str) -> list[Any]:
-    """A text as its words and its numbers, which a golden compares one by one."""
-    parts = re.split(r"(-?\d+(?:\.\d+)?(?:e-?\d+)?)", text)
-    return [float(part) if number % 2 else part for number, part in enumerate(parts)]
+def same_line(kept: str, found: str) -> bool:
+    """True for the same words, and numbers that differ by less than a part of themselves or than their last digit."""
+    (words, numbers), (own_words, own_numbers) = (
+        (parts[::2], parts[1::2]) for parts in (_NUMBER.split(" ".join(line.split())) for line in (kept, found))
+    )
+    return words == own_words and all(
+        abs(float(a) - float(b)) <= 1.01 * max(TOLERANCE * abs(float(a)), _last_digit(a), _last_digit(b))
+        for a, b in zip(numbers, own_numbers, strict=True)
+    )
+
+
+def _last_digit(number: str) -> float:
+    """What one in the last digit of a number counts; 0 for a whole number, which has not been rounded."""
+    digits, _, power = number.partition("e")
+    decimals = len(digits.partition(".")[2])
+    return float(10.0 ** (int(power or 0) - decimals)) if decimals or power else 0.0
 
 
 def summed(values: Floats) -> list[float]:

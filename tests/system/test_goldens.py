@@ -1,14 +1,17 @@
 """Goldens: bakes, and what is said of an asset, are as they were when somebody last looked."""
 
 from collections.abc import Callable
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
-import wrinklecli
 from kit.asset import attribute
 from kit.bakes import bake_config, bake_fold, bake_once, place, report_of
+from kit.command import Wrinkle
 from kit.flesh import body, region
 from kit.golden import Golden, wrinkles_of
 from kit.limb import RADIUS, limb_asset, tool
@@ -18,23 +21,38 @@ from kit.touch import plate, touch
 
 Json = dict[str, Any]
 TOP, SIDE = 0.8 * RADIUS, 0.6 * RADIUS
-# A limb that folds at x = -1/3 and 1/3: together these tools set nearly each key to a value that is not the default.
+# A limb that folds at x = -1/3 and 1/3 has all effects: together they set nearly each key to a value that is not the
+# default.
 TOOLS: list[Json] = [
     tool(name="cloth", origin=[-0.6, RADIUS, 0.0], target=[-0.05, RADIUS, 0.0], strategy="both_ends", bumps=5, gap=1,
          profile="cloth", compressible="10%", details=[0.3], bow=0.5, seed=3, variation=0.9, branch=0.9),
     {"name": "path", "path": [[0.05, TOP, -SIDE], [0.3, RADIUS, 0.0], [0.6, TOP, SIDE]], "strategy": "origin",
-     "bumps": 3, "profile": "polyline", "attachment": "patch", "max_height": "5%", "strength": -0.7, "width": "30%"},
+     "bumps": 3, "profile": "polyline", "max_height": "5%", "strength": -0.7, "width": "30%"},
     tool(name="swing", origin=[0.05, TOP, -SIDE], target=[0.6, TOP, -SIDE], profile="skin", attenuation="linear",
          rest_length={"keys": {"fold": [[0.0, "100%"], [1.0, "105%"]]}}, lag={"frequency": 3, "damping": 0.3},
          max_height="none", clips={"fold": 0.8}, snap="vertex"),
     tool(name="leather.L", origin=[-0.6, TOP, SIDE], target=[-0.05, TOP, SIDE], material="leather", mirror="z",
          rest_length={"morph": "morph_0", "full": "110%"}),
 ]  # fmt: skip
+BELOW: Json = {
+    "muscles": [muscle(travel=True)],
+    "flesh": [{"name": "calf", "at": [0.6, -RADIUS, 0.0], "radius": 0.2, "frequency": 4, "damping": 0.2}],
+    "touches": [
+        {"name": "inside", "at": [0.5, RADIUS, 0.0], "towards": [0.0, RADIUS, 0.0], "pad": 0.12, "reach": 0.2,
+         "keys": {"fold": [[0.2, 0, 0], [0.8, 0.05, 0.02, 0.01], [1.4, -0.03, 0.04, 0.01]]}},
+    ],
+    "fields": [{"name": "folds", "node": "limb", "wavelength": 0.3}],
+    "refinement": {"max_levels": 0},
+}  # fmt: skip
 
 
-def limb_with_every_key() -> Gltf:
-    asset = limb_asset(rings=15, sides=10, joints=3, morphs=1, morph_clip="CUBICSPLINE", tangents=True)
-    return bake_once(place(asset), *TOOLS, morph_tangents=True, details=True)
+@cache
+def limb() -> Path:
+    return place(limb_asset(rings=15, sides=10, joints=3, morphs=1, morph_clip="CUBICSPLINE", tangents=True))
+
+
+def limb_with_all_effects() -> Gltf:
+    return bake_once(limb(), *TOOLS, top=BELOW, morph_tangents=True, details=True)
 
 
 def arm_with_muscles() -> Gltf:
@@ -61,20 +79,33 @@ def belly_below_a_strap() -> Gltf:
 
 
 BAKES: dict[str, Callable[[], Gltf]] = {
+    "limb": limb_with_all_effects,
     "wrist": lambda: bake_config("wrist", "wrist"),
-    "head": lambda: bake_config("head", "head"),
     "head_keyed": lambda: bake_config("head", "head_keyed"),
-    "trousers": lambda: bake_config("trousers", "trousers"),
-    "limb": limb_with_every_key,
     "muscles": arm_with_muscles,
-    "flesh": belly_below_a_strap,
     "touch": lambda: bake_once(place(plate()), top={"touches": [touch()], "refinement": {"max_levels": 0}}),
+    "head": lambda: bake_config("head", "head"),
+    "trousers": lambda: bake_config("trousers", "trousers"),
+    "flesh": belly_below_a_strap,
     "bend": limb_that_is_touched,
     "trousers_field": lambda: bake_config("trousers", "trousers_field"),
 }
+# What a command is asked of the limb with all effects: before.glb, baked.glb and tools.yaml.
+ASKED: dict[str, tuple[str, ...]] = {
+    "inspect": ("inspect", "baked.glb"),
+    "check": ("check", "before.glb", "tools.yaml"),
+    "crossings": ("check", "baked.glb", "--crossings", "--fps", "2"),
+    "diff": ("diff", "before.glb", "baked.glb", "--verbose", "--fps", "4"),
+    "posed": ("diff", "before.glb", "baked.glb", "--posed", "--fps", "4"),
+    "track": ("track", "baked.glb", "before.glb", "-o", "tracked", "--verbose"),
+    "preview": (
+        *("preview", "baked.glb", "-o", "baked.png", "--review", "--size", "96x72"),
+        *("--tool", "path", "--tool", "inside"),
+    ),
+}
 
 
-@pytest.mark.quick(5)
+@pytest.mark.quick(5)  # the rest have no kind of effect that these lack
 @pytest.mark.parametrize("name", BAKES)
 def test_a_bake_adds_the_same_wrinkles(name: str, golden: Golden) -> None:
     file = BAKES[name]()
@@ -91,5 +122,11 @@ def test_contact_moves_a_fold_as_far_as_before(golden: Golden) -> None:
     golden([sizes, len(found["shapes"])], "bake_fold.json", tolerance=0.05)
 
 
-def test_an_asset_is_described_as_before(golden: Golden) -> None:
-    golden(wrinklecli.inspect(limb_with_every_key().path), "inspect_limb.json")
+@pytest.mark.parametrize("name", ASKED)
+def test_commands_say_the_same(name: str, tmp_path: Path, wrinkle: Wrinkle, golden: Golden) -> None:
+    (tmp_path / "before.glb").symlink_to(limb())
+    baked = limb_with_all_effects().path
+    (tmp_path / "baked.glb").symlink_to(baked)
+    (tmp_path / "tools.yaml").write_text(yaml.safe_dump({"version": 1, "tools": TOOLS, **BELOW}))
+    ran = wrinkle(*ASKED[name])
+    golden.text("\n".join([str(ran.code), ran.out, *ran.lines]), f"said_{name}.txt")
