@@ -9,7 +9,7 @@ matrices themselves, whose normals lean where joints scale or shear.
 """
 
 from dataclasses import replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -99,6 +99,14 @@ class Influences:
         for joints, weights in zip(self.joints, self.weights, strict=True):
             found[joints, every] += weights
         return found
+
+    def sparse(self) -> Any:
+        """(vertices, joints) skin weights as a sparse matrix, which is imported in longer than a small bake takes."""
+        from scipy.sparse import csr_array
+
+        rows = np.broadcast_to(np.arange(len(self)), self.joints.shape)
+        places = (rows.ravel(), self.joints.ravel())
+        return csr_array((self.weights.ravel(), places), shape=(len(self), self.joint_count))
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,19 +7,17 @@ ours, and level it is the skin, so this always has an answer.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import joint_matrices
 from wrinklecli.character.rig import Rig
-from wrinklecli.character.skin import pose, prepare
-from wrinklecli.effects.faults import turned_over
 from wrinklecli.effects.field.attach import AttachedField
 from wrinklecli.effects.field.factors import weights_of
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, face_normals, flags_of, matches, normal_sums
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, cross, distinct_values, dot, flags_of, matches
 from wrinklecli.numeric.intersections import Crossings, widened
 from wrinklecli.numeric.laplacian import Average
 from wrinklecli.surface.refine import Refinement
@@ -89,13 +87,15 @@ class _Poses:
 
     Attributes:
         fine: The refined surface.
+        influences: (fine vertices, joints) sparse skin weights.
         vertices: (vertices,) sorted fine vertices that the field moves.
-        moves: (shapes, vertices, 3) by its shapes, bind space.
+        moves: (shapes, 3, vertices) by its shapes, bind space.
         matrices: (poses, joints, 4, 4).
         weights: (poses, shapes).
     """
 
     fine: Refinement
+    influences: Any
     vertices: Ints
     moves: Floats
     matrices: Floats
@@ -127,24 +127,27 @@ class _Poses:
         # A clip that goes to and fro has each pose twice.
         own = np.sort(np.unique(np.round(every, _DIGITS), axis=0, return_index=True)[1])
         chosen = own[np.argsort(-(every[own] ** 2).sum(axis=1), kind="stable")][:_POSES]
-        return cls(fine, vertices, moves, np.concatenate(matrices)[chosen], every[chosen])
+        moves = np.ascontiguousarray(moves.transpose(0, 2, 1))
+        influences = fine.influences(sweeps.matrices.shape[1]).sparse()
+        return cls(fine, influences, vertices, moves, np.concatenate(matrices)[chosen], every[chosen])
 
     def of_part(self, vertices: Ints) -> "Iterator[_Pose]":
         """Some fine vertices in each of the poses."""
-        influences = self.fine.influences(self.matrices.shape[1]).at(vertices)
-        moves = np.zeros((len(self.moves), len(vertices), 3))
-        rows, columns = matches(vertices, self.vertices)
-        moves[:, rows] = self.moves[:, columns]
-        still, _ = pose(
-            prepare(influences, self.fine.bind_positions[vertices], moves[:0]),
-            self.matrices,
-            np.zeros((len(self.matrices), 0)),
-        )
-        turns = self.matrices[:, :, :3, :3].transpose(0, 2, 3, 1)
-        pairs = list(zip(influences.joints, influences.weights, strict=True))
-        for places, each, weights in zip(still, turns, self.weights, strict=True):
-            turned = sum(parts * each[:, :, joints] for joints, parts in pairs)
-            yield _Pose(vertices, moves, places, turned, weights)
+        return (self.at(number, vertices) for number in range(len(self.matrices)))
+
+    def at(self, number: int, vertices: Ints) -> "_Pose":
+        """Some sorted fine vertices in one of the poses."""
+        rows = np.ascontiguousarray(self.matrices[number, :, :3]).reshape(-1, 12)
+        blended = np.ascontiguousarray((self.influences[vertices] @ rows).T).reshape(3, 4, -1)
+        turns, bind = blended[:, :3], self.fine.bind_positions[vertices].T
+        still = np.einsum("abv,bv->av", turns, bind) + blended[:, 3]
+        at, inside = matches(vertices, self.vertices)
+        return _Pose(vertices, still, at, turns[:, :, at], self.moves, inside, self.weights[number])
+
+    def moved(self, number: int) -> Bools:
+        """(fine vertices,) True for those that the field moves in one of the poses."""
+        acting = self.moves[self.weights[number] != 0]
+        return flags_of(self.vertices[(acting != 0).any(axis=(0, 1))], len(self.fine.positions))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -153,22 +156,32 @@ class _Pose:
 
     Attributes:
         vertices: (vertices,) sorted fine vertices.
-        moves: (shapes, vertices, 3) by the shapes of the field, bind space.
         still: (3, vertices) places in the skin.
-        turns: (3, 3, vertices) from bind to world space.
+        at: (moved,) indices of those among them that the field may move,
+        turns: (3, 3, moved) from bind to world space,
+        moves: (shapes, 3, …) what shapes do, bind space, and
+        inside: (moved,) their indices there.
         weights: (shapes,).
     """
 
     vertices: Ints
-    moves: Floats
     still: Floats
+    at: Ints
     turns: Floats
+    moves: Floats
+    inside: Ints
     weights: Floats
 
     def places(self, left: Floats | None = None) -> Floats:
         """(3, vertices) places with the field, by (shapes, fine vertices) factors if it is lowered."""
-        moves = np.tensordot(self.weights, self.moves if left is None else left[:, self.vertices, None] * self.moves, 1)
-        return np.asarray(self.still + np.einsum("abv,vb->av", self.turns, moves))
+        sums, vertices = np.zeros((3, len(self.at))), self.vertices[self.at]
+        # Most poses turn one joint, whose shapes are few.
+        for shape in np.flatnonzero(self.weights).tolist():
+            factors = self.weights[shape] if left is None else self.weights[shape] * left[shape].take(vertices)
+            sums += factors * self.moves[shape].take(self.inside, axis=1)
+        found = self.still.copy()
+        found[:, self.at] += np.einsum("abv,bv->av", self.turns, sums)
+        return found
 
     @property
     def shares(self) -> Floats:
@@ -217,10 +230,19 @@ class _Part:
     @classmethod
     def of(cls, inside: Bools, triangles: Ints) -> "_Part":
         """The triangles with a corner among the (vertices,) that are inside, and those around these."""
-        judged = np.asarray(inside[triangles].any(axis=1))
-        around = np.asarray(flags_of(triangles[judged], len(inside))[triangles].any(axis=1))
+        judged = any_of(inside, triangles)
+        around = any_of(flags_of(triangles[judged], len(inside)), triangles)
         vertices = distinct_values(triangles[around])
         return cls(vertices, np.searchsorted(vertices, triangles[around]), judged[around])
+
+    def near(self, moved: Bools) -> "_Part":
+        """The part of it that (vertices,) of the surface change that are moved: by its places, or by its normals."""
+        beside = any_of(moved[self.vertices], self.triangles)
+        judged = any_of(flags_of(self.triangles[beside], len(self.vertices)), self.triangles)
+        around = any_of(flags_of(self.triangles[judged], len(self.vertices)), self.triangles)
+        own = distinct_values(self.triangles[around])
+        triangles = np.searchsorted(own, self.triangles[around])
+        return _Part(self.vertices[own], triangles, (self.judged & judged)[around])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -231,13 +253,13 @@ class _Turning:
         pose: Of the part of the surface.
         triangles: (triangles, 3) indices among its vertices.
         judged: (triangles,) True for those that are looked at, as the skin does not turn them over itself.
-        faces: (triangles, 3) their normals in the skin.
+        faces: Three (triangles,) coordinates of their normals in the skin.
     """
 
     pose: _Pose
     triangles: Ints
     judged: Bools
-    faces: Floats
+    faces: list[Floats]
 
     def at_fault(self, left: Floats) -> Ints:
         """The corners of triangles that are turned over."""
@@ -252,23 +274,33 @@ def _turning(poses: _Poses, average: Average) -> Iterator[_Turning]:
     whole = _Part.of(flags_of(poses.vertices, len(fine.positions)), fine.triangles)
     marked = np.zeros(len(fine.positions))
     for each in poses.of_part(whole.vertices):
-        turned = _turned_over(each.places(), whole.triangles, face_normals(each.still.T, whole.triangles))
+        turned = _turned_over(each.places(), whole.triangles, _faces(each.still, whole.triangles))
         marked[whole.vertices[whole.triangles[whole.judged & turned]]] = 1.0
     if not marked.any():
         return
     marked[poses.vertices] = np.maximum(marked[poses.vertices], _WIDER * average.of(marked[poses.vertices]))
     part = _Part.of(marked > _UNTOUCHED, fine.triangles)
-    for each in poses.of_part(part.vertices):
-        faces = face_normals(each.still.T, part.triangles)
-        yield _Turning(each, part.triangles, part.judged & ~_turned_over(each.still, part.triangles, faces), faces)
+    for number in range(len(poses.matrices)):
+        own = part.near(poses.moved(number))
+        each = poses.at(number, own.vertices)
+        faces = _faces(each.still, own.triangles)
+        yield _Turning(each, own.triangles, own.judged & ~_turned_over(each.still, own.triangles, faces), faces)
 
 
-def _turned_over(places: Floats, triangles: Ints, skinned: Floats) -> Bools:
+def _faces(places: Floats, triangles: Ints) -> list[Floats]:
+    """Three (triangles,) coordinates of the triangles' normals at (3, vertices) places."""
+    a, b, c = (places.take(corner, axis=1) for corner in triangles.T)
+    return cross(b - a, c - a)
+
+
+def _turned_over(places: Floats, triangles: Ints, skinned: list[Floats]) -> Bools:
     """(triangles,) True for those turned over at (3, vertices) places, or that face away from their skinned normals."""
-    positions = places.T
-    faces = face_normals(positions, triangles)
-    away = np.einsum("tx,tx->t", faces, skinned) < 0.0
-    return np.asarray(away | turned_over(faces, normal_sums(faces, triangles, len(positions))[triangles]))
+    faces, at = _faces(places, triangles), triangles.ravel()
+    found = dot(faces, skinned) < 0.0
+    around = [np.bincount(at, np.repeat(each, 3), places.shape[1]) for each in faces]
+    for corner in triangles.T:
+        found |= dot(faces, [each.take(corner) for each in around]) < 0.0
+    return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
