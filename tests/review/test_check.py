@@ -422,7 +422,7 @@ def test_json_has_these_keys(wrinkle: Wrinkle, tmp_path: Path) -> None:
 
 def test_tables_are_on_standard_output_and_nothing_is_written(wrinkle: Wrinkle, tmp_path: Path) -> None:
     write_tools(tmp_path / "tools.yaml", PALM, BACK)
-    ran = wrinkle("check", WRIST, "tools.yaml", "--clip", "flex", "--max-levels", "0")
+    ran = wrinkle("check", WRIST, "tools.yaml", "--clip", "flex", "--max-levels", "0", "-v")
     assert (ran.code, ran.lines) == (0, [])
     lines = ran.out.splitlines()
     assert [line for line in lines if line.endswith(" on wrist")] == ["palm on wrist", "back on wrist"]
@@ -432,6 +432,17 @@ def test_tables_are_on_standard_output_and_nothing_is_written(wrinkle: Wrinkle, 
     assert not [line for line in lines if "extend" in line]
     assert "\x1b" not in ran.out
     assert sorted(files(tmp_path)) == ["tools.yaml"]
+
+
+def test_each_tool_has_a_row_that_says_what_to_look_at(wrinkle: Wrinkle, tmp_path: Path) -> None:
+    write_tools(tmp_path / "tools.yaml", PALM, BACK)
+    ran = wrinkle("check", WRIST, "tools.yaml", "--clip", "flex", "--max-levels", "0")
+    rows = [line.split(maxsplit=2) for line in ran.out.splitlines() if " on " not in line]
+    assert ["back", "wrist", "never shortens in flex: no wrinkle"] in rows
+    assert "origin" not in ran.out
+    write_tools(tmp_path / "calm.yaml", {**PALM, "bumps": 2, "max_height": "none", "compressible": "90%"})
+    calm = wrinkle("check", WRIST, "calm.yaml", "--clip", "flex", "--max-levels", "0")
+    assert "palm  wrist  good" in calm.out.splitlines()
 
 
 @pytest.mark.slow
@@ -463,7 +474,7 @@ def test_names_cannot_command_a_terminal(wrinkle: Wrinkle, tmp_path: Path) -> No
     ran = wrinkle("check", "limb.glb", "tools.yaml")
     assert ran.code == 0
     assert not set("\x1b\x07") & set(ran.out)
-    assert "a\\nb on \\x1b[31mred\\n" in ran.out
+    assert "a\\nb  \\x1b[31mred\\n  " in ran.out
 
 
 # --- Rounding at rest ---

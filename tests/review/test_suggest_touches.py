@@ -83,7 +83,7 @@ def test_a_finger_that_drags_skin_gives_a_touch_that_checks_strictly(
     assert each.time == pytest.approx(SECONDS / 4, abs=1 / 30)  # a quarter of the clip brings it down
     assert each.slide == pytest.approx(0.6 * touch.pad, rel=0.05)  # it slips beyond its grip
     (tmp_path / "touches.yaml").write_text(found.text)
-    ran = wrinkle("check", drawn, "touches.yaml", "--strict")
+    ran = wrinkle("check", drawn, "touches.yaml", "--strict", "-v")
     assert (ran.code, [line for line in ran.lines if "warning" in line]) == (0, [])
     assert "touch bone on skin" in ran.out
 

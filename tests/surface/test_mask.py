@@ -188,7 +188,7 @@ def test_check_says_how_much_the_mask_leaves(tmp_path: Path, wrinkle: Wrinkle) -
     masked, whole = check(path, file).data["tools"]
     assert 0.3 < masked["mask"] < 0.7
     assert "mask" not in whole
-    lines = wrinkle("check", path, file).out.splitlines()
+    lines = wrinkle("check", "-v", path, file).out.splitlines()
     assert [line for line in lines if "mask" in line] == [
         f"  mask     leaves {100 * masked['mask']:.0f} % of the patch"
     ]

@@ -7,7 +7,7 @@ import click
 from wrinklecli.cli import options as opt
 from wrinklecli.cli.output import Progress, emit, emit_json, warn
 from wrinklecli.cli.streams import command_outputs
-from wrinklecli.errors import counted, refuse_warnings
+from wrinklecli.errors import aligned, counted, refuse_warnings
 
 _MOST_PLACES = 8  # of a clip, with the most crossings; the others are summed
 
@@ -35,15 +35,24 @@ _MOST_PLACES = 8  # of a clip, with the most crossings; the others are summed
     text="Count the edges that pass through triangles instead, in 13 moments of each clip or --fps of them a second.",
 )
 @opt.json("Print JSON instead of tables.")
+@opt.verbose("Print a table for each tool.")
 @opt.strict
 def check(
-    asset: str, tools: str | None, plot: str | None, crossings: bool, as_json: bool, strict: bool, **options: Any
+    asset: str,
+    tools: str | None,
+    plot: str | None,
+    crossings: bool,
+    as_json: bool,
+    verbose: bool,
+    strict: bool,
+    **options: Any,
 ) -> None:
     """Say what the tools of TOOLS (YAML) would do to ASSET (glTF), and what is wrong with them. Bakes nothing.
 
-    The table of a tool has the anchors and their distance from the points asked for, its lengths, the triangles
-    under it, the edges that a bake would split, and the vertices that it would move. For each clip it has the range of
-    shortening (negative where the tool is stretched), the time of the greatest, and the height reached.
+    Each tool has a row: it is good, or what to look at. With -v, each has a table in place of that. The table has the
+    anchors and their distance from the points asked for, its lengths, the triangles under it, the edges that a bake
+    would split, and the vertices that it would move. For each clip it has the range of shortening (negative where the
+    tool is stretched), the time of the greatest, and the height reached.
 
     An asset without clips is checked in its range of motion: each joint bent about its axes, each morph target raised.
     The table of a tool then has the motions that shorten it most.
@@ -91,21 +100,28 @@ def check(
         if as_json:
             emit_json(made.data)
         else:
-            _emit_tables(made.data)
+            _emit_tables(made.data, verbose=verbose)
         if strict:
             refuse_warnings(made.warnings, where=tools, shown=True)
         if plot is not None:
             outputs.add_bytes(plot, draw_check(made, plot.lower().rpartition(".")[2]))
 
 
-def _emit_tables(data: dict[str, Any]) -> None:
+def _emit_tables(data: dict[str, Any], *, verbose: bool) -> None:
     for note in data["notes"]:
         emit(f"note: {note}")
         emit("")
     from wrinklecli.effects.order import KINDS, kind_of
 
     effects = [(kind_of(section), effect) for section in KINDS for effect in data.get(section, ())]
-    for kind, effect in effects:
+    rows = [
+        [effect["name"], effect["node"], line.removeprefix(f"{effect['name']}: ")]
+        for _, effect in effects
+        for line in effect["warnings"] or ["good"]
+    ]
+    for (*_, found), line in zip(rows, aligned(rows, texts=3) if rows else (), strict=True) if not verbose else ():
+        emit(line, style={} if found == "good" else {"fg": "yellow"})
+    for kind, effect in effects if verbose else ():
         emit(f"{effect['name']} on {effect['node']}", style={"bold": True})
         for line in kind.lines(effect):
             emit(f"  {line}")

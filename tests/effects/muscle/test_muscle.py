@@ -243,7 +243,7 @@ def test_a_muscle_that_does_not_fit_gets_one_line(wrinkle: Wrinkle, tmp_path: Pa
 
 def test_check_tells_of_muscles(wrinkle: Wrinkle, tmp_path: Path) -> None:
     tools = write_tools(tmp_path / "tools.yaml", tool(), muscles=[muscle()])
-    ran = wrinkle("check", ARM(), tools)
+    ran = wrinkle("check", "-v", ARM(), tools)
     assert ran.code == 0
     assert "ends     joint_0 to joint_1, along joint_0" in ran.out
     assert "% long, bulges by up to" in ran.out
@@ -253,7 +253,7 @@ def test_a_muscle_that_no_joint_shortens_is_warned_of(wrinkle: Wrinkle, tmp_path
     text = {"version": 1, "muscles": [muscle(insertion=[-0.2, 0.1, 0.0])]}
     tools = tmp_path / "tools.yaml"
     tools.write_text(json.dumps(text))
-    ran = wrinkle("check", ARM(), tools)
+    ran = wrinkle("check", "-v", ARM(), tools)
     assert "both ends are on 'joint_0', so no joint shortens it" in ran.out
     assert "bulges by up to 0, skin gains 0 of volume" in ran.out
 

@@ -295,7 +295,7 @@ def test_check_says_how_much_features_leave(tmp_path: Path, wrinkle: Wrinkle) ->
     stopped, whole = check(path, file).data["tools"]
     assert 0.5 < stopped["left_by_features"] < 0.95
     assert "left_by_features" not in whole
-    lines = [line for line in wrinkle("check", path, file).out.splitlines() if "stops" in line]
+    lines = [line for line in wrinkle("check", "-v", path, file).out.splitlines() if "stops" in line]
     assert lines == [f"  stops    at features, which leave {100 * stopped['left_by_features']:.0f} % of the wrinkles"]
 
 

@@ -245,5 +245,5 @@ def test_an_optional_tool_without_its_clip_is_laid_as_by_default(wrinkle: Wrinkl
 def test_check_says_the_pose(wrinkle: Wrinkle, tmp_path: Path, laid: Any, data: Any, line: str) -> None:
     asset = forehead().write(tmp_path / "forehead.glb")
     tools = write_tools(tmp_path / "tools.yaml", {**BROWS, "laid": laid})
-    assert line in wrinkle("check", asset, tools).out
+    assert line in wrinkle("check", "-v", asset, tools).out
     assert json.loads(wrinkle("check", asset, tools, "--json").out)["tools"][0]["laid"] == data
