@@ -43,10 +43,11 @@ PARTS: tuple[Part, ...] = get_args(Part)
 
 # A bake.
 Mode: TypeAlias = Literal["morph", "frames", "weights"]
-Engine: TypeAlias = Literal["three", "unity", "spec8", "vtk", "godot3"]
-Storage: TypeAlias = Literal["sparse", "dense", "based"]
-"""The storage of deltas: sparse where that is smaller; dense, all of them; or based, sparse upon zeros that are stored
-once, for readers that need a buffer view there."""
+Engine: TypeAlias = Literal["three", "unity", "unreal", "filament", "cesium", "blender", "godot3", "vtk", "spec8"]
+Storage: TypeAlias = Literal["sparse", "based", "dense"]
+STORAGES: tuple[Storage, ...] = get_args(Storage)
+"""The storage of deltas: sparse where that is smaller; based, sparse upon zeros that are stored once, for readers that
+need a buffer view there; or dense, all of them. A reader that cannot take one of them may take one behind it."""
 Tracks: TypeAlias = Literal["all", "none"]
 FrameFormat: TypeAlias = Literal["obj", "ply", "glb"]
 MapKind = Literal["normal", "height", "ao"]

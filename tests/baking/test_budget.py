@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 import wrinklecli
 from kit.bakes import bake_once, place
 from kit.fields import bake_field, sleeve, sleeve_and_field
-from kit.limb import write_tools
+from kit.limb import limb_asset, tool, write_tools
 from kit.player import Gltf, Json, anchor_distances, described, wrinkle_columns
 from kit.samples import BACK, BROW, PALM, Editor, edited, sample
 from wrinklecli.baking import morphs as encode
 from wrinklecli.baking import proof
 from wrinklecli.baking.budget import BUDGETS, mesh_texture_bytes, storage
 from wrinklecli.character import weight_track
-from wrinklecli.choices import Engine
+from wrinklecli.choices import STORAGES, Engine, Storage
 from wrinklecli.cli import main
 from wrinklecli.effects.effect import Target
 from wrinklecli.effects.shapes import Shape
@@ -49,11 +49,24 @@ def report_of(tmp_path: Path, asset: Path, *tools: Json, **options: Any) -> Json
 @pytest.mark.quick(2)
 @pytest.mark.parametrize("engine", sorted(BUDGETS))
 def test_what_is_within_a_budget_stays_as_it_is(engine: Engine) -> None:
-    stored = storage(engine, "sparse")
-    plain = bake_once("wrist", PALM, BACK, accessors=stored)
+    plain = bake_once("wrist", PALM, BACK, accessors=storage(engine, "sparse"))
     held = bake_once("wrist", PALM, BACK, engine=engine)
-    assert (stored == "based") == BUDGETS[engine].based
     assert plain.path.read_bytes() == held.path.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("engine", "stored"),
+    [
+        (None, ("sparse", "based", "dense")),
+        ("three", ("sparse", "based", "dense")),
+        ("filament", ("based", "based", "dense")),
+        ("cesium", ("dense", "dense", "dense")),
+    ],
+)
+def test_targets_are_stored_as_wanted_where_the_engine_reads_that(
+    engine: Engine | None, stored: tuple[Storage, ...]
+) -> None:
+    assert tuple(storage(engine, wanted) for wanted in STORAGES) == stored
 
 
 def test_a_weight_that_is_written_as_one_is_within_the_limits_of_unity() -> None:
@@ -283,8 +296,10 @@ def test_more_targets_than_three_takes_are_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize("strengths", [{"flex": -0.5}, {"flex": 2.0}, {"flex": -1.5, "extend": 0.5}])
 @pytest.mark.parametrize("base", [PALM, pytest.param(ROUGH, marks=SLOW)])
 def test_unity_gets_weights_from_0_to_1_and_the_same_motion(base: Json, strengths: Json) -> None:
-    tool = {**base, "clips": strengths}
-    plain, held = bake_once("wrist", tool), bake_once("wrist", tool, engine="unity")
+    """And so does Blender."""
+    assert BUDGETS["blender"] == BUDGETS["unity"]
+    rough = {**base, "clips": strengths}
+    plain, held = bake_once("wrist", rough), bake_once("wrist", rough, engine="unity")
     columns = wrinkle_columns(held, "wrist")
     for clip in ("flex", "extend"):
         values = held.keys(clip, "wrist")[1][:, columns]
@@ -351,9 +366,11 @@ def test_three_gets_four_joints_for_new_vertices() -> None:
     assert held.attribute("wrist", "WEIGHTS_0")[old:].sum(axis=1) == pytest.approx(1, abs=1e-6)
 
 
-def test_vertices_of_more_joints_than_three_reads_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(RefusedError, match="vertices of more than 4 joints, which --engine three would put off by"):
-        report_of(tmp_path, edited("wrist", full_second_set), PALM, engine="three")
+@pytest.mark.quick(1)
+@pytest.mark.parametrize("engine", ["three", "filament", "unreal"])
+def test_vertices_of_more_joints_than_an_engine_reads_are_refused(engine: Engine, tmp_path: Path) -> None:
+    with pytest.raises(RefusedError, match=f"vertices of more than 4 joints, which --engine {engine} would put off by"):
+        report_of(tmp_path, edited("wrist", full_second_set), PALM, engine=engine)
     assert not (tmp_path / "out.glb").exists()
 
 
@@ -401,13 +418,60 @@ def test_the_command_line_refuses_with_its_exit_code(
     assert not (tmp_path / "out.glb").exists()
 
 
-@pytest.mark.parametrize("engine", ["godot3", "vtk"])
+@pytest.mark.quick(2)
+@pytest.mark.parametrize("engine", ["godot3", "vtk", "filament"])
 @pytest.mark.parametrize("accessors", ["sparse", "dense"])
 def test_engines_that_need_a_base_get_one(engine: str, accessors: str) -> None:
     after = bake_once("wrist", PALM, engine=engine, accessors=accessors)
     sparse = [accessor for accessor in after.json["accessors"] if "sparse" in accessor]
     assert bool(sparse) == (accessors == "sparse")
     assert all("bufferView" in accessor for accessor in sparse)
+
+
+@pytest.mark.quick(3)
+@pytest.mark.parametrize(
+    ("made", "options", "most"),
+    [
+        ({}, {}, 5),
+        ({"uvs": False}, {}, 6),
+        ({"morphs": 2}, {}, 5),
+        ({"tangents": True}, {"morph_tangents": True}, 3),
+        ({"tangents": True}, {}, 5),
+        ({"colors": True, "influences": 8, "primitives": 2}, {}, 4),
+    ],
+)
+def test_cesium_gets_as_many_targets_as_its_vertex_attributes_hold(made: Json, options: Json, most: int) -> None:
+    """Of sixteen, the mesh's own among them."""
+    path = place(limb_asset(rings=12, sides=8, **made))
+    own = len(Gltf(path).json["meshes"][0]["primitives"][0].get("targets", []))
+
+    def held(targets: int) -> Gltf:
+        return bake_once(path, tool(strategy="origin", bumps=targets - own), engine="cesium", **options)
+
+    file = held(most)
+    taken = [
+        len(primitive["attributes"]) + sum(map(len, primitive["targets"]))
+        for primitive in file.mesh("limb")["primitives"]
+    ]
+    each = taken[0] - len(file.mesh("limb")["primitives"][0]["attributes"])
+    assert max(taken) <= 16 < max(taken) + each // most
+    assert not [accessor for accessor in file.json["accessors"] if "sparse" in accessor]
+    with pytest.raises(
+        RefusedError,
+        match=f"limb: has {most + 1} morph targets, {own} of them the asset's own; --engine cesium allows {most}, as a"
+        " vertex has 16 attributes there. Fewer bumps",
+    ):
+        held(most + 1)
+
+
+@pytest.mark.slow
+def test_targets_are_reduced_to_what_cesium_holds() -> None:
+    rough = {**ROUGH, "bumps": 2}
+    plain, held = bake_once("wrist", rough), bake_once("wrist", rough, engine="cesium")
+    assert (len(plain.deltas("wrist")), len(held.deltas("wrist"))) == (8, 5)
+    tallest = np.linalg.norm(plain.deltas("wrist"), axis=2).max()
+    apart = np.linalg.norm(plain.pose("wrist", "flex", TIMES) - held.pose("wrist", "flex", TIMES), axis=2)
+    assert 0 < apart.max() < 0.01 * tallest
 
 
 def test_vtk_gets_at_most_four_targets(tmp_path: Path) -> None:

@@ -136,7 +136,8 @@ jobs:
         "m.yaml:2: defaults.max_level: unknown key, did you mean max_levels?",
         "m.yaml:4: jobs[0].asset: found 'chars/x*.glb', which no file is like",
         "m.yaml:7: jobs[1].max_levels: found 12, expected a whole number from 0 to 8",
-        "m.yaml:8: jobs[1].engine: found unit, expected three, unity, spec8, vtk or godot3; did you mean unity?",
+        "m.yaml:8: jobs[1].engine: found unit, expected three, unity, unreal, filament, cesium, blender, godot3, vtk or"
+        " spec8; did you mean unity?",
         "m.yaml:9: jobs[2].out: found {stm}, expected {stem} or {folder}",
         "m.yaml:10: jobs[3].out: found 'a.txt', which does not end in '.glb', '.gltf', '.vrm'",
         "m.yaml:11: jobs[4]: anims and tracked go together: files, and the folder for them",

@@ -9,13 +9,17 @@ const vertices = Number(asked.get('vertices'));
 let seen = null; // gl_Position of the mesh's last draw call
 
 const gl2 = WebGL2RenderingContext.prototype;
-const { linkProgram, drawElements } = gl2;
+const { linkProgram, drawElements, drawElementsInstanced } = gl2;
 gl2.linkProgram = function (program) {
   this.transformFeedbackVaryings(program, ['gl_Position'], this.INTERLEAVED_ATTRIBS);
   linkProgram.call(this, program);
 };
 gl2.drawElements = function (mode, count, ...rest) {
   drawElements.call(this, mode, count, ...rest);
+  if (count === indices) seen = capture(this);
+};
+gl2.drawElementsInstanced = function (mode, count, ...rest) {
+  drawElementsInstanced.call(this, mode, count, ...rest);
   if (count === indices) seen = capture(this);
 };
 
@@ -89,8 +93,70 @@ const engines = {
       viewer.currentTime = time;
     };
   },
+
+  async filament(clip) {
+    await script('./node_modules/filament/filament.js');
+    await new Promise((done) => Filament.init(['in.glb'], done));
+    const canvas = document.body.appendChild(document.createElement('canvas'));
+    canvas.width = canvas.height = 400;
+    const engine = Filament.Engine.create(canvas);
+    const scene = engine.createScene();
+    const asset = engine.createAssetLoader().createAsset('in.glb');
+    await new Promise((done) => asset.loadResources(done));
+    scene.addEntities(asset.getEntities());
+    const view = engine.createView();
+    const camera = engine.createCamera(Filament.EntityManager.get().create());
+    camera.setProjectionFov(45, 1, 0.1, 100, Filament.Camera$Fov.VERTICAL);
+    camera.lookAt([0.3, 0.5, 4], [0, 0, 0], [0, 1, 0]);
+    view.setCamera(camera);
+    view.setScene(scene);
+    view.setViewport([0, 0, 400, 400]);
+    const chain = engine.createSwapChain();
+    const renderer = engine.createRenderer();
+    const animator = asset.getInstance().getAnimator();
+    const names = Array.from({ length: animator.getAnimationCount() }, (_, k) => animator.getAnimationName(k));
+    return (time) => {
+      animator.applyAnimation(names.indexOf(clip), time);
+      animator.updateBoneMatrices();
+      renderer.render(chain, view);
+    };
+  },
+
+  async cesium(clip) {
+    window.CESIUM_BASE_URL = './node_modules/cesium/Build/Cesium/';
+    await script('./node_modules/cesium/Build/Cesium/Cesium.js');
+    const canvas = document.body.appendChild(document.createElement('canvas'));
+    canvas.width = canvas.height = 400;
+    const scene = new Cesium.Scene({ canvas });
+    scene.logarithmicDepthBuffer = false;
+    scene.camera.frustum.near = 0.01;
+    const place = Cesium.Transforms.eastNorthUpToFixedFrame(Cesium.Cartesian3.fromDegrees(0, 0));
+    const model = await Cesium.Model.fromGltfAsync({ url: 'in.glb', modelMatrix: place, cull: false });
+    scene.primitives.add(model);
+    const time = Cesium.JulianDate.now();
+    while (!model.ready) {
+      scene.render(time);
+      await frame();
+    }
+    scene.camera.lookAt(model.boundingSphere.center, new Cesium.Cartesian3(3, 0.5, 1));
+    let now = 0;
+    model.activeAnimations.animateWhilePaused = true;
+    model.activeAnimations.add({ name: clip, animationTime: (duration) => now / duration });
+    return (wanted) => {
+      now = wanted;
+      scene.render(time);
+    };
+  },
 };
 
+const script = (url) =>
+  new Promise((done, fail) => {
+    const tag = document.createElement('script');
+    tag.onload = done;
+    tag.onerror = () => fail(`${url} did not load`);
+    tag.src = url;
+    document.head.append(tag);
+  });
 const frame = () => new Promise(requestAnimationFrame);
 
 async function main() {

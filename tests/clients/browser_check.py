@@ -23,10 +23,10 @@ from urllib.parse import urlencode
 import numpy as np
 
 from kit.player import Floats, Gltf
+from kit.work import PATIENCE
 
 # PlayCanvas adds morph targets up in half floats.
 _TOLERANCE = 1e-4
-_PATIENCE = 120.0  # seconds: without a GPU, shaders take their time
 _FRAMES = 8
 _PAGE = '<!DOCTYPE html><body><script type="module" src="browser_check.mjs"></script>'
 _CHROMIUM = ["chromium", "--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
@@ -64,7 +64,7 @@ def shown(engine: str, path: Path, asked: dict[str, object], modules: Path) -> F
             command = [*_CHROMIUM, f"--user-data-dir={name}/profile", "--remote-debugging-port=0", page]
             browser = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
             try:
-                where, body = answers.get(timeout=_PATIENCE)
+                where, body = answers.get(timeout=PATIENCE)
             finally:
                 browser.terminate()
                 browser.wait()

@@ -5,11 +5,13 @@ import random
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import get_args
 
 from kit.damage import Edit, body_edits, damage, geometry_edit, is_baked, presets_edits
 from kit.hostile import Source, corpus
 from kit.manifests import NAMES, forgeries, manifest_edits
 from kit.visits import visits
+from wrinklecli.choices import Engine
 
 _LINKS = ("link", "hard link", "link to itself", "link to nothing", "link to ASSET", "hard link to ASSET")
 DEVICES = ("/dev/null", "/dev/full", "/dev/zero")
@@ -219,7 +221,7 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
             yield from some("--tracks", "none")
             yield from some("--morph-tangents")
             yield from (*some("--draft"), *some("--split"), *some("--edges-per-interval", "1", share=0.1))
-            yield from some("--engine", chance.choice(["three", "unity", "spec8", "vtk", "godot3"]))
+            yield from some("--engine", chance.choice(get_args(Engine)))
             yield from some("--frames-dir", "frames", "--frames-format", chance.choice(["obj", "ply", "glb"]))
             yield from some("--timings", "timings.json", share=0.05)
             yield from some("--depfile", "out.d")

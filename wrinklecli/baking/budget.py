@@ -13,13 +13,29 @@ Sources:
         each target, of which OpenGL ES 3.0, and so WebGL 2, promises 256 (MAX_ARRAY_TEXTURE_LAYERS). (Weights are
         a uniform array beside that, one vector each: ES 3.0 promises 256 in all, GPUs have a thousand and more.)
         `examples/jsm/loaders/GLTFLoader.js` reads JOINTS_0 alone, and `normalizeSkinWeights` makes its weights sum
-        to 1 (https://github.com/mrdoob/three.js/issues/26137). 256 targets are the limit of Filament
-        (CONFIG_MAX_MORPH_TARGET_COUNT, `libs/filabridge/include/private/filament/EngineEnums.h`) and of Bevy 0.19
+        to 1 (https://github.com/mrdoob/three.js/issues/26137). 256 targets are the limit of Bevy 0.19
         (`bevy_mesh::morph::MAX_MORPH_WEIGHTS`, 64 in 0.17) too.
     unity: weights of blend shapes are clamped to the range that a model defines, which importers of glTF make 0 to
         the full shape, unless a project turns that off
         (https://docs.unity3d.com/ScriptReference/PlayerSettings-legacyClampBlendShapeWeights.html). Their number is
         not limited.
+    unreal: Unreal 5.8, `Engine/Plugins/Interchange/Runtime/Source`: of joints, `Parsers/GLTFCore` reads JOINTS_0 and
+        WEIGHTS_0 alone (`GLTFAccessor.cpp`, and four bones in `Import/Private/Gltf/InterchangeGltfMesh.cpp`), and
+        sparse accessors with a buffer view or without. `InterchangeGltfAnimation.cpp` hands the keys of weights on as
+        they are. No number of targets is too large, and no weight. (Read, not run.)
+    filament: Filament 1.53 shows none of the targets whose sparse accessor has no buffer view, without a message
+        (https://github.com/google/filament/issues/7900), and plays the others: seen with
+        `tests/clients/browser_check.py`. 256 targets are CONFIG_MAX_MORPH_TARGET_COUNT of
+        `libs/filabridge/include/private/filament/EngineEnums.h`; a vertex has one attribute BONE_INDICES
+        (`libs/gltfio/src/GltfEnums.h`).
+    cesium: CesiumJS 1.145 reads no sparse accessors (`Scene/GltfLoader.js`): it stops at targets without a buffer
+        view, and shows what lies below those with one. Each attribute of a primitive takes a vertex attribute, and so
+        do POSITION, NORMAL and TANGENT of each of its targets (`Scene/Model/GeometryPipelineStage.js`,
+        `Scene/Model/MorphTargetsPipelineStage.js`). OpenGL ES 3.0, and so WebGL 2, promises 16 of them
+        (MAX_VERTEX_ATTRIBS). Seen with `tests/clients/browser_check.py`.
+    blender: Blender clamps the value of a shape key to the range of its slider, 0 to 1, in animations too
+        (`rna_ShapeKey_value_set` of `source/blender/makesrna/intern/rna_key.cc`). Its importer would widen the range,
+        but looks at the first key alone (`io_scene_gltf2/blender/imp/animation_weight.py`).
     vtk: VTK 9.7 plays four targets of a mesh, and wrong positions where a sparse accessor has no buffer view: seen with
         `tests/clients/vtk_pose.py`. f3d reads files with VTK.
     godot3: Godot 3.2 reads the base's positions where a sparse accessor has no buffer view: seen with
@@ -27,6 +43,7 @@ Sources:
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -34,7 +51,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import blend, morph_weights, transform
 from wrinklecli.character.surface import dense_influences, read_vertices
 from wrinklecli.character.weight_track import widen
-from wrinklecli.choices import Engine, Storage
+from wrinklecli.choices import STORAGES, Engine, Storage
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, SamplingOptions, target_weights, targets_of
 from wrinklecli.effects.sampling import motion_at, play, read
 from wrinklecli.errors import RefusedError, listed
@@ -48,6 +65,8 @@ from wrinklecli.surface.prune import Poses
 _REDUCTION_SHARE = 0.25
 # Bytes of a texel of four floats, of which three.js keeps one for each vertex, target and attribute.
 _TEXEL_BYTES = 16
+# The attributes that engines morph.
+_MORPHED = {"POSITION", "NORMAL", "TANGENT"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,29 +77,35 @@ class Budget:
         targets: Morph targets of a mesh, the asset's own among them.
         active: Morph targets with a weight other than 0 at a time.
         influences: Joints of a vertex, all in JOINTS_0.
+        attributes: Vertex attributes of a primitive, those of its targets among them.
         unit_weights: True if weights must be from 0 to 1.
-        based: True if sparse accessors must stand on stored zeros.
+        storage: The least storage of targets that it reads.
     """
 
     targets: int | None = None
     active: int | None = None
     influences: int | None = None
+    attributes: int | None = None
     unit_weights: bool = False
-    based: bool = False
+    storage: Storage = "sparse"
 
 
 BUDGETS: dict[Engine, Budget] = {
     "three": Budget(targets=256, influences=4),
     "unity": Budget(unit_weights=True),
+    "unreal": Budget(influences=4),
+    "filament": Budget(targets=256, influences=4, storage="based"),
+    "cesium": Budget(attributes=16, storage="dense"),
+    "blender": Budget(unit_weights=True),
+    "godot3": Budget(storage="based"),
+    "vtk": Budget(targets=4, storage="based"),
     "spec8": Budget(active=8),
-    "vtk": Budget(targets=4, based=True),
-    "godot3": Budget(based=True),
 }
 
 
 def storage(engine: Engine | None, wanted: Storage) -> Storage:
-    """The storage of morph targets for an engine: as wanted, but based if sparse ones must be."""
-    return "based" if engine is not None and BUDGETS[engine].based and wanted == "sparse" else wanted
+    """The storage of morph targets for an engine: as wanted, or the least that it reads."""
+    return max(wanted, BUDGETS[engine].storage, key=STORAGES.index) if engine is not None else wanted
 
 
 def texture_bytes(plan: MeshPlan, targets: int) -> int:
@@ -122,6 +147,8 @@ def fit_budget(
     clips: Sequence[Clip],
     engine: Engine,
     how: SamplingOptions,
+    *,
+    tangents: bool = False,
 ) -> tuple[list[Effect], list[Motion], Json]:
     """Hold a mesh's morph targets to the limits of an engine.
 
@@ -140,6 +167,7 @@ def fit_budget(
         clips: All clips, whose poses judge joints.
         engine: The engine.
         how: Times of clips that are sampled anew.
+        tangents: Targets have TANGENT where the mesh has.
 
     Returns:
         Effects and motions to write in place of those given, and findings for the report.
@@ -147,7 +175,8 @@ def fit_budget(
     Raises:
         RefusedError: A limit cannot be held within the error bound.
     """
-    budget = BUDGETS[engine]
+    limits = BUDGETS[engine]
+    budget = replace(limits, targets=_most_targets(document, plan, limits, tangents=tangents))
     name = str(plan.rig.names[plan.rig.node])
     found: Json = {"node": name, "reduced": []}
     if budget.influences is not None:
@@ -163,16 +192,30 @@ def fit_budget(
         found["reduced"] = [_change(*each) for each in zip(whole, effects, strict=True) if each[0] is not each[1]]
     excess = _excess(plan, effects, motions, budget)
     if excess:
-        less = _remedies(effects)
+        less, most = _remedies(effects), budget.active if budget.targets is None else budget.targets
+        held = "" if budget.attributes is None else f", as a vertex has {budget.attributes} attributes there"
         raise RefusedError(
-            f"{excess}; --engine {engine} allows {budget.targets or budget.active}."
-            f" {less[0].upper()}{less[1:]} would help",
+            f"{excess}; --engine {engine} allows {most}{held}. {less[0].upper()}{less[1:]} would help",
             where=name,
         )
     found["targets"] = len(plan.rig.own.morph_names) + len(targets_of(effects))
     found["active"] = max((int(_active(plan, motion)[0].sum()) for motion in motions), default=0)
     found["active_attributes"] = found["active"] * _attributes(plan)
     return effects, motions, found
+
+
+def _most_targets(document: Document, plan: MeshPlan, budget: Budget, *, tangents: bool) -> int | None:
+    """The most morph targets that a mesh may have, the asset's own among them; None if any number will do."""
+    if budget.attributes is None:
+        return budget.targets
+    most = []
+    for primitive in document.items("meshes")[plan.rig.own.mesh]["primitives"]:
+        base, own = primitive["attributes"], primitive.get("targets", [])
+        # What the primitive has of these, each of its targets gets.
+        added = {"POSITION", "NORMAL"} & base.keys() | ({"TANGENT"} & base.keys() if tangents else set())
+        taken = len(base) + sum(len(added | _MORPHED & target.keys()) for target in own)
+        most.append(len(own) + (budget.attributes - taken) // len(added))
+    return max(min(most), 0)
 
 
 def _remedies(effects: Sequence[Effect]) -> str:

@@ -149,7 +149,14 @@ def _add_morph_targets(
         with clock.stage("budget"):
             how = _sampling(job, "morph", progress)
             effects, motions, budget = fit_budget(
-                job.document, plan, effects, motions, job.every_clip, options.engine, how
+                job.document,
+                plan,
+                effects,
+                motions,
+                job.every_clip,
+                options.engine,
+                how,
+                tangents=options.morph_tangents,
             )
     tracked = motions if options.tracks == "all" else []
     with clock.stage("encode"):

@@ -55,7 +55,7 @@ _MODIFIERS = {"define", "export", "override", "private", "undefine", "unexport"}
     "--accessors",
     Storage,
     "How morph targets are stored. dense: for readers without sparse accessors; based: sparse, with zeros below for"
-    " Godot 3, VTK and f3d.",
+    " Godot 3, Filament, VTK and f3d.",
 )
 @opt.choice("--tracks", Tracks, "none: write targets and extras, but no weight tracks.")
 @opt.flag("--draft", text="Leave out the proof, contact and one level of refinement, for a quick look; OUT says so.")
@@ -68,9 +68,10 @@ _MODIFIERS = {"define", "export", "override", "private", "undefine", "unexport"}
 @click.option(
     "--engine",
     type=click.Choice(get_args(Engine)),
-    help="Hold targets to the limits of this engine, or refuse. three: 256 targets, 4 joints a vertex; unity: weights"
-    " from 0 to 1 (the asset's own are only reported); spec8: 8 targets at a time; vtk (f3d too): 4 targets, based;"
-    " godot3: based.",
+    help="Hold targets to the limits of this engine, or refuse. three: 256 targets, 4 joints a vertex; unity, blender:"
+    " weights from 0 to 1 (the asset's own are only reported); unreal: 4 joints a vertex; filament: as three, based;"
+    " cesium: 5 targets, 6 without texture coordinates, dense; godot3: based; vtk (f3d too): 4 targets, based; spec8:"
+    " 8 targets at a time.",
 )
 @opt.file("--frames-dir", metavar="DIR", text="Also write a file for each frame into DIR.")
 @opt.choice("--frames-format", FrameFormat, "The format of the files in DIR.")
