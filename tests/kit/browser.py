@@ -26,6 +26,13 @@ const draw = requestAnimationFrame.bind(window);
 window.requestAnimationFrame = (each) => setTimeout(() => draw(each), 100);
 window.cancelAnimationFrame = clearTimeout;
 """
+# Without a GPU, what is drawn takes the processor longer than all else that a page does. A canvas on which nothing is
+# drawn or cleared is not put on the page anew either.
+_UNDRAWN = """
+for (const {prototype} of [WebGLRenderingContext, WebGL2RenderingContext])
+    for (const name of Object.keys(prototype))
+        if (/^(blit|clear|draw(?!ing))/.test(name)) prototype[name] = () => {};
+"""
 _NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 _OPTIONS = (
     "--headless",
@@ -205,13 +212,15 @@ def serving(folder: Path) -> Iterator[str]:
 
 
 @contextmanager
-def browsing(folder: Path, address: str, size: tuple[int, int] = (1280, 800)) -> Iterator[Page]:
+def browsing(folder: Path, address: str, size: tuple[int, int] = (1280, 800), *, drawn: bool = True) -> Iterator[Page]:
     """A page at an address. Skips the test where there is no Chromium; fails it where `CI` is set.
 
     Args:
         folder: For what the browser keeps.
         address: Of the page.
         size: CSS pixels.
+        drawn: False if nobody looks at the pixels of a 3D scene. The page poses its scene and finds what the mouse is
+            over all the same.
     """
     program = next((found for name in _NAMES if (found := shutil.which(name))), None)
     if program is None:
@@ -229,7 +238,9 @@ def browsing(folder: Path, address: str, size: tuple[int, int] = (1280, 800)) ->
             page.call(
                 "Emulation.setDeviceMetricsOverride", width=size[0], height=size[1], deviceScaleFactor=1, mobile=False
             )
-            page.call("Page.addScriptToEvaluateOnNewDocument", source=_SELDOM)
+            page.call("Page.enable")  # else it evaluates no such script
+            for script in (_SELDOM,) if drawn else (_SELDOM, _UNDRAWN):
+                page.call("Page.addScriptToEvaluateOnNewDocument", source=script)
             page.call("Page.navigate", url=address)
             yield page
     finally:

@@ -29,12 +29,13 @@ from wrinklecli.editor.page.page import Page
 from wrinklecli.editor.session import Session
 from wrinklecli.tools.read import load_tools
 
-SIZE = (900, 600)  # CSS pixels: without a GPU more take long
+SCREENSHOTS = os.environ.get("WRINKLE_SCREENSHOTS")
 # Behind the left knee of the sample trousers, at rest, and where a camera looks at it from.
 KNEE = np.array([(0.115, 0.55, -0.078), (0.115, 0.40, -0.078)])
 CAMERA = np.array([0.115, 0.5, -1.0])
 
 Floats = NDArray[np.float64]
+in_browser = partial(browsing, size=(900, 600), drawn=bool(SCREENSHOTS))
 
 
 def on_screen(page: Page, place: Floats) -> tuple[float, float]:
@@ -72,8 +73,8 @@ def hold_end(tab: Tab, page: Page, session: Session, lower: Floats) -> None:
 
 def take_picture(tab: Tab, name: str) -> None:
     """Keep what the tab shows, where somebody wants to look at it."""
-    if folder := os.environ.get("WRINKLE_SCREENSHOTS"):
-        tab.screenshot(Path(folder, f"{name}.png"))
+    if SCREENSHOTS:
+        tab.screenshot(Path(SCREENSHOTS, f"{name}.png"))
 
 
 @pytest.mark.slow
@@ -88,7 +89,7 @@ def test_a_browser_opens_the_page_by_its_token_alone_and_lets_no_site_in(tmp_pat
     site = ThreadingHTTPServer(("127.0.0.1", 0), partial(SimpleHTTPRequestHandler, directory=str(tmp_path)))
     threading.Thread(target=site.serve_forever, daemon=True).start()
     try:
-        with browsing(tmp_path, f"{start}/", SIZE) as tab:
+        with in_browser(tmp_path, f"{start}/") as tab:
             tab.wait("document.body?.innerText.includes('with its token')")
             assert not page.server.get_clients()
             by_token = page.address.replace("0.0.0.0", "127.0.0.1")
@@ -117,7 +118,7 @@ def test_a_field_is_made_and_a_tool_is_drawn_tuned_and_saved(tmp_path: Path) -> 
     try:
         # The tab begins there. One that is turned later may turn to where it begins once more.
         page.server.initial_camera.position, page.server.initial_camera.look_at = CAMERA, KNEE.mean(axis=0)
-        with browsing(tmp_path, page.address, SIZE) as tab:
+        with in_browser(tmp_path, page.address) as tab:
             until(page.server.get_clients, "a connected tab")
             (client,) = page.server.get_clients().values()
             until(lambda: np.allclose(client.camera.position, CAMERA), "a view of the knee")
@@ -181,7 +182,7 @@ def test_a_proposal_is_pictured_pointed_at_taken_and_compared(tmp_path: Path) ->
     page = Page(session)
     card = "document.querySelector('[data-wrinkle-key] img')"
     try:
-        with browsing(tmp_path, page.address, SIZE) as tab:
+        with in_browser(tmp_path, page.address) as tab:
             until(page.server.get_clients, "a connected tab")
             tab.wait("document.body.innerText.includes('Find places proposes tools')")
             tab.press_button("Find places")
@@ -238,7 +239,7 @@ def test_contact_is_resolved_on_demand_and_played(tmp_path: Path) -> None:
     session = Session(*elbow().write(tmp_path, contact="resolve"))
     page = Page(session)
     try:
-        with browsing(tmp_path, page.address, SIZE) as tab:
+        with in_browser(tmp_path, page.address) as tab:
             until(page.server.get_clients, "a connected tab")
             tab.press_button("elbow")
             tab.wait("document.body.innerText.includes('is tallest')")
@@ -296,7 +297,7 @@ def folder(tmp_path: Path) -> Path:
 def test_edits_of_a_server_that_was_killed_are_there_again(folder: Path, tmp_path: Path) -> None:
     tools, unsaved = folder / "tools.yaml", folder / ".tools.yaml.unsaved"
     old = tools.read_text()
-    with started(folder) as (server, address), browsing(tmp_path, address, SIZE) as tab:
+    with started(folder) as (server, address), in_browser(tmp_path, address) as tab:
         tab.press_text("a")
         tab.fill("• bumps", "5")
         until(unsaved.exists, "unsaved edits")
@@ -316,7 +317,7 @@ def test_edits_of_a_server_that_was_killed_are_there_again(folder: Path, tmp_pat
 def test_a_save_on_a_full_disk_changes_nothing_and_is_said(folder: Path, tmp_path: Path) -> None:
     tools = folder / "tools.yaml"
     old = tools.read_text()
-    with started(folder) as (server, address), browsing(tmp_path, address, SIZE) as tab:
+    with started(folder) as (server, address), in_browser(tmp_path, address) as tab:
         tab.press_text("a")
         most = resource.prlimit(server.pid, resource.RLIMIT_FSIZE, (10, resource.RLIM_INFINITY))
         tab.fill("• bumps", "5")
@@ -340,6 +341,6 @@ def test_a_browser_is_led_to_the_page_by_a_file_and_its_command_line_has_no_toke
         until(called.exists, "an opened browser")
         opened = called.read_text().strip()
         assert address.partition("token=")[2] not in opened
-        with browsing(tmp_path, opened, SIZE) as tab:
+        with in_browser(tmp_path, opened) as tab:
             tab.wait("document.body?.innerText.includes('tools.yaml')")
     assert sorted(each.name for each in folder.iterdir()) == ["limb.glb", "tools.yaml"]
