@@ -11,6 +11,7 @@ from pathlib import Path
 # Each core has a worker. Threads of BLAS would wait for each other, for a tenth of the time of all tests.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
+import hypothesis.internal.conjecture.providers as hypothesis_providers
 import numpy as np
 import pytest
 from hypothesis import settings
@@ -31,6 +32,9 @@ os.fsync = lambda _: None
 np.seterr(all="raise", under="ignore")
 settings.register_profile("wrinkle", derandomize=True, deadline=None, max_examples=10)
 settings.load_profile("wrinkle")
+# Else Hypothesis also draws the constants of all modules that this process has imported by then: other examples in each
+# worker, after seconds in which it reads the modules.
+hypothesis_providers._get_local_constants = hypothesis_providers.Constants  # type: ignore[attr-defined,assignment]
 gc.disable()  # until all tests are collected: what collection makes stays to the end
 
 
