@@ -91,6 +91,7 @@ def test_a_browser_opens_the_page_by_its_token_alone_and_lets_no_site_in(tmp_pat
     try:
         with in_browser(tmp_path, f"{start}/") as tab:
             tab.wait("document.body?.innerText.includes('with its token')")
+            assert tab.value("cancelAnimationFrame === clearTimeout"), "a page that is drawn seldom, as all pages here"
             assert not page.server.get_clients()
             by_token = page.address.replace("0.0.0.0", "127.0.0.1")
             for number, address in enumerate((by_token, f"{start}/")):  # the second by the cookie

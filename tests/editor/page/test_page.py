@@ -4,6 +4,7 @@ import contextlib
 import gc
 import itertools
 import os
+import socket
 import threading
 from collections.abc import Iterator
 from functools import partial
@@ -122,7 +123,7 @@ def test_tabs_that_are_gone_leave_nothing(page: Page) -> None:
         for _ in range(8):
             gone = tab(page)
             gone.recv(timeout=PATIENCE)
-            gone.socket.close()
+            gone.socket.shutdown(socket.SHUT_RDWR)  # so that the page learns of it now, not by its next ping
         until(lambda: sum(isinstance(each, ServerConnection) for each in gc.get_objects()) <= 2, "no old connections")
     finally:
         gc.enable()
