@@ -433,10 +433,6 @@ class Face:
         """The head with FACS units by number: `AU01`, `AU02_L`."""
         return self.named(lambda name: _sided(name, FACS, "_L", "_R"))
 
-    def muscles(self) -> Asset:
-        """The head with FACS units by name: `BrowRaiser_Inner`, `BrowLowerer_L`."""
-        return self.named(lambda name: _sided(name, MUSCLES, "_L", "_R"))
-
     def vroid(self) -> Asset:
         """The head with the morph targets of VRoid Studio, for both sides at once."""
         return self.asset({name: self._mixed(each) for each, names in VROID.items() for name in names})

@@ -16,17 +16,16 @@ from wrinklecli.review.suggest.unwarned import unwarned
 from wrinklecli.review.suggest.worth import Dropped, Worthwhile
 from wrinklecli.tools.records import Contact, Length, RefinementSettings, WrinkleTool
 
-# Of the one with most joints, motions that fold the skin and a garment, which gets a field.
-FEW = {"avatar": {"clips": [f"mixamorig:Left{each}, +90°" for each in ("Hand about z", "Leg about x")]}}
-# The built characters that get tools. Those of the dressed one, in any colours, are the same as on its low-poly mesh.
-BUILT = ("avatar", "tubes", "cartoon", "knight_tabard", "low_poly_smooth")
+# The built characters that get tools, and a garment over plates that gets a field. What the dressed one gets, in any
+# colours, is the same as on its low-poly mesh.
+BUILT = ("tubes", "cartoon", "knight_tabard", "low_poly_smooth")
 SAMPLES = ("wrist", "trousers", "head", "body")
 # The assets of others that get tools.
 REAL = ("cesium_man.glb", "hand.glb", "head_male.glb", "trousers.glb")
 
 
 def unwarned_file(asset: Path, folder: Path) -> bool:
-    found = suggest_once(asset, **FEW.get(asset.stem, {}))
+    found = suggest_once(asset)
     assert found.text
     (folder / "tools.yaml").write_text(found.text)
     return check(asset, folder / "tools.yaml").warnings == ()

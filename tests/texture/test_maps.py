@@ -15,7 +15,6 @@ from PIL import Image
 
 from kit.asset import Asset
 from kit.bakes import bake_config, place
-from kit.characters import CHARACTERS
 from kit.command import Wrinkle, files
 from kit.fields import bake_field, sleeve_and_field
 from kit.limb import limb_asset, tool, write_tools
@@ -389,19 +388,6 @@ def mapped_normals(asset: Path, tools: Path, tool: str, folder: Path, size: int)
     return normals
 
 
-TABARD = {
-    "name": "tabard",
-    "node": "Object.012",
-    "origin": [0.0, 1.049, 0.162],
-    "target": [0.0, 0.742, 0.187],
-    "width": 0.36,
-    "material": "trouser_hip",
-    "bumps": 7,
-    "compressible": "77%",
-    "rest_length": "95%",
-}
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "tool", "edges", "size"),
@@ -409,20 +395,15 @@ TABARD = {
         # Their folds are few texels wide in smaller images.
         ("head", "brow", 8, 512),
         ("wrist", "back_side", 8, 512),
-        ("trousers", "knee_in.L", 8, 256),
-        # Triangles of these are as long as a fold, and turn away from the segment where it fades.
+        # Its triangles are as long as a fold, and turn away from the segment where it fades.
         ("trousers", "knee_out.L", 12, 256),
-        ("knight_tabard", "tabard", 12, 256),
     ],
 )
 def test_normals_are_those_of_a_finely_refined_mesh(
     name: str, tool: str, edges: int, size: int, tmp_path: Path
 ) -> None:
     """At 95 % of the texels with wrinkles within 2°, at full height, from the images to a mesh finer than theirs."""
-    if name in CHARACTERS:
-        asset, tools = CHARACTERS[name]().write(tmp_path / "asset.glb"), write_tools(tmp_path / "tools.yaml", TABARD)
-    else:
-        asset, tools = sample(name), CONFIGS / f"{name}.yaml"
+    asset, tools = sample(name), CONFIGS / f"{name}.yaml"
     texels, heights, drawn = drawn_normals(asset, tools, tool, edges, size)
     mapped = mapped_normals(asset, tools, tool, tmp_path / "maps", size)[texels]
     angles = np.degrees(np.arccos(np.clip(np.sum(mapped * drawn, axis=1), -1.0, 1.0)))

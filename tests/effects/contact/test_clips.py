@@ -91,6 +91,7 @@ def test_a_baked_file_plays_contact_in_motions_that_are_added(motions: dict[str,
     body = bake_once(still_limb(), TOOL)
     if "anims" in motions:
         motions = {"anims": [with_clips("one key", "loop").write(tmp_path / "anim.glb")]}
+    motions = {**motions, "fps": 8.0}  # `test_no_clip_crosses_whatever_its_keys_are` looks at the moments between
     found = crossings(body.path, **motions).data["clips"]
     folding = [clip for clip in found if clip["totals"][0] > 0]
     assert folding
