@@ -59,6 +59,7 @@ def moves(file: Gltf, mesh: int, part: int) -> dict[str, Floats]:
     return {name: each for name, each in arrays.items() if each.any()}
 
 
+@pytest.mark.slow
 def test_two_nodes_wrinkle_as_two_primitives_of_one_mesh() -> None:
     """So there is one phase, and neither a hem nor a crack where they meet."""
     one, two = whole(), baked()

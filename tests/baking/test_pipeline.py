@@ -469,6 +469,7 @@ def test_patch_attachment_agrees_with_skin_where_little_moves() -> None:
     assert gaps[0] < gaps[-1], "the two methods part as the hand bends"
 
 
+@pytest.mark.slow
 def test_patch_attachment_needs_more_targets() -> None:
     patch = bake_once("wrist", {**PALM, "attachment": "patch", "bumps": 2, "clips": {"extend": 0}})
     assert len(wrinkle_columns(patch, "wrist")) > 1

@@ -46,6 +46,7 @@ def test_a_bake_says_what_it_made_on_stderr_alone(wrinkle: Wrinkle, tmp_path: Pa
     assert sorted(files(tmp_path)) == ["out.glb", "tools.yaml"]
 
 
+@pytest.mark.slow
 def test_quiet_says_nothing_and_verbose_a_line_for_each_tool(wrinkle: Wrinkle, tmp_path: Path) -> None:
     write_tools(tmp_path / "tools.yaml", PALM, BACK)
     plain = wrinkle("bake", WRIST, "tools.yaml", "-o", "out.glb")
@@ -540,7 +541,7 @@ def test_killed_at_any_moment_the_output_is_whole(sign: signal.Signals, tmp_path
 SLOW_DISK = "import os, time\nos.fsync = lambda _: (print('written', file=sys.stderr, flush=True), time.sleep(600))"
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("sign", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
 def test_killed_while_writing_the_old_output_stays(sign: signal.Signals, tmp_path: Path) -> None:
     write_tools(tmp_path / "tools.yaml", PALM)

@@ -62,7 +62,7 @@ def test_what_was_asked_for_on_standard_output_cannot_be_written(command: str, a
     assert files(folder) == before
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @FULL
 @pytest.mark.parametrize("away", ["2>/dev/full", "2>&-", ">&- 2>&-", "<&- >&- 2>&-"])
 def test_messages_that_are_lost_are_no_failure(away: str, folder: Path) -> None:
@@ -97,6 +97,7 @@ def test_standard_output_by_name_goes_to_what_a_shell_appends_to(folder: Path) -
     assert (folder / "log").read_text().startswith('old\n{\n "report": 1')
 
 
+@pytest.mark.slow
 @FULL
 def test_a_report_for_a_full_device_leaves_the_output_as_it_was(folder: Path) -> None:
     before = files(folder)

@@ -127,6 +127,7 @@ def test_no_warnings_that_plain_files_lack(name: str, levels: int) -> None:
     assert not fresh, after.lines()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("levels", [0, 4])
 def test_a_strip_in_draco_is_read_as_its_triangles(levels: int, tmp_path: Path) -> None:
     """Its decoder gives triangles; the mode is what they were before."""

@@ -313,6 +313,7 @@ def bent(joint: str) -> Asset:
     return asset
 
 
+@pytest.mark.slow
 def test_folds_of_a_shirt_are_as_wide_as_the_trunk_and_end_unevenly(tmp_path: Path) -> None:
     (found,) = suggested(tmp_path, bent("Spine1"), count=1, everything=True).tools
     assert found.tool.material == "shirt"
@@ -344,6 +345,7 @@ def test_the_inner_side_of_a_tube_is_left_out(tmp_path: Path) -> None:
     assert any("unseen" in note or "hidden" in note for note in found.notes)
 
 
+@pytest.mark.slow
 def test_low_poly_faces_get_no_bumps_shorter_than_they_are(tmp_path: Path) -> None:
     smooth, flat = (make(rings=12, sides=8, angle=60.0) for make in (limb_asset, flat_limb))
     usual, fewer = (suggested(tmp_path, each, count=1, everything=True).tools[0] for each in (smooth, flat))

@@ -9,7 +9,7 @@ import pytest
 
 from kit.asset import Asset
 from kit.bakes import place
-from kit.face import BROWS, CHIN, CORNER, EYE, EYES, HAIR, MOUTH, NOSE, Face
+from kit.face import BROWS, CHIN, CORNER, EYE, EYES, HAIR, MOUTH, MUSCLES, NOSE, Face
 from kit.golden import Golden
 from kit.samples import sample
 from kit.suggested import ends, middle, run, suggest_once
@@ -29,23 +29,18 @@ EVERY = ["forehead", "forehead_side.L", "glabella", "crows_foot.L", "bunny.L", "
 # Without a target of the nose or the chin, as of a VRM.
 EXPRESSIVE = [name for name in EVERY if name not in ("bunny.L", "chin")]
 VARIANTS: dict[str, tuple[Face, Callable[[Face], Asset], list[str]]] = {
-    "arkit": (Face(), Face.asset, EVERY),
-    "all of arkit": (Face(whole=True), Face.asset, EVERY),
+    "arkit": (Face(whole=True), Face.asset, EVERY),
     "facs": (Face(), Face.facs, EVERY),
-    "muscles": (Face(), Face.muscles, EVERY),
     "vroid": (Face(), Face.vroid, EXPRESSIVE),
     "vrm 1": (Face(), Face.vrm, EXPRESSIVE),
     "vrm 0": (Face(), lambda face: face.vrm(0), EXPRESSIVE),
     "big eyes": (Face(big_eyes=1.6), Face.asset, EVERY),
-    "z up": (Face(z_up=True), Face.asset, EVERY),
-    "centimetres": (Face(scale=100.0, place=(0.0, 150.0, 0.0)), Face.asset, EVERY),
+    "centimetres, z up": (Face(z_up=True, scale=100.0, place=(0.0, 150.0, 0.0)), Face.asset, EVERY),
     "turned": (Face(turn=40.0, place=(0.3, 0.1, 0.0)), Face.asset, EVERY),
 }
 # The face of another variant by other names, in other units or axes: its tools are found anew, and not judged again,
 # which takes longest.
-ALIKE = ("all of arkit", "facs", "muscles", "vroid", "vrm 0", "vrm 1", "centimetres", "z up", "turned")
-QUICK = "facs"
-BY_TIME = [QUICK, *(pytest.param(name, marks=pytest.mark.slow) for name in VARIANTS if name != QUICK)]
+ALIKE = ("facs", "vroid", "vrm 0", "vrm 1", "centimetres, z up", "turned")
 
 
 @pytest.mark.parametrize(
@@ -76,6 +71,7 @@ BY_TIME = [QUICK, *(pytest.param(name, marks=pytest.mark.slow) for name in VARIA
         ("Sau1ce", "", ""),
         ("", "", ""),
         ("まばたき", "", ""),
+        *((f"{name}_L", motion, "L") for motion, name in MUSCLES.items()),
     ],
 )
 def test_a_name_says_a_motion_and_its_side(name: str, motions: str, side: str) -> None:
@@ -85,7 +81,7 @@ def test_a_name_says_a_motion_and_its_side(name: str, motions: str, side: str) -
 
 @pytest.mark.slow
 def test_tools_of_a_face_are_as_before(golden: Golden) -> None:
-    found = suggested(QUICK)[2]
+    found = suggested("facs")[2]
     golden.text("\n".join([found.text, *found.notes]), "suggest_face.txt")
 
 
@@ -102,7 +98,7 @@ def suggested(variant: str) -> tuple[Face, Path, Suggestions]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("variant", BY_TIME)
+@pytest.mark.parametrize("variant", VARIANTS)
 def test_each_region_has_its_tool(variant: str) -> None:
     face, _, found = suggested(variant)
     *_, names = VARIANTS[variant]
@@ -184,7 +180,8 @@ def test_the_face_has_all_targets_of_arkit() -> None:
     assert {*Face(whole=True).deltas()} == names
 
 
-@pytest.mark.parametrize("variant", BY_TIME)
+@pytest.mark.slow
+@pytest.mark.parametrize("variant", VARIANTS)
 def test_patches_are_low_and_end_before_lids_and_lips(variant: str) -> None:
     face, path, found = suggested(variant)
     document = read_document(path)

@@ -135,7 +135,7 @@ def test_what_is_no_garment_gets_no_field(tmp_path: Path, asset: Asset, why: str
     assert not suggest(asset.write(tmp_path / "limb.glb"), everything=True).fields, why
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 def test_a_garment_that_no_field_fits_gets_no_tools_either(tmp_path: Path) -> None:
     found = suggest(dressed(limb_asset(**SIZE, normals=False), name="Jeans").write(tmp_path / "limb.glb"))
     assert not found.text

@@ -40,6 +40,7 @@ def test_skin_folds_level(tmp_path: Path) -> None:
     assert all(abs(along(each.tool) @ axis) > 0.98 for each in found.tools)
 
 
+@pytest.mark.slow
 def test_bare_skin_creases_close_to_the_joint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("kit.limb.BLEND", 1.2)  # it bends over more than its thickness
     lengths = {}
@@ -82,6 +83,7 @@ def test_without_the_extra_a_comment_names_it(tmp_path: Path, monkeypatch: pytes
     assert "pip install 'wrinklecli[contact]'" in found.text
 
 
+@pytest.mark.slow
 def test_a_fold_that_does_not_cross_has_no_contact(tmp_path: Path) -> None:
     found = suggested(tmp_path, limb_of("skin", angle=30.0))
     assert not any(each.crossings or each.tool.contact for each in found.tools)

@@ -56,7 +56,7 @@ def reads_back(found: Suggestions) -> None:
         assert all(0.0 < each.shortening <= 1.0 for each in found.tools)
 
 
-@settings(max_examples=5)
+@settings(max_examples=3)
 @given(shape=shapes(FEW), everything=st.booleans())
 def test_no_shape_fails(shape: Shape, everything: bool, folder: Path) -> None:
     reads_back(suggested(shape, folder, everything=everything))

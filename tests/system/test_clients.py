@@ -184,6 +184,7 @@ def test_an_unknown_clip_is_said(tmp_path: Path) -> None:
         pose(tiny_glb(tmp_path / "tiny.glb"), node="strip", clip="wav", times=[0.0])
 
 
+@pytest.mark.slow
 def test_node_is_started_again_where_it_gave_no_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tiny_glb(tmp_path / "tiny.glb")
     with monkeypatch.context() as hasty:

@@ -265,6 +265,7 @@ def crowded(count: int, apart: float = 1e-3) -> list[dict[str, Any]]:
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("count", "pairs"), [(10, 45), (22, 191)])
 def test_pairs_of_tools_on_one_spot_are_listed_up_to_a_limit(tmp_path: Path, count: int, pairs: int) -> None:
     asset = limb_asset(rings=8, sides=6).write(tmp_path / "limb.glb")

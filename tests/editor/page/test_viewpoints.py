@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from kit.limb import limb
 from kit.places import ROOT
@@ -31,6 +32,7 @@ def test_a_tool_is_seen_from_its_side_and_all_of_the_asset_from_any(tmp_path: Pa
         assert np.abs(every[:, 1]).max() < 1
 
 
+@pytest.mark.slow
 def test_the_other_leg_does_not_stand_before_the_camera_of_a_knee(tmp_path: Path) -> None:
     (tmp_path / "tools.yaml").write_text(f"version: 1\ntools: [{KNEE}]\n")
     session = Session(ROOT / "samples" / "trousers.glb", tmp_path / "tools.yaml")

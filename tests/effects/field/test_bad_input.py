@@ -210,6 +210,7 @@ def test_an_optional_field_without_any_of_its_joints_is_left_out(wrinkle: Wrinkl
     assert "no joint 'joint_0' bends its mesh" in refused(wrinkle, tmp_path, tube(), {**tail, "joints": ["joint_0"]})
 
 
+@pytest.mark.slow
 def test_a_field_under_another_is_told() -> None:
     """The bake tells of a field that an equal one leaves low; one that folds other places keeps its height."""
     asset = tube()

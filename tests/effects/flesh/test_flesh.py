@@ -80,6 +80,7 @@ def test_a_region_has_an_error_bound_of_its_own(bodies: dict[int, Path]) -> None
     assert counts[1] < 0.8 * counts[2]
 
 
+@pytest.mark.slow
 def test_flesh_plays_in_three(bodies: dict[int, Path]) -> None:
     file, times = baked(bodies[60], region()), np.linspace(0.0, SECONDS, 7)
     compare_with_three(file.path, "trunk", "jump", times.tolist(), file.pose("trunk", "jump", times))
@@ -361,6 +362,7 @@ def dressed(waist: float | None = None) -> Path:
     return place(asset)
 
 
+@pytest.mark.slow
 def test_clothes_do_not_tear_off_others_that_stay() -> None:
     """A shirt that is sewn to a skirt that stays moves less towards the seam; it moves fully if both do."""
     path = dressed(waist=-0.03)

@@ -65,7 +65,7 @@ def test_the_skin_slides_with_the_pad_and_fades(skin: Path) -> None:
     assert_valid(file.path)
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(("part", "aslant"), [(1.0, 0.05), (0.5, 0.0), (1.0, 0.0), (0.5, -0.03)])
 def test_the_skin_stays_on_a_curved_surface(part: float, aslant: float) -> None:
     """On a cylinder of 40 mm, slides of any direction leave it by 1/20 of the greatest slide; straight ones by 1/6.
@@ -116,7 +116,7 @@ def test_the_palm_stays_where_it_is() -> None:
     assert not np.any(file.json["nodes"][file.node("wrist")].get("weights", file.mesh("wrist")["weights"]))
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("aslant", [0.04, -0.03])
 def test_a_turned_touch_slides_where_it_is_asked(aslant: float) -> None:
     """Forward is where `towards` says, though the targets slide along the curvature of a cylinder, which is along x."""

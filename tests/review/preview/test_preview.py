@@ -40,7 +40,7 @@ def test_one_asset_gives_a_sheet_over_time_and_two_give_columns(tmp_path: Path) 
     assert not np.array_equal(single[:, width + 4 :], other[:, width + 4 :])
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", ["png", "webp", "gif"])
 def test_the_same_input_gives_the_same_bytes(tmp_path: Path, ending: str) -> None:
     asset, tools, _ = baked(tmp_path)
@@ -242,7 +242,7 @@ def test_bounds_hold_a_sheet_in_memory() -> None:
     assert MOST_SIDE**2 < MOST_PIXELS <= 2**28
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("missing", ["embreex", "PIL"])
 def test_a_missing_extra_is_one_line_that_says_what_to_install(tmp_path: Path, missing: str) -> None:
     path = limb(tmp_path, rings=3, sides=4)

@@ -276,6 +276,7 @@ def test_a_touch_is_seen_from_above_with_a_checker(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.slow
 def test_a_field_is_shown_where_it_folds_most_and_covers_nothing(tmp_path: Path) -> None:
     """Before the bake and after it; no colour marks a whole garment, but what compresses it and its crests below."""
     asset, tools = sleeve_and_field(tmp_path)
