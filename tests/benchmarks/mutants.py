@@ -8,16 +8,18 @@
 A change flips a sign, a comparison, a condition or a flag, moves a constant or the end of a slice, swaps min and max,
 or makes a predicate constant. Annotations, messages of errors and decorators of dataclasses stay as they are.
 
-A change meets the quick tests near it: files that import its module or are named like it, those of its folder within a
-room, then tests that look at much at once, then files that import a module that imports it, and the other files of its
-room. They stop after 20 s of processor, so that the figure is a lower bound: tests farther away might notice more. The
-folder DIR keeps copies of the tree; nothing is written to the real tree. A person must judge which of the survivors
-change no behaviour.
+A change meets the quick tests that run its line, the nearest first, and tests that look at much at once, as these may
+look at what another test has made. Near are files that import its module or are named like it, those of its folder
+within a room, files that import a module that imports it, and the other files of its room. They stop after 40 s of
+processor, a tenth of what all quick tests take, so that the figure is a lower bound. Which tests run a line is measured
+once for DIR by the package `coverage`, in 6 minutes of processor. DIR keeps copies of the tree; nothing is written to
+the real tree. A person must judge which of the survivors change no behaviour.
 """
 
 import argparse
 import ast
 import copy
+import json
 import multiprocessing
 import os
 import queue
@@ -27,7 +29,7 @@ import shutil
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -38,9 +40,10 @@ from typing import Any
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-MOST = 20.0  # seconds of processor of the quick tests that a change meets
-# Tests that look at much at once, those of a change's own room first.
-NETS = ("tests/system/test_goldens.py", "tests/review/test_goldens.py", "tests/review/preview/test_pictures.py")
+MOST = 40.0  # seconds of processor of the quick tests that a change meets
+FAR = 8  # files of tests that run a change, but are not near it: all would take as long to read as the time they have
+# Files with tests that look at much at once.
+NETS = ("test_goldens.py", "test_pictures.py")
 PATIENCE = 1200.0  # seconds that tests may take on a busy machine: a change may make a loop endless
 UNTOUCHED = ("annotation", "returns", "exc", "msg", "op", "ops", "ctx")  # fields of nodes
 
@@ -48,6 +51,7 @@ UNTOUCHED = ("annotation", "returns", "exc", "msg", "op", "ops", "ctx")  # field
 FORKS = multiprocessing.get_context("forkserver")
 FORKS.set_forkserver_preload(["hypothesis.strategies", "pytest", "scipy.sparse.linalg", "scipy.spatial", "yaml", "igl"])
 
+Json = dict[str, Any]
 OPERATORS: dict[type, type] = {
     ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.FloorDiv: ast.Mult,
     ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.Lt, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
@@ -92,8 +96,11 @@ def variants(node: ast.AST) -> Iterator[ast.AST]:
             yield from (with_(body=[ast.Return(ast.Constant(value))]) for value in (True, False))
 
 
-def nodes_of(node: ast.AST, line: int = 1) -> Iterator[tuple[ast.AST, int]]:
-    """All nodes below a node at a line that may change, each with its line."""
+def nodes_of(node: ast.AST, line: int = 1, run: range = range(0)) -> Iterator[tuple[ast.AST, int, range]]:
+    """All nodes below a node at a line that may change, each with its line, and the lines of its statement.
+
+    A statement that an import runs has none. Those of one with a body end before it.
+    """
     for field, value in ast.iter_fields(node):
         if field in UNTOUCHED or (field == "decorator_list" and "dataclass" in " ".join(map(ast.unparse, value))):
             continue
@@ -103,9 +110,18 @@ def nodes_of(node: ast.AST, line: int = 1) -> Iterator[tuple[ast.AST, int]]:
             if isinstance(each, ast.keyword) and each.arg == "strict":  # an assertion of zip
                 continue
             here = getattr(each, "lineno", line)
+            inside = run or (isinstance(node, ast.FunctionDef) and field == "body")
+            own = _lines_of(each) if inside and isinstance(each, ast.stmt) else run
             if next(variants(each), None) is not None:
-                yield each, here
-            yield from nodes_of(each, here)
+                yield each, here, _lines_of(each.body[0]) if isinstance(each, ast.FunctionDef) else own
+            yield from nodes_of(each, here, own)
+
+
+def _lines_of(statement: ast.stmt) -> range:
+    """The lines of a statement without those of its body."""
+    body = getattr(statement, "body", None)
+    last = body[0].lineno - 1 if body else statement.end_lineno or 0
+    return range(statement.lineno, max(last, statement.lineno) + 1)
 
 
 class Replacement(ast.NodeTransformer):
@@ -120,10 +136,11 @@ class Replacement(ast.NodeTransformer):
 
 @dataclass(frozen=True)
 class Mutant:
-    """A changed module: path below the tree, line of the place, old and new expression, new text."""
+    """A changed module: path below the tree, line of the place, lines of its statement, what changes, new text."""
 
     path: str
     line: int
+    lines: range
     change: str
     text: str
 
@@ -134,23 +151,35 @@ def mutants(tree: Path, count: int, seed: int, only: str) -> Iterator[Mutant]:
     known = [
         (path, k)
         for path in paths
-        for k, (_, line) in enumerate(nodes_of(ast.parse((tree / path).read_text())))
+        for k, (_, line, _) in enumerate(nodes_of(ast.parse((tree / path).read_text())))
         if only in f"{path}:{line}:"
     ]
     chance = random.Random(seed)
     for path, k in chance.sample(known, min(count, len(known))):
         module = ast.parse((tree / path).read_text())
-        old, line = list(nodes_of(module))[k]
+        old, line, lines = list(nodes_of(module))[k]
         new = chance.choice(list(variants(old)))
         change = " → ".join(ast.unparse(ast.fix_missing_locations(each)) for each in (old, new))
         if isinstance(new, ast.FunctionDef):
             change = f"{new.name}(): {ast.unparse(new.body[0])}"
         changed = Replacement(old, new).visit(module)
-        yield Mutant(path, line, change, ast.unparse(ast.fix_missing_locations(changed)))
+        yield Mutant(path, line, lines, change, ast.unparse(ast.fix_missing_locations(changed)))
 
 
 class Budget:
-    """A plugin of pytest that skips tests once the processor has worked long enough, here and in what tests start."""
+    """A plugin of pytest that begins with some tests, and skips what is left once the processor has worked long enough.
+
+    Of other tests those that look at much at once are left. What tests start counts too.
+    """
+
+    def __init__(self, first: Collection[str]) -> None:
+        self._first = frozenset(first)
+
+    @pytest.hookimpl(trylast=True)
+    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        if self._first:
+            items[:] = [item for item in items if item.nodeid in self._first or looks_at_much(item.nodeid)]
+            items.sort(key=lambda item: item.nodeid not in self._first)
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtest_setup(self) -> None:
@@ -158,18 +187,69 @@ class Budget:
             pytest.skip("near tests have had their time")
 
 
-def run_tests(tree: Path, arguments: list[str], said: Path) -> None:
+def looks_at_much(test: str) -> bool:
+    """True for tests, or a file with tests, that look at much at once."""
+    return test.partition("::")[0].endswith(NETS)
+
+
+class Lines:
+    """A plugin of pytest that notes which lines of the package each test runs."""
+
+    def __init__(self, tree: Path) -> None:
+        from coverage import Coverage
+
+        self._coverage = Coverage(data_file=None, source=[str(tree / "wrinklecli")], config_file=False)
+        self._coverage.start()
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_runtest_logstart(self, nodeid: str) -> None:
+        self._coverage.switch_context(nodeid)
+
+    @pytest.hookimpl(trylast=True)
+    def pytest_runtest_logfinish(self) -> None:
+        self._coverage.switch_context("")
+
+    def found(self, tree: Path) -> Json:
+        """The names of the tests, and the numbers of those that run each line, by path and line."""
+        self._coverage.stop()
+        data = self._coverage.get_data()
+        names = sorted(filter(None, data.measured_contexts()))
+        numbers = {name: number for number, name in enumerate(names)}
+        lines = {
+            str(Path(path).relative_to(tree)): {
+                line: sorted(numbers[name] for name in own if name)
+                for line, own in data.contexts_by_lineno(path).items()
+            }
+            for path in data.measured_files()
+        }
+        return {"tests": names, "lines": lines}
+
+
+def measure_lines(tree: Path, out: Path) -> None:
+    """Run all quick tests in a tree, in a process of its own, and write which lines each of them runs."""
+    enter(tree, out.with_suffix(".txt"))
+    plugin = Lines(tree)
+    pytest.main(["-q", "-p", "no:cacheprovider"], plugins=[plugin])
+    out.write_text(json.dumps(plugin.found(tree)))
+
+
+def run_tests(tree: Path, run: "Run", said: Path) -> None:
     """Run pytest in a tree, in a process of its own, until a test fails; what it says goes to a file."""
+    enter(tree, said)
+    options = ["-x", "-q", "-p", "no:cacheprovider", "-W", "ignore::pytest.PytestAssertRewriteWarning"]
+    code = pytest.main([*options, *run.arguments], plugins=[] if "-m" in run.arguments else [Budget(run.first)])
+    sys.stdout.flush()
+    sys.exit(code)
+
+
+def enter(tree: Path, said: Path) -> None:
+    """Let this process run in a tree, and say into a file what it says."""
     os.chdir(tree)
     os.environ["PYTHONPATH"] = str(tree)
     sys.path.insert(0, str(tree))
     with said.open("w") as file:
         for stream in (1, 2):
             os.dup2(file.fileno(), stream)
-    options = ["-x", "-q", "-p", "no:cacheprovider", "-W", "ignore::pytest.PytestAssertRewriteWarning"]
-    code = pytest.main([*options, *arguments], plugins=[] if "-m" in arguments else [Budget()])
-    sys.stdout.flush()
-    sys.exit(code)
 
 
 @cache
@@ -200,11 +280,35 @@ def near_tests(tree: Path, path: str) -> list[str]:
     readers = [name for name, found in imports(tree, "wrinklecli", "*.py").items() if ".".join(parts) in found]
     of_readers = [name for each in readers for name in importing(".".join(Path(each).with_suffix("").parts))]
     folder = [name for name in own if Path(name).parts[1:-1] == parts[1:-1]]
-    nets = [*(name for name in own if name.endswith("test_goldens.py")), *NETS]
+    nets = sorted(filter(looks_at_much, files), key=lambda name: name not in own)
     inner, outer = (folder, []) if len(parts) > 3 else ([], folder)  # those of an effect are few
     own_importers = [name for name in importers if name in own]
     order = [*own_importers, *namesakes, *importers, *inner, *nets, *of_readers, *outer, *own]
     return list(dict.fromkeys(order))
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run of pytest: its kind, its arguments, and the tests that it begins with."""
+
+    kind: str
+    arguments: Sequence[str]
+    first: Collection[str] = ()
+
+
+def quick_run(tree: Path, measured: Json, mutant: Mutant) -> Run:
+    """The run of the quick tests that a change meets, as `measure_lines` has found them; all near ones if none runs it.
+
+    What an import runs is met by the tests that run any line of its module.
+    """
+    of_module = measured["lines"].get(mutant.path, {})
+    rows = [of_module.get(str(line), []) for line in mutant.lines] if mutant.lines else of_module.values()
+    running = {measured["tests"][number] for row in rows for number in row}
+    near = near_tests(tree, mutant.path)
+    far = Counter(file for name in running if (file := name.partition("::")[0]) not in near)
+    files = {name.partition("::")[0] for name in running}
+    near = [name for name in near if name in files or looks_at_much(name) or not files]
+    return Run("quick", [*near, *(file for file, _ in far.most_common(FAR))], running)
 
 
 class Bench:
@@ -225,6 +329,16 @@ class Bench:
                 (tree / modules).symlink_to(ROOT / modules)
             self._idle.put(tree)
 
+    @property
+    def lines(self) -> Json:
+        """The quick tests that run each line, measured where that has not been done."""
+        out = self.work / "lines.json"
+        if not out.exists():
+            process = FORKS.Process(target=measure_lines, args=(self.work / "tree-0", out))
+            process.start()
+            process.join()
+        return json.loads(out.read_text())
+
     @contextmanager
     def tree(self) -> Iterator[Path]:
         """A copy that nobody else uses meanwhile."""
@@ -232,10 +346,10 @@ class Bench:
         yield tree
         self._idle.put(tree)
 
-    def failing(self, tree: Path, arguments: list[str]) -> str:
-        """The first test that fails, as pytest is run with some arguments; empty where all pass."""
+    def failing(self, tree: Path, run: Run) -> str:
+        """The first test that fails in a run; empty where all pass."""
         said = self.work / f"{tree.name}.txt"
-        process = FORKS.Process(target=run_tests, args=(tree, arguments, said))
+        process = FORKS.Process(target=run_tests, args=(tree, run, said))
         process.start()
         process.join(PATIENCE)
         if process.exitcode is None:
@@ -244,21 +358,21 @@ class Bench:
         failed = re.search(r"^(?:FAILED|ERROR) (.+?)(?: - |$)", said.read_text(), re.MULTILINE)
         return failed[1] if failed else "" if process.exitcode in (0, 5) else f"exit code {process.exitcode}"
 
-    def judge(self, mutant: Mutant, runs: list[tuple[str, list[str]]]) -> str:
-        """The kind of the run that notices a change, and the test; a run has a kind and arguments."""
+    def judge(self, mutant: Mutant, runs: Sequence[Run]) -> str:
+        """The kind of the run that notices a change, and the test."""
         with self.tree() as tree:
             place = tree / mutant.path
             original = place.read_text()
-            for kind, arguments in runs:
+            for run in runs:
                 place.write_text(mutant.text)
                 try:
-                    test = self.failing(tree, arguments)
+                    test = self.failing(tree, run)
                 finally:
                     place.write_text(original)
-                if "::" in test and self.failing(tree, ["-m", "slow or not slow", test]):
+                if "::" in test and self.failing(tree, Run("", ["-m", "slow or not slow", test])):
                     return f"FAILS WITHOUT THE CHANGE {test}"
                 if test:
-                    return f"{kind} {test}"
+                    return f"{run.kind} {test}"
             return "SURVIVED"
 
 
@@ -277,11 +391,13 @@ def main() -> None:
     first = bench.work / "tree-0"
     picked = list(mutants(first, chosen.count, chosen.seed, chosen.only))
 
+    measured = bench.lines if chosen.tests is None else {}
+
     def judge(mutant: Mutant) -> str:
-        runs = [("quick", near_tests(first, mutant.path) if chosen.tests is None else chosen.tests)]
+        runs = [quick_run(first, measured, mutant) if chosen.tests is None else Run("quick", chosen.tests)]
         folder = f"tests/{Path(mutant.path).parts[1]}"
         if chosen.slow and (first / folder).is_dir():
-            runs.append(("slow", ["-m", "slow", folder]))
+            runs.append(Run("slow", ["-m", "slow", folder]))
         verdict = bench.judge(mutant, runs)
         print(f"{mutant.path}:{mutant.line}: {mutant.change}: {verdict}", flush=True)
         return verdict.partition(" ")[0]
