@@ -1,6 +1,6 @@
 """The signal of a joint: the angle by which it is turned about an axis, from the stored pose."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -61,9 +61,20 @@ class JointAngle:
         """Measure the turn about the axis at (frames,) seconds of a clip, by world matrices with scale taken out.
 
         `known` is as in `node_rows`.
+        """
+        return self._about(*self._turned(rig, clip, times, known))
 
-        Source: the swing-twist decomposition of quaternions (v, w), from the matrix of a rotation: its antisymmetric
-        part gives 4 w v, and 1 + its trace is 4 w². The turn about the axis is the twist; v is along the whole turn's.
+    def _turned(
+        self, rig: Rig, clip: Clip | None, times: Floats, known: dict[int, Floats] | None
+    ) -> tuple[Floats, Floats, Floats]:
+        """Measure the whole turn.
+
+        Returns:
+            (3, frames) axes, as long as 4 w times the sine of half the angle, where w is the cosine of that half;
+            (frames,) 4 w²; and (frames, 3) axes as long as the sines.
+
+        Source: quaternions (v, w) from the matrix of a rotation: its antisymmetric part gives 4 w v, and 1 + its trace
+        is 4 w².
         """
         nodes = [self.node] if self.parent < 0 else [self.node, self.parent]
         rows = node_rows(rig, clip, times, nodes, known)
@@ -74,11 +85,18 @@ class JointAngle:
         rest = affine_rows(np.zeros((3, 1)), self.rest[:, None], np.ones((3, 1)))[:, :3, 0]
         turned = own @ rest.T
         sines = np.stack([turned[:, (k + 2) % 3, (k + 1) % 3] - turned[:, (k + 1) % 3, (k + 2) % 3] for k in range(3)])
+        cosines = 1.0 + np.trace(turned, axis1=1, axis2=2)
+        return sines, cosines, (sines / (2.0 * np.sqrt(np.maximum(cosines, _LEAST_SINE**2)))).T
+
+    def _about(self, sines: Floats, cosines: Floats, halves: Floats) -> Angles:
+        """The part of a turn about the axis.
+
+        Source: the swing-twist decomposition of quaternions: the turn about the axis is the twist; v is along the whole
+        turn's.
+        """
         along = self.axis @ sines
         turned_along = np.abs(along) > _LEAST_SINE
         slants = np.where(turned_along, sines / np.where(turned_along, along, 1.0), 0.0).T
-        cosines = 1.0 + np.trace(turned, axis1=1, axis2=2)
-        halves = (sines / (2.0 * np.sqrt(np.maximum(cosines, _LEAST_SINE**2)))).T
         return Angles(np.asarray(2.0 * np.arctan2(along, cosines)), slants, halves)
 
     def to_json(self, names: Sequence[str]) -> Json:
@@ -89,6 +107,18 @@ class JointAngle:
             "rest": stored(self.rest),
             "axis": stored(self.axis),
         }
+
+
+def angles_of(
+    signals: Iterable[JointAngle], rig: Rig, clip: Clip | None, times: Floats, known: dict[int, Floats]
+) -> Iterator[Angles]:
+    """Measure several turns, as `JointAngle.angles` does, each joint that turns about several axes once."""
+    turned = dict[tuple[float, ...], tuple[Floats, Floats, Floats]]()
+    for each in signals:
+        joint = (each.node, each.parent, *each.rest.tolist())
+        if joint not in turned:
+            turned[joint] = each._turned(rig, clip, times, known)
+        yield each._about(*turned[joint])
 
 
 def read_angle(data: Json, nodes: Mapping[str, int]) -> JointAngle:

@@ -9,7 +9,7 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig
-from wrinklecli.drive.angle import Angles, JointAngle, read_angle
+from wrinklecli.drive.angle import Angles, JointAngle, angles_of, read_angle
 from wrinklecli.drive.stored import Json, read_strengths, strengths_json
 from wrinklecli.drive.table import Table, Weights, read_table
 from wrinklecli.frozen import dataclass
@@ -59,7 +59,7 @@ class TurnDrive:
         return partial(self._read, rig, clip)
 
     def _read(self, rig: Rig, clip: Clip | None, times: Floats, known: dict[int, Floats]) -> TurnsSeen:
-        return TurnsSeen(tuple(signal.angles(rig, clip, times, known) for signal, _ in self.turns))
+        return TurnsSeen(tuple(angles_of([signal for signal, _ in self.turns], rig, clip, times, known)))
 
     def weights(self, clip: Clip | None, reading: TurnsSeen, _response: Weights | None = None) -> Floats:
         """(frames, targets) weights at measurements in a clip."""

@@ -182,16 +182,26 @@ def _fit_normals(
     heights.
     """
     weights = np.stack([each.weights for each in samples])
-    displacements = np.einsum("fs,svx->fvx", weights, deltas)
     normals = DisplacedNormals.of(fine, vertices)
     touched, base = normals.touched, normals.base
-    true = normals.in_poses(
-        displacements,
-        [each.pose for each in samples],
-        [each.beneath for each in samples],
-        folded=folded,
-        middles=middles and replace(middles, deltas=np.tensordot(weights, middles.deltas, axes=1)),
-    )
+    true = np.tile(base, (len(samples), 1, 1))
+    moving, bending = np.any(deltas, axis=2), None if middles is None else np.any(middles.deltas, axis=2)
+    # A sample says nothing of vertices that no shape with a weight in it moves, and few of many shapes have one.
+    acting, groups = np.unique(weights != 0, axis=0, return_inverse=True)
+    for number, shapes in enumerate(acting):
+        chosen = np.flatnonzero(groups.ravel() == number)
+        own, factors, bent = moving[shapes].any(axis=0), weights[np.ix_(chosen, shapes)], None
+        if middles is not None and bending is not None:
+            edges = np.flatnonzero(bending[shapes].any(axis=0))
+            bent = Middles(middles.edges[edges], np.tensordot(factors, middles.deltas[np.ix_(shapes, edges)], axes=1))
+        part = normals if own.all() else DisplacedNormals.of(fine, vertices[own])
+        true[np.ix_(chosen, np.searchsorted(touched, part.touched))] = part.in_poses(
+            np.einsum("fs,svx->fvx", factors, deltas[np.ix_(shapes, own)]),
+            [samples[each].pose for each in chosen.tolist()],
+            [samples[each].beneath for each in chosen.tolist()],
+            folded=folded,
+            middles=bent,
+        )
     cosines = np.maximum(np.sum(true * base, axis=2), LEAST_COSINE)
     wanted = true / cosines[..., None] - base
     for number, sample in enumerate(samples):
@@ -207,7 +217,7 @@ def _fit_normals(
     right = (weights.T @ wanted.reshape(len(weights), -1)).reshape(count, -1, 3)
     right = np.ascontiguousarray(right.transpose(1, 0, 2))
     # A shape turns no normal around which it moves nothing, though it could make up for what others leave there.
-    reaching = normals.reached(np.any(deltas, axis=2))
+    reaching = normals.reached(moving)
     normal *= reaching[:, :, None] & reaching[:, None]
     right *= reaching[:, :, None]
     # Shapes that hardly act in any sample get no normals instead of huge ones.

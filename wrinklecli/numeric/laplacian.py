@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, Ints, face_normals
+from wrinklecli.numeric.arrays import Floats, Ints, cross, dot, face_normals
 from wrinklecli.numeric.elements import factorised
 
 # Least and greatest cotangent, so that obtuse and thin triangles do not pull apart.
@@ -32,13 +32,14 @@ def _spread(values: Floats, triangles: Ints, count: int) -> Floats:
 
 def side_weights(positions: Floats, triangles: Ints) -> tuple[Ints, Floats]:
     """(3 · triangles, 2) ends of the triangles' sides, and (3 · triangles,) half the clamped cotangents opposite."""
+    corners = [positions.T.take(column, axis=1) for column in triangles.T]
     ends, weights = [], []
     for k in range(3):
-        a, b, c = (triangles[:, (k + i) % 3] for i in range(3))
-        first, second = positions[b] - positions[a], positions[c] - positions[a]
-        sine = np.sqrt(np.sum(np.cross(first, second) ** 2, axis=1))
-        cotangent = np.sum(first * second, axis=1) / np.where(sine > 0, sine, 1.0)
-        ends.append(np.stack([b, c], axis=1))
+        first, second = (corners[(k + i) % 3] - corners[k] for i in (1, 2))
+        normals = cross(first, second)
+        sine = np.sqrt(dot(normals, normals))
+        cotangent = dot(first, second) / np.where(sine > 0, sine, 1.0)
+        ends.append(np.stack([triangles[:, (k + i) % 3] for i in (1, 2)], axis=1))
         weights.append(np.clip(cotangent, _LEAST_COTANGENT, _GREATEST_COTANGENT) / 2.0)
     return np.concatenate(ends), np.concatenate(weights)
 
@@ -76,24 +77,28 @@ class Sheet:
     Attributes:
         positions: (vertices, 3).
         triangles: (triangles, 3).
-        thirds: (triangles,) a third of the area of each.
         areas: (vertices,) of each vertex, above 0.
         stiffness: (vertices, vertices) its cotangent matrix.
+        cells: (vertices, triangles) sparse areas that the cells of vertices have of triangles.
     """
 
     positions: Floats
     triangles: Ints
-    thirds: Floats
     areas: Floats
     stiffness: Any
+    cells: Any
 
     @classmethod
     def of(cls, positions: Floats, triangles: Ints) -> "Sheet":
         """Prepare a surface."""
+        import scipy.sparse as sparse
+
         thirds = _thirds(positions, triangles)
         areas = _spread(thirds, triangles, len(positions))
         areas = np.maximum(areas, _LEAST_AREA * areas.mean())
-        return cls(positions, triangles, thirds, areas, laplacian(positions, triangles))
+        places = (triangles.ravel(), np.repeat(np.arange(len(triangles)), 3))
+        cells = sparse.csr_array((np.repeat(thirds, 3), places), shape=(len(positions), len(triangles)))
+        return cls(positions, triangles, areas, laplacian(positions, triangles), cells)
 
     def averaging(self, length: float, stiffness: Any = None) -> "Average":
         """Averages over about a length, by one implicit step of diffusion over length² / 4.
@@ -107,9 +112,8 @@ class Sheet:
 
     def to_vertices(self, of_triangles: Floats) -> Floats:
         """(vertices, …) integrals over the cells of vertices of (triangles, …) values."""
-        values, count = of_triangles.reshape(len(of_triangles), -1) * self.thirds[:, None], len(self.positions)
-        sums = [_spread(column, self.triangles, count) for column in values.T]
-        return np.stack(sums, axis=1).reshape(count, *of_triangles.shape[1:])
+        flat = of_triangles.reshape(len(of_triangles), -1)
+        return np.asarray((self.cells @ flat).reshape(-1, *of_triangles.shape[1:]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
