@@ -95,7 +95,7 @@ BAKES: dict[str, Callable[[], Gltf]] = {
 # What a command is asked of the limb with all effects: before.glb, baked.glb and tools.yaml.
 ASKED: dict[str, tuple[str, ...]] = {
     "inspect": ("inspect", "baked.glb"),
-    "check": ("check", "before.glb", "tools.yaml"),
+    "check": ("check", "before.glb", "tools.yaml", "--verbose"),
     "crossings": ("check", "baked.glb", "--crossings", "--fps", "2"),
     "diff": ("diff", "before.glb", "baked.glb", "--verbose", "--fps", "4"),
     "posed": ("diff", "before.glb", "baked.glb", "--posed", "--fps", "4"),
