@@ -6,8 +6,8 @@ const AXES = [0, 1, 2];
 const PROPERTIES = ['position', 'quaternion', 'scale'];
 /** Seconds of a clip in a second beyond which it has been put to another time. */
 const FASTEST = 4;
-/** Keys by which a loop goes on at both ends: what lies farther bends the curve by less than a 10,000th as much. */
-const AROUND = 8;
+/** Keys by which a loop goes on at both ends: slopes depend on no others. */
+const AROUND = 2;
 /** Pieces of a clip of few keys, and samples a second of one that is smooth between its keys, as the bake has them. */
 const PIECES = 4;
 const SAMPLES = 60;
@@ -15,29 +15,65 @@ const SAMPLES = 60;
 const APART = 3e-5;
 /** Difference of a quaternion or scale below which a clip ends in the pose of its beginning. */
 const SAME = 1e-3;
+/** A loop's change of velocity, over that at the keys beside its ends, or over all change in it, at most. */
+const BESIDE = 2;
+const OVERALL = 0.1;
 
-/** A curve through points at sorted times, smooth to the second derivative and straight at its ends. */
-function spline(times, points) {
+/** The one of two numbers that is nearer to 0; 0 if their signs differ. */
+const least = (a, b) => (a * b > 0 ? (Math.abs(a) < Math.abs(b) ? a : b) : 0);
+
+/** Slopes of a smooth curve through numbers at sorted times, which goes nowhere between equal ones: see README.md. */
+function slopes(times, values) {
   const last = times.length - 1;
-  const steps = times.slice(1).map((time, k) => time - times[k]);
-  const slope = (k, i) => (points[k + 1][i] - points[k][i]) / steps[k];
-  const bends = points.map(() => [0, 0, 0]);
-  const parts = [0];
-  for (let k = 1; k < last; k++) {
-    const pivot = 2 * (steps[k - 1] + steps[k]) - steps[k - 1] * parts[k - 1];
-    parts[k] = steps[k] / pivot;
-    bends[k] = AXES.map((i) => (6 * (slope(k, i) - slope(k - 1, i)) - steps[k - 1] * bends[k - 1][i]) / pivot);
-  }
-  for (let k = last - 1; k > 0; k--) bends[k] = AXES.map((i) => bends[k][i] - parts[k] * bends[k + 1][i]);
+  const spans = times.slice(1).map((time, k) => time - times[k]);
+  const steps = spans.map((span, k) => (values[k + 1] - values[k]) / span);
+  const inner = Array.from({ length: last - 1 }, (_, k) => (steps[k + 1] - steps[k]) / (spans[k] + spans[k + 1]));
+  const at = [inner[0], ...inner, inner[last - 2]];
+  const bends = spans.map((_, k) => least(at[k], at[k + 1]));
+  const found = values.map((_, k) => {
+    if (!k || k === last) return 0;
+    const mean = (spans[k] * steps[k - 1] + spans[k - 1] * steps[k]) / (spans[k] + spans[k - 1]);
+    const tended = least(steps[k - 1] + bends[k - 1] * spans[k - 1], steps[k] - bends[k] * spans[k]);
+    const most = Math.max(3 * Math.abs(least(steps[k - 1], steps[k])), 1.5 * Math.abs(tended));
+    return least(mean, Math.sign(tended) * most);
+  });
+  found[0] = least(2 * steps[0] - found[1], 3 * steps[0]);
+  found[last] = least(2 * steps[last - 1] - found[last - 1], 3 * steps[last - 1]);
+  return found;
+}
+
+/** The curve through points at sorted times; a loop goes on as it went, and `whole` is its way. */
+function curveThrough(times, points, loops, whole) {
+  const last = times.length - 1;
+  const span = times[last] - times[0];
+  const around = loops ? AROUND : 0;
+  const all = Array.from({ length: last + 1 + 2 * around }, (_, k) => {
+    const round = loops ? Math.floor((k - around) / last) : 0;
+    const key = k - around - round * last;
+    return { time: times[key] + round * span, point: points[key].map((x, i) => x + round * whole[i]) };
+  });
+  const bySlope = AXES.map((i) => slopes(all.map(({ time }) => time), all.map(({ point }) => point[i])).slice(around));
   return (time) => {
-    const after = times.findIndex((each) => each > time);
-    const k = after < 0 ? last - 1 : Math.max(after - 1, 0);
-    const [t, h] = [time - times[k], steps[k]];
+    const round = loops ? Math.floor((time - times[0]) / span) : 0;
+    const now = Math.min(Math.max(time - round * span, times[0]), times[last]);
+    const after = times.findIndex((each) => each > now);
+    const k = after < 0 ? last - 1 : after - 1;
+    const wide = times[k + 1] - times[k];
+    const t = (now - times[k]) / wide;
     return AXES.map((i) => {
-      const [low, high] = [bends[k][i], bends[k + 1][i]];
-      return points[k][i] + t * (slope(k, i) - (h * (2 * low + high)) / 6 + t * (low / 2 + (t * (high - low)) / (6 * h)));
+      const [from, to, out, into] = [points[k][i], points[k + 1][i], bySlope[i][k], bySlope[i][k + 1]];
+      const place = from * (1 + 2 * t) * (1 - t) ** 2 + to * t ** 2 * (3 - 2 * t);
+      return round * whole[i] + place + wide * t * (1 - t) * (out * (1 - t) - into * t);
     });
   };
+}
+
+/** True if places go on from the last as they began at the first, apart from where they are. */
+function goesRound(times, points) {
+  const velocities = points.slice(1).map((point, k) => point.map((x, i) => (x - points[k][i]) / (times[k + 1] - times[k])));
+  const change = (a, b) => Math.hypot(...AXES.map((i) => velocities.at(a)[i] - velocities.at(b)[i]));
+  const ranges = AXES.map((i) => velocities.map((each) => each[i])).map((axis) => Math.max(...axis) - Math.min(...axis));
+  return change(0, -1) <= Math.max(BESIDE * Math.max(change(1, 0), change(-1, -2)), OVERALL * Math.hypot(...ranges));
 }
 
 /** What the clip's tracks do to a place that a joint below `root` carries. */
@@ -86,19 +122,12 @@ function curveOf(clip, root, joint, at) {
   if (smooth || every.length <= PIECES)
     every.push(...Array.from({ length: pieces + 1 }, (_, k) => start + (k / pieces) * (end - start)));
   every.sort((a, b) => a - b);
-  let times = every.filter((time, k) => k === every.length - 1 || every[k + 1] - time > APART * (end - start));
-  let points = times.map(placeAt);
-  const loops = moving.filter(({ name }) => !name.endsWith('.position')).every(closes);
-  const last = times.length - 1;
-  const whole = points[last].map((x, i) => x - points[0][i]);
-  if (loops) {
-    // A walk goes on as it went.
-    const around = Array.from({ length: last + 1 + 2 * AROUND }, (_, k) => k - AROUND);
-    const split = around.map((k) => [Math.floor(k / last), ((k % last) + last) % last]);
-    points = split.map(([round, k]) => points[k].map((x, i) => x + round * whole[i]));
-    times = split.map(([round, k]) => times[k] + round * (end - start));
-  }
-  return { placeAt, curveAt: spline(times, points), seconds: loops ? end - start : 0, whole };
+  const times = every.filter((time, k) => k === every.length - 1 || every[k + 1] - time > APART * (end - start));
+  const points = times.map(placeAt);
+  const closed = moving.filter(({ name }) => !name.endsWith('.position')).every(closes);
+  const loops = closed && goesRound(times, points);
+  const whole = points.at(-1).map((x, i) => x - points[0][i]);
+  return { placeAt, curveAt: curveThrough(times, points, loops, whole), seconds: loops ? end - start : 0, whole };
 }
 
 /** The curves of all clips below a root, each made when it is first asked for. */
@@ -110,7 +139,7 @@ export class KeyCurves {
   /**
    * How a clip takes a place that a joint carries through a frame, in the world's axes; {} where that is not known.
    *
-   * Gives `path`, the curve's places at the frame's beginning, a third, two thirds and its end, `beside`, from the place
+   * Gives `path`, a function from 0 at the frame's beginning to 1 at its end to the curve's place, `beside`, from the place
    * that is shown to the curve, and `back`, how far a walk is put back where its clip begins anew.
    *
    * name, time, before  of the clip, and its seconds now and at the last frame
@@ -129,7 +158,7 @@ export class KeyCurves {
     const anew = time < before && curve.seconds > 0;
     const ran = time - before + (anew ? curve.seconds : 0);
     const runs = ran >= 0 && ran <= FASTEST * elapsed;
-    const path = [1, 2 / 3, 1 / 3, 0].map((part) => turned(curve.curveAt(time - (runs ? part * ran : 0))));
+    const path = (part) => turned(runs ? curve.curveAt(time - (1 - part) * ran) : here);
     const back = turned(curve.whole.map((x) => (anew && runs ? -x : 0)));
     return { path, beside: turned(here.map((x, i) => x - shown[i])), back };
   }
@@ -138,7 +167,7 @@ export class KeyCurves {
   blended(joint, at, playing, elapsed) {
     const found = playing.map(({ clip, time, before }) => ({ ...UNKNOWN, ...this.during(joint, at, clip, time, before, elapsed) }));
     const mean = (placeOf) => AXES.map((i) => found.reduce((sum, known, k) => sum + playing[k].share * placeOf(known)[i], 0));
-    const path = [0, 1, 2, 3].map((k) => mean((known) => known.path[k]));
+    const path = (part) => mean((known) => known.path(part));
     return { path, beside: mean(({ beside }) => beside), back: mean(({ back }) => back) };
   }
 }

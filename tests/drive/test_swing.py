@@ -1,10 +1,12 @@
 """Springs that follow a joint: against a fine integration, at rest, in loops, and through extras."""
 
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy.interpolate import PchipInterpolator
 
 from kit.bakes import place
 from kit.flesh import SECONDS, body, jump
@@ -37,12 +39,17 @@ def clip(times: Floats, places: Floats, turns: Floats | None = None, interpolati
     return Clip(0, "jump", tuple(channels), float(times[0]), float(times[-1]))
 
 
-def keyed(keys: float, *, ends: bool = True) -> Clip:
+def keyed(keys: float) -> Clip:
     """The jump with so many keys a second; a turn at its end keeps it from being a loop."""
     times = np.linspace(0.0, SECONDS, round(SECONDS * keys) + 1)
+    return clip(times, jump(times), once(times))
+
+
+def once(times: Floats) -> Floats:
+    """(times, 4) turns, of which the last keeps a clip from being a loop."""
     turns = np.tile([0.0, 0.0, 0.0, 1.0], (len(times), 1))
-    turns[-1] = [0.0, 0.005, 0.0, 1.0] if ends else turns[-1]
-    return clip(times, jump(times), turns)
+    turns[-1] = [0.0, 0.005, 0.0, 1.0]
+    return turns
 
 
 def integrated() -> Floats:
@@ -59,12 +66,97 @@ def integrated() -> Floats:
     return np.array(found)[::steps]
 
 
+def small(gain: float = 0.1, **changes: Any) -> SwingDrive:
+    """A drive whose limit is ten metres: none of its swings comes near to it."""
+    return drive(modes=tuple(replace(each, gain=gain) for each in drive().modes), **changes)
+
+
 @pytest.mark.parametrize(("keys", "error"), [(60, 0.01), (30, 0.01), (30.5, 0.01), (29.5, 0.01), (24, 0.02)])
 def test_sparse_straight_keys_swing_as_the_motion_that_they_sample(rig: Rig, keys: float, error: float) -> None:
     """Straight lines between 30 keys a second would be 3 % off. At 29.5, no key lies at a half of the clip."""
     wanted = integrated()
-    found = drive().swing(rig, keyed(keys)).at(TIMES)[:, 0]
+    found = small().swing(rig, keyed(keys)).at(TIMES) / 0.1
     assert np.abs(found - wanted).max() < error * np.abs(wanted).max()
+
+
+@pytest.mark.parametrize("keys", [12.0, 24.0, 29.97, 30.0, 60.0])
+@pytest.mark.parametrize("speed", [0.3, 3.0])
+def test_nothing_moves_before_its_cause(rig: Rig, keys: float, speed: float) -> None:
+    """A body stands, jumps within a key, and stands again: flesh is at rest before, to the last digits."""
+    times = np.arange(0.0, 2.0, 1.0 / keys)
+    start = times[times.searchsorted(0.5)]
+    ways = np.clip(times - start, 0.0, 0.7)
+    jumps = clip(times, np.outer(ways, [0.0, speed, 0.0]), once(times))
+    found = drive().swing(rig, jumps).at(np.linspace(0.0, 2.0, 2001))
+    before = np.linspace(0.0, 2.0, 2001) <= start
+    assert not found[before].any()
+    assert np.abs(found[~before]).max() > 0.01
+
+
+def landing(speed: float, frequency: float, damping: float = 0.1) -> tuple[Floats, Floats]:
+    """(times,) seconds and (times, 3) numbers of a body that falls at a speed and stops within a 60th of a second."""
+    times = np.arange(0.0, 2.0, 1.0 / 60.0)
+    ways = np.outer(np.minimum(times - 0.5, 0.0), [0.2 * speed, -speed, 0.0])
+    modes = tuple(
+        Mode(Spring(2.0 * np.pi * frequency * faster, damping * faster), load, 50.0)
+        for faster, load in zip((1.0, 1.3, 2.7), np.eye(3), strict=True)
+    )
+    return times, np.asarray(drive(modes=modes).swing(BODY, clip(times, ways, once(times))).at(FINE))
+
+
+BODY = read_rig(read_document(place(body(None))), 0)
+FINE = np.linspace(0.0, 1.9, 1901)
+
+
+@pytest.mark.parametrize("frequency", [0.5, 2.0, 4.0, 8.0, 20.0])
+@pytest.mark.parametrize("speed", [0.5, 3.0, 10.0])
+def test_at_any_landing_frames_are_near_and_energy_falls(frequency: float, speed: float) -> None:
+    """At 60 frames a second two neighbours differ by less than half of the limit, and what swings dies away."""
+    _, numbers = landing(speed, frequency)
+    assert np.linalg.norm(numbers, axis=1).max() <= 1.0 + 1e-9
+    sixtieth = np.linalg.norm(numbers[17:] - numbers[:-17], axis=1)
+    assert sixtieth.max() < 0.5
+    speeds = 2.0 * np.pi * frequency * np.array([1.0, 1.3, 2.7])
+    velocities = np.gradient(numbers, FINE[1], axis=0) / speeds
+    energies = (numbers**2 + velocities**2).sum(axis=1)[530:-1]
+    assert (np.diff(energies) < 2e-3 * energies[0] + 1e-12).all()
+    assert np.abs(np.diff(energies)).sum() < 1.03 * energies[0] + 1e-9
+
+
+@pytest.mark.parametrize("speed", [0.05, 0.4])
+def test_a_soft_belly_swings_at_its_frequency_and_damping(speed: float) -> None:
+    """4 Hz and a tenth of critical damping, by the crossings and crests of what is left after a landing."""
+    _, numbers = landing(speed, 4.0)
+    heights = numbers[530:, 1]
+    crossings = np.flatnonzero(heights[:-1] * heights[1:] < 0)
+    at = crossings + heights[crossings] / (heights[crossings] - heights[crossings + 1])
+    hertz = 1.3 * 4.0
+    assert (len(at) - 1) / 2.0 / ((at[-1] - at[0]) * FINE[1]) == pytest.approx(hertz * np.sqrt(1 - 0.13**2), rel=0.005)
+    crests = [np.abs(heights[low:high]).max() for low, high in pairwise(crossings[1:7])]
+    decrement = np.log(crests[0] / crests[-1]) / 4.0
+    assert decrement / np.hypot(np.pi, decrement) == pytest.approx(0.13, rel=0.03)
+
+
+def test_a_hard_landing_is_that_of_a_fine_integration() -> None:
+    """By the law as the page has it, in steps of a 4800th of a second, with the fall as it is between the keys."""
+    times, found = landing(3.0, 4.0)
+    drop = clip(times, np.outer(np.minimum(times - 0.5, 0.0), [0.6, -3.0, 0.0]))
+    keys = drop.channels[0].points
+    speeds, dampings, step = 8.0 * np.pi * np.array([1.0, 1.3, 2.7]), 0.1 * np.array([1.0, 1.3, 2.7]), 1.0 / 4800.0
+    number, velocity, wanted = np.zeros(3), np.zeros(3), []
+    curve = PchipInterpolator(times, keys)
+    places = curve(np.arange(0.45, 0.95, step))
+    for kick in np.diff(np.diff(places, axis=0), axis=0) / step:
+        wanted.append(number)
+        push = -50.0 * kick
+        push = push - (number @ number) * max(push @ number, 0.0) * number
+        velocity = velocity + push - step * (2.0 * dampings * speeds * velocity + speeds**2 * number)
+        taken = ((velocity / np.minimum(speeds, 24.0)) ** 2).sum()
+        velocity = velocity * min(np.sqrt(max(1.0 - number @ number, 0.0) / max(taken, 1e-30)), 1.0)
+        number = number + step * velocity
+    at = np.arange(int(0.05 / step), len(wanted), int(1.0 / 60.0 / step))
+    close = np.abs(np.array(wanted)[at] - found[np.rint((0.45 + at * step) / FINE[1]).astype(int)])
+    assert close.max() < 0.03
 
 
 def test_a_steady_walk_is_no_motion_of_the_flesh(rig: Rig) -> None:
@@ -77,7 +169,7 @@ def test_a_loop_ends_as_it_begins(rig: Rig) -> None:
     times = np.linspace(0.0, 1.0, 31)
     bob = np.stack([0 * times, 0.03 * np.sin(4 * np.pi * times), 1.4 * times], axis=1)
     weights = drive().weights_in(rig, clip(times, bob))(np.array([0.0, 0.25, 0.5, 0.75, 1.0]))
-    assert weights[0] == pytest.approx(weights[-1], abs=1e-9)
+    assert weights[0] == pytest.approx(weights[-1], abs=1e-6)
     assert weights[0] == pytest.approx(weights[2], abs=1e-3)
     assert np.abs(signed(weights)).max() > 0.05
 
@@ -91,9 +183,20 @@ def test_gravity_pulls_where_the_body_turns_and_not_at_rest(rig: Rig) -> None:
     assert np.abs(hanging.weights_in(rig, clip(times, still))(times)).max() < 1e-12
     lying = clip(times, still, np.tile([-half, 0.0, 0.0, half], (31, 1)))
     numbers = signed(hanging.weights_in(rig, lying)(np.array([0.5])))[0]
-    sag = 10.0 * 3.0 / (2 * np.pi * FREQUENCY) ** 2
-    length = np.sqrt(2.0) * sag
-    assert numbers == pytest.approx(np.array([0.0, sag, -sag]) * np.tanh(length) / length, rel=1e-6)
+    load = np.sqrt(2.0) * 10.0 * 3.0 / (2 * np.pi * FREQUENCY) ** 2
+    size = float(np.linalg.norm(numbers))
+    assert numbers == pytest.approx(np.array([0.0, size, -size]) / np.sqrt(2.0), rel=1e-6)
+    assert size == pytest.approx(load * (1.0 - size**4), rel=1e-6)
+
+
+@pytest.mark.parametrize("speed", [3.0, 0.0])
+def test_a_clip_that_ends_at_another_speed_is_no_loop(rig: Rig, speed: float) -> None:
+    """A body that starts from rest and runs on stands still at first; a walk at one speed goes round."""
+    times = np.linspace(0.0, 1.0, 31)
+    ahead = speed * times**2 / 2.0 + 0.05 * np.cos(2.0 * np.pi * times)
+    numbers = drive().swing(rig, clip(times, np.outer(ahead, [0.0, 0.0, 1.0]))).at(np.array([0.0, 1.0]))
+    assert (np.abs(numbers[0] - numbers[1]).max() < 1e-5) == (speed == 0.0)
+    assert (np.abs(numbers[0]).max() == 0.0) == (speed > 0.0)
 
 
 def test_the_cap_and_the_weights(rig: Rig) -> None:
@@ -103,7 +206,7 @@ def test_the_cap_and_the_weights(rig: Rig) -> None:
     assert weights.min() >= 0.0
     assert weights.max() <= 1.0
     lengths = np.linalg.norm(signed(weights), axis=1)
-    assert 0.99 < lengths.max() <= 1.0 + 1e-12
+    assert 0.8 < lengths.max() <= 1.0 + 1e-12
     assert signed(nonnegative(np.array([[0.3, -0.4, 0.1]]))) == pytest.approx(np.array([[0.3, -0.4, 0.1]]))
 
 

@@ -1,22 +1,26 @@
-"""The drive of flesh: springs in the world that follow a joint, and weights for the shapes in which flesh swings.
+"""The drive of flesh: springs that follow a joint, and weights for the shapes in which flesh swings.
 
-The joint carries a place c. Each spring has a vector r in the world with r'' + 2 ζ ω r' + ω² r = -(c'' - g), so it
-stays behind where the joint starts and runs on where it stops. The damper is between flesh and joint: a damper against
-the world would drag behind a walk. A clip's keys are joined by a spline of continuous acceleration, as straight lines
-between keys would kick the spring at each of them.
+The joint carries a place c. Each spring is a number n, the part of the limit to which its shape moves, with
+n'' + 2 ζ ω n' + ω² n = w · (g - c''): it stays behind where the joint starts and runs on where it stops. The vector w
+is the spring's gain times its load, a direction in the joint's space, over the animated scale. The damper is between
+flesh and joint: a damper against the world would drag behind a walk. Flesh turns along with its joint.
+
+A clip's keys are joined by a smooth curve that goes nowhere between two keys at the same place (`numeric.monotone`), as
+straight lines between keys would kick the spring at each of them. In steps of a 240th of a second or less the place
+runs straight, so a kick at each of them is the change of its velocity. All springs together keep the limit by
+themselves (`numeric.limited`).
 
 Gravity g is that against the rest pose, g - R R₀ᵀ g with the joint's turn R, as the mesh was modelled under gravity;
 and a share of it, as soft springs sag by more than flesh does.
 
-In the joint's space, the part of r along a mode's load, over the animated scale, times the mode's gain gives a number.
-If a is the length of the vector of all modes' numbers, these are multiplied by tanh a / a: the cap. Finally, the least
-number, if it is below 0, is taken from all, and the last target, equal to minus the sum of the others, gets it.
+Finally, the least number, if it is below 0, is taken from all, and the last target, equal to minus the sum of the
+others, gets it.
 
 In extras, a drive has the `joint`, the place `at` and `gravity` in its space (at rest, times the share), its `scale` at
 rest, and for each of `modes` `frequency`, `damping`, `load` and `gain`.
 
 Sources: C. Larboulette, M.-P. Cani, B. Arnaldi, *Dynamic Skinning*, SCCG 2005 (springs that follow a skeleton).
-Differs: no time steps (see `numeric.spring`).
+Differs: each step has a closed form, so springs of any frequency stay stable, and they keep a limit.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -31,20 +35,21 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.drive.stored import Json, read_number, read_numbers, stored
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, determinants, distinct_values
+from wrinklecli.numeric.limited import STEPS, LimitedSwing, settled, swing
+from wrinklecli.numeric.monotone import divided, slopes
 from wrinklecli.numeric.piecewise import Signal
-from wrinklecli.numeric.quartics import Quartics
-from wrinklecli.numeric.spring import Spring, SpringResponse, respond
+from wrinklecli.numeric.spring import Spring
 
 GRAVITY = 9.81
 """Metres per second squared, along -y: glTF's unit is the metre, and its y points up."""
 
 KEYS_ASKED = 12.0
-"""Keys per second below which the spline through a clip's keys is far from a motion that swings flesh.
+"""Keys per second below which the curve through a clip's keys is far from a motion that swings flesh.
 
 At 3 Hz and 12 keys per second it is 2 % off a fine integration, at 6 keys per second 17 %.
 """
 
-# Pieces of a clip at least, so that a spline has something to go through.
+# Pieces of a clip at least, so that a curve has something to go through.
 _LEAST_PIECES = 4
 # Samples per second of channels that are smooth between their keys (CUBICSPLINE).
 _SAMPLES = 60.0
@@ -75,23 +80,12 @@ class Mode:
     Attributes:
         spring: Its speed and damping ratio.
         load: (3,) the direction, in the joint's space, along which it moves the shape.
-        gain: The weight before the cap, for a vector of length 1 along the load.
+        gain: The part of the limit to which a way of length 1 along the load moves the shape.
     """
 
     spring: Spring
     load: Floats
     gain: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Swing:
-    """Flesh over one clip: each mode's springs along x, y and z of the world."""
-
-    responses: tuple[SpringResponse, ...]
-
-    def at(self, times: Floats) -> Floats:
-        """(frames, modes, 3) vectors r at (frames,) seconds."""
-        return np.stack([each.at(times) for each in self.responses], axis=1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,7 +111,7 @@ class SwingDrive:
     targets: tuple[str, ...]
     own: ClassVar[tuple[str, ...]] = ()
     measures: ClassVar[bool] = True
-    _swings: dict[bytes, Swing] = field(default_factory=dict, init=False, repr=False)
+    _swings: dict[bytes, LimitedSwing] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def nodes(self) -> frozenset[int]:
@@ -133,41 +127,60 @@ class SwingDrive:
         scales = np.cbrt(np.abs(determinants(matrices[:, :, :3]))) / self.scale
         return Carried(places, matrices[:, :, :3] / np.maximum(lengths, 1e-30), scales)
 
-    def swing(self, rig: Rig, clip: Clip) -> Swing:
-        """Let the springs follow a clip, once. A clip that ends in the pose of its beginning counts as a loop."""
+    def swing(self, rig: Rig, clip: Clip) -> LimitedSwing:
+        """Let the springs follow a clip, once. A clip that ends as it begins, in pose and speed, counts as a loop."""
         if clip.motion not in self._swings:
             if len(self._swings) >= _MOST_KEPT:
                 self._swings.clear()
             self._swings[clip.motion] = self._followed(rig, clip)
         return self._swings[clip.motion]
 
-    def _followed(self, rig: Rig, clip: Clip) -> Swing:
+    def _followed(self, rig: Rig, clip: Clip) -> LimitedSwing:
         """Let the springs follow a clip."""
-        times = key_times(rig, clip, self.node)
-        places, turns, _ = self.carried(rig, clip, times)
-        periodic = clip.loops
-        # A walk goes on as it went: its mean velocity is no motion of the flesh.
-        elapsed = (times - times[0]) / (times[-1] - times[0])
-        places = places - elapsed[:, None] * (places[-1] - places[0])
-        pulls = self._pulls(turns)
-        if periodic:
-            places[-1], pulls[-1] = places[0], pulls[0]
-        accelerations, pulls_between = (_spline(times, each, periodic=periodic) for each in (places, pulls))
-        spans = np.diff(times)
-        forces = pulls_between - _bent(accelerations, spans)
-        signals = [Quartics(times[:-1], spans, forces / mode.spring.speed**2) for mode in self.modes]
-        pairs = zip(self.modes, signals, strict=True)
-        return Swing(tuple(respond(mode.spring, each, periodic=periodic) for mode, each in pairs))
+        keys = key_times(rig, clip, self.node)
+        places = self.carried(rig, clip, keys).places
+        periodic = clip.loops and goes_round(keys, places)
+        begins, places = divided(keys, places, slopes(keys, places, periodic=periodic), 1.0 / STEPS)
+        velocities = np.diff(places, axis=0) / np.diff(begins)[:, None]
+        before = np.concatenate([velocities[-1:] if periodic else velocities[:1], velocities[:-1]])
+        joint = self.carried(rig, clip, begins[:-1])
+        directions = self._directions(joint)
+        kicks = np.einsum("sky,sy->sk", directions, before - velocities) / self._speeds
+        return swing([each.spring for each in self.modes], begins, kicks, self._loads(joint), periodic=periodic)
+
+    @property
+    def _speeds(self) -> Floats:
+        """(modes,) ω of the springs."""
+        return np.array([each.spring.speed for each in self.modes])
+
+    def _directions(self, joint: Carried) -> Floats:
+        """(frames, modes, 3) vectors w in the world; 0 while the joint is scaled to nothing."""
+        shown = joint.scales > LEAST_SCALE
+        loads = np.stack([each.gain * each.load for each in self.modes])
+        scales = (shown / np.where(shown, joint.scales, 1.0))[:, None, None]
+        return np.asarray(np.einsum("fxy,my->fmx", joint.turns, loads) * scales)
+
+    def _loads(self, joint: Carried) -> Floats:
+        """(frames, modes) numbers to which gravity beyond that of the rest pose would move free springs."""
+        down = np.array([0.0, -float(np.linalg.norm(self.gravity)), 0.0])
+        pulls = down - joint.turns @ self.gravity
+        return np.asarray(np.einsum("fmx,fx->fm", self._directions(joint), pulls) / self._speeds**2)
 
     def reader(self, rig: Rig, clip: Clip | None) -> Callable[[Floats, dict[int, Floats]], Floats]:
         """A function from (frames,) seconds of a clip, and rows known as in `node_rows`, to (frames, targets) weights.
 
-        The springs' own numbers say nothing to anybody, so the weights count as what is measured.
+        The springs' own numbers say nothing to anybody, so the weights count as what is measured. Without a clip the
+        body stands in its stored pose.
         """
         if clip is None:
-            return lambda times, _known: nonnegative(self.numbers(*self._settled(rig, times)))
-        swing = self.swing(rig, clip)
-        return lambda times, known: nonnegative(self.numbers(swing.at(times), self.carried(rig, clip, times, known)))
+            return lambda times, _known: nonnegative(settled(self._loads(self.carried(rig, None, times))))
+        followed = self.swing(rig, clip)
+
+        def read(times: Floats, known: dict[int, Floats]) -> Floats:
+            shown = self.carried(rig, clip, times, known).scales > LEAST_SCALE
+            return nonnegative(followed.at(times) * shown[:, None])
+
+        return read
 
     def weights(self, _clip: Clip | None, reading: Floats, _response: object = None) -> Floats:
         """(frames, targets) the weights that are measured."""
@@ -185,26 +198,6 @@ class SwingDrive:
     def why_flat(self, _rig: Rig, _clip: Clip, _times: Floats) -> str | None:
         """Nothing: flesh makes no wrinkles."""
         return None
-
-    def _settled(self, rig: Rig, times: Floats) -> tuple[Floats, Carried]:
-        """(frames, modes, 3) vectors of a body that stands in its stored pose, and its joint."""
-        carried = self.carried(rig, None, times)
-        squares = np.array([each.spring.speed for each in self.modes]) ** 2
-        return self._pulls(carried.turns)[:, None] / squares[:, None], carried
-
-    def _pulls(self, turns: Floats) -> Floats:
-        """(frames, 3) gravity beyond that of the rest pose, for (frames, 3, 3) turns of the joint."""
-        down = np.array([0.0, -float(np.linalg.norm(self.gravity)), 0.0])
-        return np.asarray(down - turns @ self.gravity)
-
-    def numbers(self, vectors: Floats, carried: Carried) -> Floats:
-        """(frames, modes) capped numbers from (frames, modes, 3) vectors in the world."""
-        loads = np.stack([each.gain * each.load for each in self.modes])
-        local = np.einsum("fxy,fmx->fmy", carried.turns, vectors)
-        shown = carried.scales > LEAST_SCALE
-        found = np.einsum("my,fmy->fm", loads, local) * (shown / np.where(shown, carried.scales, 1.0))[:, None]
-        lengths = np.sqrt((found**2).sum(axis=1, keepdims=True))
-        return np.asarray(found * np.where(lengths > 0, np.tanh(lengths) / np.where(lengths > 0, lengths, 1.0), 1.0))
 
     def to_json(self, names: Sequence[str], morph_names: Sequence[str]) -> Json:
         """The drive as extras store it, by the names of all nodes and of the rig's morph targets."""
@@ -263,7 +256,7 @@ def signed(weights: Floats) -> Floats:
 def key_times(rig: Rig, clip: Clip, node: int) -> Floats:
     """(keys,) sorted seconds of all keys of a clip that move a node, with the clip's ends, and where keys are few more.
 
-    Where all channels are smooth between their keys, there are as many times as the spline needs. Others get none
+    Where all channels are smooth between their keys, there are as many times as the curve needs. Others get none
     between their keys: a place on a straight line lies beside the smooth curve, and would kick the spring.
     """
     moving = _moving_channels(rig, clip, node)
@@ -276,7 +269,7 @@ def key_times(rig: Rig, clip: Clip, node: int) -> Floats:
         pieces = max(pieces, int(np.ceil(_SAMPLES * (end - clip.start))))
     if smooth or len(inside) <= _LEAST_PIECES:
         inside = distinct_values(np.concatenate([np.linspace(clip.start, end, pieces + 1), inside]))
-    # Two keys a float32 step apart are a jump of the pose, which no spline follows: the later one counts.
+    # Two keys a float32 step apart are a jump of the pose, which no curve follows: the later one counts.
     apart = np.append(np.diff(inside) > 1e-4 * (end - clip.start) / pieces, True)
     apart[0] = True
     return np.asarray(inside[apart])
@@ -301,25 +294,11 @@ def _moving_channels(rig: Rig, clip: Clip, node: int) -> list[Any]:
     ]
 
 
-def _spline(times: Floats, values: Floats, *, periodic: bool) -> Floats:
-    """(pieces, 5, columns) coefficients, the constant first, of the elapsed fraction of each piece of a C² spline.
+def goes_round(times: Floats, places: Floats) -> bool:
+    """True if (times, 3) places go on from the last as they began at the first, apart from where they are.
 
-    It goes through (times, columns) values; at its ends it is straight, if it is not periodic.
+    At most the change of velocity there is twice that at the keys beside it, or a tenth of all change in the clip.
     """
-    from scipy.interpolate import CubicSpline
-
-    found = CubicSpline(times, values, bc_type="periodic" if periodic else "natural").c
-    spans = np.diff(times)[:, None]
-    powers = np.zeros((len(spans), 5, values.shape[1]))
-    for power in range(4):
-        powers[:, power] = found[3 - power] * spans**power
-    return powers
-
-
-def _bent(powers: Floats, spans: Floats) -> Floats:
-    """(pieces, 5, columns) second derivatives of quartics by time."""
-    squares = (spans**2)[:, None]
-    bent = np.zeros(powers.shape)
-    for power in range(3):
-        bent[:, power] = (power + 1) * (power + 2) * powers[:, power + 2] / squares
-    return bent
+    velocities = np.diff(places, axis=0) / np.diff(times)[:, None]
+    change, *beside = np.sqrt(((velocities[[0, 1, -1]] - velocities[[-1, 0, -2]]) ** 2).sum(axis=1)).tolist()
+    return bool(change <= max(2.0 * max(beside), 0.1 * float(np.sqrt((np.ptp(velocities, axis=0) ** 2).sum()))))

@@ -250,7 +250,7 @@ class Flesh(EffectTool):
     )
     limit: Length = key(
         _LENGTH,
-        "About how far skin moves at most, which it approaches smoothly: a length, or a percentage of the radius. "
+        "About how far skin moves at most, towards which flesh gets stiffer: a length, or a percentage of the radius. "
         "Default 12%.",
         "12%",
         read=parse_length,

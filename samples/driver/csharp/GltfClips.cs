@@ -8,11 +8,11 @@ namespace Wrinkles
 {
     using Json = Dictionary<string, object>;
 
-    /// <summary>How a clip takes a place through a frame: four places at even times of it, from the place that is shown to
-    /// the curve, and how far a walk is put back where its clip begins anew.</summary>
+    /// <summary>How a clip takes a place through a frame, from 0 at its beginning to 1 at its end, the way from the place that
+    /// is shown to the curve, and how far a walk is put back where its clip begins anew.</summary>
     public sealed class Known
     {
-        public double[][] Path;
+        public Func<double, double[]> Path;
         public double[] Beside, Back;
     }
 
@@ -20,14 +20,16 @@ namespace Wrinkles
     {
         /// <summary>Seconds of a clip in a second beyond which it has been put to another time.</summary>
         const double Fastest = 4;
-        /// <summary>Keys by which a loop goes on at both ends: what lies farther bends the curve by next to nothing.</summary>
-        const int Around = 8;
+        /// <summary>Keys by which a loop goes on at both ends: slopes depend on no others.</summary>
+        const int Around = 2;
         /// <summary>Pieces of a clip of few keys, and samples a second of one that is smooth between its keys, as a bake has.</summary>
         const int Pieces = 4, Samples = 60;
         /// <summary>Part of a clip below which two keys are a jump of the pose, which no curve follows.</summary>
         const double Apart = 3e-5;
         /// <summary>Difference of a quaternion or scale below which a clip ends in the pose of its beginning.</summary>
         const double Same = 1e-3;
+        /// <summary>A loop's change of velocity, over that at the keys beside its ends, or over all change in it, at most.</summary>
+        const double Beside = 2, Overall = 0.1;
         static readonly double[] None = { 0, 0, 0 };
         readonly Json gltf;
         readonly byte[] file;
@@ -77,7 +79,7 @@ namespace Wrinkles
             var runs = ran >= 0 && ran <= Fastest * elapsed;
             return new Known
             {
-                Path = new[] { 1, 2.0 / 3, 1.0 / 3, 0 }.Select(part => turned(curve.At(time - (runs ? part * ran : 0)))).ToArray(),
+                Path = part => turned(curve.At(time - (runs ? (1 - part) * ran : 0))),
                 Beside = turned(V.Minus(curve.At(time), curve.Shown(time))),
                 Back = turned(anew && runs ? V.Minus(None, curve.Whole) : None),
             };
@@ -88,7 +90,7 @@ namespace Wrinkles
         {
             var found = playing.Select(each => (share: each.share, known: During(joint, at, each.clip, each.time, each.before, elapsed, root))).Where(each => each.known != null).ToArray();
             Func<Func<Known, double[]>, double[]> mean = placeOf => new[] { 0, 1, 2 }.Select(i => found.Sum(each => each.share * placeOf(each.known)[i])).ToArray();
-            return new Known { Path = new[] { 0, 1, 2, 3 }.Select(k => mean(known => known.Path[k])).ToArray(), Beside = mean(known => known.Beside), Back = mean(known => known.Back) };
+            return new Known { Path = part => mean(known => known.Path(part)), Beside = mean(known => known.Beside), Back = mean(known => known.Back) };
         }
 
         Curve CurveOf(string clip, string joint, double[] at)
@@ -117,18 +119,19 @@ namespace Wrinkles
             var all = keys.Concat(between).OrderBy(x => x).ToArray();
             var times = all.Where((time, k) => k == all.Length - 1 || all[k + 1] - time > Apart * span).ToArray();
             var points = times.Select(shown).ToArray();
-            var last = times.Length - 1;
-            var whole = V.Minus(points[last], points[0]);
-            var loops = moving.All(track => track.Path == "translation" || Closes(track));
-            if (loops)
-            {
-                // A walk goes on as it went.
-                var around = Enumerable.Range(-Around, last + 1 + 2 * Around).Select(k => (round: (int)Math.Floor((double)k / last), key: (k % last + last) % last)).ToArray();
-                var (own, ownPoints) = (times, points);
-                points = around.Select(each => ownPoints[each.key].Select((x, i) => x + each.round * whole[i]).ToArray()).ToArray();
-                times = around.Select(each => own[each.key] + each.round * span).ToArray();
-            }
-            return new Curve { At = Spline(times, points), Shown = shown, Seconds = loops ? span : 0, Whole = whole };
+            var whole = V.Minus(points[points.Length - 1], points[0]);
+            var loops = moving.All(track => track.Path == "translation" || Closes(track)) && GoesRound(times, points);
+            return new Curve { At = Through(times, points, loops, whole), Shown = shown, Seconds = loops ? span : 0, Whole = whole };
+        }
+
+        /// <summary>True if places go on from the last as they began at the first, apart from where they are.</summary>
+        static bool GoesRound(double[] times, double[][] points)
+        {
+            var velocities = points.Skip(1).Select((point, k) => V.Minus(point, points[k]).Select(x => x / (times[k + 1] - times[k])).ToArray()).ToArray();
+            var last = velocities.Length - 1;
+            Func<int, int, double> change = (a, b) => V.Length(V.Minus(velocities[a], velocities[b]));
+            var ranges = new[] { 0, 1, 2 }.Select(i => velocities.Max(each => each[i]) - velocities.Min(each => each[i])).ToArray();
+            return change(0, last) <= Math.Max(Beside * Math.Max(change(1, 0), change(last, last - 1)), Overall * V.Length(ranges));
         }
 
         /// <summary>The nodes from a joint of a name, or of a path, up to the root.</summary>
@@ -193,34 +196,49 @@ namespace Wrinkles
             return new[] { 1, -1 }.Any(sign => first.Select((x, k) => Math.Abs(x - sign * last[k])).All(gap => gap < Same));
         }
 
-        /// <summary>A curve through points at sorted times, smooth to the second derivative and straight at its ends.</summary>
-        static Func<double, double[]> Spline(double[] times, double[][] points)
+        /// <summary>The one of two numbers that is nearer to 0; 0 if their signs differ.</summary>
+        static double Least(double a, double b) => a * b > 0 ? (Math.Abs(a) < Math.Abs(b) ? a : b) : 0;
+
+        /// <summary>Slopes of a smooth curve through numbers at sorted times, which goes nowhere between equal ones.</summary>
+        static double[] Slopes(double[] times, double[] values)
         {
             var last = times.Length - 1;
-            var steps = times.Skip(1).Select((time, k) => time - times[k]).ToArray();
-            var (bends, parts) = (points.Select(_ => new double[3]).ToArray(), new double[times.Length]);
+            var spans = times.Skip(1).Select((time, k) => time - times[k]).ToArray();
+            var steps = spans.Select((span, k) => (values[k + 1] - values[k]) / span).ToArray();
+            Func<int, double> at = k => (steps[k] - steps[k - 1]) / (spans[k] + spans[k - 1]);
+            var bends = spans.Select((_, k) => Least(at(Math.Max(k, 1)), at(Math.Min(k + 1, last - 1)))).ToArray();
+            var found = new double[last + 1];
             for (var k = 1; k < last; k++)
             {
-                var pivot = 2 * (steps[k - 1] + steps[k]) - steps[k - 1] * parts[k - 1];
-                parts[k] = steps[k] / pivot;
-                for (var i = 0; i < 3; i++)
-                {
-                    var turn = (points[k + 1][i] - points[k][i]) / steps[k] - (points[k][i] - points[k - 1][i]) / steps[k - 1];
-                    bends[k][i] = (6 * turn - steps[k - 1] * bends[k - 1][i]) / pivot;
-                }
+                var mean = (spans[k] * steps[k - 1] + spans[k - 1] * steps[k]) / (spans[k] + spans[k - 1]);
+                var tended = Least(steps[k - 1] + bends[k - 1] * spans[k - 1], steps[k] - bends[k] * spans[k]);
+                var most = Math.Max(3 * Math.Abs(Least(steps[k - 1], steps[k])), 1.5 * Math.Abs(tended));
+                found[k] = Least(mean, Math.Sign(tended) * most);
             }
-            for (var k = last - 1; k > 0; k--)
-                for (var i = 0; i < 3; i++) bends[k][i] -= parts[k] * bends[k + 1][i];
+            found[0] = Least(2 * steps[0] - found[1], 3 * steps[0]);
+            found[last] = Least(2 * steps[last - 1] - found[last - 1], 3 * steps[last - 1]);
+            return found;
+        }
+
+        /// <summary>The curve through points at sorted times; a loop goes on as it went, and `whole` is its way.</summary>
+        static Func<double, double[]> Through(double[] times, double[][] points, bool loops, double[] whole)
+        {
+            var (last, around) = (times.Length - 1, loops ? Around : 0);
+            var span = times[last] - times[0];
+            var keys = Enumerable.Range(-around, last + 1 + 2 * around).Select(k => (round: loops ? (int)Math.Floor((double)k / last) : 0, key: loops ? (k % last + last) % last : k)).ToArray();
+            var all = keys.Select(each => times[each.key] + each.round * span).ToArray();
+            var slopes = new[] { 0, 1, 2 }.Select(i => Slopes(all, keys.Select(each => points[each.key][i] + each.round * whole[i]).ToArray()).Skip(around).ToArray()).ToArray();
             return time =>
             {
-                var after = Array.FindIndex(times, each => each > time);
-                var k = after < 0 ? last - 1 : Math.Max(after - 1, 0);
-                double t = time - times[k], h = steps[k];
+                var round = loops ? Math.Floor((time - times[0]) / span) : 0;
+                var now = V.Clamp(time - round * span, times[0], times[last]);
+                var after = Array.FindIndex(times, each => each > now);
+                var k = after < 0 ? last - 1 : after - 1;
+                var wide = times[k + 1] - times[k];
+                var t = (now - times[k]) / wide;
                 return new[] { 0, 1, 2 }.Select(i =>
-                {
-                    double low = bends[k][i], high = bends[k + 1][i], slope = (points[k + 1][i] - points[k][i]) / h;
-                    return points[k][i] + t * (slope - h * (2 * low + high) / 6 + t * (low / 2 + t * (high - low) / (6 * h)));
-                }).ToArray();
+                    round * whole[i] + points[k][i] * (1 + 2 * t) * (1 - t) * (1 - t) + points[k + 1][i] * t * t * (3 - 2 * t)
+                    + wide * t * (1 - t) * (slopes[i][k] * (1 - t) - slopes[i][k + 1] * t)).ToArray();
             };
         }
 

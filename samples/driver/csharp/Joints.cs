@@ -109,19 +109,22 @@ namespace Wrinkles
         const double LeapAnew = 2.5;
         /// <summary>A frame that takes so many times as long as the one before, and so many seconds, tells no way.</summary>
         const double Hitch = 2, Long = 0.05;
-        /// <summary>Radians of a spring in a frame below which places run straight: higher powers cancel all digits.</summary>
-        const double Straight = 0.01;
-        static readonly Known Unknown = new Known { Path = new[] { new double[3], new double[3], new double[3], new double[3] }, Beside = new double[3], Back = new double[3] };
+        /// <summary>Steps per second, at least; within one, the joint's place runs straight.</summary>
+        const double Steps = 240;
+        static readonly Known Unknown = new Known { Path = part => new double[3], Beside = new double[3], Back = new double[3] };
         readonly string joint;
         readonly double[] at, gravity, gains;
         readonly double scale;
         readonly Spring[] springs;
         readonly double[][] loads;
-        // By mode and axis place and speed; the last moves and the seconds that they took, the latest first.
-        double[][][] states;
+        readonly Swing swing;
+        // By mode, what a change of the joint's velocity does, and the places of rest; at the last frame.
+        double[][] ways;
+        double[] rests;
+        // The last moves and the seconds that they took, the latest first.
         readonly List<double[]> moves = new List<double[]>();
         readonly List<double> steps = new List<double>();
-        double[] place, pull;
+        double[] place, velocity;
         string clip;
         double time;
         // By clip its seconds at the last frame.
@@ -135,6 +138,7 @@ namespace Wrinkles
             springs = modes.Select(each => new Spring(each)).ToArray();
             loads = modes.Select(each => Read.Numbers(each["load"])).ToArray();
             gains = modes.Select(each => Read.Number(each["gain"])).ToArray();
+            swing = new Swing(springs);
         }
 
         public override IEnumerable<string> Joints => new[] { joint };
@@ -154,79 +158,59 @@ namespace Wrinkles
             // Gravity as it was at rest is in the mesh already.
             var g = new[] { 0, 1, 2 }.Select(i => -turn[0][i] * gravity[0] - turn[1][i] * gravity[1] - turn[2][i] * gravity[2]).ToArray();
             g[1] -= V.Length(gravity);
+            var size = ratio < 1e-6 ? 0 : 1 / ratio;
+            var along = loads.Select((load, k) => new[] { 0, 1, 2 }.Select(i => gains[k] * size * (load[0] * turn[0][i] + load[1] * turn[1][i] + load[2] * turn[2][i])).ToArray()).ToArray();
+            var resting = along.Select((way, k) => V.Dot(way, g) / (springs[k].Omega * springs[k].Omega)).ToArray();
             var leap = (frame.Time < before ? LeapAnew : Leap) * ratio * frame.Elapsed;
             (clip, time) = (frame.Clip, frame.Time);
-            Advance(now, g, frame.Elapsed, leap, known);
-            var numbers = springs.Select((_, k) =>
-            {
-                var moved = states[k].Select((state, i) => state[0] - now[i]).ToArray();
-                return ratio < 1e-6 ? 0 : gains[k] * V.Dot(loads[k], turn.Select(axis => V.Dot(axis, moved)).ToArray()) / ratio;
-            }).ToArray();
-            var length = V.Length(numbers);
-            var capped = numbers.Select(each => length > 0 ? each * Math.Tanh(length) / length : 0).ToArray();
-            var least = Math.Min(0, capped.Min());
-            return capped.Select(each => (each - least) / 2).Append(-least).ToArray();
+            Advance(now, along, resting, frame.Elapsed, leap, known);
+            (place, ways, rests) = (now, along, resting);
+            var numbers = Swing.Limited(swing.Places).Select(each => ratio < 1e-6 ? 0 : each).ToArray();
+            var least = Math.Min(0, numbers.Min());
+            return numbers.Select(each => (each - least) / 2).Append(-least).ToArray();
         }
 
         /// <summary>Take the springs on by a frame that brings the joint to a place, no farther than it can run.</summary>
-        void Advance(double[] now, double[] g, double elapsed, double farthest, Known known)
+        void Advance(double[] now, double[][] along, double[] resting, double elapsed, double farthest, Known known)
         {
-            if (states == null || !(elapsed >= 0))
+            if (place == null || !(elapsed >= 0))
             {
-                states = springs.Select(each => now.Select((x, i) => new[] { x + g[i] / (each.Omega * each.Omega), 0 }).ToArray()).ToArray();
-                (place, pull) = (now, g);
+                swing.Rest(resting);
+                velocity = null;
                 moves.Clear();
                 steps.Clear();
                 return;
             }
             var seen = moves.Count > 0;
-            var moved = V.Minus(V.Minus(now, place), V.Minus(known.Path[3], known.Path[0]));
+            var (first, last) = (known.Path(0), known.Path(1));
+            var moved = V.Minus(V.Minus(now, place), V.Minus(last, first));
             var leap = seen ? moved.Select((x, i) => x - moves[0][i] * elapsed / steps[0]).ToArray() : moved;
             // In no time nothing moves: the body is put elsewhere. A player may put a walk back, or let it go on.
             var begins = elapsed > 0 && V.Dot(moved, known.Back) > V.Dot(known.Back, known.Back) / 2;
             if (begins) leap = known.Back;
-            if (begins || elapsed == 0 || (seen && V.Length(leap) > farthest))
+            if (begins || elapsed == 0 || (seen && V.Length(leap) > farthest)) moved = V.Minus(moved, leap);
+            if (elapsed == 0) return;
+            var kept = seen && elapsed > Math.Max(Hitch * steps[0], Long) ? 0 : 2;
+            if (moves.Count > kept) { moves.RemoveRange(kept, moves.Count - kept); steps.RemoveRange(kept, steps.Count - kept); }
+            moves.Insert(0, moved);
+            steps.Insert(0, elapsed);
+            var powers = new[] { Cubic(0), Cubic(1), Cubic(2) };
+            var count = (int)Math.Max(Math.Ceiling(Steps * elapsed - 1e-6), 1);
+            var (span, here) = (elapsed / count, new double[3]);
+            for (var step = 0; step < count; step++)
             {
-                place = place.Select((x, i) => x + leap[i]).ToArray();
-                foreach (var axes in states) for (var i = 0; i < 3; i++) axes[i][0] += leap[i];
-                moved = V.Minus(moved, leap);
+                var (part, path, t) = ((double)step / count, known.Path((step + 1.0) / count), span * (step + 1));
+                var there = powers.Select((p, i) => path[i] - first[i] + t * (p[1] + t * (p[2] + t * p[3]))).ToArray();
+                var ahead = there.Select((x, i) => (x - here[i]) / span).ToArray();
+                // A body that was already moving when it was first seen had flesh that moved along.
+                var kick = V.Minus(velocity ?? ahead, ahead);
+                var kicks = along.Select((way, k) => V.Dot(Blend(ways[k], way, part), kick) / springs[k].Omega).ToArray();
+                swing.Pass(kicks, Blend(rests, resting, part), span);
+                (here, velocity) = (there, ahead);
             }
-            if (elapsed > 0)
-            {
-                var kept = seen && elapsed > Math.Max(Hitch * steps[0], Long) ? 0 : 2;
-                if (moves.Count > kept) { moves.RemoveRange(kept, moves.Count - kept); steps.RemoveRange(kept, steps.Count - kept); }
-                moves.Insert(0, moved);
-                steps.Insert(0, elapsed);
-                for (var i = 0; i < 3; i++)
-                {
-                    var ahead = Onward(known.Path, elapsed, i);
-                    var powers = Cubic(i).Select((x, n) => x + ahead[n]).ToArray();
-                    powers[0] += place[i];
-                    for (var k = 0; k < springs.Length; k++)
-                    {
-                        var (omega, damping) = (springs[k].Omega, springs[k].Damping);
-                        var drawn = new double[4];
-                        for (var n = 0; n < 4; n++)
-                            drawn[n] = (powers[n] + 2 * damping / omega * (n + 1) * (n < 3 ? powers[n + 1] : 0)) * Math.Pow(elapsed, n);
-                        drawn[0] += pull[i] / (omega * omega);
-                        drawn[1] += (g[i] - pull[i]) / (omega * omega);
-                        if (omega * elapsed < Straight) drawn = new[] { drawn[0], drawn[1] + drawn[2] + drawn[3], 0, 0 };
-                        // A body that was already moving when it was first seen had flesh that moved along.
-                        if (!seen) states[k][i][1] = powers[1] / omega;
-                        springs[k].Pass(states[k][i], drawn, omega * elapsed);
-                    }
-                }
-            }
-            (place, pull) = (now, g);
         }
 
-        /// <summary>Powers of time of the cubic through four places at even times, from the first to the last; it begins at 0.</summary>
-        static double[] Onward(double[][] path, double elapsed, int i)
-        {
-            double a = path[0][i], b = path[1][i], c = path[2][i], d = path[3][i];
-            var powers = new[] { 0, 18 * b - 11 * a - 9 * c + 2 * d, 18 * a - 45 * b + 36 * c - 9 * d, 27 * (b - c) + 9 * (d - a) };
-            return powers.Select((x, n) => x / 2 / Math.Pow(elapsed, n)).ToArray();
-        }
+        static double[] Blend(double[] from, double[] to, double part) => from.Select((x, i) => x + part * (to[i] - x)).ToArray();
 
         /// <summary>Powers of time since the last frame of the cubic through the last moves along an axis.</summary>
         double[] Cubic(int i)
@@ -237,6 +221,53 @@ namespace Wrinkles
             var two = moves.Count > 1 ? bend(0) : 0;
             var three = moves.Count > 2 ? (two - bend(1)) / (h + h1 + steps[2]) : 0;
             return new[] { 0, slope(0) - h * two - h * h1 * three, two + (h1 - h) * three, three };
+        }
+    }
+
+    /// <summary>Springs that swing together within a limit of 1, by steps in which each is free.</summary>
+    sealed class Swing
+    {
+        /// <summary>Greatest change of a swing per second, over its limit; iterations of Newton's method.</summary>
+        const double Fastest = 24, Iterations = 30;
+        readonly Spring[] springs;
+        double[] speeds;
+        public double[] Places;
+
+        public Swing(Spring[] springs) { this.springs = springs; }
+
+        /// <summary>Places none of which is beyond the limit.</summary>
+        public static double[] Limited(double[] n) { var size = Math.Max(V.Length(n), 1); return n.Select(x => x / size).ToArray(); }
+
+        /// <summary>Rest under steady loads F, where |n| = F (1 - |n|⁴).</summary>
+        public void Rest(double[] loads)
+        {
+            var size = V.Length(loads);
+            var found = Math.Min(size, 1);
+            for (var k = 0; k < Iterations; k++) found -= (size * Math.Pow(found, 4) + found - size) / (4 * size * Math.Pow(found, 3) + 1);
+            (Places, speeds) = (loads.Select(load => size > 0 ? load * found / size : 0).ToArray(), new double[loads.Length]);
+        }
+
+        /// <summary>Of a push, |n|⁴ of what goes further out does not act.</summary>
+        double[] Inward(double[] push)
+        {
+            var outwards = V.Dot(Places, Places) * Math.Max(V.Dot(Places, push), 0);
+            return push.Select((each, k) => each - outwards * Places[k]).ToArray();
+        }
+
+        /// <summary>Some seconds that begin with `kicks` of the speeds over ω, under steady `loads`.</summary>
+        public void Pass(double[] kicks, double[] loads, double seconds)
+        {
+            var (kicked, rest) = (Inward(kicks).Select((kick, k) => speeds[k] + kick).ToArray(), Inward(loads));
+            var (taken, room) = (0.0, Math.Max(1 - V.Dot(Places, Places), 0));
+            for (var k = 0; k < springs.Length; k++) taken += Math.Pow(kicked[k] * Math.Max(springs[k].Omega / Fastest, 1), 2);
+            var kept = taken > room ? Math.Sqrt(room / taken) : 1;
+            Places = Limited(Places);
+            for (var k = 0; k < springs.Length; k++)
+            {
+                springs[k].Decay(springs[k].Omega * seconds, out var c, out var s);
+                var (y, u, damping) = (Places[k] - rest[k], kept * kicked[k], springs[k].Damping);
+                (Places[k], speeds[k]) = (rest[k] + c * y + s * (u + damping * y), c * u - s * (y + damping * u));
+            }
         }
     }
 

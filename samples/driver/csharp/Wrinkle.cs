@@ -252,16 +252,14 @@ namespace Wrinkles
             return c + Damping * s;
         }
 
-        /// <summary>Take place and speed per radian on by a frame that draws to a polynomial of the frame's fraction.</summary>
-        public void Pass(double[] state, double[] powers, double turns)
+        /// <summary>Take place and speed per radian on by a frame that draws along a straight line.</summary>
+        public void Pass(double[] state, double from, double to, double turns)
         {
-            var answer = new double[6];
-            for (var k = 3; k >= 0; k--)
-                answer[k] = powers[k] - 2 * Damping * (k + 1) * answer[k + 1] / turns - (k + 1) * (k + 2) * answer[k + 2] / (turns * turns);
+            var slope = (to - from) / turns;
             Decay(turns, out var c, out var s);
-            var (p, q) = (state[0] - answer[0], state[1] - answer[1] / turns);
-            state[0] = answer[0] + answer[1] + answer[2] + answer[3] + c * p + s * (q + Damping * p);
-            state[1] = (answer[1] + 2 * answer[2] + 3 * answer[3]) / turns + c * q - s * (p + Damping * q);
+            var (p, q) = (state[0] - from + 2 * Damping * slope, state[1] - slope);
+            state[0] = to - 2 * Damping * slope + c * p + s * (q + Damping * p);
+            state[1] = slope + c * q - s * (p + Damping * q);
         }
     }
 
@@ -352,8 +350,8 @@ namespace Wrinkles
                 var bend = crosses ? before / (before - now) : 1;
                 var (from, to) = (Math.Max(before, 0), Math.Max(now, 0));
                 var middle = crosses ? 0 : to;
-                lag.Pass(state, new[] { from, middle - from, 0, 0 }, bend * turns);
-                if (crosses) lag.Pass(state, new[] { middle, to - middle, 0, 0 }, (1 - bend) * turns);
+                lag.Pass(state, from, middle, bend * turns);
+                if (crosses) lag.Pass(state, middle, to, (1 - bend) * turns);
             }
             before = now;
             return state[0];

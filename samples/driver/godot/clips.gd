@@ -4,8 +4,8 @@
 const Numbers = preload("numbers.gd")
 # Seconds of a clip in a second beyond which it has been put to another time.
 const FASTEST = 4.0
-# Keys by which a loop goes on at both ends: what lies farther bends the curve by next to nothing.
-const AROUND = 8
+# Keys by which a loop goes on at both ends: slopes depend on no others.
+const AROUND = 2
 # Pieces of a clip of few keys, and samples a second of one that is smooth between its keys, as a bake has them.
 const PIECES = 4
 const SAMPLES = 60.0
@@ -13,6 +13,9 @@ const SAMPLES = 60.0
 const APART = 3e-5
 # Difference of a quaternion or scale below which a clip ends in the pose of its beginning.
 const SAME = 1e-3
+# A loop's change of velocity, over that at the keys beside its ends, or over all change in it, at most.
+const BESIDE = 2.0
+const OVERALL = 0.1
 const NONE = [0.0, 0.0, 0.0]
 const WIDTHS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
 
@@ -35,7 +38,7 @@ func _init(gltf, stream, start):
 			_parents[int(child)] = index
 
 
-# How a clip takes a joint's place through a frame, null if that is not known: `path`, four places at even times of it,
+# How a clip takes a joint's place through a frame, null if that is not known: `path`, places at the ends of its steps,
 # `beside`, from the place that is shown to the curve, and `back`, how far a walk is put back where its clip begins anew.
 #
 # before  seconds of the clip at the last frame; NAN after another clip
@@ -51,8 +54,9 @@ func during(joint, at, clip, time, before, elapsed, root):
 	var ran = time - before + (curve["seconds"] if anew else 0.0)
 	var runs = ran >= 0 and ran <= FASTEST * elapsed
 	var path = []
-	for part in [1.0, 2.0 / 3.0, 1.0 / 3.0, 0.0]:
-		path.append(_turned(root, _on(curve, time - (part * ran if runs else 0.0))))
+	var steps = Numbers.steps(elapsed)
+	for k in range(steps + 1):
+		path.append(_turned(root, _on(curve, time - ((1.0 - k / float(steps)) * ran if runs else 0.0))))
 	var beside = Numbers.sum(_on(curve, time), _shown(curve, time), -1.0)
 	var back = Numbers.times(-1.0, curve["whole"]) if anew and runs else NONE
 	return {"path": path, "beside": _turned(root, beside), "back": _turned(root, back)}
@@ -60,11 +64,14 @@ func during(joint, at, clip, time, before, elapsed, root):
 
 # The same while clips blend: `playing` has rows of a clip, its seconds, those at the last frame, and a share; shares add up to 1.
 func blended(joint, at, playing, elapsed, root):
-	var found = {"path": [NONE, NONE, NONE, NONE], "beside": NONE, "back": NONE}
+	var steps = Numbers.steps(elapsed)
+	var found = {"path": [], "beside": NONE, "back": NONE}
+	for _k in range(steps + 1):
+		found["path"].append(NONE)
 	for each in playing:
 		var known = during(joint, at, each[0], each[1], each[2], elapsed, root)
 		if known != null:
-			for k in range(4):
+			for k in range(steps + 1):
 				found["path"][k] = Numbers.sum(found["path"][k], known["path"][k], each[3])
 			found["beside"] = Numbers.sum(found["beside"], known["beside"], each[3])
 			found["back"] = Numbers.sum(found["back"], known["back"], each[3])
@@ -118,7 +125,7 @@ func _curve(joint, at, clip):
 		for k in range(pieces + 1):
 			every.append(start + span * k / pieces)
 	every.sort()
-	var curve = {"chain": chain, "tracks": tracks, "at": at, "seconds": span if loops else 0.0}
+	var curve = {"chain": chain, "tracks": tracks, "at": at}
 	var times = []
 	var points = []
 	for k in range(every.size()):
@@ -127,21 +134,50 @@ func _curve(joint, at, clip):
 			points.append(_shown(curve, every[k]))
 	var last = times.size() - 1
 	curve["whole"] = Numbers.sum(points[last], points[0], -1.0)
+	loops = loops and _goes_round(times, points)
+	curve["seconds"] = span if loops else 0.0
+	curve["times"] = times
+	curve["points"] = points
+	var all = times
+	var places = points
 	if loops:
 		# A walk goes on as it went.
-		var own = times
-		var places = points
-		times = []
-		points = []
+		all = []
+		places = []
 		for k in range(-AROUND, last + 1 + AROUND):
 			var turn = floor(float(k) / last)
 			var inner = k - int(turn) * last
-			times.append(own[inner] + turn * span)
-			points.append(Numbers.sum(places[inner], curve["whole"], turn))
-	curve["times"] = times
-	curve["points"] = points
-	curve["bends"] = _bends(times, points)
+			all.append(times[inner] + turn * span)
+			places.append(Numbers.sum(points[inner], curve["whole"], turn))
+	curve["slopes"] = []
+	for i in range(3):
+		var values = []
+		for each in places:
+			values.append(each[i])
+		curve["slopes"].append(_slopes(all, values))
+	curve["skipped"] = AROUND if loops else 0
 	return curve
+
+
+# True if places go on from the last as they began at the first, apart from where they are.
+func _goes_round(times, points):
+	var velocities = []
+	for k in range(times.size() - 1):
+		velocities.append(Numbers.times(1.0 / (times[k + 1] - times[k]), Numbers.sum(points[k + 1], points[k], -1.0)))
+	var ranges = []
+	for i in range(3):
+		var low = INF
+		var high = -INF
+		for each in velocities:
+			low = Numbers.smaller(low, each[i])
+			high = Numbers.larger(high, each[i])
+		ranges.append(high - low)
+	var beside = Numbers.larger(_change(velocities, 1, 0), _change(velocities, -1, -2))
+	return _change(velocities, 0, -1) <= Numbers.larger(BESIDE * beside, OVERALL * Numbers.length(ranges))
+
+
+func _change(velocities, a, b):
+	return Numbers.length(Numbers.sum(velocities[a], velocities[b], -1.0))
 
 
 # The nodes from a joint of a name, or of a path, up to the root: one without a mesh first.
@@ -237,37 +273,50 @@ func _closes(track):
 	return false
 
 
-# Of a curve through points at sorted times, smooth to the second derivative and straight at its ends: these derivatives.
-func _bends(times, points):
+# The one of two numbers that is nearer to 0; 0 if their signs differ.
+static func _least(a, b):
+	return (a if abs(a) < abs(b) else b) if a * b > 0 else 0.0
+
+
+# Slopes of a smooth curve through numbers at sorted times, which goes nowhere between equal ones.
+static func _slopes(times, values):
 	var last = times.size() - 1
-	var bends = [NONE]
-	var parts = [0.0]
+	var spans = []
+	var steps = []
+	for k in range(last):
+		spans.append(times[k + 1] - times[k])
+		steps.append((values[k + 1] - values[k]) / spans[k])
+	var at = []
+	for k in range(last - 1):
+		at.append((steps[k + 1] - steps[k]) / (spans[k + 1] + spans[k]))
+	at = [at[0]] + at + [at[-1]]
+	var found = [0.0]
 	for k in range(1, last):
-		var before = times[k] - times[k - 1]
-		var after = times[k + 1] - times[k]
-		var pivot = 2.0 * (before + after) - before * parts[k - 1]
-		var turn = Numbers.times(1.0 / after, Numbers.sum(points[k + 1], points[k], -1.0))
-		turn = Numbers.sum(turn, Numbers.sum(points[k], points[k - 1], -1.0), -1.0 / before)
-		parts.append(after / pivot)
-		bends.append(Numbers.times(1.0 / pivot, Numbers.sum(Numbers.times(6.0, turn), bends[k - 1], -before)))
-	bends.append(NONE)
-	for n in range(1, last):
-		bends[last - n] = Numbers.sum(bends[last - n], bends[last - n + 1], -parts[last - n])
-	return bends
+		var mean = (spans[k] * steps[k - 1] + spans[k - 1] * steps[k]) / (spans[k] + spans[k - 1])
+		var before = steps[k - 1] + _least(at[k - 1], at[k]) * spans[k - 1]
+		var tended = _least(before, steps[k] - _least(at[k], at[k + 1]) * spans[k])
+		var most = Numbers.larger(3.0 * abs(_least(steps[k - 1], steps[k])), 1.5 * abs(tended))
+		found.append(_least(mean, sign(tended) * most))
+	found[0] = _least(2.0 * steps[0] - found[1], 3.0 * steps[0])
+	found.append(_least(2.0 * steps[-1] - found[-1], 3.0 * steps[-1]))
+	return found
 
 
-# The curve's place at a time.
+# The curve's place at a time; a loop goes on as it went.
 func _on(curve, time):
 	var times = curve["times"]
-	var k = int(Numbers.held(times.bsearch(time, false) - 1, 0, times.size() - 2))
-	var t = time - times[k]
-	var h = times[k + 1] - times[k]
-	var found = []
+	var last = times.size() - 1
+	var turn = floor((time - times[0]) / curve["seconds"]) if curve["seconds"] > 0 else 0.0
+	var now = Numbers.held(time - turn * curve["seconds"], times[0], times[last])
+	var k = int(Numbers.held(times.bsearch(now, false) - 1, 0, last - 1))
+	var wide = times[k + 1] - times[k]
+	var t = (now - times[k]) / wide
+	var u = 1.0 - t
+	var found = Numbers.sum(Numbers.times((1.0 + 2.0 * t) * u * u, curve["points"][k]), curve["points"][k + 1], t * t * (3.0 - 2.0 * t))
 	for i in range(3):
-		var low = curve["bends"][k][i]
-		var high = curve["bends"][k + 1][i]
-		var slope = (curve["points"][k + 1][i] - curve["points"][k][i]) / h - h * (2.0 * low + high) / 6.0
-		found.append(curve["points"][k][i] + t * (slope + t * (low / 2.0 + t * (high - low) / (6.0 * h))))
+		var slopes = curve["slopes"][i]
+		var first = k + curve["skipped"]
+		found[i] += turn * curve["whole"][i] + wide * t * u * (slopes[first] * u - slopes[first + 1] * t)
 	return found
 
 

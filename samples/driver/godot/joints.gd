@@ -11,15 +11,14 @@ const NEAR = 0.0872
 const SAME = 1e-10
 # Of flesh: metres per second by which no body changes its speed within a frame, and the same where a clip's time runs
 # back, as a walk of a short step may be put back there; a frame that takes so many times as long as the one before, and
-# so many seconds, tells no way; radians of a spring below which places run straight.
+# so many seconds, tells no way.
 const LEAP = 10.0
 const LEAP_ANEW = 2.5
 const HITCH = 2.0
 const LONG = 0.05
-const STRAIGHT = 0.01
 # What is known of the motion of a joint without its clip.
 const NONE = [0.0, 0.0, 0.0]
-const UNKNOWN = {"path": [NONE, NONE, NONE, NONE], "beside": NONE, "back": NONE}
+const UNKNOWN = {"path": null, "beside": NONE, "back": NONE}
 
 
 static func fold(body, data):
@@ -111,17 +110,20 @@ static func flesh(body, data, state):
 	var farthest = (LEAP_ANEW if body.time < before else LEAP) * ratio * body.elapsed
 	state["clip"] = body.clip
 	state["time"] = body.time
-	_advance(body.elapsed, data["modes"], state, place, pull, farthest, known)
-	var numbers = []
-	for k in range(data["modes"].size()):
-		var mode = data["modes"][k]
-		var moved = []
-		for i in range(3):
-			moved.append(state["springs"][k][i][0] - place[i])
-		var local = [Numbers.dot(turn[0], moved), Numbers.dot(turn[1], moved), Numbers.dot(turn[2], moved)]
-		numbers.append(0.0 if ratio < 1e-6 else mode["gain"] * Numbers.dot(mode["load"], local) / ratio)
-	var length = Numbers.length(numbers)
-	numbers = Numbers.times(tanh(length) / length if length > 0 else 0.0, numbers)
+	var shown = 0.0 if ratio < 1e-6 else 1.0 / ratio
+	var ways = []
+	var loads = []
+	for mode in data["modes"]:
+		var way = NONE
+		for k in range(3):
+			way = Numbers.sum(way, turn[k], mode["gain"] * shown * mode["load"][k])
+		ways.append(way)
+		loads.append(Numbers.dot(way, pull) / pow(2.0 * PI * mode["frequency"], 2))
+	_advance(body.elapsed, data["modes"], state, place, ways, loads, farthest, known)
+	state["place"] = place
+	state["ways"] = ways
+	state["loads"] = loads
+	var numbers = Numbers.times(0.0 if ratio < 1e-6 else 1.0, Numbers.limited(state["swing"][0]))
 	var least = 0.0
 	for each in numbers:
 		least = Numbers.smaller(least, each)
@@ -132,23 +134,21 @@ static func flesh(body, data, state):
 
 
 # Takes the springs on by a frame that brings the joint to a place, along the cubic through the last four frames.
-static func _advance(elapsed, modes, state, place, pull, farthest, known):
-	if not state.has("springs") or not elapsed >= 0:
-		state["springs"] = []
-		for mode in modes:
-			var omega = 2.0 * PI * mode["frequency"]
-			var axes = []
-			for i in range(3):
-				axes.append([place[i] + pull[i] / (omega * omega), 0.0])
-			state["springs"].append(axes)
+static func _advance(elapsed, modes, state, place, ways, loads, farthest, known):
+	if not state.has("swing") or not elapsed >= 0:
+		state["swing"] = [Numbers.rested(loads), Numbers.times(0.0, loads)]
 		state["moves"] = []
 		state["steps"] = []
-		state["place"] = place
-		state["pull"] = pull
+		state["velocity"] = null
 		return
+	var count = Numbers.steps(elapsed)
+	var path = known["path"]
+	if path == null:
+		path = []
+		for _k in range(count + 1):
+			path.append(NONE)
 	var seen = state["moves"].size() > 0
-	var ahead = Numbers.sum(known["path"][3], known["path"][0], -1.0)
-	var moved = Numbers.sum(Numbers.sum(place, state["place"], -1.0), ahead, -1.0)
+	var moved = Numbers.sum(Numbers.sum(place, state["place"], -1.0), Numbers.sum(path[count], path[0], -1.0), -1.0)
 	var leap = Numbers.sum(moved, state["moves"][0], -elapsed / state["steps"][0]) if seen else moved
 	# In no time nothing moves: the body is put elsewhere. A player may put a walk back, or let it go on.
 	var back = known["back"]
@@ -156,54 +156,38 @@ static func _advance(elapsed, modes, state, place, pull, farthest, known):
 	if begins:
 		leap = back
 	if begins or elapsed == 0 or (seen and Numbers.length(leap) > farthest):
-		state["place"] = Numbers.sum(state["place"], leap)
-		for axes in state["springs"]:
-			for i in range(3):
-				axes[i][0] += leap[i]
 		moved = Numbers.sum(moved, leap, -1.0)
-	if elapsed > 0:
-		if seen and elapsed > Numbers.larger(HITCH * state["steps"][0], LONG):
-			state["moves"] = []
-			state["steps"] = []
-		while state["moves"].size() > 2:
-			state["moves"].pop_back()
-			state["steps"].pop_back()
-		state["moves"].push_front(moved)
-		state["steps"].push_front(elapsed)
+	if elapsed == 0:
+		return
+	if seen and elapsed > Numbers.larger(HITCH * state["steps"][0], LONG):
+		state["moves"] = []
+		state["steps"] = []
+	while state["moves"].size() > 2:
+		state["moves"].pop_back()
+		state["steps"].pop_back()
+	state["moves"].push_front(moved)
+	state["steps"].push_front(elapsed)
+	var powers = []
+	for i in range(3):
+		powers.append(_cubic(state["moves"], state["steps"], i))
+	var here = NONE
+	var span = elapsed / count
+	for step in range(count):
+		var part = step / float(count)
+		var t = span * (step + 1)
+		var there = Numbers.sum(path[step + 1], path[0], -1.0)
 		for i in range(3):
-			var powers = _cubic(state["moves"], state["steps"], i)
-			powers = Numbers.sum(powers, _onward(known["path"], elapsed, i))
-			powers[0] += state["place"][i]
-			for k in range(modes.size()):
-				var omega = 2.0 * PI * modes[k]["frequency"]
-				var damping = modes[k]["damping"]
-				var drawn = []
-				for n in range(4):
-					var slope = powers[n + 1] if n < 3 else 0.0
-					drawn.append((powers[n] + 2.0 * damping / omega * (n + 1) * slope) * pow(elapsed, n))
-				drawn[0] += state["pull"][i] / (omega * omega)
-				drawn[1] += (pull[i] - state["pull"][i]) / (omega * omega)
-				if omega * elapsed < STRAIGHT:
-					drawn = [drawn[0], drawn[1] + drawn[2] + drawn[3], 0.0, 0.0]
-				# A body that was already moving when it was first seen had flesh that moved along.
-				if not seen:
-					state["springs"][k][i][1] = powers[1] / omega
-				state["springs"][k][i] = Numbers.passed(state["springs"][k][i], drawn, damping, omega * elapsed)
-	state["place"] = place
-	state["pull"] = pull
-
-
-# Powers of time of the cubic through four places at even times, from the first to the last; it begins at 0.
-static func _onward(path, elapsed, i):
-	var a = path[0][i]
-	var b = path[1][i]
-	var c = path[2][i]
-	var d = path[3][i]
-	var found = [0.0, 9.0 * b - 5.5 * a - 4.5 * c + d, 9.0 * a - 22.5 * b + 18.0 * c - 4.5 * d]
-	found.append(13.5 * (b - c) + 4.5 * (d - a))
-	for n in range(4):
-		found[n] = found[n] / pow(elapsed, n)
-	return found
+			there[i] += t * (powers[i][1] + t * (powers[i][2] + t * powers[i][3]))
+		var ahead = Numbers.times(1.0 / span, Numbers.sum(there, here, -1.0))
+		# A body that was already moving when it was first seen had flesh that moved along.
+		var kick = NONE if state["velocity"] == null else Numbers.sum(state["velocity"], ahead, -1.0)
+		var kicks = []
+		for k in range(modes.size()):
+			var way = Numbers.blend(state["ways"][k], ways[k], part)
+			kicks.append(Numbers.dot(way, kick) / (2.0 * PI * modes[k]["frequency"]))
+		state["swing"] = Numbers.swung(state["swing"], modes, kicks, Numbers.blend(state["loads"], loads, part), span)
+		here = there
+		state["velocity"] = ahead
 
 
 # Powers of time since the last frame of the cubic through the last moves along an axis.

@@ -1,5 +1,11 @@
 # Vectors and matrices as arrays of numbers, numbers between rows, and damped springs. One text for Godot 3 and 4.
 
+# Steps per second, at least, in which flesh swings; greatest change of a swing per second, over its limit; iterations of
+# Newton's method.
+const STEPS = 240.0
+const FASTEST = 24.0
+const ITERATIONS = 30
+
 
 # Godot 3 rounds max, min and clamp to float32, and wrinkles start like a square root.
 static func larger(a, b):
@@ -116,15 +122,62 @@ static func remaining(spring, seconds):
 	return kept[0] + spring["damping"] * kept[1]
 
 
-# Place and speed per radian after a frame that draws to a polynomial of the frame's fraction.
-static func passed(state, powers, damping, turns):
-	var answer = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
-	for k in [3, 2, 1, 0]:
-		answer[k] = powers[k] - 2.0 * damping * (k + 1) * answer[k + 1] / turns
-		answer[k] -= (k + 1) * (k + 2) * answer[k + 2] / (turns * turns)
+# Place and speed per radian after a frame that draws along a straight line.
+static func passed(state, from, to, damping, turns):
+	var slope = (to - from) / turns
 	var kept = decay(damping, turns)
-	var p = state[0] - answer[0]
-	var q = state[1] - answer[1] / turns
-	var end = answer[0] + answer[1] + answer[2] + answer[3]
-	var speed = (answer[1] + 2.0 * answer[2] + 3.0 * answer[3]) / turns
-	return [end + kept[0] * p + kept[1] * (q + damping * p), speed + kept[0] * q - kept[1] * (p + damping * q)]
+	var p = state[0] - from + 2.0 * damping * slope
+	var q = state[1] - slope
+	var end = to - 2.0 * damping * slope + kept[0] * p + kept[1] * (q + damping * p)
+	return [end, slope + kept[0] * q - kept[1] * (p + damping * q)]
+
+
+static func blend(from, to, part):
+	return sum(times(1.0 - part, from), to, part)
+
+
+# Steps of a frame of so many seconds; 1 where these are not known.
+static func steps(elapsed):
+	return int(larger(ceil(STEPS * elapsed - 1e-6), 1.0)) if elapsed > 0 else 1
+
+
+# A swing, none of which is beyond the limit of 1.
+static func limited(n):
+	return times(1.0 / larger(length(n), 1.0), n)
+
+
+# The places at which springs rest under steady loads F: |n| = F (1 - |n|^4).
+static func rested(loads):
+	var size = length(loads)
+	var found = smaller(size, 1.0)
+	for _k in range(ITERATIONS):
+		found -= (size * pow(found, 4) + found - size) / (4.0 * size * pow(found, 3) + 1.0)
+	return times(found / size if size > 0 else 0.0, loads)
+
+
+# Of a push, |n|^4 of what goes further out does not act.
+static func _inward(n, push):
+	return sum(push, n, -dot(n, n) * larger(dot(n, push), 0.0))
+
+
+# Places and speeds over ω of springs that swing together within a limit of 1, after some seconds in which each is free.
+# They begin with `kicks` of the speeds, under steady `loads`.
+static func swung(state, springs, kicks, loads, seconds):
+	var n = state[0]
+	var kicked = sum(state[1], _inward(n, kicks))
+	var rest = _inward(n, loads)
+	var taken = 0.0
+	for k in range(springs.size()):
+		taken += pow(kicked[k] * larger(2.0 * PI * springs[k]["frequency"] / FASTEST, 1.0), 2)
+	var room = larger(1.0 - dot(n, n), 0.0)
+	var kept = sqrt(room / taken) if taken > room else 1.0
+	n = limited(n)
+	var ends = [[], []]
+	for k in range(springs.size()):
+		var damping = springs[k]["damping"]
+		var left = decay(damping, 2.0 * PI * springs[k]["frequency"] * seconds)
+		var y = n[k] - rest[k]
+		var u = kept * kicked[k]
+		ends[0].append(rest[k] + left[0] * y + left[1] * (u + damping * y))
+		ends[1].append(left[0] * u - left[1] * (y + damping * u))
+	return ends

@@ -250,10 +250,8 @@ func _lagged(state, lag, now):
 		var crosses = before * now < 0
 		var bend = before / (before - now) if crosses else 1.0
 		var middle = 0.0 if crosses else Numbers.larger(now, 0.0)
-		var first = [Numbers.larger(before, 0.0), middle - Numbers.larger(before, 0.0), 0.0, 0.0]
-		state["spring"] = Numbers.passed(state["spring"], first, lag["damping"], bend * turns)
+		state["spring"] = Numbers.passed(state["spring"], Numbers.larger(before, 0.0), middle, lag["damping"], bend * turns)
 		if crosses:
-			var second = [0.0, Numbers.larger(now, 0.0), 0.0, 0.0]
-			state["spring"] = Numbers.passed(state["spring"], second, lag["damping"], (1.0 - bend) * turns)
+			state["spring"] = Numbers.passed(state["spring"], 0.0, Numbers.larger(now, 0.0), lag["damping"], (1.0 - bend) * turns)
 	state["before"] = now
 	return state["spring"][0]

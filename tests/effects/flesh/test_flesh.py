@@ -101,7 +101,7 @@ def sway(times: Array) -> Array:
     return np.stack([wide * np.sin(turn), 0 * times, wide * np.cos(turn)], axis=1)
 
 
-@pytest.mark.parametrize("fps", [30, 60, 144, None])
+@pytest.mark.parametrize("fps", [15, 30, 60, 120, None])
 @pytest.mark.parametrize("keys", [29, 60])
 def test_the_driver_plays_flesh_at_any_frame_rate(bodies: dict[int, Path], keys: int, fps: int | None) -> None:
     """A second round of the clip is as it was baked: the driver knows the curve through the clip's keys.
@@ -133,7 +133,7 @@ def test_the_driver_plays_a_motion_of_the_player(bodies: dict[int, Path], fps: i
 
 @pytest.mark.parametrize("fps", [30, 60, 144, None])
 def test_the_driver_plays_clips_that_blend(bodies: dict[int, Path], fps: int | None) -> None:
-    """It follows both curves, each by its share; without both it would be 4 % off."""
+    """It follows both curves, each by its share; uneven frames tell least of how the shares change."""
     times = frame_times(fps)
     shares = bob_share(times)
     file = baked(place(body(keys=30, bobs=True)), region(limit=0.026)).path
@@ -151,14 +151,19 @@ def test_the_driver_plays_clips_that_blend(bodies: dict[int, Path], fps: int | N
         share = bob_share(at)[:, None]
         return (1.0 - share) * jump(at) + share * bob(at)
 
-    assert_alike(found, swung(baked(bodies[0], region(limit=0.026)).path, blend)(times), 0, 0.02)
+    assert_alike(
+        found, swung(baked(bodies[0], region(limit=0.026)).path, blend)(times), 0, 0.035 if fps is None else 0.02
+    )
 
 
 def test_twice_the_keys_of_an_unknown_clip_leave_a_quarter_of_the_error(bodies: dict[int, Path]) -> None:
-    """It sees a body on straight lines: each corner is a blow, and the corners get flatter."""
-    still, times = baked(bodies[0], region(limit=0.026)).path, frame_times(144)
+    """It sees a body on straight lines: each corner is a blow, and the corners get flatter.
+
+    The limit is far away here: near to it, blows are damped one by one.
+    """
+    still, times = baked(bodies[0], region(limit=0.5)).path, frame_times(144)
     wanted, errors = swung(still, jump)(times), []
-    for keys in (30, 60):
+    for keys in (15, 30):
         at = np.linspace(0.0, SECONDS, round(SECONDS * keys) + 1)
         places = np.stack([np.interp(times, at, axis) for axis in jump(at).T], axis=1)
         elapsed = np.diff(times, prepend=-1 / 144).tolist()
@@ -166,7 +171,7 @@ def test_twice_the_keys_of_an_unknown_clip_leave_a_quarter_of_the_error(bodies: 
         found = drive(still, node="trunk", clip=None, driver=True, **steps)
         played = np.stack([found[f"wrinkle_belly_{number + 1}"][:, 0] for number in range(wanted.shape[1])], axis=1)
         errors.append(np.abs(played - wanted).max() / wanted.max())
-    assert 0.02 < errors[0] < 0.05
+    assert 0.1 < errors[0] < 0.2
     assert errors[1] == pytest.approx(errors[0] / 4.0, rel=0.2)
 
 
@@ -307,10 +312,11 @@ def stepping(ahead: float, lift: float, *, swings: bool = True) -> Asset:
     [
         (stepping(0.0, 0.1), 1),  # a walk in place
         (stepping(1.2, 0.1), 0),  # the same walk with its root
+        (stepping(2.5, 0.1, swings=False), 0),  # a glide ahead, on feet that go along
         (stepping(0.0, 0.0, swings=False), 0),  # an idle, in which the body goes up and down
         (stepping(0.0, 0.3, swings=False), 0),  # a gesture, with one foot after the other
     ],
-    ids=["in place", "ahead", "idle", "gesture"],
+    ids=["in place", "ahead", "glide", "idle", "gesture"],
 )
 def test_one_warning_names_clips_in_place(asset: Asset, lines: int) -> None:
     """A walk on the spot moves the hips, and lacks the motion of the root all the same; all regions share the line."""

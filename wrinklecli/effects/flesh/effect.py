@@ -48,7 +48,7 @@ class FleshWords(BodyWords[AttachedFlesh]):
         }
 
     def describe_clip(self, seen: Seen) -> Json:
-        """The region's entry in a clip: the greatest move, and how far the cap has reduced it."""
+        """The region's entry in a clip: the greatest move, and how long it stands at its limit."""
         return describe_swing(self.attached, seen.motion, seen.reading)
 
     def warnings(self, plan: MeshPlan, clips: Sequence[Seen], *, up: str) -> list[str]:

@@ -17,10 +17,11 @@ from wrinklecli.tools.body import Flesh
 
 # Part of the limit below which nobody sees a region move.
 _SEEN = 0.02
-# Part of the limit, after the cap, beyond which flesh stands at its limit: it would move twice as far without.
-_CAPPED = 0.96
-# Body heights per second at which the ground runs below a clip in place: a slow walk has 0.4, a shifted foot 0.05.
-_RUNS = 0.15
+# Part of the limit beyond which flesh stands at its limit: a load would move it twice as far without.
+_HELD = 0.84
+# Body heights per second at which the ground runs below a clip in place: a slow walk has 0.4, a shifted foot 0.05. And
+# the part of the ground's way within which such a body keeps its place: one that goes ahead gets as far as its feet do.
+_RUNS, _SWAYS = 0.15, 0.25
 # Samples per second, and at most, by which that is measured: a foot is down for a quarter of a second in a run.
 _SAMPLED, _MOST_SAMPLES = 30.0, 300
 
@@ -42,9 +43,9 @@ class _Region(Protocol):
 
 
 def describe_swing(attached: _Region, motion: Motion, weights: Floats) -> Json:
-    """A region's entry in a clip: its greatest move, scene units, and the seconds for which the cap holds it."""
+    """A region's entry in a clip: its greatest move, scene units, and the seconds for which it stands at its limit."""
     moves = _moves(weights)
-    held = moves > _CAPPED
+    held = moves > _HELD
     seconds = float((np.diff(motion.times) * (held[1:] & held[:-1])).sum())
     return {
         "name": attached.tool.name,
@@ -84,14 +85,14 @@ def region_warnings(attached: _Region, rig: Rig, clips: Sequence[tuple[Clip, Flo
 
 
 def in_place(rig: Rig, clip: Clip) -> bool:
-    """True if a body walks or runs in a clip, but the clip does not move it ahead.
+    """True if a body walks or runs in a clip, but keeps its place.
 
-    The lowest joint is that of the foot which stands. Where the clip moves the body ahead, it keeps its place;
-    in place, it runs backwards again and again. A leg that swings to and fro does not get anywhere.
+    The lowest joint is that of the foot which stands. Where the clip moves the body ahead, the foot keeps its place;
+    in place, it slides backwards again and again. A leg that swings to and fro does not get anywhere.
     """
     count = int(np.clip(_SAMPLED * (clip.end - clip.start), 2, _MOST_SAMPLES)) + 1
     times = np.linspace(clip.start, clip.end, count)
-    # A root joint may lie on the ground; toes, fingers and the like have no joint below them.
+    # A root joint may lie on the ground and stay there; toes, fingers and the like have no joint below them.
     ends = np.setdiff1d(rig.joints, rig.parents)
     rows = node_rows(rig, clip, times, ends.tolist())
     places = np.stack([np.broadcast_to(each[:, 3], (3, count)).T for each in rows])
@@ -101,8 +102,8 @@ def in_place(rig: Rig, clip: Clip) -> bool:
     lowest = (places[:, 1:, 1] + places[:, :-1, 1]).argmin(axis=0)
     steps = np.diff(places[:, :, [0, 2]], axis=1)
     run = float(np.linalg.norm(steps[lowest, np.arange(count - 1)].sum(axis=0)))
-    ahead = float(np.linalg.norm(steps.sum(axis=1).mean(axis=0)))
-    return run > max(_RUNS * size * (clip.end - clip.start), ahead)
+    way = float(np.ptp(places[:, :, [0, 2]].mean(axis=0), axis=0).max())
+    return run > _RUNS * size * (clip.end - clip.start) and way < _SWAYS * run
 
 
 def _moves(weights: Floats) -> Floats:
