@@ -37,14 +37,14 @@ _MODIFIERS = {"define", "export", "override", "private", "undefine", "unexport"}
     "morph: keep the skin, add morph targets and their weights. frames: a posed mesh for each frame. weights: morph"
     " targets that move nothing, with their weights, for maps (wrinkle maps).",
 )
-@opt.anim("They get into OUT.")
+@opt.anim("OUT has these clips too.")
 @opt.clip("Bake only this clip; may be repeated.")
 @opt.tool("Bake only this tool; may be repeated.")
 @opt.fps("Frames per second; overrides sampling.fps (30).")
 @opt.length(
     "--max-error",
     default="1%",
-    text="Refuse a file that is off by more: scene units, or per cent of the tallest wrinkle.",
+    text="Refuse a file whose error is greater, in scene units or per cent of the tallest wrinkle.",
 )
 @opt.max_levels
 @opt.whole(

@@ -69,8 +69,8 @@ def batch(
     reference. Outputs have the same bytes as those of `wrinkle bake`. Each appears complete or not at all, and a job
     that fails stops no other.
 
-    A job is baked only if the content of its asset, of a file that this refers to or of its tools has changed, or its
-    options, or wrinkle itself. Else its outputs are in their places already, or come from the cache.
+    A job is baked only if its asset, a file that the asset refers to, its tools, its options or wrinkle itself has
+    changed. Otherwise its outputs are in their places already, or come from the cache.
 
     --report writes an object for each job; within version 1, keys are only added: "batch" (the version), "job",
     "asset", "tools", "out", "result" (hit, built, refused, failed, bug), "reason", "seconds", "key",

@@ -19,7 +19,7 @@ _MOST_PLACES = 8  # of a clip, with the most crossings; the others are summed
 @click.argument("asset", type=opt.FILE)
 @click.argument("tools", type=opt.FILE, required=False)
 @opt.anim()
-@opt.range_of_motion("Look at that too.")
+@opt.range_of_motion("Check these motions too.")
 @opt.pose
 @opt.morph
 @opt.clip("Look at this clip only; may be repeated.")
@@ -47,7 +47,7 @@ def check(
     strict: bool,
     **options: Any,
 ) -> None:
-    """Say what the tools of TOOLS (YAML) would do to ASSET (glTF), and what is wrong with them. Bakes nothing.
+    """Say what the tools of TOOLS (YAML) would do to ASSET (glTF), and what is wrong with them, without a bake.
 
     Each tool has a row: it is good, or what to look at. With -v, each has a table in place of that. The table has the
     anchors and their distance from the points asked for, its lengths, the triangles under it, the edges that a bake

@@ -33,7 +33,7 @@ _LINES = 10  # of one kind of difference; --verbose shows all
 @opt.allow_external("Read buffers and images outside the assets' folders too.")
 @opt.max_memory
 @opt.json("Print the comparison as JSON.")
-@opt.quiet("Print nothing but errors: the exit code says it.")
+@opt.quiet("Print nothing but errors; the exit code has the result.")
 @opt.verbose(f"Print every difference, not {_LINES} of each kind.")
 def diff(a: str, b: str, *, as_json: bool, quiet: bool, verbose: bool, **options: Any) -> None:
     """Compare two assets (glTF), a golden A and a fresh bake B.

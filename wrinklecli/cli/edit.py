@@ -43,13 +43,13 @@ def _names(values: tuple[str, ...]) -> tuple[str, ...]:
 @click.argument("asset", type=opt.FILE)
 @click.argument("tools", type=opt.FILE, required=False)
 @opt.anim()
-@opt.range_of_motion("Without clips that is done anyway.")
+@opt.range_of_motion("Without clips this is the default.")
 @opt.presets("TOOLS gets their name, as a step that can be undone.")
 @opt.flag("--heat", text="Begin with the surface coloured by its compression.")
 @opt.whole("--port", bounds=(0, 65_535), text="The port of the page; 0 takes any port that is free.", default=_PORT)
 @opt.valued(
     "--host",
-    text="The address to listen on. Whoever has the printed address, which has a token, sees and changes all.",
+    text="The address to listen on. Anyone who has the printed address, with its token, sees and changes everything.",
     default="127.0.0.1",
     read=_host,
 )
@@ -84,8 +84,8 @@ def edit(
     them up.
 
     The page needs no network, but viser, embreex and Pillow: pip install 'wrinklecli[edit]'. Ctrl-C ends it. It opens
-    at the whole address that is printed, with its token, which other users of this machine do not know. No other site
-    opens it, and nobody by a name that is neither localhost nor given by --host or --allow-host.
+    only at the printed address with its token, which other users of this machine do not know. The name in the address
+    must be localhost, or one given by --host or --allow-host. Other sites cannot open it.
 
     Exit codes: 0 done; 1 the input is at fault, or the port is taken; 2 wrong usage; 70 a bug.
     """

@@ -21,7 +21,7 @@ _FEW_JOINTS = 8  # joints that one line lists
 def inspect(asset: str, allow_external: bool, max_memory: int, as_json: bool) -> None:
     """Say what is in ASSET (glTF): bounds, meshes, what deforms them, clips, bytes; of a baked file, its tools.
 
-    Vertices are the file's own. Keys of a clip are those of its longest channel.
+    Vertices are counted as the file has them, and keys of a clip in its longest channel.
 
     --json prints {"inspect": 1, "asset", "version", "generator", "extensions_used", "extensions_required",
     "meshes", "bounds", "nodes", "deforming", "skins", "clips", "unplayed", "wrinkles", "replaceable", "files",

@@ -64,11 +64,11 @@ def maps(asset: str, tools: str, folder: str, strict: bool, quiet: bool, **optio
     """Write maps of the wrinkles that the tools of TOOLS (YAML) would make on ASSET (glTF), whose mesh stays as it is.
 
     For each material under a tool or a field, in its own texture coordinates, DIR gets a normal map (tangent space, as
-    glTF's), a height map (16 bits) and an occlusion map of the full wrinkles. Weights that nowhere meet share them;
-    masks say which texels belong to which weight. maps.json lists the files, and holds the numbers that turn a pose
-    into weights, as a baked file's extras do.
+    glTF's), a height map (16 bits) and an occlusion map of the full wrinkles. Weights whose places do not overlap share
+    maps, and masks say which texels belong to which weight. maps.json lists the files, and holds the numbers that turn
+    a pose into weights, as a baked file's extras do.
 
-    Contact, muscles, flesh and touches move the mesh: no map shows them.
+    Maps leave out contact, muscles, flesh and touches, which move the mesh.
 
     Exit codes: 0 done; 1 the input is at fault, nothing written; 2 wrong usage; 3 refused (--strict with warnings),
     nothing written; 70 a bug.

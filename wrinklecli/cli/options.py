@@ -151,21 +151,21 @@ def tool(text: str) -> Option:
 def anim(text: str = "") -> Option:
     """`--anim`, files with clips: `anims`."""
     about = (
-        "Take the clips of this file (glTF) too, for joints of the same names; may be repeated. A clip whose name is"
-        " taken gets the file's."
+        "Also take the clips of this file (glTF), for joints of the same names; may be repeated. A clip whose name"
+        " exists already gets the name of its file."
     )
     return click.option("--anim", "anims", type=FILE, metavar="FILE", multiple=True, help=f"{about} {text}".rstrip())
 
 
 def presets(text: str) -> Option:
     """`--presets`, files of presets: `presets`."""
-    about = "Take the presets of this file (YAML) too; may be repeated."
+    about = "Also take the presets of this file (YAML); may be repeated."
     return click.option("--presets", type=FILE, metavar="FILE", multiple=True, help=f"{about} {text}")
 
 
 def range_of_motion(text: str) -> Option:
     """`--range-of-motion`."""
-    about = "Bend each joint about its axes and raise each morph target, one at a time, though ASSET has clips."
+    about = "Bend each joint about its axes and raise each morph target, one at a time, even if ASSET has clips."
     return flag("--range-of-motion", text=f"{about} {text}")
 
 
@@ -216,7 +216,8 @@ max_levels = whole("--max-levels", bounds=(0, 8), text="Overrides refinement.max
 # Bytes; the process is held to them while the command runs.
 max_memory = valued(
     "--max-memory",
-    text="Refuse what would take more memory, such as 500MB or 4GB; by default half of what is free, and at least 1GB.",
+    text="Refuse an asset that would take more memory, such as 500MB or 4GB; by default half of the free memory, and at"
+    " least 1GB.",
     metavar="SIZE",
     callback=_memory,
 )

@@ -88,7 +88,7 @@ def _above_0(value: float | None) -> float | None:
 @opt.flag("--hide-tools", text="Apply the tools, but do not draw them.")
 @opt.flag("--heat", text="Colour the surface by its compression against the stored pose.")
 @opt.anim()
-@opt.range_of_motion("Without clips that is done anyway, and six motions are shown.")
+@opt.range_of_motion("Without clips this is the default, and six motions are shown.")
 @opt.pose
 @opt.morph
 @opt.clip("Default: the first clip. May be repeated.")
@@ -115,7 +115,7 @@ def _above_0(value: float | None) -> float | None:
     "--size",
     metavar="WxH",
     read=_size,
-    text="The size of each picture. Default: 800x600, or what fits a review.",
+    text="The size of each picture. Default: 800x600, or a size that fits a review.",
 )
 @opt.whole("--columns", bounds=(1, 1000), text="Moments in a row of a sheet.")
 @opt.valued("--labels", metavar="A,B", read=_words, text="A label for each asset, or for before and after.")

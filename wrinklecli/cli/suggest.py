@@ -50,7 +50,7 @@ def _materials(values: tuple[str, ...]) -> dict[str, str]:
 @opt.whole(
     "--count",
     bounds=(1, 500),
-    text="Suggestions at most, best first; a pair that `mirror` makes counts as one.",
+    text="The greatest number of suggestions, best first; a pair that `mirror` makes counts as one.",
     default=8,
 )
 @click.option("--node", metavar="NAME", help="Look at the mesh of this node only.")
@@ -60,16 +60,16 @@ def _materials(values: tuple[str, ...]) -> dict[str, str]:
     metavar="NAME=KIND",
     multiple=True,
     read=_materials,
-    text=f"What the node, mesh or material NAME is made of: {', '.join(SUBSTANCES)}. May be repeated.",
+    text=f"The substance of the node, mesh or material NAME: {', '.join(SUBSTANCES)}. May be repeated.",
 )
-@opt.presets("Tools get those whose `parts` name their parts of a body; OUT names the file.")
-@opt.flag("--face", text="Suggest the wrinkles of a face by its morph targets, and nothing else.")
-@opt.flag("--all", "everything", text="Leave out neither hard or hidden parts nor what is not worth it.")
-@opt.flag("--muscles", text="Guess muscles by the names of bones, low ones, and nothing else.")
-@opt.flag("--flesh", text="Guess flesh that swings by the names of bones, firm, and nothing else.")
-@opt.flag("--touch", text="Find where clips bring fingertips to skin, write touches, and nothing else.")
-@opt.fps("Poses per second, but 200 of a clip at most.", default=30.0)
-@opt.range_of_motion("Look at that too.")
+@opt.presets("A tool gets the preset whose `parts` name its part of a body; OUT names the file.")
+@opt.flag("--face", text="Suggest only wrinkles of a face, by its morph targets.")
+@opt.flag("--all", "everything", text="Keep hard and hidden parts, and suggestions with a low score.")
+@opt.flag("--muscles", text="Guess only muscles, low ones, by the names of bones.")
+@opt.flag("--flesh", text="Guess only regions of firm flesh, by the names of bones.")
+@opt.flag("--touch", text="Suggest only touches, where clips bring fingertips to skin.")
+@opt.fps("Poses per second, at most 200 of a clip.", default=30.0)
+@opt.range_of_motion("Look at these motions too.")
 @opt.allow_external("Read buffers outside the asset's folder too.")
 @opt.max_memory
 @opt.whole(
@@ -79,7 +79,7 @@ def _materials(values: tuple[str, ...]) -> dict[str, str]:
     text="Processes that measure poses and look at tools; as many as cores by default.",
 )
 @opt.json("Print JSON to standard output; YAML goes to -o alone.")
-@opt.verbose("Say of each tool that is not worth it why.")
+@opt.verbose("Say why each suggestion is left out.")
 @opt.quiet("Print no table and no notes.")
 def suggest(
     asset: str,
@@ -93,26 +93,27 @@ def suggest(
 ) -> None:
     """Find where the clips of ASSET (glTF) compress its surface most, and write a tools file for `wrinkle bake`.
 
-    Garments get fields, one for each mesh of which something looks like cloth by its textures or names; `substance`
-    keeps a field to that, and `joints` to the trunk and limbs. All else gets tools, each with a material by the colours
-    and the fine contrast of the textures under its place, then by names. A comment beside the tool says why, and how
-    sure that is; --material says otherwise. Metal, plates, boxes, folds that another layer hides, ribs, lips and lids
-    are left out; notes on standard error say so, and --all takes all. If the asset is symmetric about x = 0, the tools
-    are symmetric too, whatever the clips.
+    Garments get fields, one for each mesh that looks like cloth somewhere, by its textures or names. `substance` keeps
+    a field to the cloth, and `joints` to the trunk and limbs. Other places get tools. The material of a tool follows
+    from the colours and the fine contrast of the textures under its place, then from names. A comment beside the tool
+    says why, and how sure that is; --material overrides it. Metal, plates, boxes, folds that another layer hides, ribs,
+    lips and lids are left out. Notes on standard error say so, and --all keeps them. If the asset is symmetric about
+    x = 0, the tools are symmetric too.
 
-    Each field and tool is tried on the refined mesh and looked at where it is tallest, from the best side. A score says
-    how likely an artist keeps it: whether one sees the wrinkles, and their crests; whether the surface is smooth, and
-    harmed nowhere; and whether a limb folds there. What artists would rather delete is left out, and -v says why. The
-    next best tools take the places of others. With --all, a comment beside each such tool says why.
+    Each field and tool is tried on the refined mesh, and drawn where it is tallest, from the best side. A score says
+    how likely an artist keeps it. It has five merits: one sees the wrinkles, and their crests, the surface is smooth,
+    it is not harmed, and a limb folds there. Suggestions with a low score are left out, and the next best take their
+    places. -v says why, and with --all a comment beside the tool does.
 
-    An asset without clips is measured in its range of motion: each joint bent about its axes, each morph target
-    raised, as far as a body of such joints goes. --clip takes the names of these motions too, such as
+    An asset without clips is measured in its range of motion. Each joint is bent about its axes as far as a body of
+    such joints goes, and each morph target is raised. --clip takes the names of these motions too, such as
     "LeftLeg about x, +90°". Joints are known by the names of common rigs, or by a VRM. If --range-of-motion found
-    tools beside the clips, give it to check too: without it, check warns of them.
+    tools beside the clips, give it to check too, which otherwise warns of them.
 
-    With --face, the tools are those of a face alone: its morph targets are known by the names of ARKit, FACS units,
-    VRoid or a VRM's expressions, rise together, and each region gets a tool where they compress the skin. Regions whose
-    targets are missing are named in notes. Clips are not looked at; if there are some, give --range-of-motion to check.
+    With --face, the tools are those of a face alone. Its morph targets are known by the names of ARKit, FACS units,
+    VRoid or a VRM's expressions. The targets of a region rise together, and it gets a tool where they compress
+    the skin. Notes name the regions whose targets are missing. Clips are ignored; if there are some, give
+    --range-of-motion to check.
 
     With --muscles, the file has muscles alone: biceps, triceps, the forearm's flexors, quadriceps, hamstrings and
     calves of a human, where the rig names the bones of arms and legs. They are guesses, and the file says so.
@@ -120,23 +121,23 @@ def suggest(
     With --flesh, the file has regions of flesh alone: belly, chest, buttocks, thighs and cheeks of a human, where the
     rig names the bones and the skin is far from them. These are guesses too.
 
-    With --touch, the file has touches alone: places to which a clip brings a fingertip that is not of the same arm.
-    Fingers are known by the names of joints. Places, tips and times are measured, reach and grip are guesses.
+    With --touch, the file has touches alone, at places to which a clip brings a fingertip of another arm. Fingers are
+    known by the names of joints. Places, tips and times are measured; reach and grip are guesses.
 
-    The file bakes as it is, and is made to be edited. So a file that is there already is refused, unless --merge adds
-    to it what it does not have, or --force writes over it, as in a Makefile whose file nobody edits. A suggestion is
-    there already if the file has its name for its node; what was deleted comes back. A table of the suggestions goes to
+    The file bakes as it is, and is made to be edited. So a file that exists is refused. --merge adds the suggestions
+    that it does not have; --force writes over it, as in a Makefile whose file nobody edits. The file has a suggestion
+    if it has its name for its node, so suggestions that you deleted come back. A table of the suggestions goes to
     standard error. If there is nothing to suggest, as for a rigid asset, nothing is written and the exit code is 1, so
     that a pipeline stops.
 
     --json prints {"suggest": 1, "asset", "reason", "notes", "dropped", "tools", "fields"}; "dropped" has "name",
-    "reason" and "value" of each field and tool that is not worth it. Each of "fields" has "name", "node", "material",
+    "reason" and "value" of each field and tool that is left out. Each of "fields" has "name", "node", "material",
     "substance", "joints", "strength", "mesh", "why", "clip", "time", "height", "wavelength", "targets" and "gpu_bytes",
     which its targets take in parts of the mesh, as bake --split makes them. Each of "tools" has "name", "node",
     "origin", "between", "target", "mirror", "width", "material", "strategy", "bumps", "max_height", "compressible",
     "rest_length", "contact", "mesh", "driver", "driver_kind", "clip", "time", "span", "shortest", "shortening",
     "clips", "score", "keep", "merits", "substance", "why" and "confidence", 0 to 1, null where nobody asked. "keep" is
-    how likely an artist keeps the tool, and "merits" are what that is computed from. Within version 1, keys are only
+    how likely an artist keeps the tool, computed from "merits". Within version 1, keys are only
     added. Lengths are scene units, shortenings are ratios to the span. "between" has the points of a path
     between its ends. "clips" has the least length in each clip, null where the character is hidden. "reason" says why
     there are no tools, and is null if there are some.

@@ -37,7 +37,7 @@ def _share(value: str) -> float:
     metavar="PERCENT",
     default="1%",
     read=_share,
-    text="Greatest error of a weight, per cent of the greatest; more needs fewer keys.",
+    text="Greatest error of a weight, in per cent of the greatest weight. A greater error needs fewer keys.",
 )
 @opt.allow_external("Read buffers and images outside the files' folders too.")
 @opt.max_memory

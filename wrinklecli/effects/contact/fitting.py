@@ -1,7 +1,7 @@
 """Fits the fewest shapes to the solutions of a fold, and weights of these shapes, so that nothing crosses.
 
-Shapes that are nearest in the mean may cross where they are off by less than a gap. Errors count more there, and the
-shapes are fit_pose again. Touching vertices may be opened further, hidden in the fold.
+Shapes with the least mean error may still cross where surfaces touch, as a small error closes a gap there. So errors
+there get more weight, and the shapes are fitted again. Touching vertices may be opened further, hidden in the fold.
 """
 
 from collections.abc import Sequence

@@ -21,18 +21,18 @@ class SuggestOptions:
         clips: Names of the clips to look at; all if empty.
         count: Greatest number of suggestions; a pair counts as one.
         node: Name of the node whose mesh to look at; None for all nodes whose meshes deform.
-        face: Suggest the wrinkles of a face by its morph targets, and nothing else.
-        muscles: Suggest muscles by the names of bones, and nothing else.
-        flesh: Suggest regions of flesh by the names of bones and the thickness of the body, and nothing else.
-        touch: Suggest touches where clips bring fingertips to skin, and nothing else.
-        everything: Leave out neither hard parts, nor what another layer hides, nor what is not worth it.
-        materials: What places are made of, by the name of a material, node or mesh, whatever the pictures show.
-        presets: Files of presets, from which tools get theirs where an entry names their parts of a body.
-        folder: Folder of the tools file to be, in which the paths of these files begin there.
+        face: Suggest only wrinkles of a face, by its morph targets.
+        muscles: Suggest only muscles, by the names of bones.
+        flesh: Suggest only regions of flesh, by the names of bones and the thickness of the body.
+        touch: Suggest only touches, where clips bring fingertips to skin.
+        everything: Keep hard and hidden parts, and suggestions with a low score.
+        materials: The substance of places, by the name of a material, node or mesh; it overrides the textures.
+        presets: Files of presets. A tool gets the preset whose `parts` name its part of a body.
+        folder: Folder of the tools file; the paths of preset files in it are relative to this folder.
         fps: Poses per second; at most 200 of a clip, evenly spaced, and fewer where mesh and clips are large.
         anims: Files with more clips, for joints of the same names.
         range_of_motion: Look at the range of motion too, even if the asset has clips.
-        pose: Joints to turn; the pose is looked at alone.
+        pose: Joints to turn in one pose, which replaces the clips.
         morphs: Weights of morph targets in this pose.
         allow_external: Read buffers outside the asset's folder too.
         max_memory: Bytes that the work may take.
