@@ -1,9 +1,11 @@
-"""Engines and libraries that tests hold a bake against, besides those of `kit.clients`: Babylon.js, VTK and assimp.
+"""Engines and libraries that tests hold a bake against, besides those of `kit.clients`.
 
-Babylon.js comes with node's other packages, VTK with `pip install '.[engines]'`, assimp with Debian's `assimp-utils`.
+Babylon.js and Filament come with node's other packages, VTK with `pip install '.[engines]'`, assimp with Debian's
+`assimp-utils`, Chromium with `chromium`.
 A test that needs what is not there is skipped with the reason; where `CI` is set it fails instead.
 """
 
+import base64
 import importlib.util
 import json
 import shutil
@@ -12,11 +14,13 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
+from urllib.parse import urlencode
 
 import numpy as np
 
 from kit.asset import pack_glb, read_glb
-from kit.clients import HERE, Floats, ask, give_up
+from kit.browser import browsing, serving
+from kit.clients import HERE, Floats, ask, give_up, requireinstall
 from kit.player import Gltf
 
 
@@ -27,6 +31,60 @@ def babylon_pose(file: Path, node: str, clip: str, times: Sequence[float]) -> Fl
         request = {"file": str(file), "node": node, "clip": clip, "times": [*map(float, times)], "output": str(output)}
         answer = ask("babylon", "pose", request)
         return np.fromfile(output, np.float32).reshape(len(times), answer["vertices"], 3).astype(np.float64)
+
+
+def browser_pose(
+    engine: str,
+    file: Gltf,
+    node: str,
+    clip: str,
+    times: Sequence[float],
+    posed: Floats,
+    modules: Path | None = None,
+) -> Floats:
+    """Positions as the vertex shaders of an engine in Chromium compute them.
+
+    They leave `gl_Position`, a position times a matrix, the camera's, which is fitted to all vertices and times.
+
+    Args:
+        engine: One of those in `clients/browser_check.mjs`.
+        file: A .glb.
+        node: The name of a node whose mesh has one primitive.
+        clip: The name of an animation.
+        times: Seconds.
+        posed: (times, vertices, 3) positions that are expected.
+        modules: The folder with the engine's package; if None, that of the tests.
+
+    Returns:
+        (times, vertices, 3) world-space positions.
+    """
+    (primitive,) = file.mesh(node)["primitives"]
+    asked = {
+        "engine": engine,
+        "clip": clip,
+        "times": ",".join(repr(float(time)) for time in times),
+        "indices": file.json["accessors"][primitive["indices"]]["count"],
+        "vertices": posed.shape[1],
+    }
+    if modules is None:
+        requireinstall()
+        modules = HERE / "node_modules"
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "index.html").write_text("<!DOCTYPE html><body></body>")
+        (folder / "in.glb").symlink_to(file.path.resolve())
+        (folder / "node_modules").symlink_to(modules.resolve())
+        (folder / "browser_check.mjs").symlink_to(HERE / "browser_check.mjs")
+        with serving(folder) as address, browsing(folder, f"{address}/?{urlencode(asked)}") as page:
+            page.wait("location.search !== ''")
+            data = page.value(f"import('{address}/browser_check.mjs').then((each) => each.shown)")
+    seen = np.frombuffer(base64.b64decode(data), np.float32).reshape(len(times), -1, 4).astype(np.float64)
+    places = np.concatenate([posed, np.ones((*posed.shape[:2], 1))], axis=2)
+    camera = np.linalg.lstsq(places.reshape(-1, 4), seen.reshape(-1, 4), rcond=None)[0]
+    # Back from the screen to the world: x, y and w tell the position, z only says it again.
+    camera = camera[:, [0, 1, 3]]
+    back: Floats = (seen[..., [0, 1, 3]] - camera[3]) @ np.linalg.inv(camera[:3])
+    return back
 
 
 def vtk_pose(file: Path, clip: int, times: Sequence[float]) -> Floats:

@@ -8,7 +8,7 @@ import pytest
 
 from kit.bakes import bake_config, bake_fold, bake_once, place
 from kit.clients import assert_valid, compare_with_three, pose
-from kit.engines import babylon_pose, through_assimp, vtk_pose
+from kit.engines import babylon_pose, browser_pose, through_assimp, vtk_pose
 from kit.limb import RADIUS, blendshape_limb, limb_asset, tool
 from kit.player import Floats, Gltf
 from wrinklecli.numeric.intersections import Crossings
@@ -70,6 +70,15 @@ def test_three_plays_the_bake(case: str, stored: str) -> None:
     """Sparse ones are played in many other tests."""
     node, clip, bake = CASES[case]
     compare_with_three(bake(stored).path, node, clip, TIMES, played(bake(stored), node, clip))
+
+
+@pytest.mark.slow
+def test_filament_plays_the_bake() -> None:
+    """In Chromium, by its own shaders; `based`, as `--engine filament` stores targets."""
+    file = bake_config("wrist", "wrist", accessors="based")
+    posed = played(file, "wrist", "flex")
+    shown = browser_pose("filament", file, "wrist", "flex", TIMES, posed)
+    assert np.abs(shown - posed).max() < 4e-6 * np.abs(posed).max()
 
 
 @pytest.mark.quick(2)
