@@ -29,16 +29,16 @@ def bump(middle: float) -> Floats:
 
 
 def early(angle: Floats) -> Floats:
-    return np.minimum(angle / 0.5, 1.0)
+    return np.interp(angle, ANGLES[[0, 2, 3]], [0.0, 1.0, 0.0])
 
 
 def late(angle: Floats) -> Floats:
-    return np.maximum(angle - 0.6, 0.0)
+    return np.maximum(angle - ANGLES[2], 0.0)
 
 
 @cache
 def of_two_shapes() -> tuple[Sweeps, Floats, Factors]:
-    """A turn that raises one fold at first and another one later, beside a turn that raises a third."""
+    """A turn that raises one fold up to half of its bend and another one beyond, beside a turn that raises a third."""
     poses = sweeps(2)
     one, other = poses.angles.T
     heights = 0.02 * np.outer(early(one), bump(0.3)) + 0.03 * np.outer(late(one), bump(0.5))
@@ -57,6 +57,18 @@ def test_a_sweep_of_two_shapes_is_reproduced() -> None:
     own = poses.owners >= 0
     assert np.abs(fitted(poses, factors) - heights)[own].max() < 0.04 * heights.max()
     assert factors.error < 0.05
+
+
+def test_each_half_of_a_bend_has_a_shape_of_its_own() -> None:
+    """So what has no room in a deep bend is lowered there, and not where the joint is half bent."""
+    poses = sweeps(1)
+    (angles,) = poses.angles.T
+    heights = 0.02 * np.outer(np.minimum(angles, 0.5), bump(0.3)) + 0.03 * np.outer(angles**2, bump(0.5))
+    near, far = factors_of(poses, heights, AREAS, MOST).tables
+    assert near[1:3].all()
+    assert far[3:].all()
+    assert not near[3:].any()
+    assert not far[:3].any()
 
 
 def test_weights_are_from_0_to_1_and_0_at_rest() -> None:

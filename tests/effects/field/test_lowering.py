@@ -10,9 +10,10 @@ from kit.limb import limb_asset
 from wrinklecli.baking.job import Job
 from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.effects.effect import MeshPlan
+from wrinklecli.effects.field import carry
 from wrinklecli.effects.field.layer import FieldLayer
 from wrinklecli.numeric.arrays import Floats, Ints
-from wrinklecli.numeric.intersections import Crossings
+from wrinklecli.numeric.intersections import Crossings, edges_of
 
 
 @cache
@@ -62,6 +63,31 @@ def test_contact_lowers_what_crosses_alone() -> None:
     outer = planned("off", 75.0)[1].fine.rest_positions[:, 1] < -0.1
     assert sizes[:, outer].any()
     assert lower[:, outer] == pytest.approx(sizes[:, outer], abs=1e-3 * sizes.max())
+
+
+def test_contact_leaves_what_half_of_the_bend_folds() -> None:
+    """Nothing crosses in the near half, so its shape keeps its height; that of the far half is lowered."""
+    near, far = (np.linalg.norm(each) for each in deltas_of(planned("off", 75.0)[1]))
+    held_near, held_far = (np.linalg.norm(each) for each in deltas_of(planned("resolve", 75.0)[1]))
+    assert held_near == pytest.approx(near, rel=1e-3)
+    assert held_far < far
+
+
+def test_what_is_lowered_rises_again_over_a_wavelength(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Folds that end within less look torn."""
+    _, held = planned("resolve", 75.0)
+    monkeypatch.setattr(carry, "lowering", lambda *given: np.ones(given[-1].shape[:2]))
+    whole, lower = (np.linalg.norm(deltas_of(plan), axis=2) for plan in (planned.__wrapped__("off", 75.0)[1], held))
+    layer, fine = held.layer(FieldLayer), held.fine
+    assert layer is not None
+    ends = edges_of(fine.triangles)
+    lengths = np.linalg.norm(fine.rest_positions[ends[:, 0]] - fine.rest_positions[ends[:, 1]], axis=1)
+    for before, after in zip(whole, lower, strict=True):
+        own = (before[ends] > 1e-3 * before.max()).all(axis=1)
+        factors = after[ends[own]] / before[ends[own]]
+        rises = np.abs(factors[:, 0] - factors[:, 1])
+        assert (rises <= lengths[own] / layer.attached[0].wavelength + 1e-9).all()
+    assert lower.sum() < 0.9 * whole.sum()
 
 
 @pytest.mark.slow

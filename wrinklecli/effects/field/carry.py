@@ -39,8 +39,7 @@ _CLEAR = 0.16
 # Waves along a side of a triangle that shows them, the quantile of a field's sides that are usual beyond that, as in a
 # draft, and length over the usual one from which on a side shows none.
 _SHORT_ENOUGH, _USUAL, _TOO_LONG = 0.25, 0.75, 1.6
-# Length over which heights and what lowers them are averaged, in wavelengths: linear mixtures of coarse values have
-# creases, and folds that end within less look torn.
+# Length over which heights are averaged, in wavelengths: linear mixtures of coarse values have creases.
 _SMOOTH = 0.3
 
 
@@ -90,8 +89,7 @@ def displaced(
     moves = (heights * waves.heights[:, None]).T[:, :, None] * outward
     lengths = np.sqrt(np.sum(moves**2, axis=2))
     moves = np.where((lengths > _UNSEEN * lengths.max(initial=0.0))[:, :, None], moves, 0.0)
-    left = lowering(attached, shown, fine, average, vertices, moves)
-    left = np.minimum(left, np.maximum(average.of(left.T).T, 0.0))
+    left = lowering(attached, shown, fine, vertices, moves)
     moves *= left[:, :, None]
     heights *= left.T
     a, b = waves.sides.T

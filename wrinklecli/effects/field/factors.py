@@ -1,10 +1,12 @@
 """Few shapes for the heights of many poses: heights ≈ weights of each turn's angle × shapes, none of them negative.
 
 Each turn gets its own shapes, from its own sweep, with weights that are tables of its angle: other shapes one way than
-the other, as what is compressed one way is stretched the other. Heights of several turns do not add up, since they go
-with the root of the compression: so the shapes are fitted again to mixtures of turns.
+the other, as what is compressed one way is stretched the other, and others in the far half of a bend than in the near
+half, as a deep bend has no room for some. Heights of several turns do not add up, since they go with the root of the
+compression: so the shapes are fitted again to mixtures of turns.
 
 Source: D. D. Lee, H. S. Seung, *Algorithms for Non-negative Matrix Factorization*, NIPS 2000: multiplicative updates.
+Differs: weights stay as they are.
 """
 
 from collections.abc import Sequence
@@ -15,11 +17,10 @@ from wrinklecli.effects.field.turns import Sweeps
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints
 
-# Rounds of updates of a sweep's weights and shapes, and of all shapes in the end: further ones change no digit seen.
-_ROUNDS, _LAST_ROUNDS = 300, 80
-# Most shapes of a turn to one side: three would halve the error of two, at half as many targets again.
-_MOST_SHAPES = 2
-# Error of one shape, root mean square over the heights, from which on a side gets a second one.
+# Rounds of updates of all shapes: further ones change no digit seen.
+_ROUNDS = 80
+# Error of one shape, root mean square over the heights, from which on a side gets one for each half of its bend: a
+# deep bend folds other places, and hides some. Three would halve that error, at half as many targets again.
 _ROUGH = 0.1
 # Part of the greatest height of all below which a turn folds nothing.
 _LEAST = 0.05
@@ -100,11 +101,11 @@ def factors_of(sweeps: Sweeps, heights: Floats, areas: Floats, most: int) -> Fac
     turns, shapes, tables = [], [], []
     sides = _folding(sweeps, heights, sizes, scale)
     for side, count in _chosen(sides, most):
-        weights, found = _factorised(heights[side.poses] * sizes, count)
-        for column, shape in zip(weights.T, found, strict=True):
+        for poses in _stretches(sweeps, side, count):
+            weights, shape = _main_shape(heights[poses] * sizes)
             turns.append(side.turn)
             shapes.append(shape / sizes)
-            tables.append(_table(sweeps.turns[side.turn].angles, sweeps.angles[side.poses, side.turn], column))
+            tables.append(_table(sweeps.turns[side.turn].angles, sweeps.angles[poses, side.turn], weights))
     if not turns:
         return Factors(np.zeros(0, np.intp), np.zeros((0, heights.shape[1])), (), 0.0, 0.0, np.zeros((0, 0)))
     owners = np.array(turns)
@@ -157,8 +158,7 @@ def _folding(sweeps: Sweeps, heights: Floats, sizes: Floats, scale: float) -> li
             poses = np.flatnonzero((sweeps.owners == turn) & (sign * sweeps.angles[:, turn] > 0))
             own = heights[poses] * sizes
             if heights[poses].max(initial=0.0) > _LEAST * scale:
-                weights, shapes = _factorised(own, 1)
-                gap = np.linalg.norm(own - weights @ shapes) / np.linalg.norm(own)
+                gap = np.linalg.norm(own - np.outer(*_main_shape(own))) / np.linalg.norm(own)
                 sides.append(_Side(turn, poses, float(np.linalg.norm(own, axis=1).max()), float(gap)))
     return _ranked(sweeps, sides)
 
@@ -182,37 +182,33 @@ def _chosen(sides: Sequence[_Side], most: int) -> list[tuple[_Side, int]]:
     kept = sides[:most]
     rough = sorted((side for side in kept if side.error > _ROUGH), key=lambda side: -side.volume * side.error)
     twice = rough[: most - len(kept)]
-    return [(side, _MOST_SHAPES if side in twice else 1) for side in sorted(kept, key=lambda side: side.turn)]
+    return [(side, 2 if side in twice else 1) for side in sorted(kept, key=lambda side: side.turn)]
 
 
-def _factorised(heights: Floats, count: int) -> tuple[Floats, Floats]:
-    """(poses, shapes) weights, 1 at most, and (shapes, vertices) shapes, whose products are near the heights."""
-    # From the pose of the greatest heights, and those that it says least of.
-    picked = [int(np.argmax(np.sum(heights**2, axis=1)))]
-    while len(picked) < min(count, len(heights)):
-        basis = heights[picked]
-        gaps = heights - heights @ np.linalg.pinv(basis) @ basis
-        picked.append(int(np.argmax(np.sum(gaps**2, axis=1))))
-    scale = heights.max()
-    shapes = heights[picked] + _TINY * scale
-    weights = np.maximum(heights @ np.linalg.pinv(shapes), 1e-3)
-    for _ in range(_ROUNDS):
-        weights *= (heights @ shapes.T) / np.maximum(weights @ (shapes @ shapes.T), _TINY * scale**2)
-        shapes *= (weights.T @ heights) / np.maximum((weights.T @ weights) @ shapes, _TINY * scale)
-    greatest = np.maximum(weights.max(axis=0), _TINY)
-    return weights / greatest, shapes * greatest[:, None]
+def _stretches(sweeps: Sweeps, side: "_Side", count: int) -> list[Ints]:
+    """The poses of a side, all together or those of its near half and of its far half."""
+    if count == 1:
+        return [side.poses]
+    bends = np.abs(sweeps.angles[side.poses, side.turn])
+    near = bends <= bends.max() / 2.0
+    return [side.poses[near], side.poses[~near]]
 
 
-def _merged(table: Floats, products: Floats) -> tuple[Floats, Floats]:
-    """(rows,) weights of one shape, 1 at most, and (shapes,) the parts of it, nearest to (rows, shapes) of them.
+def _main_shape(heights: Floats) -> tuple[Floats, Floats]:
+    """(poses,) weights, 1 at most, and a (vertices,) shape whose products are nearest to (poses, vertices) heights.
 
     They are the first singular vectors, which have no negative numbers where nothing else has.
     """
+    poses, sizes, shapes = np.linalg.svd(heights, full_matrices=False)
+    weights = np.abs(poses[:, 0])
+    return weights / weights.max(), np.abs(shapes[0]) * sizes[0] * weights.max()
+
+
+def _merged(table: Floats, products: Floats) -> tuple[Floats, Floats]:
+    """(rows,) weights of one shape, 1 at most, and (shapes,) the parts of it, nearest to (rows, shapes) of them."""
     values, vectors = np.linalg.eigh(products)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    weights = np.abs(np.linalg.svd(table @ root)[0][:, 0])
-    greatest = weights.max()
-    return weights / greatest, (weights @ table) * greatest
+    weights, _ = _main_shape(table @ (vectors * np.sqrt(np.maximum(values, 0.0))))
+    return weights, weights @ table / (weights @ weights)
 
 
 def _size(rows: Floats, products: Floats) -> float:
@@ -231,7 +227,7 @@ def _refitted(weights: Floats, shapes: Floats, heights: Floats) -> Floats:
     """(shapes, vertices) shapes that fit (poses, vertices) heights with (poses, shapes) weights as they are."""
     shapes = np.maximum(shapes, _TINY * heights.max())
     wanted, square = weights.T @ heights, weights.T @ weights
-    for _ in range(_LAST_ROUNDS):
+    for _ in range(_ROUNDS):
         shapes = shapes * wanted / np.maximum(square @ shapes, _TINY * heights.max())
     return shapes
 

@@ -17,68 +17,131 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.effects.field.attach import AttachedField
 from wrinklecli.effects.field.factors import weights_of
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, cross, distinct_values, dot, flags_of, matches
-from wrinklecli.numeric.intersections import Crossings, widened
-from wrinklecli.numeric.laplacian import Average
+from wrinklecli.numeric.arrays import (
+    Bools,
+    Floats,
+    Ints,
+    any_of,
+    cross,
+    distinct_values,
+    dot,
+    flags_of,
+    matches,
+    runs,
+)
+from wrinklecli.numeric.intersections import Crossings, edges_of, widened
 from wrinklecli.surface.refine import Refinement
 
 # Most poses, those with the greatest weights, in which the surface is looked at.
 _POSES = 64
 # Moments of a clip that are among them, evenly spread, at most; and decimal digits of weights by which poses differ.
 _MOMENTS, _DIGITS = 25, 3
-# Part by which wrinkles at fault are lowered, passes, and those in which the last are levelled.
-_LOWERED, _PASSES, _FLAT_PASSES = 0.5, 8, 16
-# Average round a fault, from which on that is whole, is one over this, and a part of it that changes nothing.
-_WIDER, _UNTOUCHED = 4.0, 0.01
+# Times that what is at fault is lowered; each takes as many halvings as all before and one more, so that even shapes
+# that hardly act become level.
+_PASSES = 12
+# Factor of the height below which a place is level.
+_LEVEL = 1e-3
 # Replaces a divisor of 0.
 _TINY = 1e-300
-# Edges round what crosses that may cross too as a field sinks: it passes through places between whole and level.
-_RINGS = 3
 
 
 def lowering(
     attached: AttachedField,
     shown: tuple[Rig, Sequence[Clip]] | None,
     fine: Refinement,
-    average: Average,
     vertices: Ints,
     moves: Floats,
 ) -> Floats:
     """(shapes, vertices) factors of (shapes, vertices, 3) moves by which hardly anything is at fault in some poses.
 
-    A shape is lowered as much as it acts in a pose that shows a fault: what is hidden in a deep crease stays as it is
-    in a bend that shows it.
+    A shape is lowered as much as it acts in a pose that shows a fault: folds that a deep crease hides stay as they are
+    in a bend that shows them, which has shapes of its own.
 
     Args:
         attached: The field.
         shown: A rig and its clips, in which the surface is looked at, too.
         fine: The refined surface.
-        average: Averages over some of a wavelength, at the (vertices,) that the field moves.
-        vertices: (vertices,) sorted fine vertices.
+        vertices: (vertices,) sorted fine vertices that the field moves.
         moves: (shapes, vertices, 3) displacements at weight 1, bind space.
     """
     poses = _Poses.of(attached, shown, fine, vertices, moves)
-    looks: list[_Look] = [*_turning(poses, average)]
+    # Folds that end within less than a wavelength look torn.
+    slopes = _Slopes.of(fine, vertices, attached.wavelength)
+    looks: list[_Look] = [*_turning(poses, slopes)]
     if attached.tool.contact is not None:
-        looks += _crossing(poses)
-    left, looked = np.ones((len(moves), len(fine.positions))), looks
-    for number in range(_PASSES + _FLAT_PASSES):
+        looks += _crossing(poses, slopes)
+    left, looked, halvings = np.ones((len(moves), len(fine.positions))), looks, np.zeros((len(vertices), len(moves)))
+    for _ in range(_PASSES):
         marked, looked = _marked(looked, left)
         if not looked:
             # What was lowered for one pose may be at fault in another.
             marked, looked = _marked(looks, left)
         if not looked:
             break
-        if number >= _PASSES:
-            # Level, with all triangles that give its corners their normals, it is at fault as the skin is. Shapes that
-            # act most go first, and those that hardly act last.
-            share = 0.5 ** (number + 1 - _PASSES)
-            for row, faults in zip(left, marked, strict=True):
-                corners = fine.triangles[(faults[fine.triangles] > share).any(axis=1)]
-                faults[:], row[corners] = 0.0, 0.0
-                faults[corners] = 1.0
-        left[:, vertices] *= 1.0 - _LOWERED * np.clip(_WIDER * average.of(marked[:, vertices].T).T, 0.0, 1.0)
+        # Level, with all triangles that give its corners their normals, it is at fault as the skin is.
+        faults = slopes.around(marked[:, vertices].T)
+        halvings = np.where(faults > 0, 2.0 * halvings + faults, halvings)
+        limits = np.exp2(-halvings)
+        left[:, vertices] = slopes.below(left[:, vertices].T, np.where(limits > _LEVEL, limits, 0.0)).T
     return left[:, vertices]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Slopes:
+    """How fast factors of a field may rise beside lower ones, along the edges of a surface.
+
+    Attributes:
+        vertices: (vertices,) sorted fine vertices.
+        firsts: (vertices,) where the neighbours of each begin, itself among them,
+        counts: (vertices,) and how many they are.
+        others: (neighbours,) indices among the vertices.
+        rises: (neighbours,) most by which a factor is greater than that of the neighbour.
+    """
+
+    vertices: Ints
+    firsts: Ints
+    counts: Ints
+    others: Ints
+    rises: Floats
+
+    @classmethod
+    def of(cls, fine: Refinement, vertices: Ints, length: float) -> "_Slopes":
+        """Let factors of (vertices,) sorted fine vertices rise from 0 to 1 over a length."""
+        inside = flags_of(vertices, len(fine.positions))
+        edges = np.searchsorted(vertices, edges_of(fine.triangles[inside[fine.triangles].all(axis=1)]))
+        itself = np.arange(len(vertices))
+        one, other = np.concatenate([edges, edges[:, ::-1], np.stack([itself, itself], axis=1)]).T
+        order = np.argsort(one, kind="stable")
+        places = fine.rest_positions[vertices]
+        rises = np.linalg.norm(places[one] - places[other], axis=1)[order] / length
+        counts = np.bincount(one, minlength=len(vertices))
+        return cls(vertices, np.cumsum(counts) - counts, counts, other[order], rises)
+
+    def around(self, values: Floats) -> Floats:
+        """(vertices, …) the greatest of the (vertices, …) values of each vertex and its neighbours."""
+        return np.maximum.reduceat(values[self.others], self.firsts, axis=0)
+
+    def below(self, factors: Floats, limits: Floats) -> Floats:
+        """(vertices, shapes) the greatest factors below others and below limits that rise no faster."""
+        found = np.minimum(factors, limits)
+        changed = np.flatnonzero((found < factors).any(axis=1))
+        while len(changed):
+            near = distinct_values(self.others[runs(self.firsts[changed], self.counts[changed])])
+            counts = self.counts[near]
+            own = runs(self.firsts[near], counts)
+            lower = np.minimum.reduceat(
+                found[self.others[own]] + self.rises[own, None], np.cumsum(counts) - counts, axis=0
+            )
+            changed = near[(lower < found[near]).any(axis=1)]
+            found[near] = lower
+        return found
+
+    def reached(self, faults: Bools) -> Bools:
+        """(fine vertices,) True for vertices that are lowered where (fine vertices,) are at fault, and for these."""
+        marked = self.around(faults[self.vertices].astype(float))[:, None]
+        found = faults.copy()
+        found[self.vertices] |= self.below(np.ones(marked.shape), 1.0 - marked)[:, 0] < 1.0
+        return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -267,19 +330,18 @@ class _Turning:
         return self.pose.vertices[distinct_values(self.triangles[self.judged & turned])]
 
 
-def _turning(poses: _Poses, average: Average) -> Iterator[_Turning]:
+def _turning(poses: _Poses, slopes: _Slopes) -> Iterator[_Turning]:
     """The looks at triangles: only near those that the whole field turns over in a pose."""
     fine = poses.fine
     # Triangles beside the field have corners in it.
     whole = _Part.of(flags_of(poses.vertices, len(fine.positions)), fine.triangles)
-    marked = np.zeros(len(fine.positions))
+    faults = np.zeros(len(fine.positions), bool)
     for each in poses.of_part(whole.vertices):
         turned = _turned_over(each.places(), whole.triangles, _faces(each.still, whole.triangles))
-        marked[whole.vertices[whole.triangles[whole.judged & turned]]] = 1.0
-    if not marked.any():
+        faults[whole.vertices[whole.triangles[whole.judged & turned]]] = True
+    if not faults.any():
         return
-    marked[poses.vertices] = np.maximum(marked[poses.vertices], _WIDER * average.of(marked[poses.vertices]))
-    part = _Part.of(marked > _UNTOUCHED, fine.triangles)
+    part = _Part.of(slopes.reached(faults), fine.triangles)
     for number in range(len(poses.matrices)):
         own = part.near(poses.moved(number))
         each = poses.at(number, own.vertices)
@@ -325,16 +387,18 @@ class _Crossing:
         return self.pose.vertices[distinct_values(self.surface.corners_of(found - self.pairs))]
 
 
-def _crossing(poses: _Poses) -> Iterator[_Crossing]:
-    """The looks at crossings: only at what crosses with the whole field in some pose, and round that."""
+def _crossing(poses: _Poses, slopes: _Slopes) -> Iterator[_Crossing]:
+    """The looks at crossings: only at what crosses with the whole field in some pose, and what is lowered with that.
+
+    What sinks passes through places between whole and level, where other edges may cross.
+    """
     fine, every = poses.fine, np.arange(len(poses.fine.positions))
     triangles = fine.triangles[(fine.triangles != np.roll(fine.triangles, 1, axis=1)).all(axis=1)]
     surface = Crossings.of(fine.rest_positions, triangles)
     involved = np.zeros(len(every), bool)
     for each in poses.of_part(every):
         involved |= surface.vertices_at(_rows(each.places()))
-    for _ in range(_RINGS):
-        involved = widened(surface.edges, involved)
+    involved = widened(surface.edges, slopes.reached(involved))
     part, corners = np.unique(triangles[involved[triangles].all(axis=1)], return_inverse=True)
     surface = Crossings.of(fine.rest_positions[part], corners.reshape(-1, 3))
     for each in poses.of_part(part):
