@@ -252,6 +252,7 @@ def test_what_cannot_be_held_is_refused_and_nothing_written(tmp_path: Path) -> N
     assert not (tmp_path / "out.glb").exists()
 
 
+@pytest.mark.slow
 def test_a_field_with_too_many_targets_is_named_with_its_remedy(tmp_path: Path) -> None:
     """Nothing is said of bumps, which it has none of. One target is its least, and the asset's own are four."""
     path = place(sleeve(morphs=4))

@@ -478,6 +478,7 @@ def test_tools_on_two_nodes(change: Callable[[Editor], None]) -> None:
     assert_valid(after.path)
 
 
+@pytest.mark.slow
 def test_weights_in_the_stored_pose_are_zero() -> None:
     for name in ("wrist", "trousers"):
         after = bake_config(name, name)

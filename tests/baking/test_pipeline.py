@@ -136,6 +136,7 @@ for asset, tools, out in json.loads(sys.argv[1]):
 """
 
 
+@pytest.mark.slow
 def test_same_bytes_from_another_process_and_folder(tmp_path: Path) -> None:
     """With another hash seed and two BLAS threads, which change the last bits of what BLAS computes."""
     patch = limb_tool(attachment="patch", bumps=2)

@@ -80,7 +80,7 @@ def until(true: Callable[[], object], process: subprocess.Popen[Any]) -> None:
 def test_workers_and_drivers_that_are_killed_change_no_byte(folder: Path) -> None:
     started = batch(folder, "killed", "-j", "2", "--retry", "20")
     until(lambda: len(told(folder, "killed")) >= 2, started)
-    for _ in range(20):  # those that follow, too, before they have begun
+    for _ in range(8):  # those that follow, too, before they have begun
         for worker in children(started.pid):
             os.kill(worker, signal.SIGKILL)
         time.sleep(0.1)

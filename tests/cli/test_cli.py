@@ -91,6 +91,7 @@ def test_help_needs_no_numpy() -> None:
     assert done.stderr == ""
 
 
+@pytest.mark.slow
 def test_libraries_start_one_thread_whatever_the_cores() -> None:
     code = (
         "import sys; sys.argv = ['wrinkle', 'schema']; from wrinklecli.cli import main\n"

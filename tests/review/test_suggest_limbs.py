@@ -59,6 +59,7 @@ def folded(folder: Path, monkeypatch: pytest.MonkeyPatch, *, installed: bool, jo
     return suggested(folder, limb_of("skin", joint, angle=75.0, rings=16, sides=10))
 
 
+@pytest.mark.slow
 def test_contact_is_proposed_where_a_knee_passes_through_itself(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -226,6 +226,7 @@ def test_material_refuses_what_it_does_not_know(tmp_path: Path) -> None:
         assert "skin, cloth, leather, hard, none" in " ".join(result.stderr.split())
 
 
+@pytest.mark.slow
 def test_what_cannot_be_read_says_nothing_in_one_note(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asset = painted(characters.denim(64))
     asset.gltf["images"][0] = {"bufferView": asset.view(b"\x89PNG\r\n\x1a\n nothing"), "mimeType": "image/png"}

@@ -86,6 +86,7 @@ def test_what_is_seen_and_harms_nothing_is_kept(tmp_path: Path) -> None:
     assert not found.summary
 
 
+@pytest.mark.slow
 def test_furrows_of_skin_may_become_wide_ones(tmp_path: Path) -> None:
     path = limb(tmp_path / "limb.glb", rings=24, sides=16)
     (found,) = suggest(path, everything=True, count=1).tools

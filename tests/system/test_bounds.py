@@ -96,7 +96,7 @@ def test_many_buffers_of_one_file_do_not_become_a_flood(tmp_path: Path, ending: 
     assert not out.exists()
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", ["glb", "gltf"])
 def test_an_image_of_many_names_is_read_and_written_once(tmp_path: Path, ending: str) -> None:
     (tmp_path / "in").mkdir()

@@ -79,6 +79,7 @@ def test_every_option_is_attacked() -> None:
         assert [each.opts for each in options if not set(each.opts) & given[name]] == []
 
 
+@pytest.mark.slow
 def test_every_way_in_is_attacked() -> None:
     cases = many_cases()
     parts = {

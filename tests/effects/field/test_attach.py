@@ -84,6 +84,7 @@ def test_flat_places_beside_smooth_ones_get_none() -> None:
     assert near(field, side > 0.05) == 1.0
 
 
+@pytest.mark.slow
 def test_a_field_lies_on_its_substances() -> None:
     """One half of the tube has the colour of a face."""
 

@@ -141,6 +141,7 @@ def test_two_fields_with_masks_lie_beside_each_other() -> None:
     assert not sizes(other)[at > 1e-6].any()
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_folds() -> None:
     """The name is the seed by default."""
     by_name, seeded, again = (

@@ -121,6 +121,7 @@ def test_drivers_and_tracks_play_a_field_as_its_bake_does(tmp_path: Path) -> Non
     assert found == pytest.approx(file.weights("limb", "fold", TIMES), abs=0.01)
 
 
+@pytest.mark.slow
 def test_clips_have_strengths_of_their_own() -> None:
     whole = bake_once(TUBE(), top=ONE, **FLAT)
     plain, columns = weights_of(whole), wrinkle_columns(whole, "limb")

@@ -93,10 +93,9 @@ def test_slides_beside_a_bent_wrist_are_those_solved_there(clip: str, time: floa
 
 @pytest.mark.slow
 @pytest.mark.parametrize("clip", ["flex", "extend"])
-@pytest.mark.parametrize("time", [0.5, 1.0])
-def test_slides_beside_a_fist_and_a_wrist_bent_back_are_those(clip: str, time: float) -> None:
-    """Up to 70°, where fingers and thumb turn, too, and bent back by up to 60°."""
-    plain, changed = errors(ROOT / "samples" / "wrist.glb", BACK, clip, time)
+def test_slides_beside_a_fist_and_a_wrist_bent_back_are_those(clip: str) -> None:
+    """At 70°, where fingers and thumb turn, too, and bent back by 60°."""
+    plain, changed = errors(ROOT / "samples" / "wrist.glb", BACK, clip, 1.0)
     assert plain > 0.06
     assert changed < 0.02
 
