@@ -43,7 +43,7 @@ class BakeOptions:
         clips: Names of the clips to bake; if empty, those of the tools file.
         only: Names of the tools to bake; if empty, all.
         fps: Overrides `sampling.fps`.
-        max_error: Largest distance of the file from the method: a length, or per cent of the tallest wrinkle.
+        max_error: Greatest distance of the file from the method: a length, or per cent of the tallest wrinkle.
         max_levels: Overrides `refinement.max_levels`.
         edges_per_interval: Overrides `refinement.edges_per_interval`.
         max_vertices: Most vertices that refinement may add to a mesh.
@@ -55,14 +55,14 @@ class BakeOptions:
         allow_external: Read buffers and images outside the asset's folder too.
         max_memory: Most bytes that reading the asset may take.
         morph_tangents: Also write TANGENT targets, where the base has TANGENT.
-        engine: Hold morph targets to the limits of this engine; see `baking.budget`.
+        engine: Keep morph targets within the limits of this engine; see `baking.budget`.
         strict: Refuse to write if there are warnings.
         replace: If the asset is the output of an earlier bake, bake the asset of that bake; see `baking.original`.
         details: Measure residuals of normals and curve lengths for the report, which takes longer.
-        draft: For a quick look: refine one level less, leave contact out, let flesh swing in three shapes, and do not
-            prove the file, which says that it is a draft.
+        draft: Bake for a quick look: refine one level less, without contact and proof, and with flesh in three shapes.
+            The file says that it is a draft.
         jobs: Processes that resolve contact. The file does not depend on their number.
-        split: Let faces that the same morph targets move be meshes and nodes of their own, without the other targets.
+        split: Divide meshes into nodes of faces that the same morph targets move, without the other targets.
     """
 
     mode: Mode = "morph"

@@ -102,9 +102,9 @@ def track(
     """Add weight tracks for a baked body to the clips of other files, which share its joints by name.
 
     Each file is written into the folder under its own name. If it has a mesh on a node of the body's name, this mesh
-    gets the tracks, and targets that do nothing where it lacks some of the body's. Weights of its own go to targets of
-    the same names, as in a bake; further targets of its own come behind those of the body. Otherwise a stub of the
-    same names, three vertices in one point, takes its place in players that bind tracks by name.
+    gets the tracks, and empty targets in place of those of the body that it lacks. Weights of its own go to targets of
+    the same names, as in a bake; its further targets come behind those of the body. If it has no such mesh, it gets a
+    stub of the same names, three vertices in one point, for players that bind tracks by name.
 
     Args:
         baked: A file that `bake` has written.

@@ -1,4 +1,4 @@
-"""Fills a folder with a figure, its tools, its bake and a picture of it: what a new user looks at first."""
+"""Fills a folder with a figure, its tools, its bake and a picture of it, which a new user looks at first."""
 
 import os
 import tempfile
@@ -23,7 +23,7 @@ _SHOT = PreviewOptions(
 
 @dataclass(frozen=True, slots=True)
 class Demo:
-    """Describes what was made.
+    """The files of a demo.
 
     Attributes:
         paths: Paths of the files, in the order of work.

@@ -41,7 +41,7 @@ class CheckOptions:
 
     Attributes:
         anims: Files with more clips, for joints of the same names.
-        range_of_motion: Look at the range of motion too, though the asset has clips.
+        range_of_motion: Look at the range of motion too, even if the asset has clips.
         pose: Joints to turn, by name, axis and degrees, for one pose in place of clips.
         morphs: Names of morph targets and their weights in this pose.
         clips: Names of the clips to look at; if empty, those of the tools file.

@@ -110,7 +110,7 @@ def maps(
 ) -> Maps:
     """Write normal, height and occlusion maps of an asset's wrinkles, with masks, and maps.json that explains them.
 
-    The mesh stays as it is: the maps are for its own texture coordinates, and its own normals and tangents.
+    The mesh stays as it is, and the maps fit its own texture coordinates, normals and tangents.
 
     Args:
         asset: The .gltf or .glb to read.

@@ -122,8 +122,8 @@ def diff(
     """Compare two assets.
 
     Positions are compared in every clip that both have: meshes with the same triangles in their order, vertex by
-    vertex, and all others by the distance of each one's vertices from the other's triangles. `posed` leaves it at
-    that: the documents may differ in whatever a viewer does not see move.
+    vertex, and all others by the distance of each one's vertices from the other's triangles. `posed` compares nothing
+    else, so the documents may differ in everything that a viewer does not see move.
 
     Args:
         a: The first .gltf or .glb, such as the golden.

@@ -22,8 +22,8 @@ class Style:
         wire: Draw the triangles' edges too.
         clay: Draw everything in grey.
         backfaces: Draw triangles that are seen from behind in red.
-        key: Direction to the key light in camera axes (right, up, backwards), from the side so that it shows relief;
-            a light at the camera reaches what lies in its shade.
+        key: Direction to the key light in camera axes (right, up, backwards), from the side so that it shows relief.
+            A light at the camera reaches the shade.
     """
 
     wire: bool = False

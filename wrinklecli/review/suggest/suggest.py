@@ -56,7 +56,7 @@ class Suggestions:
         reason: Why there are none; empty if there are some.
         notes: A line for each material that meshes are made of, and for each reason to leave out folds.
         inputs: All files that were read, and the asset's images.
-        dropped: Fields and tools that are not worth it, each with the reason.
+        dropped: Fields and tools that are left out, each with the reason.
         fields: A field for each garment.
         muscles: With the option `muscles`, the muscles in place of tools.
         flesh: With the option `flesh`, the regions in place of tools.
@@ -84,9 +84,9 @@ def suggest(
 ) -> Suggestions:
     """Find where clips compress an asset's surfaces, and suggest fields for garments, and tools for skin.
 
-    Without clips, the asset's range of motion is looked at: joints and morph targets, one at a time. With `face`, the
-    morph targets of a face are, whatever clips there are. With `muscles` or `flesh`, these are guessed by the names of
-    bones. With `touch`, clips are searched for fingertips that come to skin.
+    Without clips, the asset's range of motion is measured: joints and morph targets, one at a time. With `face`, clips
+    are ignored, and the morph targets of the face are measured. With `muscles` or `flesh`, these are guessed by the
+    names of bones. With `touch`, clips are searched for fingertips that come to skin.
 
     Args:
         asset: The .gltf or .glb to read.
