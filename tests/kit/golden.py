@@ -103,6 +103,8 @@ def _is_number(value: Any) -> bool:
 def _rounded(value: Any) -> Any:
     if isinstance(value, dict):
         return {str(key): _rounded(each) for key, each in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return _rounded(value.tolist())
     if isinstance(value, list | tuple):
         return [_rounded(each) for each in (summed(np.array(value)) if _is_long(value) else value)]
     if isinstance(value, float):

@@ -7,15 +7,23 @@ import pytest
 
 import wrinklecli
 from kit.asset import Asset
-from kit.bakes import bake_config
+from kit.bakes import bake_config, place
 from kit.characters import low_poly
 from kit.command import Wrinkle
+from kit.fields import sleeve
 from kit.flesh import body
-from kit.golden import Golden
+from kit.golden import Golden, summed
 from kit.limb import limb_asset
 from kit.places import ROOT
 from kit.samples import sample
 from kit.suggested import each_once
+from wrinklecli.character.bones import read_bones
+from wrinklecli.character.clip import read_clips
+from wrinklecli.gltf.document import read_document
+from wrinklecli.numeric.guard import no_progress
+from wrinklecli.review.suggest.candidates import find_candidates
+from wrinklecli.review.suggest.measure import find_mesh_nodes, measure_meshes
+from wrinklecli.review.suggest.suggest_options import SuggestOptions
 
 
 def trunk_with_a_spine() -> Asset:
@@ -43,6 +51,29 @@ def test_tools_are_suggested_as_before(name: str, tmp_path: Path, wrinkle: Wrink
     with each_once():
         ran = wrinkle("suggest", asset, *options, "--verbose", "--json", "-o", "tools.yaml")
     golden.text("\n".join([(tmp_path / "tools.yaml").read_text(), *ran.lines, ran.out]), f"suggest_{name}.txt")
+
+
+def test_folds_are_measured_as_before(golden: Golden) -> None:
+    """What suggestions are made of, before it is rounded: the sites of a surface, their losses, and regions of them."""
+    document = read_document(place(sleeve(root={"translation": [0.3, 0.1, 0.2]})))
+    options = SuggestOptions()
+    nodes, _ = find_mesh_nodes(document, options)
+    ((mesh, peaks),) = measure_meshes(document, nodes, read_clips(document), options, no_progress)
+    sites = mesh.sites
+    found = find_candidates([(mesh, peaks)], read_bones(document).parts, no_progress, jobs=1)
+    arrays = (sites.positions, sites.normals, sites.areas, sites.gather.toarray(), sites.smooth.toarray(), peaks.losses)
+    regions = [
+        {
+            **{name: getattr(each, name) for name in ("origin", "target", "time", "score", "driver")},
+            **{
+                name: getattr(each.region, name)
+                for name in ("centre", "normal", "along", "length", "width", "on_plane")
+            },
+            "weights": summed(each.region.weights),
+        }
+        for each in found
+    ]
+    golden([[summed(each) for each in arrays], regions], "measured_sleeve.json")
 
 
 def test_tools_are_checked_as_before(golden: Golden) -> None:
