@@ -30,6 +30,42 @@ def test_links_lead_somewhere(page: Path) -> None:
         assert not anchor or anchor in anchors(linked), link
 
 
+# Words of the longest sentence, and of one in the mean: readers lose the thread of longer ones.
+LONGEST, MEAN = 30, 18
+
+
+@pytest.mark.parametrize(
+    "page", sorted({*PAGES} - {ROOT / "CHANGELOG.md"}), ids=lambda page: page.relative_to(ROOT).as_posix()
+)
+def test_sentences_are_short(page: Path) -> None:
+    found = sentences(page.read_text(encoding="utf-8"))
+    assert [sentence for sentence in found if len(sentence.split()) > LONGEST] == []
+    assert sum(len(sentence.split()) for sentence in found) <= MEAN * len(found)
+
+
+def sentences(text: str) -> list[str]:
+    """The sentences of a page, of four words at least, without headings, code, pictures and targets of links."""
+    text = re.sub(r"```.*?```|^#.*?$|!\[[^]]*\]\([^)]*\)", "", text, flags=re.DOTALL | re.MULTILINE)
+    text = re.sub(r"\[([^]]*)\]\([^)]*\)", r"\1", text)
+    # Items of lists and cells of tables begin anew.
+    text = re.sub(r"^\s*(?:-|\d+\.)\s|(?<!\\)\|", "\n\n", text, flags=re.MULTILINE)
+    blocks = (" ".join(block.split()) for block in text.split("\n\n"))
+    parts = (part for block in blocks for part in re.split(r"(?<=[.!?:;])\** (?=[A-Z`*\"])", block))
+    return [part for part in parts if len(part.split()) > 3]
+
+
+def test_sentences_are_told_apart() -> None:
+    text = "# A head of many words\nOne of two words. *Two* of [a\nlink](there is/more) and `a b`: Three.\n"
+    text += "- an item: with a clause; more\n```\nno word of this counts\n```\n"
+    text += "| a cell of five words | b |\n|---|---|\n![nor this one here](x.png)\n"
+    assert sentences(text) == [
+        "One of two words.",
+        "*Two* of a link and `a b`:",
+        "an item: with a clause; more",
+        "a cell of five words",
+    ]
+
+
 def anchors(page: Path) -> set[str]:
     """The headings of a page as GitHub makes anchors of them."""
     lines = page.read_text(encoding="utf-8").splitlines()
