@@ -3,10 +3,11 @@
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import wrinklecli
-from kit.asset import Asset
+from kit.asset import Asset, Json
 from kit.bakes import bake_config, place
 from kit.characters import low_poly
 from kit.command import Wrinkle
@@ -32,9 +33,21 @@ def trunk_with_a_spine() -> Asset:
     return asset
 
 
+def limb_that_bends_and_turns() -> Asset:
+    """A limb beside the plane of symmetry, whose fold runs askew, so that a tool across it is a path."""
+    asset = limb_asset(rings=16, sides=10, root={"translation": [0.3, 0.1, 0.2]})
+    bend, turn = np.radians([40.0, 30.0])
+    both = [np.cos(bend) * np.sin(turn), np.sin(bend) * np.sin(turn), np.sin(bend) * np.cos(turn)]
+    still: Json = [0.0, 0.0, 0.0, 1.0]
+    screw: Json = {"name": "screw"}
+    asset.channel(screw, 2, "rotation", [0.0, 1.0, 2.0], [still, [*both, np.cos(bend) * np.cos(turn)], still])
+    asset.gltf["animations"] = [screw]
+    return asset
+
+
 # Assets that are made, or samples, and what to look for.
 SUGGESTED: dict[str, tuple[Callable[[], Asset] | None, tuple[str, ...]]] = {
-    "limb": (lambda: limb_asset(rings=14, sides=10, joints=3), ()),
+    "limb": (limb_that_bends_and_turns, ()),
     "muscles": (low_poly, ("--muscles",)),
     "flesh": (trunk_with_a_spine, ("--flesh",)),
     "wrist": (None, ()),
