@@ -156,6 +156,27 @@ def test_fewer_shapes_are_sums_of_the_shapes(most: int) -> None:
     assert fewer.error == pytest.approx(np.linalg.norm(gaps) / np.linalg.norm(heights * np.sqrt(AREAS)), rel=0.3)
 
 
+def test_shapes_that_are_taken_one_at_a_time_are_not_taken_twice() -> None:
+    """One that was merged is of the side of its turn that its parts were of, and of no other."""
+    angles = np.linspace(-1.6, 1.6, 11)
+    turn = Turn(JointAngle(0, -1, np.array([1.0, 0.0, 0.0]), np.array([0, 0, 0, 1.0])), angles)
+    at = angles[angles != 0.0]
+    poses = Sweeps((turn,), at[:, None], np.zeros(len(at), np.intp), np.zeros((len(at), 1, 4, 4)))
+    heights = np.zeros((len(at), 60))
+    for side, middles in ((-1.0, (0.2, 0.35)), (1.0, (0.6, 0.8))):
+        for raised, middle in zip((early, late), middles, strict=True):
+            heights += 0.02 * np.outer(raised(np.maximum(side * at, 0.0)), bump(middle))
+    found = factors_of(poses, heights, AREAS, MOST)
+    assert len(found.turns) == 4
+    tallest = found.shapes.sum(axis=0).max()
+    for most in (3, 2, 1):
+        found, _ = found.fewer(poses, most)
+        assert len(found.turns) == most
+        assert found.shapes.sum(axis=0).max() <= tallest
+        for table in found.tables:
+            assert not (table[angles < 0.0].any() and table[angles > 0.0].any())
+
+
 def test_two_shapes_become_the_nearest_one() -> None:
     """One shape misses as much as the singular value that is left out."""
     poses, _, factors = of_two_shapes()

@@ -208,6 +208,7 @@ def _merged(table: Floats, products: Floats) -> tuple[Floats, Floats]:
     """(rows,) weights of one shape, 1 at most, and (shapes,) the parts of it, nearest to (rows, shapes) of them."""
     values, vectors = np.linalg.eigh(products)
     weights, _ = _main_shape(table @ (vectors * np.sqrt(np.maximum(values, 0.0))))
+    weights = np.where(table.any(axis=1), weights, 0.0)  # exactly, so that the shape is of their side alone
     return weights, weights @ table / (weights @ weights)
 
 
