@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import wrinklecli
-from kit.bakes import bake_fold, folding_limb, report_of
+from kit.bakes import bake_fold, bake_once, folding_limb, place, report_of
 from kit.limb import RADIUS, limb, tool, waving_limb, write_tools
 from kit.player import Gltf
 from wrinklecli.baking.baked_body import read_bodies
@@ -236,14 +236,12 @@ def test_weights_of_contact_are_those_that_every_player_takes(folded: Baked) -> 
 
 
 @pytest.mark.slow
-def test_clips_that_fold_about_other_axes_hardly_cross(tmp_path: Path) -> None:
+def test_clips_that_fold_about_other_axes_hardly_cross() -> None:
     """Targets are made for the joint's own motion, and four that lean by 10°: what lies between is theirs too."""
-    asset = waving_limb(8, rings=16, sides=10).write(tmp_path / "limb.glb")
-    totals = {}
+    asset, totals = place(waving_limb(8, rings=16, sides=10)), {}
     for contact in ("resolve", "off"):
-        tools = write_tools(tmp_path / "tools.yaml", tool(**TOOL, contact=contact), sampling={"fps": 15}, **TOP)
-        wrinklecli.bake(asset, tools, tmp_path / "out.glb")
-        clips = crossings(tmp_path / "out.glb").data["clips"]
+        body = bake_once(asset, tool(**TOOL, contact=contact), top={"sampling": {"fps": 15}})
+        clips = crossings(body.path).data["clips"]
         totals[contact] = [clip["totals"][1] for clip in clips]
     assert sum(totals["off"]) > 200
     assert sum(totals["resolve"]) <= 0.05 * sum(totals["off"]), totals

@@ -106,9 +106,9 @@ def test_the_knee_of_the_sample_looks_alike_in_player_and_bake() -> None:
 
 @pytest.mark.slow
 def test_clips_about_leaning_axes_look_alike_in_player_and_bake() -> None:
-    body = bake_once(place(waving_limb(6, rings=16, sides=10)), TOOL)
+    body = bake_once(place(waving_limb(8, rings=16, sides=10)), TOOL, top={"sampling": {"fps": 15}})
     (fold,) = report_of(body).data["folds"]
-    gaps = {clip: gap for clip in (f"wave_{k}" for k in range(6)) for gap in lookup_gaps(body, clip).values()}
+    gaps = {clip: gap for clip in (f"wave_{k}" for k in range(8)) for gap in lookup_gaps(body, clip).values()}
     assert len(gaps) >= 4
     # Of small moves the keys of a track are off by as much as of large ones.
     assert max(gap.share * gap.largest for gap in gaps.values()) < 0.01 * fold["largest_move"], gaps
