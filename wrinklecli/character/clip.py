@@ -98,6 +98,18 @@ class Clip:
         }
 
     @cached_property
+    def rhythms(self) -> dict[tuple[int, str], object]:
+        """By node and path of each channel that `sample_together` takes what is equal for those that it takes at once.
+
+        Most exporters give all channels of a clip the same key times.
+        """
+        return {
+            place: (channel.path, channel.values.shape, channel.times.tobytes())
+            for place, channel in self.by_target.items()
+            if channel.interpolation == "LINEAR" and channel.fault is None and len(channel.times) > 1
+        }
+
+    @cached_property
     def nodes(self) -> frozenset[int]:
         """The nodes that have a channel."""
         return frozenset(channel.node for channel in self.channels)
@@ -302,33 +314,67 @@ def sample(channel: Channel, times: Floats) -> Floats:
     """
     if channel.fault is not None:
         raise channel.fault
-    keys, values = channel.times, channel.values
-    # Components come first, so that all operations run along time.
-    points = channel.points.T
     turning = channel.path == "rotation"
-    if len(keys) == 1:
+    if len(channel.times) == 1:
+        points = channel.points.T
         return np.tile((unit_quaternions(points) if turning else points).T, (len(times), 1))
-    before = np.minimum(np.maximum(keys.searchsorted(times, side="right") - 1, 0), len(keys) - 2)
-    # A few times of a long clip need only the keys around them.
-    part = slice(int(before.min(initial=len(keys) - 2)), int(before.max(initial=0)) + 2)
-    keys, values, points, before = keys[part], values[part], points[:, part], before - part.start
-    if turning and channel.interpolation != "CUBICSPLINE":
-        points = unit_quaternions(points)
-    spans = keys[1:] - keys[:-1]
-    t = np.minimum(np.maximum((times - _at(keys, before)) / _at(spans, before), 0.0), 1.0)
+    if channel.interpolation == "LINEAR":
+        return _sample_linear([channel], times)[:, 0].T
+    keys, before, t, part = _places(channel.times, times)
+    # Components come first, so that all operations run along time.
+    values, points = channel.values[part], channel.points[part].T
     if channel.interpolation == "STEP":
-        return _at(points, before + (t >= 1.0)).T
-    if channel.interpolation == "CUBICSPLINE":
-        leaving, arriving = values[:-1, 2].T * spans, values[1:, 0].T * spans
-        start, stop = points[:, :-1], points[:, 1:]
-        # Horner's scheme, with the polynomial of each interval prepared.
-        squares = -3 * start + 3 * stop - 2 * leaving - arriving
-        cubes = 2 * start - 2 * stop + leaving + arriving
-        blended = ((_at(cubes, before) * t + _at(squares, before)) * t + _at(leaving, before)) * t + _at(start, before)
-        return (unit_quaternions(blended) if turning else blended).T
-    if turning:
-        return _slerp(points, before, t).T
-    return (_at(points, before) + _at(points[:, 1:] - points[:, :-1], before) * t).T
+        return _at(unit_quaternions(points) if turning else points, before + (t >= 1.0)).T
+    spans = keys[1:] - keys[:-1]
+    leaving, arriving = values[:-1, 2].T * spans, values[1:, 0].T * spans
+    start, stop = points[:, :-1], points[:, 1:]
+    # Horner's scheme, with the polynomial of each interval prepared.
+    squares = -3 * start + 3 * stop - 2 * leaving - arriving
+    cubes = 2 * start - 2 * stop + leaving + arriving
+    blended = ((_at(cubes, before) * t + _at(squares, before)) * t + _at(leaving, before)) * t + _at(start, before)
+    return (unit_quaternions(blended) if turning else blended).T
+
+
+def sample_together(clip: Clip, places: Sequence[tuple[int, str]], times: Floats) -> list[Floats]:
+    """(components, frames) values of the channels of some nodes and paths, as `sample` gives them.
+
+    Numpy takes as long for all channels of one rhythm as for one of them, if frames are few.
+    """
+    found: dict[tuple[int, str], Floats] = {}
+    alike: dict[object, list[tuple[int, str]]] = {}
+    for place in places:
+        rhythm = clip.rhythms.get(place)
+        if rhythm is None:
+            found[place] = sample(clip.by_target[place], times).T
+        else:
+            alike.setdefault(rhythm, []).append(place)
+    for group in alike.values():
+        sampled = _sample_linear([clip.by_target[place] for place in group], times)
+        found.update(zip(group, sampled.transpose(1, 0, 2), strict=True))
+    return [found[place] for place in places]
+
+
+def _places(keys: Floats, times: Floats) -> tuple[Floats, Ints, Floats, slice]:
+    """Where (frames,) times are among two or more keys.
+
+    Returns:
+        The keys that are needed; (frames,) indices of the ones before, and fractions of the intervals after these; and
+        the part of all keys, as a few times of a long clip need only the keys around them.
+    """
+    before = np.minimum(np.maximum(keys.searchsorted(times, side="right") - 1, 0), len(keys) - 2)
+    part = slice(int(before.min(initial=len(keys) - 2)), int(before.max(initial=0)) + 2)
+    keys, before = keys[part], before - part.start
+    t = np.minimum(np.maximum((times - _at(keys, before)) / _at(keys[1:] - keys[:-1], before), 0.0), 1.0)
+    return keys, before, t, part
+
+
+def _sample_linear(channels: Sequence[Channel], times: Floats) -> Floats:
+    """(components, channels, frames) values of LINEAR channels of one path and with the same key times."""
+    _, before, t, part = _places(channels[0].times, times)
+    points = np.stack([each.values[part] for each in channels]).transpose(2, 0, 1)
+    if channels[0].path == "rotation":
+        return _slerp(unit_quaternions(points), before, t)
+    return _at(points, before) + _at(points[..., 1:] - points[..., :-1], before) * t
 
 
 def _at(values: Floats, places: Ints) -> Floats:
@@ -337,12 +383,14 @@ def _at(values: Floats, places: Ints) -> Floats:
 
 
 def _slerp(points: Floats, before: Ints, t: Floats) -> Floats:
-    """(4, frames) rotations at the fractions t of the intervals `before`, both (frames,), of (4, keys) unit ones."""
-    start, stop = points[:, :-1], points[:, 1:]
-    cosine = np.einsum("cf,cf->f", start, stop)
+    """(4, …, frames) rotations at fractions t of the intervals `before`, (frames,) each, of (4, …, keys) unit ones."""
+    start, stop = points[..., :-1], points[..., 1:]
+    cosine = np.einsum("c...,c...->...", start, stop)
     stop = np.where(cosine < 0, -stop, stop)
     # The arc cosine of the product would lose half the digits of a small angle; sum and difference do not.
-    angle = 2.0 * np.arctan2(*(np.sqrt(np.einsum("cf,cf->f", each, each)) for each in (stop - start, stop + start)))
+    angle = 2.0 * np.arctan2(
+        *(np.sqrt(np.einsum("c...,c...->...", each, each)) for each in (stop - start, stop + start))
+    )
     sine = np.sin(angle)
     # Below this angle the division would lose more digits than a straight line.
     near = sine < 1e-6
@@ -354,7 +402,7 @@ def _slerp(points: Floats, before: Ints, t: Floats) -> Floats:
         straight = _at(near, before)
         first, second = np.where(straight, 1.0 - t, first), np.where(straight, t, second)
     between: Floats = first * _at(start, before) + second * _at(stop, before)
-    return unit_quaternions(between) if near.any() else between
+    return np.where(near.any(axis=-1, keepdims=True), unit_quaternions(between), between) if near.any() else between
 
 
 def spline_slopes(channel: Channel, at: Floats) -> tuple[Floats, Floats]:

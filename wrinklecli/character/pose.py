@@ -7,13 +7,15 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from wrinklecli.character.clip import Clip, sample
+from wrinklecli.character.clip import Clip, sample, sample_together
 from wrinklecli.character.rig import TRANSFORM_DEFAULTS, Hierarchy, Rig
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, affine_rows, composed_rows, unit_quaternions
 
 # Least scale of a node or an anchor relative to rest. Below it a character is hidden, and distances are meaningless.
 LEAST_SCALE = 1e-6
+# Nodes times frames that are sampled at once: with few frames, numpy takes as long for one node as for these.
+_TOGETHER = 2**11
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,45 +73,54 @@ def node_rows(
     Only ancestors are evaluated. Products of 4×4 matrices take five times as long as these, which run along time.
     `known` has the rows of nodes at these times of this clip, and gets those of others.
     """
-    known = {} if known is None else known
+    nodes, known = list(nodes), {} if known is None else known
     moved: frozenset[int] = clip.nodes if clip else frozenset()
-    still = {-1}
-
-    def world(node: int) -> Floats:
-        chain = []
-        while node >= 0 and node not in known:
-            chain.append(node)
+    chain: dict[int, None] = {}
+    for each in nodes:
+        node, above = each, list[int]()
+        while node >= 0 and node not in known and node not in chain:
+            above.append(node)
             node = int(hierarchy.parents[node])
-        for each in reversed(chain):
-            if node in still and each not in moved:
-                still.add(each)
-                known[each] = hierarchy.world_rows(each)
-            else:
-                local = _local_rows(hierarchy, clip, times, each)
-                known[each] = composed_rows(known[node], local) if node >= 0 else local
-            node = each
-        return known[node]
-
-    return [world(node) for node in nodes]
-
-
-def _local_rows(hierarchy: Hierarchy, clip: Clip | None, times: Floats, node: int) -> Floats:
-    """(3, 4, frames) upper rows of a node's local matrices, or (3, 4, 1) if the clip does not change them."""
-    stored = hierarchy.locals[node]
-    channels = clip.by_target if clip else {}
-    moved = [path for path in TRANSFORM_DEFAULTS if (node, path) in channels and path in stored]
-    if clip is None or not moved:
-        return hierarchy.rows[:, :, node, None]
-    parts = []
-    for path in TRANSFORM_DEFAULTS:
-        if path not in moved:
-            value = stored[path]
-            parts.append((unit_quaternions(value) if path == "rotation" else value)[:, None])
-        elif (node, path) in clip.held:
-            parts.append(clip.held[node, path][:, None])
+        chain.update(dict.fromkeys(reversed(above)))
+    keyed, step = [node for node in chain if node in moved], max(1, _TOGETHER // max(len(times), 1))
+    local_rows: dict[int, Floats] = {}
+    for part in (keyed[k : k + step] for k in range(0, len(keyed), step)):
+        local_rows.update(zip(part, _local_rows(hierarchy, clip, times, part), strict=True))
+    still = {-1}
+    for node in chain:
+        parent = int(hierarchy.parents[node])
+        if parent in still and node not in moved:
+            still.add(node)
+            known[node] = hierarchy.world_rows(node)
         else:
-            parts.append(sample(channels[node, path], times).T)
-    return affine_rows(*parts)
+            local = local_rows[node] if node in local_rows else hierarchy.rows[:, :, node, None]
+            known[node] = composed_rows(known[parent], local) if parent >= 0 else local
+    return [known[node] for node in nodes]
+
+
+def _local_rows(hierarchy: Hierarchy, clip: Clip | None, times: Floats, nodes: Sequence[int]) -> list[Floats]:
+    """(3, 4, frames) upper rows of each node's local matrix, or (3, 4, 1) if the clip does not change it."""
+    stored, values = hierarchy.locals, dict[tuple[int, str], Floats]()
+    if clip is not None:
+        places = [(node, path) for node in nodes for path in TRANSFORM_DEFAULTS if path in stored[node]]
+        held = {place: clip.held[place][:, None] for place in places if place in clip.held}
+        keyed = [place for place in places if place in clip.by_target and place not in held]
+        values = held | dict(zip(keyed, sample_together(clip, keyed, times), strict=True))
+    moved = list(dict.fromkeys(node for node, _ in values))
+    for node in moved:
+        for path in TRANSFORM_DEFAULTS:
+            if (node, path) not in values:
+                value = stored[node][path]
+                values[node, path] = (unit_quaternions(value) if path == "rotation" else value)[:, None]
+    found = {node: hierarchy.rows[:, :, node, None] for node in nodes}
+    if moved:
+        parts = []
+        for path in TRANSFORM_DEFAULTS:
+            every = [values[node, path] for node in moved]
+            width = max(each.shape[1] for each in every)
+            parts.append(np.stack([np.broadcast_to(each, (len(each), width)) for each in every], axis=1))
+        found.update(zip(moved, affine_rows(*parts).transpose(2, 0, 1, 3), strict=True))
+    return list(found.values())
 
 
 def morph_weights(rig: Rig, clip: Clip | None, times: Floats, wanted: Bools | None = None) -> Floats:

@@ -178,12 +178,12 @@ def unit_quaternions(quaternions: Floats) -> Floats:
 
 
 def affine_rows(translations: Floats, rotations: Floats, scales: Floats) -> Floats:
-    """(3, 4, frames) upper rows of the matrices that scale, then rotate, then translate.
+    """(3, 4, …) upper rows of the matrices that scale, then rotate, then translate.
 
     Args:
-        translations: (3, frames). Each argument may have one frame for all.
-        rotations: (4, frames) quaternions (x, y, z, w) of unit length.
-        scales: (3, frames).
+        translations: (3, …). Each argument may have one for all along an axis.
+        rotations: (4, …) quaternions (x, y, z, w) of unit length.
+        scales: (3, …).
     """
     x, y, z, w = rotations
     sx, sy, sz = scales
@@ -193,7 +193,7 @@ def affine_rows(translations: Floats, rotations: Floats, scales: Floats) -> Floa
         (2 * (xy + zw) * sx, (1 - 2 * (xx + zz)) * sy, 2 * (yz - xw) * sz),
         (2 * (xz - yw) * sx, 2 * (yz + xw) * sy, (1 - 2 * (xx + yy)) * sz),
     )
-    matrices = np.zeros((3, 4, max(each.shape[1] for each in (translations, rotations, scales))))
+    matrices = np.zeros((3, 4, *np.broadcast_shapes(*(each.shape[1:] for each in (translations, rotations, scales)))))
     for row, translation, into in zip(rows, translations, matrices, strict=True):
         into[0], into[1], into[2], into[3] = *row, translation
     return matrices
