@@ -26,7 +26,6 @@ from wrinklecli.numeric.arrays import (
     distinct_values,
     dot,
     flags_of,
-    matches,
     runs,
 )
 from wrinklecli.numeric.intersections import Crossings, edges_of, widened
@@ -67,9 +66,9 @@ def lowering(
     poses = _Poses.of(attached, shown, fine, vertices, moves)
     # Folds that end within less than a wavelength look torn.
     slopes = _Slopes.of(fine, vertices, attached.wavelength)
-    looks: list[_Look] = [*_turning(poses, slopes)]
+    looks = [_Look(each) for each in _turning(poses, slopes)]
     if attached.tool.contact is not None:
-        looks += _crossing(poses, slopes)
+        looks += [_Look(each) for each in _crossing(poses, slopes)]
     left, looked, halvings = np.ones((len(moves), len(fine.positions))), looks, np.zeros((len(vertices), len(moves)))
     for _ in range(_PASSES):
         marked, looked = _marked(looked, left)
@@ -82,7 +81,12 @@ def lowering(
         faults = slopes.around(marked[:, vertices].T)
         halvings = np.where(faults > 0, 2.0 * halvings + faults, halvings)
         limits = np.exp2(-halvings)
-        left[:, vertices] = slopes.below(left[:, vertices].T, np.where(limits > _LEVEL, limits, 0.0)).T
+        lower = slopes.below(left[:, vertices].T, np.where(limits > _LEVEL, limits, 0.0)).T
+        changed = np.zeros(left.shape, np.bool_)
+        changed[:, vertices] = lower != left[:, vertices]
+        left[:, vertices] = lower
+        for each in looks:
+            each.follow(changed)
     return left[:, vertices]
 
 
@@ -151,15 +155,15 @@ class _Poses:
     Attributes:
         fine: The refined surface.
         influences: (fine vertices, joints) sparse skin weights.
-        vertices: (vertices,) sorted fine vertices that the field moves.
-        moves: (shapes, 3, vertices) by its shapes, bind space.
+        inside: (fine vertices,) numbers of those that the field moves; that of all others is the last.
+        moves: (shapes, 3, numbers) what its shapes do with them, bind space; the last is 0.
         matrices: (poses, joints, 4, 4).
         weights: (poses, shapes).
     """
 
     fine: Refinement
     influences: Any
-    vertices: Ints
+    inside: Ints
     moves: Floats
     matrices: Floats
     weights: Floats
@@ -190,9 +194,12 @@ class _Poses:
         # A clip that goes to and fro has each pose twice.
         own = np.sort(np.unique(np.round(every, _DIGITS), axis=0, return_index=True)[1])
         chosen = own[np.argsort(-(every[own] ** 2).sum(axis=1), kind="stable")][:_POSES]
-        moves = np.ascontiguousarray(moves.transpose(0, 2, 1))
+        inside = np.full(len(fine.positions), len(vertices))
+        inside[vertices] = np.arange(len(vertices))
+        padded = np.zeros((len(moves), 3, len(vertices) + 1))
+        padded[:, :, :-1] = moves.transpose(0, 2, 1)
         influences = fine.influences(sweeps.matrices.shape[1]).sparse()
-        return cls(fine, influences, vertices, moves, np.concatenate(matrices)[chosen], every[chosen])
+        return cls(fine, influences, inside, padded, np.concatenate(matrices)[chosen], every[chosen])
 
     def of_part(self, vertices: Ints) -> "Iterator[_Pose]":
         """Some fine vertices in each of the poses."""
@@ -204,13 +211,12 @@ class _Poses:
         blended = np.ascontiguousarray((self.influences[vertices] @ rows).T).reshape(3, 4, -1)
         turns, bind = blended[:, :3], self.fine.bind_positions[vertices].T
         still = np.einsum("abv,bv->av", turns, bind) + blended[:, 3]
-        at, inside = matches(vertices, self.vertices)
-        return _Pose(vertices, still, at, turns[:, :, at], self.moves, inside, self.weights[number])
+        return _Pose(vertices, still, turns, self.moves, self.inside[vertices], self.weights[number])
 
     def moved(self, number: int) -> Bools:
         """(fine vertices,) True for those that the field moves in one of the poses."""
         acting = self.moves[self.weights[number] != 0]
-        return flags_of(self.vertices[(acting != 0).any(axis=(0, 1))], len(self.fine.positions))
+        return np.asarray((acting != 0).any(axis=(0, 1))[self.inside])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -220,31 +226,28 @@ class _Pose:
     Attributes:
         vertices: (vertices,) sorted fine vertices.
         still: (3, vertices) places in the skin.
-        at: (moved,) indices of those among them that the field may move,
-        turns: (3, 3, moved) from bind to world space,
-        moves: (shapes, 3, …) what shapes do, bind space, and
-        inside: (moved,) their indices there.
+        turns: (3, 3, vertices) from bind to world space.
+        moves: (shapes, 3, numbers) what shapes do, bind space, and
+        inside: (vertices,) the number of each vertex there.
         weights: (shapes,).
     """
 
     vertices: Ints
     still: Floats
-    at: Ints
     turns: Floats
     moves: Floats
     inside: Ints
     weights: Floats
 
-    def places(self, left: Floats | None = None) -> Floats:
-        """(3, vertices) places with the field, by (shapes, fine vertices) factors if it is lowered."""
-        sums, vertices = np.zeros((3, len(self.at))), self.vertices[self.at]
+    def places(self, left: Floats | None = None, own: Ints | slice = slice(None)) -> Floats:
+        """(3, vertices) places with the field, by (shapes, fine vertices) factors if it is lowered; of `own` alone."""
+        vertices, inside = self.vertices[own], self.inside[own]
+        sums = np.zeros((3, len(inside)))
         # Most poses turn one joint, whose shapes are few.
         for shape in np.flatnonzero(self.weights).tolist():
             factors = self.weights[shape] if left is None else self.weights[shape] * left[shape].take(vertices)
-            sums += factors * self.moves[shape].take(self.inside, axis=1)
-        found = self.still.copy()
-        found[:, self.at] += np.einsum("abv,bv->av", self.turns, sums)
-        return found
+            sums += factors * self.moves[shape].take(inside, axis=1)
+        return np.asarray(self.still[:, own] + np.einsum("abv,bv->av", self.turns[:, :, own], sums))
 
     @property
     def shares(self) -> Floats:
@@ -252,7 +255,7 @@ class _Pose:
         return self.weights / max(float(self.weights.max(initial=0.0)), _TINY)
 
 
-class _Look(Protocol):
+class _View(Protocol):
     """A pose in which a surface may be at fault."""
 
     @property
@@ -260,9 +263,41 @@ class _Look(Protocol):
         """The part of the surface."""
         ...
 
-    def at_fault(self, left: Floats) -> Ints:
-        """The fine vertices at which it is, with (shapes, fine vertices) factors of the field."""
+    def at_fault(self, left: Floats, changed: Bools) -> Ints:
+        """The fine vertices at which it is, with (shapes, fine vertices) factors of the field.
+
+        `changed` are those of its vertices whose factors have changed.
+        """
         ...
+
+
+class _Look:
+    """A look at a pose, which remembers what it saw: most of the time a field is lowered elsewhere.
+
+    Args:
+        view: The pose.
+    """
+
+    def __init__(self, view: _View) -> None:
+        self._view, self._found = view, np.zeros(0, np.intp)
+        self._changed = np.ones(len(view.pose.vertices), np.bool_)
+
+    @property
+    def shares(self) -> Floats:
+        """(shapes,) weights over the greatest."""
+        return self._view.pose.shares
+
+    def follow(self, changed: Bools) -> None:
+        """Look again where (shapes, fine vertices) factors have changed."""
+        pose = self._view.pose
+        self._changed |= changed[pose.weights != 0].any(axis=0)[pose.vertices]
+
+    def at_fault(self, left: Floats) -> Ints:
+        """The fine vertices at which the surface is at fault, with (shapes, fine vertices) factors of the field."""
+        if self._changed.any():
+            self._found = self._view.at_fault(left, self._changed)
+            self._changed[:] = False
+        return self._found
 
 
 def _marked(looks: Sequence[_Look], left: Floats) -> tuple[Floats, list[_Look]]:
@@ -271,7 +306,7 @@ def _marked(looks: Sequence[_Look], left: Floats) -> tuple[Floats, list[_Look]]:
     for each in looks:
         faults = each.at_fault(left)
         if len(faults):
-            marked[:, faults] = np.maximum(marked[:, faults], each.pose.shares[:, None])
+            marked[:, faults] = np.maximum(marked[:, faults], each.shares[:, None])
             found.append(each)
     return marked, found
 
@@ -298,14 +333,25 @@ class _Part:
         vertices = distinct_values(triangles[around])
         return cls(vertices, np.searchsorted(vertices, triangles[around]), judged[around])
 
-    def near(self, moved: Bools) -> "_Part":
-        """The part of it that (vertices,) of the surface change that are moved: by its places, or by its normals."""
-        beside = any_of(moved[self.vertices], self.triangles)
-        judged = any_of(flags_of(self.triangles[beside], len(self.vertices)), self.triangles)
-        around = any_of(flags_of(self.triangles[judged], len(self.vertices)), self.triangles)
-        own = distinct_values(self.triangles[around])
-        triangles = np.searchsorted(own, self.triangles[around])
+    def near(self, moved: Bools) -> tuple[Bools, Bools]:
+        """(triangles,) True for those that moved ones of its vertices change: by their places, or by normals.
+
+        And True for these with those around them.
+        """
+        beside = any_of(moved, self.triangles)
+        judged = any_of(flags_of(self.triangles[beside], len(moved)), self.triangles)
+        return judged, any_of(flags_of(self.triangles[judged], len(moved)), self.triangles)
+
+    def only(self, judged: Bools, around: Bools) -> "_Part":
+        """Its (triangles,) `around`, of which others than the `judged` ones lack triangles around them."""
+        own, triangles = _numbered(self.triangles[around], len(self.vertices))
         return _Part(self.vertices[own], triangles, (self.judged & judged)[around])
+
+
+def _numbered(triangles: Ints, count: int) -> tuple[Ints, Ints]:
+    """(used,) sorted vertices of triangles, of so many, and the (triangles, 3) numbers among these."""
+    used = flags_of(triangles, count)
+    return np.flatnonzero(used), (np.cumsum(used) - 1)[triangles]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -313,29 +359,32 @@ class _Turning:
     """A pose in which triangles may turn over.
 
     Attributes:
-        pose: Of the part of the surface.
-        triangles: (triangles, 3) indices among its vertices.
-        judged: (triangles,) True for those that are looked at, as the skin does not turn them over itself.
+        pose: Of the vertices of the part.
+        part: Those of its triangles count that are judged, as the skin does not turn them over itself.
         faces: Three (triangles,) coordinates of their normals in the skin.
+        turned: (triangles,) True for those that were turned over at the last look.
     """
 
     pose: _Pose
-    triangles: Ints
-    judged: Bools
+    part: _Part
     faces: list[Floats]
+    turned: Bools
 
-    def at_fault(self, left: Floats) -> Ints:
+    def at_fault(self, left: Floats, changed: Bools) -> Ints:
         """The corners of triangles that are turned over."""
-        turned = _turned_over(self.pose.places(left), self.triangles, self.faces)
-        return self.pose.vertices[distinct_values(self.triangles[self.judged & turned])]
+        judged, around = self.part.near(changed)
+        own, triangles = _numbered(self.part.triangles[around], len(changed))
+        found = _turned_over(self.pose.places(left, own), triangles, [each[around] for each in self.faces])
+        self.turned[judged] = found[judged[around]]
+        return self.pose.vertices[distinct_values(self.part.triangles[self.part.judged & self.turned])]
 
 
 def _turning(poses: _Poses, slopes: _Slopes) -> Iterator[_Turning]:
     """The looks at triangles: only near those that the whole field turns over in a pose."""
     fine = poses.fine
     # Triangles beside the field have corners in it.
-    whole = _Part.of(flags_of(poses.vertices, len(fine.positions)), fine.triangles)
-    faults = np.zeros(len(fine.positions), bool)
+    whole = _Part.of(poses.inside < poses.moves.shape[2] - 1, fine.triangles)
+    faults = np.zeros(len(fine.positions), np.bool_)
     for each in poses.of_part(whole.vertices):
         turned = _turned_over(each.places(), whole.triangles, _faces(each.still, whole.triangles))
         faults[whole.vertices[whole.triangles[whole.judged & turned]]] = True
@@ -343,10 +392,11 @@ def _turning(poses: _Poses, slopes: _Slopes) -> Iterator[_Turning]:
         return
     part = _Part.of(slopes.reached(faults), fine.triangles)
     for number in range(len(poses.matrices)):
-        own = part.near(poses.moved(number))
+        own = part.only(*part.near(poses.moved(number)[part.vertices]))
         each = poses.at(number, own.vertices)
         faces = _faces(each.still, own.triangles)
-        yield _Turning(each, own.triangles, own.judged & ~_turned_over(each.still, own.triangles, faces), faces)
+        judged = own.judged & ~_turned_over(each.still, own.triangles, faces)
+        yield _Turning(each, replace(own, judged=judged), faces, np.zeros(len(judged), np.bool_))
 
 
 def _faces(places: Floats, triangles: Ints) -> list[Floats]:
@@ -379,7 +429,7 @@ class _Crossing:
     surface: Crossings
     pairs: set[tuple[int, int]]
 
-    def at_fault(self, left: Floats) -> Ints:
+    def at_fault(self, left: Floats, _changed: Bools) -> Ints:
         """The corners of edges and triangles that cross with the field and not without, if more of them do."""
         found = self.surface.pairs_at(_rows(self.pose.places(left)))
         if len(found) <= len(self.pairs):
