@@ -1,4 +1,4 @@
-"""Draws the pictures of configs/README.md: `python samples/key_pictures.py [DIR [KEY…]]`.
+"""Draws the pictures of keys in the pages of configs: `python samples/key_pictures.py [DIR [KEY…]]`.
 
 A picture shows what one key of the tools file does: its panels differ in that key alone. The program itself wrinkles
 and draws them, on a sheet that this script makes or on a sample. Needs the extra `preview`.
@@ -42,6 +42,7 @@ class Look:
         radius: The distance around the focus that a panel shows, metres.
         tool: Keys of the tool.
         refinement: Keys of `refinement`.
+        section: The list of the tools file in which the tool stands.
     """
 
     asset: str
@@ -51,6 +52,7 @@ class Look:
     radius: float
     tool: Mapping[str, Any]
     refinement: Mapping[str, Any] = field(default_factory=lambda: {"edges_per_interval": 4})
+    section: str = "tools"
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,6 +117,15 @@ WIDE: Mapping[str, Any] = {
     "target": [0.0, 0.2875, 0.0717],
     "width": 0.2,
 }
+BICEPS = Look(
+    "body",
+    "curl",
+    "115:0",
+    (0.27, 1.27, 0.05),
+    0.135,
+    {"origin": [0.205, 1.368, -0.012], "insertion": [0.382, 1.180, -0.005]},
+    section="muscles",
+)
 RULED: Mapping[str, Any] = {"variation": 0, "max_height": "30%", "bumps": 3}
 PRESETS = ("jeans_knee", "cotton_sleeve", "leather_boot", "forehead_old", "wrist", "neck")
 LOW: Mapping[str, Any] = {"variation": 0, "bumps": 4}
@@ -197,6 +208,7 @@ PICTURES: dict[str, tuple[Look, list[Panel]]] = {
     "bow": (WHOLE, of_key("bow", (-1, 0, 1), {"variation": 0})),
     "max_levels": (COARSE, refined("max_levels", (0, 1, 4), 6)),
     "edges_per_interval": (COARSE, refined("edges_per_interval", (1, 2, 4), 3)),
+    "thickness": (BICEPS, of_key("thickness", ("10%", "auto", "40%"), {}, 1.0)),
 }
 
 
@@ -251,7 +263,8 @@ def draw(look: Look, panel: Panel, folder: Path) -> Image.Image:
     """One panel, without its caption."""
     tool = {"name": "tool", **look.tool, **panel.keys}
     tools, out = folder / "tools.yaml", folder / "panel.png"
-    tools.write_text(json.dumps({"version": 1, "refinement": {**look.refinement, **panel.refinement}, "tools": [tool]}))
+    refinement = {**look.refinement, **panel.refinement}
+    tools.write_text(json.dumps({"version": 1, "refinement": refinement, look.section: [tool]}))
     asset = next(path for path in (folder / f"{look.asset}.glb", HERE / f"{look.asset}.glb") if path.exists())
     options = PreviewOptions(
         tools=tools,

@@ -102,7 +102,7 @@ def test_figures_are_drawn_from_the_program(tmp_path: Path) -> None:
 
 
 def test_keys_have_small_pictures_beside_their_description() -> None:
-    page = (ROOT / "configs" / "README.md").read_text(encoding="utf-8")
+    pages = "\n".join(page.read_text(encoding="utf-8") for page in ROOT.glob("configs/*.md"))
     pictures = sorted(PICTURES_OF_KEYS)
     assert [path.stem.removeprefix("key_") for path in pictures] == sorted(DRAWN), "make -C samples keys"
     sizes = [path.stat().st_size for path in pictures]
@@ -110,7 +110,7 @@ def test_keys_have_small_pictures_beside_their_description() -> None:
     assert sum(sizes) <= 600_000
     for path in pictures:
         key = path.stem.removeprefix("key_")
-        section = next(part for part in page.split("\n## ") if path.name in part)
+        section = next(part for part in re.split(r"\n##? ", pages) if path.name in part)
         assert f"| `{key}` |" in section, "a picture stands in the section of its key"
 
 

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 
 from kit import hostile
 from kit.drawn import CHARACTERS
+from kit.places import ROOT
 from kit.tools_text import (
     ANCHORS,
     BAD_HEADERS,
@@ -823,6 +824,13 @@ def test_the_examples_of_the_reference_are_valid():
     for line in messages.splitlines():
         key = line.rsplit("tools[0].", 1)[1]
         assert any(expected.endswith(key) for _, expected in BAD_TOOL_KEYS)
+
+
+@pytest.mark.parametrize("page", ["fields", "muscles", "flesh", "touch", "contact"])
+def test_the_page_of_an_effect_begins_with_a_valid_example(page):
+    text = (ROOT / "configs" / f"{page}.md").read_text(encoding="utf-8")
+    example = text.partition("| key |")[0].partition("```yaml\n")[2].partition("```")[0]
+    assert parse_tools(example).effects
 
 
 @pytest.mark.parametrize(
