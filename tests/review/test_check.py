@@ -497,7 +497,7 @@ def test_a_row_says_how_much_the_surface_is_rounded_at_rest(
 ) -> None:
     asset.write(tmp_path / "limb.glb")
     write_tools(tmp_path / "tools.yaml", tool(variation=0), refinement={})
-    assert f"  {row}" in wrinkle("check", "limb.glb", "tools.yaml").out.splitlines()
+    assert f"  {row}" in wrinkle("check", "limb.glb", "tools.yaml", "--verbose").out.splitlines()
 
 
 @pytest.mark.parametrize(
