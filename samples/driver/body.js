@@ -1,4 +1,4 @@
-// All drives of one node's `extras.wrinkle`, in the order in which they act: what a player of any engine does in a frame.
+// All drives of one node's `extras.wrinkle`, in the order in which they act: what a player does in a frame.
 
 import { anchorsOf } from './anchor.js';
 import { fleshWeights } from './flesh.js';

@@ -175,6 +175,11 @@ def optimize(path: Path, out: Path) -> dict[str, Any]:
     return report
 
 
+def tidy(path: Path, out: Path) -> None:
+    """Run a file through glTF-Transform, as its `optimize --simplify false --resample false --compress false` does."""
+    ask("optimize", "tidy", str(path), str(out))
+
+
 def gltfpack(path: Path, out: Path, *flags: str) -> None:
     """Run a file through gltfpack."""
     command = [requireinstall(), str(HERE / "node_modules/gltfpack/cli.js"), "-i", str(path), "-o", str(out), *flags]

@@ -15,8 +15,9 @@ import pytest
 import yaml
 from scipy.spatial import cKDTree
 
-from kit.bakes import baked
-from kit.clients import compare_with_three, optimize, pose, pose_each, validate
+import wrinklecli
+from kit.bakes import bake_config, baked
+from kit.clients import compare_with_three, optimize, pose, pose_each, tidy, validate
 from kit.places import ROOT
 from kit.player import Floats, Gltf, Json
 from kit.samples import config, sample
@@ -280,6 +281,19 @@ def test_gltf_transform_reads_and_optimizes_a_bake(name: str, folder: Path, tmp_
             _, nearest = cKDTree(other).query(one)
             gaps = np.linalg.norm((one - other[nearest]).reshape(len(one), -1, 3), axis=2)
             assert gaps.max() < tolerance, (clip, gaps.max(), tolerance)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["wrist", "trousers", "touch"])
+def test_what_the_page_advises_keeps_wrinkles(name: str, tmp_path: Path) -> None:
+    """`gltf-transform optimize` by the line of samples/README.md, vertices in other orders and fewer."""
+    assert "`gltf-transform optimize` by the line below" in (ROOT / "samples" / "README.md").read_text()
+    file, out = bake_config(name, name), tmp_path / "tidy.glb"
+    tidy(file.path, out)
+    assert not np.array_equal(Gltf(out).triangles(name), file.triangles(name))
+    found = wrinklecli.diff(file.path, out, posed=True, fps=5)
+    assert found.worst is not None
+    assert found.worst.distance < 1e-6 * found.size
 
 
 @pytest.mark.quick(2)

@@ -25,7 +25,7 @@ from wrinklecli.numeric.memory import Memory
 _SIMPLIFIED = 0.02
 # Coordinates whose error is checked at once. Bounds the memory.
 _CHECKED_AT_ONCE = 2**20
-# Directions in which a series may move: four times as many as any engine plays morph targets.
+# Directions in which a series may move: four times as many as three.js plays morph targets.
 _MOST_AXES = 1024
 # Rounds of alternating least squares. After six the error hardly falls.
 _ROUNDS = 6

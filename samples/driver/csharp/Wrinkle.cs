@@ -1,4 +1,4 @@
-// Drives the morph targets of `extras.wrinkle` in any engine. README.md in the folder above says what is computed, and why.
+// Drives the morph targets of `extras.wrinkle`, without an engine. README.md in the folder above says what is computed, and why.
 
 using System;
 using System.Collections;
