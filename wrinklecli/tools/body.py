@@ -235,7 +235,7 @@ class Flesh(EffectTool):
     )
     frequency: float = key(
         {**number(0.5, 20), **SWINGS},
-        "Swings per second, were they not damped: 2 soft, 6 firm. Default 4.",
+        "Swings per second without damping: 2 is soft, 6 is firm. Default 4.",
         4.0,
         group="Motion",
         read=float,
@@ -245,7 +245,8 @@ class Flesh(EffectTool):
     )  # fmt: skip
     shapes: int = key(
         expects("3, 6 or 9", enum=[3, 6, 9]),
-        "Shapes in which it swings, with one morph target more: 3 is stylised, 6 is right to some per cent. Default 6.",
+        "The number of shapes in which it swings; it takes one morph target more. 3 is stylised, 6 is right to some "
+        "per cent. Default 6.",
         6,
     )
     limit: Length = key(
@@ -289,7 +290,7 @@ class Release:
     """A damped spring by which the skin comes back once a tip lets go; damping is the ratio ζ, 1 is critical."""
 
     frequency: float = key(
-        number(0.5, 60), "Swings per second of the skin, were it not damped. Default 4.", 4.0, read=float
+        number(0.5, 60), "Swings per second of the skin without damping. Default 4.", 4.0, read=float
     )
     damping: float = key(
         number(0.05, 10), "Below 1 the skin swings past its place, from 1 on it does not. Default 0.7.", 0.7, read=float
@@ -326,7 +327,7 @@ class TouchWrinkles:
     )
     material: MaterialName | None = key(
         one_of(*_SUBSTANCES, "none", none=True),
-        "Substance, which gives the profile, the variation, the height, and what the tissue takes up. Default skin.",
+        "Substance, which gives profile, variation, height and `compressible`. Default skin.",
         "skin",
         read=lambda value: None if value == "none" else value,
     )
@@ -397,7 +398,7 @@ class Touch(EffectTool):
     )
     mask: Mask | None = key(
         MASK,
-        "Softness of the skin at each place, 0 to 1, which does not slide where it is 0: {attribute: _SKIN} of "
+        "Softness of the skin at each place, from 0, where it does not slide, to 1: {attribute: _SKIN} of "
         "vertices, or {image: FILE, channel: r}. Default none.",
         None,
         read=read_mask_of,

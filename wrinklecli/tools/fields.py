@@ -83,7 +83,7 @@ class Field(EffectTool):
                 one_of(*get_args(MaterialName)), 1, len(get_args(MaterialName)), "a list of skin, cloth and leather"
             ),
         },
-        "Substances on which it lies, as places look: a list of skin, cloth and leather. Default: all that is there.",
+        "The field lies only on places that look like these: a list of skin, cloth and leather. Default: everywhere.",
         None,
         read=lambda value: None if value is None else tuple(value),
     )

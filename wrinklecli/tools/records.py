@@ -203,7 +203,7 @@ class Sampling:
 class RefinementSettings:
     """The subdivision of the mesh under the wrinkles; in a draft, `edges_per_interval` may be a fraction."""
 
-    max_levels: int = key(whole(0, 8), "Most times that an edge is halved; 0 keeps the mesh. Default 4.", 4, read=int)
+    max_levels: int = key(whole(0, 8), "How often an edge is halved at most; 0 keeps the mesh. Default 4.", 4, read=int)
     edges_per_interval: float = key(
         whole(1, 16), "Edges on each control interval, half a bump; more is smoother. Default 2.", 2, read=int
     )
@@ -270,7 +270,7 @@ class Lag:
 
     frequency: float = key(
         {**number(0.5, 60), **SWINGS},
-        "Swings per second of the tissue, were it not damped. Default 6.",
+        "Swings per second of the tissue without damping. Default 6.",
         6.0,
         read=float,
     )
@@ -346,7 +346,7 @@ class MaskImage:
         folder: The folder of the tools file.
     """
 
-    image: str = key(TEXT, "PNG, JPEG or WebP image; its path begins at the folder of this file.")
+    image: str = key(TEXT, "PNG, JPEG or WebP image; its path is relative to the folder of this file.")
     channel: Channel = key(one_of(*CHANNELS), "Channel of the image. Default r.", "r")
     texcoord: int = key(
         whole(0, MAX_TEXCOORD), "Set of texture coordinates in which the image lies. Default 0.", 0, read=int
@@ -414,14 +414,16 @@ class EffectTool:
         places: The places of its keys, such as those of `rest_length.morph`; see `place`.
     """
 
-    name: str = key(TEXT, "Unique name; also when all but letters, digits and _ is replaced by _.", group="Place")
+    name: str = key(
+        TEXT, "Unique name, also after _ has replaced all characters but letters, digits and _.", group="Place"
+    )
     node: str | None = key(
         {**TEXT, "type": ["string", "null"]}, "Node of the mesh; may be left out where one mesh deforms.", None
     )
     mirrored: bool = key(
         one_of(*get_args(Axis), "none", none=True),
-        "Also make the one of the other side: this coordinate, as the file writes it, negated, left and right "
-        "exchanged in names. Default none.",
+        "Also make the one of the other side: negate this coordinate, as the file writes it, and exchange left and "
+        "right in names. Default none.",
         None,
         name="mirror",
         absent=False,
@@ -521,7 +523,7 @@ class WrinkleTool(EffectTool):
             expects(f"{', '.join(get_args(LaidPose))} or {{clip: NAME, time: 0}}", enum=[*get_args(LaidPose)]),
         ),
         "Pose in which crests are straight: stored (at rest), raised (by the morph target that brings the ends "
-        "together), or a clip's. Default auto: raised if such a target does more than a joint.",
+        "together), or a clip's. Default auto: raised if such a target shortens the tool more than a joint does.",
         "auto",
         read=lambda value: read_record(RestFrame, value) if isinstance(value, dict) else value,
     )
@@ -551,7 +553,7 @@ class WrinkleTool(EffectTool):
     )
     material: str | None = key(
         expects(_MATERIALS, type=["string", "null"], minLength=1, examples=[*presets(), "none", None]),
-        "What wrinkles: a substance or a preset, which gives other keys other defaults. Default none.",
+        "A substance or a preset, which gives other keys other defaults. Default none.",
         None,
         group="Shape",
         read=lambda value: None if value == "none" else value,
@@ -591,17 +593,17 @@ class WrinkleTool(EffectTool):
     )
     variation: float = key(
         _RATIO,
-        "How irregular the bumps are: 0 is ruled, 1 the most. Default 0.3, or the material's.",
+        "How irregular the bumps are: 0 is straight and equal, 1 is most irregular. Default 0.3, or the material's.",
         0.3,
         group="Irregularity",
     )
     seed: int | None = key(
         {**whole(0, MAX_SEED), "type": ["integer", "null"]},
-        "Which irregularity it is; a tool and its mirror image with one seed have mirrored wrinkles. Default: from the "
-        "name.",
+        "Chooses the irregularity; with the same seed a tool and its mirror image have mirrored wrinkles. Default: "
+        "from the name.",
         None,
     )
-    branch: float = key(_RATIO, "Chance of a bump to merge with its neighbour, where variation is. Default 0.25.", 0.25)
+    branch: float = key(_RATIO, "Chance that a bump merges with its neighbour; needs `variation`. Default 0.25.", 0.25)
     broken: float = key(
         _RATIO,
         "How broken wrinkles are: furrows have gaps, and crests end apart, the middle one last. Default 0.",
@@ -622,7 +624,10 @@ class WrinkleTool(EffectTool):
         read=read_percentage,
     )
     strength: float = key(
-        _STRENGTH, "Factor of the height; negative is inward; not 1 gives up length. Default 1.", 1.0, read=float
+        _STRENGTH,
+        "Factor of the height; negative is inward. The length is kept only with 1. Default 1.",
+        1.0,
+        read=float,
     )
     clips: Mapping[str, float] = key(
         any_keys(_STRENGTH, "a mapping of clip names to strengths"),
@@ -657,7 +662,7 @@ class WrinkleTool(EffectTool):
     )
     contact: Contact | None = key(
         CONTACT,
-        "resolve, or a mapping of what else it shall do: folds that touch never cross. Default off.",
+        "resolve, or a mapping with more keys: folds that touch do not cross. Default off.",
         "off",
         read=read_contact,
     )

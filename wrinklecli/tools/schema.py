@@ -85,7 +85,7 @@ KINDS = {
         Items("touch", keys_of(Touch), tuple(keys_of(Touch))),
         Touch,
         mapping_of(keys_of(Touch), required=("name", "at", "pad")),
-        "Places where a tip slides the skin, which wrinkles in front. They inherit nothing from `defaults`.",
+        "Places where a tip slides the skin, which wrinkles in front of it. They inherit nothing from `defaults`.",
         MAX_TOOLS,
         ("at", "towards"),
     ),
@@ -131,7 +131,7 @@ TOOLS_SCHEMA: Schema = {
             **keys_of(ToolsFile),
             "defaults": key_of(
                 {**_INHERITED, "type": ["object", "null"]},
-                "What every tool inherits where it does not say otherwise.",
+                "Keys that every tool inherits unless it has its own.",
                 default=None,
             ),
             **_LISTS,
