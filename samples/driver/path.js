@@ -4,7 +4,7 @@
 const [NEAR, SAME] = [0.0872, 1e-10];
 export const dot = (a, b) => a.reduce((sum, x, i) => sum + x * b[i], 0);
 
-/** Adds the weights along the turns of a baked clip, straight between rows, the nearer the more; returns the shares. */
+/** Adds the weights along the turns of a baked clip, linear between rows, the nearer the more; returns the shares. */
 export function addPath({ turns, weights }, turn, sums) {
   let whole = 0;
   for (let row = 0; row + 1 < turns.length; row++) {

@@ -2,7 +2,7 @@
 
 A bake writes into a node's extras all that is needed: anchors by the names of joints, and a table of weights.
 
-Source: the extras of `extras.encode_extras`. Differs from a bake: weights are straight between the rows of a table,
+Source: the extras of `extras.encode_extras`. Differs from a bake: weights are linear between the rows of a table,
 right to 1/2048 of the greatest.
 """
 

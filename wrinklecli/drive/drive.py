@@ -23,7 +23,7 @@ Sections of the extras are played in their order, `SECTIONS`: anchors may move w
   the tension, and are multiplied by `gains`, looked up with it.
 - A segment with `lows` has further targets, in the order of the `lows` above 0: a weight below 0 is 0, and over minus
   its `lows` it is the weight of the further one.
-- The response has rows of `weights`, straight between, at `shortenings`, 1 - distance / rest length, or at `angles`.
+- The response has rows of `weights`, linear between them, at `shortenings`, 1 - distance / rest length, or `angles`.
   Weights at shortenings grow with the rest length: they are those of the rows times the length now / `rest_length`.
   Angles may have further rows of weights, `leaning`, for turns about other axes: the share of each is its `towards` · s
   / (`axis` · s), at least 0, in the sum 2 at most; the rest of 1 is the share of `weights`. Weights below 0 are raised
@@ -93,7 +93,7 @@ class Moments(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rows:
-    """Weights over the time of one clip, straight between (rows,) `times`, seconds: (rows, targets) `weights`."""
+    """Weights over the time of one clip, linear between (rows,) `times`, seconds: (rows, targets) `weights`."""
 
     times: Floats
     weights: Floats

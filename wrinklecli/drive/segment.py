@@ -94,7 +94,7 @@ class RestLength:
 
     Attributes:
         constant: Scene units.
-        keys: By clip, (keys, 2) seconds and lengths, straight between them, in place of the constant.
+        keys: By clip, (keys, 2) seconds and lengths, linear between them, in place of the constant.
         morph: Number of the morph target that takes the length from the constant to another at weight 1, and that
             length; None if no morph target does.
     """
@@ -120,7 +120,7 @@ class Tension:
 
     Attributes:
         length: The shortening at an activation of 1, scene units.
-        keys: By clip, (keys, 2) seconds and activations, straight between them; 0 in other clips.
+        keys: By clip, (keys, 2) seconds and activations, linear between them; 0 in other clips.
         morph: Number of the morph target whose weight is the activation, in place of keys.
     """
 

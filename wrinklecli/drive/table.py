@@ -75,7 +75,7 @@ class Table:
     Attributes:
         by: The kind of number: 1 - distance / rest length, or an angle in radians.
         rows: (rows,) numbers, sorted.
-        table: (rows, targets) weights, straight between rows, constant beyond.
+        table: (rows, targets) weights, linear between rows, constant beyond.
         grows: True if weights grow with the rest length; False in layout 1.
     """
 
@@ -142,7 +142,7 @@ def split(weights: Floats, lows: Floats | None) -> Floats:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Path:
-    """Weights along the turns of a joint in a clip, straight between rows.
+    """Weights along the turns of a joint in a clip, linear between rows.
 
     Attributes:
         turns: (rows, 3) turns as `Angles` has them, at least two.

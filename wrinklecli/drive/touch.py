@@ -7,7 +7,7 @@ curvatures: `turn` is the angle from forward to the first way. The dent's weight
 skin over `deepest`. A ring rises with f(|d| / grip) · cos(angle of d - angle of its window), where f is a table that
 starts like a square root, as all wrinkles do.
 
-Slides and depths are keyed in some clips, straight between keys, and held before the first one. After the last one
+Slides and depths are keyed in some clips, linear between keys, and held before the first one. After the last one
 the tip lets go, and the skin springs back: x'' = -ω² x - 2 ζ ω x'.
 
 Where a joint bends the skin, eight more targets change the slides: their weights are those of the four ways times the

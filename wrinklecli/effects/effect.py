@@ -50,7 +50,7 @@ class Motion:
 
     Attributes:
         times: (frames,) seconds.
-        keys: (keys,) numbers of the frames that a track needs, straight between them.
+        keys: (keys,) numbers of the frames that a track needs, linear between them.
         readings: The measurements of each effect's drive at these times, such as a segment's lengths.
         weights: For each effect (frames, targets) weights of its targets.
     """

@@ -109,7 +109,7 @@ namespace Wrinkles
             : new Dictionary<string, Rows>();
     }
 
-    /// <summary>Rows of numbers, straight between, held before the first and after the last.</summary>
+    /// <summary>Rows of numbers, linear between, held before the first and after the last.</summary>
     sealed class Rows
     {
         public readonly double[] Xs;

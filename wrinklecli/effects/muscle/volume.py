@@ -36,7 +36,7 @@ class ConstantVolume:
         tendons: Length of both tendons, scene units.
         knots: (knots,) sorted thicknesses over that at rest, from 1 on, that the distance of the ends alone gives.
         gains: (knots,) thicknesses that are gained over that at rest.
-        mix: (knots, targets) weights where so much is gained. They are proportional to the gain, and straight between
+        mix: (knots, targets) weights where so much is gained. They are proportional to the gain, and linear between
             the knots: the shape follows the distance of the ends, and the activation makes it higher.
     """
 

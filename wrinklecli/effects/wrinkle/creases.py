@@ -248,7 +248,7 @@ def _moved(grid: Floats, step: int, axis: int) -> Floats:
 
 
 def _between(grid: Floats, cells: Floats) -> Floats:
-    """(points,) values of a map at (points, 2) coordinates in cells, straight between the cells' middles."""
+    """(points,) values of a map at (points, 2) coordinates in cells, linear between the cells' middles."""
     low = np.minimum(cells.astype(np.intp), np.array(grid.shape) - 2)
     (s, t), (i, j) = (cells - low).T, low.T
     before, after = ((1.0 - t) * grid[k, j] + t * grid[k, j + 1] for k in (i, i + 1))

@@ -86,7 +86,7 @@ def _tabulated(response: CurveResponse, error: float) -> Table:
     """Tabulate a response as coarsely as an error over its greatest weight allows.
 
     Heights start like a square root, each group of bumps where the one before it is full, and rows are dense there.
-    Rows are straight between, sorted from 0 to 1.
+    Values are linear between rows, which are sorted from 0 to 1.
     """
 
     def signal(shortenings: Floats) -> Floats:
