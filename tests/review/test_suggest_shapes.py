@@ -72,15 +72,13 @@ def test_no_fine_shape_fails(shape: Shape, everything: bool, folder: Path) -> No
 TURNED = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
 # Rings are at most half a radius apart, and skin weights change over more than a radius.
 BENT = [
-    # The mean of the sites that fold lies further within the tube than a neighbourhood of sites reaches.
-    Shape(sides=24, rings=40, blend=0.8),
     Shape(sides=8, rings=17),
     Shape(sides=12, rings=24, seam=True, capped=True),
+    # The mean of the sites that fold lies further within the tube than a neighbourhood of sites reaches.
+    Shape(sides=24, rings=40, blend=0.8),
     Shape(sides=16, rings=20, inside="x"),
     Shape(sides=16, rings=24, turn=TURNED, place=(3.0, -1.0, 2.0)),
     Shape(sides=10, rings=24, turn=TURNED, seam=True, normals=False),
-    Shape(sides=24, rings=40, seam=True, inside="x"),
-    Shape(sides=30, rings=60, angle=70.0, blend=0.8),
     Shape(sides=60, rings=120, angle=60.0),
     Shape(sides=90, rings=160, angle=70.0, blend=0.4),
     Shape(sides=200, rings=17, seam=True),
@@ -88,7 +86,7 @@ BENT = [
 ]
 
 
-@pytest.mark.quick(3)
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("shape", BENT, ids=lambda each: f"{each.sides}x{each.rings}")
 def test_a_bent_tube_folds_at_the_same_place_however_fine(tmp_path: Path, shape: Shape) -> None:
     # The place is tested, not the look: facets that bend, and a crease as sharp as a bump, leave tools out.

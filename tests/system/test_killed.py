@@ -38,13 +38,12 @@ def folder(tmp_path: Path) -> Path:
     return made
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "sign", "step"),
     [
-        # A few lines, which take little time; then each fifth line of a bake, and each tenth of what writes as it does,
-        # by the signal that a command answers or by the one that ends it.
-        ("bake", signal.SIGTERM, 29),
+        # Each fifth line of a bake, and each tenth or fewer of what writes as it does, by the signal that a command
+        # answers or by the one that ends it.
         ("frames", signal.SIGKILL, 29),
         ("track", signal.SIGINT, 29),
         *(("bake", sign, 5) for sign in (signal.SIGTERM, signal.SIGKILL)),
