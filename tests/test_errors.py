@@ -74,3 +74,13 @@ def test_very_many_lines_are_cut_to_the_first_and_a_number(found: list[int], par
         assert error.lines[shown:] == ((f"and {more:,} more",) if more > 0 else ())
         assert len(error.places) == len(error.lines)
         assert error.more == max(more, 0)
+
+
+def test_a_fault_of_both_sides_of_a_mirrored_entry_is_one_line() -> None:
+    """One of the other side alone has its own line."""
+    both = [
+        WrinkleError("is 3 thick", where=f"tools.yaml:4: muscles[0]{side}.thickness")
+        for side in ("", " (mirrored as biceps.R)")
+    ]
+    alone = WrinkleError("is no joint", where="tools.yaml:5: muscles[1] (mirrored as calf.R).origin")
+    assert WrinkleError.of_all([*both, alone]).lines == (*both[0].lines, *alone.lines)

@@ -1,6 +1,7 @@
 """The errors that users can mend: one flat tree, which the command line turns into lines and exit codes."""
 
 import difflib
+import re
 from collections.abc import Callable, Iterable, Sequence
 from typing import TypeVar
 
@@ -9,6 +10,7 @@ _MOST_LINES = 50  # lines of an error: a screen; who mends these sees the others
 _MOST_LISTED = 20  # names in a message
 _MOST_NAMES = 1000  # among which a hint is searched
 _LONGEST_NAME = 100  # characters of a name for a hint; people type no longer ones
+_MIRRORED = re.compile(r" \(mirrored as .*?\)")  # what the place of a tool's other side has beside its own
 
 Item = TypeVar("Item")
 Made = TypeVar("Made")
@@ -42,22 +44,25 @@ class WrinkleError(Exception):
 
     @classmethod
     def of_all(cls, problems: Iterable["WrinkleError"]) -> "WrinkleError":
-        """One error that reports all the problems at once, a line each; a problem of many tools has one line.
+        """One error that reports all the problems at once, a line each.
+
+        A problem of many tools has one line, and so has a problem of both sides of a mirrored tool.
 
         Of very many lines, the first are kept and the others are counted: a generator of problems takes no memory.
         """
-        error, kept, more = cls(""), dict[tuple[str, str], None](), 0
+        error, kept, more = cls(""), dict[tuple[str, str], tuple[str, str]](), 0
         for each in problems:
             pairs = list(zip(each.places, each.lines, strict=True))
-            for pair in pairs[:-1] if each.more else pairs:
+            for place, line in pairs[:-1] if each.more else pairs:
+                said = (_MIRRORED.sub("", place), _MIRRORED.sub("", line))
                 if len(kept) < _MOST_LINES:
-                    kept[pair] = None
+                    kept.setdefault(said, (place, line))
                 else:
-                    more += pair not in kept
+                    more += said not in kept
             more += each.more
         if more:
-            kept["", f"and {more:,} more"] = None
-        error.places, error.lines, error.more = *zip(*kept, strict=True), more
+            kept["", ""] = ("", f"and {more:,} more")
+        error.places, error.lines, error.more = *zip(*kept.values(), strict=True), more
         return error
 
     @classmethod

@@ -111,14 +111,14 @@ def test_muscles_below_clothes_lift_the_clothes(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_guessed_muscles_are_low(tmp_path: Path) -> None:
-    """A squat moves the skin over the hamstrings by less than a fifth of the way to the bone."""
+def test_guessed_muscles_are_no_lumps(tmp_path: Path) -> None:
+    """A squat moves the skin over the hamstrings by less than a third of the way to the bone."""
     asset = dressed().write(tmp_path / "dressed.glb")
     found = wrinklecli.suggest(asset, muscles=True)
     (tmp_path / "muscles.yaml").write_text(found.text)
     for muscle in check(asset, tmp_path / "muscles.yaml").data["muscles"]:
         for clip in muscle["clips"]:
-            assert clip["bulge"][1] < 0.2 * muscle["depth"]
+            assert clip["bulge"][1] < 0.33 * muscle["depth"]
 
 
 def test_a_limb_without_names_gets_none(wrinkle: Wrinkle, tmp_path: Path) -> None:

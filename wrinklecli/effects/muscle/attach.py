@@ -12,7 +12,7 @@ from wrinklecli.drive.drive import Drive
 from wrinklecli.drive.segment import RestLength, Segment, Tension
 from wrinklecli.effects.attached import Moves, WithoutSegment
 from wrinklecli.effects.muscle.region import Bulge, bulges_on
-from wrinklecli.effects.muscle.shapes import Belly, RefinedSkin, displaced, modes_of
+from wrinklecli.effects.muscle.shapes import Belly, RefinedSkin, displaced, travelling
 from wrinklecli.effects.muscle.volume import ACTIVATION, FULLEST, SHORTEST, ConstantVolume
 from wrinklecli.errors import BakeError, listed, nearest
 from wrinklecli.frozen import dataclass
@@ -21,20 +21,15 @@ from wrinklecli.surface.bones import BoneLines, carried_by
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.rest import asked_positions, named_node
-from wrinklecli.tools.body import ActivationKeys, ActivationMorph, Muscle
+from wrinklecli.tools.body import THICKNESS, ActivationKeys, ActivationMorph, Muscle
 from wrinklecli.tools.records import Marker
 
-# Thickness of the belly over the distance from bone to skin, twice 0.42: tried on a human's arm, 0.42 as the radius of
-# the belly looks right, 0.62 is absurd.
-_THICKNESS = 0.84
 # Width over which the skin follows, over the same distance: an upper arm is about as wide.
 _WIDTH = 2.4
 # Distance of a muscle's middle from its bone, over the muscle's length, below which it bulges to no side.
 _LEAST_SIDE = 0.01
 # Distance of a muscle's middle from its bone, over that of the skin, above which it is no part of the limb.
 _FARTHEST = 1.5
-# Part of the error bound for the modes of a belly that travels; the others are of samples and dropped keys.
-_TRAVEL_SHARE = 0.5
 # Distance of a muscle's ends over the mesh's size below which they are one point.
 _LEAST_SPAN = 1e-9
 
@@ -106,7 +101,7 @@ class AttachedMuscle(WithoutSegment):
 
     def _refined(self, fine: Refinement) -> Floats:
         """(targets, vertices, 3) displacements of the refined surface at weight 1, bind space."""
-        return displaced(self.belly, self.response, RefinedSkin(fine))[0]
+        return _with_lows(displaced(self.belly, self.response, RefinedSkin(fine))[0], self.response.lows)
 
 
 def attach_muscles(
@@ -156,7 +151,7 @@ def _attach(muscle: Muscle, ground: Ground, bones: BoneLines, swelling: Containe
             where=muscle.where,
         )
     room = found.room(ground)
-    thickness = _resolved(muscle.thickness, _THICKNESS * room, span)
+    thickness = _resolved(muscle.thickness, THICKNESS * room, room)
     if thickness > 2.0 * depth:
         raise BakeError(
             f"is {thickness:.4g} thick, where bone and skin are {depth:.4g} apart; at most twice that fits",
@@ -173,7 +168,7 @@ def _attach(muscle: Muscle, ground: Ground, bones: BoneLines, swelling: Containe
         axis=found.axis,
         side=found.side,
     )
-    response = ConstantVolume(span, tendons, *_modes(muscle, belly, ground))
+    response = ConstantVolume(span, tendons, *_modes(muscle))
     deltas, heights = displaced(belly, response, ground.rest)
     if not heights.any():
         raise BakeError("no vertex lies above it", where=muscle.where)
@@ -182,24 +177,29 @@ def _attach(muscle: Muscle, ground: Ground, bones: BoneLines, swelling: Containe
         RestLength(span),
         _tension(muscle, ACTIVATION * response.belly, rig),
     )
+    deltas = _with_lows(deltas, response.lows)
     names = tuple(f"wrinkle_{muscle.identifier}_{number + 1}" for number in range(len(deltas)))
-    drive = Drive(muscle.name, segment, names, response.table())
+    drive = Drive(muscle.name, segment, names, response.table(), lows=response.lows)
     regions = bulges_on(ground, belly, heights)
     covers = tuple(name for name in ground.meshes_over(np.maximum(heights, 0.0)) if name not in swelling)
     return AttachedMuscle(muscle, belly, ends, found.node, response, drive, deltas, heights, regions, covers)
 
 
-def _modes(muscle: Muscle, belly: Belly, ground: Ground) -> tuple[Floats, Floats, Floats]:
+def _with_lows(deltas: Floats, lows: Floats) -> Floats:
+    """(targets, vertices, 3) displacements, with those of the further targets of `lows`."""
+    return np.concatenate([deltas, -lows[lows > 0, None, None] * deltas[lows > 0]])
+
+
+def _modes(muscle: Muscle) -> tuple[Floats, Floats, Floats]:
     """(knots,) thicknesses over that at rest, (knots,) those gained, and (knots, targets) weights there."""
     if not muscle.travel:
         return np.ones(1), np.array([FULLEST - 1.0]), np.ones((1, 1))
-    tolerance = _TRAVEL_SHARE * ground.max_error.resolve(belly.thickness * (FULLEST - 1.0))
-    return modes_of(belly, tolerance, activated=muscle.activation is not None)
+    return travelling(activated=muscle.activation is not None)
 
 
-def _resolved(wanted: object, usual: float, span: float) -> float:
-    """A length of the tools file, scene units; `usual` if it is auto."""
-    return usual if wanted == "auto" else wanted.resolve(span)  # type: ignore[attr-defined]
+def _resolved(wanted: object, usual: float, whole: float) -> float:
+    """A length of the tools file, scene units, where per cents are of the `whole`; `usual` if it is auto."""
+    return usual if wanted == "auto" else wanted.resolve(whole)  # type: ignore[attr-defined]
 
 
 def _carrying_node(muscle: Muscle, number: int, place: Floats, rig: Rig, bones: BoneLines) -> int:

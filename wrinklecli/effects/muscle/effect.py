@@ -8,11 +8,11 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import morph_weights
+from wrinklecli.drive.table import split
 from wrinklecli.effects.body import BodyWords, body_effect, body_shapes, moves_at_rest
-from wrinklecli.effects.effect import Effect, MeshPlan, Remixes, Seen, named_targets
+from wrinklecli.effects.effect import Effect, MeshPlan, Seen
 from wrinklecli.effects.muscle.attach import AttachedMuscle
-from wrinklecli.effects.muscle.volume import SHORTEST, THINNEST
-from wrinklecli.effects.shapes import summed
+from wrinklecli.effects.muscle.volume import SHORTEST
 from wrinklecli.errors import listed
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
@@ -41,16 +41,17 @@ _REACH = 1.5
 
 def muscle_effect(plan: MeshPlan, attached: AttachedMuscle, deltas: Floats) -> Effect:
     """The effect of a muscle with (targets, fine vertices, 3) displacements at weight 1, bind space."""
-    knots = attached.response.mix
-    chosen = np.linspace(len(knots) - 1, 0, min(_FIT_KNOTS, len(knots))).astype(int)
+    response = attached.response
+    flexed = np.linspace(len(response.mix) - 1, 0, min(_FIT_KNOTS, len(response.mix))).astype(int)
+    rows = split(np.vstack([response.mix[flexed], response.thinnest]), response.lows)
     words = muscle_words(plan, attached, deltas)
-    found = body_effect(SECTION, attached, body_shapes(plan, deltas, knots[chosen]), words)
-    return replace(found, exact=attached.response, remixes=words)
+    return replace(body_effect(SECTION, attached, body_shapes(plan, deltas, rows), words), exact=response)
 
 
 def muscle_words(plan: MeshPlan, attached: AttachedMuscle, deltas: Floats) -> "MuscleWords":
     """The words of a muscle with such displacements about itself."""
-    return MuscleWords(attached, deltas, *_fullest(plan, deltas, attached.response.mix[-1]))
+    response = attached.response
+    return MuscleWords(attached, deltas, *_fullest(plan, deltas, split(response.mix[-1:], response.lows)[0]))
 
 
 def _fullest(plan: MeshPlan, deltas: Floats, weights: Floats) -> tuple[float, float]:
@@ -68,8 +69,8 @@ def _fullest(plan: MeshPlan, deltas: Floats, weights: Floats) -> tuple[float, fl
 
 
 @dataclass(frozen=True, slots=True)
-class MuscleWords(BodyWords[AttachedMuscle], Remixes):
-    """A muscle's words about itself, and its other targets for engines.
+class MuscleWords(BodyWords[AttachedMuscle]):
+    """A muscle's words about itself.
 
     Attributes:
         height: The largest move of the skin at the greatest thickness, scene units.
@@ -78,18 +79,7 @@ class MuscleWords(BodyWords[AttachedMuscle], Remixes):
 
     height: float
     gained: float
-    remedy: ClassVar[str] = ""
-
-    def with_unit_weights(self, effect: Effect) -> Effect:
-        """The same motion with weights in [0, 1]: weights below 0 get targets of their own."""
-        response = self.attached.response
-        thinnest = (THINNEST - 1.0) / response.gains[0] * response.mix[0]
-        lows = np.maximum(-np.vstack([thinnest, response.mix]), 0.0).max(axis=0)
-        shapes = [target.shape for target in effect.targets]
-        minus = [summed([shape], np.array([-low])) for shape, low in zip(shapes, lows.tolist(), strict=True) if low > 0]
-        targets = named_targets(effect.identifier, [*shapes, *minus])
-        drive = replace(self.attached.drive, targets=tuple(each.name for each in targets), lows=lows)
-        return replace(effect, targets=targets, drive=drive)
+    remedy: ClassVar[str] = "`travel: false`"
 
     def values(self, names: Sequence[str]) -> Json:
         """Its bones and its measures; volumes are cubic scene units."""

@@ -82,7 +82,7 @@ class Bulge(SmoothRegion):
     def share(self, u: Floats, v: Floats, _cosines: Floats) -> Floats:
         """(…,) fractions of the displacement along the muscle and round the limb."""
         along, aside = ((v + 1.0) / 2.0, 2.0 * u - 1.0) if self.turned else (u, v)
-        return np.asarray(spindle(along, 0.0, 1.0) * bell(aside))
+        return np.abs(spindle(along, 0.0, 1.0) * bell(aside))
 
 
 def bulges_on(ground: Ground, belly: Belly, heights: Floats) -> tuple[Bulge, Bulge]:

@@ -13,7 +13,7 @@ import numpy as np
 from wrinklecli.drive.segment import Contraction, Lengths
 from wrinklecli.drive.table import BellyTable, Table
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, interpolated
+from wrinklecli.numeric.arrays import Floats, distinct_values, interpolated
 
 ACTIVATION = 0.2
 """Part of the belly's rest length by which a full activation shortens it while its ends stay. Measured in men who pull
@@ -51,6 +51,16 @@ class ConstantVolume:
         """Length of the belly at rest, scene units."""
         return self.rest_length - self.tendons
 
+    @property
+    def thinnest(self) -> Floats:
+        """(targets,) weights of the muscle that is stretched furthest, below 0."""
+        return np.asarray((THINNEST - 1.0) / self.gains[0] * self.mix[0])
+
+    @property
+    def lows(self) -> Floats:
+        """(targets,) sizes of the weights below 0: see `split`. Some engines take none such."""
+        return np.maximum(-self.thinnest, 0.0)
+
     def shares(self, distances: Floats) -> Floats:
         """(frames,) belly lengths over that at rest, at (frames,) distances of the ends, activation taken off."""
         return np.clip((distances - self.tendons) / self.belly, SHORTEST, LONGEST)
@@ -72,7 +82,9 @@ class ConstantVolume:
     def table(self) -> Table | BellyTable:
         """A table of the weights by shortenings."""
         # At rest nothing bulges, not by the error of a table either.
-        lengths = np.sort(np.append(np.linspace(SHORTEST, LONGEST, _ROWS), 1.0))[::-1]
+        lengths = distinct_values(
+            np.concatenate([np.linspace(SHORTEST, LONGEST, _ROWS), [1.0], self.knots[1:-1] ** -2])
+        )[::-1]
         rows = 1.0 - (self.tendons + lengths * self.belly) / self.rest_length
         thicknesses = lengths**-0.5
         gains, weights = thicknesses - 1.0, self._unit_weights(thicknesses)

@@ -1,6 +1,6 @@
 """Muscles suggested by the names of bones: where they are on a human, in proportion to each limb.
 
-They are guesses. A rig says where bones are and no more, so each muscle is low, and the file says that it was guessed.
+They are guesses, as a rig says where bones are and no more, and the file says that they were guessed.
 
 Source of the places: H. Gray, *Anatomy of the Human Body*, on origins and insertions, simplified to straight segments
 along one bone; ends are ratios of the bones' lengths.
@@ -29,13 +29,11 @@ from wrinklecli.review.suggest.text import entry, quoted
 from wrinklecli.surface.bones import BoneLines, SideOfBone
 from wrinklecli.surface.ground import Ground, read_ground
 from wrinklecli.surface.rest import asked_positions
-from wrinklecli.tools.body import TENDONS, Muscle
+from wrinklecli.tools.body import TENDONS, THICKNESS, Muscle
 from wrinklecli.tools.mirror import exchange_sides, split_side
 from wrinklecli.tools.records import JointPoint, Length, Position, ToolsFile, parse_length
 from wrinklecli.tools.yaml_tree import printable
 
-# Thickness of a guessed belly over the distance from bone to skin: three fifths of what a muscle gets by itself.
-_LOW = 0.5
 # Distance of a muscle's line from its bone, over that of the skin: the middle of the flesh.
 _DEEP = 0.45
 # The same over the bone's length, while the skin's distance is not known.
@@ -273,8 +271,7 @@ def _fitted(
     except WrinkleError as error:
         return f"{name}: left out: {error.lines[0].removeprefix(f'{outermost.document.path}: ')}"
     room = found.room(outermost)
-    low = replace(muscle, thickness=Length(_LOW * room))
-    return SuggestedMuscle(low, False, names[found.node], room)
+    return SuggestedMuscle(replace(muscle, thickness=Length(THICKNESS * room)), False, names[found.node], room)
 
 
 def _share(ground: Ground, joint: int) -> float:
@@ -329,7 +326,7 @@ def muscles_text(muscles: Sequence[SuggestedMuscle], document: Document) -> str:
     lines = [
         f"# Muscles for {printable(os.path.basename(document.path), 90)}, as `wrinkle suggest --muscles` guesses them",
         "# by the names of bones and the thickness of limbs. Nothing has been measured in motion: look at each in a",
-        "# preview, move its ends, make it thicker, or delete it. `activation` flexes it by hand.",
+        "# preview, move its ends, make it thicker or thinner, or delete it. `activation` flexes it by hand.",
         "version: 1",
         "",
         "muscles:",
@@ -343,7 +340,7 @@ def muscles_text(muscles: Sequence[SuggestedMuscle], document: Document) -> str:
             "insertion": _written(each.joints[1], each.offsets[1]),
             "mirror": "x" if each.mirrored else None,
             "tendon": f"{muscle.tendon.value:.3g}%" if muscle.tendon != parse_length(TENDONS) else None,
-            "thickness": f"{muscle.thickness.value:.3g}   # a guess, and low: skin and bone are {each.depth:.3g} apart",
+            "thickness": f"{muscle.thickness.value:.3g}   # a guess: skin and bone are {each.depth:.3g} apart",
         }
         lines += entry(muscle.name, keys)
     return "\n".join(lines) + "\n"
