@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from wrinklecli.character.clip import KEY_GAP, KEY_STEP, Clip, clip_grid
+from wrinklecli.character.pose import node_rows
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.drive import AnyDrive
 from wrinklecli.numeric.arrays import Floats, Ints
@@ -28,14 +29,17 @@ class Playing:
     """
 
     def __init__(self, drives: Sequence[AnyDrive], rig: Rig, clip: Clip | None) -> None:
-        self._drives, self._clip = drives, clip
+        self._drives, self._rig, self._clip = drives, rig, clip
+        self._nodes = sorted(frozenset[int]().union(*(each.nodes for each in drives)))
         self._readers: list[Callable[[Floats, dict[int, Floats]], Any]] = [each.reader(rig, clip) for each in drives]
 
     def read(self, times: Floats) -> list[Any]:
-        """The measurements of each drive at (frames,) seconds; joints that several need are posed once."""
+        """The measurements of each drive at (frames,) seconds; joints are posed together, and once."""
         parts: list[tuple[Floats, dict[int, Floats]]] = [
             (times[k : k + _CHUNK], {}) for k in range(0, max(len(times), 1), _CHUNK)
         ]
+        for part, known in parts:
+            node_rows(self._rig, self._clip, part, self._nodes, known)
         return [_joined([read(part, known) for part, known in parts]) for read in self._readers]
 
     def weights(self, readings: Sequence[Any]) -> list[Floats]:

@@ -19,7 +19,7 @@ from wrinklecli.effects.shapes import Sample, Shape, make_shapes
 from wrinklecli.errors import counted
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Floats, Ints, nonzero_rows
+from wrinklecli.numeric.arrays import Floats, Ints, are_nonzero, nonzero_rows
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.tools.records import ToolsFile
@@ -67,7 +67,7 @@ class BodyWords(ABC, Generic[AttachedType]):
             "where": self.attached.tool.where,
             "node": plan.rig.names[plan.rig.node],
             **self.values(plan.rig.names),
-            "moved_vertices": int(np.any(self.deltas, axis=(0, 2)).sum()),
+            "moved_vertices": int(are_nonzero(self.deltas).any(axis=0).sum()),
             "targets": list(targets),
         }
 
@@ -93,7 +93,7 @@ class BodyPart(Generic[AttachedType]):
     @property
     def vertices(self) -> Ints:
         """(vertices,) those that a target moves."""
-        return np.flatnonzero(np.any(self.deltas, axis=(0, 2)))
+        return np.flatnonzero(are_nonzero(self.deltas).any(axis=0))
 
     @property
     def shares(self) -> Floats:
@@ -229,7 +229,7 @@ def moves_at_rest(blended: Floats, deltas: Floats) -> tuple[Ints, Floats]:
     Returns:
         (moved,) vertices, and their (targets, moved, 3) displacements in world space.
     """
-    vertices = np.flatnonzero(np.any(deltas, axis=(0, 2)))
+    vertices = np.flatnonzero(are_nonzero(deltas).any(axis=0))
     return vertices, np.einsum("vij,kvj->kvi", blended[vertices, :, :3], deltas[:, vertices])
 
 

@@ -16,6 +16,7 @@ from wrinklecli.numeric.arrays import (
     Bools,
     Floats,
     Ints,
+    are_nonzero,
     cross,
     determinants,
     distinct_values,
@@ -185,7 +186,7 @@ def _fit_normals(
     normals = DisplacedNormals.of(fine, vertices)
     touched, base = normals.touched, normals.base
     true = np.tile(base, (len(samples), 1, 1))
-    moving, bending = np.any(deltas, axis=2), None if middles is None else np.any(middles.deltas, axis=2)
+    moving, bending = are_nonzero(deltas), None if middles is None else are_nonzero(middles.deltas)
     # A sample says nothing of vertices that no shape with a weight in it moves, and few of many shapes have one.
     acting, groups = np.unique(weights != 0, axis=0, return_inverse=True)
     for number, shapes in enumerate(acting):
@@ -222,8 +223,8 @@ def _fit_normals(
     right *= reaching[:, :, None]
     # Shapes that hardly act in any sample get no normals instead of huge ones.
     ridge = 1e-9 * np.trace(normal, axis1=1, axis2=2).max(initial=0.0) + 1e-30
-    fitted = np.linalg.solve(normal + ridge * np.eye(weights.shape[1]), right)
-    return touched, fitted.transpose(1, 0, 2)
+    normal[:, np.arange(count), np.arange(count)] += ridge
+    return touched, np.linalg.solve(normal, right).transpose(1, 0, 2)
 
 
 @dataclass(frozen=True, slots=True)
