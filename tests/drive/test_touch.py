@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wrinklecli.drive.drive import StoredDrive
+from wrinklecli.drive.touch import weights_of
 
 ANCHOR = {"joints": ["hand"], "weights": [1.0], "positions": [[0.0, 0.0, 0.0]], "scales": [1.0]}
 PALM = {
@@ -54,6 +55,15 @@ def test_a_stored_touch_is_read_as_it_was() -> None:
     drive = StoredDrive.read(full_palm()).on({"hand": 0}, ())
     written = drive.to_json(["hand"], ())
     assert written == full_palm()
+
+
+@given(st.floats(-3.0, 3.0), st.floats(1.0, 9.0))
+def test_a_tip_slips_beyond_its_grip(angle: float, farther: float) -> None:
+    """The skin slides no farther, so all weights stay as they are at the grip."""
+    slides = np.outer([1.0, farther], [np.cos(angle), np.sin(angle)])
+    windows, rises = np.array([0.0, 2.0]), np.array([[0.0, 0.0], [0.5, 0.2], [1.0, 1.0]])
+    at_grip, beyond = weights_of(slides, np.full(2, 0.5), windows, rises, 0.3, np.full(2, 0.4))
+    assert beyond == pytest.approx(at_grip, abs=1e-9)
 
 
 @pytest.mark.parametrize(
