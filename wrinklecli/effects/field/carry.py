@@ -22,6 +22,7 @@ from wrinklecli.numeric.arrays import (
 )
 from wrinklecli.numeric.laplacian import Average, Sheet
 from wrinklecli.surface.refine import Refinement
+from wrinklecli.surface.strain import product
 
 # Replaces a divisor of 0.
 _TINY = 1e-300
@@ -34,8 +35,6 @@ _LEAST = 0.01
 _SEEN = 0.04
 # Length of ψ below which waves level out: it is 0 at a fork, and 1 half a wavelength beside it.
 _FORK = 0.7
-# Difference of the greatest and least stretch over the greatest from which on a direction counts wholly.
-_CLEAR = 0.16
 # Waves along a side of a triangle that shows them, the quantile of a field's sides that are usual beyond that, as in a
 # draft, and length over the usual one from which on a side shows none.
 _SHORT_ENOUGH, _USUAL, _TOO_LONG = 0.25, 0.75, 1.6
@@ -115,21 +114,27 @@ def _waves(
         shares: (vertices,) parts of the greatest height.
     """
     fabric, places, seed = attached.fabric, sheet.positions, attached.seed
-    least, lines, across = shortest(values[:, :6], normals)
-    size = np.abs(values[:, :6]).max(axis=1)
-    clear = (across - least) / np.where(size > 0, size, 1.0)
-    clear = np.clip(clear / _CLEAR, 0.0, 1.0)
-    trust = np.clip(shares * np.maximum(clear, 0.05), 0.0, 1.0)
+    _, lines, _ = shortest(values[:, :6], normals)
+    alike = _alike(sheet, normals, lines, attached.wavelength)
+    trust = np.clip(shares * alike, 0.0, 1.0)
     varied = (attached.wavelength, attached.tool.variation, seed)
     lines = irregular.turned(lines, normals, places, *varied)
     wavelengths = values[:, 6] * irregular.lengthened(places, *varied)
     sides = Sides.of(places, sheet.triangles, normals, lines, wavelengths)
     psi = phases(sides, places, sheet.triangles, trust, attached.wavelength, seed=seed)
-    # Where poses fold the surface across each other, no direction is right.
-    uneven = clear * _shown(sides, sheet, average) * irregular.raised(places, *varied)
+    uneven = alike * _shown(sides, sheet, average) * irregular.raised(places, *varied)
     return _Waves(
         uneven * _height(fabric, psi), sides.ends, uneven[sides.ends].mean(axis=1) * _height(fabric, sides.middles(psi))
     )
+
+
+def _alike(sheet: Sheet, normals: Floats, lines: Floats, wavelength: float) -> Floats:
+    """(vertices,) from 0 to 1 how alike (vertices, 3) unit lines are over half a wavelength, from a crest to a furrow.
+
+    Where poses fold the surface across each other, lines turn at once, and no direction is right: folds become pits.
+    """
+    least, _, most = shortest(sheet.averaging(wavelength / 2.0).of(product(lines, lines)), normals)
+    return np.clip(most - least, 0.0, 1.0) ** 2
 
 
 def _shown(sides: Sides, sheet: Sheet, average: Average) -> Floats:
