@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, face_normals, unit, vertex_normals
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, face_normals, unit
 from wrinklecli.review.preview.camera import Camera
 from wrinklecli.review.preview.light import RAKING_LIGHTS, smooth
 from wrinklecli.review.preview.rays import Hits, Occluders, first_hits, trace
@@ -39,12 +39,10 @@ class Seen:
     Attributes:
         side: From which it is seen, and how much of the wrinkles is visible from there.
         crests: What one sees of its crests.
-        rounding: Change of lightness that refinement alone makes at the place, over the lightness, root mean square.
     """
 
     side: Side
     crests: "Crests"
-    rounding: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,35 +125,33 @@ def look_at(staged: StagedTool, sight: Sight, side: Side) -> Seen:
     """Look at a tool from a side, in the light in which a review shows it."""
     camera = Camera(sight.place.centre, side.axes, sight.reach, tangent=0.0)
     key = best_light(sight.place, camera.axes, sight.free)
-    triangles, (_, plain, wrinkled) = staged.triangles, staged.states
-    smoothed = staged.flat_normals, vertex_normals(plain, triangles), vertex_normals(wrinkled, triangles)
+    triangles, shown = staged.triangles, staged.shown
     placed = distinct_values(triangles[staged.place])
-    pixels = _pixels_round(camera.project(np.concatenate([each[placed] for each in staged.states]), (SIDE, SIDE)))
-    drawn = [_drawn(staged, camera, pixels, *each) for each in zip(staged.states, smoothed, strict=True)]
+    pixels = _pixels_round(camera.project(np.concatenate([each[placed] for each, _ in shown]), (SIDE, SIDE)))
+    drawn = [_drawn(staged, camera, pixels, *each) for each in shown]
     # Shadows of the body are the same without and with wrinkles.
-    lit = _lit(sight, camera, wrinkled[triangles], drawn[2], key)
-    lightness = np.zeros((3, SIDE * SIDE))
-    taken = np.zeros((3, SIDE * SIDE), np.bool_)
+    lit = _lit(sight, camera, staged.wrinkled[triangles], drawn[1], key)
+    lightness = np.zeros((2, SIDE * SIDE))
+    taken = np.zeros((2, SIDE * SIDE), np.bool_)
     for number, hits in enumerate(drawn):
         amounts = lit[hits.pixels] * np.maximum(hits.normals @ key, 0.0), hits.normals[:, 2], np.ones(len(hits.pixels))
         # Of the colours of the lights green is closest to how light they look.
         lightness[number, hits.pixels] = np.stack(amounts, axis=1) @ RAKING_LIGHTS[:, 1]
         taken[number, hits.pixels] = staged.place[hits.triangles]
-    crests, rounding = Crests(0.0, 0.0), 0.0
-    both = taken[1] & taken[2]
+    crests, both = Crests(0.0, 0.0), taken.all(axis=0)
     if both.any():
-        hits = drawn[2].only(both[drawn[2].pixels])
+        hits = drawn[1].only(both[drawn[1].pixels])
         us, vs = np.einsum("pk,pka->ap", hits.weights, staged.places[triangles[hits.triangles]])
         known = np.isfinite(us)
-        changes = _changes(*lightness[1:, both])
+        before, after = lightness[:, both]
+        # Deep shade counts as the mean.
+        changes = (after - before) / np.maximum(before, before.mean())
         # A field has no coordinates, and crests all over its place.
         crests = Crests(float(np.sqrt(np.mean(changes**2))), 1.0)
         if known.any():
             crests = Crests.of(changes[known], us[known], vs[known], staged.bumps)
-        if (taken[0] & both).any():
-            rounding = float(np.sqrt(np.mean(_changes(*lightness[:2, taken[0] & both]) ** 2)))
     # What hides a place may lie so near to it that its points seemed visible.
-    return Seen(side if taken[2].any() else UNSEEN, crests, rounding)
+    return Seen(side if taken[1].any() else UNSEEN, crests)
 
 
 def _pixels_round(points: Floats) -> Ints:
@@ -179,12 +175,6 @@ def _drawn(staged: StagedTool, camera: Camera, pixels: Ints, positions: Floats, 
     surface = trace(local, unit(normals), camera.tangent, triangles=triangles)
     hits = first_hits(surface, (SIDE, SIDE), 0, pixels, np.zeros((1, 2)))
     return replace(hits, triangles=near[hits.triangles])
-
-
-def _changes(before: Floats, after: Floats) -> Floats:
-    """(pixels,) changes of lightness over the lightness before; deep shade counts as the mean."""
-    changes: Floats = (after - before) / np.maximum(before, before.mean())
-    return changes
 
 
 def _lit(sight: Sight, camera: Camera, corners: Floats, hits: Hits, key: Floats) -> Floats:

@@ -25,8 +25,7 @@ class Merits:
 
     Attributes:
         seen: Part of the wrinkles that is visible.
-        crests: Part of what changes the light that is crests; the rest is lumps and specks, rounding by refinement, and
-            what one does not notice.
+        crests: Part of what changes the light that is crests; the rest is lumps, specks and what one does not notice.
         smooth: Part of the edges that are not hard.
         whole: Part of the place that neither crosses something, nor turns over, nor lets through what lies beneath.
         limb: 1 where a limb, a finger, the waist or a face folds; 0 at necks, shoulders, chests and feet.

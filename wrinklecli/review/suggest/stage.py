@@ -71,9 +71,15 @@ class StagedTool:
     bumps: int
 
     @property
-    def states(self) -> tuple[Floats, Floats, Floats]:
-        """The positions as the asset has them, refined, and with wrinkles."""
-        return self.flat_positions, self.plain, self.wrinkled
+    def shown(self) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:
+        """(vertices, 3) positions and normals as an engine shows the asset, and the same with wrinkles.
+
+        A bake keeps the asset's normals, and turns them as wrinkles turn the surface. So the facets of a coarse mesh,
+        which the refined surface has, are seen neither before nor after.
+        """
+        before = unit(self.flat_normals)
+        turns = vertex_normals(self.wrinkled, self.triangles) - vertex_normals(self.plain, self.triangles)
+        return (self.flat_positions, before), (self.wrinkled, before + turns)
 
     @cached_property
     def height(self) -> float:

@@ -222,7 +222,7 @@ class _Look:
         seen, staged = look_at(self.best, self.sight, self.side), self.tallest
         before, after = (0, 0) if resolved else staged.crossings
         hard = float(self.placement.plan.fine.hard_shares[self.placement.part.region])
-        light = seen.rounding + seen.crests.contrast + _UNNOTICED
+        light = seen.crests.contrast + _UNNOTICED
         return Score.of(
             Merits(
                 seen=seen.side.visible,
