@@ -91,8 +91,7 @@ def suggested(variant: str) -> tuple[Face, Path, Suggestions]:
     if variant == JUDGED:
         return face, path, suggest_once(path, face=True)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(f"{suggest.__module__}.worthwhile", lambda _, tools, by, **__: Worthwhile(tools, by, [], []))
-        patch.setattr(f"{suggest.__module__}.unwarned", lambda _, found, __: found)
+        patch.setattr(f"{suggest.__module__}.worthwhile", lambda _, tools, by, **__: Worthwhile(tools, by, []))
         return face, path, suggest(path, face=True)
 
 

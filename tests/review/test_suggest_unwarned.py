@@ -12,9 +12,8 @@ from wrinklecli import check, suggest
 from wrinklecli.character.clip import read_clips
 from wrinklecli.gltf.document import read_document
 from wrinklecli.review.suggest.trial import TriedAsset
-from wrinklecli.review.suggest.unwarned import unwarned
-from wrinklecli.review.suggest.worth import Dropped, Worthwhile
-from wrinklecli.tools.records import Contact, Length, RefinementSettings, WrinkleTool
+from wrinklecli.review.suggest.worth import Dropped, Worthwhile, worthwhile
+from wrinklecli.tools.records import Length, RefinementSettings, WrinkleTool
 
 # The built characters that get tools, and a garment over plates that gets a field. What the dressed one gets, in any
 # colours, is the same as on its low-poly mesh.
@@ -56,29 +55,35 @@ def test_a_tool_is_made_to_fit_or_left_out(tmp_path: Path) -> None:
     document = read_document(asset)
     clips = read_clips(document)
     best = suggest(asset, everything=True).tools[-1]
+
     # What it lacks is given to it ...
-    stiff = replace(best, tool=replace(best.tool, compressible=0.0, max_height="auto"), lower=None)
-    found = unwarned(TriedAsset(document, clips), Worthwhile([stiff], RefinementSettings(), [], []), clips)
+    def tried(tool: WrinkleTool) -> Worthwhile:
+        made = replace(best, tool=tool, others=())
+        asset = TriedAsset(document, clips)
+        return worthwhile(asset, [made], RefinementSettings(), count=1, everything=False, checked=clips)
+
+    found = tried(replace(best.tool, compressible=0.0, max_height="auto"))
     assert found.dropped == []
     assert found.tools[0].tool.compressible > 0.3
     # ... and what no key mends is left out, with the line of `check`.
-    wide = replace(best, tool=replace(best.tool, width=Length(11.0 * best.span)), lower=None)
-    found = unwarned(TriedAsset(document, clips), Worthwhile([wide], RefinementSettings(), [], []), clips)
+    found = tried(replace(best.tool, width=Length(11.0 * best.span)))
     assert found.tools == []
     (dropped,) = found.dropped
     assert (dropped.name, dropped.reason) == (best.tool.name, "warned")
     assert "its width of" in dropped.line
 
 
-def test_a_tool_that_is_lowered_keeps_what_was_found_of_it() -> None:
+def test_what_fits_a_place_is_tried_one_after_another() -> None:
     tool = WrinkleTool(name="knee", origin=(0.0, 0.0, 0.0), target=(1.0, 0.0, 0.0), width=Length(1.0))
-    tall = squeezed(tool, 1.0)
-    low = replace(tall, tool=replace(tool, max_height=Length(0.1)))
-    found = replace(tall, tool=replace(tool, width=Length(0.5), contact=Contact()), crossings=7, lower=low)
-    lowered = found.lowered
-    assert lowered is not None
-    assert lowered.tool == replace(found.tool, max_height=Length(0.1))
-    assert lowered.crossings == 7
+    path, straight, low, lower = (
+        squeezed(replace(tool, max_height=Length(height)), 1.0) for height in (0.4, 0.3, 0.2, 0.1)
+    )
+    found = replace(path, others=(replace(straight, others=(low,)), lower))
+    heights = []
+    while found is not None:
+        heights.append(found.tool.max_height)
+        found = found.next
+    assert heights == [Length(height) for height in (0.4, 0.3, 0.2, 0.1)]
 
 
 def test_the_reason_of_a_warned_tool_is_the_line_of_check() -> None:

@@ -38,8 +38,8 @@ from wrinklecli.tools.materials import Preset, presets
 from wrinklecli.tools.mirror import split_side
 from wrinklecli.tools.records import Length, RestLengthMorph, WrinkleTool
 
-# Factors on the height of wrinkles that would be too tall for their place, the last one tried first.
-_LOWER = (0.5, 0.7)
+# Factors on the height of wrinkles that would be too tall for their place, the first one tried first.
+_LOWER = (0.7, 0.5)
 # Profile whose furrows are as wide as its bumps, so that they turn over last.
 _WIDE_FURROWS: Profile = "smooth"
 # Least score of a candidate, as a part of the best one's.
@@ -98,10 +98,8 @@ class Suggestion:
             the character is hidden in all of the clip.
         shortening: The greatest, as a part of the span, or of the rest length if a morph target makes that longer.
         score: The region's loss 1 − σ summed over its area, scene units squared.
-        straight: A straight tool in place of one with a path.
-        lower: The same tool with lower wrinkles, beside which there may be a lower one; None if they would need more
-            `compressible` than there may be.
-        smoother: The same tool with wide furrows; None if it has them, or if a morph target drives it.
+        others: Tools that fit the same place where this one would do harm: straight in place of a path, with lower
+            wrinkles, with wide furrows. They are tried in this order.
         own_profile: True if the tool's profile is another one than its material's.
         twin_moment: The clip and the time in which its mirror image shortens most; None if that is not suggested.
         one_sided: True if no clip raises the wrinkles of its mirror image.
@@ -110,6 +108,7 @@ class Suggestion:
         presets: Materials and presets by name, one of which its tool has.
         crossings: Edges that pass through triangles at the place when it is folded, if `contact` may keep them apart.
         judgement: What one sees of it, as a score; None if nobody looked, or if no clip raises it.
+        is_judged: True once somebody looked.
     """
 
     tool: WrinkleTool
@@ -123,9 +122,7 @@ class Suggestion:
     clips: dict[str, float]
     shortening: float
     score: float
-    straight: "Suggestion | None" = None
-    lower: "Suggestion | None" = None
-    smoother: "Suggestion | None" = None
+    others: "tuple[Suggestion, ...]" = ()
     own_profile: bool = False
     twin_moment: tuple[str, float] | None = None
     one_sided: bool = False
@@ -134,23 +131,15 @@ class Suggestion:
     presets: Mapping[str, Preset] = field(default_factory=presets)
     crossings: int = 0
     judgement: Score | None = None
+    is_judged: bool = False
 
     @property
-    def lowered(self) -> "Suggestion | None":
-        """The tool `lower`, as wide as this one and with the contact found since; None if there is none."""
-        return self._as_wide(self.lower)
-
-    @property
-    def smoothed(self) -> "Suggestion | None":
-        """The tool `smoother`, likewise."""
-        return self._as_wide(self.smoother)
-
-    def _as_wide(self, other: "Suggestion | None") -> "Suggestion | None":
-        if other is None:
+    def next(self) -> "Suggestion | None":
+        """The first of the others, beside which the rest may be tried; None without others."""
+        if not self.others:
             return None
-        tool = replace(other.tool, width=self.tool.width, contact=self.tool.contact)
-        known = {name: getattr(self, name) for name in ("one_sided", "crossings", "judgement")}
-        return replace(other, tool=tool, **known)
+        first, *rest = self.others
+        return replace(first, others=(*first.others, *rest))
 
 
 def fit_tools(candidates: Sequence[Candidate], further: Sequence[Clip] = ()) -> Iterator[Suggestion]:
@@ -237,7 +226,8 @@ class _Search:
         straight = self._fit_refined(refined.candidate, apart=apart)
         if fitted is None or straight is None:
             return fitted or straight
-        return replace(fitted, suggestion=replace(fitted.suggestion, straight=straight.suggestion))
+        others = (straight.suggestion, *fitted.suggestion.others)
+        return replace(fitted, suggestion=replace(fitted.suggestion, others=others))
 
     def _fit_refined(self, candidate: Candidate, *, apart: bool) -> _Fitted | None:
         """Fit a tool to a candidate with refined ends, as `_fit`; `apart` is True if it is clear of its twin."""
@@ -304,18 +294,14 @@ class _Search:
             substance=candidate.substance,
             twin_moment=None if twin is None else (twin.clip.name, twin.time),
         )
-        lower: Suggestion | None = None
-        for part in _LOWER:
-            found = with_lower_bumps(patches, tools, every, part)
-            lower = lower if found is None else replace(suggestion, tool=found[0], lower=lower)
-        suggestion = replace(suggestion, lower=lower)
+        lower = [with_lower_bumps(patches, tools, every, part) for part in _LOWER]
+        others = [replace(suggestion, tool=found[0]) for found in lower if found is not None]
         if suggestion.tool.profile != _WIDE_FURROWS and not candidate.by_morph:
             wide = attached(mesh, [replace(each, profile=_WIDE_FURROWS) for each in tools])
-            smooth = None if wide is None else with_rising_bumps(mesh, wide, every)
-            if smooth is not None:
-                other = replace(suggestion, tool=smooth[0], lower=None, own_profile=True)
-                suggestion = replace(suggestion, smoother=other)
-        return _Fitted(suggestion, patches)
+            found = None if wide is None else with_rising_bumps(mesh, wide, every)
+            if found is not None:
+                others.append(replace(suggestion, tool=found[0], own_profile=True))
+        return _Fitted(replace(suggestion, others=tuple(others)), patches)
 
 
 def _covers(region: Region, place: Floats, normal: Floats) -> bool:

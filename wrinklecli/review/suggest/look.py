@@ -138,7 +138,8 @@ def look_at(staged: StagedTool, sight: Sight, side: Side) -> Seen:
         # Of the colours of the lights green is closest to how light they look.
         lightness[number, hits.pixels] = np.stack(amounts, axis=1) @ RAKING_LIGHTS[:, 1]
         taken[number, hits.pixels] = staged.place[hits.triangles]
-    crests, both = Crests(0.0, 0.0), taken.all(axis=0)
+    crests = Crests(0.0, 0.0)
+    both: Bools = taken.all(axis=0)
     if both.any():
         hits = drawn[1].only(both[drawn[1].pixels])
         us, vs = np.einsum("pk,pka->ap", hits.weights, staged.places[triangles[hits.triangles]])

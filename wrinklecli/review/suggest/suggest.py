@@ -37,7 +37,6 @@ from wrinklecli.review.suggest.suggest_options import SuggestOptions
 from wrinklecli.review.suggest.text import refuse_unwritable, tools_text
 from wrinklecli.review.suggest.touches import SuggestedTouch, suggest_touches, touches_text
 from wrinklecli.review.suggest.trial import TriedAsset
-from wrinklecli.review.suggest.unwarned import unwarned
 from wrinklecli.review.suggest.worth import Dropped, Worthwhile, worthwhile
 from wrinklecli.surface.substance import is_rigid
 from wrinklecli.tools.records import RefinementSettings
@@ -140,8 +139,8 @@ def suggest(
                 RefinementSettings(),
                 count=len(of_face.tools),
                 everything=options.everything,
+                checked=clips,
             )
-            found = unwarned(tried, found, clips)
             return _written(raised, joined.beside, found, [*notes, *of_face.notes], of_face.reason, [])
         clips = checked = chosen_clips(joined.clips, joined.chosen(options.clips), where=document.path)
         generated: list[Clip] = []
@@ -186,9 +185,8 @@ def suggest(
             count=options.count,
             everything=options.everything,
             joined=clips,
+            checked=checked,
         )
-        if not options.everything:
-            found = unwarned(tried, found, checked)
         found.dropped[:0] = unfit
         beside = [*joined.beside, *(os.fspath(path) for path in options.presets)]
         return _written(document, beside, found, [*notes, *reasons], reason, options.written_presets, fields)
@@ -223,7 +221,5 @@ def _written(
         reason = ""
     elif found.dropped:
         reason = "nothing is worth it, as the notes say"
-    elif found.notes:
-        reason = "what its motions fold is left out, as the notes say"
-    inputs, notes = (*files_of(document), *beside), (*notes, *found.notes, *found.summary)
+    inputs, notes = (*files_of(document), *beside), (*notes, *found.summary)
     return Suggestions(tuple(found.tools), text, reason, notes, inputs, tuple(found.dropped), tuple(fields))

@@ -1,4 +1,4 @@
-"""Suggested tools tried on the mesh as a bake refines it: those that reach across a fold there are made narrower.
+"""Suggested tools placed on the mesh as a bake refines it.
 
 Regions are measured on the mesh as it is. Only the refined mesh shows what a tool's wrinkles reach, and whether its
 triangles become short enough for them.
@@ -19,37 +19,16 @@ from wrinklecli.effects.plan import attach_effects, plan_on, skin_parts
 from wrinklecli.errors import WrinkleError
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
-from wrinklecli.numeric.arrays import Ints, among, distinct_values, significant
+from wrinklecli.numeric.arrays import Ints, among, distinct_values
 from wrinklecli.numeric.processes import in_processes
 from wrinklecli.review.suggest.fitted_tools import Suggestion
 from wrinklecli.review.suggest.text import read_suggested, tools_text
 from wrinklecli.surface.ground import Ground, read_ground
 from wrinklecli.tools.mirror import exchange_sides
-from wrinklecli.tools.records import EffectTool, Length, RefinementSettings, ToolsFile
+from wrinklecli.tools.records import EffectTool, RefinementSettings, ToolsFile
 
-# Most times that a tool is made narrower.
-_TRIES = 3
-# Factor on its width each time.
-_NARROWER = 0.75
 # Most times that an edge is halved for suggested wrinkles: then a triangle is several times as long as the fold.
 MOST_LEVELS = 6
-
-
-@dataclass(frozen=True, slots=True)
-class TrialResult:
-    """Suggestions that bake well, as far as possible.
-
-    Attributes:
-        tools: Best first.
-        refinement: Fine enough for the tools; without rounding if that would be visible at rest.
-        placed: The tools and their twins on refined meshes, by name; empty if a bake would refuse one.
-        notes: A line for each tool left out.
-    """
-
-    tools: list[Suggestion]
-    refinement: RefinementSettings
-    placed: "dict[str, Placement]"
-    notes: list[str]
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +39,6 @@ class Placement:
         plan: The mesh with the tools that were placed together.
         part: The tool on that mesh.
         vertices: (vertices,) of the mesh under the tool's patch, sorted.
-        crosses: True if `check` would warn about the tool's place.
         coarse: True if edges under the patch stay too long, for its wrinkles or for those of a tool beside it.
         departs: True if refinement moves the surface under the tool so much that it is visible at rest.
     """
@@ -68,7 +46,6 @@ class Placement:
     plan: MeshPlan
     part: Part
     vertices: Ints
-    crosses: bool
     coarse: bool
     departs: bool
 
@@ -80,7 +57,6 @@ class Placement:
             plan=plan,
             part=part,
             vertices=distinct_values(plan.fine.surface.triangles[members]),
-            crosses=bool(part.place_warnings(plan)),
             coarse=bool(among(members, plan.fine.subdivision.unmet).any()),
             departs=plan.fine.departs(part.region),
         )
@@ -144,12 +120,31 @@ class Trial:
         moved = [placed[name] for each in changed for name in names_of(each, placed)]
         return {**placed, **self.placements([each for each in suggestions if _touches(each, placed, moved)])}
 
-    def is_coarse(self, suggestion: Suggestion) -> bool:
+    def fitting(self, suggestions: Sequence[Suggestion]) -> "tuple[Trial, dict[str, Placement], list[Suggestion]]":
+        """Refine as finely as suggestions need, and without rounding if that would be visible at rest.
+
+        Returns:
+            The settings for that; suggestions and their twins so placed, by the tool's name; and suggestions that even
+            the finest mesh does not show, which are not placed.
+        """
+        usual = self
+        trial, placed = usual._fine_enough(suggestions)
+        if any(each.departs for each in placed.values()) and self.refinement.scheme != "midpoint":
+            usual = replace(self, refinement=replace(self.refinement, scheme="midpoint"))
+            trial, placed = usual._fine_enough(suggestions)
+        beside = [each for each in suggestions if any(placed[name].coarse for name in names_of(each, placed))]
+        too_coarse = in_processes(usual._is_coarse, beside, self.asset.jobs)
+        coarse = [each for each, holds in zip(beside, too_coarse, strict=True) if holds]
+        if coarse:
+            trial, placed = usual._fine_enough([each for each in suggestions if each not in coarse])
+        return trial, placed, coarse
+
+    def _is_coarse(self, suggestion: Suggestion) -> bool:
         """True if edges stay too long for a suggestion even where they are halved most often."""
         trial = replace(self, refinement=replace(self.refinement, max_levels=MOST_LEVELS))
         return any(each.coarse for each in trial.placements([suggestion]).values())
 
-    def fine_enough(self, suggestions: Sequence[Suggestion]) -> "tuple[Trial, dict[str, Placement]]":
+    def _fine_enough(self, suggestions: Sequence[Suggestion]) -> "tuple[Trial, dict[str, Placement]]":
         """Find the least levels, these or more, that make edges short enough, or else the most; and place them so."""
         if not self._must_be_finer(suggestions):
             placed = self.placements(suggestions)
@@ -179,51 +174,6 @@ def _planned(mesh: tuple[Ground, Sequence[EffectTool]], settings: ToolsFile) -> 
     return plan_on(*attach_effects(ground, tools, settings), settings, BakeOptions().max_error)
 
 
-def try_on_refined_meshes(
-    asset: TriedAsset, suggestions: Sequence[Suggestion], refinement: RefinementSettings
-) -> TrialResult:
-    """Make suggestions as narrow as they need to be; those that cross a fold at any width stay as they were.
-
-    A path that crosses a fold gives way to the straight tool. Suggestions are left out where triangles are so long that
-    even a finer refinement than usual shows no wrinkles.
-
-    The refinement is what the file has for other tools; that of the result is finer, or without rounding, where these
-    tools need it.
-    """
-    usual = Trial(asset, refinement)
-    trial, placed = usual.fine_enough(suggestions)
-    if any(each.departs for each in placed.values()) and refinement.scheme != "midpoint":
-        usual = replace(usual, refinement=replace(refinement, scheme="midpoint"))
-        trial, placed = usual.fine_enough(suggestions)
-    straight = [each.straight if each.straight and _crosses(each, placed) else each for each in suggestions]
-    if straight != list(suggestions):
-        trial, placed = usual.fine_enough(straight)
-    beside = [each for each in straight if any(placed[name].coarse for name in names_of(each, placed))]
-    too_coarse = in_processes(usual.is_coarse, beside, asset.jobs)
-    coarse = [each for each, holds in zip(beside, too_coarse, strict=True) if holds]
-    if coarse:
-        trial, placed = usual.fine_enough([each for each in straight if each not in coarse])
-    notes = [
-        f"{each.mesh}: left out a fold that {each.driver} makes: its triangles are too long to show wrinkles there"
-        for each in coarse
-    ]
-    remaining = [each for each in straight if each not in coarse]
-    narrowed, wide_placed = list(remaining), dict(placed)
-    for _ in range(_TRIES):
-        crossing = [each for each in narrowed if _crosses(each, placed)]
-        if not crossing:
-            break
-        narrowed = [_narrower(each) if _crosses(each, placed) else each for each in narrowed]
-        placed = trial.placed_again(narrowed, crossing, placed)
-    tools = []
-    for wide, narrow in zip(remaining, narrowed, strict=True):
-        helped = not _crosses(narrow, placed)
-        tools.append(narrow if helped else wide)
-        if not helped:
-            placed |= {name: wide_placed[name] for name in names_of(wide, wide_placed)}
-    return TrialResult(tools, trial.refinement, placed, notes)
-
-
 def _touches(suggestion: Suggestion, placed: Mapping[str, Placement], moved: Sequence[Placement]) -> bool:
     """True if the refinement under moved tools may change the refinement under the suggestion's."""
     own = [placed[name] for name in names_of(suggestion, placed)]
@@ -231,17 +181,7 @@ def _touches(suggestion: Suggestion, placed: Mapping[str, Placement], moved: Seq
     return any(len(np.intersect1d(first.vertices, second.vertices)) > 0 for first, second in pairs)
 
 
-def _crosses(suggestion: Suggestion, placed: dict[str, Placement]) -> bool:
-    """True if `check` would warn about the place of the suggestion's tool, or of its twin."""
-    return any(placed[name].crosses for name in names_of(suggestion, placed))
-
-
 def names_of(suggestion: Suggestion, placed: Mapping[str, Placement]) -> Iterator[str]:
     """The names of the suggestion's tool and of its twin that could be placed."""
     names = [suggestion.tool.name, *([exchange_sides(suggestion.tool.name)] if suggestion.mirrored else [])]
     return (name for name in names if name in placed)
-
-
-def _narrower(suggestion: Suggestion) -> Suggestion:
-    width = significant(_NARROWER * suggestion.tool.width.value, 2)
-    return replace(suggestion, tool=replace(suggestion.tool, width=Length(width)))

@@ -1,30 +1,37 @@
-"""Suggested tools that are worth keeping: each is tried on the refined mesh, looked at, and scored.
+"""Suggested tools that are worth keeping: each is tried on the refined mesh, looked at, scored and checked.
 
-A tool is looked at once, where it is tallest, or a little before, if the fold hides it then.
+A tool is looked at once, where it is tallest, or a little before, if the fold hides it then. One that does harm, or of
+which `check` would warn, gives way to others that fit the same place, so that the file passes `check --strict`.
 """
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import field, replace
+from dataclasses import replace
 from functools import partial
 from itertools import islice
 
 import numpy as np
 
-from wrinklecli.character.clip import Clip
+from wrinklecli.character.clip import Clip, clip_grid
+from wrinklecli.character.rig import Rig
 from wrinklecli.choices import Part
-from wrinklecli.effects.faults import count_teeth
+from wrinklecli.effects.faults import count_teeth, departure_warnings, turned_warnings
 from wrinklecli.effects.order import kind_of
+from wrinklecli.effects.sampling import seen_at
 from wrinklecli.errors import counted
 from wrinklecli.frozen import dataclass
+from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.processes import in_processes
 from wrinklecli.review.preview.sides import UNSEEN, Side, best_moment
+from wrinklecli.review.suggest.anatomy import JOINED
 from wrinklecli.review.suggest.fitted_tools import Suggestion
 from wrinklecli.review.suggest.look import Sight, look_at
 from wrinklecli.review.suggest.score import REASONS, Merits, Score
+from wrinklecli.review.suggest.shortening import MOST_COMPRESSIBLE
 from wrinklecli.review.suggest.stage import Stage, StagedTool
-from wrinklecli.review.suggest.trial import Placement, TriedAsset, names_of, try_on_refined_meshes
-from wrinklecli.tools.records import Contact, RefinementSettings
+from wrinklecli.review.suggest.trial import Placement, Trial, TriedAsset, names_of
+from wrinklecli.tools.records import Contact, RefinementSettings, Sampling
 
 # Height over the size of a place below which a tool is not raised: a hair on a hand.
 _RAISED = 1e-3
@@ -35,8 +42,6 @@ _AS_TALL = 0.5
 _SLIT = 0.1
 # Joints whose folds contact closes, as each bends one limb: hips and shoulders over one trunk are in each other's way.
 _OF_CONTACT: tuple[Part, ...] = ("lower arm", "lower leg")
-# Shortening from which a fold is closed so far that contact finds no room for it.
-_DEEPEST = 0.9
 # Parts of a body whose joints fold what is around them; around other joints it slides, bulges or is stiff.
 _FOLDING: tuple[Part | None, ...] = (
     None,
@@ -55,6 +60,10 @@ _FOLDING: tuple[Part | None, ...] = (
 _UNNOTICED = 0.035
 # Suggestions that are looked at for each that may be kept. The next best ones fold ever less.
 _LOOKS = 3
+# Clips in which a tool is checked frame by frame: those that shorten it most, as measured in fewer poses.
+_MOST_CLIPS = 6
+# Frames of a clip that are checked: eleven minutes.
+_MOST_FRAMES = 20_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +95,7 @@ class Dropped:
 
 _SENTENCES = {
     "not raised": "no clip raises it",
+    "coarse": "its triangles are too long to show wrinkles there",
     "warned": "`check` would warn: {}",
     "refused": "{}",
     **dict(REASONS.values()),
@@ -100,15 +110,11 @@ class Worthwhile:
         tools: Best first.
         refinement: Fine enough for the tools.
         dropped: Those that are not worth it.
-        notes: A line for each tool that no refinement shows.
-        placed: Those of the tools that were looked at, and their twins, on refined meshes, by name.
     """
 
     tools: list[Suggestion]
     refinement: RefinementSettings
     dropped: list[Dropped]
-    notes: list[str]
-    placed: dict[str, Placement] = field(default_factory=dict)
 
     @property
     def summary(self) -> list[str]:
@@ -129,6 +135,7 @@ def worthwhile(
     count: int,
     everything: bool,
     joined: Sequence[Clip] = (),
+    checked: Sequence[Clip] = (),
 ) -> Worthwhile:
     """Try and look at suggestions, best first, until some are worth keeping.
 
@@ -137,57 +144,93 @@ def worthwhile(
         suggestions: Best first; so many are taken as are needed.
         refinement: What the tools file has at least.
         count: Most tools to keep.
-        everything: Keep all that can be baked, with their scores.
+        everything: Keep all that can be baked, as they are, with their scores.
         joined: Clips in which suggestions may be tallest, besides those of the asset.
+        checked: Clips that `check` looks at.
     """
     stage = Stage(asset.scene, (*joined, *asset.clips))
-    found = Worthwhile([], refinement, [], [])
+    trial, found = Trial(asset, refinement), Worthwhile([], refinement, [])
     remaining = islice(suggestions, count if everything else _LOOKS * count)
     while batch := list(islice(remaining, count - len(found.tools))):
-        trial = try_on_refined_meshes(asset, batch, found.refinement)
+        trial, placed, coarse = trial.fitting(batch)
         found = replace(found, refinement=trial.refinement)
-        found.notes.extend(trial.notes)
-        judge = partial(_judged, stage, trial.placed, everything)
-        for each in in_processes(judge, trial.tools, asset.jobs):
-            if isinstance(each, Dropped):
-                found.dropped.append(each)
-            else:
-                found.tools.append(each)
-                # Refined meshes are large, and those of dropped tools are needed no more.
-                found.placed.update({name: trial.placed[name] for name in names_of(each, trial.placed)})
+        found.dropped.extend(Dropped(each.tool.name, each.mesh, "coarse", 0.0) for each in coarse)
+        tools = {each.tool.name: each for each in batch if each not in coarse}
+        waiting = list(tools.values())
+        while waiting:
+            judge = partial(_judged, stage, placed, None if everything else checked)
+            changed = []
+            for each in in_processes(judge, waiting, asset.jobs):
+                if isinstance(each, Dropped):
+                    del tools[each.name]
+                    found.dropped.append(each)
+                    continue
+                changed += [] if each.is_judged else [each]
+                tools[each.tool.name] = each
+            before, placed = placed, trial.placed_again([*tools.values()], changed, placed)
+            moved = {name for name, placement in placed.items() if placement is not before[name]}
+            waiting = [each for each in tools.values() if not moved.isdisjoint(names_of(each, placed))]
+        found.tools.extend(tools.values())
         stage.let_go()
     return found
 
 
 def _judged(
-    stage: Stage, placed: dict[str, Placement], everything: bool, suggestion: Suggestion
+    stage: Stage, placed: dict[str, Placement], checked: Sequence[Clip] | None, suggestion: Suggestion
 ) -> Suggestion | Dropped:
-    """A suggestion that is worth keeping, or the reason why it is not."""
+    """A suggestion that is worth keeping, another one to try in its place, or the reason why there is none.
+
+    It is kept as it is if nothing is `checked`.
+    """
     moments = [(suggestion.clip, suggestion.time), suggestion.twin_moment]
     looks = []
     for name, moment in zip(names_of(suggestion, placed), moments, strict=False):
         look = None if moment is None else _look(stage, placed[name], *moment)
         if look is not None:
             looks.append(look)
-        elif name == suggestion.tool.name:
-            return suggestion if everything else Dropped(name, suggestion.mesh, "not raised", 0.0)
+        elif name == suggestion.tool.name and checked is not None:
+            return Dropped(name, suggestion.mesh, "not raised", 0.0)
     limb = suggestion.part in _OF_CONTACT and not suggestion.by_morph
-    touches = limb and suggestion.shortening < _DEEPEST and any(_has_slit(look.tallest) for look in looks)
+    touches = limb and any(_has_slit(look.tallest) for look in looks)
     resolved = touches and kind_of("folds").is_installed
     # Tools of a face lie where people have lines, whatever joint moves them.
     folding = suggestion.substance is None or suggestion.by_morph or suggestion.part in _FOLDING
     # A twin that a clip hardly raises is hardly seen either; one that rises as far must look as good.
     tallest = max((look.best.height for look in looks), default=0.0)
     sides = [each.scored(resolved=resolved, folding=folding) for each in looks if each.best.height > _AS_TALL * tallest]
-    if sides:
-        score = min(sides, key=lambda each: each.keep)
-        if not (score.is_kept or everything):
-            return Dropped(suggestion.tool.name, suggestion.mesh, *score.reason, keep=score.keep)
-        suggestion = replace(suggestion, judgement=score)
-    if touches and not everything:
+    score = min(sides, key=lambda each: each.keep, default=None)
+    one_sided = suggestion.twin_moment is not None and len(looks) == 1
+    judged = replace(suggestion, judgement=score, one_sided=one_sided, is_judged=True)
+    if checked is None:
+        return judged
+    if touches:
         tool = replace(suggestion.tool, contact=Contact()) if resolved else suggestion.tool
-        suggestion = replace(suggestion, tool=tool, crossings=max(look.tallest.crossings[1] for look in looks))
-    return replace(suggestion, one_sided=suggestion.twin_moment is not None and len(looks) == 1)
+        judged = replace(judged, tool=tool, crossings=max(look.tallest.crossings[1] for look in looks))
+    if score is not None and not score.is_kept:
+        unkept = Dropped(suggestion.tool.name, suggestion.mesh, *score.reason, keep=score.keep)
+        return (suggestion.next if score.worst == "whole" else None) or unkept
+    warning, needed = _checked(suggestion, placed, checked)
+    if not warning:
+        return judged
+    if suggestion.tool.compressible < needed <= MOST_COMPRESSIBLE / 100.0:
+        return replace(suggestion, tool=replace(suggestion.tool, compressible=needed), is_judged=False)
+    return suggestion.next or Dropped(suggestion.tool.name, suggestion.mesh, "warned", 0.0, warning)
+
+
+def _checked(suggestion: Suggestion, placed: dict[str, Placement], clips: Sequence[Clip]) -> tuple[str, float]:
+    """What `check` would warn of first, and the `compressible` that the tool needs; an empty string if of nothing."""
+    warnings, needed = list[str](), 0.0
+    clips = _shortest_clips(suggestion, clips)
+    for name in names_of(suggestion, placed):
+        plan, part = placed[name].plan, placed[name].part
+        seen = [seen_at(part, plan.rig, clip, _frames_of(clip, plan.rig)) for clip in clips]
+        lines = part.words(plan).warnings(plan, seen, up="y") + departure_warnings(plan.fine, [part])
+        lines += turned_warnings(plan, part, seen)
+        if lines:
+            lengths = ((each.reading.distances, each.reading.rest_lengths) for each in seen)
+            needed = max(needed, math.ceil(100.0 * part.attached.fitting_compressible(lengths)) / 100.0)
+        warnings += lines
+    return (warnings or [""])[0], needed
 
 
 def fault_of(stage: Stage, placement: Placement, clip: str, time: float) -> tuple[str, float] | None:
@@ -258,3 +301,24 @@ def _look(stage: Stage, placement: Placement, name: str, peak: float) -> _Look |
 def _has_slit(staged: StagedTool) -> bool:
     """True if a fold crosses along so much of its length that contact should close it."""
     return staged.crossings[1] > _SLIT * float(np.sqrt(staged.edge_count))
+
+
+def _shortest_clips(suggestion: Suggestion, clips: Sequence[Clip]) -> list[Clip]:
+    """The clips that shorten a tool most, and the one that shortens its mirror image most."""
+    by_name = {clip.name: clip for clip in clips}
+    # Suggestions are measured where morph targets of both sides are raised together.
+    parts = {
+        name: [name] if name in by_name else [part for part in name.split(JOINED) if part in by_name]
+        for name in suggestion.clips
+    }
+    names = sorted((name for name in parts if parts[name]), key=suggestion.clips.__getitem__)[:_MOST_CLIPS]
+    twin = [] if suggestion.twin_moment is None else [suggestion.twin_moment[0]]
+    wanted = [part for name in (*names, *twin) for part in parts.get(name, [name])]
+    return [by_name[name] for name in dict.fromkeys(wanted) if name in by_name]
+
+
+def _frames_of(clip: Clip, rig: Rig) -> Floats:
+    """(frames,) seconds at which a clip is looked at: its frames, or some of a very long one."""
+    frames = (clip.end - clip.start) * Sampling().fps
+    long = frames > _MOST_FRAMES
+    return np.linspace(clip.start, clip.end, _MOST_FRAMES) if long else clip_grid(clip, rig, fps=Sampling().fps)
