@@ -3,10 +3,10 @@
     python tests/benchmarks/places.py            says how often it is right on characters that it was not fitted to
     python tests/benchmarks/places.py --write    also writes the weights that the program reads
 
-A row of places.csv is a place that somebody looked at, without and with wrinkles and blind to the score, with its
+A row of places.csv is a place that was looked at twice, without and with wrinkles and blind to the score, with its
 merits as `suggest --all --json` prints them. The model is an ordinal logistic regression: one weighted sum of their
-logarithms, and a bias for each of "at least weak" and "keep". Weights in units of the logarithms' deviations have a
-normal prior of unit width. The program needs the sum and the bias of "keep".
+logarithms, and a bias for each of "at least weak" and "keep"; each look counts half. Weights in units of the
+logarithms' deviations have a normal prior of unit width. The program needs the sum and the bias of "keep".
 """
 
 import argparse
@@ -29,6 +29,7 @@ from wrinklecli.review.suggest.score import LEAST  # noqa: E402
 PLACES = HERE / "places.csv"
 WEIGHTS = HERE.parents[1] / "wrinklecli" / "review" / "suggest" / "score.json"
 VERDICTS = ("delete", "weak", "keep")
+LOOKS = ("first", "second")
 # Places on sheets that were built to show one fault each: the fit learns from them, and nobody counts them.
 BUILT = "sheet"
 # Digits of a weight: merits have three.
@@ -39,7 +40,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Places:
-    """The table: names of merits, (places,) characters and numbers of verdicts, (places, merits) their logarithms."""
+    """The table: names of merits, (places,) characters, (places, looks) verdicts, (places, merits) their logarithms."""
 
     names: list[str]
     characters: NDArray[np.str_]
@@ -69,7 +70,8 @@ class Fit:
             weights, found, slopes = values[:count], 0.5 * values[:count] @ values[:count], values.copy()
             slopes[count:] = 0.0
             for step in range(2):
-                sums, above = scaled @ weights + values[count + step], places.verdicts > step
+                # The mean over the looks of a place: of a half where they differ.
+                sums, above = scaled @ weights + values[count + step], np.mean(places.verdicts > step, axis=1)
                 off = 1.0 / (1.0 + np.exp(-sums)) - above
                 found += np.sum(np.logaddexp(0.0, sums) - above * sums)
                 slopes[:count] += off @ scaled
@@ -91,11 +93,11 @@ def read_places() -> Places:
     """Read the table."""
     with PLACES.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
-    names = list(rows[0])[3:]
+    names = list(rows[0])[2 + len(LOOKS) :]
     return Places(
         names,
         np.array([row["character"] for row in rows]),
-        np.array([VERDICTS.index(row["verdict"]) for row in rows]),
+        np.array([[VERDICTS.index(row[look]) for look in LOOKS] for row in rows]),
         np.log2(np.maximum([[float(row[name]) for name in names] for row in rows], LEAST)),
     )
 
@@ -110,29 +112,43 @@ def left_out(places: Places) -> Floats:
 
 
 def right(places: Places, chances: Floats) -> float:
-    """The part of places whose likeliest verdict is that of the table."""
+    """The part of looks whose verdict is the likeliest one."""
     steps = np.concatenate([np.ones((len(chances), 1)), chances, np.zeros((len(chances), 1))], axis=1)
-    return float(np.mean((steps[:, :-1] - steps[:, 1:]).argmax(axis=1) == places.verdicts))
+    return float(np.mean((steps[:, :-1] - steps[:, 1:]).argmax(axis=1)[:, None] == places.verdicts))
+
+
+def commonest(places: Places) -> float:
+    """The part of looks that have the commonest verdict."""
+    return float(np.bincount(places.verdicts.ravel()).max() / places.verdicts.size)
+
+
+def proposed(places: Places, chances: Floats) -> tuple[list[float], float]:
+    """The numbers of places that are proposed, to keep, weak and to delete; and the part of those to keep that are."""
+    chosen, whole = places.verdicts[chances[:, 1] >= 0.5], places.verdicts
+    counts = [float(np.sum(chosen == verdict)) / len(LOOKS) for verdict in (2, 1, 0)]
+    return counts, float(np.sum(chosen == 2) / np.sum(whole == 2))
 
 
 def report(places: Places, chances: Floats) -> str:
     """A text that says how often chances are right."""
-    commonest = np.bincount(places.verdicts).max() / len(places.verdicts)
-    proposed, kept = chances[:, 1] >= 0.5, places.verdicts == 2
-    counts = [int(np.sum(proposed & (places.verdicts == verdict))) for verdict in (2, 1, 0)]
-    return "\n".join(
-        [
-            f"{len(kept)} places on {len(np.unique(places.characters))} characters, each left out in turn:",
-            f"right {100 * right(places, chances):.1f} %; the commonest verdict {100 * commonest:.1f} %",
-            f"proposed {int(proposed.sum())}: {counts[0]} keep, {counts[1]} weak, {counts[2]} delete",
-            f"proposed of {int(kept.sum())} to keep: {100 * counts[0] / kept.sum():.0f} %",
+    apart = np.abs(places.verdicts[:, 0] - places.verdicts[:, 1])
+    lines = [
+        f"{len(chances)} places on {len(np.unique(places.characters))} characters, each left out in turn:",
+        f"the looks agree on {100 * np.mean(apart == 0):.1f} %, and are opposite on {np.sum(apart == 2)} places",
+        f"right {100 * right(places, chances):.1f} %; the commonest verdict {100 * commonest(places):.1f} %",
+    ]
+    for name, chosen in (("all", apart >= 0), ("where the looks agree", apart == 0)):
+        (keep, weak, delete), found = proposed(places.only(chosen), chances[chosen])
+        lines += [
+            f"{name}: proposed {keep + weak + delete:g}: {keep:g} keep, {weak:g} weak, {delete:g} delete;"
+            f" {100 * found:.0f} % of those to keep"
         ]
-    )
+    return "\n".join(lines)
 
 
 def weights_of(places: Places) -> dict[str, object]:
     """The weights as the program reads them."""
-    fit, kept = Fit.of(places), places.only(places.verdicts == 2).logs.mean(axis=0)
+    fit, kept = Fit.of(places), places.only((places.verdicts == 2).any(axis=1)).logs.mean(axis=0)
 
     def by_name(values: Floats) -> dict[str, float]:
         return dict(zip(places.names, np.round(values, DIGITS).tolist(), strict=True))

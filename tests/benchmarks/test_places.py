@@ -2,7 +2,6 @@
 
 import json
 
-import numpy as np
 import pytest
 
 from benchmarks import places
@@ -21,8 +20,11 @@ def test_the_score_is_right_on_characters_left_out() -> None:
     table = places.read_places()
     counted = table.characters != places.BUILT
     chances, table = places.left_out(table)[counted], table.only(counted)
-    commonest = np.bincount(table.verdicts).max() / len(table.verdicts)
-    assert places.right(table, chances) >= commonest + 0.15
-    proposed = chances[:, 1] >= 0.5
-    assert np.mean(table.verdicts[proposed] == 2) >= 0.8
-    assert proposed[table.verdicts == 2].mean() >= 0.7
+    assert places.right(table, chances) >= places.commonest(table) + 0.15
+    # Where the looks differ, one of them is wrong whatever the score says.
+    agreed = table.verdicts[:, 0] == table.verdicts[:, 1]
+    assert agreed.mean() >= 0.8
+    (keep, weak, delete), found = places.proposed(table.only(agreed), chances[agreed])
+    assert keep >= 0.8 * (keep + weak + delete)
+    assert found >= 0.7
+    assert places.proposed(table, chances)[1] >= 0.7

@@ -139,7 +139,7 @@ def look_at(staged: StagedTool, sight: Sight, side: Side) -> Seen:
         lightness[number, hits.pixels] = np.stack(amounts, axis=1) @ RAKING_LIGHTS[:, 1]
         taken[number, hits.pixels] = staged.place[hits.triangles]
     crests = Crests(0.0, 0.0)
-    both: Bools = taken.all(axis=0)
+    both = taken[0] & taken[1]
     if both.any():
         hits = drawn[1].only(both[drawn[1].pixels])
         us, vs = np.einsum("pk,pka->ap", hits.weights, staged.places[triangles[hits.triangles]])
