@@ -110,7 +110,7 @@ class Pair:
         factors = np.sqrt(squares.max(axis=2, initial=0.0))
         if np.ptp(factors) <= _ALIKE * factors.max(initial=0.0):
             # Joints that only turn stretch nothing: skin weights sum to 1.
-            stretches = np.full((len(factors), len(self._gaps)), factors.max(initial=0.0))
+            stretches = np.full((len(factors), 1), factors.max(initial=0.0))
         else:
             stretches = np.concatenate(
                 [factors[:, :0], *(factors @ np.abs(second) for _, second in self._dense())], axis=1
@@ -119,7 +119,8 @@ class Pair:
         spread = np.abs(origins - origins[:, :1]).sum(axis=2).max(axis=1, initial=0.0)
         spread += 2.0 * factors.max(axis=1, initial=0.0) * _DIAGONAL * self._reach
         first, second = before.displacements(self.first), after.displacements(self.second)
-        moved = float(np.abs(first).max(initial=0.0)) * _DIAGONAL * factors.max(axis=1, initial=0.0)
+        farthest = max(float(first.max(initial=0.0)), -float(first.min(initial=0.0)))
+        moved = farthest * _DIAGONAL * factors.max(axis=1, initial=0.0)
         found: Floats = stretches * (self._gaps + _lengths(second - first))
         found += (spread + moved)[:, None] * self._moved_weight
         return found
