@@ -422,19 +422,25 @@ class _Crossing:
     Attributes:
         pose: Of the part of the surface.
         surface: Its edges and triangles.
-        pairs: Those that cross in the skin alone.
+        pairs: Those that cross in the skin alone,
+        found: and those that did at the last look.
     """
 
     pose: _Pose
     surface: Crossings
     pairs: set[tuple[int, int]]
+    found: set[tuple[int, int]]
 
-    def at_fault(self, left: Floats, _changed: Bools) -> Ints:
+    def at_fault(self, left: Floats, changed: Bools) -> Ints:
         """The corners of edges and triangles that cross with the field and not without, if more of them do."""
-        found = self.surface.pairs_at(_rows(self.pose.places(left)))
-        if len(found) <= len(self.pairs):
+        before = sorted(self.found)
+        gone = np.flatnonzero(changed[self.surface.corners_of(before)].any(axis=1))
+        self.found.difference_update(before[number] for number in gone.tolist())
+        counting = None if changed.all() else changed
+        self.found.update(self.surface.pairs_at(_rows(self.pose.places(left)), counting))
+        if len(self.found) <= len(self.pairs):
             return np.zeros(0, np.intp)
-        return self.pose.vertices[distinct_values(self.surface.corners_of(found - self.pairs))]
+        return self.pose.vertices[distinct_values(self.surface.corners_of(self.found - self.pairs))]
 
 
 def _crossing(poses: _Poses, slopes: _Slopes) -> Iterator[_Crossing]:
@@ -452,7 +458,7 @@ def _crossing(poses: _Poses, slopes: _Slopes) -> Iterator[_Crossing]:
     part, corners = np.unique(triangles[involved[triangles].all(axis=1)], return_inverse=True)
     surface = Crossings.of(fine.rest_positions[part], corners.reshape(-1, 3))
     for each in poses.of_part(part):
-        yield _Crossing(each, surface, surface.pairs_at(_rows(each.still)))
+        yield _Crossing(each, surface, surface.pairs_at(_rows(each.still)), set())
 
 
 def _rows(places: Floats) -> Floats:
