@@ -2,7 +2,7 @@
 // into steps of a 240th of a second or less, in which c runs straight: along the path on which a clip takes the joint, where
 // that is known, and beside that on the cubic through the last four frames. All springs together keep within a limit of 1.
 
-import { limited, rested, swung } from './spring.js';
+import { limited, rested, swung } from './swing.js';
 
 /** Metres per second by which no body changes its speed within a frame: a game has put it elsewhere, or a clip loops. */
 const LEAP = 10;

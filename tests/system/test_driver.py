@@ -39,13 +39,8 @@ def test_the_sample_is_small() -> None:
     """What every player needs, and each file of what lag and contact need besides."""
     lines = {path.name: len(path.read_text().splitlines()) for path in (ROOT / "samples" / "driver").glob("*.[jh]*")}
     assert lines["driver.js"] + lines["index.html"] < 200
-    assert (
-        max(
-            lines[name]
-            for name in ("anchor.js", "fold.js", "joints.js", "muscle.js", "path.js", "polyline.js", "spring.js")
-        )
-        < 60
-    )
+    small = ("anchor", "fold", "joints", "muscle", "path", "polyline", "spring", "swing")
+    assert max(lines[f"{name}.js"] for name in small) < 60
 
 
 @pytest.mark.quick(2)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from kit.garments import plane
-from kit.tools_text import README
+from kit.places import ROOT
 from wrinklecli.effects.field.irregular import lengthened, raised, turned
 from wrinklecli.effects.field.material import FABRICS, Fabric
 from wrinklecli.tools.fields import OF_MATERIALS
@@ -37,7 +37,7 @@ def test_forks_are_as_high_as_the_mean_of_a_wave(fabric: Fabric) -> None:
 
 
 def test_the_reference_has_the_values_of_materials() -> None:
-    section = README.split("\n## Fields\n")[1].split("\n## ")[0]
+    section = (ROOT / "configs" / "fields.md").read_text(encoding="utf-8")
     rows = {key: cells.split(" | ") for key, cells in re.findall(r"^\| (.+?) \| (\d.*) \|$", section, re.MULTILINE)}
     columns = re.search(r"^\| \| (.*) \|$", section, re.MULTILINE)
     assert columns is not None
