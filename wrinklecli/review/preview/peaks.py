@@ -229,19 +229,25 @@ def _heights(
 ) -> Floats:
     """(frames,) greatest displacement by targets of a tool, scene units; weights are (frames, targets) by node."""
     of_primitives = [
-        np.max(np.abs(weights[shown.source.rig.node][:, columns]) * scale * reach, axis=1, initial=0.0)
-        for shown, columns, reach in reaches
+        scale
+        * np.linalg.norm(np.einsum("ft,tvx->fvx", weights[shown.source.rig.node][:, columns], moves), axis=2).max(
+            axis=1, initial=0.0
+        )
+        for shown, columns, moves in reaches
     ]
     found: Floats = np.max(of_primitives, axis=0)
     return found
 
 
 def _reaches(shown: ShownPrimitive, targets: Sequence[str]) -> tuple[Ints, Floats]:
-    """(found,) numbers of morph targets on a primitive, and (found,) their greatest displacements, bind units."""
+    """(found,) numbers of morph targets on a primitive, and (found, found, 3) moves at their crests, bind units.
+
+    A crest is the vertex that a target moves furthest; others may move it, too.
+    """
     names = shown.source.rig.morph_names
     rows = [row for row, number in enumerate(shown.shape_numbers.tolist()) if names[number] in targets]
-    lengths: Floats = np.sqrt(np.sum(shown.shapes[rows] ** 2, axis=2)).max(axis=1, initial=0.0)
-    return shown.shape_numbers[rows], lengths
+    crests = np.sum(shown.shapes[rows] ** 2, axis=2).argmax(axis=1)
+    return shown.shape_numbers[rows], shown.shapes[rows][:, crests]
 
 
 def _shortening(drive: StoredDrive, asset: ShownAsset, rig: Rig, clip: Clip, times: Floats) -> Json:
