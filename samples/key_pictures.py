@@ -208,7 +208,7 @@ PICTURES: dict[str, tuple[Look, list[Panel]]] = {
     "bow": (WHOLE, of_key("bow", (-1, 0, 1), {"variation": 0})),
     "max_levels": (COARSE, refined("max_levels", (0, 1, 4), 6)),
     "edges_per_interval": (COARSE, refined("edges_per_interval", (1, 2, 4), 3)),
-    "thickness": (BICEPS, of_key("thickness", ("10%", "auto", "40%"), {}, 1.0)),
+    "thickness": (BICEPS, of_key("thickness", ("40%", "auto", "150%"), {}, 1.0)),
 }
 
 
