@@ -51,7 +51,6 @@ SUGGESTED: dict[str, tuple[Callable[[], Asset] | None, tuple[str, ...]]] = {
     "muscles": (low_poly, ("--muscles",)),
     "flesh": (trunk_with_a_spine, ("--flesh",)),
     "wrist": (None, ()),
-    "head": (None, ()),
     "trousers": (None, ()),
 }
 

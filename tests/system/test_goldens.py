@@ -73,7 +73,7 @@ def limb_that_is_touched() -> Gltf:
 def belly_below_a_strap() -> Gltf:
     asset = body(keys=10)
     positions = attribute(asset, 0, "POSITION")
-    nearest = np.argsort(np.linalg.norm(positions - np.array([0.0, 0.03, 0.15]), axis=1))[:3]
+    nearest = np.argsort(np.linalg.norm(positions - np.array([0.01, 0.03, 0.15]), axis=1))[:3]
     primitive = {"attributes": {"POSITION": asset.accessor(positions[nearest], bounds=True)}}
     mesh = asset.append("meshes", {"primitives": [primitive]})
     asset.gltf["scenes"][0]["nodes"].append(asset.append("nodes", {"name": "strap", "mesh": mesh}))
