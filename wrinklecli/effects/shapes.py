@@ -203,7 +203,7 @@ def _fit_normals(
             folded=folded,
             middles=bent,
         )
-    cosines = np.maximum(np.sum(true * base, axis=2), LEAST_COSINE)
+    cosines = np.maximum(dot(np.moveaxis(true, 2, 0), base.T), LEAST_COSINE)
     wanted = true / cosines[..., None] - base
     for number, sample in enumerate(samples):
         for shape, weight in sample.beneath:
@@ -213,18 +213,19 @@ def _fit_normals(
     normal = np.zeros((len(touched), count, count))
     # Few of many shapes act together.
     ones, others = np.nonzero(np.triu(np.any((weights[:, :, None] != 0) & (weights[:, None] != 0), axis=0)))
-    normal[:, ones, others] = normal[:, others, ones] = leverages.T @ (weights[:, ones] * weights[:, others])
+    products = leverages.T @ (weights[:, ones] * weights[:, others])
+    # A shape turns no normal around which it moves nothing, though it could make up for what others leave there.
+    reaching = normals.reached(moving).astype(np.float64)
+    products *= reaching[:, ones] * reaching[:, others]
+    normal[:, ones, others] = normal[:, others, ones] = products
     wanted *= leverages[:, :, None]
     right = (weights.T @ wanted.reshape(len(weights), -1)).reshape(count, -1, 3)
     right = np.ascontiguousarray(right.transpose(1, 0, 2))
-    # A shape turns no normal around which it moves nothing, though it could make up for what others leave there.
-    reaching = normals.reached(moving)
-    normal *= reaching[:, :, None] & reaching[:, None]
     right *= reaching[:, :, None]
     # Shapes that hardly act in any sample get no normals instead of huge ones.
     ridge = 1e-9 * np.trace(normal, axis1=1, axis2=2).max(initial=0.0) + 1e-30
     normal[:, np.arange(count), np.arange(count)] += ridge
-    return touched, np.linalg.solve(normal, right).transpose(1, 0, 2)
+    return touched, np.asarray(np.linalg.solve(normal, right).transpose(1, 0, 2), np.float64)
 
 
 @dataclass(frozen=True, slots=True)

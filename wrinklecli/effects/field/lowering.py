@@ -123,19 +123,25 @@ class _Slopes:
 
     def around(self, values: Floats) -> Floats:
         """(vertices, …) the greatest of the (vertices, …) values of each vertex and its neighbours."""
-        return np.maximum.reduceat(values[self.others], self.firsts, axis=0)
+        found = np.zeros(values.shape)
+        near, own, firsts = self._beside(np.flatnonzero(values.reshape(len(values), -1).any(axis=1)))
+        if len(near):
+            found[near] = np.maximum.reduceat(values[self.others[own]], firsts, axis=0)
+        return found
+
+    def _beside(self, changed: Ints) -> tuple[Ints, Ints, Ints]:
+        """(near,) sorted neighbours of vertices, the places of their own neighbours, and where each one's begin."""
+        near = distinct_values(self.others[runs(self.firsts[changed], self.counts[changed])])
+        counts = self.counts[near]
+        return near, runs(self.firsts[near], counts), np.cumsum(counts) - counts
 
     def below(self, factors: Floats, limits: Floats) -> Floats:
         """(vertices, shapes) the greatest factors below others and below limits that rise no faster."""
         found = np.minimum(factors, limits)
         changed = np.flatnonzero((found < factors).any(axis=1))
         while len(changed):
-            near = distinct_values(self.others[runs(self.firsts[changed], self.counts[changed])])
-            counts = self.counts[near]
-            own = runs(self.firsts[near], counts)
-            lower = np.minimum.reduceat(
-                found[self.others[own]] + self.rises[own, None], np.cumsum(counts) - counts, axis=0
-            )
+            near, own, firsts = self._beside(changed)
+            lower = np.minimum.reduceat(found[self.others[own]] + self.rises[own, None], firsts, axis=0)
             changed = near[(lower < found[near]).any(axis=1)]
             found[near] = lower
         return found
