@@ -9,7 +9,7 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.effects.field import irregular
 from wrinklecli.effects.field.attach import AttachedField
 from wrinklecli.effects.field.compression import shortest
-from wrinklecli.effects.field.lowering import lowering
+from wrinklecli.effects.field.lowering import UNSEEN, lowering
 from wrinklecli.effects.field.material import Fabric
 from wrinklecli.effects.field.stripes import Sides, phases
 from wrinklecli.effects.shapes import Middles
@@ -26,9 +26,6 @@ from wrinklecli.surface.strain import product
 
 # Replaces a divisor of 0.
 _TINY = 1e-300
-# Part of the greatest displacement below which a shape moves nothing: a tenth of the default --max-error. Shapes that
-# are not negative fade slowly, and would else be all over a garment.
-_UNSEEN = 1e-3
 # Part of the greatest height below which a place has no phase.
 _LEAST = 0.01
 # Half height over the wavelength from which on a fold is seen well: later fields leave it alone.
@@ -87,7 +84,7 @@ def displaced(
     outward = fine.raising_at(vertices)
     moves = (heights * waves.heights[:, None]).T[:, :, None] * outward
     lengths = np.sqrt(np.sum(moves**2, axis=2))
-    moves = np.where((lengths > _UNSEEN * lengths.max(initial=0.0))[:, :, None], moves, 0.0)
+    moves = np.where((lengths > UNSEEN * lengths.max(initial=0.0))[:, :, None], moves, 0.0)
     left = lowering(attached, shown, fine, vertices, moves)
     moves *= left[:, :, None]
     heights *= left.T

@@ -38,8 +38,9 @@ _MOMENTS, _DIGITS = 25, 3
 # Times that what is at fault is lowered; each takes as many halvings as all before and one more, so that even shapes
 # that hardly act become level.
 _PASSES = 12
-# Factor of the height below which a place is level.
-_LEVEL = 1e-3
+# Part of a height below which nothing moves: a tenth of the default --max-error. Shapes that are not negative fade
+# slowly, and would else be all over a garment.
+UNSEEN = 1e-3
 # Replaces a divisor of 0.
 _TINY = 1e-300
 
@@ -81,7 +82,7 @@ def lowering(
         faults = slopes.around(marked[:, vertices].T)
         halvings = np.where(faults > 0, 2.0 * halvings + faults, halvings)
         limits = np.exp2(-halvings)
-        lower = slopes.below(left[:, vertices].T, np.where(limits > _LEVEL, limits, 0.0)).T
+        lower = slopes.below(left[:, vertices].T, np.where(limits > UNSEEN, limits, 0.0)).T
         changed = np.zeros(left.shape, np.bool_)
         changed[:, vertices] = lower != left[:, vertices]
         left[:, vertices] = lower

@@ -41,12 +41,12 @@ _TOGETHER = 4.0
 _TRUNK = ((-15.0, 35.0), (-20.0, 20.0), (-20.0, 20.0))
 _RANGES: Mapping[Part | None, Sequence[tuple[float, float]]] = {
     "upper leg": ((-25.0, 95.0), (-30.0, 30.0), (-25.0, 25.0)),
-    "lower leg": ((-120.0, 0.0), (0.0, 0.0), (0.0, 0.0)),
+    "lower leg": ((-120.0, 0.0),),
     "upper arm": ((-40.0, 80.0), (-70.0, 70.0), (-40.0, 40.0)),
     "lower arm": ((0.0, 125.0), (0.0, 0.0), (-45.0, 45.0)),
     "spine": _TRUNK,
     "chest": _TRUNK,
-    "shoulder": ((-15.0, 15.0), (-20.0, 20.0), (0.0, 0.0)),
+    "shoulder": ((-15.0, 15.0), (-20.0, 20.0)),
 }
 # Sine of the least angle between a bone and the way ahead at which it swings ahead.
 _LEAST_ACROSS = 0.3
@@ -169,7 +169,7 @@ def _anatomical(ground: Ground) -> dict[int, list[tuple[Floats, tuple[float, flo
         world = np.eye(4) if parent < 0 else node_matrices(rig, None, np.zeros(1), [parent])[0, 0]
         own = unit(axes @ np.linalg.pinv(world[:3, :3]).T)
         found[node] = [
-            (axis, (np.radians(low), np.radians(high))) for axis, (low, high) in zip(own, _RANGES[part], strict=True)
+            (axis, (np.radians(low), np.radians(high))) for axis, (low, high) in zip(own, _RANGES[part], strict=False)
         ]
     return found
 
