@@ -120,8 +120,8 @@ WIDE: Mapping[str, Any] = {
 BICEPS = Look(
     "body",
     "curl",
-    "115:0",
-    (0.27, 1.27, 0.05),
+    "90:0",
+    (0.27, 1.31, 0.05),
     0.135,
     {"origin": [0.205, 1.368, -0.012], "insertion": [0.382, 1.180, -0.005]},
     section="muscles",
@@ -208,7 +208,7 @@ PICTURES: dict[str, tuple[Look, list[Panel]]] = {
     "bow": (WHOLE, of_key("bow", (-1, 0, 1), {"variation": 0})),
     "max_levels": (COARSE, refined("max_levels", (0, 1, 4), 6)),
     "edges_per_interval": (COARSE, refined("edges_per_interval", (1, 2, 4), 3)),
-    "thickness": (BICEPS, of_key("thickness", ("40%", "auto", "150%"), {}, 1.0)),
+    "thickness": (BICEPS, of_key("thickness", ("40%", "auto", "190%"), {"travel": False}, 1.0)),
 }
 
 
