@@ -247,6 +247,7 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
             yield from (*some("--max-levels", "0"), *some("--max-vertices", "10", share=0.1))
             yield from some("--tool", "limb", share=0.1)
             yield from some("--plot", chance.choice(["plot.svg", "plot.svg", "plot.png"]), share=0.2)
+            yield from some("--verbose", share=0.3)
         case "inspect":
             yield from (asset, *some("--json", share=0.5), *some("--allow-external"), *some(*memory, share=0.1))
         case "diff":

@@ -706,7 +706,7 @@ def test_a_field_says_how_its_joints_turn_and_how_far_clips_fold_it(wrinkle: Wri
     """Beside a tool, which is checked as ever."""
     asset, tools = sleeve_and_field(tmp_path, clips={"wave": 0.5})
     tools.write_text(json.dumps(yaml.safe_load(tools.read_text()) | {"tools": [tool(node="limb")]}))
-    ran = wrinkle("check", asset, tools)
+    ran = wrinkle("check", asset, tools, "-v")
     assert ran.code == 0, ran.lines
     assert "folds on limb" in ran.out
     assert re.search(r"\n +(turns +)?joint_1  -20 to 25°, [1-9] shapes?\n", ran.out)

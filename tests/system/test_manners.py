@@ -166,9 +166,9 @@ def test_colours_are_for_terminals_that_want_them(tmp_path: Path) -> None:
     tools = write_tools(tmp_path / "tools.yaml", {**PALM, "strength": 2})
     arguments = ["check", str(sample("wrist")), str(tools)]
     environment = {key: value for key, value in os.environ.items() if key != "NO_COLOR"}
-    assert "\x1b[33mwarning: palm" in on_terminal(arguments, NO_COLOR="")
+    assert "\x1b[33mpalm" in on_terminal(arguments, NO_COLOR="")
     plain = on_terminal(arguments, NO_COLOR="1")
-    assert "warning: palm" in plain
+    assert "palm  wrist" in plain
     assert not re.search(r"\x1b\[\d+m", plain)
     piped = subprocess.run([*MAIN, *arguments], env=environment, capture_output=True, text=True, check=True)
     assert "\x1b" not in piped.stdout + piped.stderr
