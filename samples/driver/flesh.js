@@ -1,8 +1,8 @@
 // Flesh that swings after a joint: springs n'' + 2ζω n' + ω² n = w · (g - c''), where c is the joint's place. A frame is cut
-// into steps of a 240th of a second or less, in which c runs straight: along the path on which a clip takes the joint, where
+// into steps of a 360th of a second or less, in which c runs straight: along the path on which a clip takes the joint, where
 // that is known, and beside that on the cubic through the last four frames. All springs together keep within a limit of 1.
 
-import { limited, rested, swung } from './swing.js';
+import { atRest, limited, swung } from './swing.js';
 
 /** Metres per second by which no body changes its speed within a frame: a game has put it elsewhere, or a clip loops. */
 const LEAP = 10;
@@ -12,7 +12,7 @@ const LEAP_ANEW = 2.5;
 const HITCH = 2;
 const LONG = 0.05;
 /** Steps per second, at least. */
-const STEPS = 240;
+const STEPS = 360;
 
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const AXES = [0, 1, 2];
@@ -56,8 +56,7 @@ function cubic(moves, steps, i) {
 function advance(state, modes, place, { ways, loads }, { elapsed, ratio, path, back, anew }) {
   const begin = { place, ways, loads };
   if (!state.swing || !(elapsed >= 0)) {
-    const rest = rested(loads);
-    Object.assign(state, begin, { swing: [rest, rest.map(() => 0)], moves: [], steps: [], velocity: null });
+    Object.assign(state, begin, { swing: atRest(loads), moves: [], steps: [], velocity: null });
     return;
   }
   const [earlier] = state.moves;

@@ -6,7 +6,7 @@ is the spring's gain times its load, a direction in the joint's space, over the 
 flesh and joint: a damper against the world would drag behind a walk. Flesh turns along with its joint.
 
 A clip's keys are joined by a smooth curve that goes nowhere between two keys at the same place (`numeric.monotone`), as
-straight lines between keys would kick the spring at each of them. In steps of a 240th of a second or less the place
+straight lines between keys would kick the spring at each of them. In steps of a 360th of a second or less the place
 runs straight, so a kick at each of them is the change of its velocity. All springs together keep the limit by
 themselves (`numeric.limited`).
 

@@ -48,7 +48,7 @@ def _least(a: Floats, b: Floats) -> Floats:
 
 
 def divided(times: Floats, points: Floats, slopes: Floats, most: float) -> tuple[Floats, Floats]:
-    """(parts + 1,) times, with those of the points, no two more than `most` apart, and (parts + 1, columns) there.
+    """(parts + 1,) times, with those of the points, about `most` apart or less, and (parts + 1, columns) there.
 
     Args:
         times: (points,) sorted.
@@ -57,7 +57,8 @@ def divided(times: Floats, points: Floats, slopes: Floats, most: float) -> tuple
         most: Seconds; between two points, all parts are alike.
     """
     spans = np.diff(times)
-    counts = np.maximum(np.ceil(spans / most - 1e-6), 1.0).astype(np.intp)
+    # Keys are float32: at 200 s, spans are off by up to 15 µs, which is half a hundredth of a 360th of a second.
+    counts = np.maximum(np.ceil(spans / most - 1e-2), 1.0).astype(np.intp)
     pieces = np.repeat(np.arange(len(spans)), counts)
     fractions = (np.arange(len(pieces)) - np.repeat(np.cumsum(counts) - counts, counts)) / counts[pieces]
     t, wide = fractions[:, None], spans[pieces, None]

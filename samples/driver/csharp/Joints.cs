@@ -110,7 +110,7 @@ namespace Wrinkles
         /// <summary>A frame that takes so many times as long as the one before, and so many seconds, tells no way.</summary>
         const double Hitch = 2, Long = 0.05;
         /// <summary>Steps per second, at least; within one, the joint's place runs straight.</summary>
-        const double Steps = 240;
+        const double Steps = 360;
         static readonly Known Unknown = new Known { Path = part => new double[3], Beside = new double[3], Back = new double[3] };
         readonly string joint;
         readonly double[] at, gravity, gains;
@@ -229,8 +229,10 @@ namespace Wrinkles
     {
         /// <summary>Greatest change of a swing per second, over its limit; iterations of Newton's method.</summary>
         const double Fastest = 24, Iterations = 30;
+        /// <summary>Seconds over which a speed that the limit took counts against kicks the other way.</summary>
+        const double Fade = 1.0 / 30;
         readonly Spring[] springs;
-        double[] speeds;
+        double[] speeds, lost;
         public double[] Places;
 
         public Swing(Spring[] springs) { this.springs = springs; }
@@ -244,7 +246,8 @@ namespace Wrinkles
             var size = V.Length(loads);
             var found = Math.Min(size, 1);
             for (var k = 0; k < Iterations; k++) found -= (size * Math.Pow(found, 4) + found - size) / (4 * size * Math.Pow(found, 3) + 1);
-            (Places, speeds) = (loads.Select(load => size > 0 ? load * found / size : 0).ToArray(), new double[loads.Length]);
+            (speeds, lost) = (new double[loads.Length], new double[loads.Length]);
+            Places = loads.Select(load => size > 0 ? load * found / size : 0).ToArray();
         }
 
         /// <summary>Of a push, |n|⁴ of what goes further out does not act.</summary>
@@ -257,10 +260,14 @@ namespace Wrinkles
         /// <summary>Some seconds that begin with `kicks` of the speeds over ω, under steady `loads`.</summary>
         public void Pass(double[] kicks, double[] loads, double seconds)
         {
-            var (kicked, rest) = (Inward(kicks).Select((kick, k) => speeds[k] + kick).ToArray(), Inward(loads));
+            var (pushes, rest, size) = (Inward(kicks), Inward(loads), V.Dot(lost, lost));
+            var share = size > 0 ? Math.Min(Math.Max(-V.Dot(pushes, lost), 0), size) / size : 0;
+            var kicked = pushes.Select((push, k) => speeds[k] + push + share * lost[k]).ToArray();
             var (taken, room) = (0.0, Math.Max(1 - V.Dot(Places, Places), 0));
             for (var k = 0; k < springs.Length; k++) taken += Math.Pow(kicked[k] * Math.Max(springs[k].Omega / Fastest, 1), 2);
             var kept = taken > room ? Math.Sqrt(room / taken) : 1;
+            var fade = Math.Exp(-seconds / Fade);
+            lost = lost.Select((each, k) => fade * ((1 - share) * each + (1 - kept) * kicked[k])).ToArray();
             Places = Limited(Places);
             for (var k = 0; k < springs.Length; k++)
             {

@@ -136,7 +136,7 @@ static func flesh(body, data, state):
 # Takes the springs on by a frame that brings the joint to a place, along the cubic through the last four frames.
 static func _advance(elapsed, modes, state, place, ways, loads, farthest, known):
 	if not state.has("swing") or not elapsed >= 0:
-		state["swing"] = [Numbers.rested(loads), Numbers.times(0.0, loads)]
+		state["swing"] = [Numbers.rested(loads), Numbers.times(0.0, loads), Numbers.times(0.0, loads)]
 		state["moves"] = []
 		state["steps"] = []
 		state["velocity"] = null

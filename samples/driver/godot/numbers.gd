@@ -2,8 +2,10 @@
 
 # Steps per second, at least, in which flesh swings; greatest change of a swing per second, over its limit; iterations of
 # Newton's method.
-const STEPS = 240.0
+const STEPS = 360.0
 const FASTEST = 24.0
+# Seconds over which a speed that the limit took counts against kicks the other way.
+const FADE = 1.0 / 30.0
 const ITERATIONS = 30
 
 
@@ -160,11 +162,16 @@ static func _inward(n, push):
 	return sum(push, n, -dot(n, n) * larger(dot(n, push), 0.0))
 
 
-# Places and speeds over ω of springs that swing together within a limit of 1, after some seconds in which each is free.
+# Places and speeds over ω of springs that swing together within a limit of 1, and the speeds that the limit took, after
+# some seconds in which each is free.
 # They begin with `kicks` of the speeds, under steady `loads`.
 static func swung(state, springs, kicks, loads, seconds):
 	var n = state[0]
-	var kicked = sum(state[1], _inward(n, kicks))
+	var lost = state[2]
+	var pushes = _inward(n, kicks)
+	var size = dot(lost, lost)
+	var share = smaller(larger(-dot(pushes, lost), 0.0), size) / size if size > 0 else 0.0
+	var kicked = sum(sum(state[1], pushes), lost, share)
 	var rest = _inward(n, loads)
 	var taken = 0.0
 	for k in range(springs.size()):
@@ -172,7 +179,8 @@ static func swung(state, springs, kicks, loads, seconds):
 	var room = larger(1.0 - dot(n, n), 0.0)
 	var kept = sqrt(room / taken) if taken > room else 1.0
 	n = limited(n)
-	var ends = [[], []]
+	var fade = exp(-seconds / FADE)
+	var ends = [[], [], sum(times(fade * (1.0 - share), lost), kicked, fade * (1.0 - kept))]
 	for k in range(springs.size()):
 		var damping = springs[k]["damping"]
 		var left = decay(damping, 2.0 * PI * springs[k]["frequency"] * seconds)
