@@ -184,7 +184,7 @@ def test_colours_are_for_terminals_that_want_them(tmp_path: Path) -> None:
         ("wrinkle che", "wrinkle check "),
         ("wrinkle check samples/tro", "wrinkle check samples/trousers.glb "),
         ("wrinkle check --pl", "wrinkle check --plot "),
-        ("wrinkle bake --engine un", "wrinkle bake --engine unity "),
+        ("wrinkle bake --engine uni", "wrinkle bake --engine unity "),
     ],
 )
 @pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
