@@ -1,8 +1,7 @@
-"""Draws pictures/body.webp and pictures/flesh.webp: a body in motion, as it was made and with muscles, flesh and folds.
+"""Draws pictures/flesh.webp: a body in motion, without flesh and with it.
 
-`python samples/flesh_picture.py FILE [FOLDER]`. The name of FILE says which. The program bakes what it draws: the first
-is the sample, the second has cheeks too, and shakes its head and arms. The folder keeps the body and what was baked.
-Needs the extra `preview`.
+`python samples/flesh_picture.py FILE [FOLDER]`. The body is the sample, which has cheeks too, and shakes its head and
+arms. The program bakes what it draws; the folder keeps the body and what was baked. Needs the extra `preview`.
 """
 
 import json
@@ -14,7 +13,7 @@ from typing import NamedTuple
 import yaml
 
 from _body import jump, make_body, shake
-from _characters import Character, to_glb
+from _characters import to_glb
 from _panels import Frames, frames_of, run, save_panels
 from wrinklecli import BakeOptions, PreviewOptions, bake
 
@@ -33,28 +32,18 @@ class Panel(NamedTuple):
     radius: float
 
 
-PANELS = {
-    "body": (Panel("jump", "50:5", (0.0, 1.02, 0.04), 0.36), Panel("curl", "100:12", (0.32, 1.27, 0.02), 0.2)),
-    "flesh": (
-        Panel("jump", "70:5", (0.0, 1.0, 0.05), 0.3),
-        Panel("jump", "150:5", (0.0, 0.94, -0.02), 0.24),
-        Panel("shake", "30:0", (0.28, 1.27, -0.02), 0.17),
-        Panel("shake", "20:5", (0.0, 1.6, 0.05), 0.15),
-    ),
-}
-LABELS = {"body": ("before", "after"), "flesh": ("without", "flesh")}
-SIZES = {"body": (250, 250), "flesh": (220, 220)}  # pixels of each picture
+PANELS = (
+    Panel("jump", "70:5", (0.0, 1.0, 0.05), 0.3),
+    Panel("jump", "150:5", (0.0, 0.94, -0.02), 0.24),
+    Panel("shake", "30:0", (0.28, 1.27, -0.02), 0.17),
+    Panel("shake", "20:5", (0.0, 1.6, 0.05), 0.15),
+)
+SIZE = (220, 220)  # pixels of each picture
 
 
-def asset_of(picture: str) -> tuple[Character, list[dict[str, object]]]:
-    """The body of a picture, and regions of flesh besides those of the sample."""
-    body = make_body()
-    return (body, []) if picture == "body" else (replace(body, clips=(jump(), shake())), [CHEEKS])
-
-
-def panel_of(assets: tuple[Path, Path], picture: str, number: int) -> Frames:
+def panel_of(assets: tuple[Path, Path], number: int) -> Frames:
     """The frames of a panel: the body as it was made and baked, side by side."""
-    panel = PANELS[picture][number]
+    panel = PANELS[number]
     options = PreviewOptions(
         clips=(panel.clip,),
         fps=FPS,
@@ -62,25 +51,24 @@ def panel_of(assets: tuple[Path, Path], picture: str, number: int) -> Frames:
         focus=panel.focus,
         radius=panel.radius,
         follow=True,
-        size=SIZES[picture],
-        labels=LABELS[picture],
+        size=SIZE,
+        labels=("without", "flesh"),
     )
     return frames_of(assets, assets[0].with_name(f"panel_{number}.webp"), options)
 
 
 def main(out: Path, folder: Path) -> None:
-    """Draw a picture."""
+    """Draw the picture."""
     asset, tools, baked = folder / "body.glb", folder / "body.yaml", folder / "baked.glb"
-    body, regions = asset_of(out.stem)
-    asset.write_bytes(to_glb(body))
+    asset.write_bytes(to_glb(replace(make_body(), clips=(jump(), shake()))))
     settings = yaml.safe_load(TOOLS.read_text(encoding="utf-8"))
-    settings["flesh"] += regions
+    settings["flesh"].append(CHEEKS)
     tools.write_text(json.dumps(settings), encoding="utf-8")
     for warning in bake(asset, tools, baked, BakeOptions()).warnings:
         print(warning)
-    panels = [panel_of((asset, baked), out.stem, number) for number in range(len(PANELS[out.stem]))]
+    panels = [panel_of((asset, baked), number) for number in range(len(PANELS))]
     save_panels(panels, out, fps=FPS, quality=75)
 
 
 if __name__ == "__main__":
-    run(main, sys.argv[1:], HERE / "pictures" / "body.webp")
+    run(main, sys.argv[1:], HERE / "pictures" / "flesh.webp")
