@@ -442,7 +442,7 @@ def test_engines_that_need_a_base_get_one(engine: str, accessors: str) -> None:
     ],
 )
 def test_cesium_gets_as_many_targets_as_its_vertex_attributes_hold(made: Json, options: Json, most: int) -> None:
-    """Of sixteen, the mesh's own among them."""
+    """A vertex has sixteen attributes there, the mesh's own among them."""
     path = place(limb_asset(rings=12, sides=8, **made))
     own = len(Gltf(path).json["meshes"][0]["primitives"][0].get("targets", []))
 

@@ -138,7 +138,7 @@ def test_a_soft_belly_swings_at_its_frequency_and_damping(speed: float) -> None:
 
 
 def test_a_hard_landing_is_that_of_a_fine_integration() -> None:
-    """By the law as the page has it, in steps of a 4800th of a second, with the fall as it is between the keys."""
+    """The integration follows the law of the page in steps of a 4800th of a second, and the fall between the keys."""
     times, found = landing(3.0, 4.0)
     drop = clip(times, np.outer(np.minimum(times - 0.5, 0.0), [0.6, -3.0, 0.0]))
     keys = drop.channels[0].points

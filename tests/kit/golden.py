@@ -133,7 +133,7 @@ def same_line(kept: str, found: str) -> bool:
 
 
 def _last_digit(number: str) -> float:
-    """What one in the last digit of a number counts; 0 for a whole number, which has not been rounded."""
+    """The value of one in the last digit of a number; 0 for a whole number, which has not been rounded."""
     digits, _, power = number.partition("e")
     decimals = len(digits.partition(".")[2])
     return float(10.0 ** (int(power or 0) - decimals)) if decimals or power else 0.0

@@ -66,7 +66,7 @@ def test_tools_are_suggested_as_before(name: str, tmp_path: Path, wrinkle: Wrink
 
 
 def test_folds_are_measured_as_before(golden: Golden) -> None:
-    """What suggestions are made of, before it is rounded: the sites of a surface, their losses, and regions of them."""
+    """Sites of a surface, their losses and their regions make suggestions, and are held before they are rounded."""
     document = read_document(place(sleeve(root={"translation": [0.3, 0.1, 0.2]})))
     options = SuggestOptions()
     nodes, _ = find_mesh_nodes(document, options)

@@ -74,7 +74,7 @@ def test_three_plays_the_bake(case: str, stored: str) -> None:
 
 @pytest.mark.slow
 def test_filament_plays_the_bake() -> None:
-    """In Chromium, by its own shaders; `based`, as `--engine filament` stores targets."""
+    """Chromium runs its own shaders; targets are `based`, as `--engine filament` stores them."""
     file = bake_config("wrist", "wrist", accessors="based")
     posed = played(file, "wrist", "flex")
     shown = browser_pose("filament", file, "wrist", "flex", TIMES, posed)

@@ -122,7 +122,7 @@ def test_contact_moves_a_fold_as_far_as_before(golden: Golden) -> None:
 
 @pytest.fixture
 def asked(tmp_path: Path, wrinkle: Wrinkle) -> Callable[..., str]:
-    """What commands say of the limb with all effects."""
+    """A command and its arguments give what it says of the limb with all effects."""
     (tmp_path / "before.glb").symlink_to(limb())
     (tmp_path / "baked.glb").symlink_to(limb_with_all_effects().path)
     (tmp_path / "tools.yaml").write_text(yaml.safe_dump({"version": 1, "tools": TOOLS, **BELOW}))
@@ -140,7 +140,7 @@ def test_commands_say_the_same(name: str, asked: Callable[..., str], golden: Gol
 
 
 def test_a_review_looks_as_before(asked: Callable[..., str], golden: Golden) -> None:
-    """Of a tool on a path and a touch: of each two pictures, and what they say beside them."""
+    """A tool on a path and a touch have two pictures each, and what stands beside them."""
     shown = ("--review", "--size", "96x72", "--tool", "path", "--tool", "inside")
     golden.text(asked("preview", "baked.glb", "-o", "baked.png", *shown), "said_review.txt")
     golden.picture(Path("baked.png"), "review_effects.png")

@@ -99,7 +99,7 @@ class Clip:
 
     @cached_property
     def rhythms(self) -> dict[tuple[int, str], object]:
-        """By node and path of each channel that `sample_together` takes what is equal for those that it takes at once.
+        """A key of each channel that `sample_together` takes, by node and path, equal for channels sampled at once.
 
         Most exporters give all channels of a clip the same key times.
         """

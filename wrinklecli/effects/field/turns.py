@@ -167,9 +167,10 @@ def _anatomical(ground: Ground) -> dict[int, list[tuple[Floats, tuple[float, flo
         axes = np.stack([unit(swing), unit(np.cross(bone, unit(swing))), bone])
         parent = int(rig.parents[node])
         world = np.eye(4) if parent < 0 else node_matrices(rig, None, np.zeros(1), [parent])[0, 0]
-        own = unit(axes @ np.linalg.pinv(world[:3, :3]).T)
+        own, ranges = unit(axes @ np.linalg.pinv(world[:3, :3]).T), _RANGES[part]
         found[node] = [
-            (axis, (np.radians(low), np.radians(high))) for axis, (low, high) in zip(own, _RANGES[part], strict=False)
+            (axis, (np.radians(low), np.radians(high)))
+            for axis, (low, high) in zip(own[: len(ranges)], ranges, strict=True)
         ]
     return found
 
