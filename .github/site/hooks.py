@@ -1,4 +1,7 @@
-"""Gives mkdocs the pages of this repository, and one for each part of the schema, without a copy of any of them."""
+"""Gives mkdocs this repository's pages, one for each part of the schema and one that plays the demo, without copies.
+
+The player needs three.js (`npm ci --prefix tests/clients`) and the demo (`wrinkle demo`); without them there is none.
+"""
 
 import json
 import re
@@ -11,6 +14,17 @@ from mkdocs.structure.files import File, Files, InclusionLevel
 ROOT = Path(__file__).resolve().parents[2]
 LINK = re.compile(r"\]\(([^)#\s]+)(#[^)\s]*)?\)")
 LINE = "| `{}` | {} | {} | {} |"
+PLAYER = ROOT / "samples" / "driver"
+DEMO = ROOT / "wrinkle-demo" / "wrinkled.glb"
+THREE = (ROOT / "tests" / "clients" / "node_modules" / "three").resolve()
+IMPORT = re.compile(r"""^\s*(?:import|export|\}).* from ['"]([./]?[^'"]+)['"]""", re.MULTILINE)
+
+
+def on_config(config: MkDocsConfig) -> MkDocsConfig:
+    """Name the player beside the pages."""
+    if _plays():
+        config.nav.insert(1, {"Play": "play/index.html"})
+    return config
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -27,8 +41,33 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
             if linked.is_file() and linked.is_relative_to(ROOT):
                 found = linked.relative_to(ROOT).as_posix()
                 wanted += [found] if found not in wanted else []
+    if _plays():
+        _add_player(files, config)
     _add(files, config, "schema.md", schema_page(json.loads((ROOT / "configs/schema.json").read_bytes())))
     return files
+
+
+def _plays() -> bool:
+    return DEMO.is_file() and THREE.is_dir()
+
+
+def _add_player(files: Files, config: MkDocsConfig) -> None:
+    """Add the page that plays a bake, with the demo, and the modules that it imports, directly or not."""
+    page = (PLAYER / "index.html").read_text(encoding="utf-8")
+    page = page.replace("./node_modules/three", "./three").replace("../out/trousers.glb", "figure.glb")
+    _add(files, config, "play/index.html", page)
+    _add(files, config, "play/figure.glb", DEMO.read_bytes())
+    named = {"three": THREE / "build" / "three.module.js"}
+    wanted = [PLAYER / "index.html"]
+    for path in wanted:  # grows while modules are read
+        for name in IMPORT.findall(path.read_text(encoding="utf-8")):
+            addon = THREE / "examples" / "jsm" / name.removeprefix("three/addons/")
+            found = named.get(name) or (addon if name.startswith("three/") else (path.parent / name).resolve())
+            if found not in wanted:
+                wanted.append(found)
+                three = found.is_relative_to(THREE)
+                place = Path("three", found.relative_to(THREE)) if three else found.relative_to(PLAYER)
+                _add(files, config, f"play/{place.as_posix()}", found.read_bytes())
 
 
 def _leaves(nav: Any) -> list[str]:

@@ -483,6 +483,30 @@ def halves(folder: Path, *queries: str) -> list[list[Any]]:
 
 
 @pytest.mark.slow
+def test_the_player_shows_before_and_after(tmp_path: Path) -> None:
+    """Of a clip that it offers by name, left and right of where its slider stands."""
+    served(tmp_path, baked_glb=bake_config("trousers", "trousers").path)
+    query, clip = "file=baked.glb&clip=squat&time=0.65&turn=140", "document.forms[0].elements.clip"
+    with serving(tmp_path) as address, browsing(tmp_path, f"{address}/?{query}", (800, 480)) as page:
+        page.wait("window.frames_drawn > 2")
+        assert page.value(f"[...{clip}.options].map((each) => each.text)") == ["squat", "walk"]
+        assert page.value(f"{clip}.selectedOptions[0].text") == "squat"
+        high = page.value("document.querySelector('canvas').clientHeight") - 16  # above the slider
+        shown = {}
+        for split in (0.0, 1.0, 0.5):
+            drawn = page.value(f"document.forms[0].elements.split.value = {split}, window.frames_drawn")
+            page.wait(f"window.frames_drawn > {drawn} + 2")
+            page.screenshot(tmp_path / "page.png")
+            shown[split] = np.asarray(Image.open(tmp_path / "page.png").convert("L"), np.float64)[:high]
+        wrinkled, plain, both = shown.values()
+        body = plain != plain[0, 0]
+        assert (np.abs(wrinkled - plain)[body] > 12).mean() > 0.02
+        # Beside the middle, where pixels belong to both.
+        np.testing.assert_array_equal(both[:, :399], plain[:, :399])
+        np.testing.assert_array_equal(both[:, 401:], wrinkled[:, 401:])
+
+
+@pytest.mark.slow
 def test_the_mouse_slides_the_skin_on_the_page(tmp_path: Path) -> None:
     baked = bake_once(place(plate(clips=False)), top={"touches": [touch(keys={})], "refinement": {"max_levels": 1}})
     served(tmp_path, touched_glb=baked.path)
