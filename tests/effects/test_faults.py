@@ -50,8 +50,8 @@ def test_the_count_is_that_of_the_whole_mesh() -> None:
 
 def test_a_triangle_is_turned_over_by_one_corner() -> None:
     up, leaning, down = [0.0, 0.0, 1.0], [1.0, 0.0, 0.1], [1.0, 0.0, -0.1]
-    normals = np.array([[up, up, up], [up, leaning, up], [up, up, down]])
-    assert turned_over(np.tile([0.0, 0.0, 5.0], (3, 1)), normals).tolist() == [False, False, True]
+    triangles, normals = np.array([[0, 0, 0], [0, 1, 0], [0, 0, 2]]), np.array([up, leaning, down])
+    assert turned_over(triangles, np.tile([0.0, 0.0, 5.0], (3, 1)).T, normals.T).tolist() == [False, False, True]
 
 
 def test_the_deepest_moment_is_that_of_the_greatest_shortening() -> None:

@@ -36,8 +36,6 @@ FASTEST = 24.0
 FADE = 1.0 / 30.0
 """Seconds over which lost speed counts: from key to key at 30 a second, as a blow and one back lie between two keys."""
 
-# Iterations of Newton's method, which doubles its digits with each, for the place of rest under a load.
-_ITERATIONS = 30
 # A loop is played until its state changes by less than that; and at most so often, as a player does.
 _SAME, _MOST_ROUNDS = 1e-7, 100
 
@@ -80,9 +78,11 @@ def decays(springs: Sequence[Spring], spans: Floats) -> tuple[Floats, Floats]:
 def settled(loads: Floats) -> Floats:
     """(…, springs) places at which springs come to rest under steady (…, springs) loads."""
     sizes = np.sqrt((loads**2).sum(axis=-1, keepdims=True))
-    found = np.minimum(sizes, 1.0)
-    for _ in range(_ITERATIONS):
-        found = found - (sizes * found**4 + found - sizes) / (4.0 * sizes * found**3 + 1.0)
+    # Newton's method, which comes from above: what it finds gets lower until nothing is left but rounding.
+    found, lower = np.full(sizes.shape, np.inf), np.minimum(sizes, 1.0)
+    while (lower < found).any():
+        found = np.minimum(lower, found)
+        lower = found - (sizes * found**4 + found - sizes) / (4.0 * sizes * found**3 + 1.0)
     return np.asarray(loads * np.where(sizes > 0.0, found / np.where(sizes > 0.0, sizes, 1.0), 1.0))
 
 

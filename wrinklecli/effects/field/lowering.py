@@ -5,15 +5,17 @@ an edge that passes through a triangle, in a pose in which the skin alone has fe
 ours, and level it is the skin, so this always has an answer.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import joint_matrices
 from wrinklecli.character.rig import Rig
+from wrinklecli.effects.faults import turned_over
 from wrinklecli.effects.field.attach import AttachedField
 from wrinklecli.effects.field.factors import weights_of
 from wrinklecli.frozen import dataclass
@@ -67,9 +69,9 @@ def lowering(
     poses = _Poses.of(attached, shown, fine, vertices, moves)
     # Folds that end within less than a wavelength look torn.
     slopes = _Slopes.of(fine, vertices, attached.wavelength)
-    looks = [_Look(each) for each in _turning(poses, slopes)]
+    looks: list[_Look] = [*_turning(poses, slopes)]
     if attached.tool.contact is not None:
-        looks += [_Look(each) for each in _crossing(poses, slopes)]
+        looks += _crossing(poses, slopes)
     left, looked, halvings = np.ones((len(moves), len(fine.positions))), looks, np.zeros((len(vertices), len(moves)))
     for _ in range(_PASSES):
         marked, looked = _marked(looked, left)
@@ -262,49 +264,31 @@ class _Pose:
         return self.weights / max(float(self.weights.max(initial=0.0)), _TINY)
 
 
-class _View(Protocol):
-    """A pose in which a surface may be at fault."""
-
-    @property
-    def pose(self) -> _Pose:
-        """The part of the surface."""
-        ...
-
-    def at_fault(self, left: Floats, changed: Bools) -> Ints:
-        """The fine vertices at which it is, with (shapes, fine vertices) factors of the field.
-
-        `changed` are those of its vertices whose factors have changed.
-        """
-        ...
-
-
-class _Look:
+class _Look(ABC):
     """A look at a pose, which remembers what it saw: most of the time a field is lowered elsewhere.
 
     Args:
-        view: The pose.
+        pose: The part of the surface.
     """
 
-    def __init__(self, view: _View) -> None:
-        self._view, self._found = view, np.zeros(0, np.intp)
-        self._changed = np.ones(len(view.pose.vertices), np.bool_)
-
-    @property
-    def shares(self) -> Floats:
-        """(shapes,) weights over the greatest."""
-        return self._view.pose.shares
+    def __init__(self, pose: _Pose) -> None:
+        self.pose, self._faults = pose, np.zeros(0, np.intp)
+        self._changed = np.ones(len(pose.vertices), np.bool_)
 
     def follow(self, changed: Bools) -> None:
         """Look again where (shapes, fine vertices) factors have changed."""
-        pose = self._view.pose
-        self._changed |= changed[pose.weights != 0].any(axis=0)[pose.vertices]
+        self._changed |= changed[self.pose.weights != 0].any(axis=0)[self.pose.vertices]
 
     def at_fault(self, left: Floats) -> Ints:
         """The fine vertices at which the surface is at fault, with (shapes, fine vertices) factors of the field."""
         if self._changed.any():
-            self._found = self._view.at_fault(left, self._changed)
+            self._faults = self._look(left, self._changed)
             self._changed[:] = False
-        return self._found
+        return self._faults
+
+    @abstractmethod
+    def _look(self, left: Floats, changed: Bools) -> Ints:
+        """The same; `changed` are those of the pose's vertices whose factors have changed since the last look."""
 
 
 def _marked(looks: Sequence[_Look], left: Floats) -> tuple[Floats, list[_Look]]:
@@ -313,7 +297,7 @@ def _marked(looks: Sequence[_Look], left: Floats) -> tuple[Floats, list[_Look]]:
     for each in looks:
         faults = each.at_fault(left)
         if len(faults):
-            marked[:, faults] = np.maximum(marked[:, faults], each.shares[:, None])
+            marked[:, faults] = np.maximum(marked[:, faults], each.pose.shares[:, None])
             found.append(each)
     return marked, found
 
@@ -361,29 +345,25 @@ def _numbered(triangles: Ints, count: int) -> tuple[Ints, Ints]:
     return np.flatnonzero(used), (np.cumsum(used) - 1)[triangles]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Turning:
-    """A pose in which triangles may turn over.
+class _Turning(_Look):
+    """A look at triangles that may turn over.
 
-    Attributes:
+    Args:
         pose: Of the vertices of the part.
         part: Those of its triangles count that are judged, as the skin does not turn them over itself.
         faces: Three (triangles,) coordinates of their normals in the skin.
-        turned: (triangles,) True for those that were turned over at the last look.
     """
 
-    pose: _Pose
-    part: _Part
-    faces: list[Floats]
-    turned: Bools
+    def __init__(self, pose: _Pose, part: _Part, faces: list[Floats]) -> None:
+        super().__init__(pose)
+        self._part, self._skinned, self._turned = part, faces, np.zeros(len(part.judged), np.bool_)
 
-    def at_fault(self, left: Floats, changed: Bools) -> Ints:
-        """The corners of triangles that are turned over."""
-        judged, around = self.part.near(changed)
-        own, triangles = _numbered(self.part.triangles[around], len(changed))
-        found = _turned_over(self.pose.places(left, own), triangles, [each[around] for each in self.faces])
-        self.turned[judged] = found[judged[around]]
-        return self.pose.vertices[distinct_values(self.part.triangles[self.part.judged & self.turned])]
+    def _look(self, left: Floats, changed: Bools) -> Ints:
+        judged, around = self._part.near(changed)
+        own, triangles = _numbered(self._part.triangles[around], len(changed))
+        found = _turned_over(self.pose.places(left, own), triangles, [each[around] for each in self._skinned])
+        self._turned[judged] = found[judged[around]]
+        return self.pose.vertices[distinct_values(self._part.triangles[self._part.judged & self._turned])]
 
 
 def _turning(poses: _Poses, slopes: _Slopes) -> Iterator[_Turning]:
@@ -403,7 +383,7 @@ def _turning(poses: _Poses, slopes: _Slopes) -> Iterator[_Turning]:
         each = poses.at(number, own.vertices)
         faces = _faces(each.still, own.triangles)
         judged = own.judged & ~_turned_over(each.still, own.triangles, faces)
-        yield _Turning(each, replace(own, judged=judged), faces, np.zeros(len(judged), np.bool_))
+        yield _Turning(each, replace(own, judged=judged), faces)
 
 
 def _faces(places: Floats, triangles: Ints) -> list[Floats]:
@@ -415,39 +395,32 @@ def _faces(places: Floats, triangles: Ints) -> list[Floats]:
 def _turned_over(places: Floats, triangles: Ints, skinned: list[Floats]) -> Bools:
     """(triangles,) True for those turned over at (3, vertices) places, or that face away from their skinned normals."""
     faces, at = _faces(places, triangles), triangles.ravel()
-    found = dot(faces, skinned) < 0.0
-    around = [np.bincount(at, np.repeat(each, 3), places.shape[1]) for each in faces]
-    for corner in triangles.T:
-        found |= dot(faces, [each.take(corner) for each in around]) < 0.0
-    return found
+    around = [np.asarray(np.bincount(at, np.repeat(each, 3), places.shape[1]), np.float64) for each in faces]
+    return (dot(faces, skinned) < 0.0) | turned_over(triangles, faces, around)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Crossing:
-    """A pose in which the surface may pass through itself.
+class _Crossing(_Look):
+    """A look at a surface that may pass through itself: at fault if more crosses with the field than without.
 
-    Attributes:
+    Args:
         pose: Of the part of the surface.
         surface: Its edges and triangles.
-        pairs: Those that cross in the skin alone,
-        found: and those that did at the last look.
     """
 
-    pose: _Pose
-    surface: Crossings
-    pairs: set[tuple[int, int]]
-    found: set[tuple[int, int]]
+    def __init__(self, pose: _Pose, surface: Crossings) -> None:
+        super().__init__(pose)
+        self._surface, self._skinned = surface, surface.pairs_at(_rows(pose.still))
+        self._crossing = set[tuple[int, int]]()
 
-    def at_fault(self, left: Floats, changed: Bools) -> Ints:
-        """The corners of edges and triangles that cross with the field and not without, if more of them do."""
-        before = sorted(self.found)
-        gone = np.flatnonzero(changed[self.surface.corners_of(before)].any(axis=1))
-        self.found.difference_update(before[number] for number in gone.tolist())
+    def _look(self, left: Floats, changed: Bools) -> Ints:
+        before = sorted(self._crossing)
+        gone = np.flatnonzero(changed[self._surface.corners_of(before)].any(axis=1))
         counting = None if changed.all() else changed
-        self.found.update(self.surface.pairs_at(_rows(self.pose.places(left)), counting))
-        if len(self.found) <= len(self.pairs):
+        self._crossing -= {before[number] for number in gone.tolist()}
+        self._crossing |= self._surface.pairs_at(_rows(self.pose.places(left)), counting)
+        if len(self._crossing) <= len(self._skinned):
             return np.zeros(0, np.intp)
-        return self.pose.vertices[distinct_values(self.surface.corners_of(self.found - self.pairs))]
+        return self.pose.vertices[distinct_values(self._surface.corners_of(self._crossing - self._skinned))]
 
 
 def _crossing(poses: _Poses, slopes: _Slopes) -> Iterator[_Crossing]:
@@ -465,7 +438,7 @@ def _crossing(poses: _Poses, slopes: _Slopes) -> Iterator[_Crossing]:
     part, corners = np.unique(triangles[involved[triangles].all(axis=1)], return_inverse=True)
     surface = Crossings.of(fine.rest_positions[part], corners.reshape(-1, 3))
     for each in poses.of_part(part):
-        yield _Crossing(each, surface, surface.pairs_at(_rows(each.still)), set())
+        yield _Crossing(each, surface)
 
 
 def _rows(places: Floats) -> Floats:

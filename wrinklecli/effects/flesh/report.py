@@ -17,8 +17,6 @@ from wrinklecli.tools.body import Flesh
 
 # Part of the limit below which nobody sees a region move.
 _SEEN = 0.02
-# Part of the limit beyond which flesh stands at its limit: a load would move it twice as far without.
-_HELD = 0.84
 # Body heights per second at which the ground runs below a clip in place: a slow walk has 0.4, a shifted foot 0.05. And
 # the part of the ground's way within which such a body keeps its place: one that goes ahead gets as far as its feet do.
 _RUNS, _SWAYS = 0.15, 0.25
@@ -45,7 +43,8 @@ class _Region(Protocol):
 def describe_swing(attached: _Region, motion: Motion, weights: Floats) -> Json:
     """A region's entry in a clip: its greatest move, scene units, and the seconds for which it stands at its limit."""
     moves = _moves(weights)
-    held = moves > _HELD
+    # At its limit a load, of which |n|⁴ does not act, would move it at least twice as far without.
+    held = moves**4 > 0.5
     seconds = float((np.diff(motion.times) * (held[1:] & held[:-1])).sum())
     return {
         "name": attached.tool.name,
