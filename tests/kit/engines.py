@@ -1,7 +1,7 @@
 """Engines and libraries that tests hold a bake against, besides those of `kit.clients`.
 
-Babylon.js and Filament come with node's other packages, VTK with `pip install '.[engines]'`, assimp with Debian's
-`assimp-utils`, Chromium with `chromium`.
+Babylon.js, Filament and Godot 4 come with node's other packages, VTK with `pip install '.[engines]'`, assimp with
+Debian's `assimp-utils`, Chromium with `chromium`.
 A test that needs what is not there is skipped with the reason; where `CI` is set it fails instead.
 """
 
@@ -12,14 +12,15 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from urllib.parse import urlencode
 
 import numpy as np
 
 from kit.asset import pack_glb, read_glb
-from kit.browser import browsing, serving
+from kit.browser import Page, browsing, serving
 from kit.clients import HERE, Floats, ask, give_up, requireinstall
 from kit.player import Gltf
 
@@ -42,7 +43,24 @@ def browser_pose(
     posed: Floats,
     modules: Path | None = None,
 ) -> Floats:
-    """Positions as the vertex shaders of an engine in Chromium compute them.
+    """(times, vertices, 3) world-space positions as `browser_page` finds them."""
+    with browser_page(engine, file, node, clip, times, posed, modules) as (shown, _):
+        return shown
+
+
+@contextmanager
+def browser_page(
+    engine: str,
+    file: Gltf,
+    node: str,
+    clip: str,
+    times: Sequence[float],
+    posed: Floats,
+    modules: Path | None = None,
+    *,
+    more: Sequence[Path] = (),
+) -> Iterator[tuple[Floats, Page]]:
+    """Positions as the vertex shaders of an engine in Chromium compute them, and the page, which still shows the file.
 
     They leave `gl_Position`, a position times a matrix, the camera's, which is fitted to all vertices and times.
 
@@ -54,9 +72,10 @@ def browser_pose(
         times: Seconds.
         posed: (times, vertices, 3) positions that are expected.
         modules: The folder with the engine's package; if None, that of the tests.
+        more: Files and folders that the page loads besides, by their names.
 
-    Returns:
-        (times, vertices, 3) world-space positions.
+    Yields:
+        (times, vertices, 3) world-space positions, and the page.
     """
     (primitive,) = file.mesh(node)["primitives"]
     asked = {
@@ -74,17 +93,17 @@ def browser_pose(
         (folder / "index.html").write_text("<!DOCTYPE html><body></body>")
         (folder / "in.glb").symlink_to(file.path.resolve())
         (folder / "node_modules").symlink_to(modules.resolve())
-        (folder / "browser_check.mjs").symlink_to(HERE / "browser_check.mjs")
+        for each in (HERE / "browser_check.mjs", *more):
+            (folder / each.name).symlink_to(each.resolve())
         with serving(folder) as address, browsing(folder, f"{address}/?{urlencode(asked)}") as page:
             page.wait("location.search !== ''")
             data = page.value(f"import('{address}/browser_check.mjs').then((each) => each.shown)")
-    seen = np.frombuffer(base64.b64decode(data), np.float32).reshape(len(times), -1, 4).astype(np.float64)
-    places = np.concatenate([posed, np.ones((*posed.shape[:2], 1))], axis=2)
-    camera = np.linalg.lstsq(places.reshape(-1, 4), seen.reshape(-1, 4), rcond=None)[0]
-    # Back from the screen to the world: x, y and w tell the position, z only says it again.
-    camera = camera[:, [0, 1, 3]]
-    back: Floats = (seen[..., [0, 1, 3]] - camera[3]) @ np.linalg.inv(camera[:3])
-    return back
+            seen = np.frombuffer(base64.b64decode(data), np.float32).reshape(len(times), -1, 4).astype(np.float64)
+            places = np.concatenate([posed, np.ones((*posed.shape[:2], 1))], axis=2)
+            camera = np.linalg.lstsq(places.reshape(-1, 4), seen.reshape(-1, 4), rcond=None)[0]
+            # Back from the screen to the world: x, y and w tell the position, z only says it again.
+            camera = camera[:, [0, 1, 3]]
+            yield (seen[..., [0, 1, 3]] - camera[3]) @ np.linalg.inv(camera[:3]), page
 
 
 def vtk_pose(file: Path, clip: int, times: Sequence[float]) -> Floats:

@@ -63,7 +63,7 @@ def csharp(poses: Path = FILE, baked: Path | None = None) -> dict[str, Any]:
 def gdscript(poses: Path = FILE, baked: Path | None = None) -> dict[str, Any]:
     """Run by Godot 3, without a window; flesh knows the clips of a baked file."""
     folder = Path(tempfile.mkdtemp(dir=FOLDER))
-    for source in (*GODOT.glob("*.gd"), CLIENTS / "vectors.gd"):
+    for source in (*GODOT.glob("*.gd"), CLIENTS / "vectors.gd", CLIENTS / "answers.gd"):
         shutil.copy(source, folder)
     shutil.copy(poses, folder / "vectors.json")
     if baked:
@@ -224,7 +224,8 @@ def test_flesh_knows_clips_that_blend(play: Callable[..., dict[str, Any]], tmp_p
 
 def test_the_component_of_unity_compiles() -> None:
     """Against names of Unity's that stand in `clients`: there is no Unity here."""
-    assert compiled("unity.dll", "unity/WrinkleDriver.cs", "UnityNames.cs").stat().st_size > 10_000
+    sources = ("unity/WrinkleDriver.cs", "unity/WrinkleMaps.cs", "UnityNames.cs")
+    assert compiled("unity.dll", *sources).stat().st_size > 10_000
 
 
 def test_drivers_are_short() -> None:
@@ -240,7 +241,7 @@ def test_the_nodes_of_godot_3_and_4_differ_in_what_the_engines_spell_otherwise()
     assert text == (GODOT / "driver_godot4.gd").read_text()
 
 
-@pytest.mark.parametrize("name", ["wrinkle", "joints", "clips", "numbers", "driver_godot4"])
+@pytest.mark.parametrize("name", ["wrinkle", "joints", "clips", "numbers", "driver_godot4", "maps_godot4"])
 def test_godot_4_can_parse_the_driver(name: str) -> None:
     """By its grammar; there is no Godot 4 here to run it."""
     try:

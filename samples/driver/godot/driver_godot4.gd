@@ -68,13 +68,16 @@ func drive(clip, time, elapsed):
 			morphs[target] = each["meshes"][0].get(each["shapes"][0][target])
 		each["body"].clips = clips
 		each["body"].root = matrix([get_parent(), -1])
-		var found = each["body"].weights(matrices, morphs, clip, time, elapsed, hands)
-		for k in range(each["meshes"].size()):
-			for target in each["shapes"][k]:
-				# The asset's own morph targets move other parts as the first.
-				var weight = found[target] if found.has(target) else morphs.get(target)
-				if weight != null:
-					each["meshes"][k].set(each["shapes"][k][target], weight)
+		show_weights(each, each["body"].weights(matrices, morphs, clip, time, elapsed, hands), morphs)
+
+
+# Sets what `drive` has found of a body, and the weights of the asset's own morph targets, which move other parts as the first.
+func show_weights(each, found, morphs):
+	for k in range(each["meshes"].size()):
+		for target in each["shapes"][k]:
+			var weight = found[target] if found.has(target) else morphs.get(target)
+			if weight != null:
+				each["meshes"][k].set(each["shapes"][k][target], weight)
 
 
 func add(file, node, wrinkle):
@@ -98,10 +101,14 @@ func add(file, node, wrinkle):
 		for joint in Wrinkle.joints_of(each):
 			if joints.has(plain(joint)):
 				known[joint] = joints[plain(joint)]
-	var body = Wrinkle.new(wrinkle, known, there)
+	var body = body_of(wrinkle, known, there)
 	for line in body.problems:
 		push_warning("wrinkle: %s: %s" % [node["name"], line])
 	bodies.append({"body": body, "meshes": meshes, "shapes": shapes, "joints": known})
+
+
+func body_of(wrinkle, joints, targets):
+	return Wrinkle.new(wrinkle, joints, targets)
 
 
 func all_drives(wrinkle):

@@ -1,7 +1,8 @@
-// Sets blend shapes of baked characters in Unity, by the driver in the folder above.
+// Sets blend shapes of baked characters in Unity, or the weights of wrinkle maps, by the driver in the folder above.
 //
-// Put this file and those above into Assets, and the component on the root of an imported character. `gltf` is the baked
-// file itself, copied with the ending .bytes, as importers do not keep extras; bake it with `--engine unity`.
+// Put this folder and those files into Assets, and the component on the root of an imported character. `gltf` is the baked
+// file itself, copied with the ending .bytes, as importers do not keep extras; bake it with `--engine unity`. For maps,
+// `maps` is maps.json and `images` has the images beside it; the character is then the asset as it was.
 
 using System;
 using System.Collections.Generic;
@@ -13,6 +14,8 @@ namespace Wrinkles
     public sealed class WrinkleDriver : MonoBehaviour
     {
         public TextAsset gltf;
+        public TextAsset maps;
+        public Texture2D[] images = new Texture2D[0];
         /// <summary>The clip that plays and its seconds; found by the Animator or Animation of this object if it has one.</summary>
         public string clip = "";
         public float time;
@@ -28,13 +31,14 @@ namespace Wrinkles
             public Body body;
             public SkinnedMeshRenderer[] renderers;
             public Dictionary<string, Transform> joints;
+            public WrinkleMaps maps;
         }
 
         void Start()
         {
-            clips = new GltfClips(gltf.bytes);
+            clips = gltf == null ? null : new GltfClips(gltf.bytes);
             var places = GetComponentsInChildren<Transform>(true);
-            foreach (var each in GltfExtras.Wrinkles(gltf.bytes))
+            foreach (var each in maps == null ? GltfExtras.Wrinkles(gltf.bytes) : WrinkleMaps.Wrinkles(maps.bytes))
             {
                 var parts = each.Value.TryGetValue("parts", out var others) ? ((List<object>)others).Cast<string>() : new string[0];
                 var renderers = parts.Prepend(each.Key).SelectMany(name => places.Where(place => place.name == name))
@@ -45,10 +49,13 @@ namespace Wrinkles
                 // Where joints share a name, extras have a path in its place.
                 Func<string, bool> isThere = name => (joints[name] = order.FirstOrDefault(joint => joint.name == name)
                     ?? order.FirstOrDefault(joint => Path(joint).EndsWith("/" + name))) != null;
-                var body = new Body(each.Value, isThere, name => renderers.Any(renderer => Shape(renderer, name) >= 0));
-                foreach (var line in body.Problems) Debug.LogWarning($"wrinkle: {each.Key}: {line}", this);
+                Func<string, bool> isShape = name => renderers.Any(renderer => Shape(renderer, name) >= 0);
+                var body = new Body(each.Value, isThere, maps == null ? isShape : null);
+                Action<string> warn = line => Debug.LogWarning($"wrinkle: {each.Key}: {line}", this);
+                body.Problems.ForEach(warn);
                 if (renderers.Length == 0) Debug.LogWarning($"wrinkle: there is no mesh below \"{each.Key}\"", this);
-                else bodies.Add(new Driven { body = body, renderers = renderers, joints = joints });
+                else bodies.Add(new Driven { body = body, renderers = renderers, joints = joints,
+                    maps = maps == null ? null : new WrinkleMaps(maps.bytes, each.Key, renderers, images, warn) });
             }
             if (bodies.Count == 0) Debug.LogWarning("wrinkle: nothing to drive: no node has extras.wrinkle", this);
         }
@@ -102,7 +109,9 @@ namespace Wrinkles
                     var shape = Shape(first, name);
                     return shape < 0 ? 0 : first.GetBlendShapeWeight(shape) / Full(first, shape);
                 };
-                foreach (var weight in each.body.Weights(frame))
+                var weights = each.body.Weights(frame);
+                if (each.maps != null) each.maps.Show(weights);
+                else foreach (var weight in weights)
                     foreach (var renderer in each.renderers)
                     {
                         var shape = Shape(renderer, weight.Key);
