@@ -21,6 +21,7 @@ from _shapes import (
     smoothstep,
     spline,
     union,
+    within,
 )
 
 STEP = 0.0185  # metres between vertices
@@ -57,12 +58,16 @@ _TIPS = {"head": (0.0, 1.74, 0.0), "hand": (0.60, 0.94, 0.02), "foot": (0.15, 0.
 def body_field(points: Floats) -> Floats:
     """Signed distance to the body."""
     at = on_one_side(points)
-    shape = union(trunk_field(at), leg_field(at), 0.05)
-    shape = union(shape, arm_field(at), 0.045)
+    x, y, _ = at.T
+    shape = union(within(y > 0.7, trunk_field, at), within(y < 1.1, leg_field, at), 0.05)
+    shape = union(shape, within(x > 0.05, arm_field, at), 0.045)
+    return union(shape, within(y > 1.3, _head_and_neck, points), 0.05)
+
+
+def _head_and_neck(points: Floats) -> Floats:
     local = points - HEAD
     # The field of the head has a neck without an end.
-    head = cut(head_field(local), local[:, 1] + 0.04, 0.02)
-    return union(shape, head, 0.05)
+    return cut(head_field(local), local[:, 1] + 0.04, 0.02)
 
 
 def trunk_field(at: Floats) -> Floats:
@@ -120,8 +125,10 @@ def surface(shape: Field) -> Mesh:
     """Quads on the zero of a distance field: a vertex in each cell of a grid that the zero passes (surface nets)."""
     sides = [STEP * np.arange(a, b + 1, dtype=np.float64) for a, b in zip(LOW, HIGH, strict=True)]
     counts = [len(each) for each in sides]
-    points = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1)
-    inner = shape(_placed(points.reshape(-1, 3))).reshape(counts) < 0
+    # Shapes are alike on both sides, so the left half is the right one in reverse.
+    points = np.stack(np.meshgrid(sides[0][: HIGH[0] + 1], *sides[1:], indexing="ij"), axis=-1)
+    right = shape(_placed(points.reshape(-1, 3))).reshape(-1, *counts[1:]) < 0
+    inner = np.concatenate([right, right[-2::-1]])
     for _ in range(2):
         # Single points that stick out or lie in a pit would make quads meet in an edge by four.
         around = np.zeros(counts, np.intp)

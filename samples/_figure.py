@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from _body import HEAD, KEYS, PLACES, arm_field, leg_field, skin_weights, surface, trunk_field, turned
 from _characters import Character, Clip, Joint
 from _head import head_field
-from _shapes import Bools, Floats, capsule, cut, ellipsoid, on_one_side, smoothstep, union
+from _shapes import Bools, Floats, capsule, cut, ellipsoid, on_one_side, smoothstep, union, within
 
 IMAGE = 1024  # pixels of the sides of the base colour
 # Heights of the garments' ends, metres.
@@ -30,19 +30,34 @@ _SHOULDER, _ELBOW, _WRIST = (np.array(PLACES[f"{name}.L"][1]) for name in ("uppe
 def figure_field(points: Floats) -> Floats:
     """Signed distance to the dressed figure."""
     at = on_one_side(points)
+    x, y, _ = at.T
+    shape = union(within(y > 0.7, _trunk, at), within(y < 1.1, _leg, at), 0.05)
+    shape = union(shape, within(x > 0.05, _arm, at), 0.045)
+    return union(shape, within(y > 1.3, _head, points), 0.03)
+
+
+def _trunk(at: Floats) -> Floats:
     y = at[:, 1]
-    local = points - HEAD
-    head = cut(union(head_field(local), _hair(local), 0.008), local[:, 1] + 0.04, 0.02)
     upper = smoothstep(_HEM, _HEM + _FADE, y) * smoothstep(_COLLAR + _FADE, _COLLAR, y)
-    trunk = trunk_field(at) - _SHIRT * upper
+    return trunk_field(at) - _SHIRT * upper
+
+
+def _arm(at: Floats) -> Floats:
     sleeve = _SHIRT * smoothstep(0.985, 0.955, _along_arm(at))
-    arm = arm_field(at) - sleeve
+    return arm_field(at) - sleeve
+
+
+def _leg(at: Floats) -> Floats:
+    """Legs of jeans hang straight from the knees."""
+    y = at[:, 1]
     lower = smoothstep(_TURN_UP - _FADE, _TURN_UP, y)
-    # Legs of jeans hang straight from the knees.
     leg = leg_field(at) - (_JEANS + _LOOSE * smoothstep(0.62, 0.30, y)) * lower - _SHOE * (1.0 - lower)
-    leg = cut(leg, y + 0.002, 0.012)
-    shape = union(union(trunk, leg, 0.05), arm, 0.045)
-    return union(shape, head, 0.03)
+    return cut(leg, y + 0.002, 0.012)
+
+
+def _head(points: Floats) -> Floats:
+    local = points - HEAD
+    return cut(union(head_field(local), _hair(local), 0.008), local[:, 1] + 0.04, 0.02)
 
 
 def _hair(local: Floats) -> Floats:

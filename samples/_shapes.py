@@ -87,6 +87,19 @@ def cut(a: Floats, b: Floats, blend: float) -> Floats:
     return -union(-a, b, blend)
 
 
+def within(region: Bools, shape: Field, points: Floats) -> Floats:
+    """A field (n,) where a part may be, and far from it elsewhere: there a union is the other field, bit by bit.
+
+    Args:
+        region: (n,), True wherever the part is nearer than another by less than the union's blend.
+        shape: Distance field of the part.
+        points: (n, 3), metres.
+    """
+    distances = np.full(len(points), 10.0)  # metres: farther than anything of a character
+    distances[region] = shape(points.T[:, region].T)
+    return distances
+
+
 def project(shape: Field, points: Floats, held: Bools, *, steps: int = 1) -> tuple[Floats, Floats]:
     """Move points to the zero of a distance field by Newton's steps, along the free axes only.
 
@@ -213,7 +226,8 @@ def neighbour_weights(mesh: Mesh) -> tuple[Ints, Floats]:
     """
     ends = np.concatenate([np.stack([mesh.quads[:, i], mesh.quads[:, (i + 1) % 4]], axis=1) for i in range(4)])
     ends = ends[ends[:, 0] != ends[:, 1]]
-    ends = np.unique(np.concatenate([ends, ends[:, ::-1]]), axis=0)
+    numbers = np.unique(np.concatenate([ends, ends[:, ::-1]]) @ [len(mesh.positions), 1])
+    ends = np.stack(np.divmod(numbers, len(mesh.positions)), axis=1)
     ends = ends[~mesh.border[ends[:, 0]] | mesh.border[ends[:, 1]]]
     counts = np.bincount(ends[:, 0], minlength=len(mesh.positions))
     slots = np.arange(len(ends)) - np.repeat(np.cumsum(counts) - counts, counts)

@@ -538,9 +538,8 @@ def brow_offsets(mesh: Mesh, rise: float) -> Floats:
 
 def main(folder: Path | None) -> None:
     """Write the samples into a folder; None means the places where they are kept."""
-    makers = (make_wrist, make_head, make_trousers, make_body, lambda: make_touch(make_wrist()), make_figure)
-    for make in makers:
-        character = make()
+    wrist = make_wrist()
+    for character in (wrist, make_head(), make_trousers(), make_body(), make_touch(wrist), make_figure()):
         kept = HERE.parent / "wrinklecli" / "example" if character.name == "figure" else HERE
         place = folder or kept
         place.mkdir(parents=True, exist_ok=True)
