@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 
 from kit.asset import Asset, Json, pack_glb, read_glb
+from kit.bakes import baked
 from kit.compressed import compressed_sample
 from kit.limb import RADIUS, limb_asset, limb_weights, tool
 from kit.samples import PALM
 from kit.variants import crowd, rich
-from wrinklecli import bake
 
 SECONDS = 10.0  # of processor time that a command on a small file may take
 _WAITING = 30.0  # times as long by the clock: other programs may run, but nothing may wait for ever
@@ -243,11 +243,9 @@ def pole(edges: int) -> Asset:
 def _baked(source: Source) -> Source:
     """What a bake of another source writes."""
     with TemporaryDirectory() as folder:
-        paths = [Path(folder, name) for name in ("limb.glb", "tools.yaml", "out.glb")]
-        paths[0].write_bytes(packed(source.gltf, source.data, source.suffix))
-        paths[1].write_text(json.dumps(source.tools))
-        bake(*paths)
-        gltf, data = read_glb(paths[2].read_bytes())
+        asset = Path(folder, "limb.glb")
+        asset.write_bytes(packed(source.gltf, source.data, source.suffix))
+        gltf, data = read_glb(baked(asset, json.dumps(source.tools), "{}").read_bytes())
     return Source(".glb", gltf, data[: gltf["buffers"][0]["byteLength"]], source.tools)
 
 
