@@ -256,7 +256,8 @@ class _DaskRun:
             except TimeoutError:
                 self._check_workers()
             except KilledWorker as error:
-                return error
+                killed: BaseException = error
+                return killed
             else:
                 return done
         failed: BaseException = future.exception()
