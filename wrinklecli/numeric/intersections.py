@@ -67,7 +67,7 @@ class Crossings:
             (crossings,) edges and (crossings,) the triangles that they pass through, sorted by edge, then triangle.
             Pairs that only touch or share a vertex do not count.
         """
-        pairs = self._split(positions, *self._near(positions, counting))
+        pairs = self._split(positions, *self._near(positions, positions, counting))
         crossing = np.stack(self._passing(positions, *pairs), axis=1)
         edges, triangles = crossing[np.lexsort(crossing.T[::-1])].T
         return edges, triangles
@@ -99,13 +99,29 @@ class Crossings:
         """The corners and the order of the leaves, of both trees."""
         return (self.edges, self.edge_order), (self.triangles, self.triangle_order)
 
-    def _near(self, positions: Floats, counting: Bools | None) -> tuple[Ints, Ints]:
-        """(pairs,) edges and (pairs,) triangles whose boxes meet at (vertices, 3) positions, and that count."""
+    def may_cross(self, low: Floats, high: Floats, counting: Bools | None = None) -> Ints:
+        """Find what may cross while vertices are anywhere in boxes of their own.
+
+        Args:
+            low: (vertices, 3) the lowest coordinates of each box.
+            high: (vertices, 3) the highest.
+            counting: As `at` takes it.
+
+        Returns:
+            (pairs, 5) the two ends of edges, and the three corners of triangles, which are others.
+        """
+        edges, triangles = self._near(low, high, counting)
+        ends, corners = self.edges.T.take(edges, axis=1), self.triangles.T.take(triangles, axis=1)
+        return np.concatenate([ends, corners]).take(_apart(ends, corners), axis=1).T
+
+    def _near(self, low: Floats, high: Floats, counting: Bools | None) -> tuple[Ints, Ints]:
+        """(pairs,) edges and (pairs,) triangles whose boxes meet, and that count; other arrays as in `may_cross`."""
         depth = max(len(self.triangles), len(self.edges), 1).bit_length()
-        low = positions.min(axis=0, initial=np.inf)
-        size = float((positions - low).max(initial=0.0)) or 1.0
-        cells = (positions - low).T / size * _CELLS + 1.0
-        trees = [_tree(cells, corners[order], depth) for corners, order in self._leaves]
+        origin = low.min(axis=0, initial=np.inf)
+        size = float((high - origin).max(initial=0.0)) or 1.0
+        lowest = (low - origin).T / size * _CELLS + 1.0
+        highest = lowest if high is low else (high - origin).T / size * _CELLS + 1.0
+        trees = [_tree(lowest, highest, corners[order], depth) for corners, order in self._leaves]
         # A box of a tree counts if something in it does.
         counts = (
             [_any_tree(np.asarray(counting[corners[order]].any(axis=1)), depth) for corners, order in self._leaves]
@@ -158,11 +174,30 @@ class Crossings:
         The ends of each edge are on both sides of the triangle.
         """
         ends, corners = self.edges.T.take(edges, axis=1), self.triangles.T.take(triangles, axis=1)
-        apart = np.flatnonzero(np.logical_and.reduce([end != corner for end in ends for corner in corners]))
+        apart = _apart(ends, corners)
         places = positions.T
         start, stop, a, b, c = (places.take(each.take(apart), axis=1) for each in (*ends, *corners))
         crosses = apart[_turn_alike(start, stop, a, b, c)]
         return edges.take(crosses), triangles.take(crosses)
+
+
+def _apart(ends: Ints, corners: Ints) -> Ints:
+    """The pairs of (2, pairs) ends of edges and (3, pairs) corners of triangles that have no vertex in common."""
+    return np.flatnonzero(np.logical_and.reduce([end != corner for end in ends for corner in corners]))
+
+
+def crossing(places: Floats, ends: Ints, corners: Ints) -> Bools:
+    """(pairs,) True where an edge between (pairs, 2) ends passes through a triangle with (pairs, 3) other corners.
+
+    `places` are (3, vertices).
+    """
+    start, stop, a, b, c = (places.take(each, axis=1) for each in (*ends.T, *corners.T))
+    normal = cross(b - a, c - a)
+    one, two = (dot(end - a, normal) for end in (start, stop))
+    found = ((one < 0) & (two > 0)) | ((one > 0) & (two < 0))
+    split = np.flatnonzero(found)
+    found[split] = _turn_alike(*(each.take(split, axis=1) for each in (start, stop, a, b, c)))
+    return found
 
 
 def sides_of(triangles: Ints) -> Ints:
@@ -194,13 +229,14 @@ def _turn_alike(start: Floats, stop: Floats, a: Floats, b: Floats, c: Floats) ->
     return np.asarray(np.abs(turns[0] + turns[1] + turns[2]) == 3)
 
 
-def _tree(cells: Floats, corners: Ints, depth: int) -> list[tuple[Codes, Codes]]:
+def _tree(lowest: Floats, highest: Floats, corners: Ints, depth: int) -> list[tuple[Codes, Codes]]:
     """(boxes,) codes of the low and of the high sides, for each level, root first, of a tree over (things, n) corners.
 
-    `cells` are the (3, vertices) coordinates, from 1 to `_CELLS` + 1. The codes of high sides have guard bits.
+    The (3, vertices) coordinates are from 1 to `_CELLS` + 1. The codes of high sides have guard bits.
     """
-    places = [cells.take(each, axis=1) for each in corners.T]
-    least, greatest = reduce(np.minimum, places), reduce(np.maximum, places)
+    below = [lowest.take(each, axis=1) for each in corners.T]
+    above = below if highest is lowest else [highest.take(each, axis=1) for each in corners.T]
+    least, greatest = reduce(np.minimum, below), reduce(np.maximum, above)
     low, high = np.full((3, 2**depth), _CELLS + 2, np.int64), np.zeros((3, 2**depth), np.int64)
     low[:, : len(corners)], high[:, : len(corners)] = least, greatest
     # A scale of 0 hides parts in one point, where they cross nothing but their boxes would all meet.

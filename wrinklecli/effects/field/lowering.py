@@ -30,7 +30,7 @@ from wrinklecli.numeric.arrays import (
     flags_of,
     runs,
 )
-from wrinklecli.numeric.intersections import Crossings, edges_of, widened
+from wrinklecli.numeric.intersections import Crossings, crossing, edges_of
 from wrinklecli.surface.refine import Refinement
 
 # Most poses, those with the greatest weights, in which the surface is looked at.
@@ -71,7 +71,7 @@ def lowering(
     slopes = _Slopes.of(fine, vertices, attached.wavelength)
     looks: list[_Look] = [*_turning(poses, slopes)]
     if attached.tool.contact is not None:
-        looks += _crossing(poses, slopes)
+        looks += _crossing(poses)
     left, looked, halvings = np.ones((len(moves), len(fine.positions))), looks, np.zeros((len(vertices), len(moves)))
     for _ in range(_PASSES):
         marked, looked = _marked(looked, left)
@@ -259,6 +259,16 @@ class _Pose:
         return np.asarray(self.still[:, own] + np.einsum("abv,bv->av", self.turns[:, :, own], sums))
 
     @property
+    def bounds(self) -> tuple[Floats, Floats]:
+        """(3, vertices) lowest and highest coordinates, however much the field is lowered."""
+        low, high = self.still.copy(), self.still.copy()
+        for shape in np.flatnonzero(self.weights).tolist():
+            way = np.einsum("abv,bv->av", self.turns, self.weights[shape] * self.moves[shape].take(self.inside, axis=1))
+            low += np.minimum(way, 0.0)
+            high += np.maximum(way, 0.0)
+        return low, high
+
+    @property
     def shares(self) -> Floats:
         """(shapes,) their weights over the greatest."""
         return self.weights / max(float(self.weights.max(initial=0.0)), _TINY)
@@ -340,7 +350,7 @@ class _Part:
 
 
 def _numbered(triangles: Ints, count: int) -> tuple[Ints, Ints]:
-    """(used,) sorted vertices of triangles, of so many, and the (triangles, 3) numbers among these."""
+    """(used,) sorted vertices of (n, k) triangles or pairs, of so many, and the (n, k) numbers among these."""
     used = flags_of(triangles, count)
     return np.flatnonzero(used), (np.cumsum(used) - 1)[triangles]
 
@@ -403,44 +413,32 @@ class _Crossing(_Look):
     """A look at a surface that may pass through itself: at fault if more crosses with the field than without.
 
     Args:
-        pose: Of the part of the surface.
-        surface: Its edges and triangles.
+        pose: Of the corners of the pairs.
+        pairs: (pairs, 5) indices of the two ends of edges, and of the three corners of triangles.
     """
 
-    def __init__(self, pose: _Pose, surface: Crossings) -> None:
+    def __init__(self, pose: _Pose, pairs: Ints) -> None:
         super().__init__(pose)
-        self._surface, self._skinned = surface, surface.pairs_at(_rows(pose.still))
-        self._crossing = set[tuple[int, int]]()
+        self._pairs, self._crossing = pairs, np.zeros(len(pairs), np.bool_)
+        self._skinned = crossing(pose.still, pairs[:, :2], pairs[:, 2:])
 
     def _look(self, left: Floats, changed: Bools) -> Ints:
-        before = sorted(self._crossing)
-        gone = np.flatnonzero(changed[self._surface.corners_of(before)].any(axis=1))
-        counting = None if changed.all() else changed
-        self._crossing -= {before[number] for number in gone.tolist()}
-        self._crossing |= self._surface.pairs_at(_rows(self.pose.places(left)), counting)
-        if len(self._crossing) <= len(self._skinned):
+        beside = np.flatnonzero(any_of(changed, self._pairs))
+        pairs = self._pairs[beside]
+        self._crossing[beside] = crossing(self.pose.places(left), pairs[:, :2], pairs[:, 2:])
+        if self._crossing.sum() <= self._skinned.sum():
             return np.zeros(0, np.intp)
-        return self.pose.vertices[distinct_values(self._surface.corners_of(self._crossing - self._skinned))]
+        return self.pose.vertices[distinct_values(self._pairs[self._crossing & ~self._skinned])]
 
 
-def _crossing(poses: _Poses, slopes: _Slopes) -> Iterator[_Crossing]:
-    """The looks at crossings: only at what crosses with the whole field in some pose, and what is lowered with that.
-
-    What sinks passes through places between whole and level, where other edges may cross.
-    """
+def _crossing(poses: _Poses) -> Iterator[_Crossing]:
+    """The looks at crossings: only at what may cross between the skin and the whole field, and that the field moves."""
     fine, every = poses.fine, np.arange(len(poses.fine.positions))
-    triangles = fine.triangles[(fine.triangles != np.roll(fine.triangles, 1, axis=1)).all(axis=1)]
-    surface = Crossings.of(fine.rest_positions, triangles)
-    involved = np.zeros(len(every), bool)
-    for each in poses.of_part(every):
-        involved |= surface.vertices_at(_rows(each.places()))
-    involved = widened(surface.edges, slopes.reached(involved))
-    part, corners = np.unique(triangles[involved[triangles].all(axis=1)], return_inverse=True)
-    surface = Crossings.of(fine.rest_positions[part], corners.reshape(-1, 3))
-    for each in poses.of_part(part):
-        yield _Crossing(each, surface)
-
-
-def _rows(places: Floats) -> Floats:
-    """(vertices, 3) of (3, vertices) places."""
-    return np.ascontiguousarray(places.T)
+    surface = Crossings.of(
+        fine.rest_positions, fine.triangles[(fine.triangles != np.roll(fine.triangles, 1, axis=1)).all(axis=1)]
+    )
+    for number in range(len(poses.matrices)):
+        low, high = (np.ascontiguousarray(each.T) for each in poses.at(number, every).bounds)
+        pairs = surface.may_cross(low, high, poses.moved(number))
+        vertices, corners = _numbered(pairs, len(every))
+        yield _Crossing(poses.at(number, vertices), corners.astype(np.int32))
