@@ -17,7 +17,7 @@ import numpy as np
 
 from kit.asset import Array, Json
 from kit.bakes import bake_config, bake_once, place
-from kit.fields import sleeve_with_turns
+from kit.fields import bake_field, sleeve_with_turns
 from kit.flesh import body, region
 from kit.folds import FOLDS
 from kit.layout_1 import baked_in_layout_1
@@ -25,7 +25,7 @@ from kit.limb import RADIUS, limb_asset, nose, tool
 from kit.muscles import arm, muscle
 from kit.player import Gltf
 from kit.samples import BENT, BROW
-from kit.touch import plate, touch
+from kit.touch import SECONDS, plate, touch
 from wrinklecli.baking.baked_body import BakedBody, read_bodies
 from wrinklecli.baking.driven_body import DrivenBody, joints_of, present_drives, with_own_weights
 from wrinklecli.character.clip import read_clips
@@ -152,6 +152,29 @@ def _touched_limb() -> Gltf:
     )
 
 
+def _fold_of_one_clip() -> Gltf:
+    """The bake has followed the joint's own motion; in the other clip it bends to other angles, and leans by 20°."""
+    asset = limb_asset(angle=75.0, rings=16, sides=10)
+    halves = np.radians([0.0, 74.0, 50.0, 90.0, 0.0]) / 2.0
+    lean = np.radians(20.0)
+    turns = np.stack([np.sin(halves) * np.sin(lean), 0 * halves, np.sin(halves) * np.cos(lean), np.cos(halves)], axis=1)
+    other: Json = {"name": "lean"}
+    asset.channel(other, 2, "rotation", np.linspace(0.0, 2.0, len(turns)), turns)
+    asset.append("animations", other)
+    crease = tool(bumps=2, max_height="10%", contact="resolve")
+    return bake_once(place(asset), crease, max_levels=0, clips=["fold"], tracks="none")
+
+
+def _tip_of_one_clip() -> Gltf:
+    """The bake knows when the tip lets go in `drag`, and nothing of `other`."""
+    asset = plate(tip=_WAYS)
+    other: Json = {"name": "other"}
+    asset.channel(other, 2, "translation", np.linspace(0.0, SECONDS, len(_PATS)), _PATS)
+    asset.append("animations", other)
+    top = {"touches": [touch(by="tip", keys={}, release=_CRITICAL)], "refinement": {"max_levels": 0}}
+    return bake_once(place(asset), top=top, clips=["drag"], tracks="none")
+
+
 def _stroke(times: Array) -> Array:
     """A finger that presses, slides beyond its grip and lets go twice."""
     turn = np.pi * times
@@ -197,6 +220,9 @@ _RUBS = np.array(
     [(-0.005, -0.001, 0), (0.009, -0.001, 0), (0, -0.001, 0.009), (-0.009, -0.001, 0), (-0.005, -0.001, 0)]
 )
 _STAYS = np.array([(-0.005, 0.03, 0), (-0.005, -0.001, 0), *2 * [(0.004, -0.001, 0.003)], (0.004, -0.001, -0.002)])
+_PATS = np.array(
+    [(0.002, 0.03, 0), (0.002, -0.002, 0), (0.002, -0.002, 0.008), (0.002, 0.03, 0.008), (-0.004, -0.001, 0.002)]
+)
 _CRITICAL = {"frequency": 4, "damping": 1}
 _MORPH = {"morph": "browsUp", "full": "115%"}
 _BUMPS = {
@@ -231,11 +257,19 @@ CASES: dict[str, Case] = {
     ),
     "layout_1": Case("a curve, and weights that do not grow", baked_in_layout_1, {"think": (8, False)}),
     "fold": Case("contact with leaning, paths and null", lambda: _fold("one_sided"), {"bend": (12, False)}),
+    "fold_of_one_clip": Case(
+        "contact, in a clip that was never baked, about an axis that leans", _fold_of_one_clip, {"lean": (12, False)}
+    ),
     "nose": Case("contact that no joint bends", _nose, {"sneer": (12, False)}),
     "field": Case(
         "a field: two joints, one of them about two axes; strengths",
         sleeve_with_turns,
         {"fold": (8, False), "wave": (8, False)},
+    ),
+    "field_of_one_clip": Case(
+        "a field, in a clip that was never baked",
+        lambda: bake_field(clips=["fold"], tracks="none"),
+        {"wave": (8, False)},
     ),
     "muscles": Case(
         "bellies that travel, activated, with weights of one sign; a tool on them", _travelling, {"fold": (12, False)}
@@ -248,6 +282,12 @@ CASES: dict[str, Case] = {
         "a touch by a node that comes near, and lets go between two frames, just after a key",
         lambda: _touched(_WAYS, by="tip", keys={}, release=_CRITICAL),
         {"drag": (32, False)},
+        BETWEEN_FRAMES,
+    ),
+    "tip_of_one_clip": Case(
+        "a touch by a node, in a clip that was never baked",
+        _tip_of_one_clip,
+        {"other": (32, False)},
         BETWEEN_FRAMES,
     ),
     "anew": Case(
