@@ -255,7 +255,7 @@ def watched(*command: str | Path, code: str) -> tuple[float, float]:
     return float(seconds), float(peak) / 1024
 
 
-WRINKLE = "from wrinklecli.cli import main; main()"
+WRINKLE = "from wrinklecli.__main__ import main; main()"
 
 
 def bake(asset: Path, tools: Path, out: Path, *options: str) -> float:

@@ -1,7 +1,5 @@
 """The command line: options in, exit code out. The core never prints and never exits."""
 
-import atexit
-import gc
 import os
 import sys
 from collections import UserDict
@@ -15,9 +13,6 @@ from wrinklecli.errors import WrinkleError
 from wrinklecli.numeric.memory import is_lack
 
 _BUG = 70  # EX_SOFTWARE of sysexits.h
-# New objects before Python searches for garbage; 700 by default. A small bake makes fewer than this. Imported modules
-# stay to the end, and searching them again and again is an eighth of the time of a small bake.
-_BEFORE_COLLECTION = 100_000
 # In the order of use; the module of the same name has each.
 _COMMANDS = (
     "demo",
@@ -70,9 +65,6 @@ def main() -> None:
     # Bakes use one thread. OpenBLAS takes 40 MB for each core when it is loaded, and if `--max-memory` leaves less than
     # that, OpenBLAS tries for ever.
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
-    gc.set_threshold(_BEFORE_COLLECTION)
-    # One more search of all modules at exit is a seventh of the time of a small bake.
-    atexit.register(gc.freeze)
     open_streams()
     try:
         cli.main(prog_name="wrinkle", standalone_mode=False)
