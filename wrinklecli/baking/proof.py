@@ -32,8 +32,8 @@ _WORST = 16
 _NORMAL_FRAMES = 96
 # and those of each clip, at least.
 _LEAST_NORMAL_FRAMES = 4
-# Vertices times frames that are compared at once: arrays of several MB.
-_CHUNK = 2**18
+# Vertices times frames that are compared at once: larger arrays leave the processor's cache.
+_CHUNK = 2**15
 
 
 @dataclass(frozen=True, slots=True)

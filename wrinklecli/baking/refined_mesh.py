@@ -142,7 +142,7 @@ def primitives_of(fine: Refinement, groups: Sequence[int] | None = None) -> list
                 shares=fine.shares[new],
                 weld=np.concatenate([fine.weld[old], fine.weld[old_count + new]]),
                 triangles=local[fine.corners[faces]],
-                changed=int(faces.sum()) != int((fine.surface.primitives == index).sum()),
+                changed=np.count_nonzero(faces) != np.count_nonzero(fine.surface.primitives == index),
             )
         )
     return refined_primitives

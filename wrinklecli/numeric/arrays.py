@@ -23,6 +23,8 @@ _Flags = TypeVar("_Flags", NDArray[np.bool_], NDArray[np.uint8])
 _SINGULAR = 1e-3
 # Fraction of a mesh's vertices above which one look at all triangles is faster than gathering those round each vertex.
 _MANY = 1 / 16
+# Range of indices, over their number, up to which one look at flags of all of them is faster than sorting the indices.
+_DENSE = 8
 
 
 def unit(vectors: Floats) -> Floats:
@@ -107,6 +109,8 @@ def distinct_values(values: Array) -> Array:
 
     Several times as fast as `np.unique`: numpy 2.3 and later hash the values before they sort them.
     """
+    if values.dtype == np.intp and values.size and values.max() < _DENSE * values.size and values.min() >= 0:
+        return np.flatnonzero(flags_of(values, int(values.max()) + 1))
     ordered = np.sort(values, axis=None)
     fresh = np.ones(len(ordered), bool)
     fresh[1:] = ordered[1:] != ordered[:-1]
@@ -153,21 +157,26 @@ def dot(a: Floats | list[Floats], b: Floats | list[Floats]) -> Floats:
 def inverses(matrices: Floats) -> Floats:
     """(n, 3, 3) inverses of the linear parts of (n, 3, 4) matrices; 0 where they are `singular`."""
     # Cofactors are as exact as LAPACK far from singular matrices, and several times as fast.
-    a, b, c = np.moveaxis(matrices[:, :, :3], 0, 2)
+    a, b, c = rows = np.ascontiguousarray(matrices[:, :, :3].transpose(1, 2, 0))
     columns = np.array([cross(b, c), cross(c, a), cross(a, b)])
-    regular = ~singular(matrices)
-    determinant = np.where(regular, np.sum(a * columns[0], axis=0), 1.0)
-    return np.where(regular, columns / determinant, 0.0).transpose(2, 1, 0)
+    determinant = dot(a, columns[0])
+    regular = ~_are_singular(rows, determinant)
+    return np.where(regular, columns / np.where(regular, determinant, 1.0), 0.0).transpose(2, 1, 0)
 
 
 def singular(matrices: Floats) -> Bools:
     """(n,) True where the least singular value of the linear part of (n, 3, 4) is at most 1/1000 of the greatest."""
-    linear = matrices[:, :, :3]
+    return _are_singular(matrices[:, :, :3].transpose(1, 2, 0), determinants(matrices[:, :, :3]))
+
+
+def _are_singular(rows: Floats, determinant: Floats) -> Bools:
+    """(n,) the same of (3, 3, n) matrices with (n,) determinants."""
     # The product of all three is |det|, and none exceeds the Frobenius norm, so most matrices need no decomposition.
-    norms = np.sqrt(np.sum(linear * linear, axis=(1, 2)))
-    near: Bools = np.abs(determinants(linear)) <= 2.0 * _SINGULAR * norms**3
-    values = np.linalg.svd(linear[near], compute_uv=False)
-    near[near] = values[:, 2] <= _SINGULAR * values[:, 0]
+    norms = np.sqrt(np.square(rows).sum(axis=(0, 1)))
+    near: Bools = np.abs(determinant) <= 2.0 * _SINGULAR * norms**3
+    if near.any():
+        values = np.linalg.svd(rows[:, :, near].transpose(2, 0, 1), compute_uv=False)
+        near[near] = values[:, 2] <= _SINGULAR * values[:, 0]
     return near
 
 

@@ -20,7 +20,7 @@ from wrinklecli.character.pose import joint_matrices
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import Surface
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, distinct_values, flags_of
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.numeric.red_green import Level
 from wrinklecli.surface.region import Region
@@ -211,7 +211,7 @@ def forbidden_splits(
     the (coarse triangles,) members of regions whose midpoint would be too far off with pruned weights. Other arguments
     are those of `refine`.
     """
-    near = np.asarray(np.isin(surface.triangles, surface.triangles[members]).any(axis=1))
+    near = any_of(flags_of(surface.triangles[members], len(surface.positions)), surface.triangles)
     used = distinct_values(surface.triangles[near])
     # Most joints move no vertex of a region.
     acting = distinct_values(surface.joints[used])
