@@ -1,6 +1,5 @@
 """The errors that users can mend: one flat tree, which the command line turns into lines and exit codes."""
 
-import difflib
 import re
 from collections.abc import Callable, Iterable, Sequence
 from typing import TypeVar
@@ -147,6 +146,8 @@ def aligned(rows: Sequence[Sequence[str]], texts: int) -> list[str]:
 
 def nearest(name: str, names: Iterable[str]) -> str:
     """Write a hint for a message, `; did you mean 'wrist'?`, or nothing if no known name is near."""
+    import difflib
+
     # The comparison takes time by the square of the length.
     short = [each for each in names if len(each) <= _LONGEST_NAME][:_MOST_NAMES]
     near = difflib.get_close_matches(name[:_LONGEST_NAME], short, 1)

@@ -8,8 +8,6 @@ from typing import Any
 
 from wrinklecli.baking.budget import BUDGETS, fit_budget, storage
 from wrinklecli.baking.estimate import refuse_too_much
-from wrinklecli.baking.frame_files import export_frames
-from wrinklecli.baking.frames import encode_frames
 from wrinklecli.baking.job import BakeOptions, Job, ToolsPaths, read_job, tools_paths, wrinkles_alone
 from wrinklecli.baking.morphs import encode_morphs, own_target_bytes
 from wrinklecli.baking.original import seal
@@ -184,10 +182,14 @@ def _write(
     """Write the files of `frames_dir` and OUT; return the size of OUT with the files beside it."""
     options = job.options
     if out is not None and options.mode == "frames":
+        from wrinklecli.baking.frames import encode_frames  # most bakes make none
+
         with clock.stage("encode"):
             for mesh in posed:
                 encode_frames(edited, mesh, progress)
     if options.frames_dir is not None:
+        from wrinklecli.baking.frame_files import export_frames
+
         with clock.stage("export"):
             export_frames(job.document, posed, options.frames_dir, options.frames_format, outputs, progress)
     if out is None:

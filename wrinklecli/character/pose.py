@@ -117,8 +117,10 @@ def _local_rows(hierarchy: Hierarchy, clip: Clip | None, times: Floats, nodes: S
         parts = []
         for path in TRANSFORM_DEFAULTS:
             every = [values[node, path] for node in moved]
-            width = max(each.shape[1] for each in every)
-            parts.append(np.stack([np.broadcast_to(each, (len(each), width)) for each in every], axis=1))
+            part = np.zeros((len(every[0]), len(every), max(each.shape[1] for each in every)))
+            for number, each in enumerate(every):
+                part[:, number] = each
+            parts.append(part)
         found.update(zip(moved, affine_rows(*parts).transpose(2, 0, 1, 3), strict=True))
     return list(found.values())
 

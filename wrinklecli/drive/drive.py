@@ -39,7 +39,7 @@ Sections of the extras are played in their order, `SECTIONS`: anchors may move w
 from collections.abc import Mapping, Sequence
 from dataclasses import field
 from functools import partial
-from typing import Any, NamedTuple, Protocol, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -50,14 +50,16 @@ from wrinklecli.drive.lag import TAUT
 from wrinklecli.drive.point import point_json, read_point
 from wrinklecli.drive.segment import Contraction, Lengths, RestLength, Segment, Tension
 from wrinklecli.drive.stored import Json, read_number, read_numbers, read_strengths, stored, strengths_json
-from wrinklecli.drive.swing import SwingDrive, read_swing
 from wrinklecli.drive.table import Response, Weights, read_table, split
-from wrinklecli.drive.touch import TouchDrive, read_touch
-from wrinklecli.drive.turned import TurnDrive, read_turned
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, interpolated
 from wrinklecli.numeric.piecewise import Signal
 from wrinklecli.tools.records import Lag
+
+if TYPE_CHECKING:
+    from wrinklecli.drive.swing import SwingDrive
+    from wrinklecli.drive.touch import TouchDrive
+    from wrinklecli.drive.turned import TurnDrive
 
 SECTIONS = ("muscles", "flesh", "touches", "tools", "fields", "folds")
 """The lists of drives in extras, in the order in which they act."""
@@ -216,7 +218,7 @@ class Drive:
         }
 
 
-AnyDrive: TypeAlias = Drive | SwingDrive | TouchDrive | TurnDrive
+AnyDrive: TypeAlias = "Drive | SwingDrive | TouchDrive | TurnDrive"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -278,11 +280,18 @@ class StoredDrive:
     def on(self, nodes: Mapping[str, int], morph_names: Sequence[str]) -> AnyDrive:
         """The drive on a rig, from nodes by name, and the names of the rig's morph targets."""
         data = self.data
+        # Imported here, as most bakes have no such drive.
         if "modes" in data:
+            from wrinklecli.drive.swing import read_swing
+
             return read_swing(data, nodes)
         if "windows" in data:
+            from wrinklecli.drive.touch import read_touch
+
             return read_touch(data, nodes, morph_names)
         if "turns" in data:
+            from wrinklecli.drive.turned import read_turned
+
             return read_turned(data, nodes)
         joint = "joint" in data
         lows = read_numbers(data["lows"], -1) if "lows" in data else None

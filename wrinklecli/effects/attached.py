@@ -2,17 +2,19 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Sequence
-from typing import Any, NamedTuple, Protocol, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeAlias, TypeVar
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import DrivenTargets, Rig
 from wrinklecli.drive.drive import AnyDrive
 from wrinklecli.drive.segment import Segment
-from wrinklecli.drive.touch import TouchDrive
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.region import Region
 from wrinklecli.tools.records import EffectTool
+
+if TYPE_CHECKING:
+    from wrinklecli.drive.touch import TouchDrive
 
 Tool = TypeVar("Tool", bound=EffectTool, covariant=True)
 
@@ -44,7 +46,7 @@ class Drag(NamedTuple):
         folding: The slide from which on the skin looks folded, scene units.
     """
 
-    drive: TouchDrive
+    drive: "TouchDrive"
     at: Floats
     reach: float
     folding: float

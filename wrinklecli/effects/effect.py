@@ -211,7 +211,7 @@ class Effect:
     section: str
     identifier: str
     targets: tuple[Target, ...]
-    drive: AnyDrive | None
+    drive: "AnyDrive | None"
     words: Words
     exact: Weights | None = None
     error: float = 0.0

@@ -231,7 +231,7 @@ def plan_smooth(details: tuple[float, ...], kind: Profile = "smooth") -> SmoothP
         return np.asarray(guesses / np.sqrt(q), np.float64)
 
     def shortenings(q: Floats) -> Floats:
-        return excess(q * (2 - q) * (1 + (1 - q) ** 2), (1 - q) ** 4)[0] / q**2
+        return np.asarray(excess(q * (2 - q) * (1 + (1 - q) ** 2), (1 - q) ** 4)[0] / q**2, np.float64)
 
     return SmoothProfile(kind, ratios, peak, interpolate(amplitudes), interpolate(shortenings))
 

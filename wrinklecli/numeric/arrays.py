@@ -136,7 +136,7 @@ def weighted_quantiles(values: Floats, weights: Floats, parts: Floats) -> Floats
     return found
 
 
-def cross(a: Floats, b: Floats) -> list[Floats]:
+def cross(a: Floats | list[Floats], b: Floats | list[Floats]) -> list[Floats]:
     """Three (…) coordinates of the cross products of (3, …) vectors."""
     products = []
     for k in range(3):

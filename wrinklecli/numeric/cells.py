@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, distinct, runs
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, distinct, dot, runs
 
 # Mean number of points in a grid cell, if the points lie on one layer of cells, as those of a surface roughly do.
 _CELL_POINTS = 16
@@ -62,8 +62,10 @@ class Cells:
             # Consecutive balls are neighbours, so that the box round them excludes most cells.
             low, high = (middle - radius[:, :, None]).min(axis=(0, 1)), (middle + radius[:, :, None]).max(axis=(0, 1))
             near = np.flatnonzero(((self.low <= high) & (self.high >= low)).all(axis=1))
-            apart = np.maximum(np.maximum(self.low[near] - middle, middle - self.high[near]), 0.0)
-            balls, cells = np.nonzero(np.einsum("bcx,bcx->bc", apart, apart) <= radius**2)
+            # Axis by axis, as numpy takes several times as long along an axis of three.
+            axes = zip(self.low[near].T, self.high[near].T, np.moveaxis(middle, 2, 0), strict=True)
+            apart = [np.maximum(np.maximum(least - at, at - most), 0.0) for least, most, at in axes]
+            balls, cells = np.nonzero(dot(apart, apart) <= radius**2)
             found.append((first + balls, near[cells]))
         balls, cells = (np.concatenate(each) for each in zip(*found, strict=True))
         return balls, cells

@@ -4,7 +4,7 @@ import json
 from collections.abc import Hashable, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,8 +19,10 @@ from wrinklecli.numeric.closest import Tree
 from wrinklecli.numeric.rays import ray_hits
 from wrinklecli.surface.prune import Poses
 from wrinklecli.surface.rest import Rest, rest_pose
-from wrinklecli.surface.swatch import Pictures
 from wrinklecli.tools.records import ONE_PERCENT, EffectTool, Length, ToolsFile
+
+if TYPE_CHECKING:
+    from wrinklecli.surface.swatch import Pictures
 
 # Vertices that another mesh has at least over this one, or this one below it, if it is part of what one wears.
 _FEW = 4
@@ -71,8 +73,10 @@ class Ground:
         return {}
 
     @cached_property
-    def pictures(self) -> Pictures:
+    def pictures(self) -> "Pictures":
         """The textures of the asset, as far as places were looked at."""
+        from wrinklecli.surface.swatch import Pictures  # most bakes look at none
+
         return Pictures(self.document)
 
     @cached_property

@@ -17,7 +17,7 @@ import numpy as np
 
 from wrinklecli.errors import BakeError
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, unit
+from wrinklecli.numeric.arrays import Floats, cross, unit
 
 # Maps a (3,) point to the nearest point of the surface and the unit normal there.
 Foot: TypeAlias = Callable[[Floats], tuple[Floats, Floats]]
@@ -74,7 +74,7 @@ class Straight:
     @property
     def sideways(self) -> Floats:
         """(3,) unit vector across the segment, to the positive side."""
-        return np.cross(self.along, self.normal)
+        return np.array(cross(self.along, self.normal))
 
     @property
     def middle(self) -> Floats:

@@ -18,7 +18,6 @@ from wrinklecli.effects.wrinkle.bending import rising
 from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
 from wrinklecli.effects.wrinkle.lookup import CurveResponse, weight_path
 from wrinklecli.effects.wrinkle.patch import Patch
-from wrinklecli.effects.wrinkle.projected import project
 from wrinklecli.effects.wrinkle.remix import Remixed, fewest, in_turn, unit_weights
 from wrinklecli.effects.wrinkle.shapes import shapes_of
 from wrinklecli.effects.wrinkle.warnings import tool_warnings
@@ -63,6 +62,8 @@ def _projected(
     plan: MeshPlan, carried: CarriedPatch, region: int, clips: Sequence[Clip], how: SamplingOptions
 ) -> Effect:
     """The effect of a tool whose vertices are projected in each frame, with normals for some of the frames."""
+    from wrinklecli.effects.wrinkle.projected import project  # few tools ask for it
+
     found = project(plan, carried, clips, how)
     even = np.linspace(0, len(found.moments) - 1, _FIT_FRAMES).astype(int)
     rows: Sequence[int] = []

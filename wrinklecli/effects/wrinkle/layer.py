@@ -16,8 +16,6 @@ from wrinklecli.effects.wrinkle.carry import CarriedPatch, carry
 from wrinklecli.effects.wrinkle.creases import creased
 from wrinklecli.effects.wrinkle.demand import demanding
 from wrinklecli.effects.wrinkle.effect import SECTION, wrinkle_effect
-from wrinklecli.effects.wrinkle.forecast import expected_shapes
-from wrinklecli.effects.wrinkle.lines import lines_of
 from wrinklecli.effects.wrinkle.part import WrinklePart
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.effects.wrinkle.warnings import twin_warnings
@@ -82,6 +80,8 @@ class WrinkleLayer:
             if carried.ring is None:
                 sizes += _group_sizes(carried)
             elif clips:
+                from wrinklecli.effects.wrinkle.forecast import expected_shapes  # few tools are projected
+
                 count = expected_shapes(plan, carried, clips, frames, bound, memory)
                 sizes += [len(carried.vertices)] * count
         return sizes
@@ -145,6 +145,8 @@ class WrinkleKind(EffectKind):
 
     def lines(self, entry: Json) -> list[str]:
         """The lines of a tool, and tables of its bumps and clips."""
+        from wrinklecli.effects.wrinkle.lines import lines_of
+
         return lines_of(entry)
 
 

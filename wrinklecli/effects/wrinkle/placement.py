@@ -180,7 +180,7 @@ def _rooms(fine: Refinement, vertices: Ints, heights: Floats, way: float) -> tup
         squared, along = dot(away, away), dot(away, [axis[at] for axis in rays.T])
         near = squared - along**2 <= radii[ball] ** 2 + _ROUNDING * squared
         ball, at = ball[near], at[near]
-        others = (triangles[ball] != vertices[at, None]).all(axis=1)
+        others = ~np.logical_or.reduce([corner[ball] == vertices[at] for corner in triangles.T])
         ball, at = ball[others], at[others]
         distances = ray_distances(starts[at], rays[at], corners[ball])
         np.minimum.at(rooms, at, np.where(distances > _TOUCHING * size, distances, np.inf))

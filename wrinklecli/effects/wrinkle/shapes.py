@@ -74,15 +74,21 @@ class _Between:
         kept = np.zeros(len(used))
         kept[own] = np.divide(carried.magnitudes, whole[own], out=np.zeros(len(own)), where=whole[own] != 0.0)
         # Ends beside the patch do not say what is left on it.
-        left = kept[ends].sum(axis=1) / np.maximum((whole != 0.0)[ends].sum(axis=1), 1)
-        middles = placed(positions[ends].mean(axis=1), unit(facing[ends].mean(axis=1))).times(left)
+        one, other = ends.T
+        left = (kept[one] + kept[other]) / np.maximum(1 * (whole != 0.0)[one] + (whole != 0.0)[other], 1)
+
+        def halfway(values: Floats) -> Floats:
+            between: Floats = (values[one] + values[other]) / 2.0
+            return between
+
+        middles = placed(halfway(positions), unit(halfway(facing))).times(left)
         numbers = np.full(len(used), len(own))
         numbers[own] = np.arange(len(own))
         return cls(
             edges=Middles.numbers_of(edges, fine),
             ends=numbers[ends],
             heights=middles.shapes(patch.curve) * patch.curve.greatest_amplitudes[..., None],
-            directions=fine.raising_at(used)[ends].mean(axis=1) * middles.factors[:, None],
+            directions=halfway(fine.raising_at(used)) * middles.factors[:, None],
         )
 
     def middles(self, group: int, deltas: Floats) -> Middles:
