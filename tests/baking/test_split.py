@@ -18,6 +18,8 @@ from kit.limb import limb_asset, tool, write_tools
 from kit.player import Gltf, Json
 from kit.samples import sample
 from wrinklecli.baking import parts, split
+from wrinklecli.baking.job import BakeOptions, read_job
+from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.baking.track import track
 from wrinklecli.errors import BakeError
 from wrinklecli.gltf.document import read_document
@@ -181,6 +183,23 @@ def test_babylon_plays_all_parts(pair: tuple[Gltf, Gltf]) -> None:
         posed = parted.pose(node, clip, np.array(times))
         if targets_of(parted, node):
             assert np.abs(babylon_pose(parted.path, node, clip, times) - posed).max() < 2e-6 * np.abs(posed).max()
+
+
+@pytest.mark.parametrize("kind", ["tools", "field"])
+def test_the_memory_of_parts_is_known_before_the_bake(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Normals that turn by less than anyone sees are counted too where two parts meet."""
+    monkeypatch.setattr(parts, "_WORTH", 2000)
+    if kind == "field":
+        asset, tools = sleeve_and_field(tmp_path)
+    else:
+        asset = limb_asset(rings=16).write(tmp_path / "limb.glb")
+        tools = write_tools(tmp_path / "tools.yaml", *TOOLS)
+    (plan,) = plan_meshes(read_job(asset, tools, BakeOptions()))
+    planned = split.planned_bytes(plan, [moved for part in plan.parts for moved in part.target_vertices])
+    wrinklecli.bake(asset, tools, tmp_path / "split.glb", split=True)
+    assert 0.95 < planned / target_bytes(tmp_path / "split.glb") < 1.2
 
 
 @pytest.mark.slow

@@ -44,6 +44,7 @@ KEYS = [
     "rest_length",
     "contact",
     "mesh",
+    "place",
     "driver",
     "driver_kind",
     "clip",
@@ -53,6 +54,8 @@ KEYS = [
     "shortening",
     "clips",
     "score",
+    "height",
+    "gpu_bytes",
     "keep",
     "merits",
     "substance",
@@ -207,14 +210,25 @@ def test_command_writes_the_file_and_a_table(tmp_path: Path) -> None:
     assert (tmp_path / "tools.yaml").read_text() == suggest_once(path, count=1).text
     note, head, row = result.stderr.splitlines()
     assert note == "note: limb: skin, as nothing says what it is made of (a guess)"
-    assert head.split() == ["tool", "by", "clip", "at", "keep", "shortens", "from", "to"]
-    assert row.split()[:4] == ["joint_1", "joint_1", "fold", "0.93"]
+    assert head.split() == ["tool", "place", "of", "clip", "at", "keep", "shortens", "height", "on", "a", "GPU"]
+    assert row.split()[:6] == ["joint_1", "joint", "joint_1", "skin", "fold", "0.93"]
     for arguments in ([path, "--count", 1], [path, "--count", 1, "-o", "-"]):
         result = run(*arguments)
         assert result.stdout == (tmp_path / "tools.yaml").read_text()
     result = run(path, "--count", 1, "-q")
     assert result.stderr == ""
     assert result.stdout
+
+
+@each_once()
+def test_a_budget_keeps_what_fits(tmp_path: Path) -> None:
+    path = limb(tmp_path / "limb.glb")
+    (tool,) = suggest_once(path, count=1).tools
+    assert 0 < tool.gpu_bytes < 8e6
+    assert suggest_once(path, count=1, budget=tool.gpu_bytes).tools == (tool,)
+    poor = suggest(path, count=1, budget=1)
+    assert (poor.tools, poor.reason) == ((), "nothing is worth it, as the notes say")
+    assert poor.dropped[0].line.endswith(" on a GPU, more than --budget leaves")
 
 
 @pytest.mark.slow

@@ -38,19 +38,45 @@ def parts_of(
     Where a wrinkle ends, it turns the normals of vertices that it does not move, and so may reach a vertex of the next
     part. Targets that do no more in a part, and turn them by less than anyone sees, are not in it.
 
-    Faces that the same targets move begin as one part. Then the two parts that cost the least together are joined, as
-    long as this is little. Faces of a part need not lie together. The first part, for the node itself, gets all `own`
-    targets of the asset, the first ones of the mesh, since players may set these by their numbers: it is the part where
-    they cost the least.
+    Faces of a part need not lie together. The first part, for the node itself, gets all `own` targets of the asset, the
+    first ones of the mesh.
     """
     faces = [each.triangles if len(each.triangles) else np.arange(len(each.weld))[None] for each in refined_primitives]
-    moved = _moved_faces(document, primitives, refined_primitives, faces, least_turn=0.0)
+    moved, seen = (
+        _moved_faces(document, primitives, refined_primitives, faces, least_turn=least) for least in (0.0, _UNSEEN)
+    )
+    sets, part_of = divided(moved, seen, own=own)
+    ends = np.cumsum([len(each) for each in faces])[:-1]
+    of_primitives = np.split(part_of, ends)
+    return [
+        Part(
+            tuple(each[of == k] for each, of in zip(faces, of_primitives, strict=True)),
+            tuple(np.flatnonzero(targets).tolist()),
+        )
+        for k, targets in enumerate(sets)
+    ]
+
+
+def divided(moved: Bools, seen: Bools, *, own: int) -> tuple[Bools, Ints]:
+    """Divide faces by the targets that move them.
+
+    Faces that the same targets move begin as one part. Then the two parts that cost the least together are joined, as
+    long as this is little. The first part has all `own` targets of the asset, since players may set these by their
+    numbers: it is the part where they cost the least.
+
+    Args:
+        moved: (faces, targets) True if a target changes anything there, the asset's own targets first.
+        seen: (faces, targets) True if one sees the change.
+        own: The number of the asset's own targets.
+
+    Returns:
+        (parts, targets) the targets of each part, and (faces,) the part of each face.
+    """
     packed = np.packbits(moved, axis=1)
     rows = packed.view(np.dtype((np.void, packed.shape[1]))).reshape(-1)
     _, firsts, kind_of, counts = np.unique(rows, return_index=True, return_inverse=True, return_counts=True)
     sets, groups = _joined(moved[firsts], counts.astype(np.float64))
     part_of = groups[kind_of]
-    seen = _moved_faces(document, primitives, refined_primitives, faces, least_turn=_UNSEEN)
     for part, needed in enumerate(sets[:, own:]):
         needed &= seen[part_of == part, own:].any(axis=0)
     sizes = np.bincount(part_of, minlength=len(sets))
@@ -58,16 +84,8 @@ def parts_of(
     first = int(np.argmin(missing))
     sets[first, :own] = True
     sets[first] |= ~sets.any(axis=0)
-    order = [first, *(k for k in range(len(sets)) if k != first)]
-    ends = np.cumsum([len(each) for each in faces])[:-1]
-    of_primitives = np.split(part_of, ends)
-    return [
-        Part(
-            tuple(each[of == k] for each, of in zip(faces, of_primitives, strict=True)),
-            tuple(np.flatnonzero(sets[k]).tolist()),
-        )
-        for k in order
-    ]
+    order = np.array([first, *(k for k in range(len(sets)) if k != first)])
+    return sets[order], np.argsort(order)[part_of]
 
 
 def _moved_faces(

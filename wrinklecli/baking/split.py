@@ -3,17 +3,19 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from wrinklecli.baking.budget import mesh_texture_bytes, texel_bytes, texture_bytes
-from wrinklecli.baking.parts import PARTS, parts_of
+from wrinklecli.baking.parts import PARTS, divided, parts_of
 from wrinklecli.baking.refined_mesh import primitives_of, shared_vertices
 from wrinklecli.baking.report import BakedMesh, Split
 from wrinklecli.drive.drive import wrinkle_entry
-from wrinklecli.effects.effect import targets_of
+from wrinklecli.effects.effect import MeshPlan, targets_of
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.joined_mesh import JoinedMesh, give_back
 from wrinklecli.gltf.split_mesh import Part, split_node
-from wrinklecli.numeric.arrays import distinct_values
+from wrinklecli.numeric.arrays import Bools, Ints, distinct_values
 
 # Bytes on a GPU below which a split is not worth a look.
 _MATTERS = 1_000_000
@@ -52,6 +54,27 @@ def weighed(edited: EditedDocument, mesh: BakedMesh) -> BakedMesh:
     parts = _parts(document, edited.source, mesh)
     vertices = (len(part.targets) * sum(len(distinct_values(each)) for each in part.triangles) for part in parts)
     return replace(mesh, split=Split(texel_bytes(plan, sum(vertices))))
+
+
+def planned_bytes(plan: MeshPlan, targets: Sequence[Ints]) -> int:
+    """GPU memory of morph targets in the parts in which a split would keep them, before they are baked.
+
+    Args:
+        plan: The mesh.
+        targets: For each target the fine welded vertices that it moves. It turns normals of their neighbours.
+    """
+    triangles, vertices = plan.fine.triangles, np.zeros((len(plan.fine.positions), len(targets)), np.bool_)
+    for number, moved in enumerate(targets):
+        vertices[moved, number] = True
+    seen: Bools = vertices[triangles].any(axis=1)
+    for corners in triangles.T:
+        np.logical_or.at(vertices, corners, seen)
+    turned: Bools = vertices[triangles].any(axis=1)
+    sets, part_of = divided(turned if plan.has_normals else seen, seen, own=0)
+    corners = plan.fine.corners
+    return texel_bytes(
+        plan, sum(int(each.sum()) * len(distinct_values(corners[part_of == k])) for k, each in enumerate(sets))
+    )
 
 
 def _split(whole: EditedDocument, source: Document, mesh: BakedMesh) -> BakedMesh:

@@ -14,6 +14,7 @@ from wrinklecli.cli import options as opt
 from wrinklecli.cli.output import Progress, emit_json, say, say_findings, write_text
 from wrinklecli.cli.streams import command_outputs
 from wrinklecli.errors import aligned, shortened
+from wrinklecli.numeric.memory import GPU_BUDGET, parse_bytes
 
 if TYPE_CHECKING:
     from wrinklecli.review.suggest.fitted_tools import Suggestion
@@ -52,6 +53,13 @@ def _materials(values: tuple[str, ...]) -> dict[str, str]:
     bounds=(1, 500),
     text="The greatest number of suggestions, best first; a pair that `mirror` makes counts as one.",
     default=8,
+)
+@opt.valued(
+    "--budget",
+    metavar="SIZE",
+    read=lambda value: parse_bytes(value, least=1),
+    text="The most memory on a GPU, such as 10MB, that the suggestions together take after bake --split.",
+    default=f"{GPU_BUDGET // 10**6}MB",
 )
 @click.option("--node", metavar="NAME", help="Look at the mesh of this node only.")
 @opt.valued(
@@ -105,6 +113,10 @@ def suggest(
     it is not harmed, and a limb folds there. Suggestions with a low score are left out, and the next best take their
     places. -v says why, and with --all a comment beside the tool does.
 
+    A budget says how much memory on a GPU the morph targets of all suggestions may take. Engines unpack a target over
+    all vertices of its mesh, so the figures are those after bake --split. Each suggestion has its own beside it; the
+    best that fit are kept, and garments come first. --all has no budget.
+
     An asset without clips is measured in its range of motion. Each joint is bent about its axes as far as a body of
     such joints goes, and each morph target is raised. --clip takes the names of these motions too, such as
     "LeftLeg about x, +90°". Joints are known by the names of common rigs, or by a VRM. If --range-of-motion found
@@ -135,10 +147,10 @@ def suggest(
     "substance", "joints", "strength", "mesh", "why", "clip", "time", "height", "wavelength", "targets" and "gpu_bytes",
     which its targets take in parts of the mesh, as bake --split makes them. Each of "tools" has "name", "node",
     "origin", "between", "target", "mirror", "width", "material", "strategy", "bumps", "max_height", "compressible",
-    "rest_length", "contact", "mesh", "driver", "driver_kind", "clip", "time", "span", "shortest", "shortening",
-    "clips", "score", "keep", "merits", "substance", "why" and "confidence", 0 to 1, null where nobody asked. "keep" is
-    how likely an artist keeps the tool, computed from "merits". Within version 1, keys are only
-    added. Lengths are scene units, shortenings are ratios to the span. "between" has the points of a path
+    "rest_length", "contact", "mesh", "place" in words, "driver", "driver_kind", "clip", "time", "span", "shortest",
+    "shortening", "clips", "score", "height", "gpu_bytes", "keep", "merits", "substance", "why" and "confidence", 0 to
+    1, null where nobody asked. "keep" is how likely an artist keeps the tool, computed from "merits". Within version 1,
+    keys are only added. Lengths are scene units, shortenings are ratios to the span. "between" has the points of a path
     between its ends. "clips" has the least length in each clip, null where the character is hidden. "reason" says why
     there are no tools, and is null if there are some.
 
@@ -237,6 +249,7 @@ def _json_tool(each: "Suggestion") -> dict[str, Any]:
         "rest_length": written_length(tool.rest_length),
         "contact": "resolve" if tool.contact else "off",
         "mesh": each.mesh,
+        "place": each.words_of_both,
         "driver": each.driver,
         "driver_kind": "morph target" if each.by_morph else "joint",
         "clip": each.clip,
@@ -246,6 +259,8 @@ def _json_tool(each: "Suggestion") -> dict[str, Any]:
         "shortening": _short(each.shortening),
         "clips": {name: _short(length) if math.isfinite(length) else None for name, length in each.clips.items()},
         "score": _short(each.score),
+        "height": _short(each.height),
+        "gpu_bytes": each.gpu_bytes,
         "keep": None if each.judgement is None else round(each.judgement.keep, 3),
         "merits": None
         if each.judgement is None
@@ -342,7 +357,7 @@ def _tables(found: "Suggestions") -> Iterator[tuple[list[list[str]], int]]:
         for each in found.fields
     ]
     if fields:
-        yield [["field", "mesh", "clip", "at", "height", "wavelength", "targets", "split, on a GPU"], *fields], 5
+        yield [["field", "mesh", "clip", "at", "height", "wavelength", "targets", "on a GPU"], *fields], 5
     if found.tools:
         yield _tool_rows(found.tools), 5
     muscles = [[_sided(each.muscle.name, each.mirrored), each.bone, f"{each.depth:.3g}"] for each in found.muscles]
@@ -373,19 +388,20 @@ def _sided(name: str, mirrored: bool) -> str:
 
 
 def _tool_rows(tools: "tuple[Suggestion, ...]") -> list[list[str]]:
-    rows = [["tool", "mesh", "by", "clip", "at", "keep", "shortens", "from", "to"]]
+    rows = [["tool", "mesh", "place", "of", "clip", "at", "keep", "shortens", "height", "on a GPU"]]
     for each in tools:
         rows.append(
             [
                 _sided(each.tool.name, each.mirrored),
                 each.mesh,
-                each.driver,
+                each.words_of_both,
+                "" if each.substance is None else each.substance.kind,
                 each.clip,
                 f"{each.time:.2f} s",
                 "" if each.judgement is None else f"{100 * each.judgement.keep:.0f} %",
                 f"{100 * each.shortening:.0f} %",
-                f"{each.span:.3g}",
-                f"{each.clips[each.clip]:.3g}",
+                f"{each.height:.2g}",
+                f"{each.gpu_bytes / 1e6:.1f} MB",
             ]
         )
     if len({each.mesh for each in tools}) == 1:

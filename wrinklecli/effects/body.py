@@ -96,6 +96,11 @@ class BodyPart(Generic[AttachedType]):
         return np.flatnonzero(are_nonzero(self.deltas).any(axis=0))
 
     @property
+    def target_vertices(self) -> list[Ints]:
+        """For each target the vertices that it moves."""
+        return [nonzero_rows(target) for target in self.deltas]
+
+    @property
     def shares(self) -> Floats:
         """(vertices,) their greatest moves by one target over the greatest of all."""
         moves = np.sqrt((self.deltas[:, self.vertices] ** 2).sum(axis=2)).max(axis=0)
@@ -202,7 +207,7 @@ class BodyLayer(ABC, Generic[AttachedType]):
 
     def target_sizes(self, _plan: MeshPlan, _clips: Sequence[Clip], _frames: int, _memory: Memory) -> list[int]:
         """The vertices that each target moves."""
-        return [len(nonzero_rows(target)) for each in self.deltas for target in each]
+        return [len(moved) for part in self.parts for moved in part.target_vertices]
 
     def effects(
         self, plan: MeshPlan, _clips: Sequence[Clip], before: Sequence[Effect], _how: SamplingOptions

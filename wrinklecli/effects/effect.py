@@ -269,6 +269,11 @@ class Part(Protocol):
         ...
 
     @property
+    def target_vertices(self) -> list[Ints]:
+        """For each of its morph targets, as far as they are known, the fine welded vertices that the target moves."""
+        ...
+
+    @property
     def shares(self) -> Floats:
         """(vertices,) their greatest moves over the greatest of all."""
         ...

@@ -9,6 +9,8 @@ from wrinklecli.errors import TooMuchError
 
 # Bytes that a job of a batch may take, or of a server: a real-time character takes a tenth, and eight fit a machine.
 MAX_MEMORY = 10**9
+# Bytes on a GPU for the wrinkles of a character, unless an option allows more: half of a texture of 2,048 by 2,048.
+GPU_BUDGET = 8 * 10**6
 # Most new vertices of a mesh unless an option allows more: ten times a real-time character.
 MAX_VERTICES = 200_000
 # Bytes that Python, numpy and its threads take before any work is done, rounded up.
@@ -207,12 +209,12 @@ def default_memory() -> int:
     return max(MAX_MEMORY, (available_memory() or 0) // 2)
 
 
-def parse_bytes(text: str) -> int:
-    """Bytes from `500MB` or `4GB`, decimal units; ValueError if the text is no size, or too small for any bake."""
+def parse_bytes(text: str, least: int = _LEAST_MEMORY) -> int:
+    """Bytes from `500MB` or `4GB`, decimal units; ValueError if the text is no size, or too small, as for any bake."""
     found = re.fullmatch(r"(\d{1,6}(?:\.\d{1,3})?) ?(MB|GB|TB)", text, re.IGNORECASE)
     size = int(float(found[1]) * _UNITS[found[2].upper()]) if found else 0
-    if size < _LEAST_MEMORY:
-        raise ValueError(f"{text!r} is no size from {shown_bytes(_LEAST_MEMORY)} up, such as 500MB or 4GB")
+    if size < least:
+        raise ValueError(f"{text!r} is no size from {shown_bytes(least)} up, such as 500MB or 4GB")
     return size
 
 

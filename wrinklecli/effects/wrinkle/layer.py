@@ -3,8 +3,6 @@
 from collections.abc import Sequence
 from typing import ClassVar
 
-import numpy as np
-
 from wrinklecli.character.clip import Clip
 from wrinklecli.effects.attached import AnyAttached
 from wrinklecli.effects.effect import Effect, EffectKind, MeshPlan, Part, SamplingOptions
@@ -76,9 +74,10 @@ class WrinkleLayer:
         """
         sizes: list[int] = []
         bound = plan.max_error / most_overlaps(plan)
-        for carried in self.carried_patches:
+        for part in self.parts:
+            carried = part.carried
             if carried.ring is None:
-                sizes += _group_sizes(carried)
+                sizes += [len(moved) for moved in part.target_vertices]
             elif clips:
                 from wrinklecli.effects.wrinkle.forecast import expected_shapes  # few tools are projected
 
@@ -157,12 +156,3 @@ def carried_patches_of(plan: MeshPlan) -> tuple[CarriedPatch, ...]:
     """The wrinkling tools of a mesh, on its refined surface."""
     wrinkles = plan.layer(WrinkleLayer)
     return wrinkles.carried_patches if wrinkles else ()
-
-
-def _group_sizes(carried: CarriedPatch) -> list[int]:
-    """The number of welded vertices under the bumps of each target of a tool."""
-    curve = carried.patch.curve
-    us = np.sort(carried.us)
-    low, high = (np.searchsorted(us, ends) for ends in (curve.bumps.starts, curve.bumps.ends))
-    of_groups = [int((high - low)[list(bumps)].sum()) for bumps in curve.groups]
-    return [size for size in of_groups for _ in range(curve.greatest_amplitudes.shape[1])]

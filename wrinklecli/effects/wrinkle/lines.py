@@ -53,14 +53,14 @@ def _rounding(tool: Json) -> str:
 
 
 def _tissue(tool: Json) -> str:
-    """The share of each shortening that makes no wrinkles, and the share at which bumps are just full."""
+    """The share of each shortening that makes no wrinkles, and the share at which bumps become as tall as they may."""
     fitting = math.ceil(100 * tool["fitting_compressible"])
     if not tool["clips"]:
         would = ""
     elif fitting:
-        would = f"; with compressible: {fitting}% all bumps are just full at the greatest"
+        would = f"; with compressible: {fitting}% all bumps reach their greatest height at the greatest shortening"
     else:
-        would = "; no clip has all bumps full"
+        would = "; in no clip do all bumps reach their greatest height"
     material = "" if tool["material"] == "none" else f"{tool['material']}, "
     lag = tool["lag"]
     late = f"; lags, {lag['frequency']:g} swings a second, damping {lag['damping']:g}" if lag else ""

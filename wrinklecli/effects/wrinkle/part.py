@@ -40,6 +40,14 @@ class WrinklePart:
         return self.carried.vertices
 
     @property
+    def target_vertices(self) -> list[Ints]:
+        """For each target the vertices under its bumps."""
+        curve, us = self.attached.curve, self.us[:, None]
+        under = (us >= curve.bumps.starts) & (us < curve.bumps.ends)
+        of_groups = [self.vertices[under[:, list(bumps)].any(axis=1)] for bumps in curve.groups]
+        return [vertices for vertices in of_groups for _ in range(curve.greatest_amplitudes.shape[1])]
+
+    @property
     def shares(self) -> Floats:
         """(vertices,) the parts of the curve's height that they get, over the greatest."""
         magnitudes = np.abs(self.carried.magnitudes)

@@ -21,6 +21,7 @@ from wrinklecli.numeric.closest import closest_point, nearest_of
 from wrinklecli.numeric.guard import Progress, no_progress
 from wrinklecli.numeric.processes import in_processes
 from wrinklecli.review.suggest.measure import MeasuredMesh
+from wrinklecli.review.suggest.place_names import PlaceName
 from wrinklecli.surface.compression import (
     CompressedRegion,
     basins,
@@ -80,6 +81,7 @@ class Candidate:
         driver: Name of the joint or morph target that compresses the region.
         by_morph: True if the driver is a morph target.
         part: The part of the body of a driving joint, if known.
+        place: Its name, if that part is known.
         substance: What the place is made of; None if it was not looked at.
         presets: Materials and presets by name, from which its tool gets one.
     """
@@ -99,6 +101,7 @@ class Candidate:
     driver: str = ""
     by_morph: bool = False
     part: Part | None = None
+    place: PlaceName | None = None
     substance: Substance | None = None
     presets: Mapping[str, Preset] = field(default_factory=presets)
 

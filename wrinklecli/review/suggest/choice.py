@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from wrinklecli.character.bones import read_bones, words_of
+from wrinklecli.character.bones import words_of
 from wrinklecli.errors import AssetError, counted, listed, nearest
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
@@ -21,6 +21,7 @@ from wrinklecli.numeric.processes import in_processes
 from wrinklecli.review.suggest.candidates import Candidate
 from wrinklecli.review.suggest.cover import Layers, is_covered
 from wrinklecli.review.suggest.measure import MeasuredMesh
+from wrinklecli.review.suggest.place_names import NamedBody
 from wrinklecli.review.suggest.suggest_options import SuggestOptions
 from wrinklecli.review.suggest.trial import TriedAsset
 from wrinklecli.surface.compression import CompressedRegion, triangle_weights
@@ -116,7 +117,8 @@ def _judged(
     document: Document, candidates: Sequence[Candidate], options: SuggestOptions, pictures: Pictures
 ) -> Iterator[_Judged]:
     """Judge candidates by all but the layers that may hide them; with `everything` none has a fault."""
-    bones, numbers, known = read_bones(document), dict[str, int](), options.known_presets
+    body, numbers, known = NamedBody.of(document), dict[str, int](), options.known_presets
+    bones = body.bones
     hints: dict[int, tuple[PrimitiveHints, ...]] = {}
     makeups: dict[int, Makeup] = {}
     known_rims: dict[int, Floats] = {}
@@ -134,6 +136,7 @@ def _judged(
         animal = surface in animals
         # The neck and the hands of an animal fold otherwise than those of people.
         part = None if each.by_morph or animal else bones.parts[numbers[each.driver]]
+        place = part and body.place(numbers[each.driver], part, each.region.normal, each.region.centre)
         if mesh.rig.node not in hints:
             hints[mesh.rig.node] = read_hints(document, mesh.rig, options.materials, animal=animal)
         weights = triangle_weights(mesh.sites, each.region)
@@ -150,8 +153,8 @@ def _judged(
         elif each.by_morph and _is_rim(each.region, known_rims[surface]):
             fault = "at a rim, such as of lips or lids"
         facet = facet_length(makeup, weights)
-        found = replace(each, material=substance.material, facet=facet, part=part, substance=substance, presets=known)
-        yield _Judged(found, substance, fault)
+        found = replace(each, material=substance.material, facet=facet, part=part, place=place)
+        yield _Judged(replace(found, substance=substance, presets=known), substance, fault)
 
 
 def _hidden(asset: TriedAsset, candidates: Sequence[Candidate]) -> dict[int, str]:

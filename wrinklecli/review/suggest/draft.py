@@ -50,14 +50,14 @@ def preset_of(candidate: Candidate) -> Preset | None:
     return preset_for(material, candidate.part, known)
 
 
-def stem_and_side(driver: str, otherwise: str) -> tuple[str, str]:
+def stem_and_side(driver: str) -> tuple[str, str]:
     """The stem of tools' names, and the side L or R if the driver's name has one.
 
-    The stem is `otherwise` if the driver's name has no letters that a tool's name may have.
+    The stem is `fold` if the driver's name has no letters that a tool's name may have.
     """
     stem, side = split_side(driver.rsplit(":", 1)[-1])
     words = "".join(c if c.isascii() and c.isalnum() else " " for c in stem).split()
-    return "_".join(words if any(c.isalpha() for word in words for c in word) else otherwise.split()), side
+    return "_".join(words if any(c.isalpha() for word in words for c in word) else ["fold"]), side
 
 
 def renamed(tools: list[WrinkleTool], stem: str, taken: Collection[str]) -> list[WrinkleTool]:

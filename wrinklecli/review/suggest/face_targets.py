@@ -103,7 +103,7 @@ REGIONS = (
         (0.0, 2.5), (1.0, 6.0), (0.0, 1.0), middle=True, width=1.3, bumps=(4, 4), bump_height=0.10,
     ),
     FaceRegion(
-        "the forehead's sides", "forehead_side", ("browOuterUp",),
+        "the side of the forehead", "forehead_side", ("browOuterUp",),
         (0.5, 3.0), (1.0, 6.0), (0.0, 1.0), middle=False, width=1.1, bumps=(4, 4), bump_height=0.10,
     ),
     FaceRegion(
@@ -119,7 +119,7 @@ REGIONS = (
         (0.1, 1.0), (-0.75, 0.3), (0.25, 1.0), middle=False, width=0.25, bumps=(3, 4), bump_height=0.08,
     ),
     FaceRegion(
-        "nasolabial folds", "nasolabial", ("mouthSmile", "cheekSquint"),
+        "the nasolabial fold", "nasolabial", ("mouthSmile", "cheekSquint"),
         (0.6, 3.5), (-1.1, -0.4), (1.0, 0.4), middle=False, width=0.65, bumps=(1, 1), bump_height=0.12, longest=0.25,
         furrow=True,
     ),
@@ -130,7 +130,7 @@ REGIONS = (
 )  # fmt: skip
 # The side of the neck to which the head turns.
 NECK = FaceRegion(
-    "the neck", "neck", (),
+    "the side of the neck", "neck", (),
     (0.0, 9.0), (-9.0, -1.3), (0.0, 0.0), middle=False, width=0.5, bumps=(3, 4), bump_height=0.13, longest=0.7,
 )  # fmt: skip
 

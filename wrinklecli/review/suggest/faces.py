@@ -32,6 +32,7 @@ from wrinklecli.review.suggest.face_targets import (
 from wrinklecli.review.suggest.fitted_tools import FULL_BY_WEIGHT, Suggestion
 from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.review.suggest.neck import read_neck
+from wrinklecli.review.suggest.place_names import PlaceName
 from wrinklecli.review.suggest.shortening import Shortening, attached, greatest, shortenings_of, with_rising_bumps
 from wrinklecli.surface.compression import CompressedRegion, connected_sites
 from wrinklecli.surface.sites import at_sites
@@ -306,6 +307,7 @@ def _fit_tool(
         driver=name,
         by_morph=candidate.by_morph,
         part=None if candidate.by_morph else "neck",
+        place=PlaceName(region.title.removeprefix("the ")),
         clip=best.clip.name,
         time=best.time,
         span=patches[0].span,

@@ -19,6 +19,7 @@ from wrinklecli.numeric.rays import distances_along, near_points
 from wrinklecli.review.suggest.candidates import Candidate
 from wrinklecli.review.suggest.draft import pair_of, renamed, stem_and_side, tool_of, width_of
 from wrinklecli.review.suggest.measure import MeasuredMesh
+from wrinklecli.review.suggest.place_names import PlaceName
 from wrinklecli.review.suggest.score import Score
 from wrinklecli.review.suggest.shortening import (
     Shortening,
@@ -35,8 +36,9 @@ from wrinklecli.surface.strain import principal, unscaled_pose
 from wrinklecli.surface.substance import Substance
 from wrinklecli.surface.trace import CLEAR_LOSS, find_segment, trace
 from wrinklecli.tools.materials import Preset, presets
-from wrinklecli.tools.mirror import split_side
+from wrinklecli.tools.mirror import exchange_sides, split_side
 from wrinklecli.tools.records import Length, RestLengthMorph, WrinkleTool
+from wrinklecli.tools.yaml_tree import printable
 
 # Factors on the height of wrinkles that would be too tall for their place, the first one tried first.
 _LOWER = (0.7, 0.5)
@@ -105,8 +107,11 @@ class Suggestion:
         one_sided: True if no clip raises the wrinkles of its mirror image.
         substance: What the place is made of; None if it was not looked at.
         part: The part of the body of a driving joint, if known.
+        place: Its name, if a part of the body or of a face is known there.
         presets: Materials and presets by name, one of which its tool has.
         crossings: Edges that pass through triangles at the place when it is folded, if `contact` may keep them apart.
+        height: The greatest displacement, scene units; 0 if nobody looked.
+        gpu_bytes: What its morph targets take on a GPU, where each part of the mesh has only those that move it.
         judgement: What one sees of it, as a score; None if nobody looked, or if no clip raises it.
         is_judged: True once somebody looked.
     """
@@ -128,10 +133,33 @@ class Suggestion:
     one_sided: bool = False
     substance: Substance | None = None
     part: Part | None = None
+    place: PlaceName | None = None
     presets: Mapping[str, Preset] = field(default_factory=presets)
     crossings: int = 0
+    height: float = 0.0
+    gpu_bytes: int = 0
     judgement: Score | None = None
     is_judged: bool = False
+
+    @property
+    def words(self) -> str:
+        """The place in words, of the tool that is written, or the joint or the morph target that compresses it."""
+        side, of_driver = split_side(self.tool.name)[1], split_side(self.driver)[1]
+        # A tool of neither side lies across both, where a joint of one compresses it.
+        return self._words(*(side or ("LR" if of_driver else "")))
+
+    @property
+    def words_of_both(self) -> str:
+        """The place in words, of the tool and its mirror image."""
+        return self._words("L", "R") if self.mirrored else self.words
+
+    def _words(self, *sides: str) -> str:
+        if self.place is not None:
+            return self.place.words(*sides)
+        both = len(sides) == 2 and not self.by_morph
+        names = sorted({self.driver, exchange_sides(self.driver)}) if both else [self.driver]
+        what = "morph target" if self.by_morph else "joints" if len(names) == 2 else "joint"
+        return f"{what} {' and '.join(printable(name, 90) for name in names)}"
 
     @property
     def next(self) -> "Suggestion | None":
@@ -232,7 +260,8 @@ class _Search:
     def _fit_refined(self, candidate: Candidate, *, apart: bool) -> _Fitted | None:
         """Fit a tool to a candidate with refined ends, as `_fit`; `apart` is True if it is clear of its twin."""
         mesh, region, driver = candidate.mesh, candidate.region, candidate.driver
-        stem, side = stem_and_side(driver, candidate.part or "fold")
+        stem, side = stem_and_side(driver)
+        stem = candidate.place.stem if candidate.place else stem
         # A name with a side would say that the tool is one of a pair.
         side = "" if region.on_plane else side
         bump_length = self.bump_lengths.get((mesh.rig.node, driver))
@@ -281,6 +310,7 @@ class _Search:
             tool=tools[0],
             mirrored=len(tools) == 2,
             part=candidate.part,
+            place=candidate.place,
             presets=candidate.presets,
             mesh=mesh.rig.names[mesh.rig.node],
             driver=_of_side(mesh, driver, tools[0].name) if len(tools) == 2 else driver,

@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from wrinklecli.baking.budget import texel_bytes
+from wrinklecli.baking.split import planned_bytes
 from wrinklecli.character.bent import bending_nodes
 from wrinklecli.character.bones import read_bones, words_of
 from wrinklecli.character.clip import clip_grid
@@ -194,15 +194,23 @@ def beside_garments(
 
 
 def suggest_fields(
-    asset: TriedAsset, garments: Sequence[Garment], stage: Stage
+    asset: TriedAsset, garments: Sequence[Garment], stage: Stage, budget: float
 ) -> tuple[list[SuggestedField], list[Dropped]]:
-    """Try a field on each garment; give those that are worth it, and those that are not, each with the reason."""
-    tried = [*in_processes(partial(_tried, asset, stage), garments, asset.jobs)]
+    """Try a field on each garment; give those that are worth it within a budget, and the others, each with the reason.
+
+    The budget is bytes on a GPU.
+    """
+    fields, dropped = list[SuggestedField](), list[Dropped]()
+    for each in in_processes(partial(_tried, asset, stage), garments, asset.jobs):
+        if isinstance(each, Dropped):
+            dropped.append(each)
+        elif each.gpu_bytes > budget:
+            dropped.append(Dropped.costly(each.field.name, each.mesh, each.gpu_bytes))
+        else:
+            budget -= each.gpu_bytes
+            fields.append(each)
     stage.let_go()
-    return (
-        [each for each in tried if isinstance(each, SuggestedField)],
-        [each for each in tried if isinstance(each, Dropped)],
-    )
+    return fields, dropped
 
 
 def _tried(asset: TriedAsset, stage: Stage, garment: Garment) -> SuggestedField | Dropped:
@@ -219,13 +227,13 @@ def _tried(asset: TriedAsset, stage: Stage, garment: Garment) -> SuggestedField 
     for strength in _STRENGTHS:
         field = replace(garment.field, strength=strength)
         weaker = sketch(driven_by(part.attached, field), part.region, plan.fine, np.zeros(0, np.bool_), part)
-        found = _judged(asset, plan, weaker or part, stage, replace(garment, field=field))
+        found = _judged(plan, weaker or part, stage, replace(garment, field=field))
         if isinstance(found, SuggestedField) or found.reason not in ("harm", "warned"):
             break
     return found
 
 
-def _judged(asset: TriedAsset, plan: MeshPlan, part: Part, stage: Stage, garment: Garment) -> SuggestedField | Dropped:
+def _judged(plan: MeshPlan, part: Part, stage: Stage, garment: Garment) -> SuggestedField | Dropped:
     """A planned field that is worth it, or the reason why it is not."""
     field, mesh = garment.field, garment.mesh
     where = mesh.rig.names[mesh.rig.node]
@@ -246,7 +254,6 @@ def _judged(asset: TriedAsset, plan: MeshPlan, part: Part, stage: Stage, garment
     faults = [fault_of(stage, Placement.of(plan, part), *moment) for moment in moments]
     if 2 * sum(each is not None for each in faults) > len(faults):
         return Dropped(field.name, where, *next(each for each in faults if each is not None))
-    moved = sum(size for layer in plan.layers for size in layer.target_sizes(plan, [], 0, asset.document.memory))
     return SuggestedField(
         field=field,
         mesh=where,
@@ -256,7 +263,7 @@ def _judged(asset: TriedAsset, plan: MeshPlan, part: Part, stage: Stage, garment
         height=float(heights.max()),
         wavelength=part.attached.bump_width,
         targets=len(part.drive.targets),
-        gpu_bytes=texel_bytes(plan, moved),
+        gpu_bytes=planned_bytes(plan, part.target_vertices),
         levels=plan.fine.subdivision.levels,
     )
 
@@ -282,7 +289,7 @@ def written_fields(fields: Sequence[SuggestedField]) -> list[str]:
         lines += [
             f"  # {each.why}: folds are {each.wavelength:.3g} from crest to crest, and up to {each.height:.2g} high in"
             f" clip {printable(each.clip, 50)} at {each.time:.2f} s",
-            f"  # {counted(each.targets, 'morph target')}, {each.gpu_bytes / 1e6:.1f} MB on a GPU after --split",
+            f"  # {counted(each.targets, 'morph target')}, {each.gpu_bytes / 1e6:.1f} MB on a GPU after bake --split",
             *entry(field.name, keys),
             "",
         ]

@@ -1,5 +1,6 @@
 """Tools suggested for an asset: segments across the folds that its clips make, in a file that bakes as it is."""
 
+import math
 import os
 from collections.abc import Sequence
 from dataclasses import replace
@@ -103,7 +104,7 @@ def suggest(
         >>> from wrinklecli import suggest
         >>> found = suggest("samples/wrist.glb", count=1)
         >>> [(each.tool.name, each.clip) for each in found.tools]
-        [('hand', 'extend')]
+        [('wrist_top', 'extend')]
         >>> _ = Path("tools.yaml").write_text(found.text)
     """
     options = replace(options or SuggestOptions(), **named)
@@ -138,6 +139,7 @@ def suggest(
                 of_face.tools,
                 RefinementSettings(),
                 count=len(of_face.tools),
+                budget=math.inf if options.everything else float(options.budget),
                 everything=options.everything,
                 checked=clips,
             )
@@ -152,7 +154,9 @@ def suggest(
         tried = TriedAsset(document, joined.clips, jobs=options.jobs)
         stage = Stage(tried.scene, (*clips, *joined.clips))
         garments = find_garments(tried, [mesh for mesh, _ in meshes], options)
-        fields, unfit = suggest_fields(tried, garments, stage)
+        budget = math.inf if options.everything else float(options.budget)
+        fields, unfit = suggest_fields(tried, garments, stage, budget)
+        budget -= sum(each.gpu_bytes for each in fields)
         bare = beside_garments(meshes, garments)
         candidates = find_candidates(bare, read_bones(document).parts, progress, jobs=options.jobs)
         chosen, reasons, hard = choose_candidates(tried, candidates, options)
@@ -183,6 +187,7 @@ def suggest(
             fitted,
             RefinementSettings(scheme=scheme, max_levels=max([RefinementSettings().max_levels, *levels])),
             count=options.count,
+            budget=budget,
             everything=options.everything,
             joined=clips,
             checked=checked,

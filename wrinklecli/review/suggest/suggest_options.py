@@ -8,7 +8,7 @@ from functools import cached_property
 from wrinklecli.character.posing import JointTurn, MorphWeight
 from wrinklecli.choices import Substance
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.memory import MAX_MEMORY
+from wrinklecli.numeric.memory import GPU_BUDGET, MAX_MEMORY
 from wrinklecli.tools.materials import Preset, presets
 from wrinklecli.tools.read import load_presets
 
@@ -20,6 +20,8 @@ class SuggestOptions:
     Attributes:
         clips: Names of the clips to look at; all if empty.
         count: Greatest number of suggestions; a pair counts as one.
+        budget: Bytes on a GPU that all suggestions together may take, where each part of a mesh has only the morph
+            targets that move it.
         node: Name of the node whose mesh to look at; None for all nodes whose meshes deform.
         face: Suggest only wrinkles of a face, by its morph targets.
         muscles: Suggest only muscles, by the names of bones.
@@ -41,6 +43,7 @@ class SuggestOptions:
 
     clips: Sequence[str] = ()
     count: int = 8
+    budget: int = GPU_BUDGET
     node: str | None = None
     face: bool = False
     muscles: bool = False

@@ -10,7 +10,7 @@ from wrinklecli.review.suggest.draft import SLACK, decimals, place_of, written_l
 from wrinklecli.review.suggest.fitted_tools import Suggestion
 from wrinklecli.tools.fields import Field
 from wrinklecli.tools.materials import presets as usual_presets
-from wrinklecli.tools.mirror import exchange_sides, split_side
+from wrinklecli.tools.mirror import exchange_sides
 from wrinklecli.tools.read import read_values
 from wrinklecli.tools.records import Contact, Length, RefinementSettings, RestLengthMorph, ToolsFile, WrinkleTool
 from wrinklecli.tools.yaml_tree import printable, read_tree
@@ -78,7 +78,9 @@ def tools_text(
             "seed": tool.seed,
             "contact": "resolve" if tool.contact == Contact() else None,
         }
-        lines.append(f"  # {_driven_by(each)}: {shortens}")
+        lines.append(f"  # {each.words[0].upper()}{each.words[1:]}: {shortens}")
+        if each.gpu_bytes:
+            lines.append(f"  # Up to {each.height:.2g} high, {each.gpu_bytes / 1e6:.1f} MB on a GPU after bake --split")
         if each.substance is not None:
             lines.append(f"  # {each.substance.words}")
         if each.judgement is not None and not each.judgement.is_kept:
@@ -97,16 +99,6 @@ def tools_text(
             )
         lines += [*entry(tool.name, keys), ""]
     return "\n".join(lines[:-1]) + "\n"
-
-
-def _driven_by(suggestion: Suggestion) -> str:
-    """The joint or the morph target that compresses the place, or both joints if a tool of neither side lies there."""
-    driver = printable(suggestion.driver, 90)
-    if suggestion.by_morph:
-        return f"Morph target {driver}"
-    if split_side(suggestion.driver)[1] and not split_side(suggestion.tool.name)[1]:
-        return f"Joints {' and '.join(sorted((driver, printable(exchange_sides(suggestion.driver), 90))))}"
-    return f"Joint {driver}"
 
 
 def _written_height(tool: WrinkleTool) -> str | None:

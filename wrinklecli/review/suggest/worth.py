@@ -13,6 +13,7 @@ from itertools import islice
 
 import numpy as np
 
+from wrinklecli.baking.split import planned_bytes
 from wrinklecli.character.clip import Clip, clip_grid
 from wrinklecli.character.rig import Rig
 from wrinklecli.choices import Part
@@ -75,7 +76,7 @@ class Dropped:
         mesh: Name of the node.
         reason: A word for why.
         value: The number that decided.
-        warning: The line of `check`, or of a bake that refuses it, if that is the reason.
+        warning: The line of `check`, or of a bake that refuses it, or the memory, if that is the reason.
         keep: The probability that an artist keeps it; None if nobody looked.
     """
 
@@ -85,6 +86,11 @@ class Dropped:
     value: float
     warning: str = ""
     keep: float | None = None
+
+    @classmethod
+    def costly(cls, name: str, mesh: str, size: int) -> "Dropped":
+        """A suggestion that is over the budget, with its bytes on a GPU."""
+        return cls(name, mesh, "costly", float(size), f"{size / 1e6:.1f} MB")
 
     @property
     def line(self) -> str:
@@ -98,6 +104,7 @@ _SENTENCES = {
     "coarse": "its triangles are too long to show wrinkles there",
     "warned": "`check` would warn: {}",
     "refused": "{}",
+    "costly": "it takes {} on a GPU, more than --budget leaves",
     **dict(REASONS.values()),
 }
 
@@ -133,6 +140,7 @@ def worthwhile(
     refinement: RefinementSettings,
     *,
     count: int,
+    budget: float = math.inf,
     everything: bool,
     joined: Sequence[Clip] = (),
     checked: Sequence[Clip] = (),
@@ -144,6 +152,7 @@ def worthwhile(
         suggestions: Best first; so many are taken as are needed.
         refinement: What the tools file has at least.
         count: Most tools to keep.
+        budget: Most bytes on a GPU that they may take; the best that fit are kept.
         everything: Keep all that can be baked, as they are, with their scores.
         joined: Clips in which suggestions may be tallest, besides those of the asset.
         checked: Clips that `check` looks at.
@@ -170,7 +179,12 @@ def worthwhile(
             before, placed = placed, trial.placed_again([*tools.values()], changed, placed)
             moved = {name for name, placement in placed.items() if placement is not before[name]}
             waiting = [each for each in tools.values() if not moved.isdisjoint(names_of(each, placed))]
-        found.tools.extend(tools.values())
+        for each in tools.values():
+            if each.gpu_bytes > budget:
+                found.dropped.append(Dropped.costly(each.tool.name, each.mesh, each.gpu_bytes))
+                continue
+            budget -= each.gpu_bytes
+            found.tools.append(each)
         stage.let_go()
     return found
 
@@ -200,7 +214,17 @@ def _judged(
     sides = [each.scored(resolved=resolved, folding=folding) for each in looks if each.best.height > _AS_TALL * tallest]
     score = min(sides, key=lambda each: each.keep, default=None)
     one_sided = suggestion.twin_moment is not None and len(looks) == 1
-    judged = replace(suggestion, judgement=score, one_sided=one_sided, is_judged=True)
+    judged = replace(
+        suggestion,
+        judgement=score,
+        one_sided=one_sided,
+        height=max((look.tallest.height for look in looks), default=0.0),
+        gpu_bytes=sum(
+            planned_bytes(each.plan, each.part.target_vertices)
+            for each in map(placed.__getitem__, names_of(suggestion, placed))
+        ),
+        is_judged=True,
+    )
     if checked is None:
         return judged
     if touches:
