@@ -220,6 +220,11 @@ def test_command_writes_the_file_and_a_table(tmp_path: Path) -> None:
     assert result.stdout
 
 
+def test_progress_goes_on_while_tools_are_looked_at(tmp_path: Path) -> None:
+    lines = run(limb(tmp_path / "limb.glb"), "--count", 1, "--progress").stderr.splitlines()
+    assert {"progress: posing 100%", "progress: looking 100%"} <= set(lines)
+
+
 @each_once()
 def test_a_budget_keeps_what_fits(tmp_path: Path) -> None:
     path = limb(tmp_path / "limb.glb")

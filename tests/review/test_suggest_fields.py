@@ -109,6 +109,17 @@ def test_the_command_says_what_a_field_costs(jeans: tuple[Path, Suggestions], tm
 
 
 @pytest.mark.slow
+def test_a_garment_without_a_field_gets_tools(jeans: tuple[Path, Suggestions]) -> None:
+    path, found = jeans
+    poor = suggest(path, budget=found.fields[0].gpu_bytes - 1)
+    assert not poor.fields
+    assert [each.reason for each in poor.dropped][:1] == ["costly"]
+    assert poor.tools
+    assert {each.substance.kind for each in poor.tools if each.substance} == {"cloth"}
+    assert sum(each.gpu_bytes for each in poor.tools) < found.fields[0].gpu_bytes
+
+
+@pytest.mark.slow
 def test_where_a_mesh_is_cloth_in_part_its_field_is_kept_to_that(tmp_path: Path) -> None:
     picture = np.concatenate([characters.skin(64), characters.denim(64)], axis=1)
     asset = dressed(limb_asset(**SIZE), image=picture)

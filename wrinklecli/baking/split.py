@@ -15,7 +15,7 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.joined_mesh import JoinedMesh, give_back
 from wrinklecli.gltf.split_mesh import Part, split_node
-from wrinklecli.numeric.arrays import Bools, Ints, distinct_values
+from wrinklecli.numeric.arrays import Ints, distinct_values
 
 # Bytes on a GPU below which a split is not worth a look.
 _MATTERS = 1_000_000
@@ -66,10 +66,10 @@ def planned_bytes(plan: MeshPlan, targets: Sequence[Ints]) -> int:
     triangles, vertices = plan.fine.triangles, np.zeros((len(plan.fine.positions), len(targets)), np.bool_)
     for number, moved in enumerate(targets):
         vertices[moved, number] = True
-    seen: Bools = vertices[triangles].any(axis=1)
+    seen = np.asarray(vertices[triangles].any(axis=1))
     for corners in triangles.T:
         np.logical_or.at(vertices, corners, seen)
-    turned: Bools = vertices[triangles].any(axis=1)
+    turned = np.asarray(vertices[triangles].any(axis=1))
     sets, part_of = divided(turned if plan.has_normals else seen, seen, own=0)
     corners = plan.fine.corners
     return texel_bytes(

@@ -84,7 +84,7 @@ _MODIFIERS = {"define", "export", "override", "private", "undefine", "unexport"}
 @opt.max_memory
 @opt.flag("--replace", text="If ASSET is the output of a bake, bake its original, as if from another folder.")
 @opt.strict
-@opt.flag("--progress", text="Print a line `progress: STAGE N%` for each per cent of a stage, for programs.")
+@opt.progress
 @opt.quiet()
 @opt.verbose()
 def bake(

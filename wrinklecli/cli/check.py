@@ -35,6 +35,7 @@ _MOST_PLACES = 8  # of a clip, with the most crossings; the others are summed
     text="Count the edges that pass through triangles instead, in 13 moments of each clip or --fps of them a second.",
 )
 @opt.json("Print JSON instead of tables.")
+@opt.progress
 @opt.verbose("Print a table for each tool.")
 @opt.strict
 def check(
@@ -43,6 +44,7 @@ def check(
     plot: str | None,
     crossings: bool,
     as_json: bool,
+    progress: bool,
     verbose: bool,
     strict: bool,
     **options: Any,
@@ -80,7 +82,7 @@ def check(
     if crossings:
         if plot is not None:
             raise click.UsageError("'--plot' draws tools: it goes without '--crossings'.")
-        _emit_crossings(asset, tools, as_json=as_json, strict=strict, **options)
+        _emit_crossings(asset, tools, as_json=as_json, progress=progress, strict=strict, **options)
         return
     if tools is None:
         raise click.UsageError("Missing argument 'TOOLS'; '--crossings' alone goes without.")
@@ -95,8 +97,8 @@ def check(
             refuse_without_matplotlib()
             outputs.claim(plot)
         outputs.protect([*with_files_beside([tools]), *files_named([asset, *options["anims"]])])
-        with Progress() as progress:
-            made = run(asset, tools, progress=progress.show, **options)
+        with Progress(lines=progress) as shown:
+            made = run(asset, tools, progress=shown.show, **options)
         if as_json:
             emit_json(made.data)
         else:
@@ -142,12 +144,14 @@ def _emit_warning(warning: str) -> None:
     emit(f"warning: {warning}", style={"fg": "yellow"})
 
 
-def _emit_crossings(asset: str, tools: str | None, *, as_json: bool, strict: bool, **options: Any) -> None:
+def _emit_crossings(
+    asset: str, tools: str | None, *, as_json: bool, progress: bool, strict: bool, **options: Any
+) -> None:
     """Count what crosses, and print it."""
     from wrinklecli.review.crossings import crossings
 
-    with Progress() as progress:
-        found = crossings(asset, tools, progress=progress.show, **options)
+    with Progress(lines=progress) as shown:
+        found = crossings(asset, tools, progress=shown.show, **options)
     if as_json:
         emit_json(found.data)
     else:

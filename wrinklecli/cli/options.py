@@ -227,4 +227,5 @@ max_vertices = whole(
     text="Refuse tools that would add more vertices to a mesh.",
     default=MAX_VERTICES,
 )
+progress = flag("--progress", text="Print a line `progress: STAGE N%` for each per cent of a stage, for programs.")
 strict = flag("--strict", text="Treat warnings as refusals (exit code 3).")

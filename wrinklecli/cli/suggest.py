@@ -87,6 +87,7 @@ def _materials(values: tuple[str, ...]) -> dict[str, str]:
     text="Processes that measure poses and look at tools; as many as cores by default.",
 )
 @opt.json("Print JSON to standard output; YAML goes to -o alone.")
+@opt.progress
 @opt.verbose("Say why each suggestion is left out.")
 @opt.quiet("Print no table and no notes.")
 def suggest(
@@ -95,6 +96,7 @@ def suggest(
     merge: bool,
     force: bool,
     as_json: bool,
+    progress: bool,
     verbose: bool,
     quiet: bool,
     **options: Any,
@@ -192,8 +194,8 @@ def suggest(
             merged(output, before, "version: 1\n", external=options["allow_external"])  # refuses a wrong one now
         options["jobs"] = options["jobs"] or core_count()
         options["folder"] = os.path.dirname(output) if output is not None and to_file else ""
-        with Progress(quiet=quiet) as progress:
-            found = run(asset, progress=progress.show, **options)
+        with Progress(quiet=quiet, lines=progress) as shown:
+            found = run(asset, progress=shown.show, **options)
         if not quiet:
             say_findings([*found.notes, *(each.line for each in found.dropped if verbose)], ())
         if as_json:

@@ -146,7 +146,7 @@ class Suggestion:
         """The place in words, of the tool that is written, or the joint or the morph target that compresses it."""
         side, of_driver = split_side(self.tool.name)[1], split_side(self.driver)[1]
         # A tool of neither side lies across both, where a joint of one compresses it.
-        return self._words(*(side or ("LR" if of_driver else "")))
+        return self._words(*(side or ("LR" if of_driver and not self.by_morph else "")))
 
     @property
     def words_of_both(self) -> str:
@@ -156,9 +156,8 @@ class Suggestion:
     def _words(self, *sides: str) -> str:
         if self.place is not None:
             return self.place.words(*sides)
-        both = len(sides) == 2 and not self.by_morph
-        names = sorted({self.driver, exchange_sides(self.driver)}) if both else [self.driver]
-        what = "morph target" if self.by_morph else "joints" if len(names) == 2 else "joint"
+        names = sorted({self.driver, exchange_sides(self.driver)}) if len(sides) == 2 else [self.driver]
+        what = f"{'morph target' if self.by_morph else 'joint'}{'s' * (len(names) == 2)}"
         return f"{what} {' and '.join(printable(name, 90) for name in names)}"
 
     @property

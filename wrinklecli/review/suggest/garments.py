@@ -24,6 +24,7 @@ from wrinklecli.errors import WrinkleError, counted
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, diagonal
+from wrinklecli.numeric.guard import Progress
 from wrinklecli.numeric.processes import in_processes
 from wrinklecli.review.suggest.cover import Layers, is_covered
 from wrinklecli.review.suggest.measure import MeasuredMesh
@@ -194,14 +195,15 @@ def beside_garments(
 
 
 def suggest_fields(
-    asset: TriedAsset, garments: Sequence[Garment], stage: Stage, budget: float
+    asset: TriedAsset, garments: Sequence[Garment], stage: Stage, budget: float, progress: Progress
 ) -> tuple[list[SuggestedField], list[Dropped]]:
     """Try a field on each garment; give those that are worth it within a budget, and the others, each with the reason.
 
     The budget is bytes on a GPU.
     """
     fields, dropped = list[SuggestedField](), list[Dropped]()
-    for each in in_processes(partial(_tried, asset, stage), garments, asset.jobs):
+    for step, each in enumerate(in_processes(partial(_tried, asset, stage), garments, asset.jobs), 1):
+        progress("fields", step, len(garments))
         if isinstance(each, Dropped):
             dropped.append(each)
         elif each.gpu_bytes > budget:

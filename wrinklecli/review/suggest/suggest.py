@@ -142,6 +142,7 @@ def suggest(
                 budget=math.inf if options.everything else float(options.budget),
                 everything=options.everything,
                 checked=clips,
+                progress=progress,
             )
             return _written(raised, joined.beside, found, [*notes, *of_face.notes], of_face.reason, [])
         clips = checked = chosen_clips(joined.clips, joined.chosen(options.clips), where=document.path)
@@ -155,9 +156,10 @@ def suggest(
         stage = Stage(tried.scene, (*clips, *joined.clips))
         garments = find_garments(tried, [mesh for mesh, _ in meshes], options)
         budget = math.inf if options.everything else float(options.budget)
-        fields, unfit = suggest_fields(tried, garments, stage, budget)
+        fields, unfit = suggest_fields(tried, garments, stage, budget, progress)
         budget -= sum(each.gpu_bytes for each in fields)
-        bare = beside_garments(meshes, garments)
+        folded = {each.field.name for each in fields}
+        bare = beside_garments(meshes, [each for each in garments if each.field.name in folded])
         candidates = find_candidates(bare, read_bones(document).parts, progress, jobs=options.jobs)
         chosen, reasons, hard = choose_candidates(tried, candidates, options)
         rigid = {mesh.rig.names[mesh.rig.node]: None for mesh, _ in meshes if is_rigid(mesh.gauge)}
@@ -191,6 +193,7 @@ def suggest(
             everything=options.everything,
             joined=clips,
             checked=checked,
+            progress=progress,
         )
         found.dropped[:0] = unfit
         beside = [*joined.beside, *(os.fspath(path) for path in options.presets)]

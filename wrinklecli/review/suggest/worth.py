@@ -23,6 +23,7 @@ from wrinklecli.effects.sampling import seen_at
 from wrinklecli.errors import counted
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.guard import Progress, no_progress
 from wrinklecli.numeric.processes import in_processes
 from wrinklecli.review.preview.sides import UNSEEN, Side, best_moment
 from wrinklecli.review.suggest.anatomy import JOINED
@@ -144,6 +145,7 @@ def worthwhile(
     everything: bool,
     joined: Sequence[Clip] = (),
     checked: Sequence[Clip] = (),
+    progress: Progress = no_progress,
 ) -> Worthwhile:
     """Try and look at suggestions, best first, until some are worth keeping.
 
@@ -156,6 +158,7 @@ def worthwhile(
         everything: Keep all that can be baked, as they are, with their scores.
         joined: Clips in which suggestions may be tallest, besides those of the asset.
         checked: Clips that `check` looks at.
+        progress: Called with a stage's name, the tools found or left out so far, and those with the ones looked at.
     """
     stage = Stage(asset.scene, (*joined, *asset.clips))
     trial, found = Trial(asset, refinement), Worthwhile([], refinement, [])
@@ -179,6 +182,8 @@ def worthwhile(
             before, placed = placed, trial.placed_again([*tools.values()], changed, placed)
             moved = {name for name, placement in placed.items() if placement is not before[name]}
             waiting = [each for each in tools.values() if not moved.isdisjoint(names_of(each, placed))]
+            known = len(found.tools) + len(found.dropped) + len(tools)
+            progress("looking", known - len(waiting), known)
         for each in tools.values():
             if each.gpu_bytes > budget:
                 found.dropped.append(Dropped.costly(each.tool.name, each.mesh, each.gpu_bytes))
