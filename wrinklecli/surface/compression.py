@@ -48,10 +48,6 @@ _EVEN = 0.7
 _SYMMETRIC = 0.75
 # Least cosine of the normals of a site and of its mirror image.
 _TWIN_FACING = 0.5
-# Distance from a region's normal over the height above the region, at most, of a site that it looks at.
-_CONE = 0.5
-# Greatest cosine of the normals of a region and of a site that looks at it.
-_OPPOSITE = -0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -270,15 +266,6 @@ def sites_with_twins(sites: Sites) -> Bools:
     matched = (distances < sites.spacing) & facing
     symmetric = sites.areas @ matched > _SYMMETRIC * sites.areas.sum()
     return np.asarray(symmetric & matched)
-
-
-def is_buried(sites: Sites, region: CompressedRegion) -> bool:
-    """True if a region looks at another part of the surface that is nearer than the region is long."""
-    ahead = sites.positions - region.centre
-    heights = ahead @ region.normal
-    aside = np.sqrt(np.maximum(np.sum(ahead**2, axis=1) - heights**2, 0.0))
-    before = (heights > 0) & (heights < region.length) & (aside < _CONE * heights)
-    return bool((before & (sites.normals @ region.normal < _OPPOSITE)).any())
 
 
 def triangle_weights(sites: Sites, region: CompressedRegion) -> Floats:

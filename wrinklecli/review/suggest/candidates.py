@@ -26,7 +26,6 @@ from wrinklecli.surface.compression import (
     CompressedRegion,
     basins,
     grow_region,
-    is_buried,
     sites_with_twins,
     triangle_weights,
 )
@@ -43,9 +42,6 @@ _MOST_REGIONS = 50
 LEAST_LOSS = 0.15
 # Least loss of a site in its basin, as a part of the summit's least loss.
 _BASIN_LOSS = 0.3
-# Factor on the score of a buried region, such as the crotch or the inside of a lip: a fold at rest already, in which
-# nobody sees wrinkles.
-_BURIED_SCORE = 0.2
 # Part of the lost length above which joints alone explain the loss, so that a joint drives the region.
 _OF_JOINTS = 0.5
 # Least merit of the best joint; below, the joint with most of the region drives it.
@@ -72,7 +68,7 @@ class Candidate:
         time: The time in this clip, seconds.
         origin: (3,) one end of the segment, on the surface, world space at rest.
         target: (3,) the other end.
-        score: The region's loss 1 − σ summed over its area, scene units squared; less where nobody sees it.
+        score: The region's loss 1 − σ summed over its area, scene units squared.
         material: None for a plain tool.
         facet: Length of the triangles' edges if they are shaded flat, scene units; else 0.
         widest: Greatest width of the tool, scene units.
@@ -247,8 +243,7 @@ def _candidate(mesh: MeasuredMesh, seed: int, pose: _Pose, free: Bools, *, twin:
         ends = None if region is None else find_segment(mesh.sites, region, [pose.positions])
         if region is None or ends is None:
             continue
-        score = float(region.weights.sum()) * (_BURIED_SCORE if is_buried(mesh.sites, region) else 1.0)
-        candidate = Candidate(mesh, region, pose.clip, pose.time, *ends, score)
+        candidate = Candidate(mesh, region, pose.clip, pose.time, *ends, float(region.weights.sum()))
         driver, by_morph = _driver_of(candidate)
         if not region.on_plane or by_morph or _is_of_both_sides(candidate, driver):
             return replace(candidate, driver=driver, by_morph=by_morph)
