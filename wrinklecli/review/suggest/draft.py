@@ -18,8 +18,6 @@ from wrinklecli.tools.records import Length, RestLengthMorph, WrinkleTool
 # Greatest length of a bump over the tool's width, by material: wrinkles are several times as long as they are wide, in
 # cloth most.
 _BUMP_OF_WIDTH = {"skin": 0.3, "cloth": 0.15, "leather": 0.3, None: 0.3}
-# Bounds of a bump's length over this one between which the bumps around a joint get the same length.
-_SIMILAR = (0.5, 1.5)
 # Most bumps added to the usual number for that.
 _MORE_BUMPS = 3
 # Width of a tool over its region's: the attenuation falls to half within the region, and to 0 beyond it.
@@ -69,7 +67,7 @@ def renamed(tools: list[WrinkleTool], stem: str, taken: Collection[str]) -> list
     return found
 
 
-def pair_of(candidate: Candidate, stem: str, side: str, bump_length: float | None) -> list[WrinkleTool]:
+def pair_of(candidate: Candidate, stem: str, side: str) -> list[WrinkleTool]:
     """The tools of a candidate and of its mirror image, the left one first.
 
     The candidate is on the side that its driver's name has, else it is left for x > 0.
@@ -80,7 +78,7 @@ def pair_of(candidate: Candidate, stem: str, side: str, bump_length: float | Non
     if across > _SIDE_BY_SIDE:
         # Two bell curves whose middles are half a width apart add up to a constant height between them.
         width = min(width, 4.0 * abs(float(region.centre[0])) / across)
-    here = tool_of(candidate, f"{stem}.L", width, bump_length)
+    here = tool_of(candidate, f"{stem}.L", width)
     if (side or ("L" if region.centre[0] > 0 else "R")) == "R":
         here = across_x(here, here.name)
     return [here, across_x(here, f"{stem}.R")]
@@ -113,8 +111,8 @@ def place_of(anchor: object) -> tuple[float, float, float]:
     return anchor
 
 
-def tool_of(candidate: Candidate, name: str, width: float, bump_length: float | None = None) -> WrinkleTool:
-    """The tool of a candidate, with bumps about as long as `bump_length`, scene units, if its width allows that."""
+def tool_of(candidate: Candidate, name: str, width: float) -> WrinkleTool:
+    """The tool of a candidate, in the numbers that are written."""
     # Downwards, or else along x or z, whichever way the segment was found.
     axis = int(np.argmax(np.abs(candidate.target - candidate.origin)))
     points = np.stack([candidate.origin, *candidate.between, candidate.target])
@@ -126,8 +124,6 @@ def tool_of(candidate: Candidate, name: str, width: float, bump_length: float | 
     given = chosen.fields(readers_of(WrinkleTool)) if chosen else {}
     usual = usual_bumps(candidate.material)
     longest = _BUMP_OF_WIDTH[candidate.material] * width
-    if bump_length is not None and _SIMILAR[0] * longest < bump_length < _SIMILAR[1] * longest:
-        longest = bump_length
     bumps = min(max(usual, round(span / longest)), usual + _MORE_BUMPS)
     if chosen and "bumps" in chosen.keys:
         bumps = chosen.bumps()

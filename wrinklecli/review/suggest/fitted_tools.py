@@ -199,15 +199,12 @@ class _Search:
         one_sided: True to accept one of a pair alone, if the pair would overlap.
         mild: True to accept shortenings that are too small for the material.
         names: Identifiers that tools have already.
-        bump_lengths: By node and driver, the length of a bump, scene units: folds around one joint get bumps of about
-            the same length.
     """
 
     further: Sequence[Clip]
     one_sided: bool = False
     mild: bool = False
     names: frozenset[str] = frozenset()
-    bump_lengths: Mapping[tuple[int, str], float] = field(default_factory=dict)
 
     def ranked(self, candidates: Sequence[Candidate]) -> Iterator[Suggestion]:
         """Suggestions, best first."""
@@ -226,15 +223,9 @@ class _Search:
             regions = [patch.regions[0] for patch in fitted.patches]
             if any(_overlap(region, other) for region in regions for other in others):
                 continue
-            suggestion = fitted.suggestion
-            key = (candidate.mesh.rig.node, suggestion.driver)
             placed += [(candidate.mesh, region) for region in regions]
-            search = replace(
-                search,
-                names=search.names | {patch.tool.identifier for patch in fitted.patches},
-                bump_lengths={key: suggestion.span / suggestion.tool.bumps, **search.bump_lengths},
-            )
-            yield suggestion
+            search = replace(search, names=search.names | {patch.tool.identifier for patch in fitted.patches})
+            yield fitted.suggestion
 
     def _fit(self, candidate: Candidate) -> _Fitted | None:
         """The tool of a candidate, with its twin if it has one; None if it does not attach or shorten."""
@@ -263,7 +254,6 @@ class _Search:
         stem = candidate.place.stem if candidate.place else stem
         # A name with a side would say that the tool is one of a pair.
         side = "" if region.on_plane else side
-        bump_length = self.bump_lengths.get((mesh.rig.node, driver))
         if candidate.by_morph and region.on_plane:
             tool, lengths = (
                 tool_of(candidate, stem, width_of(candidate)),
@@ -271,10 +261,10 @@ class _Search:
             )
             choices = [[replace(tool, rest_length=RestLengthMorph(driver, length))] for length in lengths]
         else:
-            choices = [[tool_of(candidate, f"{stem}.{side}" if side else stem, width_of(candidate), bump_length)]]
+            choices = [[tool_of(candidate, f"{stem}.{side}" if side else stem, width_of(candidate))]]
         # `mirror` would exchange the side in the node's name too.
         if region.twin and apart and not (mesh.node is not None and split_side(mesh.node)[1]):
-            choices.insert(0, pair_of(candidate, stem, side, bump_length))
+            choices.insert(0, pair_of(candidate, stem, side))
         for tools in choices:
             patches = attached(mesh, renamed(tools, stem, self.names))
             if patches is None:
