@@ -174,7 +174,7 @@ def test_the_sample_head_folds_on_its_forehead() -> None:
 
 @pytest.mark.slow
 def test_a_real_wrist_folds_on_both_sides() -> None:
-    """The palm's crease hides a third of the wrinkles in it, so only its back is proposed unless all are asked for."""
+    """Both are proposed, though the palm's crease hides a third of the wrinkles in it."""
     path = in_assets("hand.glb")
     found = suggest_once(path, everything=True)
     palm = nearest_to(found, (-0.4730, 0.24655, 0.1938))
@@ -186,9 +186,8 @@ def test_a_real_wrist_folds_on_both_sides() -> None:
     assert back[0].clip == "bend"
     assert abs(back[0].time - palm.time) > 0.5
     measured(path, found)
-    proposed = suggest_once(path)
-    assert back[0].tool.name in {each.tool.name for each in proposed.tools}
-    assert {each.name: each.reason for each in proposed.dropped}[palm.tool.name] == "unseen"
+    proposed = {each.tool.name for each in suggest_once(path).tools}
+    assert {back[0].tool.name, palm.tool.name} <= proposed
 
 
 @pytest.mark.slow

@@ -65,9 +65,8 @@ class PlaceName:
 
     @property
     def stem(self) -> str:
-        """The stem of tools' names; empty if the noun has no letters that a tool's name may have."""
-        words = "".join(c if c.isascii() and c.isalnum() else " " for c in self.noun).split()
-        return "_".join([*words, *([self.aspect] if self.aspect else [])]) if re.search("[A-Za-z]", self.noun) else ""
+        """The stem of tools' names."""
+        return "_".join(f"{self.noun} {self.aspect}".split())
 
     def words(self, *sides: str) -> str:
         """The place in a sentence, without an article; `sides` are L, R or both."""
