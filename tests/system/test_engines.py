@@ -1,5 +1,6 @@
 """Engines that compute positions themselves play what our player plays, however morph targets are stored."""
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 
 from kit.bakes import bake_config, bake_fold, bake_once, place
+from kit.clients import HERE as CLIENTS
 from kit.clients import assert_valid, compare_with_three, pose
 from kit.engines import babylon_pose, browser_pose, through_assimp, vtk_pose
 from kit.limb import RADIUS, blendshape_limb, limb_asset, tool
@@ -79,6 +81,26 @@ def test_filament_plays_the_bake() -> None:
     posed = played(file, "wrist", "flex")
     shown = browser_pose("filament", file, "wrist", "flex", TIMES, posed)
     assert np.abs(shown - posed).max() < 4e-6 * np.abs(posed).max()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("engine", "package", "options"),
+    [
+        ("playcanvas", "playcanvas", {}),
+        ("model-viewer", "@google/model-viewer", {}),
+        ("cesium", "cesium", {"engine": "cesium"}),
+    ],
+)
+def test_an_engine_plays_the_bake_where_it_is_installed(engine: str, package: str, options: dict[str, str]) -> None:
+    """In a folder that WRINKLE_ENGINES names, as `npm ci` leaves out what is large. PlayCanvas adds half floats."""
+    modules = Path(os.environ.get("WRINKLE_ENGINES", CLIENTS / "node_modules"))
+    if not (modules / package).is_dir():
+        pytest.skip(f"{package} is not installed: npm install {package}, and name its node_modules as WRINKLE_ENGINES")
+    file = bake_config("wrist", "wrist", **options)
+    posed = played(file, "wrist", "flex")
+    shown = browser_pose(engine, file, "wrist", "flex", TIMES, posed, modules)
+    assert np.abs(shown - posed).max() < 5e-5 * np.abs(posed).max()
 
 
 @pytest.mark.quick(2)
