@@ -209,23 +209,26 @@ def _fit_normals(
         for shape, weight in sample.beneath:
             _, rows, others = np.intersect1d(touched, shape.normal_vertices, assume_unique=True, return_indices=True)
             wanted[number, rows] -= weight * shape.normal_deltas[others]
-    leverages, count = cosines**4, len(deltas)
-    normal = np.zeros((len(touched), count, count))
-    # Few of many shapes act together.
-    ones, others = np.nonzero(np.triu(np.any((weights[:, :, None] != 0) & (weights[:, None] != 0), axis=0)))
-    products = leverages.T @ (weights[:, ones] * weights[:, others])
-    # A shape turns no normal around which it moves nothing, though it could make up for what others leave there.
-    reaching = normals.reached(moving).astype(np.float64)
-    products *= reaching[:, ones] * reaching[:, others]
-    normal[:, ones, others] = normal[:, others, ones] = products
+    leverages, squares = cosines**4, weights[:, :, None] * weights[:, None]
     wanted *= leverages[:, :, None]
-    right = (weights.T @ wanted.reshape(len(weights), -1)).reshape(count, -1, 3)
-    right = np.ascontiguousarray(right.transpose(1, 0, 2))
-    right *= reaching[:, :, None]
+    # A shape turns no normal around which it moves nothing, though it could make up for what others leave there.
+    reaching = normals.reached(moving)
+    traces = np.sum(leverages.T @ weights**2 * reaching, axis=1)
     # Shapes that hardly act in any sample get no normals instead of huge ones.
-    ridge = 1e-9 * np.trace(normal, axis1=1, axis2=2).max(initial=0.0) + 1e-30
-    normal[:, np.arange(count), np.arange(count)] += ridge
-    return touched, np.asarray(np.linalg.solve(normal, right).transpose(1, 0, 2), np.float64)
+    ridge = 1e-9 * traces.max(initial=0.0) + 1e-30
+    found = np.zeros((len(deltas), len(touched), 3))
+    # Few of many shapes reach a vertex, and the same ones those around it.
+    _, groups = np.unique(np.packbits(reaching, axis=1), axis=0, return_inverse=True)
+    starts = np.cumsum(np.bincount(groups.ravel()))[:-1]
+    for chosen in np.split(np.argsort(groups.ravel(), kind="stable"), starts):
+        own = np.flatnonzero(reaching[chosen[0]])
+        count = len(own)
+        of_pairs = squares[:, own][:, :, own].reshape(len(samples), -1)
+        normal = (leverages[:, chosen].T @ of_pairs).reshape(-1, count, count)
+        normal[:, np.arange(count), np.arange(count)] += ridge
+        right = (weights[:, own].T @ wanted[:, chosen].reshape(len(samples), -1)).reshape(count, -1, 3)
+        found[np.ix_(own, chosen)] = np.linalg.solve(normal, right.transpose(1, 0, 2)).transpose(1, 0, 2)
+    return touched, found
 
 
 @dataclass(frozen=True, slots=True)
