@@ -8,8 +8,8 @@ import pytest
 from kit.garments import across, bent_tube, plane, tallest
 from kit.limb import RADIUS
 from wrinklecli.character.pose import blend, transform
-from wrinklecli.effects.field.compression import Gauges
-from wrinklecli.effects.field.heights import Heights, _room, _slipped, measure
+from wrinklecli.effects.field.compression import Gauges, along
+from wrinklecli.effects.field.heights import Heights, _room, _slipped, _Surface, measure
 from wrinklecli.numeric.arrays import Floats, Ints
 from wrinklecli.numeric.laplacian import Sheet
 from wrinklecli.surface.rest import Rest
@@ -131,20 +131,36 @@ def test_heights_make_up_for_skinning_that_lowers_them() -> None:
     angle = np.radians(50.0)
     turn = [[1, 0, 0, 0], [0, np.cos(angle), -np.sin(angle), 0], [0, np.sin(angle), np.cos(angle), 0], [0, 0, 0, 1]]
     matrices = np.array([[turn, np.transpose(turn)]])
-    room, lower = _room(
+    sheet, gauges = Sheet.of(positions, triangles), Gauges.of(positions, triangles)
+    joints, along_x = np.tile(np.arange(2), (len(positions), 1)), np.tile([1.0, 0.0, 0.0], (len(positions), 1))
+    surface = _Surface(sheet, at_rest(positions, triangles, 2), joints, weights, gauges)
+    still, upwards = (np.zeros(len(positions)), np.ones(len(positions))), np.tile([0.0, 0.0, 1.0], (len(positions), 1))
+    hollows, lower, strains = surface.shown(matrices[0], surface.bent(matrices[0]), upwards, still)
+    fine = sheet.averaging(0.3 * WAVE)
+    stretch = np.exp(fine.of_integrals(along(strains, along_x, along_x)))
+    room = _room(stretch, fine.of_integrals(hollows), np.full(len(positions), WAVE))
+    assert lower == pytest.approx(np.cos(angle))
+    assert room.min() > 0.4
+
+
+def test_what_moves_as_a_whole_is_not_looked_at() -> None:
+    """A sheet of two halves on joints of their own, whose middle follows both, is bent in the middle alone."""
+    positions, triangles = plane(LENGTH, WIDTH, 20)
+    part = np.clip(4.0 * positions[:, 0] / LENGTH - 1.5, 0.0, 1.0)
+    turn = np.eye(4)
+    turn[:3, :3] = [[0.6, 0, 0.8], [0, 1, 0], [-0.8, 0, 0.6]]
+    surface = _Surface(
         Sheet.of(positions, triangles),
         at_rest(positions, triangles, 2),
         np.tile(np.arange(2), (len(positions), 1)),
-        weights,
-        matrices[0],
+        np.stack([1.0 - part, part], axis=1),
         Gauges.of(positions, triangles),
-        Sheet.of(positions, triangles).averaging(0.3 * WAVE),
-        np.tile([1.0, 0.0, 0.0], (len(positions), 1)),
-        np.tile([0.0, 0.0, 1.0], (len(positions), 1)),
-        np.full(len(positions), WAVE),
     )
-    assert lower == pytest.approx(np.cos(angle))
-    assert room.min() > 0.4
+    corners = part[triangles]
+    mixed = (corners.min(axis=1) < 1.0) & (corners.max(axis=1) > 0.0)
+    assert 0 < mixed.sum() < len(triangles)
+    assert surface.bent(np.stack([np.eye(4), turn])).tolist() == np.flatnonzero(mixed).tolist()
+    assert not len(surface.bent(np.stack([turn, turn])))
 
 
 @pytest.mark.parametrize(

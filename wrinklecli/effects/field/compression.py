@@ -95,6 +95,10 @@ class Gauges:
         inverse = np.stack([1.0 / length, np.sum((c - a) * first, axis=1) / length, 1.0 / across], axis=1)
         return cls(triangles, np.stack([first, second], axis=1), inverse)
 
+    def of_some(self, chosen: Ints) -> "Gauges":
+        """Those of some triangles, by their numbers."""
+        return Gauges(self.triangles[chosen], self.axes[chosen], self.inverse[chosen])
+
     def strains(self, posed: Floats) -> Floats:
         """(triangles, 6) Hencky strain ½ log FᵀF of (vertices, 3) posed positions: xx, yy, zz, xy, yz, zx at rest.
 

@@ -4,6 +4,8 @@ A surface that is shortened to 1 − ε along a direction keeps its length in si
 A = λ/π √(ε (1 − ε)), to second order in ε. They are greatest at ε = ½, so no other limit of strain is needed.
 """
 
+from collections.abc import Sequence
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -11,7 +13,17 @@ import numpy as np
 from wrinklecli.character.pose import transform
 from wrinklecli.effects.field.compression import Gauges, along, posed_rigidly, rigid_parts, shortest
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, Ints, face_normals, inverses, smoothstep, vertex_normals
+from wrinklecli.numeric.arrays import (
+    Floats,
+    Ints,
+    any_of,
+    distinct_values,
+    face_normals,
+    flags_of,
+    inverses,
+    smoothstep,
+    vertex_normals,
+)
 from wrinklecli.numeric.laplacian import Average, Sheet, curvatures
 from wrinklecli.surface.rest import Rest
 
@@ -39,6 +51,8 @@ _SLIPS = 5
 # Least factor by which skinning makes heights lower that is made up for: a limb bent by 106 degrees. What is turned
 # further is hidden in its crease, where taller folds take shapes from what is seen.
 _LEAST_LOWER = 0.6
+# Decimal digits in which the motions of joints agree that carry a part as one: beyond are rounding errors.
+_DIGITS = 9
 # Replaces a divisor of 0.
 _TINY = 1e-300
 
@@ -84,12 +98,12 @@ def measure(
         slack: Compression that makes no fold.
         allowed: (vertices,) from 0 to 1, factors of the height.
     """
-    normals, gauges = rest.normals, Gauges.of(sheet.positions, sheet.triangles)
+    normals, surface = rest.normals, _Surface(sheet, rest, joints, weights, Gauges.of(sheet.positions, sheet.triangles))
     smooth, fine = sheet.averaging(_STRAIN * wavelength), sheet.averaging(_LIMITS * wavelength)
     lost, total = np.zeros((len(matrices), len(sheet.positions))), np.zeros((len(sheet.positions), 6))
-    for row, pose in zip(lost, matrices, strict=True):
-        moved = posed_rigidly(sheet.positions, joints, weights, rigid_parts(pose, rest.matrices))
-        strain = smooth.of_integrals(sheet.to_vertices(gauges.strains(moved)))
+    bent = [surface.bent(pose) for pose in matrices]
+    for row, pose, triangles in zip(lost, matrices, bent, strict=True):
+        strain = smooth.of_integrals(surface.strains(surface.posed_rigidly(pose, triangles), triangles))
         least, _, across = shortest(strain, normals)
         # What shrinks alike in all directions has none in which it would fold.
         shorter = 1.0 - np.exp(least - np.minimum(across, 0.0))
@@ -99,9 +113,14 @@ def measure(
     directions = sheet.averaging(_DIRECTIONS * wavelength).of(total)
     _, lines, _ = shortest(directions, normals)
     raising = np.einsum("vbc,vc->vb", inverses(rest.blended), normals)
-    room = np.stack(
-        [_room(sheet, rest, joints, weights, pose, gauges, fine, lines, raising, wavelengths) for pose in matrices]
-    )
+    every, level = np.arange(len(sheet.triangles)), np.zeros(len(sheet.positions))
+    still = surface.shown(rest.matrices, every, raising, (level, level + 1.0))
+    room = np.zeros((len(matrices), 2, len(sheet.positions)))
+    for row, pose, triangles in zip(room, matrices, bent, strict=True):
+        hollows, row[1], strains = surface.shown(pose, triangles, raising, still[:2])
+        stretches = along(strains, lines, lines)
+        strain, concave = fine.of_integrals(np.stack([stretches, hollows], axis=1)).T
+        row[0] = _room(np.exp(strain), concave, wavelengths)
     squares = _squares(_slipped(lost, room[:, 0], smooth))
     drawn = _drawn_out(sheet, lines, np.sqrt(squares), wavelength)
     heights = np.sqrt(np.minimum(drawn**2, room[:, 0])) * wavelengths / np.pi * allowed / room[:, 1]
@@ -130,38 +149,85 @@ def _slipped(lost: Floats, room: Floats, average: Average) -> Floats:
     return kept * smoothstep(np.minimum(kept / _LEAST_LOST, 1.0))
 
 
-def _room(
-    sheet: Sheet,
-    rest: Rest,
-    joints: Ints,
-    weights: Floats,
-    pose: Floats,
-    gauges: Gauges,
-    fine: Average,
-    direction: Floats,
-    raising: Floats,
-    wavelengths: Floats,
-) -> Floats:
-    """Room for waves across (vertices, 3) directions in a pose as engines show it.
+def _room(stretch: Floats, concave: Floats, wavelengths: Floats) -> Floats:
+    """(vertices,) greatest squares of π · half height over wavelength, by slope, in creases, and where it is stretched.
 
-    `raising` are the (vertices, 3) normals at rest, bind space.
-
-    Returns:
-        (2, vertices): the greatest squares of π · half height over wavelength, by slope, in creases, and where the
-        surface is stretched; and the factor by which skinning makes heights lower.
+    All are (vertices,): ratios of lengths across crests, concave curvatures, and wavelengths.
     """
-    blended = np.einsum("vk,vkab->vab", weights, pose[:, :3][joints])
-    shown = transform(blended[None], rest.bind_positions)[0]
-    normals = vertex_normals(shown, sheet.triangles)
-    stretches = along(sheet.to_vertices(gauges.strains(shown)), direction, direction)
-    hollows = sheet.areas * np.maximum(-np.sum(curvatures(shown, sheet.triangles) * normals, axis=1), 0.0)
-    strain, concave = fine.of_integrals(np.stack([stretches, hollows], axis=1)).T
-    stretch = np.exp(strain)
     room = np.minimum(_STEEPEST / 2.0 * stretch, np.pi * _IN_CREASE / np.maximum(wavelengths * concave, _TINY))
-    room *= np.clip((_TAUT - stretch) / (_TAUT - 1.0), 0.0, 1.0)
-    turned = np.einsum("vab,vb->va", blended[:, :, :3], raising)
-    lower = np.clip(np.sum(turned * normals, axis=1), _LEAST_LOWER, 1.0)
-    return np.stack([room**2, lower])
+    return np.asarray((room * np.clip((_TAUT - stretch) / (_TAUT - 1.0), 0.0, 1.0)) ** 2)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Surface:
+    """A surface that poses move. Most turn one joint, and what moves as a whole keeps its shape: it is not looked at.
+
+    Attributes are those of `measure`, and gauges on all of its triangles.
+    """
+
+    sheet: Sheet
+    rest: Rest
+    joints: Ints
+    weights: Floats
+    gauges: Gauges
+
+    def bent(self, pose: Floats) -> Ints:
+        """The triangles that joints with different motions since rest carry in a (joints, 4, 4) pose."""
+        moves = np.round(pose @ np.linalg.pinv(self.rest.matrices), _DIGITS).reshape(len(pose), -1)
+        motions = np.unique(moves, axis=0, return_inverse=True)[1].reshape(-1)
+        low, high = (
+            reduce(
+                nearer, [np.where(w > 0, motions[j], none) for j, w in zip(self.joints.T, self.weights.T, strict=True)]
+            )
+            for nearer, none in ((np.minimum, len(pose)), (np.maximum, -1))
+        )
+        a, b, c = self.sheet.triangles.T
+        least, most = np.minimum(np.minimum(low[a], low[b]), low[c]), np.maximum(np.maximum(high[a], high[b]), high[c])
+        return np.flatnonzero(least != most)
+
+    def posed_rigidly(self, pose: Floats, triangles: Ints) -> Floats:
+        """(vertices, 3) places by dual quaternions of what triangles have; the others are at rest."""
+        own, places = distinct_values(self.sheet.triangles[triangles]), self.sheet.positions.copy()
+        parts = rigid_parts(pose, self.rest.matrices)
+        places[own] = posed_rigidly(places[own], self.joints[own], self.weights[own], parts)
+        return places
+
+    def strains(self, places: Floats, triangles: Ints) -> Floats:
+        """(vertices, 6) integrals of the strains at (vertices, 3) places; others than these triangles have none."""
+        strains = np.zeros((len(self.sheet.triangles), 6))
+        strains[triangles] = self.gauges.of_some(triangles).strains(places)
+        return self.sheet.to_vertices(strains)
+
+    def shown(
+        self, pose: Floats, bent: Ints, raising: Floats, still: Sequence[Floats]
+    ) -> tuple[Floats, Floats, Floats]:
+        """Look at a pose as engines show it.
+
+        Args:
+            pose: (joints, 4, 4) bind to world space.
+            bent: The triangles that it bends.
+            raising: (vertices, 3) normals at rest, bind space.
+            still: The first two results at rest, which hold elsewhere.
+
+        Returns:
+            (vertices,) integrals of the concave curvature; (vertices,) factors by which skinning makes heights lower;
+            (vertices, 6) integrals of strains.
+        """
+        hollows, lower = (each.copy() for each in still)
+        sheet, places = self.sheet, self.rest.positions.copy()
+        if not len(bent):
+            return hollows, lower, np.zeros((len(places), 6))
+        own = distinct_values(sheet.triangles[bent])
+        around = sheet.triangles[any_of(flags_of(own, len(places)), sheet.triangles)]
+        near = distinct_values(around)
+        blended = np.einsum("vk,vkab->vab", self.weights[near], pose[:, :3][self.joints[near]])
+        places[near] = transform(blended[None], self.rest.bind_positions[near])[0]
+        normals = vertex_normals(places, around)[own]
+        curved = np.sum(curvatures(places, around)[own] * normals, axis=1)
+        hollows[own] = sheet.areas[own] * np.maximum(-curved, 0.0)
+        turned = np.einsum("vab,vb->va", blended[np.searchsorted(near, own), :, :3], raising[own])
+        lower[own] = np.clip(np.sum(turned * normals, axis=1), _LEAST_LOWER, 1.0)
+        return hollows, lower, self.strains(places, bent)
 
 
 def _drawn_out(sheet: Sheet, across: Floats, heights: Floats, wavelength: float) -> Floats:
