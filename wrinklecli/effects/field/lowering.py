@@ -166,6 +166,7 @@ class _Poses:
         influences: (fine vertices, joints) sparse skin weights.
         inside: (fine vertices,) numbers of those that the field moves; that of all others is the last.
         moves: (shapes, 3, numbers) what its shapes do with them, bind space; the last is 0.
+        moving: (shapes, numbers) True where that is not 0.
         matrices: (poses, joints, 4, 4).
         weights: (poses, shapes).
     """
@@ -174,6 +175,7 @@ class _Poses:
     influences: Any
     inside: Ints
     moves: Floats
+    moving: Bools
     matrices: Floats
     weights: Floats
 
@@ -208,7 +210,8 @@ class _Poses:
         padded = np.zeros((len(moves), 3, len(vertices) + 1))
         padded[:, :, :-1] = moves.transpose(0, 2, 1)
         influences = fine.influences(sweeps.matrices.shape[1]).sparse()
-        return cls(fine, influences, inside, padded, np.concatenate(matrices)[chosen], every[chosen])
+        moving = (padded != 0).any(axis=1)
+        return cls(fine, influences, inside, padded, moving, np.concatenate(matrices)[chosen], every[chosen])
 
     def of_part(self, vertices: Ints) -> "Iterator[_Pose]":
         """Some fine vertices in each of the poses."""
@@ -220,12 +223,11 @@ class _Poses:
         blended = np.ascontiguousarray((self.influences[vertices] @ rows).T).reshape(3, 4, -1)
         turns, bind = blended[:, :3], self.fine.bind_positions[vertices].T
         still = np.einsum("abv,bv->av", turns, bind) + blended[:, 3]
-        return _Pose(vertices, still, turns, self.moves, self.inside[vertices], self.weights[number])
+        return _Pose(vertices, still, turns, self.moves, self.moving, self.inside[vertices], self.weights[number])
 
     def moved(self, number: int) -> Bools:
         """(fine vertices,) True for those that the field moves in one of the poses."""
-        acting = self.moves[self.weights[number] != 0]
-        return np.asarray((acting != 0).any(axis=(0, 1))[self.inside])
+        return np.asarray(self.moving[self.weights[number] != 0].any(axis=0)[self.inside])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -236,7 +238,8 @@ class _Pose:
         vertices: (vertices,) sorted fine vertices.
         still: (3, vertices) places in the skin.
         turns: (3, 3, vertices) from bind to world space.
-        moves: (shapes, 3, numbers) what shapes do, bind space, and
+        moves: (shapes, 3, numbers) what shapes do, bind space,
+        moving: (shapes, numbers) where they do anything, and
         inside: (vertices,) the number of each vertex there.
         weights: (shapes,).
     """
@@ -245,6 +248,7 @@ class _Pose:
     still: Floats
     turns: Floats
     moves: Floats
+    moving: Bools
     inside: Ints
     weights: Floats
 
@@ -252,17 +256,20 @@ class _Pose:
         """(3, vertices) places with the field, by (shapes, fine vertices) factors if it is lowered; of `own` alone."""
         vertices, inside = self.vertices[own], self.inside[own]
         sums = np.zeros((3, len(inside)))
-        # Most poses turn one joint, whose shapes are few.
-        for shape in np.flatnonzero(self.weights).tolist():
+        for shape in self._acting(inside):
             factors = self.weights[shape] if left is None else self.weights[shape] * left[shape].take(vertices)
             sums += factors * self.moves[shape].take(inside, axis=1)
         return np.asarray(self.still[:, own] + np.einsum("abv,bv->av", self.turns[:, :, own], sums))
+
+    def _acting(self, inside: Ints) -> Iterator[int]:
+        """The shapes that move any of some numbers: most poses turn few joints, and most shapes are elsewhere."""
+        return (shape for shape in np.flatnonzero(self.weights).tolist() if self.moving[shape].take(inside).any())
 
     @property
     def bounds(self) -> tuple[Floats, Floats]:
         """(3, vertices) lowest and highest coordinates, however much the field is lowered."""
         low, high = self.still.copy(), self.still.copy()
-        for shape in np.flatnonzero(self.weights).tolist():
+        for shape in self._acting(self.inside):
             way = np.einsum("abv,bv->av", self.turns, self.weights[shape] * self.moves[shape].take(self.inside, axis=1))
             low += np.minimum(way, 0.0)
             high += np.maximum(way, 0.0)
