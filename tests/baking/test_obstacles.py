@@ -23,12 +23,12 @@ def baked(folder: Path, *, joined: bool = False, **contact: object) -> tuple[int
 def reported(folder: Path, *, joined: bool, angle: float, **contact: object) -> tuple[tuple[int, int], Report]:
     """The same, and what the bake said."""
     pytest.importorskip("ipctk", reason="needs the extra `contact`")
-    asset = sleeved_limb(gap=0.05, rings=12, sides=8, angle=angle)
+    asset = sleeved_limb(gap=0.05, rings=10, sides=6, angle=angle)
     if joined:
         asset.gltf["meshes"][0]["primitives"] += asset.gltf["meshes"][1]["primitives"]
         asset.gltf["scenes"][0]["nodes"].pop()
     entry = tool(node="limb", bumps=2, max_height="20%", contact=contact)
-    tools = write_tools(folder / "tools.yaml", entry, refinement={"max_levels": 0})
+    tools = write_tools(folder / "tools.yaml", entry, refinement={"max_levels": 0}, sampling={"fps": 15})
     report = wrinklecli.bake(asset.write(folder / "limb.glb"), tools, folder / "out.glb")
     return counts(folder / "out.glb"), report
 

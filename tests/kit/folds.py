@@ -5,19 +5,22 @@ Each builder gives a `Fold`: an asset with the clip `bend`, and tools over its f
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 
 from kit.asset import Array, Asset, Json
-from kit.bakes import bake_once, place
+from kit.bakes import UNREFINED, bake_once, place
 from kit.characters import Rotation, Skeleton, Stuff, Surface, Weights, Writer, chain_weights, person, plain
-from kit.limb import write_tools
+from kit.limb import waving_limb, write_tools
 from kit.player import Gltf
 
 SKIN = plain("skin", (0.72, 0.44, 0.33))
 CLIP = "bend"
 _TIMES = (0.0, 1.0, 2.0)
+# Other keys of a tools file for `waving`.
+WAVED: Json = {**UNREFINED, "sampling": {"fps": 15}}
 
 
 @dataclass(frozen=True)
@@ -30,12 +33,12 @@ class Fold:
 
     def write(self, folder: Path, **keys: object) -> tuple[Path, Path]:
         """Write the asset, and its tools file with further keys for each tool."""
-        tools = write_tools(folder / "tools.yaml", *({**tool, **keys} for tool in self.tools))
+        tools = write_tools(folder / "tools.yaml", *({**tool, **keys} for tool in self.tools), **UNREFINED)
         return self.asset.write(folder / "limb.glb"), tools
 
     def baked(self, contact: str = "resolve") -> Gltf:
         """The bake of the asset with its tools, which is made only once."""
-        return bake_once(place(self.asset), *({**tool, "contact": contact} for tool in self.tools))
+        return bake_once(place(self.asset), *({**tool, "contact": contact} for tool in self.tools), top=UNREFINED)
 
 
 def _written(
@@ -222,6 +225,12 @@ def no_room(*, angle: float = 110.0, gap: float = 0.016, radius: float = 0.05, s
     tools = (_tool("fold", (0.17, radius, 0.0), (0.33, radius, 0.0), 0.07),)
     surface = _limb(xs, weights, radius=radius, sides=sides)
     return Fold(_written(surface, joints, {"lower": ("z", _there(angle))}, slab=slab), tools, radius)
+
+
+@cache
+def waving() -> Path:
+    """A limb with eight clips that fold it about axes of their own."""
+    return place(waving_limb(8, rings=12, sides=8))
 
 
 FOLDS: dict[str, Callable[..., Fold]] = {

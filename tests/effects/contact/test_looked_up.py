@@ -11,8 +11,8 @@ pytest.importorskip("ipctk", reason="needs the extra `contact`")
 import wrinklecli
 from kit.bakes import bake_fold, bake_once, folding_limb, place, report_of
 from kit.characters import CHARACTERS
-from kit.folds import CLIP, FOLDS
-from kit.limb import sleeved_limb, tool, waving_limb, write_tools
+from kit.folds import CLIP, FOLDS, WAVED, waving
+from kit.limb import sleeved_limb, tool, write_tools
 from kit.looked_up import lookup_gaps
 from kit.player import Gltf
 from kit.samples import config
@@ -106,7 +106,7 @@ def test_the_knee_of_the_sample_looks_alike_in_player_and_bake() -> None:
 
 @pytest.mark.slow
 def test_clips_about_leaning_axes_look_alike_in_player_and_bake() -> None:
-    body = bake_once(place(waving_limb(8, rings=16, sides=10)), TOOL, top={"sampling": {"fps": 15}})
+    body = bake_once(waving(), TOOL, top=WAVED)
     (fold,) = report_of(body).data["folds"]
     gaps = {clip: gap for clip in (f"wave_{k}" for k in range(8)) for gap in lookup_gaps(body, clip).values()}
     assert len(gaps) >= 4
