@@ -47,7 +47,8 @@ def report_of(tmp_path: Path, asset: Path, *tools: Json, **options: Any) -> Json
 
 
 @pytest.mark.quick(2)
-@pytest.mark.parametrize("engine", sorted(BUDGETS))
+# Others have the limits of these: blender those of unity, and filament, godot3, unreal parts of three and vtk.
+@pytest.mark.parametrize("engine", ["cesium", "unity", "spec8", "three", "vtk"])
 def test_what_is_within_a_budget_stays_as_it_is(engine: Engine) -> None:
     plain = bake_once("wrist", PALM, BACK, accessors=storage(engine, "sparse"))
     held = bake_once("wrist", PALM, BACK, engine=engine)
@@ -294,8 +295,14 @@ def test_more_targets_than_three_takes_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.quick(2)
-@pytest.mark.parametrize("strengths", [{"flex": -0.5}, {"flex": 2.0}, {"flex": -1.5, "extend": 0.5}])
-@pytest.mark.parametrize("base", [PALM, pytest.param(ROUGH, marks=SLOW)])
+@pytest.mark.parametrize(
+    ("base", "strengths"),
+    [
+        (PALM, {"flex": -0.5}),
+        (PALM, {"flex": 2.0}),
+        pytest.param(ROUGH, {"flex": -1.5, "extend": 0.5}, marks=SLOW),
+    ],
+)
 def test_unity_gets_weights_from_0_to_1_and_the_same_motion(base: Json, strengths: Json) -> None:
     """And so does Blender."""
     assert BUDGETS["blender"] == BUDGETS["unity"]

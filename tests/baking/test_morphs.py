@@ -297,11 +297,16 @@ def test_normals_follow_the_wrinkles() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("risen", [0.5, 1.0])
 @pytest.mark.parametrize(
-    ("name", "clip"),
+    ("name", "clip", "risen"),
     # The clip extend closes the wrist's crease further than where its wrinkles are full at first.
-    [("wrist", "extend"), ("head", "raise_brows"), ("trousers", "squat"), ("trousers", "walk")],
+    [
+        ("wrist", "extend", 1.0),
+        ("head", "raise_brows", 0.5),
+        ("trousers", "squat", 0.5),
+        ("trousers", "squat", 1.0),
+        ("trousers", "walk", 1.0),
+    ],
 )
 def test_wrinkles_look_as_steep_as_they_are(name: str, clip: str, risen: float) -> None:
     """Degrees by which wrinkles turn the normals that an engine shows, and those of the posed triangles.

@@ -38,8 +38,9 @@ def pointers_of(file: Gltf) -> list[str]:
 
 
 @pytest.mark.quick(1)
-@pytest.mark.parametrize("weights", ["nodes", "meshes"])
-@pytest.mark.parametrize("interpolation", ["LINEAR", "STEP", "CUBICSPLINE"])
+@pytest.mark.parametrize(
+    ("interpolation", "weights"), [("LINEAR", "nodes"), ("STEP", "meshes"), ("CUBICSPLINE", "nodes")]
+)
 def test_a_bake_plays_pointers_as_channels_of_nodes(interpolation: Interpolation, weights: str) -> None:
     asset = small(morph_clip=interpolation, interpolation=interpolation)
     plain = bake_once(place(asset), tool())
@@ -53,8 +54,7 @@ def test_a_bake_plays_pointers_as_channels_of_nodes(interpolation: Interpolation
 
 
 @pytest.mark.quick(1)
-@pytest.mark.parametrize("holder", ["nodes", "meshes"])
-@pytest.mark.parametrize("tracks", ["all", "none"])
+@pytest.mark.parametrize(("holder", "tracks"), [("nodes", "all"), ("meshes", "none")])
 def test_single_weights_become_part_of_the_one_channel(holder: str, tracks: str) -> None:
     asset = small()
     add_pointer(asset, f"/{holder}/0/weights/0", [0.0, 1.0, 2.0], [0.0, 1.0, 0.25])

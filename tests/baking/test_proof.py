@@ -271,9 +271,9 @@ def test_jumps_are_proven_too(tmp_path: Path) -> None:
     assert gaps.max() < made.max_error
 
 
-@pytest.mark.quick(2)
-@pytest.mark.parametrize(("asset", "tool", "clip"), [("wrist", PALM, "flex"), ("head", BROW, "raise_brows")])
-@pytest.mark.parametrize("rate", [24, 60])
+@pytest.mark.parametrize(
+    ("asset", "tool", "clip", "rate"), [("wrist", PALM, "flex", 24), ("head", BROW, "raise_brows", 60)]
+)
 def test_whole_frames_of_a_player_are_right(asset: str, tool: Json, clip: str, rate: int, tmp_path: Path) -> None:
     """Between two keys a millisecond apart nothing is compared: that no frame falls there is what makes it right."""
     tools = write_tools(tmp_path / "tools.yaml", tool)

@@ -101,8 +101,7 @@ def sway(times: Array) -> Array:
     return np.stack([wide * np.sin(turn), 0 * times, wide * np.cos(turn)], axis=1)
 
 
-@pytest.mark.parametrize("fps", [15, 30, 60, 120, None])
-@pytest.mark.parametrize("keys", [29, 60])
+@pytest.mark.parametrize(("fps", "keys"), [(15, 29), (30, 60), (60, 29), (120, 60), (None, 29)])
 def test_the_driver_plays_flesh_at_any_frame_rate(bodies: dict[int, Path], keys: int, fps: int | None) -> None:
     """A second round of the clip is as it was baked: the driver knows the curve through the clip's keys.
 
