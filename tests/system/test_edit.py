@@ -295,29 +295,15 @@ def folder(tmp_path: Path) -> Path:
 
 
 @pytest.mark.slow
-def test_edits_of_a_server_that_was_killed_are_there_again(folder: Path, tmp_path: Path) -> None:
+def test_a_full_disk_is_said_and_edits_of_a_server_that_was_killed_are_there_again(
+    folder: Path, tmp_path: Path
+) -> None:
+    """A browser is led to the second server by a file, and that browser's command line has no token."""
     tools, unsaved = folder / "tools.yaml", folder / ".tools.yaml.unsaved"
     old = tools.read_text()
-    with started(folder) as (server, address), in_browser(tmp_path, address) as tab:
-        tab.press_text("a")
-        tab.fill("• bumps", "5")
-        until(unsaved.exists, "unsaved edits")
-        server.kill()
-        server.wait()
-        assert tools.read_text() == old
-        with started(folder) as (_, again):
-            tab.call("Page.navigate", url=again)
-            tab.wait("document.body?.innerText.includes('unsaved edits of an earlier session are here again')")
-            tab.press_button("Save")
-            tab.wait("document.body.innerText.includes('saved as')")
-    assert load_tools(tools).tools[0].bumps == 5
-    assert not unsaved.exists()
-
-
-@pytest.mark.slow
-def test_a_save_on_a_full_disk_changes_nothing_and_is_said(folder: Path, tmp_path: Path) -> None:
-    tools = folder / "tools.yaml"
-    old = tools.read_text()
+    program, called = tmp_path / "program", tmp_path / "called"
+    program.write_text(f'#!/bin/sh\necho "$@" > {called}.part\nmv {called}.part {called}\n')
+    program.chmod(0o700)
     with started(folder) as (server, address), in_browser(tmp_path, address) as tab:
         tab.press_text("a")
         most = resource.prlimit(server.pid, resource.RLIMIT_FSIZE, (10, resource.RLIM_INFINITY))
@@ -330,18 +316,21 @@ def test_a_save_on_a_full_disk_changes_nothing_and_is_said(folder: Path, tmp_pat
         resource.prlimit(server.pid, resource.RLIMIT_FSIZE, most)
         tab.press_button("Save")
         tab.wait("document.body.innerText.includes('saved as')")
-    assert load_tools(tools).tools[0].bumps == 5
+        saved = tools.read_text()
+        assert load_tools(tools).tools[0].bumps == 5
 
-
-@pytest.mark.slow
-def test_a_browser_is_led_to_the_page_by_a_file_and_its_command_line_has_no_token(folder: Path, tmp_path: Path) -> None:
-    program, called = tmp_path / "program", tmp_path / "called"
-    program.write_text(f'#!/bin/sh\necho "$@" > {called}.part\nmv {called}.part {called}\n')
-    program.chmod(0o700)
-    with started(folder, browser=str(program)) as (_, address):
-        until(called.exists, "an opened browser")
-        opened = called.read_text().strip()
-        assert address.partition("token=")[2] not in opened
-        with in_browser(tmp_path, opened) as tab:
-            tab.wait("document.body?.innerText.includes('tools.yaml')")
+        tab.fill("• bumps", "6")
+        until(unsaved.exists, "unsaved edits")
+        server.kill()
+        server.wait()
+        assert tools.read_text() == saved
+        with started(folder, browser=str(program)) as (_, again):
+            until(called.exists, "an opened browser")
+            opened = called.read_text().strip()
+            assert again.partition("token=")[2] not in opened
+            tab.call("Page.navigate", url=opened)
+            tab.wait("document.body?.innerText.includes('unsaved edits of an earlier session are here again')")
+            tab.press_button("Save")
+            tab.wait("document.body.innerText.includes('saved as')")
+    assert load_tools(tools).tools[0].bumps == 6
     assert sorted(each.name for each in folder.iterdir()) == ["limb.glb", "tools.yaml"]
