@@ -61,7 +61,7 @@ def test_no_command_takes_over_300_mb_for_a_coarse_avatar(folder: Path) -> None:
         ("check", "still.glb", tools),
         ("preview", "clips.glb", "--tools", tools, "-o", "picture.png", "--size", "160x120"),
         ("diff", "--posed", "clips.glb", "baked.glb"),
-        ("maps", "clips.glb", tools, "-o", "maps", "--size", "256"),
+        ("maps", "clips.glb", tools, "-o", "maps", "--size", "128"),
         ("track", "still_baked.glb", "clips.glb", "-o", "tracked"),
     ):
         taken[" ".join(command)] = peak(folder, *command)
