@@ -209,14 +209,14 @@ def encode_png(pixels: NDArray[np.uint8]) -> bytes:
 
 
 def make_figure() -> Character:
-    """The figure with its clip."""
+    """The figure with its clips."""
     mesh = surface(figure_field)
     return Character(
         name="figure",
         mesh=mesh,
         joints=tuple(Joint(name, parent, place) for name, (parent, place) in PLACES.items()),
         weights=skin_weights(mesh.positions, list(PLACES)),
-        clips=(squat(),),
+        clips=(squat(), walk()),
         colour=(1.0, 1.0, 1.0),
         material="clothes and skin",
         roughness=0.85,
@@ -245,6 +245,32 @@ def squat() -> Clip:
         moves[f"forearm.{side}"] = turned((-0.743, -0.669 * sign, 0.0), 92.0 * down)
     sink = np.stack([0.0 * times, fall, back], axis=1)
     return Clip("squat", times, moves, {"hips": sink})
+
+
+def walk() -> Clip:
+    """Two steps in place, in 1.2 s; a loop."""
+    times = np.arange(round(1.2 * KEYS) + 1) / KEYS
+    x = (1.0, 0.0, 0.0)
+    moves = {}
+    for side, shift in (("L", 0.0), ("R", 0.5)):
+        phase = times / times[-1] + shift
+        phase = phase - np.floor(phase)
+        swing = _cosine(360.0 * phase)
+        thigh = -4.0 - 24.0 * swing
+        shin = 8.0 + 54.0 * smoothstep(0.42, 0.70, phase) * smoothstep(1.0, 0.70, phase)
+        moves[f"thigh.{side}"], moves[f"shin.{side}"] = turned(x, thigh), turned(x, shin)
+        moves[f"foot.{side}"] = turned(x, -0.6 * (shin + thigh))
+        moves[f"upper_arm.{side}"] = _hanging(20.0 * swing, -24.0 if side == "L" else 24.0)
+        elbow = (-0.743, -0.669 if side == "L" else 0.669, 0.0)
+        moves[f"forearm.{side}"] = turned(elbow, 30.0 - 14.0 * swing)
+    bob = -0.012 * (1.0 + _cosine(720.0 * times / times[-1]))
+    return Clip("walk", times, moves, {"hips": bob[:, None] * [0.0, 1.0, 0.0]})
+
+
+def _hanging(swing: Floats, lowered: float) -> Floats:
+    """(keys, 4) quaternions of turns about z, then about x."""
+    z, w = math.sin(math.radians(lowered) / 2.0), math.cos(math.radians(lowered) / 2.0)
+    return np.array([[x * w, -x * z, y * z, y * w] for x, _, _, y in turned((1.0, 0.0, 0.0), swing).tolist()])
 
 
 def _cosine(degrees: Floats) -> Floats:

@@ -23,11 +23,12 @@ def frames_of(assets: Sequence[Path], drawn: Path, options: PreviewOptions) -> F
 def save_panels(panels: Sequence[Frames], out: Path, *, fps: int, quality: int) -> None:
     """Write panels of one size, in rows of two, as one moving picture that lasts as long as the shortest."""
     wide, high = panels[0][0].size
+    columns = min(COLUMNS, len(panels))
     pictures = []
     for number in range(min(map(len, panels))):
-        picture = Image.new("RGB", (COLUMNS * wide, -(-len(panels) // COLUMNS) * high))
+        picture = Image.new("RGB", (columns * wide, -(-len(panels) // columns) * high))
         for place, frames in enumerate(panels):
-            picture.paste(frames[number], (place % COLUMNS * wide, place // COLUMNS * high))
+            picture.paste(frames[number], (place % columns * wide, place // columns * high))
         pictures.append(picture)
     out.parent.mkdir(parents=True, exist_ok=True)
     duration = round(1000 / fps)

@@ -4,6 +4,7 @@
 """
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 from _panels import frames_of, run, save_panels
@@ -11,24 +12,19 @@ from wrinklecli import PreviewOptions, demo
 
 HERE = Path(__file__).resolve().parent
 FPS = 15
-# Side, place and radius of what is seen, metres, and the size in pixels: the whole figure, and its legs from behind.
-PANELS = (
-    ("40:8", (0.0, 0.80, 0.0), 0.84, (250, 330)),
-    ("128:5", (0.05, 0.62, -0.02), 0.40, (250, 330)),
-)
+# Clips in the order in which they are shown: two steps twice, then a squat.
+CLIPS = ("walk", "walk", "squat")
 
 
 def main(out: Path, folder: Path) -> None:
     """Draw the picture."""
     made = demo(folder / "demo")
     assets = (Path(made.paths[0]), Path(made.paths[2]))
-    panels = []
-    for number, (view, focus, radius, size) in enumerate(PANELS):
-        options = PreviewOptions(
-            clips=("squat",), fps=FPS, views=(view,), focus=focus, radius=radius, size=size, labels=("before", "after")
-        )
-        panels.append(frames_of(assets, folder / f"panel_{number}.webp", options))
-    save_panels(panels, out, fps=FPS, quality=75)
+    options = PreviewOptions(
+        fps=FPS, views=("30:8",), focus=(0.0, 0.83, 0.03), radius=0.60, size=(340, 520), labels=("before", "after")
+    )
+    drawn = {clip: frames_of(assets, folder / f"{clip}.webp", replace(options, clips=(clip,))) for clip in set(CLIPS)}
+    save_panels([[frame for clip in CLIPS for frame in drawn[clip]]], out, fps=FPS, quality=75)
 
 
 if __name__ == "__main__":

@@ -37,7 +37,7 @@ def test_it_bakes_and_draws_a_figure(wrinkle: Wrinkle, tmp_path: Path, monkeypat
     assert (np.abs(before - after) > 12).mean() > 0.01, "the wrinkles are seen"
     length = struct.unpack_from("<I", (folder / "figure.glb").read_bytes(), 12)[0]
     written = json.loads((folder / "figure.glb").read_bytes()[20 : 20 + length])
-    assert [len(written[kind]) for kind in ("meshes", "skins", "images", "animations")] == [1, 1, 1, 1]
+    assert [len(written[kind]) for kind in ("meshes", "skins", "images", "animations")] == [1, 1, 1, 2]
     # Without the libraries of pictures the other files have the same bytes, and a line says how to get a picture.
     monkeypatch.setattr(module, "refuse_missing", missing)
     monkeypatch.setattr(module, "bake", lambda *paths, **_: shutil.copy(folder / "wrinkled.glb", paths[2]))

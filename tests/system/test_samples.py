@@ -39,7 +39,7 @@ CLIPS = {
     "trousers": ["squat", "walk"],
     "body": ["jump", "walk", "curl"],
     "touch": ["drag"],
-    "figure": ["squat"],
+    "figure": ["squat", "walk"],
 }
 DTYPES = {5121: np.uint8, 5123: np.uint16, 5126: np.float32}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}

@@ -17,7 +17,7 @@ from wrinklecli.cli.streams import command_outputs
 @opt.flag("--no-open", text="Do not open the picture.")
 @opt.quiet()
 def demo(*, folder: str, no_open: bool, quiet: bool) -> None:
-    """Write a dressed figure that squats, with its tools, bake them, and draw it before and after.
+    """Write a dressed figure that walks and squats, with its wrinkles, bake them, and draw it before and after.
 
     DIR, wrinkle-demo if it is left out, gets figure.glb, figure.yaml, wrinkled.glb and wrinkled.png. On a terminal the
     picture is opened. It needs Pillow and embreex: pip install 'wrinklecli[preview]'.
@@ -37,7 +37,7 @@ def demo(*, folder: str, no_open: bool, quiet: bool) -> None:
         if made.missing is not None:
             say(f"note: no picture: {made.missing}")
         asset, tools, *_ = made.paths
-        say("Next, draw its tools on a page, or let wrinkle propose tools for a character of your own:")
+        say("Next, look at its wrinkles on a page, or let wrinkle propose tools for a character of your own:")
         say(f"  wrinkle edit {asset} {tools}")
         say("  wrinkle suggest your.glb -o tools.yaml")
     if made.picture is not None and not no_open and sys.stderr.isatty():

@@ -15,9 +15,9 @@ from wrinklecli.review.preview.preview import preview, refuse_missing
 from wrinklecli.review.preview.preview_options import PreviewOptions
 
 ASSET, TOOLS, BAKED, PICTURE = "figure.glb", "figure.yaml", "wrinkled.glb", "wrinkled.png"
-# The moment of the clip and the sides from which most wrinkles are seen.
+# The moment of the clip and the side from which most wrinkles are seen.
 _SHOT = PreviewOptions(
-    clips=("squat",), times=(0.7,), views=("40:8", "125:5"), columns=2, size=(480, 560), labels=("before", "after")
+    clips=("squat",), times=(0.9,), views=("30:8",), columns=2, size=(480, 600), labels=("before", "after")
 )
 
 
