@@ -51,3 +51,5 @@ need a buffer view there; or dense, all of them. A reader that cannot take one o
 Tracks: TypeAlias = Literal["all", "none"]
 FrameFormat: TypeAlias = Literal["obj", "ply", "glb"]
 MapKind = Literal["normal", "height", "ao"]
+MOST_TEXELS = 8192
+"""Of a side of a map, samples included: the most that common graphics cards take is 16,384."""

@@ -340,6 +340,8 @@ def test_bumps_of_few_texels_are_a_warning(tmp_path: Path) -> None:
     few = made(tmp_path / "few", size=64, kinds=["normal"]).warnings
     assert [line.split(": ")[0] for line in few] == ["palm_side", "back_side"]
     assert all("a bump is 2.9 texels wide" in line for line in few)
+    assert all("take --size 256, or" in line for line in few)
+    assert made(tmp_path / "enough", size=256, kinds=["normal"]).warnings == ()
 
 
 def drawn_normals(asset: Path, tools: Path, tool: str, edges: int, side: int) -> tuple[Any, Any, Any]:

@@ -4,20 +4,19 @@ from typing import Any, get_args
 
 import click
 
-from wrinklecli.choices import MapKind
+from wrinklecli.choices import MOST_TEXELS, MapKind
 from wrinklecli.cli import options as opt
 from wrinklecli.cli.output import Progress, say, say_findings
 from wrinklecli.cli.streams import command_outputs
 from wrinklecli.errors import refuse_warnings
 
 _SMALLEST = 16
-_LARGEST = 8192  # texels of a side, samples included: the most that common graphics cards take is 16,384
 
 
 def _size(value: str) -> int:
     """Read the texels of a side; a text, as other commands read widths and heights."""
-    if not value.isdecimal() or not _SMALLEST <= int(value[:6]) <= _LARGEST:
-        raise ValueError(f"{value!r} is not a whole number from {_SMALLEST} to {_LARGEST}")
+    if not value.isdecimal() or not _SMALLEST <= int(value[:6]) <= MOST_TEXELS:
+        raise ValueError(f"{value!r} is not a whole number from {_SMALLEST} to {MOST_TEXELS}")
     return int(value)
 
 
@@ -73,8 +72,8 @@ def maps(asset: str, tools: str, folder: str, strict: bool, quiet: bool, **optio
     Exit codes: 0 done; 1 the input is at fault, nothing written; 2 wrong usage; 3 refused (--strict with warnings),
     nothing written; 70 a bug.
     """
-    if options["size"] * options["supersample"] > _LARGEST:
-        raise click.UsageError(f"'--size' times '--supersample' is more than {_LARGEST}.")
+    if options["size"] * options["supersample"] > MOST_TEXELS:
+        raise click.UsageError(f"'--size' times '--supersample' is more than {MOST_TEXELS}.")
     with command_outputs() as outputs, Progress(quiet=quiet) as progress:
         from wrinklecli.texture.maps import maps as run
 

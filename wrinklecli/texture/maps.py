@@ -1,5 +1,6 @@
 """Makes wrinkle maps: lay the tools on the mesh, evaluate them at texels, pack shapes that do not meet, write."""
 
+import math
 import os
 import re
 from collections.abc import Iterator, Sequence
@@ -12,7 +13,7 @@ from wrinklecli.baking.extras import METHOD, drives_json
 from wrinklecli.baking.job import BakeOptions, Job, ToolsPaths, read_job, tools_paths, wrinkles_alone
 from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.character.contacts import Neighbours
-from wrinklecli.choices import MapKind
+from wrinklecli.choices import MOST_TEXELS, MapKind
 from wrinklecli.effects.effect import Effect, MeshPlan, Part, SamplingOptions
 from wrinklecli.effects.plan import skin_parts
 from wrinklecli.effects.sampling import sample_effects
@@ -192,7 +193,7 @@ def make_maps(
             for done, (effect, part) in enumerate(zip(effects, skin_parts(plan), strict=True)):
                 progress("refine", done, len(effects))
                 texel = _texel_size(plan, part, layouts, options.size)
-                warnings += _too_few_texels(part, texel)
+                warnings += _too_few_texels(part, texel, options.size)
                 for material, found in _shown_finely(job, plan, (effect, part), neighbours, options, how, texel):
                     shown.setdefault(material, []).extend(found)
             for layout in layouts:
@@ -260,14 +261,16 @@ def _texel_size(plan: MeshPlan, part: Part, layouts: Sequence[Layout], size: int
     return float(np.median(every[every > 0.0])) if every.any() else 0.0
 
 
-def _too_few_texels(part: Part, texel: float) -> list[str]:
-    """A warning if a tool's bumps have too few texels for their normals."""
+def _too_few_texels(part: Part, texel: float, size: int) -> list[str]:
+    """A warning if a tool's bumps have too few texels for their normals, with the size that has enough."""
     width = part.attached.bump_width
     if not texel or width >= _LEAST_TEXELS * texel:
         return []
+    enough = 2 ** math.ceil(math.log2(size * _LEAST_TEXELS * texel / width))
+    asked = f"take --size {enough}" if enough <= MOST_TEXELS else f"no --size up to {MOST_TEXELS} is enough"
     return [
         f"{part.attached.tool.name}: a bump is {width / texel:.2g} texels wide, and normals between fewer than"
-        f" {_LEAST_TEXELS} are off by more than 2°: raise --size, or give the place more of the texture"
+        f" {_LEAST_TEXELS} are off by more than 2°: {asked}, or give the place more of the texture"
     ]
 
 
