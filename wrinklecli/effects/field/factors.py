@@ -234,15 +234,12 @@ def _refitted(weights: Floats, shapes: Floats, heights: Floats) -> Floats:
 
 
 def _best(shapes: Floats, heights: Floats) -> float:
-    """What shapes miss of heights with the best weights, each pose by itself.
+    """What shapes miss of heights with the best weights, each pose by itself."""
+    from scipy.optimize import nnls
 
-    Source: V. Franc, V. Hlaváč, M. Navara, *Sequential Coordinate-Wise Algorithm for the Non-negative Least Squares
-    Problem*, 2005. Differs: all poses at once.
-    """
-    products, wanted = shapes @ shapes.T, heights @ shapes.T
-    weights = np.zeros(wanted.shape)
-    for _ in range(_ROUNDS):
-        for one, row in enumerate(products):
-            better = weights[:, one] + (wanted[:, one] - weights @ row) / row[one]
-            weights[:, one] = np.maximum(better, 0.0)
-    return float(np.linalg.norm(heights - weights @ shapes) / np.linalg.norm(heights))
+    # In the span of the shapes, which is small, least squares are the same.
+    basis, triangle = np.linalg.qr(shapes.T)
+    inside = heights @ basis
+    beyond = np.sum(heights**2, axis=1) - np.sum(inside**2, axis=1)
+    gaps = np.array([nnls(triangle, row)[1] ** 2 for row in inside]) + np.maximum(beyond, 0.0)
+    return float(np.sqrt(gaps.sum()) / np.linalg.norm(heights))
