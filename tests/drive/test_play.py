@@ -65,7 +65,7 @@ def test_drives_together_are_each_alone(chosen: list[int], moments: list[float],
     rig, clip, times = limb().rig, None if stored else limb().clip, np.array(sorted(moments))
     some = [drives()[number] for number in chosen]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("wrinklecli.drive.play._CHUNK", chunk)
+        patch.setattr("wrinklecli.numeric.portions.AT_ONCE", 32 * chunk)
         playing = Playing(some, rig, clip)
         found, together = playing.weights(playing.read(times)), playing.at(times)
     alone = [each.weights_in(rig, clip)(times) for each in some]

@@ -8,7 +8,7 @@ from wrinklecli.numeric.sparse import Matrix
 
 @pytest.mark.parametrize("seed", range(5))
 def test_sparse_products_are_those_of_dense_matrices(seed, monkeypatch):
-    monkeypatch.setattr("wrinklecli.numeric.sparse._AT_ONCE", 40)
+    monkeypatch.setattr("wrinklecli.numeric.portions.AT_ONCE", 40)
     random = np.random.default_rng(seed)
     count = 9
 

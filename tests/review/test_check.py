@@ -343,7 +343,7 @@ def test_collisions_are_the_same_in_small_portions_and_found_among_fewer_vertice
     asset = sheet(tmp_path / "a.glb", line(-0.5, 0.5), line(0.45, -0.45, 0.05))
     whole = warnings(asset, across(), about="opposite surface")
     assert len(whole) == 1
-    monkeypatch.setattr(placement, "_CHUNK", 7)
+    monkeypatch.setattr(placement, "portions_of", lambda widths: [slice(k, k + 1) for k in range(len(widths))])
     assert warnings(asset, across(), about="opposite surface") == whole
     monkeypatch.setattr(placement, "_MOST_PAIRS", 500)
     thinned = warnings(asset, across(), about="opposite surface")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from wrinklecli.numeric.arrays import Floats, Ints
-from wrinklecli.texture import maps, texels
+from wrinklecli.texture import maps
 
 # Over the left half of a texture, and the same again.
 HALF = np.array([[[0.0, 0.0], [0.5, 0.0], [0.5, 1.0]], [[0.0, 0.0], [0.5, 1.0], [0.0, 1.0]]])
@@ -29,7 +29,7 @@ class Relief:
 def test_the_first_of_two_places_counts_however_many_are_worked_out_at_once(
     chunk: int, factor: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(texels, "_CHUNK", chunk)
+    monkeypatch.setattr("wrinklecli.numeric.portions.AT_ONCE", chunk)
     effect: Any = SimpleNamespace(name="tool", targets=(SimpleNamespace(number=7, name="bump"),))
     options: Any = SimpleNamespace(size=8, supersample=factor)
     uvs = np.concatenate([HALF, HALF])

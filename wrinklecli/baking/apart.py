@@ -18,6 +18,7 @@ import numpy as np
 from wrinklecli.character.skin import Skin, pose
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints
+from wrinklecli.numeric.portions import portions
 
 # The diagonal of a cube of size 1: the length of a vector is at most its largest coordinate times this.
 _DIAGONAL = 3.0**0.5
@@ -25,8 +26,6 @@ _DIAGONAL = 3.0**0.5
 _ROUNDED = 1e-6
 # Difference of factors, over the greatest, below which one stands for all: float32 matrices differ by less.
 _ALIKE = 1e-5
-# Vertices whose weights of all joints are written out at once.
-_AT_ONCE = 2**13
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,8 +70,7 @@ class Pair:
 
     def _dense(self) -> Iterator[tuple[Floats, Floats]]:
         """(joints, vertices) skin weights of both, of some vertices after the other."""
-        for first in range(0, len(self.first), _AT_ONCE):
-            part = slice(first, first + _AT_ONCE)
+        for part in portions(len(self.first), 16):
             yield self.first.influences.at(part).dense(), self.second.influences.at(part).dense()
 
     @cached_property

@@ -22,9 +22,7 @@ from wrinklecli.gltf.edited_document import VERTEX_DATA, EditedDocument
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, Ints, ValueIndex, unit
 from wrinklecli.numeric.guard import Progress
-
-# Frames posed at once, which bounds the memory.
-_CHUNK = 16
+from wrinklecli.numeric.portions import portions
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,10 +64,10 @@ def pose_frames(document: Document, mesh: BakedMesh, motion: Motion) -> Iterator
     skin = prepare(weights, fine.positions[welds], deltas, base, bent)
     along = None if tangents is None else prepare(weights, tangents[:, :3], np.zeros((0, len(welds), 3)))
     wrinkles = target_weights(motion)
-    for start in range(0, len(motion.times), _CHUNK):
-        times = motion.times[start : start + _CHUNK]
+    for part in portions(len(motion.times), 3 * len(welds)):
+        times = motion.times[part]
         matrices = joint_matrices(rig, motion.clip, times)
-        played = np.concatenate([morph_weights(rig, motion.clip, times), wrinkles[start : start + _CHUNK]], axis=1)
+        played = np.concatenate([morph_weights(rig, motion.clip, times), wrinkles[part]], axis=1)
         positions, normals = pose(skin, matrices, played)
         moved = None
         if along is not None:

@@ -22,6 +22,7 @@ from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, matches, unit
 from wrinklecli.numeric.guard import Progress
+from wrinklecli.numeric.portions import portions
 from wrinklecli.surface.refine import Refinement
 
 # Frames of a clip at which all vertices are compared, besides those at which an error would show most.
@@ -32,8 +33,6 @@ _WORST = 16
 _NORMAL_FRAMES = 96
 # and those of each clip, at least.
 _LEAST_NORMAL_FRAMES = 4
-# Vertices times frames that are compared at once: larger arrays leave the processor's cache.
-_CHUNK = 2**15
 
 
 @dataclass(frozen=True, slots=True)
@@ -322,8 +321,8 @@ def _largest_move(proof: Proof, effects: Sequence[Effect], gaps: Floats) -> floa
     own = np.flatnonzero(gaps.any(axis=0))
     longest = np.array([np.sqrt((shapes[number].deltas ** 2).sum(axis=1)).max() for number in own.tolist()])
     scale = float((sizes[own] / longest).max())
-    worst, chunk = 0.0, max(_CHUNK // len(proof.vertices), 1)
-    for rows in np.split(order, range(chunk, len(order), chunk)):
+    worst = 0.0
+    for rows in (order[part] for part in portions(len(order), 4 * len(proof.vertices))):
         if bounds[rows[0]] <= worst:
             break
         worst = max(worst, scale * float(np.sqrt((proof.exact.added(gaps[rows]) ** 2).sum(axis=1).max())))
@@ -366,9 +365,8 @@ def _vertex_errors(
     rig, clip, times, own = plan.rig.own, moved.clip, moved.times, proof.own_target_count
     matrices, stored = (joint_matrices(*side, times, proof.joints) for side in ((rig, clip), (proof.rig, written)))
     weights, played = morph_weights(rig, clip, times), morph_weights(proof.rig, written, times)
-    chunk = max(_CHUNK // max(len(proof.vertices), 1), 1)
     worst, worst_time, angles = 0.0, float(times[0]), [np.zeros(0)]
-    for frames in (slice(k, k + chunk) for k in range(0, len(times), chunk)):
+    for frames in portions(len(times), 4 * len(proof.vertices)):
         displaced, new = moved.displacements(proof, frames), played[frames, own:]
         method = Frames(matrices[frames], weights[frames], displaced)
         file = Frames(stored[frames], played[frames, :own], proof.added.added(new))

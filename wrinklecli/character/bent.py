@@ -8,11 +8,10 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import read_influences, read_positions, read_triangles
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, Ints, face_normals
+from wrinklecli.numeric.portions import portions
 
 # Joints of a vertex that count, the heaviest first: time and memory grow with the square of their number.
 _INFLUENCES = 4
-# Triangles that are processed at once. Bounds the memory.
-_AT_ONCE = 2**16
 
 
 def bent_areas(document: Document, rigs: Sequence[Rig]) -> tuple[Floats, Floats]:
@@ -72,8 +71,7 @@ def _carried_together(document: Document, rig: Rig) -> Iterator[tuple[Ints, Ints
         joints, weights = np.take_along_axis(joints, heaviest, 1), np.take_along_axis(weights, heaviest, 1)
         weights = weights / (3.0 * weights.sum(axis=1, keepdims=True))
         triangles = read_triangles(document, primitive, len(positions), where)
-        for low in range(0, len(triangles), _AT_ONCE):
-            part = triangles[low : low + _AT_ONCE]
+        for part in (triangles[some] for some in portions(len(triangles), 2)):
             areas = np.sqrt(np.sum(face_normals(positions, part) ** 2, axis=1)) / 2.0
             columns = joints[part].reshape(-1)
             rows = np.repeat(np.arange(len(part)), len(columns) // len(part))

@@ -11,11 +11,10 @@ from wrinklecli.character.clip import Clip, sample, sample_together
 from wrinklecli.character.rig import TRANSFORM_DEFAULTS, Hierarchy, Rig
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, affine_rows, composed_rows, unit_quaternions
+from wrinklecli.numeric.portions import portions
 
 # Least scale of a node or an anchor relative to rest. Below it a character is hidden, and distances are meaningless.
 LEAST_SCALE = 1e-6
-# Nodes times frames that are sampled at once: with few frames, numpy takes as long for one node as for these.
-_TOGETHER = 2**11
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,9 +81,10 @@ def node_rows(
             above.append(node)
             node = int(hierarchy.parents[node])
         chain.update(dict.fromkeys(reversed(above)))
-    keyed, step = [node for node in chain if node in moved], max(1, _TOGETHER // max(len(times), 1))
+    keyed = [node for node in chain if node in moved]
     local_rows: dict[int, Floats] = {}
-    for part in (keyed[k : k + step] for k in range(0, len(keyed), step)):
+    # With few frames, numpy takes as long for one node as for many.
+    for part in (keyed[some] for some in portions(len(keyed), 64 * len(times))):
         local_rows.update(zip(part, _local_rows(hierarchy, clip, times, part), strict=True))
     still = {-1}
     for node in chain:

@@ -18,9 +18,7 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
 from wrinklecli.numeric.intersections import Crossings
-
-# Coordinates that are posed at once. Bounds the memory.
-_COORDINATES = 2**22
+from wrinklecli.numeric.portions import portions
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,9 +66,8 @@ class SceneSurface:
     def found(self, clip: Clip | None, times: Floats) -> list[CrossingPairs]:
         """Find what crosses at each of (frames,) seconds of a clip."""
         every: list[CrossingPairs] = []
-        step = max(_COORDINATES // (3 * max(len(self.positions), 1)), 1)
-        for k in range(0, len(times), step):
-            for places in self.posed(clip, times[k : k + step]):
+        for part in portions(len(times), 3 * len(self.positions)):
+            for places in self.posed(clip, times[part]):
                 edges, triangles = self.crossings.at(places)
                 every.append(CrossingPairs(self.crossings.edges[edges], self.crossings.triangles[triangles]))
         return every

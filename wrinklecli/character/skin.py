@@ -18,10 +18,10 @@ from wrinklecli.character.pose import blend, joint_matrices, morph_weights, tran
 from wrinklecli.character.rig import Rig
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints, cross, determinants, distinct_values, dot
+from wrinklecli.numeric.portions import portions
 
-# Vertices times frames that are posed at once. Matrix products of half as many are slow; twice as many leave the cache,
-# and the allocator gives their memory back to the system each time.
-_CHUNK = 2**13
+# Numbers of a vertex in a pose: its matrix, and its places.
+_WIDTH = 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,11 +178,10 @@ def pose(skin: Skin, matrices: Floats, weights: Floats, offsets: Floats | None =
     rows = np.ascontiguousarray(matrices[:, :, :3].transpose(2, 3, 0, 1))
     a, b, c = rows[:, :3]
     mirroring = bool((dot(a, cross(b, c)) < 0).any())
-    for block in (slice(k, k + _CHUNK) for k in range(0, positions.shape[2], _CHUNK)):
+    for block in portions(positions.shape[2], _WIDTH):
         joint_weights = skin.influences.at(block).dense()
         vertex_count = joint_weights.shape[1]
-        step = max(1, _CHUNK // vertex_count)
-        for now in (slice(k, k + step) for k in range(0, len(matrices), step)):
+        for now in portions(len(matrices), _WIDTH * vertex_count):
             frames = len(factors[now])
             # One product is faster than twelve of few frames.
             blended = (rows[:, :, now].reshape(12 * frames, -1) @ joint_weights).reshape(3, 4, frames, vertex_count)

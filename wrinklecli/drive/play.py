@@ -14,9 +14,7 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.drive.drive import AnyDrive
 from wrinklecli.numeric.arrays import Floats, Ints
 from wrinklecli.numeric.piecewise import Signal, key_times
-
-# Times at which joints are posed at once, which bounds the memory: 12 numbers of each joint and time.
-_CHUNK = 4096
+from wrinklecli.numeric.portions import portions
 
 
 class Playing:
@@ -35,9 +33,7 @@ class Playing:
 
     def read(self, times: Floats) -> list[Any]:
         """The measurements of each drive at (frames,) seconds; joints are posed together, and once."""
-        parts: list[tuple[Floats, dict[int, Floats]]] = [
-            (times[k : k + _CHUNK], {}) for k in range(0, max(len(times), 1), _CHUNK)
-        ]
+        parts: list[tuple[Floats, dict[int, Floats]]] = [(times[part], {}) for part in portions(max(len(times), 1), 32)]
         for part, known in parts:
             node_rows(self._rig, self._clip, part, self._nodes, known)
         return [_joined([read(part, known) for part, known in parts]) for read in self._readers]

@@ -16,10 +16,8 @@ from numpy.typing import NDArray
 
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, cross, distinct, dot, flags_of
+from wrinklecli.numeric.portions import portions
 
-# Pairs of boxes that are compared at once, as many as a cache holds: with twice or half as many a search takes a tenth
-# to a quarter longer.
-_PAIRS = 2**15
 # Bits of each coordinate of a box. With a guard bit for each, three of them fill an integer of 64 bits, and a
 # subtraction compares all three at once.
 _BITS = 20
@@ -147,9 +145,7 @@ class Crossings:
             edges, triangles = 2 * edges, 2 * triangles
             edges = np.concatenate([edges, edges, edges + 1, edges + 1])
             triangles = np.concatenate([triangles, triangles + 1, triangles, triangles + 1])
-            stack += [
-                (level + 1, edges[k : k + _PAIRS], triangles[k : k + _PAIRS]) for k in range(0, len(edges), _PAIRS)
-            ]
+            stack += [(level + 1, edges[part], triangles[part]) for part in portions(len(edges), 4)]
         edges, triangles = np.concatenate(found, axis=1)
         return edges, triangles
 
@@ -160,11 +156,11 @@ class Crossings:
         a, b, c = (places.take(corners, axis=1) for corners in self.triangles.T)
         normals = np.stack(cross(b - a, c - a))
         found = []
-        for k in range(0, len(edges), _PAIRS):
-            some, through = edges[k : k + _PAIRS], triangles[k : k + _PAIRS]
+        for part in portions(len(edges), 4):
+            some, through = edges[part], triangles[part]
             corner, normal = ([row.take(through) for row in rows] for rows in (a, normals))
             one, two = (dot([row.take(some) - at for row, at in zip(end, corner, strict=True)], normal) for end in ends)
-            found.append(k + np.flatnonzero(((one < 0) & (two > 0)) | ((one > 0) & (two < 0))))
+            found.append(part.start + np.flatnonzero(((one < 0) & (two > 0)) | ((one > 0) & (two < 0))))
         split = np.concatenate([np.zeros(0, np.intp), *found])
         return edges.take(split), triangles.take(split)
 

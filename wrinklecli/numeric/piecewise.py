@@ -7,12 +7,11 @@ import numpy as np
 
 from wrinklecli.numeric.arrays import Floats, Ints, float32_values
 
-# Intervals of the grid that are sampled and thinned at once. Bounds the memory.
+# Intervals of the grid that are sampled and thinned at once, which bounds the memory, and times for which a signal is
+# evaluated at once: they stay in a core's cache.
 _STRETCH = 8192
 # Most numbers of a stretch, which is shorter for a signal of many values, and of lines that are drawn at once.
 _MOST_VALUES = 2**20
-# Times for which a signal is evaluated at once: they stay in a core's cache.
-_CHUNK = 8192
 # Most intervals that a line passes while something moves. No line of the samples passes more than 50.
 _LONGEST = 64
 # Points inside an interval, as fractions of it, at which errors are measured. If a square root starts anywhere in the
@@ -121,7 +120,7 @@ def _bisected(grid: Floats, signal: Signal, tolerance: float, gap: float, step: 
 
 def sampled(signal: Signal, times: Floats) -> Floats:
     """(times, values) of a signal, evaluated in chunks that stay in a core's cache."""
-    return np.concatenate([signal(times[k : k + _CHUNK]) for k in range(0, len(times), _CHUNK)])
+    return np.concatenate([signal(times[k : k + _STRETCH]) for k in range(0, len(times), _STRETCH)])
 
 
 def sampled_inside(signal: Signal, times: Floats) -> Floats:

@@ -9,9 +9,7 @@ import numpy as np
 
 from wrinklecli.numeric.arrays import Floats, Ints, cross, dot
 from wrinklecli.numeric.closest import balls
-
-# Rays times triangles that are tested at once: a cache holds their numbers.
-_PAIRS = 2**14
+from wrinklecli.numeric.portions import portions
 
 
 def ray_distances(starts: Floats, rays: Floats, corners: Floats) -> Floats:
@@ -66,11 +64,9 @@ def ray_hits(starts: Floats, rays: Floats, corners: Floats) -> tuple[Ints, Ints,
     of_other = np.concatenate([-first, -np.stack(cross(a, first))])
     planes = np.concatenate([normals, -dot(normals, a)[None]])
     found = []
-    size = max(_PAIRS // max(len(rays), 1), 1)
     # As for `ray_distances`.
     with np.errstate(all="ignore"):
-        for begin in range(0, len(corners), size):
-            part = slice(begin, begin + size)
+        for part in portions(len(corners), 8 * len(rays)):
             determinants = -rays @ normals[:, part]
             one, other = lines @ of_one[:, part], lines @ of_other[:, part]
             within = one * determinants >= 0
@@ -84,7 +80,7 @@ def ray_hits(starts: Floats, rays: Floats, corners: Floats) -> tuple[Ints, Ints,
             # Quotients, as products of the least numbers are 0.
             one, other = one.ravel()[places] / determinants, other.ravel()[places] / determinants
             hit = (one >= 0) & (other >= 0) & (one + other <= 1) & (distances > 0) & np.isfinite(distances)
-            found.append((numbers[hit], begin + triangles[hit], distances[hit]))
+            found.append((numbers[hit], part.start + triangles[hit], distances[hit]))
     if not found:
         return np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros(0)
     numbers, triangles, distances = (np.concatenate(each) for each in zip(*found, strict=True))

@@ -20,11 +20,10 @@ import numpy as np
 from wrinklecli.errors import BakeError
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.memory import Memory
+from wrinklecli.numeric.portions import portion, portions
 
 # Fraction of the tolerance of `compress` by which a series may be simplified before shapes are chosen.
 _SIMPLIFIED = 0.02
-# Coordinates whose error is checked at once. Bounds the memory.
-_CHECKED_AT_ONCE = 2**20
 # Directions in which a series may move: four times as many as three.js plays morph targets.
 _MOST_AXES = 1024
 # Rounds of alternating least squares. After six the error hardly falls.
@@ -89,8 +88,7 @@ def compress(
     left, values, right = np.linalg.svd(flat, full_matrices=False)
     shapes = right @ axes
     rank = 0
-    chunk = _checked_at_once(axes.shape[1])
-    for rows in (slice(start, start + chunk) for start in range(0, len(flat), chunk)):
+    for rows in portions(len(flat), axes.shape[1]):
         wanted = flat[rows] @ axes
         while (
             np.abs(wanted - (left[rows, :rank] * values[:rank]) @ shapes[:rank]).max(initial=0.0)
@@ -106,14 +104,9 @@ def refuse_large_series(memory: Memory, frames: int, vertices: int, shapes: int,
     """Raise TooMuchError if `compress` cannot hold a series that needs so many shapes."""
     width = 3 * vertices
     # Axes and shapes; checked frames, given and rebuilt; coordinates and three arrays of their size.
-    numbers = 2 * shapes * width + 2 * min(frames, _checked_at_once(width)) * width + 4 * frames * shapes
+    numbers = 2 * shapes * width + 2 * min(frames, portion(width)) * width + 4 * frames * shapes
     what = f"{frames:,} frames of {vertices:,} vertices, as {shapes:,} shapes,"
     memory.check(8 * numbers, what, where=where)
-
-
-def _checked_at_once(width: int) -> int:
-    """Number of frames, of so many coordinates, that are checked at once."""
-    return max(_CHECKED_AT_ONCE // max(width, 1), 1)
 
 
 def weighted_basis(fields: Floats, importance: Floats, count: int) -> tuple[Floats, Floats]:

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, runs
-
-# Numbers of a product that are computed at once. Bounds the memory.
-_AT_ONCE = 2**22
+from wrinklecli.numeric.portions import portions_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,11 +57,11 @@ class Matrix:
         width = max(1, int(np.prod(dense.shape[1:])))
         product = np.zeros((len(rows), *dense.shape[1:]))
         counts = self._counts(rows)
-        for low, high in _portions(np.cumsum(counts * width)):
-            entries, begins = self._entries(rows[low:high])
+        for part in portions_of(counts * width):
+            entries, begins = self._entries(rows[part])
             if len(entries):
                 weights = self.weights[entries].reshape(-1, *[1] * (dense.ndim - 1))
-                product[low:high] = np.add.reduceat(weights * dense[self.columns[entries]], begins, axis=0)
+                product[part] = np.add.reduceat(weights * dense[self.columns[entries]], begins, axis=0)
         return product
 
     def chosen(self, rows: Ints) -> Matrix:
@@ -87,10 +83,9 @@ class Matrix:
     def below(self, above: Matrix | None) -> Matrix:
         """(n + m, V) the rows of (n, V) `above` (None: identity), then those of this (m, n) matrix times `above`."""
         above = Matrix.identity(self.column_count) if above is None else above
-        counts = np.append(0, np.cumsum(np.diff(above.starts)[self.columns]))[self.starts]
-        parts = [above]
-        for low, high in _portions(counts[1:]):
-            parts.append(self.chosen(np.arange(low, high))._on(above))
+        widths = np.diff(np.append(0, np.cumsum(np.diff(above.starts)[self.columns]))[self.starts])
+        rows = np.arange(len(widths))
+        parts = [above, *(self.chosen(rows[part])._on(above) for part in portions_of(widths))]
         ends = np.cumsum([part.starts[-1] for part in parts])
         return Matrix(
             np.concatenate(
@@ -108,15 +103,6 @@ class Matrix:
         rows = np.repeat(np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts)), counts)
         weights = np.repeat(self.weights, counts) * above.weights[entries]
         return Matrix.of_entries(rows, above.columns[entries], weights, above.column_count)
-
-
-def _portions(ends: Ints) -> Iterator[tuple[int, int]]:
-    """Ranges of rows to compute at once, from the (rows,) numbers of values up to the end of each row."""
-    cuts = np.searchsorted(ends, np.arange(_AT_ONCE, (ends[-1] if len(ends) else 0) + _AT_ONCE, _AT_ONCE)) + 1
-    low = 0
-    for high in np.minimum(cuts, len(ends)).tolist():
-        yield low, high
-        low = high
 
 
 def apply(matrix: Matrix | None, coarse: Floats) -> Floats:

@@ -18,6 +18,7 @@ import numpy as np
 from wrinklecli.errors import BakeError
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, cross, unit
+from wrinklecli.numeric.portions import portions
 
 # Maps a (3,) point to the nearest point of the surface and the unit normal there.
 Foot: TypeAlias = Callable[[Floats], tuple[Floats, Floats]]
@@ -34,8 +35,6 @@ _LEAST_ANGLE = 1e-6
 _MOST_TURN = 120.0
 # The stretch of a place is at most this, times how much further the second nearest part of the path is, as a fraction.
 _ALONE = 2.0
-# Places times samples of a curve that are compared at once, to bound memory.
-_AT_ONCE = 2**20
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,8 +165,7 @@ class Curve:
     def locate(self, positions: Floats) -> Located:
         """Coordinates of (…, 3) world positions at rest, by the nearest point of the curve."""
         flat = positions.reshape(-1, 3)
-        chunk = max(_AT_ONCE // len(self.points), 1)
-        parts = [self._locate(flat[k : k + chunk]) for k in range(0, max(len(flat), 1), chunk)]
+        parts = [self._locate(flat[part]) for part in portions(max(len(flat), 1), len(self.points))]
         shape = positions.shape[:-1]
         u, across, stretches = (np.concatenate(each).reshape(shape) for each in zip(*parts, strict=True))
         return Located(u, across, stretches)

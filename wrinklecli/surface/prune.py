@@ -22,6 +22,7 @@ from wrinklecli.character.surface import Surface
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, distinct_values, flags_of
 from wrinklecli.numeric.memory import Memory
+from wrinklecli.numeric.portions import portions
 from wrinklecli.numeric.red_green import Level
 from wrinklecli.surface.region import Region
 from wrinklecli.surface.rest import Rest
@@ -30,8 +31,6 @@ from wrinklecli.surface.rest import Rest
 _POSES = 33
 # Bytes of a matrix, and of its copies in the product with weights.
 _MATRIX_BYTES = 3 * 128
-# Numbers in the products that are computed at once, to bound memory.
-_NUMBERS_AT_ONCE = 2**20
 # Skin weights of two anchors that differ by less than this are equal up to rounding.
 _SAME_WEIGHTS = 1e-6
 # Length of a bone that bends under a region; other bones have length 1.
@@ -98,8 +97,7 @@ def pruning_errors(weights: Floats, positions: Floats, distances: Floats, influe
     columns = poses[:, :, :3].transpose(1, 3, 2, 0).reshape(4 * len(distances), 3 * len(poses))
     homogeneous = np.concatenate([positions, np.ones((len(positions), 1))], axis=1)
     errors = np.zeros(len(weights))
-    chunk = max(_NUMBERS_AT_ONCE // (len(columns) + columns.shape[1]), 1)
-    for rows in (slice(start, start + chunk) for start in range(0, len(weights), chunk)):
+    for rows in portions(len(weights), len(columns) + columns.shape[1]):
         spread = change[rows, :, None] * homogeneous[rows, None]
         moved = (spread.reshape(-1, len(columns)) @ columns).reshape(-1, 3, len(poses))
         errors[rows] = np.sqrt(np.sum(moved**2, axis=1)).max(axis=1)

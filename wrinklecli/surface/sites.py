@@ -15,6 +15,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, diagonal, distinct, unit, weighted_quantiles
 from wrinklecli.numeric.closest import pairs_within
+from wrinklecli.numeric.portions import portions
 from wrinklecli.numeric.processes import in_processes
 from wrinklecli.surface.strain import Gauge, StrainedPart, principal, strain
 
@@ -33,8 +34,6 @@ _MOST_PARTS = 8
 _SAME_SHEET = 0.3
 # Triangles times poses worth a process of its own, of half a second; to begin one takes a twentieth.
 _WORK_OF_PROCESS = 1_500_000
-# Triangles times poses in memory at once: 2**18 take 60 MB.
-_CHUNK = 2**18
 
 
 @dataclass(frozen=True, slots=True)
@@ -272,8 +271,7 @@ def _highest(
         # Consecutive clips often move the same joint, and strain the same area.
         if sites.gauge.strained.of(clip) is not area.part:
             area = _strained_area(sites, clip)
-        size = max(1, _CHUNK // max(area.gather.shape[1], len(area.sites), 1))
-        for chunk in (every[start : start + size] for start in range(0, len(every), size)):
+        for chunk in (every[part] for part in portions(len(every), max(area.gather.shape[1], len(area.sites)))):
             found, _ = principal(_averaged(sites.gauge, area, clip, chunk), sites.normals[area.sites])
             best = found.argmax(axis=0)
             highest, first = np.zeros(count), np.zeros(count, np.intp)

@@ -18,6 +18,7 @@ from wrinklecli.effects.shapes import turn_to
 from wrinklecli.errors import BakeError, TooMuchError
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, distinct_values, flags_of, inverses, unit
+from wrinklecli.numeric.portions import portions
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.tools.fields import Field
 from wrinklecli.tools.records import WrinkleTool
@@ -30,8 +31,6 @@ _EDGES = (12, 8, 6)
 _LEVELS = 8
 # New vertices of one tool at most: twice as many take 7 s and 0.9 GB.
 _MOST_VERTICES = 100_000
-# Texels that are held at once.
-_CHUNK = 2**16
 
 
 def plan_finely(
@@ -146,10 +145,7 @@ class Relief:
             (shapes, texels, 2) the wrinkled normal over its part along the plain one: −∂h/∂t and −∂h/∂b along the
             tangent and the bitangent. The sum over shapes by weights, and 1, is the direction of the normal.
         """
-        parts = [
-            self._part(textured, faces[start : start + _CHUNK], shares[start : start + _CHUNK])
-            for start in range(0, max(len(faces), 1), _CHUNK)
-        ]
+        parts = [self._part(textured, faces[part], shares[part]) for part in portions(max(len(faces), 1), 2)]
         heights, slopes = zip(*parts, strict=True)
         return np.concatenate(heights, axis=1), np.concatenate(slopes, axis=1)
 

@@ -5,9 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from wrinklecli.numeric.arrays import Bools, Floats, Ints
+from wrinklecli.numeric.portions import portions_of
 
-# Pairs of a texel and a triangle that are looked at together.
-_CHUNK = 2**19
 # Least barycentric coordinate of a texel's centre that lies in the inside of a triangle, not on a border that
 # neighbours share.
 _INSIDE = 1e-6
@@ -33,9 +32,8 @@ def covered(uvs: Floats, size: int) -> Iterator[tuple[Ints, Ints, Floats]]:
     spans = np.maximum(high - low + 1, 0)
     # A triangle over several squares of the texture would have hits without end.
     counts = np.where((areas != 0) & (spans <= 2 * size).all(axis=1), spans[:, 0] * spans[:, 1], 0)
-    ends = np.searchsorted(np.cumsum(counts), np.arange(_CHUNK, counts.sum() + _CHUNK, _CHUNK), side="right")
-    for part in np.split(np.arange(len(counts)), np.unique(ends)):
-        which = np.repeat(part, counts[part])
+    for part in portions_of(counts):
+        which = np.repeat(np.arange(len(counts))[part], counts[part])
         starts = np.repeat(np.cumsum(counts[part]) - counts[part], counts[part])
         rows, columns = np.divmod(np.arange(len(which)) - starts, spans[which, 0])
         points = np.column_stack([low[which, 0] + columns, low[which, 1] + rows])

@@ -24,7 +24,7 @@ def test_activities_of_several_tools_are_those_of_each(monkeypatch: pytest.Monke
     clip = prepared.clip
     single = [activity(patch, prepared.rig, clip, times) for patch in prepared.patches]
     for at_once in (1, 5, 4096):
-        monkeypatch.setattr("wrinklecli.drive.play._CHUNK", at_once)
+        monkeypatch.setattr("wrinklecli.numeric.portions.AT_ONCE", 32 * at_once)
         found = activities(prepared.patches, prepared.rig, clip, times)
         for one, other in zip(found, single, strict=True):
             assert one.distances == pytest.approx(other.distances, abs=1e-12)

@@ -66,5 +66,5 @@ def test_projected_anew_a_frame_depends_on_no_other(strategy: str, monkeypatch: 
     assert together.any()
     alone = np.concatenate([moved(prepared, carried, fine, [time]) for time in times])
     assert alone == pytest.approx(together, abs=1e-12)
-    monkeypatch.setattr("wrinklecli.effects.wrinkle.posed._POSED_AT_ONCE", 1)
+    monkeypatch.setattr("wrinklecli.numeric.portions.AT_ONCE", 1)
     assert moved(prepared, carried, fine, times) == pytest.approx(together, abs=1e-12)

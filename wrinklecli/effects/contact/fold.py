@@ -27,6 +27,7 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, distinct_values
 from wrinklecli.numeric.closest import nearest_of
 from wrinklecli.numeric.intersections import Crossings
+from wrinklecli.numeric.portions import portions
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.rest import Rest
 from wrinklecli.tools.records import Contact
@@ -44,8 +45,6 @@ _LEAST_RADIUS = 0.25
 _NEARNESS_POSES = 4
 # Moments of a clip at which other meshes are checked for crossing themselves, at most.
 _MOMENTS = 8
-# Poses that are computed at once, to bound memory.
-_AT_ONCE = 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,8 +161,8 @@ class Fold:
 
     def poses(self, clip: Clip | None, times: Floats) -> Iterator[tuple[Floats, Floats]]:
         """`posed` frame by frame."""
-        for k in range(0, len(times), _AT_ONCE):
-            yield from zip(*self.posed(clip, times[k : k + _AT_ONCE]), strict=True)
+        for part in portions(len(times), 8 * len(self.vertices)):
+            yield from zip(*self.posed(clip, times[part]), strict=True)
 
     def crossing(self, positions: Floats) -> Bools:
         """(vertices,) True for corners of edges and triangles that cross at (vertices, 3) positions.

@@ -14,11 +14,10 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, cross, dot
 from wrinklecli.numeric.elements import factorised
 from wrinklecli.numeric.laplacian import laplacian, vertex_areas
+from wrinklecli.numeric.portions import portions
 
 # Stiffness of a contact, relative to the surface round it, below which a step leaves a direction of the contact out.
 _LEAST_STIFFNESS = 0.1
-# Movements under unit forces are solved for this many forces at a time, to bound memory.
-_FORCES_AT_ONCE = 64
 # Least and greatest mass of a vertex relative to the median.
 _LEAST_MASS = 0.25
 _GREATEST_MASS = 4.0
@@ -227,8 +226,7 @@ class Response:
         self._vertices = np.concatenate([self._vertices, fresh])
         grown = np.zeros((len(self._vertices), len(self._vertices)))
         grown[:count, :count] = self._gains
-        for k in range(0, len(fresh), _FORCES_AT_ONCE):
-            some = fresh[k : k + _FORCES_AT_ONCE]
+        for some in (fresh[part] for part in portions(len(fresh), len(self._known))):
             units = np.zeros((len(self._known), len(some)))
             units[some, np.arange(len(some))] = 1.0
             found = self.moves_under(units)[self._vertices]

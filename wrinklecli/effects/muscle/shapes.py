@@ -14,6 +14,7 @@ import numpy as np
 from wrinklecli.effects.muscle.volume import FULLEST, ConstantVolume, flexed
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, interpolated, inverses, singular, smoothstep, unit
+from wrinklecli.numeric.portions import portions
 from wrinklecli.surface.refine import Refinement
 
 # Cosines between a vertex's normal and its direction from the bone, below which nothing and above which all moves, as
@@ -29,8 +30,6 @@ _MOST_ANGLE = np.radians(150.0)
 _OF_GAP = 0.45
 # Least cosine of a vertex's normal and the way to skin that it may run into, 45°, and greatest of both normals, 120°.
 _AHEAD, _OPPOSITE = 0.7, -0.5
-# Pairs of vertices that are compared at once, which bounds the memory.
-_MOST_PAIRS = 2**22
 # How deep the furrow to the neighbour is: round the limb, the bell is times 1 - this · the square of the angle. The
 # furrow is 8 % of the bulge then; without one, a bulge fades into the limb, and none is seen.
 _FURROW = 2.5
@@ -226,8 +225,7 @@ def _allowed(skin: Skin, vertices: Ints, normals: Floats, heights: Floats) -> Fl
     near = np.flatnonzero(((skin.positions > low) & (skin.positions < high)).all(axis=1))
     others, facing = skin.positions[near], skin.normals_at(near)
     gaps = np.full(len(vertices), np.inf)
-    chunk = max(_MOST_PAIRS // max(len(near), 1), 1)
-    for part in (slice(k, k + chunk) for k in range(0, len(vertices), chunk)):
+    for part in portions(len(vertices), len(near)):
         own, here = normals[part], places[part]
         ahead = own @ others.T - np.sum(own * here, axis=1)[:, None]
         squares = np.sum(here**2, axis=1)[:, None] - 2.0 * here @ others.T + np.sum(others**2, axis=1)

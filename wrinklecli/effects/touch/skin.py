@@ -13,6 +13,7 @@ from wrinklecli.effects.flesh.tissue import bone_distances
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, unit
 from wrinklecli.numeric.membrane import Membrane
+from wrinklecli.numeric.portions import portions
 from wrinklecli.surface.bones import BoneLines
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.refine import Refinement
@@ -27,8 +28,6 @@ FADED = 4.0
 _PAD = 0.8
 # Width of the blur of normals over the pad's radius.
 _SMOOTH = 0.5
-# Vertices whose normals are blurred at once, to bound memory.
-_AT_ONCE = 512
 # Bounds of the factor by which bones tether: skin far from bones has the reach that is asked for, and a bone at the
 # surface does not hold the skin for good.
 _BONES = (1.0, 16.0)
@@ -165,7 +164,7 @@ def _smooth_normals(positions: Floats, triangles: Ints, normals: Floats, moving:
     masses = _areas(positions, triangles)[chosen]
     own, places = normals[chosen], positions[chosen]
     found = normals.copy()
-    for part in (slice(k, k + _AT_ONCE) for k in range(0, len(chosen), _AT_ONCE)):
+    for part in portions(len(chosen), len(chosen)):
         squares = np.sum((places[part, None] - places) ** 2, axis=2)
         # Skin that faces away, as that of the next finger, does not count.
         weights = np.exp(-0.5 * squares / (_SMOOTH * place.pad) ** 2) * np.maximum(own[part] @ own.T, 0.0)

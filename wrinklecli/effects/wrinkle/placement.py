@@ -14,6 +14,7 @@ from wrinklecli.numeric.arrays import Bools, Floats, Ints, children, dot
 from wrinklecli.numeric.cells import Cells
 from wrinklecli.numeric.closest import balls, meets_box
 from wrinklecli.numeric.intersections import zero_lines
+from wrinklecli.numeric.portions import portions_of
 from wrinklecli.numeric.rays import ray_distances
 from wrinklecli.surface.refine import Refinement
 
@@ -29,9 +30,7 @@ _LOW = 0.05
 _TOUCHING = 1e-6
 # Error of distances over the mesh's size; rounding errors are far smaller.
 _ROUNDING = 1e-9
-# Pairs of a wrinkle's vertex and a triangle near by that are checked at once, which bounds the memory.
-_CHUNK = 2**15
-# Pairs that are checked in all, which takes some seconds.
+# Pairs of a wrinkle's vertex and a triangle near by that are checked in all, which takes some seconds.
 _MOST_PAIRS = 2**25
 
 
@@ -172,8 +171,7 @@ def _rooms(fine: Refinement, vertices: Ints, heights: Floats, way: float) -> tup
         cells = Cells.of(points)
         pairs, reached = cells.meeting(middles, radii + reach)
     rooms = np.full(len(vertices), np.inf)
-    portions = np.cumsum(cells.counts[reached]) // _CHUNK
-    for part in np.split(np.arange(len(pairs)), 1 + np.flatnonzero(np.diff(portions))):
+    for part in portions_of(4 * cells.counts[reached]):
         ball, at = np.repeat(pairs[part], cells.counts[reached[part]]), cells.numbers_in(reached[part])
         # A ray that misses the ball round a triangle does not meet the triangle.
         away = [axis[at] - middle[ball] for axis, middle in zip(points.T, middles.T, strict=True)]

@@ -19,14 +19,13 @@ from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, cross, inverses
 from wrinklecli.numeric.closest import closest_point
+from wrinklecli.numeric.portions import portions
 from wrinklecli.surface.path import Curve, curve_on
 from wrinklecli.surface.refine import Refinement
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-# Triangles times frames that are posed at once, so that they stay in a core's cache.
-_POSED_AT_ONCE = 2**16
 # Anchors of a posed patch coincide if their distance is below this, relative to that at rest.
 _LEAST_SPAN = 1e-9
 # Normals of two anchors face opposite ways if their mean, projected across the segment, is shorter than this.
@@ -109,8 +108,7 @@ def posed_displacements(
     acting = np.flatnonzero(amplitudes.any(axis=(1, 2)))
     if not len(acting):
         return moved
-    chunk = max(_POSED_AT_ONCE // len(ring.triangles), 1)
-    for part in (acting[k : k + chunk] for k in range(0, len(acting), chunk)):
+    for part in (acting[some] for some in portions(len(acting), 2 * len(ring.triangles))):
         moved[part] = _posed_at_once(patch, ring, fine, rig, clip, times[part], amplitudes[part])
     return moved
 

@@ -26,6 +26,7 @@ from wrinklecli.effects.wrinkle.places import Places
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, smoothstep
 from wrinklecli.numeric.drawn import drawn
+from wrinklecli.numeric.portions import portions
 
 # All amounts are those of a variation of 1. Bumps' widths differ by this fraction before they are scaled to fill the
 # segment.
@@ -84,8 +85,6 @@ _TOGETHER = 0.5
 # Fraction of a gap between them that they close.
 _CLOSED = 0.9
 
-# Points that are placed at once, to bound memory, which grows with the number of bumps too.
-_AT_ONCE = 2**14
 # Values of v at which bounds are measured.
 _LINES = np.linspace(-1.0, 1.0, 129)
 
@@ -182,8 +181,7 @@ class Variation:
         """
         flat_u, lines = u.reshape(-1), self.turned * v.reshape(-1)
         found = np.zeros((5, len(flat_u)))
-        for start in range(0, len(flat_u), _AT_ONCE):
-            part = slice(start, start + _AT_ONCE)
+        for part in portions(len(flat_u), 8):
             found[:, part] = self._places(flat_u[part], lines[part])
         us, factors, joined, joined_us, turned = found.reshape(5, *u.shape)
         return (Places(us, factors, joined, joined_us) if self.mergers else Places(us, factors)), turned

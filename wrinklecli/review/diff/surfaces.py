@@ -10,14 +10,13 @@ from wrinklecli.character.scene import ScenePrimitive
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints
 from wrinklecli.numeric.closest import ROUNDING, Tree, meets_box
+from wrinklecli.numeric.portions import portions
 from wrinklecli.review.diff.common_clips import CommonClip
 from wrinklecli.review.diff.difference import Difference
 
 # Called with the number of further times that are done, which may be a fraction.
 Advance = Callable[[float], None]
 
-# Vertices that are posed at once, over all times of a chunk. This bounds the memory: each takes about 100 bytes.
-_CHUNK = 2**16
 # Squared distance of two normals below which both are unit vectors: a zero vector is at 1 from any unit vector.
 _ZERO_CHORD = 0.99
 
@@ -71,9 +70,7 @@ def compare_vertices(
     used: Ints | slice = seen if len(seen) < len(one.vertices.positions) else slice(None)
     off = np.zeros(len(seen), bool)
     worst, normal = untouched(one, common, float(times[0])).worst, None
-    step = max(1, _CHUNK // len(one.vertices.positions))
-    for start in range(0, len(times), step):
-        now = times[start : start + step]
+    for now in (times[part] for part in portions(len(times), 12 * len(one.vertices.positions))):
         first, second = (primitive.posed(clip, now) for primitive, clip in zip((one, other), common.clips, strict=True))
         squared = _squared_distances(first.positions, second.positions)[:, used]
         beyond = squared > tolerance**2
@@ -196,10 +193,9 @@ def compare_surfaces(
     sides = ((a, b), (b, a))
     near: list[_Places] = []
     bounds = np.zeros(len(times))
-    step = max(1, _CHUNK // max(each.starts[-1] for each in (a, b)))
-    for first in range(0, len(times), step):
-        now = times[first : first + step]
-        for frame, posed in enumerate(zip(a.posed(now), b.posed(now), strict=True), first):
+    for part in portions(len(times), 12 * max(a.starts[-1], b.starts[-1])):
+        now = times[part]
+        for frame, posed in enumerate(zip(a.posed(now), b.posed(now), strict=True), part.start):
             for side, (one, other) in enumerate(sides):
                 points, positions = posed[side][one.used], posed[1 - side]
                 if len(near) == side:

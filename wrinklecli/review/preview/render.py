@@ -8,6 +8,7 @@ from wrinklecli.character.paints import Paint, Texture, look_up
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.pixels import Bytes, linear_rgb, srgb
 from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints
+from wrinklecli.numeric.portions import portions
 from wrinklecli.review.preview.camera import Camera, project
 from wrinklecli.review.preview.draw import Mark, ProjectedMark, blend, draw_mark, edge_cover, project_mark
 from wrinklecli.review.preview.light import REACH, light_up
@@ -18,8 +19,6 @@ from wrinklecli.review.preview.rays import Hits, TracedSurface, first_hits, trac
 
 # Primary rays along each axis of a pixel where one ray is not enough.
 _SAMPLES = 2
-# Pixels that are rendered at once: caches hold their arrays, and memory does not grow with the picture.
-_BAND = 2**16
 # Step in depth between neighbours from which they get more rays, over half the picture's height.
 _STEP = np.float32(0.03)
 # Cosine between the normals of neighbours below which they get more rays.
@@ -106,10 +105,8 @@ def render(
     width, height = size
     scene = _scene(snapshot, camera, size, style)
     shown = np.zeros((height, width, 3), np.uint8)
-    rows = max(_BAND // width, 1)
-    for top in range(0, height, rows):
-        bottom = min(top + rows, height)
-        shown[top:bottom] = _band(scene, size, style, top, bottom)
+    for band in portions(height, 2 * width):
+        shown[band] = _band(scene, size, style, band.start, min(band.stop, height))
     draw_overlay(shown, overlay, camera, scene.surface)
     return shown
 
