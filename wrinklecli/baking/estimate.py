@@ -63,19 +63,7 @@ def refuse_many_samples(job: Job, plan: MeshPlan, clips: Sequence[Clip]) -> int:
     fps = job.settings.sampling.fps
     refuse_many_frames(plan, clips, fps=fps)
     frames = sum(1 + int((clip.end - clip.start) * fps) for clip in clips)
-    _refuse_many_projections(plan, frames)
-    numbers = sum(each.sampled_numbers for each in plan.layers)
-    what = f"{frames:,} samples of {counted(len(plan.parts), 'tool')}"
-    job.document.memory.check(_SAMPLED * numbers * frames, what, where=_where(plan))
-    return frames
-
-
-def _refuse_many_projections(plan: MeshPlan, frames: int) -> None:
-    """Check that tools with `attachment: patch` are done in reasonable time.
-
-    Raises:
-        BakeError: There are too many frames.
-    """
+    # Check that tools with `attachment: patch` are done in reasonable time.
     vertices = sum(each.projected for each in plan.layers)
     if vertices * frames > _MOST_PROJECTED:
         raise BakeError(
@@ -84,6 +72,10 @@ def _refuse_many_projections(plan: MeshPlan, frames: int) -> None:
             " attachment: skin, fewer clips at once or a lower fps",
             where=_where(plan),
         )
+    numbers = sum(each.sampled_numbers for each in plan.layers)
+    what = f"{frames:,} samples of {counted(len(plan.parts), 'tool')}"
+    job.document.memory.check(_SAMPLED * numbers * frames, what, where=_where(plan))
+    return frames
 
 
 def refuse_many_frames(plan: MeshPlan, clips: Sequence[Clip], *, fps: float) -> None:

@@ -74,17 +74,14 @@ def seal(asset: Document, edited: EditedDocument, layout: Layout) -> tuple[Json,
     new = b"".join([*edited.new_data(), padding])
     start = sum(len(part) for part in layout.contents[layout.buffer])
     view: Json = {"buffer": layout.buffer, "byteOffset": start + len(new)}
-    gltf = _refer(layout.gltf, added[0], view)
+    # A shallow copy of the JSON with the buffer view of a record, and a node that refers to this.
+    node = added[0]
+    views, nodes = [*layout.gltf.get("bufferViews", []), view], list(layout.gltf["nodes"])
+    nodes[node] = _with_entry(nodes[node], _entry(nodes[node]) | {"original": len(views) - 1})
+    gltf = layout.gltf | {"nodes": nodes, "bufferViews": views}
     record = _pack(asset, replace(layout, gltf=gltf), new)
     view["byteLength"] = len(record)
     return gltf, padding + record
-
-
-def _refer(gltf: Json, node: int, view: Json) -> Json:
-    """A shallow copy of the JSON with the buffer view of a record, and a node that refers to this."""
-    views, nodes = [*gltf.get("bufferViews", []), view], list(gltf["nodes"])
-    nodes[node] = _with_entry(nodes[node], _entry(nodes[node]) | {"original": len(views) - 1})
-    return gltf | {"nodes": nodes, "bufferViews": views}
 
 
 def _pack(source: Document, layout: Layout, new: bytes) -> bytes:

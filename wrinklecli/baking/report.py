@@ -268,7 +268,16 @@ def _describe_clips(baked: Sequence[BakedMesh], *, details: bool) -> list[Json]:
             entry = clips.setdefault(motion.clip.name, _describe_clip(motion.clip, times))
             entry["keys"] = entry.get("keys", 0) + len(motion.keys)
             if motion.clip.name in mesh.residuals:
-                entry["residual"] = _describe_residual(mesh.residuals[motion.clip.name])
+                # The distance of the written file from the method in one clip, except in gaps that are too short for a
+                # key.
+                residual = mesh.residuals[motion.clip.name]
+                entry["residual"] = {
+                    "gap": 2.0 * KEY_GAP,
+                    "position": significant(residual.position, 4),
+                    "time": significant(residual.time),
+                    "weights": significant(residual.weights, 4),
+                    "normal_degrees_99": None if residual.normal is None else round(residual.normal, 3),
+                }
         for number, effect in enumerate(mesh.effects if details else ()):
             for motion in mesh.motions:
                 described = effect.words.describe_clip(motion.seen(number))
@@ -285,15 +294,4 @@ def _describe_clip(clip: Clip, times: Floats) -> Json:
         "end": significant(clip.end),
         "times": [significant(each) for each in times],
         "tools": [],
-    }
-
-
-def _describe_residual(residual: Residual) -> Json:
-    """The distance of the written file from the method in one clip, except in gaps that are too short for a key."""
-    return {
-        "gap": 2.0 * KEY_GAP,
-        "position": significant(residual.position, 4),
-        "time": significant(residual.time),
-        "weights": significant(residual.weights, 4),
-        "normal_degrees_99": None if residual.normal is None else round(residual.normal, 3),
     }

@@ -3,7 +3,7 @@
 import os
 import re
 from collections import Counter
-from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, count
 from pathlib import Path
@@ -72,7 +72,12 @@ def read_anims(document: Document, paths: Sequence[str | os.PathLike[str]]) -> A
             of_asset, left_out = _for_asset(document, anim, found)
             notes += left_out
             for clip in of_asset:
-                name = _free_name(clip.name, Path(anim.path).stem, taken, alone=len(found) == 1)
+                # A name that no clip has yet: its own, that of its file, or one with a number.
+                stem = Path(anim.path).stem
+                names = [clip.name, stem if len(found) == 1 else f"{stem} {clip.name}"]
+                name = next(
+                    each for each in chain(names, (f"{names[1]} {number}" for number in count(2))) if each not in taken
+                )
                 if name != clip.name:
                     notes.append(f"{anim.path}: its clip {clip.name!r} is {name!r} here, as that name is taken")
                 taken.add(name)
@@ -275,9 +280,3 @@ def _weights(
     made.points[:] = stored
     made.values[..., list(columns)] = channel.values[..., list(columns.values())]
     return made
-
-
-def _free_name(name: str, stem: str, taken: Container[str], *, alone: bool) -> str:
-    """A name that no clip has yet: its own, that of its file, or one with a number."""
-    names = [name, stem if alone else f"{stem} {name}"]
-    return next(each for each in chain(names, (f"{names[1]} {number}" for number in count(2))) if each not in taken)

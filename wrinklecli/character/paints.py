@@ -83,7 +83,10 @@ def read_paints(document: Document, primitives: Sequence[ScenePrimitive]) -> tup
                     textures[key] = read_texture(document, info)
                 texture = textures[key]
                 if cutoff > 0 and key not in masks:
-                    masks[key] = _read_mask(document, info)
+                    # Read the alpha of a texture, if it has any, as `read_texture` does.
+                    data, wraps = _image(document, info)
+                    alpha = read_alpha(data)
+                    masks[key] = None if alpha is None else Texture(alpha, wraps)
                 mask = masks.get(key)
         except (AssetError, ArithmeticError, ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
             # Without a texture a picture still shows the wrinkles.
@@ -126,13 +129,6 @@ def read_texture(document: Document, info: Json) -> Texture:
     """Read the texture of an entry; AssetError if its file may not be read, ValueError if it is malformed."""
     data, wraps = _image(document, info)
     return Texture(read_pixels(data), wraps)
-
-
-def _read_mask(document: Document, info: Json) -> Texture | None:
-    """Read the alpha of a texture, if it has any, as `read_texture` does."""
-    data, wraps = _image(document, info)
-    alpha = read_alpha(data)
-    return None if alpha is None else Texture(alpha, wraps)
 
 
 def _image(document: Document, info: Json) -> tuple[bytes | memoryview, tuple[str, str]]:

@@ -90,7 +90,14 @@ def read_scene_surface(document: Document, wholes: Mapping[int, int]) -> SceneSu
     triangles = [each.triangles + start for each, start in zip(meshes, starts.tolist(), strict=False)]
     carriers = [_joints(each.rig, wholes)[each.influences.heaviest] for each in meshes]
     positions = _posed(meshes, None, np.zeros(1))[0]
-    whole_of = _wholes([each.rig for each in meshes], wholes)
+    # (rigs,) the number of the rig of each one's whole, which has the same joints; its own number without one.
+    rigs = [each.rig for each in meshes]
+    numbers = {rig.node: number for number, rig in enumerate(rigs)}
+    whole_of = np.arange(len(rigs))
+    for number, rig in enumerate(rigs):
+        whole = numbers.get(wholes.get(rig.node, rig.node), number)
+        if np.array_equal(_joints(rig, wholes), _joints(rigs[whole], wholes)):
+            whole_of[number] = whole
     joined = _joined(meshes, starts, whole_of)
     return SceneSurface(
         meshes=meshes,
@@ -100,17 +107,6 @@ def read_scene_surface(document: Document, wholes: Mapping[int, int]) -> SceneSu
         carriers=np.concatenate([np.zeros(0, np.intp), *carriers]),
         crossings=Crossings.of(positions, joined[np.concatenate([np.zeros((0, 3), np.intp), *triangles])]),
     )
-
-
-def _wholes(rigs: Sequence[Rig], wholes: Mapping[int, int]) -> Ints:
-    """(rigs,) the number of the rig of each one's whole, which has the same joints; its own number without one."""
-    numbers = {rig.node: number for number, rig in enumerate(rigs)}
-    found = np.arange(len(rigs))
-    for number, rig in enumerate(rigs):
-        whole = numbers.get(wholes.get(rig.node, rig.node), number)
-        if np.array_equal(_joints(rig, wholes), _joints(rigs[whole], wholes)):
-            found[number] = whole
-    return found
 
 
 def _joints(rig: Rig, wholes: Mapping[int, int]) -> Ints:

@@ -286,7 +286,10 @@ def read_table(data: Json, targets: int, layout: int) -> Table | BellyTable | Le
     by: Literal["shortenings", "angles"] = "angles" if "angles" in data else "shortenings"
     rows = _sorted_rows(data[by])
     if "gains" in data:
-        return _read_belly(data, rows, targets)
+        if "joint" in data:
+            raise ValueError
+        gains = read_numbers(data["gains"], len(rows))
+        return BellyTable(rows, _read_weights(data, len(rows), targets), gains)
     found = Table(by, rows, _read_weights(data, len(rows), targets), grows=layout > 1)
     if "leaning" not in data:
         return found
@@ -297,13 +300,6 @@ def read_table(data: Json, targets: int, layout: int) -> Table | BellyTable | Le
         raise ValueError
     paths = tuple(_read_path(each, targets) for each in data.get("paths", ()))
     return LeaningTable(found, towards, np.array(tables).reshape(-1, len(rows), targets), null, paths)
-
-
-def _read_belly(data: Json, rows: Floats, targets: int) -> BellyTable:
-    if "joint" in data:
-        raise ValueError
-    gains = read_numbers(data["gains"], len(rows))
-    return BellyTable(rows, _read_weights(data, len(rows), targets), gains)
 
 
 def _read_path(data: Json, targets: int) -> Path:

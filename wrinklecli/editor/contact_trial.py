@@ -112,7 +112,9 @@ class RunningTrial:
         """End the trial, of which nothing is left."""
         self._cancelled = True
         with suppress(OSError):  # it has ended, or has no group yet
-            _end_group(self._process.pid)
+            # Kill a process and those that it has started.
+            if self._process.pid is not None and hasattr(os, "killpg"):
+                os.killpg(self._process.pid, signal.SIGKILL)
         self._process.kill()
         self._thread.join()
 
@@ -149,16 +151,6 @@ class RunningTrial:
         # The clip is the one that was added last if it is the pose.
         shown = [*found.clips.values()][-1] if trial.clip == POSE else found.clips[trial.clip]
         return replace(found, clips={trial.clip: shown})
-
-
-def _end_group(leader: int | None) -> None:
-    """Kill a process and those that it has started.
-
-    Raises:
-        OSError: It leads no group.
-    """
-    if leader is not None and hasattr(os, "killpg"):
-        os.killpg(leader, signal.SIGKILL)
 
 
 def _solve(trial: ContactTrial, out: str, sender: Connection) -> None:

@@ -253,7 +253,10 @@ class Outputs:
         except BaseException as error:
             if os.path.exists(str(outputs[-1].staged)):  # otherwise all are renamed
                 for output, old in reversed(begun):
-                    _take_back(output, old)
+                    # Undo a renaming that was done.
+                    with suppress(OSError):
+                        if not os.path.exists(str(output.staged)):
+                            os.replace(old, output.target) if os.path.exists(old) else os.unlink(output.target)
             if isinstance(error, OSError):
                 raise _unwritable(begun[-1][0].path, error) from error
             raise
@@ -369,10 +372,3 @@ def _keep_copy(path: str, copy: str) -> None:
         import shutil
 
         shutil.copy2(path, copy)
-
-
-def _take_back(output: _Output, old: str) -> None:
-    """Undo a renaming that was done."""
-    with suppress(OSError):
-        if not os.path.exists(str(output.staged)):
-            os.replace(old, output.target) if os.path.exists(old) else os.unlink(output.target)

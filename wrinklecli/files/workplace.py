@@ -61,7 +61,13 @@ class Workplace:
 
     def make(self) -> None:
         """Create the folder; OSError if that fails."""
-        _remove_leftovers(self._folder)
+        # Remove the folders of this user's killed runs.
+        with suppress(OSError):
+            for name in os.listdir(self._folder):
+                found = _NAME.fullmatch(name)
+                if found:
+                    with suppress(OSError):
+                        _remove_if_left(os.path.join(self._folder, name), same_machine=found[1] == _machine())
         while True:
             self._path = os.path.join(self._folder, f".wrinkle-{_machine()}-{os.urandom(8).hex()}")
             os.mkdir(self._path, 0o700)
@@ -92,16 +98,6 @@ class Workplace:
         if self._lock is not None:
             lock, self._lock = self._lock, None
             os.close(lock)
-
-
-def _remove_leftovers(folder: str) -> None:
-    """Remove the folders of this user's killed runs."""
-    with suppress(OSError):
-        for name in os.listdir(folder):
-            found = _NAME.fullmatch(name)
-            if found:
-                with suppress(OSError):
-                    _remove_if_left(os.path.join(folder, name), same_machine=found[1] == _machine())
 
 
 def _remove_if_left(path: str, *, same_machine: bool) -> None:

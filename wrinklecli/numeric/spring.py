@@ -167,7 +167,10 @@ def positive(signal: Quartics) -> Quartics:
     spread = np.abs(powers[:, 1:]).sum(axis=1)
     begins, spans, parts, done = [], [], [], 0
     for piece in np.flatnonzero((np.abs(powers[:, 0]) <= spread) & (spread > 0)).tolist():
-        cuts = _sign_changes(powers[piece])
+        # (cuts,) sorted fractions of a piece: 0, the zeros of a (5,) polynomial between the ends, and 1.
+        zeros = np.polynomial.polynomial.polyroots(np.trim_zeros(powers[piece], "b"))
+        real = np.sort(zeros.real[np.abs(zeros.imag) < _REAL])
+        cuts = distinct_values(np.concatenate([[0.0], real[(real > 0) & (real < 1)], [1.0]]))
         low, wide = cuts[:-1], np.diff(cuts)
         fractions = low[:, None] + NODES * wide[:, None]
         values = np.polynomial.polynomial.polyval(fractions, powers[piece])
@@ -182,13 +185,6 @@ def positive(signal: Quartics) -> Quartics:
     parts.append(_where_positive(powers[done:]))
     together = np.concatenate([*begins, signal.begins[done:]]), np.concatenate([*spans, signal.spans[done:]])
     return Quartics(*together, np.concatenate(parts)[..., None])
-
-
-def _sign_changes(powers: Floats) -> Floats:
-    """(cuts,) sorted fractions of a piece: 0, the zeros of a (5,) polynomial between the ends, and 1."""
-    zeros = np.polynomial.polynomial.polyroots(np.trim_zeros(powers, "b"))
-    real = np.sort(zeros.real[np.abs(zeros.imag) < _REAL])
-    return distinct_values(np.concatenate([[0.0], real[(real > 0) & (real < 1)], [1.0]]))
 
 
 def _where_positive(powers: Floats) -> Floats:

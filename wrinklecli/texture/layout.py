@@ -89,7 +89,9 @@ def layouts_of(document: Document, plan: MeshPlan) -> list[Layout]:
     for refined in primitives_of(plan.fine):
         primitive = primitives[refined.index]
         attributes = primitive.get("attributes", {})
-        material = _material_of(document, primitive)
+        # The number of a primitive's material; None without one, or if there is none of that number.
+        number = primitive.get("material")
+        material = number if isinstance(number, int) and 0 <= number < len(document.items("materials")) else None
         texcoord, transform = _texture_of(document, material)
         key = f"TEXCOORD_{texcoord}"
         if key not in attributes or not len(refined.triangles):
@@ -139,12 +141,6 @@ def _joined(parts: Sequence[Layout]) -> Layout:
         tangents=np.concatenate([each.tangents for each in parts]),
         hands=np.concatenate([each.hands for each in parts]),
     )
-
-
-def _material_of(document: Document, primitive: Json) -> int | None:
-    """The number of a primitive's material; None without one, or if there is none of that number."""
-    number = primitive.get("material")
-    return number if isinstance(number, int) and 0 <= number < len(document.items("materials")) else None
 
 
 def _texture_of(document: Document, material: int | None) -> tuple[int, _Transform]:

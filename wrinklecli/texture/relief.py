@@ -155,7 +155,10 @@ class Relief:
         at = np.minimum(np.searchsorted(self.vertices, corners), len(self.vertices) - 1)
         known = self.vertices[at] == corners
         base, authored = self.fine.normals_at(corners), unit(textured.normals[used].reshape(-1, 3))
-        frames = _inverse_frames(textured, faces, shares)
+        # (texels, 3, 3) matrices from bind space to tangent, bitangent and normal, interpolated as MikkTSpace asks.
+        normals, tangents = (_mixed(each[faces], shares) for each in (textured.normals, textured.tangents))
+        bitangents = textured.hands[faces][:, None] * np.cross(normals, tangents)
+        frames = inverses(np.stack([unit(tangents), unit(bitangents), unit(normals)], axis=2))
         along = np.einsum("tij,tj->ti", frames, _mixed(authored.reshape(-1, 3, 3)[rows], shares))[:, 2:]
         heights, slopes = np.zeros((len(self.heights), len(faces))), np.zeros((len(self.heights), len(faces), 2))
         for shape, (raised, turns) in enumerate(zip(self.heights, self.turns, strict=True)):
@@ -171,10 +174,3 @@ def _mixed(corners: Floats, shares: Floats) -> Floats:
     """(texels, …) of (texels, 3, …) corner values by (texels, 3) shares."""
     mixed: Floats = np.einsum("tk...,tk->t...", corners, shares)
     return mixed
-
-
-def _inverse_frames(textured: Textured, faces: Ints, shares: Floats) -> Floats:
-    """(texels, 3, 3) matrices from bind space to tangent, bitangent and normal, interpolated as MikkTSpace asks."""
-    normals, tangents = (_mixed(each[faces], shares) for each in (textured.normals, textured.tangents))
-    bitangents = textured.hands[faces][:, None] * np.cross(normals, tangents)
-    return inverses(np.stack([unit(tangents), unit(bitangents), unit(normals)], axis=2))

@@ -76,7 +76,13 @@ class Viewport:
         server = page.server
         server.scene.set_up_direction("+y")
         server.scene.set_background_image(_background())
-        _add_lights(server.scene)
+        # Add lights without shadows: shadows of hundreds of small folds are slow, and hide the folds.
+        server.scene.configure_default_lights(enabled=False)
+        server.scene.configure_environment_map(None)
+        server.scene.add_light_hemisphere("/lights/sky", sky_color=_SKY, ground_color=_GROUND, intensity=_AMBIENT)
+        for number, (direction, strength) in enumerate(_LIGHTS.items()):
+            position = tuple(_LIGHT_DISTANCE * np.array(direction, float))
+            server.scene.add_light_point(f"/lights/{number}", intensity=strength, decay=0.0, position=position)
         self._scene = DrawnScene(server, "asset", drag)
         self._beside_scene = DrawnScene(server, "beside", lambda *_: None)
         self._bodies: tuple[Body, ...] = ()
@@ -395,13 +401,3 @@ def _background() -> Any:
     above, below = (np.array(colour, float) for colour in _BACKGROUND)
     depths = np.linspace(0.0, 1.0, _BACKGROUND_ROWS)[:, None, None]
     return np.round((1 - depths) * above + depths * below).astype(np.uint8).repeat(2, axis=1)
-
-
-def _add_lights(scene: viser.SceneApi) -> None:
-    """Add lights without shadows: shadows of hundreds of small folds are slow, and hide the folds."""
-    scene.configure_default_lights(enabled=False)
-    scene.configure_environment_map(None)
-    scene.add_light_hemisphere("/lights/sky", sky_color=_SKY, ground_color=_GROUND, intensity=_AMBIENT)
-    for number, (direction, strength) in enumerate(_LIGHTS.items()):
-        position = tuple(_LIGHT_DISTANCE * np.array(direction, float))
-        scene.add_light_point(f"/lights/{number}", intensity=strength, decay=0.0, position=position)

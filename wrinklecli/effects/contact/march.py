@@ -93,7 +93,9 @@ def _newton(tissue: Tissue, positions: Floats, posed: SkinnedPose, near: Any) ->
             settled = True
             break
         touching = _touching(tissue, near, positions)
-        part = _part(touching, direction)
+        # The part of a step, along (vertices, 3) directions, that moves no vertex too far; some are touching.
+        lengths = np.abs(direction).max(axis=1) / np.where(touching, _FARTHEST_TOUCHING, _FARTHEST)
+        part = 1.0 / max(float(lengths.max()), 1.0)
         step = tissue.step(positions, positions + part * direction)
         fraction = part * step.free_fraction()
         for _halving in range(_HALVINGS):
@@ -124,12 +126,6 @@ def _newton(tissue: Tissue, positions: Floats, posed: SkinnedPose, near: Any) ->
 def _touching(tissue: Tissue, near: Any, positions: Floats) -> Bools:
     """(vertices,) True for vertices that the barrier pushes at (vertices, 3) positions."""
     return np.asarray(tissue.gradient(near, positions).any(axis=1))
-
-
-def _part(touching: Bools, direction: Floats) -> float:
-    """The part of a step, along (vertices, 3) directions, that moves no vertex too far; some are touching."""
-    lengths = np.abs(direction).max(axis=1) / np.where(touching, _FARTHEST_TOUCHING, _FARTHEST)
-    return 1.0 / max(float(lengths.max()), 1.0)
 
 
 def _energy(tissue: Tissue, positions: Floats, posed: SkinnedPose, volumes: Floats, near: Any) -> float:

@@ -185,7 +185,11 @@ class Response:
 
         Forces change linearly, as they do near the vertices' current positions.
         """
-        numbers = self._gain_indices(contacts.vertices)
+        # (vertices,) rows of the vertices in `_gains`; adds the rows that are missing.
+        fresh = contacts.vertices[self._known[contacts.vertices] < 0]
+        if len(fresh):
+            self._add(fresh)
+        numbers: Ints = self._known[contacts.vertices]
         gains = self._gains[numbers[:, None], numbers]
         # Along the held directions, let H be the Hessian of the contacts, G the gains and W the movements under
         # pressure. The unknowns are the forces f of contacts and s of pressure:
@@ -210,14 +214,6 @@ class Response:
         forces = -np.tensordot(pressures, volume.gradients, axes=1)
         forces[contacts.vertices] += contacts.forces + (along @ (alone + under @ pressures)).reshape(-1, 3)
         return self.moves_under(forces)
-
-    def _gain_indices(self, vertices: Ints) -> Ints:
-        """(vertices,) rows of the vertices in `_gains`; adds the rows that are missing."""
-        fresh = vertices[self._known[vertices] < 0]
-        if len(fresh):
-            self._add(fresh)
-        found: Ints = self._known[vertices]
-        return found
 
     def _add(self, fresh: Ints) -> None:
         """Add vertices to those that ever touched."""

@@ -77,7 +77,12 @@ class Rise:
 def rise_of(patch: Patch, rig: Rig) -> Rise | None:
     """The motion that makes a tool tallest if no joint bends it; None if nothing shortens the tool."""
     if patch.keyed_clips:
-        patch = _growing(patch)
+        # Add a clip in which the tool's rest length grows from that at rest to the greatest of its keys.
+        keys = patch.segment.rest_length.keys
+        longest = max(patch.rest_length, *(float(each[:, 1].max()) for each in keys.values()))
+        lengths = patch.rest_length + _TIMES**2 * (longest - patch.rest_length)
+        rest_length = replace(patch.segment.rest_length, keys={**keys, _GROWING: np.stack([_TIMES, lengths], axis=1)})
+        patch = replace(patch, segment=replace(patch.segment, rest_length=rest_length))
     found, tallest = None, 0.0
     for channels in ((), *(each.channels for each in own_motions(patch, rig))):
         evenly = [replace(each, times=_TIMES, values=sample(each, _TIMES**2)) for each in channels]
@@ -88,12 +93,3 @@ def rise_of(patch: Patch, rig: Rig) -> Rise | None:
         if height > tallest:
             found, tallest = motion, height
     return None if found is None else Rise(patch, found, rig)
-
-
-def _growing(patch: Patch) -> Patch:
-    """Add a clip in which the tool's rest length grows from that at rest to the greatest of its keys."""
-    keys = patch.segment.rest_length.keys
-    longest = max(patch.rest_length, *(float(each[:, 1].max()) for each in keys.values()))
-    lengths = patch.rest_length + _TIMES**2 * (longest - patch.rest_length)
-    rest_length = replace(patch.segment.rest_length, keys={**keys, _GROWING: np.stack([_TIMES, lengths], axis=1)})
-    return replace(patch, segment=replace(patch.segment, rest_length=rest_length))

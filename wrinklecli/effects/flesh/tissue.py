@@ -138,18 +138,13 @@ def solve(body: Body, place: Place, count: int) -> Swings:
     return Swings(low, size, _continued(modes, known, counts), modes.loads, modes.speeds / modes.speeds[0], tissue)
 
 
-def _box(body: Body, place: Place) -> tuple[Floats, Floats]:
-    """The box that holds the region."""
+def _grid(body: Body, place: Place) -> tuple[Floats, float, Ints]:
+    """The first node of a grid over the region, the length of a cube's edge, and (3,) counts of nodes."""
+    # The box that holds the region.
     low = np.maximum(place.at - place.radius, body.positions.min(axis=0))
     high = np.minimum(place.at + place.radius, body.positions.max(axis=0))
     if not (high > low).all():
         raise NoFleshError
-    return low, high
-
-
-def _grid(body: Body, place: Place) -> tuple[Floats, float, Ints]:
-    """The first node of a grid over the region, the length of a cube's edge, and (3,) counts of nodes."""
-    low, high = _box(body, place)
     step = float((high - low).max()) / _PROBED
     counts = np.maximum((high - low) / step, 1.0).astype(np.intp)
     points = low + step * (_places(counts) + 0.5)
