@@ -5,6 +5,9 @@ The types are for mypy. The schemas and the command line take the words from the
 
 from typing import Literal, TypeAlias, get_args
 
+FPS = 30.0
+"""Frames per second where nobody asks for others."""
+
 # A tools file.
 Up: TypeAlias = Literal["y", "z"]
 RestPose: TypeAlias = Literal["stored", "bind"]

@@ -53,7 +53,7 @@ from wrinklecli.character.surface import dense_influences, read_vertices
 from wrinklecli.character.weight_track import widen
 from wrinklecli.choices import STORAGES, Engine, Storage
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, SamplingOptions, target_weights, targets_of
-from wrinklecli.effects.sampling import motion_at, play, read
+from wrinklecli.effects.sampling import REDUCTION_SHARE, motion_at, play, read
 from wrinklecli.errors import RefusedError, listed
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
@@ -61,8 +61,6 @@ from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools, Floats, float32_values, significant
 from wrinklecli.surface.prune import Poses
 
-# Part of the error bound for fewer shapes, as for `attachment: patch`.
-_REDUCTION_SHARE = 0.25
 # Bytes of a texel of four floats, of which three.js keeps one for each vertex, target and attribute.
 _TEXEL_BYTES = 16
 # The attributes that engines morph.
@@ -245,7 +243,7 @@ def _reduce(
     plan: MeshPlan, effects: Sequence[Effect], motions: Sequence[Motion], budget: Budget, how: SamplingOptions
 ) -> tuple[list[Effect], list[Motion]]:
     """Give each effect the fewest targets, or the fewest at a time; if these are too many, its main ones alone."""
-    tolerance, at_once = _REDUCTION_SHARE * plan.max_error, budget.active is not None
+    tolerance, at_once = REDUCTION_SHARE * plan.max_error, budget.active is not None
     reduced = [
         each.remixes.with_fewest_targets(each, plan, tolerance, at_once=at_once) if each.remixes else each
         for each in effects

@@ -22,6 +22,7 @@ from wrinklecli.character.anims import NamedNodes, matched_without_prefixes
 from wrinklecli.character.clip import Clip, read_clips
 from wrinklecli.character.rig import TRANSFORM_DEFAULTS
 from wrinklecli.character.weight_track import Track, pad, widen
+from wrinklecli.choices import FPS
 from wrinklecli.drive.drive import StoredDrive
 from wrinklecli.drive.table import TABLE_ERROR
 from wrinklecli.errors import AssetError, BakeError, counted, listed, refuse_warnings
@@ -51,7 +52,7 @@ class TrackOptions:
         strict: Refuse to write if there are warnings.
     """
 
-    fps: float = 30.0
+    fps: float = FPS
     max_error: float = 0.01
     allow_external: bool = False
     max_memory: int = MAX_MEMORY

@@ -13,6 +13,7 @@ from wrinklecli.batch.cache import Solutions
 from wrinklecli.batch.job_files import path_in, protect
 from wrinklecli.batch.jobs import BatchJob, Outcome
 from wrinklecli.batch.staging import Staged
+from wrinklecli.choices import FPS
 from wrinklecli.effects.kept import solutions_in
 from wrinklecli.errors import BakeError
 from wrinklecli.files.outputs import Outputs
@@ -24,7 +25,6 @@ from wrinklecli.tools.records import parse_length
 
 # The manifest's keys that `BakeOptions` calls otherwise.
 _NAMES = {"anim": "anims", "clip": "clips", "tool": "only"}
-_TRACK_FPS = 30.0  # frames per second of tracked clips if the job names none, as for `wrinkle track`
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +81,7 @@ def build(
                     job.out,
                     job.anims,
                     job.tracked,
-                    fps=options.fps or _TRACK_FPS,
+                    fps=options.fps or FPS,
                     allow_external=options.allow_external,
                     max_memory=options.max_memory,
                     strict=options.strict,

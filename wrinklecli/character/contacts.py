@@ -16,10 +16,8 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, diagonal, distinct_values, flags_of
 from wrinklecli.numeric.cells import leaders
+from wrinklecli.numeric.closest import ROUNDING
 from wrinklecli.numeric.edges import Edges
-
-# Slack of boxes, relative to their coordinates: rounding errors are far smaller.
-_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +106,7 @@ class Neighbours:
             self._drawn[node] = np.array(large, np.intp)
         drawn = self._drawn[node]
         boxes = np.array([self._boxes[each] for each in drawn.tolist()]).reshape(-1, 2, 3)
-        slack = _ROUNDING * np.abs(boxes).max(axis=(1, 2), initial=0.0)[:, None]
+        slack = ROUNDING * np.abs(boxes).max(axis=(1, 2), initial=0.0)[:, None]
         meets = ((boxes[:, 0] - slack <= high) & (boxes[:, 1] + slack >= low)).all(axis=1)
         found: list[int] = drawn[meets].tolist()
         return found

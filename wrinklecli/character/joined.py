@@ -9,7 +9,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Floats, affine_rows, determinants
+from wrinklecli.numeric.arrays import TINY, Floats, affine_rows, determinants
 
 # Greatest difference, relative to a matrix's largest number, between it and the product of its decomposition.
 _SHEARED = 1e-6
@@ -93,5 +93,5 @@ def _quaternion(matrix: Floats) -> Floats:
         [c + g, f + h, squares[2], d - b],
         [h - f, c - g, d - b, squares[3]],
     ]
-    rotation: Floats = np.array(mixed[largest]) / (2.0 * np.sqrt(max(float(squares[largest]), 1e-30)))
+    rotation: Floats = np.array(mixed[largest]) / (2.0 * np.sqrt(max(float(squares[largest]), TINY)))
     return rotation

@@ -16,7 +16,7 @@ from wrinklecli.numeric.arrays import Array, Floats, Ints
 Colour = tuple[float, float, float]
 
 # Continuations of a texture, by the numbers of a sampler (glTF 2.0 §5.26); other numbers mean "repeat".
-_WRAPS = {33071: "clamp", 33648: "mirror"}
+WRAPS = {33071: "clamp", 33648: "mirror", 10497: "repeat"}
 # Linear values of the 256 sRGB ones.
 _DECODED = linear_rgb(np.arange(256) / 255.0).astype(np.float32)
 
@@ -144,7 +144,7 @@ def _image(document: Document, info: Json) -> tuple[bytes | memoryview, tuple[st
     else:
         data = document.view(image.get("bufferView"), user=where)
     sampler = document.item("samplers", texture["sampler"], user=where) if "sampler" in texture else {}
-    across, down = (_WRAPS.get(sampler.get(key, 0), "repeat") for key in ("wrapS", "wrapT"))
+    across, down = (WRAPS.get(sampler.get(key, 0), "repeat") for key in ("wrapS", "wrapT"))
     return data, (across, down)
 
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from wrinklecli.choices import FPS
 from wrinklecli.cli import options as opt
 from wrinklecli.cli.output import Progress, emit, emit_json
 
@@ -29,7 +30,7 @@ _LINES = 10  # of one kind of difference; --verbose shows all
 )
 @opt.flag("--posed", text="Compare only what a viewer sees move: posed positions over time.")
 @opt.clip("Compare only this clip; may be repeated.")
-@opt.fps("Frames per second of the times to compare at, besides all keys.", default=30.0)
+@opt.fps("Frames per second of the times to compare at, besides all keys.", default=FPS)
 @opt.allow_external("Read buffers and images outside the assets' folders too.")
 @opt.max_memory
 @opt.json("Print the comparison as JSON.")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from wrinklecli.choices import SUBSTANCES
+from wrinklecli.choices import FPS, SUBSTANCES
 from wrinklecli.cli import options as opt
 from wrinklecli.cli.output import Progress, emit_json, say, say_findings, write_text
 from wrinklecli.cli.streams import command_outputs
@@ -76,7 +76,7 @@ def _materials(values: tuple[str, ...]) -> dict[str, str]:
 @opt.flag("--muscles", text="Guess only muscles, low ones, by the names of bones.")
 @opt.flag("--flesh", text="Guess only regions of firm flesh, by the names of bones.")
 @opt.flag("--touch", text="Suggest only touches, where clips bring fingertips to skin.")
-@opt.fps("Poses per second, at most 200 of a clip.", default=30.0)
+@opt.fps("Poses per second, at most 200 of a clip.", default=FPS)
 @opt.range_of_motion("Look at these motions too.")
 @opt.allow_external("Read buffers outside the asset's folder too.")
 @opt.max_memory

@@ -4,6 +4,7 @@ from typing import Any
 
 import click
 
+from wrinklecli.choices import FPS
 from wrinklecli.cli import options as opt
 from wrinklecli.cli.output import say, warn
 from wrinklecli.cli.streams import command_outputs
@@ -31,7 +32,7 @@ def _share(value: str) -> float:
 @click.argument("baked", type=opt.FILE)
 @click.argument("anims", type=opt.FILE, metavar="ANIM...", nargs=-1, required=True)
 @opt.file("-o", "--output", "folder", metavar="DIR", required=True, text="Where to write, under the same names.")
-@opt.fps("Frames per second of the grid of sample times.", default=30.0)
+@opt.fps("Frames per second of the grid of sample times.", default=FPS)
 @opt.valued(
     "--max-error",
     metavar="PERCENT",

@@ -12,6 +12,12 @@ Json: TypeAlias = dict[str, Any]
 DIGITS = 8
 """Significant decimal digits: those of float32."""
 
+MOST = 1e4
+"""Greatest frequency in hertz, damping ratio and gain of a spring that extras may ask for: more than a bake writes."""
+
+MOST_KEPT = 64
+"""Clips whose motion a drive keeps: the same one is asked for at many times."""
+
 
 def read_numbers(values: object, *shape: int) -> Floats:
     """Finite numbers in extras as an array of a shape.

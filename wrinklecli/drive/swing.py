@@ -32,9 +32,9 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import LEAST_SCALE, node_rows
 from wrinklecli.character.rig import Rig
-from wrinklecli.drive.stored import Json, read_number, read_numbers, stored
+from wrinklecli.drive.stored import MOST, MOST_KEPT, Json, read_number, read_numbers, stored
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, determinants, distinct_values
+from wrinklecli.numeric.arrays import TINY, Floats, determinants, distinct_values
 from wrinklecli.numeric.limited import STEPS, LimitedSwing, settled, swing
 from wrinklecli.numeric.monotone import divided, slopes
 from wrinklecli.numeric.piecewise import Signal
@@ -53,10 +53,6 @@ At 3 Hz and 12 keys per second it is 2 % off a fine integration, at 6 keys per s
 _LEAST_PIECES = 4
 # Samples per second of channels that are smooth between their keys (CUBICSPLINE).
 _SAMPLES = 60.0
-# Clips whose springs a drive keeps: the same motion is asked for at many times.
-_MOST_KEPT = 64
-# Greatest frequency in hertz, damping ratio and gain of a spring that extras may ask for: more than a bake writes.
-_MOST = 1e4
 
 
 class Carried(NamedTuple):
@@ -125,12 +121,12 @@ class SwingDrive:
         places = matrices[:, :, :3] @ self.at + matrices[:, :, 3]
         lengths = np.sqrt((matrices[:, :, :3] ** 2).sum(axis=1, keepdims=True))
         scales = np.cbrt(np.abs(determinants(matrices[:, :, :3]))) / self.scale
-        return Carried(places, matrices[:, :, :3] / np.maximum(lengths, 1e-30), scales)
+        return Carried(places, matrices[:, :, :3] / np.maximum(lengths, TINY), scales)
 
     def swing(self, rig: Rig, clip: Clip) -> LimitedSwing:
         """Let the springs follow a clip, once. A clip that ends as it begins, in pose and speed, counts as a loop."""
         if clip.motion not in self._swings:
-            if len(self._swings) >= _MOST_KEPT:
+            if len(self._swings) >= MOST_KEPT:
                 self._swings.clear()
             self._swings[clip.motion] = self._followed(rig, clip)
         return self._swings[clip.motion]
@@ -230,7 +226,7 @@ def read_swing(data: Json, nodes: Mapping[str, int]) -> SwingDrive:
     modes = []
     for each in data["modes"]:
         frequency, damping, gain = (read_number(each[key]) for key in ("frequency", "damping", "gain"))
-        if not (0 < frequency < _MOST and 0 < damping < _MOST):
+        if not (0 < frequency < MOST and 0 < damping < MOST):
             raise ValueError
         load = read_numbers(each["load"], 3)
         modes.append(Mode(Spring(2.0 * np.pi * frequency, damping), load, gain))

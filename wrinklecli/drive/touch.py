@@ -39,14 +39,12 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import LEAST_SCALE
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.point import point_json, read_point
-from wrinklecli.drive.stored import Json, read_number, read_numbers, stored
+from wrinklecli.drive.stored import MOST, MOST_KEPT, Json, read_number, read_numbers, stored
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, determinants
+from wrinklecli.numeric.arrays import TINY, Bools, Floats, determinants
 from wrinklecli.numeric.piecewise import Signal
 from wrinklecli.numeric.spring import Spring
 
-# Greatest frequency in hertz and damping ratio of a spring that extras may ask for: more than a bake writes.
-_MOST = 1e4
 # Samples per second of the tip's way, at least; most of a clip; and halvings between two in which a contact begins.
 _SAMPLES, _MOST_SAMPLES, _HALVINGS = 240.0, 100_000, 12
 # Part of the pad by which a tip that ends where it began may be elsewhere, and of the time between two samples.
@@ -54,8 +52,6 @@ _SAME = 1e-3
 # Part of the grip by which the skin may jump where a clip loops: rings start like a square root, and jump by 0.3 % of
 # their height. And rounds of a loop at most until it comes round: a tip that rubs the skin slips in the first one.
 _LEAST_LEFT, _ROUNDS = 1e-5, 4
-# Clips whose contacts a drive keeps: the same motion is asked for at many times.
-_MOST_KEPT = 64
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -155,7 +151,7 @@ class TouchDrive:
         if self.tip is None:
             return ()
         if clip.motion not in self._strokes:
-            if len(self._strokes) >= _MOST_KEPT:
+            if len(self._strokes) >= MOST_KEPT:
                 self._strokes.clear()
             self._strokes[clip.motion] = self._touched(rig, clip)
         return self._strokes[clip.motion]
@@ -237,7 +233,7 @@ class TouchDrive:
     def _row(self, time: float, last: Floats, way: Floats, *, depth: float = 0.0) -> Floats:
         """(4,) the key at a second, after the tip has gone a (3,) way since the last (4,) key."""
         slide = last[1:3] + way[:2]
-        slide = slide * min(1.0, self.grip / max(float(np.hypot(*slide)), 1e-30))
+        slide = slide * min(1.0, self.grip / max(float(np.hypot(*slide)), TINY))
         return np.array([time, *slide, depth])
 
     def contacts_in(self, rig: Rig, clip: Clip | None) -> Callable[[Floats], Floats]:
@@ -340,7 +336,7 @@ def read_touch(data: Json, nodes: Mapping[str, int], morph_names: Sequence[str])
     keys = {clip: read_numbers(each, -1, 4) for clip, each in data.get("keys", {}).items()}
     ends = {clip: read_numbers(each, -1) for clip, each in data.get("ends", {}).items()}
     targets = tuple(str(name) for name in data["targets"])
-    positive = min(pad, grip, deepest) > 0 and 0 < frequency < _MOST and 0 < damping < _MOST
+    positive = min(pad, grip, deepest) > 0 and 0 < frequency < MOST and 0 < damping < MOST
     rising = all(len(each) and (np.diff(each[:, 0]) > 0).all() for each in keys.values())
     limb = tuple(read_point(each, nodes, morph_names) for each in data.get("limb", ()))
     count = TouchDrive.slides + len(windows) + (TouchDrive.bent if limb else 0)

@@ -21,7 +21,7 @@ from wrinklecli.effects.plan import mesh_warnings, skin_parts
 from wrinklecli.effects.sampling import moving_clips, play_below_skin
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, children, distinct_values
+from wrinklecli.numeric.arrays import TINY, Bools, Floats, Ints, any_of, children, distinct_values
 from wrinklecli.numeric.guard import no_progress
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.surface.ground import Ground
@@ -281,7 +281,7 @@ class AttachedBelow:
     def excess(self) -> Floats:
         """(vertices,) of the coarse mesh, how far they move over what the outline does, over the largest move."""
         moved = np.sqrt((self.deltas**2).sum(axis=2)).max(axis=0)
-        return np.asarray(moved / max(float(moved.max(initial=0.0)), 1e-30) - _OUTLINED)
+        return np.asarray(moved / max(float(moved.max(initial=0.0)), TINY) - _OUTLINED)
 
     @property
     def deltas(self) -> Floats:

@@ -13,13 +13,13 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip, clip_grid
 from wrinklecli.character.pose import joint_matrices, morph_weights
+from wrinklecli.choices import FPS
 from wrinklecli.effects.effect import Part, Seen
 from wrinklecli.effects.sampling import reader, seen_at
 from wrinklecli.numeric.arrays import Floats, distinct_values
 from wrinklecli.numeric.piecewise import Signal
 from wrinklecli.surface.ground import Ground
 
-_FPS = 30.0  # frames per second of a clip that plays
 _MAX_FRAMES = 10_000  # frames of one clip; a longer clip plays at fewer frames per second
 _MAX_POSE_BYTES = 2**28  # bytes of one mesh's joint matrices over a clip; larger ones are computed frame by frame
 _MATRIX_BYTES = 128  # bytes of a 4x4 matrix
@@ -60,7 +60,7 @@ class RecentResults:
 def frame_times(clip: Clip) -> Floats:
     """(frames,) seconds at which a clip plays, with its end; a very long clip has fewer than 30 a second."""
     seconds = clip.end - clip.start
-    return clip_grid(clip, None, fps=min(_FPS, _MAX_FRAMES / seconds) if seconds > 0 else _FPS)
+    return clip_grid(clip, None, fps=min(FPS, _MAX_FRAMES / seconds) if seconds > 0 else FPS)
 
 
 class ClipCache:

@@ -8,7 +8,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.touch import TouchDrive
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.arrays import TINY, Floats
 
 # Part of a slide that nobody sees.
 _LEAST = 0.01
@@ -77,5 +77,5 @@ def slide_to(
         # The skin's height there; it is known near the place only.
         height = drive.bend @ [slide[0] ** 2, slide[0] * slide[1], slide[1] ** 2]
         slide = start[:2] + (start[2] - height) / -way[2] * way[:2]
-        slide *= min(1.0, drive.grip / max(float(np.hypot(*slide)), 1e-30))
+        slide *= min(1.0, drive.grip / max(float(np.hypot(*slide)), TINY))
     return np.asarray(slide)

@@ -31,6 +31,9 @@ from wrinklecli.tools.records import EffectTool, ToolsFile
 
 LayerType = TypeVar("LayerType", bound="Layer")
 
+VISIBLE = 1e-3
+"""Shortening over the rest length below which a tool counts as not shortened."""
+
 
 @dataclass(frozen=True, slots=True)
 class Target:

@@ -24,7 +24,7 @@ from numpy.polynomial import chebyshev
 
 from wrinklecli.choices import Profile
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.arrays import TINY, Floats
 from wrinklecli.numeric.interpolant import Interpolant, interpolate
 
 # tan(πμ) over tan(πτ) of skin. At half its depth, τ = 1/8, a furrow is then a quarter as wide as the distance of two
@@ -32,8 +32,6 @@ from wrinklecli.numeric.interpolant import Interpolant, interpolate
 _NARROW = 1.0 / math.tan(math.pi / 8.0)
 # Distance of cloth's crest from the middle of its bump, relative to half the bump's width.
 _LEAN = 0.3
-# Replaces a divisor of 0.
-_LEAST = 1e-300
 # Newton steps for A, at most; they are quadratic, so a step of _STEP_ERROR leaves an error of its square.
 _NEWTON_STEPS = 40
 # Relative length of a step that ends them.
@@ -174,7 +172,7 @@ class SmoothProfile:
 def _parts(chords: Floats, others: Floats | float) -> tuple[Floats, Floats]:
     """The whole, chord + other, and q = 1 − (chord / whole)^¼ without cancellation; both 0 if the whole is 0."""
     wholes = chords + others
-    divisors = np.maximum(wholes, _LEAST)
+    divisors = np.maximum(wholes, TINY)
     roots = np.sqrt(chords / divisors)
     parts: Floats = others / divisors
     parts /= 1 + np.sqrt(roots)

@@ -19,6 +19,8 @@ SAMPLING_SHARE = 0.5
 """Part of the error bound for errors between two samples; pruned skin weights get the rest."""
 KEYS_SHARE = 0.25
 """Part of the bound for keys that are left out, whose errors are all along a track."""
+REDUCTION_SHARE = 0.25
+"""Part of the bound for having fewer shapes: than frames, or than an engine plays otherwise."""
 # Bytes of a value while keys are found, with its copies.
 _VALUE = 16
 

@@ -19,6 +19,9 @@ Bools = NDArray[np.bool_]
 Array = NDArray[Any]
 _Flags = TypeVar("_Flags", NDArray[np.bool_], NDArray[np.uint8])
 
+TINY = 1e-300
+"""Replaces a divisor of 0, below which nothing is 0 either."""
+
 # Ratio of the least to the greatest singular value, at or below which a matrix counts as singular.
 _SINGULAR = 1e-3
 # Fraction of a mesh's vertices above which one look at all triangles is faster than gathering those round each vertex.

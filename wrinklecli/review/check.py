@@ -15,7 +15,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.moved import Motions
 from wrinklecli.character.posing import JointTurn, MorphWeight
 from wrinklecli.character.rig import moving_nodes
-from wrinklecli.effects.effect import MeshPlan, Part, SamplingOptions, Seen, Words
+from wrinklecli.effects.effect import VISIBLE, MeshPlan, Part, SamplingOptions, Seen, Words
 from wrinklecli.effects.faults import turned_warnings
 from wrinklecli.effects.plan import mesh_warnings, skin_parts, track_warnings
 from wrinklecli.effects.sampling import moving_clips, play_below_skin, play_parts
@@ -31,8 +31,6 @@ VERSION = 1
 _MOST_MOTIONS = 12
 # Tools that are listed of those that share vertices with one.
 _MOST_OVERLAPS = 20
-# The least shortening by a motion that is reported, over the rest length.
-_VISIBLE = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -234,7 +232,7 @@ def _check_tool(plan: MeshPlan, part: Part, every: Sequence[Seen], overlaps: Jso
     up = job.settings.up
     own = [each for each in every if each.motion.clip.name not in job.range]
     made = [(float(part.strengths(each).max()), each) for each in every if each.motion.clip.name in job.range]
-    most = sorted((each for each in made if each[0] > _VISIBLE), key=lambda each: each[0], reverse=True)
+    most = sorted((each for each in made if each[0] > VISIBLE), key=lambda each: each[0], reverse=True)
     clips = (*own, *(each for _, each in most[:_MOST_MOTIONS]))
     lengths = ((each.reading.distances, each.reading.rest_lengths) for each in clips)
     data = part.facts(plan, up) | overlaps

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from wrinklecli.effects.effect import VISIBLE
 from wrinklecli.errors import BakeError, WrinkleError
 from wrinklecli.review.check import Check, CheckedTool
 
@@ -17,8 +18,6 @@ if TYPE_CHECKING:
 _CURVES = 5
 # The greatest shortening that is drawn of a tool that no clip shortens, over the rest length.
 _SHOWN_SHORTENING = 0.5
-# Shortenings below this part of the rest length count as none.
-_VISIBLE = 1e-3
 # Distance between the base lines of two curves, over the height of the tallest bump.
 _SPACING = 1.4
 # The least distance between the base lines of two curves, over the rest length.
@@ -101,7 +100,7 @@ def _draw_curves(axes: "Axes", tool: CheckedTool) -> None:
     import matplotlib as mpl
 
     greatest = max((float(tool.part.strengths(each).max()) for each in tool.clips), default=0.0)
-    reached = greatest > _VISIBLE
+    reached = greatest > VISIBLE
     shortenings = np.linspace(0.0, greatest if reached else _SHOWN_SHORTENING, _CURVES)
     places, heights = tool.part.cuts(shortenings)
     length = float(places[0, -1])

@@ -18,6 +18,8 @@ from wrinklecli.tools.records import EffectTool, Marker, in_axes
 
 # An anchor further from the mesh than this part of its segment is a mistake.
 _ANCHOR_REACH = 0.25
+LEAST_SPAN = 1e-9
+"""Distance of two anchors over the mesh's size, or in a pose over that at rest, below which they are one point."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, Ints, interpolated, unit
+from wrinklecli.numeric.arrays import TINY, Floats, Ints, interpolated, unit
 from wrinklecli.numeric.closest import Tree
 from wrinklecli.surface.compression import CompressedRegion
 from wrinklecli.surface.rest import Rest
@@ -178,7 +178,7 @@ def _losses(steps: Floats, moved: Floats, smoothing: int) -> Floats:
     travelled = np.append(0.0, np.cumsum(steps))
     low = np.maximum(np.arange(len(steps)) - smoothing, 0)
     high = np.minimum(np.arange(len(steps)) + smoothing + 1, len(steps))
-    losses: Floats = (lost[high] - lost[low]) / np.maximum(travelled[high] - travelled[low], 1e-300)
+    losses: Floats = (lost[high] - lost[low]) / np.maximum(travelled[high] - travelled[low], TINY)
     return losses
 
 

@@ -12,6 +12,7 @@ from typing import Any, ClassVar, Literal, Self, TypeAlias, get_args
 
 from wrinklecli.choices import (
     CHANNELS,
+    FPS,
     PARTS,
     PROFILES,
     Attachment,
@@ -182,7 +183,7 @@ class Sampling:
     """The times at which clips are evaluated."""
 
     fps: float = key(
-        number(0.1, 1000), "Samples per second, joined with the clip's own key times. Default 30.", 30.0, read=float
+        number(0.1, 1000), "Samples per second, joined with the clip's own key times. Default 30.", FPS, read=float
     )
     clips: Literal["all"] | tuple[str, ...] = key(
         {

@@ -8,12 +8,12 @@ import struct
 
 import numpy as np
 
-from wrinklecli.character.paints import Texture
+from wrinklecli.character.paints import WRAPS, Texture
 from wrinklecli.gltf.document import BIN_CHUNK, COMPONENT_TYPES, GLB_MAGIC, JSON_CHUNK, SIZE_TYPES, TRIANGLES
 from wrinklecli.gltf.pixels import Bytes, jpeg_of
 from wrinklecli.numeric.arrays import Array, Floats, Ints
 
-_WRAPS = {"clamp": 33071, "mirror": 33648, "repeat": 10497}  # glTF's wrapping modes
+_MODES = {wrap: mode for mode, wrap in WRAPS.items()}
 _ROUGHNESS = 0.9  # like skin or cloth: folds show by their shading, not by reflections
 
 _MOST_PIXELS = 1024  # along each side of a texture, which the browser reads again in each frame; the view has no more
@@ -34,7 +34,7 @@ class PaintedMesh:
             self._fixed.append(coordinates.astype(np.float32))
             self._image = jpeg_of(_small(texture.pixels))
             self._material["baseColorTexture"] = {"index": 0}
-            self._sampler = {key: _WRAPS[wrap] for key, wrap in zip(("wrapS", "wrapT"), texture.wraps, strict=True)}
+            self._sampler = {key: _MODES[wrap] for key, wrap in zip(("wrapS", "wrapT"), texture.wraps, strict=True)}
 
     def glb(self, positions: Floats, normals: Floats, colours: Floats) -> bytes:
         """Make the .glb of (vertices, 3) positions, unit normals and linear colours."""

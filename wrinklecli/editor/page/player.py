@@ -8,12 +8,12 @@ import viser
 from viser import uplot
 
 from wrinklecli.character.clip import Clip
+from wrinklecli.choices import FPS
 from wrinklecli.editor.free_pose import POSE
 from wrinklecli.editor.page.widgets import PageHost, add_button, add_shortcut, on_set, value_within
 from wrinklecli.numeric.arrays import Floats
 
 _REST = "as stored"
-_FPS = 30.0  # frames per second, if the machine is fast enough
 _MIN_SPEED = 0.1  # times the clip's own speed
 _MAX_SPEED = 2.0  # times the clip's own speed
 _SPEED_STEP = 0.05  # times the clip's own speed
@@ -126,7 +126,7 @@ class Player:
         self._time.value = float(times[np.argmin(np.abs(times - moment))])
         self._page.show()
         # On a slow machine other work has its turn between two frames.
-        self._page.work.put_later("tick", max(1.0 / _FPS - (time.monotonic() - now), 0.0), self._tick)
+        self._page.work.put_later("tick", max(1.0 / FPS - (time.monotonic() - now), 0.0), self._tick)
 
 
 class Charts:

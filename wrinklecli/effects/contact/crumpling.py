@@ -11,7 +11,7 @@ rest angles.
 import numpy as np
 
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, cross, dot
+from wrinklecli.numeric.arrays import TINY, Bools, Floats, Ints, cross, dot
 from wrinklecli.numeric.intersections import sides_of
 
 # Greatest energy relative to that without contact. Folds that look right have 0.9 to 2.1. If their vertices are moved
@@ -57,7 +57,7 @@ class Crumpling:
         a, b, c = (positions[self.triangles[:, k]].T for k in range(3))
         normals = np.stack(cross(b - a, c - a), axis=1)
         doubled = np.sqrt(np.sum(normals**2, axis=1))
-        normals /= np.maximum(doubled, np.finfo(np.float64).tiny)[:, None]
+        normals /= np.maximum(doubled, TINY)[:, None]
         one, two = normals[self.beside[:, 0]].T, normals[self.beside[:, 1]].T
         angles = np.arccos(np.clip(dot(one, two), -1.0, 1.0))
         squares = np.sum((positions[self.edges[:, 0]] - positions[self.edges[:, 1]]) ** 2, axis=1)

@@ -38,7 +38,7 @@ FAINT = 1 / 64
 """Part of a height that nobody sees. It stands for the skin alone: where that is exactly as it was, sides that are
 symmetric touch by chance, and do not count as crossing."""
 # Distance from the joint in which the surface may touch or give way, in radii of the limb: thighs and calves swell.
-_REACH_RADII = 3.6
+REACH_RADII = 3.6
 # Least radius of the limb, in lengths of the segment: a joint may lie in the skin.
 _LEAST_RADIUS = 0.25
 # Poses on the way to either end of a joint's range in which other meshes are checked for nearness.
@@ -269,7 +269,7 @@ def _round_joint(
     patches = [carried[number].patch for number in tools]
     pivot = node_matrices(rig, rest.clip, rest.time, [node])[0, 0, :3, 3]
     radius = max(_limb_radius(patch, pivot) for patch in patches)
-    return _Site(tools, hinge_of(node, patches, pivot, rig, part), pivot, radius, _REACH_RADII * radius, carried)
+    return _Site(tools, hinge_of(node, patches, pivot, rig, part), pivot, radius, REACH_RADII * radius, carried)
 
 
 def _round_tools(rises: Mapping[int, Rise], carried: Sequence[CarriedPatch]) -> _Site:
@@ -281,7 +281,7 @@ def _round_tools(rises: Mapping[int, Rise], carried: Sequence[CarriedPatch]) -> 
     middles = np.array([np.mean([anchor.position for anchor in patch.anchors], axis=0) for patch in patches])
     pivot = middles.mean(axis=0)
     radius = max(patch.span for patch in patches)
-    reach = _REACH_RADII * radius + float(np.sqrt(np.sum((middles - pivot) ** 2, axis=1)).max())
+    reach = REACH_RADII * radius + float(np.sqrt(np.sum((middles - pivot) ** 2, axis=1)).max())
     return _Site([*rises], next(iter(rises.values())), pivot, radius, reach, grown)
 
 

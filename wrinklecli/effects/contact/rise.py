@@ -17,7 +17,7 @@ from wrinklecli.effects.wrinkle.bending import own_motions
 from wrinklecli.effects.wrinkle.lookup import looked_up
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.arrays import TINY, Floats
 
 # Name of a clip that no file has, in which a keyed rest length grows.
 _GROWING = "\0"
@@ -59,9 +59,7 @@ class Rise:
     def strides(self, rig: Rig, clip: Clip, times: Floats) -> Floats:
         """(frames,) progress at (frames,) seconds of a clip, in strides."""
         least, most = self.rows(_TIMES[[0, -1]])
-        return np.asarray(
-            self.reading(rig, clip, times).rows / (_STRIDE * max(most - least, np.finfo(np.float64).tiny))
-        )
+        return np.asarray(self.reading(rig, clip, times).rows / (_STRIDE * max(most - least, TINY)))
 
     def factors_at(self, rows: Floats) -> Floats:
         """(rows,) factors on what is looked up where the tool's own motion has (rows,) sorted measurements."""

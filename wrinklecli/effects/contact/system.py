@@ -16,18 +16,16 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.effects.contact.crease import Crease, MarchedClip, Surface, march_clip, tissue_of
 from wrinklecli.effects.contact.fitting import combined
-from wrinklecli.effects.contact.fold import Fold, grown
+from wrinklecli.effects.contact.fold import REACH_RADII, Fold, grown
 from wrinklecli.effects.contact.solution import Solution, free_rows
 from wrinklecli.effects.contact.tissue import FREE, SOFT, UNITS, Tissue
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, Ints, components, distinct_values
+from wrinklecli.numeric.arrays import TINY, Floats, Ints, components, distinct_values
 
 # Moments of a clip at which folds are checked for touching each other, at most.
 _MOMENTS = 8
 # Moments of a clip among which the turn of a joint is looked for that is furthest.
 _LOOKS = 65
-# Distance from a fold in which its vertices may cross something, radii of the limb: as far again as a fold reaches.
-_LOOK_RADII = 3.6
 
 
 @dataclass(frozen=True)
@@ -73,8 +71,8 @@ class System:
         weights = np.zeros((len(self.surfaces), len(free_rows(self.tissue))))
         for weight, rows, surface in zip(weights, self._rows, self.surfaces, strict=True):
             apart = surface.tissue.apart[free_rows(surface.tissue)]
-            weight[rows] = np.maximum(1.0 - apart / (FREE * SOFT), np.finfo(np.float64).tiny) ** 2
-        return np.asarray(weights / np.maximum(weights.sum(axis=0), np.finfo(np.float64).tiny))
+            weight[rows] = np.maximum(1.0 - apart / (FREE * SOFT), TINY) ** 2
+        return np.asarray(weights / np.maximum(weights.sum(axis=0), TINY))
 
     @cached_property
     def _tissues(self) -> list[Tissue]:
@@ -207,7 +205,7 @@ def holding_contacts(fold: Fold, apart: Floats, clips: Sequence[Clip]) -> tuple[
     """
     free = fold.vertices[apart[: len(fold.vertices)] < FREE * SOFT]
     reach = FREE * SOFT * fold.radius / UNITS
-    wide, fresh = _mesh_alone(grown(fold, fold.vertices, _LOOK_RADII * fold.radius)), np.zeros(0, np.intp)
+    wide, fresh = _mesh_alone(grown(fold, fold.vertices, REACH_RADII * fold.radius)), np.zeros(0, np.intp)
     counting = np.isin(wide.vertices, free)
     still = wide.crossings.pairs_at(wide.rest_positions, counting)
     for clip in clips:

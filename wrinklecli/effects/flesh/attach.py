@@ -16,7 +16,7 @@ from wrinklecli.effects.flesh.report import region_warnings
 from wrinklecli.effects.flesh.tissue import Body, NoFleshError, Place, Swings
 from wrinklecli.errors import BakeError, listed, nearest
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, determinants, inverses, smoothstep
+from wrinklecli.numeric.arrays import TINY, Bools, Floats, Ints, components, determinants, inverses, smoothstep
 from wrinklecli.numeric.closest import Tree, nearest_of
 from wrinklecli.numeric.spring import Spring
 from wrinklecli.surface.ground import Ground, read_ground
@@ -215,7 +215,7 @@ def _place(tool: Flesh, ground: Ground, settings: ToolsFile, softness: Floats | 
     size = float(np.ptp(rest.positions, axis=0).max())
     if tool.at is None:
         assert softness is not None, "the schema asks for a middle without it"
-        weights = softness / max(float(softness.sum()), 1e-300)
+        weights = softness / max(float(softness.sum()), TINY)
         middle = rest.foot(weights @ rest.positions)[0]
         away = np.sqrt(((rest.positions - middle) ** 2).sum(axis=1))
         # The whole of it, as the ball's border would hold it.

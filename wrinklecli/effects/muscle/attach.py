@@ -17,6 +17,7 @@ from wrinklecli.effects.muscle.volume import ACTIVATION, FULLEST, SHORTEST, Cons
 from wrinklecli.errors import BakeError, listed, nearest
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats
+from wrinklecli.surface.anchor import LEAST_SPAN
 from wrinklecli.surface.bones import BoneLines, carried_by
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.refine import Refinement
@@ -30,8 +31,6 @@ _WIDTH = 2.4
 _LEAST_SIDE = 0.01
 # Distance of a muscle's middle from its bone, over that of the skin, above which it is no part of the limb.
 _FARTHEST = 1.5
-# Distance of a muscle's ends over the mesh's size below which they are one point.
-_LEAST_SPAN = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -125,7 +124,7 @@ def _attach(muscle: Muscle, ground: Ground, bones: BoneLines, swelling: Containe
     rig, rest = ground.rig, ground.rest
     places = asked_positions(rig, rest.clip, rest.time, muscle)
     span = float(np.linalg.norm(places[1] - places[0]))
-    if span <= _LEAST_SPAN * ground.surface.size:
+    if span <= LEAST_SPAN * ground.surface.size:
         raise BakeError("origin and insertion are one point", where=muscle.where)
     tendons = muscle.tendon.resolve(span)
     if tendons >= span:

@@ -15,7 +15,7 @@ from wrinklecli.character.motion import held_at, motion_clip, turning
 from wrinklecli.character.pose import joint_matrices, node_matrices
 from wrinklecli.effects.touch.skin import Hold, Place, hold_of, slides_on
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, Ints, inverses, singular, unit, unit_quaternions
+from wrinklecli.numeric.arrays import TINY, Floats, Ints, inverses, singular, unit, unit_quaternions
 from wrinklecli.surface.bones import carried_by
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.refine import Refinement
@@ -108,7 +108,7 @@ def bending_of(ground: Ground, place: Place, hold: Hold, soft: Floats | None, sl
     # Skin that the joint carries otherwise counts where it slides, and by how far it lies along the limb.
     slid = np.sqrt((slides[:, moving] ** 2).sum(axis=2)).max(axis=0)
     offsets = (rest.positions[moving] - place.at) @ alongs.T
-    spread = np.sqrt(np.maximum(slid @ offsets**2, 1e-30) * slid.sum())
+    spread = np.sqrt(np.maximum(slid @ offsets**2, TINY) * slid.sum())
     scores = np.abs(slid @ ((shares - own) * offsets)) / spread
     # Files of clips have the joints of the skin, but perhaps nothing above them.
     joints = set(rig.joints.tolist())

@@ -17,7 +17,7 @@ import numpy as np
 from wrinklecli.effects.profile import SmoothProfile, plan_smooth
 from wrinklecli.effects.touch.skin import Place
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, interpolated, smoothstep
+from wrinklecli.numeric.arrays import TINY, Floats, interpolated, smoothstep
 from wrinklecli.numeric.drawn import drawn
 from wrinklecli.tools.body import Touch, TouchWrinkles
 from wrinklecli.tools.records import drawn_from
@@ -202,7 +202,7 @@ def plan_rings(
     steps = np.linspace(0.0, 1.0, ROWS) ** 2  # heights start like a square root
     table = np.stack([_amplitudes(profile, spans, shares * grip * step, compressible) for step in steps])
     full = table[-1]
-    weights = table @ full / max(float(full @ full), 1e-30)
+    weights = table @ full / max(float(full @ full), TINY)
     return replace(
         rings, shares=shares, amplitudes=full, compressible=compressible, rises=np.stack([steps, weights], axis=1)
     )

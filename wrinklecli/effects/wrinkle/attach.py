@@ -29,13 +29,11 @@ from wrinklecli.errors import BakeError, listed, nearest
 from wrinklecli.numeric.arrays import Ints, components, face_normals, unit
 from wrinklecli.numeric.closest import ROUNDING, meets_box
 from wrinklecli.numeric.intersections import sides_of
-from wrinklecli.surface.anchor import anchor_at
+from wrinklecli.surface.anchor import LEAST_SPAN, anchor_at
 from wrinklecli.surface.path import Path, path_through
 from wrinklecli.surface.rest import Rest, asked_positions, clip_pose, raised_pose
 from wrinklecli.tools.records import RestFrame, RestLengthKeys, RestLengthMorph, WrinkleTool, drawn_from
 
-# Distance of anchors over the mesh's size below which they are one point.
-_LEAST_SPAN = 1e-9
 # Distance of neighbouring anchors in the pose in which a tool is laid, over the tool's length at rest, below which u is
 # not told from noise.
 _LEAST_LAID = 1e-3
@@ -69,7 +67,7 @@ def _attach(tool: WrinkleTool, surface: Surface, rest: Rest, rig: Rig, up: str) 
     names = [tool.point_name(number) for number in range(len(anchors))]
     spans = [float(np.linalg.norm(b.position - a.position)) for a, b in pairwise(anchors)]
     for number, span in enumerate(spans):
-        if span <= _LEAST_SPAN * surface.size or (asked[number] == asked[number + 1]).all():
+        if span <= LEAST_SPAN * surface.size or (asked[number] == asked[number + 1]).all():
             raise BakeError(f"{names[number]} and {names[number + 1]} are one point of the mesh", where=tool.where)
     path = path_through(
         [each.position for each in anchors], [each.normal for each in anchors], rest.foot, names=names, where=tool.where

@@ -29,7 +29,7 @@ from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.curve import ControlCurve
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, Ints, children, inverses, singular, unit
+from wrinklecli.numeric.arrays import TINY, Floats, Ints, children, inverses, singular, unit
 from wrinklecli.numeric.intersections import edges_of
 from wrinklecli.surface.path import Curve
 from wrinklecli.surface.refine import Refinement
@@ -252,6 +252,6 @@ class _Line:
 def _between(us: Floats, edges: Ints, shares: Floats, u: float) -> tuple[Ints, Floats]:
     """(1, 4) vertices and weights of the point at u on a line of (cuts,) sorted us, or of the line's nearest end."""
     behind = int(np.clip(np.searchsorted(us, u), 1, len(us) - 1))
-    t = float(np.clip((u - us[behind - 1]) / max(us[behind] - us[behind - 1], 1e-300), 0.0, 1.0))
+    t = float(np.clip((u - us[behind - 1]) / max(us[behind] - us[behind - 1], TINY), 0.0, 1.0))
     mixed = np.concatenate([(1.0 - t) * shares[behind - 1], t * shares[behind]])
     return np.concatenate([edges[behind - 1], edges[behind]])[None], mixed[None]

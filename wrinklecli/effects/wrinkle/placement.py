@@ -12,7 +12,7 @@ from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, children, dot
 from wrinklecli.numeric.cells import Cells
-from wrinklecli.numeric.closest import balls, meets_box
+from wrinklecli.numeric.closest import ROUNDING, balls, meets_box
 from wrinklecli.numeric.intersections import zero_lines
 from wrinklecli.numeric.portions import portions_of
 from wrinklecli.numeric.rays import ray_distances
@@ -28,8 +28,6 @@ _APART = 0.01
 _LOW = 0.05
 # Distance over the mesh's size below which a surface touches a vertex at rest, and is not opposite.
 _TOUCHING = 1e-6
-# Error of distances over the mesh's size; rounding errors are far smaller.
-_ROUNDING = 1e-9
 # Pairs of a wrinkle's vertex and a triangle near by that are checked in all, which takes some seconds.
 _MOST_PAIRS = 2**25
 
@@ -156,7 +154,7 @@ def _rooms(fine: Refinement, vertices: Ints, heights: Floats, way: float) -> tup
     starts, rays = fine.rest_positions[vertices], way * fine.rest_normals_at(vertices)
     points = starts + 0.5 * heights[:, None] * rays
     reach = 0.5 * float(heights.max())
-    low, high = points.min(axis=0) - reach - _ROUNDING * size, points.max(axis=0) + reach + _ROUNDING * size
+    low, high = points.min(axis=0) - reach - ROUNDING * size, points.max(axis=0) + reach + ROUNDING * size
     triangles = fine.triangles[meets_box(fine.rest_positions, low, high, fine.triangles)]
     corners = fine.rest_positions[triangles]
     middles, radii = balls(corners)
@@ -176,7 +174,7 @@ def _rooms(fine: Refinement, vertices: Ints, heights: Floats, way: float) -> tup
         # A ray that misses the ball round a triangle does not meet the triangle.
         away = [axis[at] - middle[ball] for axis, middle in zip(points.T, middles.T, strict=True)]
         squared, along = dot(away, away), dot(away, [axis[at] for axis in rays.T])
-        near = squared - along**2 <= radii[ball] ** 2 + _ROUNDING * squared
+        near = squared - along**2 <= radii[ball] ** 2 + ROUNDING * squared
         ball, at = ball[near], at[near]
         others = ~np.logical_or.reduce([corner[ball] == vertices[at] for corner in triangles.T])
         ball, at = ball[others], at[others]

@@ -20,14 +20,13 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, cross, inverses
 from wrinklecli.numeric.closest import closest_point
 from wrinklecli.numeric.portions import portions
+from wrinklecli.surface.anchor import LEAST_SPAN
 from wrinklecli.surface.path import Curve, curve_on
 from wrinklecli.surface.refine import Refinement
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-# Anchors of a posed patch coincide if their distance is below this, relative to that at rest.
-_LEAST_SPAN = 1e-9
 # Normals of two anchors face opposite ways if their mean, projected across the segment, is shorter than this.
 _LEAST_MEAN = 1e-6
 
@@ -165,7 +164,7 @@ def _along_segments(
     origin, target = _at_knots(ring, positions)
     difference = target - origin
     span = np.sqrt(np.sum(difference**2, axis=0))
-    apart = span > _LEAST_SPAN * patch.span
+    apart = span > LEAST_SPAN * patch.span
     span = np.where(apart, span, 1.0)
     along = difference / span
     first, second = _at_knots(ring, normals)
@@ -185,7 +184,7 @@ def _along_curves(patch: Patch, ring: Ring, positions: Floats, normals: Floats) 
     shape = (len(ring.members), positions.shape[2])
     u, v, cosines, exists = np.zeros(shape), np.zeros(shape), np.zeros(shape), np.zeros(shape[1], bool)
     knots, facing = (_at_knots(ring, vectors).transpose(2, 0, 1) for vectors in (positions, normals))
-    apart = np.linalg.norm(np.diff(knots, axis=1), axis=2).min(axis=1) > _LEAST_SPAN * patch.span
+    apart = np.linalg.norm(np.diff(knots, axis=1), axis=2).min(axis=1) > LEAST_SPAN * patch.span
     facing = facing / np.maximum(np.linalg.norm(facing, axis=2, keepdims=True), _LEAST_MEAN)
     for frame in np.flatnonzero(apart):
         posed = replace(patch, laid=curve_on(knots[frame], facing[frame]))

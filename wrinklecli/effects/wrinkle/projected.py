@@ -11,7 +11,14 @@ from wrinklecli.character.clip import Clip, clip_grid
 from wrinklecli.drive.drive import Rows
 from wrinklecli.drive.play import play_keys
 from wrinklecli.effects.effect import MeshPlan, SamplingOptions
-from wrinklecli.effects.sampling import KEYS_SHARE, SAMPLING_SHARE, duplicates_of, most_overlaps, within
+from wrinklecli.effects.sampling import (
+    KEYS_SHARE,
+    REDUCTION_SHARE,
+    SAMPLING_SHARE,
+    duplicates_of,
+    most_overlaps,
+    within,
+)
 from wrinklecli.effects.shapes import fit_bytes
 from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
 from wrinklecli.frozen import dataclass
@@ -21,8 +28,6 @@ from wrinklecli.numeric.reduction import compress
 
 # Coordinates of displacements that are compressed at once, which bounds the memory.
 _MOST_COORDINATES = 2**20
-# Part of the bound for having fewer shapes than frames.
-_COMPRESSION_SHARE = 0.25
 PER_COORDINATE = 3.0**0.5
 """Length of a vector whose coordinates are all 1: its error if each coordinate is off by 1."""
 
@@ -65,7 +70,7 @@ def project(plan: MeshPlan, carried: CarriedPatch, clips: Sequence[Clip], how: S
     own = {clip.name: Rows(times, weights) for (clip, times), weights in zip(moments, parts, strict=True)}
     rows = {clip.name: own[clips[first].name] for clip, first in zip(clips, firsts, strict=True)}
     every = [(clip, time) for clip, times in moments for time in times.tolist()]
-    return Projection(deltas, rows, every, together, _COMPRESSION_SHARE * plan.max_error)
+    return Projection(deltas, rows, every, together, REDUCTION_SHARE * plan.max_error)
 
 
 def _times(plan: MeshPlan, carried: CarriedPatch, clip: Clip, how: SamplingOptions) -> Floats:
@@ -98,5 +103,5 @@ def compress_displacements(
         for clip, times in moments
         for k in range(0, len(times), chunk)
     )
-    tolerance = _COMPRESSION_SHARE * plan.max_error / plan.scale / PER_COORDINATE
+    tolerance = REDUCTION_SHARE * plan.max_error / plan.scale / PER_COORDINATE
     return compress(series, tolerance, memory=memory, where=carried.patch.tool.where)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.effects.effect import MeshPlan
+from wrinklecli.effects.effect import VISIBLE, MeshPlan
 from wrinklecli.effects.wrinkle.activity import ClipActivity
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.lookup import fitting_compressible
@@ -18,8 +18,6 @@ from wrinklecli.surface.path import Curve
 from wrinklecli.surface.rest import Rest
 from wrinklecli.tools.records import in_axes
 
-# Shortening over the rest length below which a tool counts as not shortened.
-_VISIBLE = 1e-3
 # Distance over the segment by which an anchor may be moved onto the mesh without a warning.
 _FAR = 0.05
 # Width over the segment above which units are likely wrong: a forehead is four times as wide as a brow is high.
@@ -54,13 +52,13 @@ def _clip_warnings(carried: CarriedPatch, clips: Sequence[ClipActivity]) -> list
         warnings.append(f"{where}: {carried.stuck} vertices stay put: singular at rest")
     if not clips:
         return warnings
-    still = max(float((each.seen.shortenings / each.seen.rest_lengths).max()) for each in clips) < _VISIBLE
+    still = max(float((each.seen.shortenings / each.seen.rest_lengths).max()) for each in clips) < VISIBLE
     # A mirrored tool may be there for clips of other files.
     if still and not patch.tool.mirrored:
         warnings.append(f"{where}: never shortens in {', '.join(each.clip.name for each in clips)}: no wrinkle")
     worst = max(clips, key=lambda each: float((each.seen.unabsorbed / each.seen.rest_lengths).max()))
     share = worst.seen.unabsorbed / worst.seen.rest_lengths
-    if share.max() > _VISIBLE:
+    if share.max() > VISIBLE:
         frame = int(share.argmax())
         fitting = fitting_compressible(patch.curve, ((each.seen.distances, each.seen.rest_lengths) for each in clips))
         percent = math.ceil(100.0 * fitting)

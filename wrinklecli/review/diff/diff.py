@@ -13,6 +13,7 @@ import numpy as np
 from wrinklecli.character.clip import read_clips, unknown_clip
 from wrinklecli.character.pose import joint_matrices
 from wrinklecli.character.scene import read_scene
+from wrinklecli.choices import FPS
 from wrinklecli.errors import AssetError, counted
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document, read_document
@@ -106,7 +107,7 @@ class DiffOptions:
     tolerance: Length = DEFAULT_TOLERANCE
     posed: bool = False
     clips: Sequence[str] = ()
-    fps: float = 30.0
+    fps: float = FPS
     allow_external: bool = False
     max_memory: int = MAX_MEMORY
 

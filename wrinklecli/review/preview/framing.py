@@ -16,7 +16,7 @@ from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.preview.preview_options import PreviewOptions
 from wrinklecli.review.preview.rays import Occluders
 from wrinklecli.review.preview.shown import ShownAsset
-from wrinklecli.review.preview.sides import Free, Place, best_side
+from wrinklecli.review.preview.sides import LEAST_WRINKLE, Free, Place, best_side
 
 # Why there is no picture of an asset.
 NO_TRIANGLES = "nothing to see: no triangles in the scene, or all are scaled to 0"
@@ -25,8 +25,6 @@ ONE_POINT = "nothing to see: all is at one point"
 _DEFAULT = "oblique"
 # Views of a grid.
 _GRID = ("front", "right", "top")
-# Vertices that the wrinkles move by less than this part of the greatest displacement are not framed.
-_LEAST_WRINKLE = 0.05
 # Factor of the camera's distance from wrinkles, which are shown with what is around them.
 _WRINKLES_MARGIN = 1.35
 # Factor of the camera's distance from a whole figure, which leaves room for a label.
@@ -135,7 +133,7 @@ def _wrinkles(assets: Sequence[ShownAsset], moments: Sequence[Moment]) -> _Wrink
         wrinkled = next((asset for asset in assets if asset.wrinkled), assets[0])
         most = wrinkled.of_targets(lambda _node, _name: True, lambda _name: 1.0), Moment(None, 0.0)
     greatest = max((float(each.max(initial=0.0)) for amounts in found for each in amounts), default=0.0)
-    masks = [[each > _LEAST_WRINKLE * greatest for each in amounts] for amounts in found]
+    masks = [[each > LEAST_WRINKLE * greatest for each in amounts] for amounts in found]
     return _Wrinkles(masks, most if greatest > 0 else None)
 
 

@@ -13,11 +13,12 @@ from wrinklecli.character.anims import NamedNodes
 from wrinklecli.character.clip import Clip, clip_grid
 from wrinklecli.character.pose import joint_matrices, morph_weights
 from wrinklecli.character.rig import Rig
+from wrinklecli.choices import FPS
 from wrinklecli.drive.drive import StoredDrive, wrinkle_entry
 from wrinklecli.drive.play import Playing
 from wrinklecli.drive.stored import read_number, read_numbers
 from wrinklecli.drive.touch import weights_of
-from wrinklecli.effects.effect import MeshPlan, Part
+from wrinklecli.effects.effect import VISIBLE, MeshPlan, Part
 from wrinklecli.effects.sampling import moving_clips, seen_at
 from wrinklecli.errors import AssetError, listed, nearest
 from wrinklecli.frozen import dataclass
@@ -41,13 +42,9 @@ _ACTS = {
     "touches": ("moves by ", "slides it: shown at its greatest slide"),
     FIELDS: ("folds by ", "folds it: shown with all its folds at full height"),
 }
-# Frames per second of the grid on which the peaks of a baked file are found.
-_FPS = 30.0
 # Heights of at least this part of the greatest are equal to it: the bumps are at their limit, and the greatest
 # shortening is the peak.
 _EQUAL = 0.999
-# Shortenings up to this part of the rest length are not mentioned, as in the warnings of a bake.
-_VISIBLE = 1e-3
 # Number of further clips that are named.
 _OTHERS = 3
 
@@ -145,7 +142,7 @@ def baked_peaks(asset: ShownAsset, clips: Sequence[Clip]) -> list[Peak]:
         rig = rigs.get(node, shown[0].source.rig)
         scale = float(median(np.cbrt(np.abs(determinants(joint_matrices(rig, None, np.zeros(1))[0, :, :3, :3])))))
         tracked = [clip for clip in clips if clip.channel(node, "weights") is not None]
-        grids = [clip_grid(clip, rig, fps=_FPS) for clip in tracked]
+        grids = [clip_grid(clip, rig, fps=FPS) for clip in tracked]
         played = list(zip(tracked, grids, strict=True))
         weights = [{part: morph_weights(each, *clip) for part, each in rigs.items()} for clip in played]
         touches = _touches_on(asset, node)
@@ -302,7 +299,7 @@ def _peak_facts(data: Json, best: Json | None) -> Iterator[Fact]:
     yield Fact(f"{moves}{best['height']:.3g}" if moves else f"{best['height']:.3g}{limit} tall")
     if "full" in data and data["full"] < _EQUAL * _shortest(best):
         yield Fact(f"full from {_percent(data['full'])}")
-    if best.get("unabsorbed", 0.0) > _VISIBLE:
+    if best.get("unabsorbed", 0.0) > VISIBLE:
         yield Fact(f"{_percent(best['unabsorbed'])} not absorbed", alarming=True)
 
 
@@ -320,7 +317,7 @@ def _patch_facts(data: Json) -> Iterator[Fact]:
 
 def _clip_facts(best: Json | None, clips: Sequence[Json]) -> Iterator[Fact]:
     """The shortenings of a tool in other clips."""
-    found = sorted((each for each in clips if each is not best and _shortest(each) > _VISIBLE), key=_shortest)[::-1]
+    found = sorted((each for each in clips if each is not best and _shortest(each) > VISIBLE), key=_shortest)[::-1]
     if found:
         more = f" and {len(found) - _OTHERS} more" if len(found) > _OTHERS else ""
         yield Fact(

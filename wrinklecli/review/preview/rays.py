@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints, unit
+from wrinklecli.numeric.arrays import TINY, Array, Bools, Floats, Ints, unit
 from wrinklecli.review.preview.camera import TANGENT
 
 # How far above the surface rays start that leave it, over half the picture's height.
@@ -266,7 +266,7 @@ class Occluders:
         places = places if places.size else np.zeros((1, 3, 3))
         points = places.reshape(-1, 3)
         middle = (points.min(axis=0) + points.max(axis=0)) / 2
-        extent = max(float(np.abs(points - middle).max()), 1e-30)
+        extent = max(float(np.abs(points - middle).max()), TINY)
         return cls(_traced((places - middle) / extent, triangles), middle, extent)
 
     def free(self, points: Floats, normals: Floats, towards: Floats) -> Bools:

@@ -28,7 +28,7 @@ _BESIDE = np.cos(np.radians(22.0))
 # Triangles of a place by which sides and lights are judged.
 _JUDGED = 400
 # Displacement, as a part of the greatest one, from which a triangle is on the place of wrinkles.
-_LEAST_WRINKLE = 0.05
+LEAST_WRINKLE = 0.05
 # Sides or lights that are looked at together, the most promising first: the best is often among the first few.
 _AT_ONCE = 2
 # Angles between the key light and the view, degrees: light that comes from the side shows relief, and light from
@@ -87,7 +87,7 @@ class Place:
     def of(cls, plain: Floats, wrinkled: Floats) -> "Place":
         """Choose some of the triangles that wrinkles move, from (triangles, 3, 3) corners without and with them."""
         heights = np.linalg.norm(wrinkled - plain, axis=2).mean(axis=1)
-        members = np.flatnonzero(heights > _LEAST_WRINKLE * heights.max(initial=0.0))
+        members = np.flatnonzero(heights > LEAST_WRINKLE * heights.max(initial=0.0))
         stride = max(-(-len(members) // _JUDGED), 1)
         members = members[::stride]
         before, after = (_crossed(each[members]) for each in (plain, wrinkled))

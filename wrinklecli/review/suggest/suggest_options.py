@@ -6,7 +6,7 @@ from dataclasses import field
 from functools import cached_property
 
 from wrinklecli.character.posing import JointTurn, MorphWeight
-from wrinklecli.choices import Substance
+from wrinklecli.choices import FPS, Substance
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.memory import GPU_BUDGET, MAX_MEMORY
 from wrinklecli.tools.materials import Preset, presets
@@ -53,7 +53,7 @@ class SuggestOptions:
     materials: Mapping[str, Substance] = field(default_factory=dict)
     presets: Sequence[str | os.PathLike[str]] = ()
     folder: str = ""
-    fps: float = 30.0
+    fps: float = FPS
     anims: Sequence[str | os.PathLike[str]] = ()
     range_of_motion: bool = False
     pose: Sequence[JointTurn] = ()
