@@ -41,7 +41,7 @@ _COMPONENT_DTYPES: dict[Any, np.dtype[Any]] = {
 }
 COMPONENT_TYPES = {dtype: number for number, dtype in _COMPONENT_DTYPES.items()}
 _TYPE_SIZES: dict[Any, int] = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
-SIZE_TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
+SIZE_TYPES = {size: name for name, size in _TYPE_SIZES.items() if name != "MAT2"}
 
 # Marks of a .glb (§4.4).
 GLB_MAGIC = b"glTF"

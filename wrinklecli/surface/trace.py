@@ -30,7 +30,7 @@ _AROUND = 1.5 * _REACH
 # A step that advances less than this part of its length is at a border.
 _BORDER = 0.4
 # Angles between the directions that are tried and the region's direction of loss, radians.
-_TURNS = np.radians([0.0, -8.0, 8.0, -16.0, 16.0, -24.0, 24.0])
+_TURNS = np.radians(8.0 * np.array(sorted(range(-3, 4), key=abs)))
 # A segment ends where the loss falls below this part of its peak: beyond, flesh bulges and does not fold.
 _END_LOSS = 0.5
 # Greatest peak that counts, so that a crease of a single edge leaves room for wrinkles.

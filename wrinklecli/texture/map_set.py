@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from functools import partial
+from itertools import product
 
 import numpy as np
 
@@ -9,7 +10,7 @@ from wrinklecli.choices import MapKind
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.pixels import png_of
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, unit
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, unit
 from wrinklecli.texture.map_files import image_name
 from wrinklecli.texture.texels import gutter
 
@@ -24,9 +25,9 @@ _ZERO, _WHITE = 32768, 65535
 # Texels to the farthest one that hides the sky from another.
 _REACH = 64
 # Directions, texels, in which the horizon is looked for.
-_WAYS = ((1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1))
-# Steps along each, texels: a furrow of a few hundred texels has its walls within them.
-_REACHES = (1, 2, 3, 4, 6, 8, 11, 16, 23, 32, 45, _REACH)
+_WAYS = [way for way in product((-1, 0, 1), repeat=2) if any(way)]
+# Steps along each, texels, two of which double the way: a furrow of a few hundred texels has its walls within them.
+_REACHES = distinct_values(np.round(np.sqrt(2.0 ** np.arange(2 * np.log2(_REACH) + 1))).astype(np.intp)).tolist()
 
 
 @dataclass(frozen=True, slots=True)

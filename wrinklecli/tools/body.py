@@ -214,7 +214,6 @@ class Flesh(EffectTool):
     radius: float | None = key(
         number(1e-9, 1e9, "a length"),
         "Length in scene units from the middle over which flesh swings; it fades to the border.",
-        read=float,
         absent=None,
     )
     joint: str | None = key(
@@ -241,10 +240,9 @@ class Flesh(EffectTool):
         "Swings per second without damping: 2 is soft, 6 is firm. Default 4.",
         4.0,
         group="Motion",
-        read=float,
     )
     damping: float = key(
-        {**number(0.05, 2), **DAMPING}, "From 1 on flesh does not swing back. Default 0.3.", 0.3, read=float
+        {**number(0.05, 2), **DAMPING}, "From 1 on flesh does not swing back. Default 0.3.", 0.3
     )  # fmt: skip
     shapes: int = key(
         expects("3, 6 or 9", enum=[3, 6, 9]),
@@ -292,11 +290,9 @@ class Flesh(EffectTool):
 class Release:
     """A damped spring by which the skin comes back once a tip lets go; damping is the ratio ζ, 1 is critical."""
 
-    frequency: float = key(
-        number(0.5, 60), "Swings per second of the skin without damping. Default 4.", 4.0, read=float
-    )
+    frequency: float = key(number(0.5, 60), "Swings per second of the skin without damping. Default 4.", 4.0)
     damping: float = key(
-        number(0.05, 10), "Below 1 the skin swings past its place, from 1 on it does not. Default 0.7.", 0.7, read=float
+        number(0.05, 10), "Below 1 the skin swings past its place, from 1 on it does not. Default 0.7.", 0.7
     )
 
 
@@ -315,7 +311,7 @@ class TouchWrinkles:
         bump_height: Highest point of a ring relative to its width, from the material's.
     """
 
-    bumps: int = key(whole(1, 16), "Rings from the pad's edge outwards. Default 5.", 5, read=int)
+    bumps: int = key(whole(1, 16), "Rings from the pad's edge outwards. Default 5.", 5)
     length: Length = key(
         LENGTH,
         "From the pad's edge to the last ring's: a length or a percentage of the reach. Default 150%.",
@@ -406,7 +402,7 @@ class Touch(EffectTool):
         None,
         read=read_mask_of,
     )
-    pad: float = key(number(1e-9, 1e9, "a length"), "Radius of the tip, scene units.", group="Shape", read=float)
+    pad: float = key(number(1e-9, 1e9, "a length"), "Radius of the tip, scene units.", group="Shape")
     reach: Length = key(
         {**LENGTH, **slider(100, 300, 0.5, "%")},
         "Length over which the slide fades beyond the pad: a length or a percentage of the pad. Default 110%.",

@@ -113,7 +113,7 @@ class Field(EffectTool):
         read=lambda value: None if value is None else read_percentage(value),
     )
     strength: float = key(
-        {**number(0, 10), **slider(0, 2, 0.05)}, "Factor of the heights in all clips. Default 1.", 1.0, read=float
+        {**number(0, 10), **slider(0, 2, 0.05)}, "Factor of the heights in all clips. Default 1.", 1.0
     )
     variation: float = key(
         {**number(0, 1, step=0.05), "type": ["number", "null"]},

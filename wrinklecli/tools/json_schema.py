@@ -15,6 +15,8 @@ from wrinklecli.frozen import dataclass
 Schema: TypeAlias = dict[str, Any]
 Reader: TypeAlias = Callable[[Any], Any]
 _Record = TypeVar("_Record")
+# What reads values of a type unless a key says otherwise: YAML's 1 is a float too, and its 1.0 a whole number.
+_READERS: dict[str, Reader] = {"number": float, "integer": int}
 
 
 def expects(accepted: str, **keywords: Any) -> Schema:
@@ -127,13 +129,13 @@ def key(
         description: Meaning of the key, for editors.
         default: Default as a file would write it; required keys have none.
         group: Group of controls that begins with the key; the record's further keys belong to it, up to the next one.
-        read: Turns the file's value into the field's value; by default they are equal.
+        read: Turns the file's value into the field's value; by default they are equal, but for the type of a number.
         name: The key, if it differs from the field's name.
         absent: The field's default, if it differs from `read(default)`.
         hashed: False for values that cannot be hashed.
     """
     said = {} if default is MISSING else {"default": default}
-    read = read or (lambda value: value)
+    read = read or _READERS.get(str(values.get("type")), lambda value: value)
     metadata = {"schema": key_of(values, description, **said), "group": group, "read": read, "name": name}
     if absent is MISSING and default is not MISSING:
         absent = read(default)

@@ -175,16 +175,14 @@ class RestFrame:
     """A clip's pose at a time, taken as the rest pose, or as the one in which a tool is laid."""
 
     clip: str = key(TEXT, "Name of the clip.")
-    time: float = key(SECONDS, "Seconds from the clip's start. Default 0.", 0.0, read=float)
+    time: float = key(SECONDS, "Seconds from the clip's start. Default 0.", 0.0)
 
 
 @dataclass(frozen=True, slots=True)
 class Sampling:
     """The times at which clips are evaluated."""
 
-    fps: float = key(
-        number(0.1, 1000), "Samples per second, joined with the clip's own key times. Default 30.", FPS, read=float
-    )
+    fps: float = key(number(0.1, 1000), "Samples per second, joined with the clip's own key times. Default 30.", FPS)
     clips: Literal["all"] | tuple[str, ...] = key(
         {
             "if": {"type": "array"},
@@ -204,9 +202,9 @@ class Sampling:
 class RefinementSettings:
     """The subdivision of the mesh under the wrinkles; in a draft, `edges_per_interval` may be a fraction."""
 
-    max_levels: int = key(whole(0, 8), "How often an edge is halved at most; 0 keeps the mesh. Default 4.", 4, read=int)
+    max_levels: int = key(whole(0, 8), "How often an edge is halved at most; 0 keeps the mesh. Default 4.", 4)
     edges_per_interval: float = key(
-        whole(1, 16), "Edges on each control interval, half a bump; more is smoother. Default 2.", 2, read=int
+        whole(1, 16), "Edges on each control interval, half a bump; more is smoother. Default 2.", 2
     )
     scheme: Scheme = key(
         one_of(*get_args(Scheme)),
@@ -270,16 +268,10 @@ class Lag:
     """A damped spring, by which heights follow the shortening late; damping is the ratio ζ, 1 is critical."""
 
     frequency: float = key(
-        {**number(0.5, 60), **SWINGS},
-        "Swings per second of the tissue without damping. Default 6.",
-        6.0,
-        read=float,
+        {**number(0.5, 60), **SWINGS}, "Swings per second of the tissue without damping. Default 6.", 6.0
     )
     damping: float = key(
-        {**number(0.05, 10), **DAMPING},
-        "Below 1 heights overshoot and swing, from 1 on they do not. Default 0.5.",
-        0.5,
-        read=float,
+        {**number(0.05, 10), **DAMPING}, "Below 1 heights overshoot and swing, from 1 on they do not. Default 0.5.", 0.5
     )
 
 
@@ -349,9 +341,7 @@ class MaskImage:
 
     image: str = key(TEXT, "PNG, JPEG or WebP image; its path is relative to the folder of this file.")
     channel: Channel = key(one_of(*CHANNELS), "Channel of the image. Default r.", "r")
-    texcoord: int = key(
-        whole(0, MAX_TEXCOORD), "Set of texture coordinates in which the image lies. Default 0.", 0, read=int
-    )
+    texcoord: int = key(whole(0, MAX_TEXCOORD), "Set of texture coordinates in which the image lies. Default 0.", 0)
     folder: str = ""
 
     @property
@@ -560,12 +550,8 @@ class WrinkleTool(EffectTool):
         read=lambda value: None if value == "none" else value,
     )
     width: Length = key(LENGTH, "Full width across the segment: a length or a percentage. Required.", read=parse_length)
-    bumps: int = key(
-        whole(1, 64, slides=True), "Wrinkles along the segment. Default 4, or the material's.", 4, read=int
-    )
-    gap: int = key(
-        whole(0, 64, slides=True), "Flat control intervals, half a bump each, between bumps. Default 0.", 0, read=int
-    )
+    bumps: int = key(whole(1, 64, slides=True), "Wrinkles along the segment. Default 4, or the material's.", 4)
+    gap: int = key(whole(0, 64, slides=True), "Flat control intervals, half a bump each, between bumps. Default 0.", 0)
     strategy: Strategy = key(
         one_of(*get_args(Strategy)),
         "Which bumps rise first: all alike, from the origin, from both ends. Default everywhere.",
@@ -614,7 +600,6 @@ class WrinkleTool(EffectTool):
         number(-1, 1, step=0.01),
         "Bends crests like an arc, their ends towards the target; negative: origin. Default 0.",
         0.0,
-        read=float,
     )
     compressible: float = key(
         percentage(95, 95),
@@ -625,10 +610,7 @@ class WrinkleTool(EffectTool):
         read=read_percentage,
     )
     strength: float = key(
-        _STRENGTH,
-        "Factor of the height; negative is inward. The length is kept only with 1. Default 1.",
-        1.0,
-        read=float,
+        _STRENGTH, "Factor of the height; negative is inward. The length is kept only with 1. Default 1.", 1.0
     )
     clips: Mapping[str, float] = key(
         any_keys(_STRENGTH, "a mapping of clip names to strengths"),
@@ -788,7 +770,7 @@ class ToolsFile:
 
     path: str
     version: int = key(
-        expects("1, the only version so far", const=1), "Version of this format. Required: 1.", absent=1, read=int
+        expects("1, the only version so far", const=1), "Version of this format. Required: 1.", read=int, absent=1
     )
     up: Up = key(one_of(*get_args(Up)), "Axis of the positions: y (glTF) or z (as Blender shows them). Default y.", "y")
     rest: RestPose | RestFrame = key(
