@@ -112,10 +112,10 @@ def read(path: str, most: int = MAX_MEMORY) -> bytes:
     return data
 
 
-def read_if_there(path: str, most: int = MAX_MEMORY) -> bytes | None:
-    """Read a file of at most so many bytes; None if there is none."""
+def read_if_there(path: str) -> bytes | None:
+    """Read a file; None if there is none."""
     try:
-        return read(path, most)
+        return read(path)
     except (FileNotFoundError, IsADirectoryError, NotADirectoryError):
         return None
 

@@ -65,11 +65,9 @@ class DrivenTargets(Protocol):
     @property
     def targets(self) -> tuple[str, ...]:
         """Their names."""
-        ...
 
     def weights_in(self, rig: "Rig", clip: Any) -> Callable[[Floats], Floats]:
         """A function from (frames,) seconds of a clip to (frames, targets) weights; None is the stored pose."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

@@ -75,7 +75,6 @@ class Reader(Protocol[_Reading]):
 
     def __call__(self, times: Floats, known: dict[int, Floats], /) -> _Reading:
         """Measure at (frames,) seconds. `known` holds rows of nodes at these times, as in `node_rows`."""
-        ...
 
 
 # Frequency, in hertz, and damping ratio of a spring that extras may ask for: more than a tools file may.

@@ -39,17 +39,14 @@ class Reading(Protocol):
     @property
     def rows(self) -> Floats:
         """(frames,) numbers by which a table is looked up."""
-        ...
 
     @property
     def active(self) -> Bools:
         """(frames,) False where the weights are 0, whatever the table has."""
-        ...
 
     @property
     def factors(self) -> Floats | float:
         """(frames,) factors on what is looked up."""
-        ...
 
 
 class Weights(Protocol):
@@ -57,7 +54,6 @@ class Weights(Protocol):
 
     def weights(self, reading: Any) -> Floats:
         """(frames, targets) weights at the measurements of a signal."""
-        ...
 
 
 class Response(Weights, Protocol):
@@ -65,7 +61,6 @@ class Response(Weights, Protocol):
 
     def to_json(self) -> Json:
         """The rows as extras store them."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)

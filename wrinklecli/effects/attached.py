@@ -58,71 +58,57 @@ class Attached(Protocol[Tool]):
     @property
     def tool(self) -> Tool:
         """Its entry in the tools file."""
-        ...
 
     @property
     def span(self) -> float:
         """The length of which per cent in its entry are: of the tool or the muscle, or a radius; scene units."""
-        ...
 
     @property
     def regions(self) -> Sequence[Region]:
         """The regions where edges must be split."""
-        ...
 
     @property
     def segment(self) -> Segment | None:
         """The segment or path whose length moves it; None if something else does."""
-        ...
 
     @property
     def greatest_height(self) -> float:
         """The largest move of the effect, scene units."""
-        ...
 
     @property
     def height_limit(self) -> float:
         """The height at which its bumps grow no more, at a strength of 1, scene units; infinite if there is none."""
-        ...
 
     @property
     def bump_width(self) -> float:
         """The width of a bump, scene units."""
-        ...
 
     @property
     def full(self) -> float:
         """The shortening of its segment, over the rest length, from which on it moves no farther; 1 for none."""
-        ...
 
     @property
     def flatter(self) -> str:
         """A remedy that makes it turn fewer triangles over, as the end of a warning."""
-        ...
 
     @property
     def moves(self) -> Moves | None:
         """The morph targets by which the effect moves the mesh before later effects see it; None if they do not."""
-        ...
 
     @property
     def covers(self) -> Sequence[str]:
         """Names of other meshes that lie over it and stay as they are, so that it may come through them."""
-        ...
 
     @property
     def keyed_clips(self) -> Collection[str]:
         """Names of clips that move it, though they may move no joint."""
-        ...
 
     @property
     def drag(self) -> Drag | None:
         """The tip that drags its skin; None if none does."""
-        ...
 
     def clip_warnings(self, rig: Rig, clips: Sequence[tuple[Clip, Floats]]) -> list[str]:
         """Warnings about clips that say too little of how it moves, by (frames, targets) weights in each."""
-        ...
 
     def fitting_compressible(self, lengths: Iterable[tuple[Floats, Floats]], height: float | None = None) -> float:
         """The part of each shortening, 0 to 1, that the tissue must take so that bumps are full at the greatest one.
@@ -131,7 +117,6 @@ class Attached(Protocol[Tool]):
             lengths: For each clip (frames,) lengths of the segment and (frames,) rest lengths, scene units.
             height: Another `height_limit`.
         """
-        ...
 
 
 AnyAttached: TypeAlias = Attached[Any]

@@ -163,10 +163,6 @@ class BodyPart(Generic[AttachedType]):
         """Its words about itself."""
         return self.layer.words(plan, self.attached, self.deltas)
 
-    def place_warnings(self, _plan: MeshPlan) -> list[str]:
-        """None: what does not fit is refused."""
-        return []
-
 
 @dataclass(frozen=True, slots=True)
 class BodyLayer(ABC, Generic[AttachedType]):

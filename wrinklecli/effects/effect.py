@@ -140,28 +140,22 @@ class Words(Protocol):
     @property
     def remedy(self) -> str:
         """The way to leave the effect out, for messages about too many targets; empty if fewer bumps are."""
-        ...
 
     @property
     def left_out(self) -> str | None:
         """The warning that says why nothing of the effect is made; None if it is made."""
-        ...
 
     def summary(self, effects: int, targets: int) -> str:
         """Count the effects of this kind, and their targets, for a bake's summary; empty if they count as tools."""
-        ...
 
     def describe(self, plan: MeshPlan, targets: tuple[str, ...]) -> Json:
         """The effect's entry in the report, with the names of its targets: JSON values only."""
-        ...
 
     def describe_clip(self, seen: Seen) -> Json | None:
         """The effect's entry in a clip of a detailed report; None if there is none."""
-        ...
 
     def warnings(self, plan: MeshPlan, clips: Sequence[Seen], *, up: str) -> list[str]:
         """Warnings for users, from the effect in all clips."""
-        ...
 
 
 class Remixes(ABC):
@@ -259,49 +253,39 @@ class Part(Protocol):
     @property
     def attached(self) -> AnyAttached:
         """It at rest."""
-        ...
 
     @property
     def region(self) -> int:
         """The number of its first region among those of the refinement."""
-        ...
 
     @property
     def vertices(self) -> Ints:
         """(vertices,) the fine welded vertices that it may move, sorted."""
-        ...
 
     @property
     def target_vertices(self) -> list[Ints]:
         """For each of its morph targets, as far as they are known, the fine welded vertices that the target moves."""
-        ...
 
     @property
     def shares(self) -> Floats:
         """(vertices,) their greatest moves over the greatest of all."""
-        ...
 
     @property
     def us(self) -> Floats:
         """(vertices,) their places across its crests, from 0 to 1: u, unless crests are bent."""
-        ...
 
     @property
     def drive(self) -> AnyDrive:
         """Its drive, which gives its measurements and weights, whether it has targets or not."""
-        ...
 
     def sizes(self, fine: Refinement) -> Floats:
         """(weights of the drive,) the largest move that each stands for, scene units."""
-        ...
 
     def numbers(self, clip: Clip | None, reading: Any) -> Floats:
         """(frames, numbers) by which it moves, from the measurements of its drive; it alone knows what they are."""
-        ...
 
     def strengths(self, seen: "Seen") -> Floats:
         """(frames,) how far it is moved: shortenings over the rest length, or greatest weights."""
-        ...
 
     def displacements(
         self, fine: Refinement, rig: Rig, clip: Clip | None, times: Floats, numbers: Floats | None = None
@@ -310,41 +294,30 @@ class Part(Protocol):
 
         The `numbers` at these times are found, unless they are known.
         """
-        ...
 
     def heights(self, fine: Refinement, clip: Clip | None, numbers: Floats) -> Floats:
         """(frames,) the height of its highest bump by (frames, numbers) in a clip, scene units."""
-        ...
 
     def cut(self, clip: Clip | None, numbers: Floats) -> Floats:
         """(points, 2) the cut of what it raises along its middle at one moment: places and heights, scene units.
 
         `numbers` are (1, numbers). There are no points for an effect without a control curve.
         """
-        ...
 
     def facts(self, plan: MeshPlan, up: str) -> Json:
         """The facts that an artist wants of it, whatever moves it: JSON values only; `up` is the axis of positions."""
-        ...
 
     def facts_in(self, plan: MeshPlan, seen: Seen) -> Json:
         """Facts that an artist wants of it in a clip: its `name`, the greatest `height` of the effect, its `time`."""
-        ...
 
     def cuts(self, shortenings: Floats) -> tuple[Floats, Floats]:
         """(cuts, points) places and heights along its middle at (cuts,) shortenings over the rest length, scene units.
 
         There are no points for an effect without a control curve.
         """
-        ...
 
     def words(self, plan: MeshPlan) -> Words:
         """Its words about itself."""
-        ...
-
-    def place_warnings(self, plan: MeshPlan) -> list[str]:
-        """Warnings about its place on the mesh, whatever moves it."""
-        ...
 
 
 class Layer(Protocol):
@@ -353,32 +326,26 @@ class Layer(Protocol):
     @property
     def parts(self) -> Sequence[Part]:
         """The effects, as far as they are known before clips are sampled."""
-        ...
 
     @property
     def is_solved(self) -> bool:
         """True if its effects are found by a solver, which takes minutes."""
-        ...
 
     @property
     def section(self) -> str:
         """The key of extras and report under which these effects stand."""
-        ...
 
     @property
     def named_clips(self) -> frozenset[str]:
         """Names of clips in which an effect acts differently from other clips of the same motion."""
-        ...
 
     @property
     def sampled_numbers(self) -> int:
         """The count of numbers that are kept for each sampled time."""
-        ...
 
     @property
     def projected(self) -> int:
         """The number of vertices that are posed at each time that is sampled."""
-        ...
 
     def target_sizes(self, plan: MeshPlan, clips: Sequence[Clip], frames: int, memory: Memory) -> list[int]:
         """An estimate, before clips are sampled, of the welded vertices that each morph target moves, at most.
@@ -387,7 +354,6 @@ class Layer(Protocol):
             BakeError: There would be too many targets.
             TooMuchError: Sampling would take more memory than there may be.
         """
-        ...
 
     def effects(
         self, plan: MeshPlan, clips: Sequence[Clip], before: Sequence[Effect], how: SamplingOptions
@@ -404,11 +370,9 @@ class Layer(Protocol):
         Raises:
             BakeError: There are too many shapes.
         """
-        ...
 
     def warnings(self, plan: MeshPlan, clips: Sequence[Clip]) -> list[str]:
         """Warnings for users about several effects together, besides those of each."""
-        ...
 
 
 class EffectKind(ABC):

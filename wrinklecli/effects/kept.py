@@ -13,15 +13,12 @@ class Store(Protocol):
 
     def find(self, key: str, most: int) -> bytes | None:
         """The solution of a key, of at most so many bytes; None if there is none."""
-        ...
 
     def keep(self, key: str, data: bytes) -> None:
         """Keep a solution."""
-        ...
 
     def refuse(self, key: str, reason: str) -> None:
         """Say why what `find` gave is not used."""
-        ...
 
 
 _store: ContextVar[Store | None] = ContextVar("_store", default=None)

@@ -93,9 +93,9 @@ def preset_for(substance: MaterialName, part: Part | None, known: Mapping[str, P
     return fitting[-1] if fitting else known[substance]
 
 
-def usual_bumps(material: MaterialName | None, gap: int = 0) -> int:
+def usual_bumps(material: MaterialName | None) -> int:
     """Number of bumps of a tool without the key `bumps`."""
-    return PLAIN_BUMPS if material is None else preset(material).bumps(gap)
+    return PLAIN_BUMPS if material is None else preset(material).bumps()
 
 
 def with_material(

@@ -96,12 +96,10 @@ class PageHost(Protocol):
     @property
     def shown_clip(self) -> str | None:
         """Name of the clip that is shown, or of the pose; None at rest."""
-        ...
 
     @property
     def shown_time(self) -> float:
         """Shown time of the clip, seconds."""
-        ...
 
     def say(self, text: str, colour: str = GOOD) -> None:
         """Show a message."""

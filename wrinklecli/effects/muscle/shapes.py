@@ -151,16 +151,13 @@ class Skin(Protocol):
     @property
     def positions(self) -> Floats:
         """(vertices, 3) world space."""
-        ...
 
     @property
     def blended(self) -> Floats:
         """(vertices, 3, 4) bind to world space, or its first three columns."""
-        ...
 
     def normals_at(self, vertices: Ints) -> Floats:
         """(chosen, 3) unit normals, world space."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,6 @@ from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
 from wrinklecli.effects.wrinkle.effect import WrinkleWords
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.effects.wrinkle.report import describe_heights, describe_place
-from wrinklecli.effects.wrinkle.warnings import placement_warnings
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, Ints
@@ -127,7 +126,3 @@ class WrinklePart:
     def words(self, plan: MeshPlan) -> WrinkleWords:
         """Its words about itself."""
         return WrinkleWords(self.carried, self.region, plan.rig)
-
-    def place_warnings(self, plan: MeshPlan) -> list[str]:
-        """Warnings about anchors far off, and a patch that reaches across a fold."""
-        return placement_warnings(plan, self.carried)
