@@ -76,8 +76,7 @@ class Pair:
     @cached_property
     def _gaps(self) -> Floats:
         """(vertices,) distances of the bind positions."""
-        found: Floats = _lengths(self.second.places[None, :, 0] - self.first.places[None, :, 0])[0]
-        return found
+        return np.asarray(_lengths(self.second.places[None, :, 0] - self.first.places[None, :, 0])[0])
 
     @cached_property
     def _reach(self) -> float:
@@ -126,5 +125,4 @@ class Pair:
 
 def _lengths(vectors: Floats) -> Floats:
     """(frames, vertices) lengths of (frames, 3, vertices) vectors."""
-    found: Floats = np.sqrt(np.einsum("fxv,fxv->fv", vectors, vectors))
-    return found
+    return np.asarray(np.sqrt(np.einsum("fxv,fxv->fv", vectors, vectors)))

@@ -235,8 +235,7 @@ def tangent_deltas(tangents: Floats, normals: Floats, normal_deltas: Floats) -> 
 
     Source: glTF 2.0 §3.7.2.2: TANGENT displacements are VEC3, handedness stays.
     """
-    deltas: Floats = -np.sum(tangents * normal_deltas, axis=1, keepdims=True) * normals
-    return deltas
+    return np.asarray(-np.sum(tangents * normal_deltas, axis=1, keepdims=True) * normals)
 
 
 def _read_base(

@@ -154,8 +154,7 @@ def _costs(sets: Floats, sizes: Floats, other: Floats, size: float) -> Floats:
     """(parts,) the growth of faces times targets if another part of `size` faces joins each."""
     each, more = sets.sum(axis=1), other.sum()
     both = each + more - sets @ other
-    costs: Floats = both * (sizes + size) - each * sizes - more * size
-    return costs
+    return np.asarray(both * (sizes + size) - each * sizes - more * size)
 
 
 def _join(sets: Floats, sizes: Floats, groups: Ints, into: int, kind: int) -> None:

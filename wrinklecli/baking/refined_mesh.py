@@ -63,8 +63,7 @@ class RefinedPrimitive:
 
     def mix(self, values: Floats) -> Floats:
         """(new vertices, …) of (old vertices, …) values."""
-        mixed: Floats = np.einsum("vk,vk...->v...", self.shares, values[self.sources])
-        return mixed
+        return np.asarray(np.einsum("vk,vk...->v...", self.shares, values[self.sources]))
 
     def normals(self, old: Floats, fine: Refinement) -> Floats:
         """(vertices, 3) of (old vertices, 3) normals, those of new vertices mixed.
@@ -93,8 +92,7 @@ class RefinedPrimitive:
 
     def heaviest(self) -> Ints:
         """(new vertices,) the old vertex that is nearest to each; the first among equals."""
-        nearest: Ints = self.sources[np.arange(len(self.sources)), np.argmax(self.shares, axis=1)]
-        return nearest
+        return np.asarray(self.sources[np.arange(len(self.sources)), np.argmax(self.shares, axis=1)])
 
 
 def nonzero_directions(directions: Floats) -> Floats:

@@ -88,8 +88,7 @@ def _joined(rows: Sequence[Floats], counts: Sequence[int]) -> Floats:
     if len(rows) == 1 or all(each is first or (each.shape[2] == 1 and np.array_equal(each, first)) for each in rows):
         return first
     every = [np.broadcast_to(each, (3, 4, count)) for each, count in zip(rows, counts, strict=True)]
-    joined: Floats = np.concatenate(every, axis=2)
-    return joined
+    return np.concatenate(every, axis=2)
 
 
 def _weights(points: Sequence[CarriedPoint], rig: Rig, clip: Clip | None, times: Floats) -> Floats:

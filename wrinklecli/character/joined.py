@@ -93,5 +93,4 @@ def _quaternion(matrix: Floats) -> Floats:
         [c + g, f + h, squares[2], d - b],
         [h - f, c - g, d - b, squares[3]],
     ]
-    rotation: Floats = np.array(mixed[largest]) / (2.0 * np.sqrt(max(float(squares[largest]), TINY)))
-    return rotation
+    return np.asarray(np.array(mixed[largest]) / (2.0 * np.sqrt(max(float(squares[largest]), TINY))))

@@ -45,8 +45,7 @@ def joint_matrices(rig: Rig, clip: Clip | None, times: Floats, joints: Ints | No
     """
     chosen = np.arange(len(rig.joints)) if joints is None else joints
     globals_ = node_matrices(rig, clip, times, [int(rig.joints[joint]) for joint in chosen])
-    matrices: Floats = np.matmul(globals_, rig.inverse_binds[chosen])
-    return matrices
+    return np.asarray(np.matmul(globals_, rig.inverse_binds[chosen]))
 
 
 def node_matrices(hierarchy: Hierarchy, clip: Clip | None, times: Floats, nodes: Iterable[int]) -> Floats:

@@ -226,8 +226,7 @@ def orientations(matrices: Floats, shares: Floats) -> Floats:
         matrices: (…, n, 3 or 4, 4) of joints or vertices, bind to world space.
         shares: (n,) the part of the mesh that follows each.
     """
-    signs: Floats = np.sign(np.sign(determinants(matrices[..., :3, :3])) @ shares)
-    return signs
+    return np.sign(np.sign(determinants(matrices[..., :3, :3])) @ shares)
 
 
 @dataclass(frozen=True, slots=True)
@@ -256,8 +255,7 @@ class PosedMesh:
 
     def corners(self, frame: int = 0) -> Floats:
         """(triangles, 3, 3) positions of the corners of the triangles that a frame shows."""
-        corners: Floats = self.positions[frame][self.wound(frame)]
-        return corners
+        return np.asarray(self.positions[frame][self.wound(frame)])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -70,8 +70,7 @@ class Surface:
     @cached_property
     def heaviest(self) -> Ints:
         """(vertices,) the joint of the greatest weight of each, an index into the rig's joints."""
-        found: Ints = self.joints[np.arange(len(self.joints)), self.weights.argmax(axis=1)]
-        return found
+        return np.asarray(self.joints[np.arange(len(self.joints)), self.weights.argmax(axis=1)])
 
     def dense_weights(self, vertices: Ints, joint_count: int) -> Floats:
         """(vertices, joints) skin weights of some vertices."""
@@ -234,8 +233,7 @@ def read_positions(document: Document, primitive: Json, where: str) -> Floats:
     if "POSITION" not in attributes:
         raise AssetError("has no POSITION", where=where)
     count = len(document.accessor(attributes["POSITION"], user=where))
-    positions: Floats = _attribute(document, attributes, "POSITION", count=count, size=3, where=where)
-    return positions
+    return np.asarray(_attribute(document, attributes, "POSITION", count=count, size=3, where=where))
 
 
 def _attribute(

@@ -89,8 +89,7 @@ def play_parts(plan: MeshPlan, parts: Sequence[Part], clips: Sequence[Clip], how
 
 def _moves(playing: Playing, sizes: Floats, times: Floats) -> Floats:
     """(frames, weights) moves of (weights,) sizes at (frames,) seconds, scene units."""
-    moves: Floats = playing.at(times) * sizes
-    return moves
+    return playing.at(times) * sizes
 
 
 def seen_at(part: Part, rig: Rig, clip: Clip, times: Floats) -> Seen:

@@ -64,8 +64,7 @@ class Middles:
     @staticmethod
     def numbers_of(ends: Ints, fine: Refinement) -> Ints:
         """(edges,) a number for each edge of (edges, 2) fine welded vertices, the lower one first."""
-        numbers: Ints = ends[:, 0] * len(fine.positions) + ends[:, 1]
-        return numbers
+        return ends[:, 0] * len(fine.positions) + ends[:, 1]
 
 
 @dataclass(frozen=True, slots=True)

@@ -238,8 +238,7 @@ def _group_sizes(data: Bytes, bits: int) -> Bytes:
     packed = _GROUP * bits // 8
     counts = np.pad(sentinels[data], (0, packed - 1))
     windows = np.lib.stride_tricks.sliding_window_view(counts, packed)
-    sizes: Bytes = windows.sum(axis=1, dtype=np.uint8) + np.uint8(packed)
-    return sizes
+    return np.asarray(windows.sum(axis=1, dtype=np.uint8) + np.uint8(packed))
 
 
 def _groups(data: Bytes, starts: NDArray[np.intp], bits: int) -> Bytes:
@@ -422,8 +421,7 @@ def _exponential(elements: Bytes) -> Array:
     stored = elements.view("<i4")
     exponents = np.clip(stored >> 24, *_EXPONENTS)
     mantissas = (stored << 8) >> 8
-    values: Array = np.ldexp(mantissas.astype(np.float64), exponents).astype("<f4")
-    return values
+    return np.asarray(np.ldexp(mantissas.astype(np.float64), exponents).astype("<f4"))
 
 
 def _color(elements: Bytes) -> Array:

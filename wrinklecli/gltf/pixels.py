@@ -30,8 +30,7 @@ def read_pixels(data: bytes | memoryview) -> Bytes:
         image.draft("RGB", (_SIDE, _SIDE))
         converted = image.convert("RGB")
         factor = math.ceil(max(converted.size) / _SIDE)
-        pixels: Bytes = np.asarray(converted.reduce(factor) if factor > 1 else converted)
-        return pixels
+        return np.asarray(converted.reduce(factor) if factor > 1 else converted)
 
 
 def read_alpha(data: bytes | memoryview) -> Bytes | None:

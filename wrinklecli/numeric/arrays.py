@@ -103,8 +103,7 @@ def nonzero_rows(rows: Array) -> Ints:
 def are_nonzero(vectors: Floats) -> Bools:
     """(…,) True where a coordinate of (…, 3) vectors is not 0; ten times as fast as `any` along an axis of three."""
     x, y, z = np.moveaxis(vectors, -1, 0)
-    found: Bools = (x != 0) | (y != 0) | (z != 0)
-    return found
+    return np.asarray((x != 0) | (y != 0) | (z != 0))
 
 
 def distinct_values(values: Array) -> Array:
@@ -126,8 +125,7 @@ def median(values: Floats) -> Floats:
     `np.median` imports `numpy.ma` to look for masks, which takes a thirtieth of a small bake.
     """
     ordered, half = np.sort(values, axis=0), len(values) // 2
-    middles: Floats = (ordered[(len(values) - 1) // 2] + ordered[half]) / 2.0
-    return middles
+    return np.asarray((ordered[(len(values) - 1) // 2] + ordered[half]) / 2.0)
 
 
 def weighted_quantiles(values: Floats, weights: Floats, parts: Floats) -> Floats:
@@ -135,8 +133,7 @@ def weighted_quantiles(values: Floats, weights: Floats, parts: Floats) -> Floats
     order = np.argsort(values, kind="stable")
     total = np.cumsum(weights[order])
     places = np.searchsorted(total, parts * total[-1])
-    found: Floats = values[order[np.minimum(places, len(order) - 1)]]
-    return found
+    return np.asarray(values[order[np.minimum(places, len(order) - 1)]])
 
 
 def cross(a: Floats | list[Floats], b: Floats | list[Floats]) -> list[Floats]:
@@ -186,8 +183,7 @@ def _are_singular(rows: Floats, determinant: Floats) -> Bools:
 def determinants(matrices: Floats) -> Floats:
     """(…,) determinants of (…, 3, 3)."""
     (a, b, c), (d, e, f), (g, h, i) = np.moveaxis(matrices, (-2, -1), (0, 1))
-    found: Floats = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
-    return found
+    return np.asarray(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g))
 
 
 def unit_quaternions(quaternions: Floats) -> Floats:
@@ -235,8 +231,7 @@ def float32_values(values: Floats) -> Floats:
 
 def among(values: Ints, ascending: Ints) -> Bools:
     """(n,) True where a value is one of the `ascending` ones, which are sorted."""
-    found: Bools = np.searchsorted(ascending, values, "right") > np.searchsorted(ascending, values)
-    return found
+    return np.searchsorted(ascending, values, "right") > np.searchsorted(ascending, values)
 
 
 def any_of(flags: _Flags, members: Ints) -> _Flags:
@@ -261,8 +256,7 @@ def children(parents: Ints, chosen: Ints) -> Ints:
 def runs(firsts: Ints, counts: Ints) -> Ints:
     """Concatenate runs of consecutive whole numbers, each with its first number and its count."""
     begins = np.cumsum(counts) - counts
-    found: Ints = np.arange(int(counts.sum())) + np.repeat(firsts - begins, counts)
-    return found
+    return np.asarray(np.arange(int(counts.sum())) + np.repeat(firsts - begins, counts))
 
 
 @dataclass(frozen=True, slots=True)
@@ -300,8 +294,7 @@ def interpolated(at: Floats, points: Floats, columns: Floats) -> Floats:
 def smoothstep(t: Floats, factor: Floats | float = 1.0) -> Floats:
     """(…) a factor times 3t² - 2t³, which rises from 0 to 1 over [0, 1] and is level at both ends."""
     # The factor comes first, as rounding depends on the order of the products.
-    stepped: Floats = factor * t * t * (3.0 - 2.0 * t)
-    return stepped
+    return factor * t * t * (3.0 - 2.0 * t)
 
 
 def significant(value: float, digits: int = 9) -> float:
@@ -395,8 +388,7 @@ class KnownRows:
         if len(missing):
             self.rows[missing] = find(missing)
             self.known[missing] = True
-        found: Floats = self.rows[wanted]
-        return found
+        return self.rows[wanted]
 
 
 def matches(vertices: Ints, wanted: Ints) -> tuple[Ints, Ints]:

@@ -69,8 +69,7 @@ def meets_box(coordinates: Floats, low: Floats, high: Floats, triangles: Ints) -
         codes |= (axis < least).view(np.uint8) << (2 * number)
         codes |= (axis > most).view(np.uint8) << (2 * number + 1)
     a, b, c = np.take(codes, triangles).T
-    meets: Bools = (a & b & c) == 0
-    return meets
+    return np.asarray((a & b & c) == 0)
 
 
 def on_triangles(points: Floats, corners: Floats) -> tuple[Floats, Floats]:

@@ -47,8 +47,7 @@ class Quartics:
 
 def through(values: Floats) -> Floats:
     """(intervals, 5, values) coefficients of the quartics through (intervals, 5, values) at `NODES`."""
-    powers: Floats = np.matmul(_FROM_VALUES, values)
-    return powers
+    return np.asarray(np.matmul(_FROM_VALUES, values))
 
 
 def fit_quartics(function: Signal, breaks: Floats, tolerance: float) -> Quartics | None:

@@ -64,8 +64,7 @@ class Level:
         """(edges, …) linear mixtures of (coarse vertices, …) values at the midpoints of some edges."""
         vertices, ends = np.unique(self.edges[edges], return_inverse=True)
         a, b = self.of_vertices(vertices, coarse)[ends.reshape(-1, 2).T]
-        middles: Floats = (a + b) / 2.0
-        return middles
+        return np.asarray((a + b) / 2.0)
 
 
 Criterion: TypeAlias = Callable[[Level], Bools]

@@ -41,8 +41,7 @@ def fewest_axes(rows: Floats, fits: Callable[[Floats], bool]) -> Floats:
 
 def peaks_of(weights: Floats) -> Floats:
     """(columns,) the entry of greatest size, with its sign, of each column of (rows, columns)."""
-    peaks: Floats = weights[np.argmax(np.abs(weights), axis=0), np.arange(weights.shape[1])]
-    return peaks
+    return np.asarray(weights[np.argmax(np.abs(weights), axis=0), np.arange(weights.shape[1])])
 
 
 def compress(

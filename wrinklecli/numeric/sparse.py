@@ -77,8 +77,7 @@ class Matrix:
 
     def _counts(self, rows: Ints) -> Ints:
         """(chosen,) numbers of entries of some rows."""
-        counts: Ints = self.starts[rows + 1] - self.starts[rows]
-        return counts
+        return self.starts[rows + 1] - self.starts[rows]
 
     def below(self, above: Matrix | None) -> Matrix:
         """(n + m, V) the rows of (n, V) `above` (None: identity), then those of this (m, n) matrix times `above`."""

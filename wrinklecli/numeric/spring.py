@@ -81,8 +81,7 @@ class SpringResponse:
         y, u = self.states[which].transpose(1, 0, 2)
         cosine, sine = (each[:, None] for each in self.spring.decay(self.spring.speed * elapsed))
         answer = _polynomial(self.powers[which], (elapsed / self.spans[which])[:, None])
-        found: Floats = answer + cosine * y + sine * (u + self.spring.damping * y)
-        return found
+        return np.asarray(answer + cosine * y + sine * (u + self.spring.damping * y))
 
 
 def respond(spring: Spring, signal: Quartics, *, periodic: bool) -> SpringResponse:

@@ -58,8 +58,7 @@ class Subdivision:
     @property
     def changed(self) -> Bools:
         """(F',) True for triangles that are not coarse ones."""
-        changed: Bools = np.bincount(self.parents)[self.parents] > 1
-        return changed
+        return np.bincount(self.parents)[self.parents] > 1
 
     def positions(self, coarse: Floats) -> Floats:
         """(..., V, C) coarse values → (..., V', C) by the scheme's stencils; the first V are the same bits."""

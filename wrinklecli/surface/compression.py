@@ -271,5 +271,4 @@ def sites_with_twins(sites: Sites) -> Bools:
 def triangle_weights(sites: Sites, region: CompressedRegion) -> Floats:
     """(triangles,) the part of a region's loss in each triangle of the gauge; their sum is 1."""
     losses = np.asarray((region.weights @ sites.smooth[region.members]) @ sites.gather)
-    weights: Floats = losses / losses.sum()
-    return weights
+    return np.asarray(losses / losses.sum())

@@ -184,8 +184,7 @@ def segment_distances(points: Floats, segments: Floats) -> Floats:
     starts, along = segments[:, 0], segments[:, 1] - segments[:, 0]
     squared = np.sum(along * along, axis=1)
     t = np.clip(np.sum((points - starts) * along, axis=1) / np.where(squared > 0, squared, 1.0), 0.0, 1.0)
-    found: Floats = np.sqrt(np.sum((points - starts - t[:, None] * along) ** 2, axis=1))
-    return found
+    return np.asarray(np.sqrt(np.sum((points - starts - t[:, None] * along) ** 2, axis=1)))
 
 
 def surface_distances(edges: Ints, positions: Floats, starts: Floats) -> Floats:

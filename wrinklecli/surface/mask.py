@@ -58,8 +58,7 @@ class Mask:
         across, down = x - left, y - top
         upper = (1.0 - across) * self.image[top, left] + across * self.image[top, right]
         lower = (1.0 - across) * self.image[below, left] + across * self.image[below, right]
-        found: Floats = (1.0 - down) * upper + down * lower
-        return found
+        return np.asarray((1.0 - down) * upper + down * lower)
 
     def welded(self, weld: Ints, count: int) -> Floats:
         """(vertices,) mean factors of so many welded vertices, from the (glTF vertices,) welded vertex of each."""
@@ -82,8 +81,7 @@ class Mask:
         ends = np.einsum("fcs,fsd->fcd", barycentrics, self.painted[corners])
         spots = np.einsum("pc,fcd->fpd", grid, ends)
         mixed = self.at(ends.reshape(-1, 2)).reshape(-1, 3) @ grid.T
-        found: Floats = np.abs(self.at(spots.reshape(-1, 2)).reshape(mixed.shape) - mixed).max(axis=1)
-        return found
+        return np.asarray(np.abs(self.at(spots.reshape(-1, 2)).reshape(mixed.shape) - mixed).max(axis=1))
 
     def on_refined(self, fine: Refinement, members: Ints, vertices: Ints) -> Floats:
         """(vertices,) factors at sorted vertices of the children of coarse `members`.
@@ -116,8 +114,7 @@ _GRID = _grid(_PARTS)
 
 def spread(corners: Floats) -> Floats:
     """(triangles, points, …) values at points spread evenly over triangles, from (triangles, 3, …) at their corners."""
-    found: Floats = np.einsum("pc,tcd->tpd", _GRID, corners)
-    return found
+    return np.asarray(np.einsum("pc,tcd->tpd", _GRID, corners))
 
 
 def read_mask(tool: WrinkleTool | Flesh | Touch | Field, ground: Ground, members: Ints) -> Mask | None:

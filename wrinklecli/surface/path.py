@@ -87,8 +87,7 @@ class Straight:
 
     def cosines(self, _u: Floats, normals: Floats) -> Floats:
         """(…,) cosines between (…, 3) unit normals and the path's normal."""
-        found: Floats = normals @ self.normal
-        return found
+        return normals @ self.normal
 
     def directions(self, u: Floats) -> Floats:
         """(…, 3) unit vectors along the path at (…,) u."""
@@ -130,8 +129,7 @@ class Curve:
     @property
     def knots(self) -> Floats:
         """(2 anchors - 1, 3) the anchors, and the points of the surface halfway between two; the curve meets all."""
-        found: Floats = self.points[::_PIECES]
-        return found
+        return self.points[::_PIECES]
 
     @property
     def sharpest(self) -> tuple[float, int]:
@@ -143,8 +141,7 @@ class Curve:
     @property
     def between(self) -> Floats:
         """(2 anchors - 2, 3) points of the curve halfway between two knots, which may be furthest from the mesh."""
-        found: Floats = self.points[_PIECES // 2 :: _PIECES]
-        return found
+        return self.points[_PIECES // 2 :: _PIECES]
 
     @property
     def along(self) -> Floats:
@@ -195,8 +192,7 @@ class Curve:
 
         def mixed(values: Floats) -> Floats:
             share = t if values.ndim == 1 else t[:, None]
-            found: Floats = values[first] + share * (values[second] - values[first])
-            return found
+            return np.asarray(values[first] + share * (values[second] - values[first]))
 
         tangents = mixed(self.tangents)
         away = relative - mixed(points) - past[:, None] * tangents
@@ -211,8 +207,7 @@ class Curve:
 
     def cosines(self, u: Floats, normals: Floats) -> Floats:
         """(…,) cosines between (…, 3) unit normals and the curve's normals at (…,) u."""
-        found: Floats = np.sum(normals * self._at(self.normals, u), axis=-1)
-        return found
+        return np.asarray(np.sum(normals * self._at(self.normals, u), axis=-1))
 
     def directions(self, u: Floats) -> Floats:
         """(…, 3) unit vectors along the curve at (…,) u."""

@@ -395,8 +395,7 @@ def _weights(region: Region, stretched: Floats, v: Floats) -> Floats:
     furrowed = np.searchsorted(region.furrows, high, "right") > np.searchsorted(region.furrows, low, "left")
     nearest = np.where(v[:, 0] * v[:, 1] > 0, np.minimum(*np.abs(v).T), 0.0)
     shares = region.share(np.full(len(v), 0.5), nearest, np.ones(len(v)))
-    weights: Floats = np.where(furrowed, _FURROWED, 1.0) * np.maximum(shares, _LEAST_SHARE) ** _FADING
-    return weights
+    return np.where(furrowed, _FURROWED, 1.0) * np.maximum(shares, _LEAST_SHARE) ** _FADING
 
 
 def _edges_at_masks(level: Level, laid: Sequence[_Laid], surface: Surface, settings: RefinementSettings) -> Bools:
@@ -485,8 +484,7 @@ def _places(level: Level, laid: _Laid) -> Floats:
 
     def positions(vertices: Ints) -> Floats:
         blended = level.of_vertices(vertices, laid.pose.blended.reshape(-1, 12)).reshape(1, -1, 3, 4)
-        placed: Floats = transform(blended, level.of_vertices(vertices, laid.pose.bind_positions))[0]
-        return placed
+        return np.asarray(transform(blended, level.of_vertices(vertices, laid.pose.bind_positions))[0])
 
     return _on_regions(level, laid.regions, positions)
 
@@ -499,8 +497,7 @@ def _directions(level: Level, laid: _Laid) -> Floats:
 def _at(corners: Ints, vertices: Ints, values: Floats, scratch: Floats) -> Floats:
     """(corners, …) of the (vertices,) values, by vertices; overwrites some of `scratch`, (vertices of the level,)."""
     scratch[vertices] = values
-    taken: Floats = scratch[corners]
-    return taken
+    return scratch[corners]
 
 
 def _new_weights(surface: Surface, subdivision: Subdivision, joint_count: int) -> tuple[Floats, Ints]:

@@ -226,8 +226,7 @@ def _averaged(gauge: Gauge, area: _StrainedArea, clip: Clip | None, times: Float
     """(frames, area, 6) the averaged loss tensor around each site of the area."""
     tensors = strain(gauge, clip, times, area.part)
     rows = tensors.transpose(1, 0, 2).reshape(tensors.shape[1], 6 * len(times))
-    averaged: Floats = (area.smooth @ (area.gather @ rows)).reshape(len(area.sites), len(times), 6).transpose(1, 0, 2)
-    return averaged
+    return np.asarray((area.smooth @ (area.gather @ rows)).reshape(len(area.sites), len(times), 6).transpose(1, 0, 2))
 
 
 def find_peaks(

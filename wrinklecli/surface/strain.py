@@ -182,8 +182,7 @@ def solid(positions: Floats, triangles: Ints, normals: Floats) -> Bools:
     a, b, c = (positions[triangles[:, k]] for k in range(3))
     longest = np.sqrt(np.max([np.sum((p - q) ** 2, axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0))
     high = np.sqrt(np.sum(normals**2, axis=1)) > _LEAST_HEIGHT * longest**2
-    found: Bools = high & (np.sum((b - a) ** 2, axis=1) > _LEAST_HEIGHT**2 * longest**2)
-    return found
+    return np.asarray(high & (np.sum((b - a) ** 2, axis=1) > _LEAST_HEIGHT**2 * longest**2))
 
 
 def part_of(gauge: Gauge, chosen: Bools) -> Gauge:
@@ -244,8 +243,7 @@ def posed(
 def unscaled_pose(gauge: Gauge, clip: Clip | None, time: float, weights: Floats | None = None) -> Floats:
     """(vertices, 3) positions as `posed`, at one time, divided by animated scale; weights are (morph targets,)."""
     positions, scales = posed(gauge, clip, np.array([time]), None if weights is None else weights[None])
-    pose: Floats = positions[0] / np.where(scales[0] > LEAST_SCALE, scales[0], 1.0)[:, None]
-    return pose
+    return np.asarray(positions[0] / np.where(scales[0] > LEAST_SCALE, scales[0], 1.0)[:, None])
 
 
 def strain(gauge: Gauge, clip: Clip | None, times: Floats, part: StrainedPart | None = None) -> Floats:
@@ -289,8 +287,7 @@ def strain(gauge: Gauge, clip: Clip | None, times: Floats, part: StrainedPart | 
     middle = (losses[0] + losses[1]) / 2.0
     flat = np.stack([middle + turn * half, turn * xy, middle - turn * half])
     flat[:, hidden] = 0.0
-    tensors: Floats = np.matmul(flat.transpose(2, 1, 0), products).transpose(1, 0, 2)
-    return tensors
+    return np.asarray(np.matmul(flat.transpose(2, 1, 0), products).transpose(1, 0, 2))
 
 
 def principal(tensors: Floats, normals: Floats) -> tuple[Floats, Floats]:
@@ -318,8 +315,7 @@ def along_directions(tensors: Floats, normals: Floats, direction: Floats) -> Flo
     """(points,) losses of (points, 6) tensors along one (3,) direction, projected into each tangent plane."""
     x, y, z = unit(direction - (normals @ direction)[:, None] * normals).T
     products = np.stack([x * x, y * y, z * z, 2.0 * x * y, 2.0 * y * z, 2.0 * z * x], axis=1)
-    losses: Floats = np.einsum("pk,pk->p", tensors, products)
-    return losses
+    return np.asarray(np.einsum("pk,pk->p", tensors, products))
 
 
 def tangents(normals: Floats) -> tuple[Floats, Floats]:

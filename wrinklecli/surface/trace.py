@@ -178,8 +178,7 @@ def _losses(steps: Floats, moved: Floats, smoothing: int) -> Floats:
     travelled = np.append(0.0, np.cumsum(steps))
     low = np.maximum(np.arange(len(steps)) - smoothing, 0)
     high = np.minimum(np.arange(len(steps)) + smoothing + 1, len(steps))
-    losses: Floats = (lost[high] - lost[low]) / np.maximum(travelled[high] - travelled[low], TINY)
-    return losses
+    return np.asarray((lost[high] - lost[low]) / np.maximum(travelled[high] - travelled[low], TINY))
 
 
 def _fits(line: Floats, low: int, high: int, travelled: float) -> bool:
@@ -206,8 +205,7 @@ def _surface_around(sites: Sites, region: CompressedRegion) -> Ints:
     distances = np.sqrt(np.sum((gauge.middles - region.centre) ** 2, axis=1))
     piece = sites.pieces[region.members[region.weights.argmax()]]
     close = gauge.triangles[(distances < _AROUND * region.length + gauge.radii) & (gauge.pieces == piece)]
-    found: Ints = close[gauge.rest.normals[close].sum(axis=1) @ region.normal > _TRIANGLE_FACING]
-    return found
+    return np.asarray(close[gauge.rest.normals[close].sum(axis=1) @ region.normal > _TRIANGLE_FACING])
 
 
 def _walk(

@@ -127,8 +127,7 @@ def layouts_of(document: Document, plan: MeshPlan) -> list[Layout]:
 
 def _on_corners(refined: RefinedPrimitive, values: Floats) -> Floats:
     """(triangles, 3, …) of (old vertices, …) values of a primitive."""
-    found: Floats = np.concatenate([values, refined.mix(values)])[refined.triangles]
-    return found
+    return np.concatenate([values, refined.mix(values)])[refined.triangles]
 
 
 def _joined(parts: Sequence[Layout]) -> Layout:

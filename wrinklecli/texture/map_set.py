@@ -52,14 +52,12 @@ class Shown:
     def shares(self) -> Floats:
         """(texels,) heights over the tallest."""
         sizes = np.abs(self.heights)
-        found: Floats = sizes / sizes.max()
-        return found
+        return np.asarray(sizes / sizes.max())
 
     @property
     def present(self) -> Ints:
         """The texels where it counts as being there."""
-        found: Ints = self.texels[self.shares > _PRESENT]
-        return found
+        return self.texels[self.shares > _PRESENT]
 
 
 @dataclass(frozen=True, slots=True)

@@ -172,5 +172,4 @@ class Relief:
 
 def _mixed(corners: Floats, shares: Floats) -> Floats:
     """(texels, …) of (texels, 3, …) corner values by (texels, 3) shares."""
-    mixed: Floats = np.einsum("tk...,tk->t...", corners, shares)
-    return mixed
+    return np.asarray(np.einsum("tk...,tk->t...", corners, shares))

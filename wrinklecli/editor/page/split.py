@@ -39,8 +39,7 @@ class SplitPlane:
 
     def distances(self, points: Floats) -> Floats:
         """(points,) distances of (points, 3) from the plane; those to the right are positive."""
-        found: Floats = (points - self.eye) @ self.right
-        return found
+        return (points - self.eye) @ self.right
 
     def between(self, left: Floats, right: Floats) -> Floats:
         """(points, 3) of the state to the left or to the right, by the side on which the left one is."""

@@ -47,8 +47,7 @@ class NonNegativeBasis:
     def weights(self, signed: Floats) -> Floats:
         """(frames, count + 1) weights from (frames, count) signed ones."""
         below = np.minimum(signed.min(axis=1, initial=0.0), 0.0)[:, None]
-        weights: Floats = np.concatenate([signed - below, -below], axis=1) / self._full
-        return weights
+        return np.concatenate([signed - below, -below], axis=1) / self._full
 
     @property
     def unmix(self) -> Floats:
@@ -79,8 +78,7 @@ def contact_effect(
     crease, names = words.crease, tuple(each.name for each in targets)
 
     def written(signed: Floats) -> Floats:
-        found: Floats = basis.weights(signed)[:, list(columns)]
-        return found
+        return basis.weights(signed)[:, list(columns)]
 
     response, hinge = crease.response.mapped(written, basis.null[list(columns)]), crease.fold.hinge
     drive = (

@@ -98,8 +98,7 @@ def _pairs(fold: Fold, counting: Bools, clip: Clip, times: Floats) -> set[tuple[
 def _corners(fold: Fold, pairs: Sequence[tuple[int, int]]) -> Ints:
     """The fine vertices of some edges and triangles."""
     corners = fold.crossings.corners_of(pairs)
-    own: Ints = fold.vertices[np.unique(corners[corners < len(fold.vertices)])]
-    return own
+    return fold.vertices[np.unique(corners[corners < len(fold.vertices)])]
 
 
 def _halved(fold: Fold, chosen: Sequence[int], crossing: Ints) -> tuple[CarriedPatch, ...]:

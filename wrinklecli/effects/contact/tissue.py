@@ -87,8 +87,7 @@ class SolverState:
     @property
     def correction(self) -> Floats:
         """(vertices, 3) positions relative to the skinned ones, solver's units."""
-        corrected: Floats = self.positions - self.posed.positions
-        return corrected
+        return self.positions - self.posed.positions
 
 
 @dataclass(frozen=True)

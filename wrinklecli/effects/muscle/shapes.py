@@ -80,8 +80,7 @@ class Belly:
 
     def along(self, places: Floats) -> Floats:
         """(…,) distances of (…, 3) places from the origin along the muscle, scene units."""
-        distances: Floats = (places - self.origin) @ unit(self.insertion - self.origin)
-        return distances
+        return (places - self.origin) @ unit(self.insertion - self.origin)
 
     def round(self, places: Floats, normals: Floats) -> Floats:
         """(…,) factors of the height round the bone, at (…, 3) places of the skin with (…, 3) unit normals."""
@@ -94,8 +93,7 @@ class Belly:
         facing = smoothstep(np.clip((np.sum(outward * normals, axis=-1) - low) / (high - low), 0.0, 1.0))
         near, far = _NEAR
         close = smoothstep(np.clip((far - distances / self.depth) / (far - near), 0.0, 1.0))
-        factors: Floats = bell(angles / self.widest) * facing * close
-        return factors
+        return bell(angles / self.widest) * facing * close
 
 
 def bell(aside: Floats) -> Floats:

@@ -72,8 +72,7 @@ class Disc(SmoothRegion):
 
     def cosines(self, _u: Floats, normals: Floats) -> Floats:
         """(…,) cosines between (…, 3) unit normals and the place's."""
-        found: Floats = normals @ self.place.axes[2]
-        return found
+        return np.asarray(normals @ self.place.axes[2])
 
     def share(self, u: Floats, v: Floats, cosines: Floats) -> Floats:
         """(…,) fractions of the displacement: 1 in the disc, fading at its border and where the skin turns away."""

@@ -139,8 +139,7 @@ def _carried_beyond(ground: Ground, place: Place) -> Floats:
     own = corners @ surface.dense_weights(rest.triangles[triangle], count)
     below = ground.rig.joints_below
     beyond = np.flatnonzero(below[int(np.argmax(own))] & (below @ own < _BEYOND))
-    found: Floats = surface.dense_weights(np.arange(len(surface.positions)), count)[:, beyond].sum(axis=1)
-    return found
+    return np.asarray(surface.dense_weights(np.arange(len(surface.positions)), count)[:, beyond].sum(axis=1))
 
 
 def _still(ground: Ground, place: Place, soft: Floats | None) -> Bools:

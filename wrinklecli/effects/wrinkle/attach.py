@@ -259,5 +259,4 @@ def _members(patch: Patch, surface: Surface) -> Ints:
     order = np.argsort(sides, kind="stable")
     shared = np.flatnonzero(np.diff(sides[order]) == 0)
     piece = components(np.stack([order[shared], order[shared + 1]], axis=1) // 3, len(chosen))
-    members: Ints = chosen[np.isin(piece, piece[inside])]
-    return members
+    return np.asarray(chosen[np.isin(piece, piece[inside])])

@@ -154,5 +154,4 @@ def displacements(
     if carried.ring is not None:
         return posed_displacements(patch, carried.ring, fine, rig, clip, times, amplitudes)
     heights = np.einsum("fgm,gmv->fv", amplitudes, carried.shapes())
-    moved: Floats = heights[..., None] * carried.directions
-    return moved
+    return np.asarray(heights[..., None] * carried.directions)

@@ -259,5 +259,4 @@ def _between(grid: Floats, cells: Floats) -> Floats:
     low = np.minimum(cells.astype(np.intp), np.array(grid.shape) - 2)
     (s, t), (i, j) = (cells - low).T, low.T
     before, after = ((1.0 - t) * grid[k, j] + t * grid[k, j + 1] for k in (i, i + 1))
-    mixed: Floats = (1.0 - s) * before + s * after
-    return mixed
+    return np.asarray((1.0 - s) * before + s * after)

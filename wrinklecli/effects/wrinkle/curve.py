@@ -132,8 +132,7 @@ class ControlCurve:
         """(…,) fractions of the rest length that the surface asks for if the ends approach by (…,) shares of it."""
         if self.demand is None:
             return shares
-        asked: Floats = np.interp(np.sqrt(shares), *self.demand) ** 2
-        return asked
+        return np.interp(np.sqrt(shares), *self.demand) ** 2
 
     def absorb(self, shortenings: Floats, rest_lengths: Floats) -> Absorption:
         """Distribute shortenings, from 0 to the rest lengths, over the groups of bumps."""
@@ -238,8 +237,7 @@ class ControlCurve:
         taus = taus.clip(0.0, 1.0)
         crests = np.where(self.turned, 1.0 - self.profile.crest, self.profile.crest)[bumps]
         over = taus > crests
-        phases: Floats = bumps + 0.5 * (over + (taus - over * crests) / np.where(over, 1.0 - crests, crests))
-        return phases
+        return bumps + 0.5 * (over + (taus - over * crests) / np.where(over, 1.0 - crests, crests))
 
     def heights(self, amplitudes: Floats) -> Floats:
         """(frames, bumps) height of each bump's highest point, on the segment or beside it, scene units."""

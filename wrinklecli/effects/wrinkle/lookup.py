@@ -110,8 +110,7 @@ def looked_up(curve: ControlCurve, lengths: Lengths) -> Floats:
     """(frames, groups, modes) amplitudes at the measurements of a segment, scene units, by the curve's table."""
     greatest = curve.greatest_amplitudes
     table = curve_table(curve)
-    found: Floats = table.weights(lengths).reshape(-1, *greatest.shape) * greatest
-    return found
+    return table.weights(lengths).reshape(-1, *greatest.shape) * greatest
 
 
 @lru_cache(maxsize=256)

@@ -93,8 +93,7 @@ def _cut(triangles: Ints, values: Floats, v: Floats, line: float) -> Floats:
 def _layers(ends: Floats, points: Floats) -> Bools:
     """(points, cuts) True if a cut lies over a u."""
     low, high = ends.min(axis=1), ends.max(axis=1)
-    layers: Bools = (low <= points[:, None]) & (points[:, None] < high)
-    return layers
+    return np.asarray((low <= points[:, None]) & (points[:, None] < high))
 
 
 @dataclass(frozen=True, slots=True)

@@ -85,5 +85,4 @@ def bowed(u: Floats, v: Floats, bow: float, bumps: int) -> Floats:
     t = np.clip(np.minimum(u, 1.0 - u) / fade, 0.0, 1.0)
     # A smoothstep over a bump has a slope of 1.5 B at most: places rise at least a quarter as fast as u, also if B = 1.
     share = smoothstep(t, min(1.0, 0.5 * bumps))
-    shifted: Floats = u - bow * np.minimum(v * v, 1.0) / (2.0 * bumps) * share
-    return shifted
+    return u - bow * np.minimum(v * v, 1.0) / (2.0 * bumps) * share

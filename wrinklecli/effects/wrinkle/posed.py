@@ -197,5 +197,4 @@ def _along_curves(patch: Patch, ring: Ring, positions: Floats, normals: Floats) 
 def _units(vectors: Floats) -> Floats:
     """(3, …) vectors divided by their length; 0 stays 0."""
     lengths = np.sqrt(np.sum(vectors * vectors, axis=0))
-    divided: Floats = vectors / np.where(lengths > 0, lengths, 1.0)
-    return divided
+    return vectors / np.where(lengths > 0, lengths, 1.0)

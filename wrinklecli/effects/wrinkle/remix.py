@@ -26,8 +26,7 @@ class Remix:
 
     def weights(self, own: Floats) -> Floats:
         """(frames, shapes) weights of the new shapes from (frames, own shapes) weights of the tool's."""
-        mixed: Floats = own @ self.mix
-        return mixed
+        return own @ self.mix
 
 
 Remixed = tuple[list[Shape], Remix]

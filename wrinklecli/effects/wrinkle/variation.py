@@ -95,8 +95,7 @@ def attenuation(kind: Attenuation, v: Floats) -> Floats:
     if kind == "linear":
         return 1.0 - spread
     squared = spread**2
-    remaining: Floats = 1.0 + squared * (-22.0 + squared * (17.0 - 4.0 * squared)) / 9.0
-    return remaining
+    return 1.0 + squared * (-22.0 + squared * (17.0 - 4.0 * squared)) / 9.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,15 +240,13 @@ class Variation:
 
     def _spread(self, bump: int | Ints, lines: Floats) -> Floats:
         """(lines,) position along a crest, or along one crest per line: −1 and 1 at its ends."""
-        spread: Floats = lines / np.where(lines < 0, *self.reaches[:, bump])
-        return spread
+        return lines / np.where(lines < 0, *self.reaches[:, bump])
 
     def _height(self, bump: int | Ints, lines: Floats) -> Floats:
         """(lines,) height of a crest, or of one crest per line, relative to its height on the centre line."""
         share, turn, phase = self.swells[:, bump]
         swelling = (1.0 + share * np.sin(turn * lines + phase)) / (1.0 + share * np.sin(phase))
-        height: Floats = attenuation(self.kind, self._spread(bump, lines)) * swelling
-        return height
+        return np.asarray(attenuation(self.kind, self._spread(bump, lines)) * swelling)
 
     def _joined_height(self, merger: Merger, lines: Floats) -> Floats:
         """(lines,) height of the joined bump relative to that of the wider one on the centre line."""
@@ -316,8 +313,7 @@ def _well_spread(numbers: Floats) -> Floats:
     Four numbers may be nearly equal as drawn, and equal widths read as ruled.
     """
     ranks = np.argsort(np.argsort(numbers, kind="stable"), kind="stable")
-    spread: Floats = np.sin(np.pi / 2.0 * ((2.0 * ranks + 1.0 + numbers) / len(numbers) - 1.0))
-    return spread
+    return np.sin(np.pi / 2.0 * ((2.0 * ranks + 1.0 + numbers) / len(numbers) - 1.0))
 
 
 def _mergers(
@@ -367,8 +363,7 @@ def _wandering(numbers: Floats, amount: float, starts: Floats, ends: Floats, asp
         _STEEPEST * amount * aspect / steepest,
         (1.0 - _LEAST_WIDTH) * amount / narrowest,
     )
-    wander: Floats = scale * moving
-    return wander
+    return np.asarray(scale * moving)
 
 
 def _swaying(numbers: Floats, amount: float, widths: Floats, aspect: float) -> Floats:
@@ -377,8 +372,7 @@ def _swaying(numbers: Floats, amount: float, widths: Floats, aspect: float) -> F
     farthest = np.abs(moves).max(axis=1)
     steepest = np.abs(np.diff(moves, axis=1)).max(axis=1) / (_LINES[1] - _LINES[0]) * widths / 2.0
     scales = amount * np.minimum(_SWAY / farthest, _STEEPEST * aspect / steepest)
-    sway: Floats = scales[:, None] * numbers
-    return sway
+    return np.asarray(scales[:, None] * numbers)
 
 
 def _waving(amplitudes: Floats, lines: Floats) -> Floats:

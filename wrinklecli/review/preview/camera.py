@@ -87,8 +87,7 @@ class Camera:
     @property
     def eye(self) -> Floats:
         """(3,) position of the eye, world space; rays must not be parallel."""
-        found: Floats = self.centre + self.axes[2] * self.reach / self.tangent
-        return found
+        return np.asarray(self.centre + self.axes[2] * self.reach / self.tangent)
 
     def project(self, points: Floats, size: tuple[int, int]) -> Floats:
         """(…, 2) pixels from the left and the top, of (…, 3) world positions in front of the eye."""
@@ -96,8 +95,7 @@ class Camera:
 
     def local(self, points: Floats) -> Floats:
         """(…, 3) world positions in camera space: along its axes, from its centre, divided by its reach."""
-        placed: Floats = (points - self.centre) @ self.axes.T / self.reach
-        return placed
+        return (points - self.centre) @ self.axes.T / self.reach
 
 
 def camera_axes(azimuth: float, elevation: float) -> Floats:
@@ -116,5 +114,4 @@ def project(local: Floats, size: tuple[int, int], tangent: float) -> Floats:
     width, height = size
     depths = np.maximum(1 - tangent * local[..., 2:], 1e-9)
     flat = local[..., :2] * (1, -1) / depths
-    projected: Floats = (flat + np.array((width / height, 1))) * (height / 2)
-    return projected
+    return np.asarray((flat + np.array((width / height, 1))) * (height / 2))

@@ -98,8 +98,7 @@ def _inverses(matrices: Array) -> Array:
     determinants = a * d - b * c
     least = 1e-9 * np.abs(matrices).max(axis=(1, 2), initial=0.0) ** 2 + _TINY
     safe = np.where(np.abs(determinants) > least, determinants, least)
-    inverses: Array = np.stack([np.stack([d, -b], 1), np.stack([-c, a], 1)], 1) / safe[:, None, None]
-    return inverses
+    return np.asarray(np.stack([np.stack([d, -b], 1), np.stack([-c, a], 1)], 1) / safe[:, None, None])
 
 
 def blend(colours: Array, opacities: Array, ink: Colour, rows: Ints | slice = slice(None)) -> None:
@@ -117,8 +116,7 @@ def edge_cover(projected: Array, places: Array, triangles: Ints) -> Array:
         along = unit_rows(projected[:, (i + 1) % 3] - projected[:, i])[triangles]
         offsets = places - projected[triangles, i]
         nearest = np.minimum(nearest, np.abs(offsets[:, 0] * along[:, 1] - offsets[:, 1] * along[:, 0]))
-    covered: Array = np.clip(np.float32(1.4) - nearest, 0, 1)
-    return covered
+    return np.asarray(np.clip(np.float32(1.4) - nearest, 0, 1))
 
 
 def draw_mark(colours: Array, drawn: ProjectedMark, triangles: Ints, weights: Array) -> None:

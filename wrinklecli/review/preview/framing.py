@@ -164,8 +164,7 @@ def _bounds(points: Floats) -> Floats:
     angles = np.pi * (1 + np.sqrt(5)) * numbers
     rings = np.sqrt(1 - heights**2)
     directions = np.stack([rings * np.cos(angles), heights, rings * np.sin(angles)])
-    furthest: Floats = points[np.unique(np.argmax(points @ directions, axis=0))]
-    return furthest
+    return np.asarray(points[np.unique(np.argmax(points @ directions, axis=0))])
 
 
 def _facing(assets: Sequence[ShownAsset], wrinkles: _Wrinkles) -> View:

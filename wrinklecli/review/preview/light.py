@@ -83,8 +83,7 @@ def _starts(surface: TracedSurface, hits: Hits) -> Array:
     normals = surface.normals[hits.triangles] * hits.sides[..., None]
     below = np.minimum(np.einsum("pia,pia->pi", points[:, None] - corners, normals), 0)
     lifts = np.einsum("pi,pia->pa", hits.weights * below, normals)
-    starts: Array = points - lifts + LIFT * hits.sides * surface.faces[hits.triangles]
-    return starts
+    return np.asarray(points - lifts + LIFT * hits.sides * surface.faces[hits.triangles])
 
 
 def _openness(surface: TracedSurface, points: Array, normals: Array, sets: Ints) -> Array:
@@ -141,8 +140,7 @@ def smooth(values: Array, places: Ints, shape: tuple[int, int], reach: int = REA
     sums.ravel()[places] = values
     counts.ravel()[places] = 1
     sums, counts = (uniform_filter(each, reach, mode="constant") for each in (sums, counts))
-    smoothed: Array = (sums / np.maximum(counts, 1e-6)).ravel()
-    return smoothed
+    return (sums / np.maximum(counts, 1e-6)).ravel()
 
 
 def _basis(normals: Array) -> tuple[Array, Array]:

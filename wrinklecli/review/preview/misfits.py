@@ -176,5 +176,4 @@ def misfit_points(misfits: Sequence[Misfit], asset: ShownAsset, moment: Moment) 
     everything = np.concatenate(visible)
     reach = _FARTHEST * diagonal(everything)
     near = np.linalg.norm(pairs[:, 1] - pairs[:, 0], axis=1) <= reach
-    points: Floats = np.concatenate([pairs[:, 0], pairs[near, 1]])
-    return points
+    return np.concatenate([pairs[:, 0], pairs[near, 1]])

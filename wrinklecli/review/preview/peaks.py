@@ -232,8 +232,7 @@ def _heights(
         )
         for shown, columns, moves in reaches
     ]
-    found: Floats = np.max(of_primitives, axis=0)
-    return found
+    return np.asarray(np.max(of_primitives, axis=0))
 
 
 def _reaches(shown: ShownPrimitive, targets: Sequence[str]) -> tuple[Ints, Floats]:

@@ -289,5 +289,4 @@ class Occluders:
 def unit_rows(vectors: Array) -> Array:
     """(n, k) float32 vectors divided by their length; a zero vector stays zero."""
     lengths = np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
-    units: Array = vectors / np.maximum(lengths, np.float32(1e-30))[:, None]
-    return units
+    return np.asarray(vectors / np.maximum(lengths, np.float32(1e-30))[:, None])

@@ -80,8 +80,7 @@ class Place:
     def centre(self) -> Floats:
         """(3,) middle of the wrinkles, world space."""
         weights = self.areas * self.heights
-        middle: Floats = weights @ self.points / weights.sum()
-        return middle
+        return np.asarray(weights @ self.points / weights.sum())
 
     @classmethod
     def of(cls, plain: Floats, wrinkled: Floats) -> "Place":
