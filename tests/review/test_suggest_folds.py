@@ -44,7 +44,11 @@ def test_a_bent_tube_folds_on_its_inner_side_along_the_tube(tmp_path: Path, opti
     assert best.shortening > 0.4
     assert (best.driver, best.by_morph, best.clip, best.mirrored) == ("joint_1", False, "fold", False)
     assert best.time == pytest.approx(1.0, abs=0.1)
-    assert found.text == suggest(tmp_path / "limb.glb", everything=everything).text
+
+
+def test_an_asset_gets_the_same_tools_again(tmp_path: Path) -> None:
+    asset = limb(tmp_path / "limb.glb")
+    assert suggest_once(asset).text == suggest(asset).text
 
 
 @pytest.mark.slow
