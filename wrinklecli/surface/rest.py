@@ -17,18 +17,7 @@ from wrinklecli.character.skin import orientations
 from wrinklecli.character.surface import Surface
 from wrinklecli.errors import BakeError, ConfigError, listed, nearest
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import (
-    Floats,
-    Ints,
-    KnownRows,
-    VertexFaces,
-    determinants,
-    dot,
-    inverses,
-    median,
-    unit,
-    vertex_normals,
-)
+from wrinklecli.numeric.arrays import Floats, Ints, VertexFaces, determinants, inverses, median, unit, vertex_normals
 from wrinklecli.numeric.closest import closest_point
 from wrinklecli.tools.records import EffectTool, JointPoint, ToolsFile
 
@@ -93,16 +82,7 @@ class Rest:
 
     def normals_at(self, vertices: Ints) -> Floats:
         """(chosen, 3) area-weighted bind normals, carried to world space by the inverse transpose."""
-        return self._normals.at(
-            vertices,
-            lambda missing: carried_normals(
-                self.blended[missing], self.around.normals_at(self.bind_positions, missing)
-            ),
-        )
-
-    @cached_property
-    def _normals(self) -> KnownRows:
-        return KnownRows.of(len(self.positions))
+        return carried_normals(self.blended[vertices], self.around.normals_at(self.bind_positions, vertices))
 
     @cached_property
     def way(self) -> float:
@@ -238,4 +218,4 @@ def named_node(rig: Rig, tool: EffectTool, number: int) -> int:
 
 def carried_normals(blended: Floats, normals: Floats) -> Floats:
     """(vertices, 3) unit normals moved by the inverse transpose of (vertices, 3, 4) matrices; 0 where singular."""
-    return unit(dot(inverses(blended).transpose(1, 2, 0), normals.T[:, None]).T)
+    return unit(np.einsum("vji,vj->vi", inverses(blended), normals))
