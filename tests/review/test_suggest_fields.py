@@ -147,8 +147,8 @@ def test_what_is_no_garment_gets_no_field(tmp_path: Path, asset: Asset, why: str
 
 
 @pytest.mark.slow
-def test_a_garment_that_no_field_fits_gets_no_tools_either(tmp_path: Path) -> None:
+def test_a_garment_of_facets_gets_neither_a_field_nor_tools(tmp_path: Path) -> None:
     found = suggest(dressed(limb_asset(**SIZE, normals=False), name="Jeans").write(tmp_path / "limb.glb"))
     assert not found.text
-    assert [(each.name, each.reason) for each in found.dropped] == [("clothes", "refused")]
+    assert [(each.name, each.reason) for each in found.dropped] == [("clothes", "refused"), ("joint_1", "facets")]
     assert "is faceted" in found.dropped[0].line
