@@ -9,7 +9,7 @@ from kit.garments import across, bent_tube, plane, tallest
 from kit.limb import RADIUS
 from wrinklecli.character.pose import blend, transform
 from wrinklecli.effects.field.compression import Gauges, along
-from wrinklecli.effects.field.heights import Heights, _room, _slipped, _Surface, measure
+from wrinklecli.effects.field.heights import Heights, _room, _slipped, _stiffness_along, _Surface, measure
 from wrinklecli.numeric.arrays import Floats, Ints
 from wrinklecli.numeric.laplacian import Sheet
 from wrinklecli.surface.rest import Rest
@@ -96,6 +96,42 @@ def test_cloth_slips_from_where_it_has_no_room_and_keeps_its_length() -> None:
     assert kept[0, beside].min() > 0.0
     assert 0.88 * np.sum(lost * sheet.areas) < np.sum(kept * sheet.areas) <= 1.001 * np.sum(lost * sheet.areas)
     assert _slipped(lost, np.ones_like(lost), sheet.averaging(0.8 * WAVE)) == pytest.approx(lost)
+
+
+def test_cloth_slips_along_its_compression_alone() -> None:
+    """Beside the end of a crease nothing heaps up."""
+    positions, triangles = plane(LENGTH, WIDTH, 20)
+    sheet = Sheet.of(positions, triangles)
+    along = sheet.averaging(0.8 * WAVE, _stiffness_along(sheet, np.tile([1.0, 0.0, 0.0], (len(positions), 1))))
+    u, v = positions[:, 0] - LENGTH / 2.0, positions[:, 1] - WIDTH / 2.0
+    crease = (np.abs(u) < WAVE / 3.0) & (v < 0.0)
+    kept = _slipped(np.where(crease, 0.3, 0.0)[None], np.where(crease, 0.0, 1.0)[None], along)[0]
+    beside = ~crease & (np.abs(u) < WAVE)
+    assert kept[beside & (v < -0.1)].min() > 0.02
+    assert kept[beside & (v > 0.1)].max() < 0.001
+
+
+def test_heights_go_on_along_crests_and_are_no_lower_for_it() -> None:
+    """Half of a sheet is shortened, across crests that run on to the other half."""
+    positions, triangles = plane(LENGTH, WIDTH, 20)
+    u, v = positions[:, 0] / LENGTH, positions[:, 1] / WIDTH
+    weights = np.stack([1 - u * (v < 0.5), u * (v < 0.5)], axis=1)
+    matrices = np.tile(np.eye(4), (1, 2, 1, 1))
+    matrices[:, 1, 0, 3] = -0.2 * LENGTH
+    found = measure(
+        Sheet.of(positions, triangles),
+        at_rest(positions, triangles, 2),
+        np.tile(np.arange(2), (len(positions), 1)),
+        weights,
+        matrices,
+        wavelength=WAVE,
+        wavelengths=np.full(len(positions), WAVE),
+        slack=0.0,
+        allowed=np.ones(len(positions)),
+    ).heights[0]
+    middle = np.abs(u - 0.5) < 0.1
+    assert np.median(found[middle & (v < 0.2)]) == pytest.approx(WAVE / np.pi * np.sqrt(0.2 * 0.8), rel=0.05)
+    assert found[middle & (np.abs(v - 0.7) < 0.03)].min() > 0.01 * WAVE
 
 
 def test_nothing_is_drawn_out_to_where_the_surface_is_taut() -> None:

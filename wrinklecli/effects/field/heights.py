@@ -29,9 +29,9 @@ from wrinklecli.surface.rest import Rest
 
 # Lengths of averages, in wavelengths: of strain, which folds even out over about a wave; of limits, a fraction of one.
 _STRAIN, _LIMITS = 0.8, 0.3
-# Diffusion of heights along crests and across, in wavelengths: a fold of cloth is longer than the compression that
+# Length over which heights go on along crests, in wavelengths: a fold of cloth is longer than the compression that
 # makes it, and tapers.
-_ALONG, _ACROSS = 1.2, 0.3
+_ALONG = 1.7
 # Length over which directions go on beyond the compression, in wavelengths.
 _DIRECTIONS = 1.5
 # Greatest slope of a wrinkle in the pose that engines show, beyond which its flanks overhang.
@@ -121,8 +121,11 @@ def measure(
         stretches = along(strains, lines, lines)
         strain, concave = fine.of_integrals(np.stack([stretches, hollows], axis=1)).T
         row[0] = _room(np.exp(strain), concave, wavelengths)
-    squares = _squares(_slipped(lost, room[:, 0], smooth))
-    drawn = _drawn_out(sheet, lines, np.sqrt(squares), wavelength)
+    # Cloth slips the way in which it is compressed: beside the end of a crease it would heap up.
+    slipping = sheet.averaging(_STRAIN * wavelength, _stiffness_along(sheet, lines))
+    crests = sheet.averaging(_ALONG * wavelength, _stiffness_along(sheet, np.cross(normals, lines)))
+    made = np.sqrt(_squares(_slipped(lost, room[:, 0], slipping)))
+    drawn = np.maximum(made, crests.of(made.T).T)
     heights = np.sqrt(np.minimum(drawn**2, room[:, 0])) * wavelengths / np.pi * allowed / room[:, 1]
     return Heights(heights, directions, lines)
 
@@ -230,17 +233,8 @@ class _Surface:
         return hollows, lower, self.strains(places, bent)
 
 
-def _drawn_out(sheet: Sheet, across: Floats, heights: Floats, wavelength: float) -> Floats:
-    """(poses, vertices) heights that go on along their crests, with the greatest as it was."""
-    if not heights.any():
-        return heights
-    made = sheet.averaging(np.sqrt(2.0) * wavelength, _anisotropic(sheet, across)).of(heights.T).T
-    made = np.maximum(made, 0.0)
-    return np.asarray(made * (heights.max() / made.max()))
-
-
-def _anisotropic(sheet: Sheet, across: Floats) -> Any:
-    """The form of a diffusion that acts along crests more than along the (vertices, 3) directions across them."""
+def _stiffness_along(sheet: Sheet, lines: Floats) -> Any:
+    """The form of a diffusion along (vertices, 3) unit lines alone: the integral of the squared slope along them."""
     import scipy.sparse as sparse
 
     triangles, places = sheet.triangles, sheet.positions
@@ -255,8 +249,7 @@ def _anisotropic(sheet: Sheet, across: Floats) -> Any:
         axis=1,
     )
     # A line field has no signs, so its products are averaged.
-    lines = np.einsum("vi,vj->vij", across, across)[triangles].mean(axis=1)
-    rates = _ALONG**2 * np.eye(3) + (_ACROSS**2 - _ALONG**2) * lines
+    rates = np.einsum("vi,vj->vij", lines, lines)[triangles].mean(axis=1)
     values = np.einsum("tki,tij,tlj->tkl", slopes, rates, slopes) * (doubled / 2.0)[:, :, None]
     rows, columns = np.repeat(triangles, 3, axis=1), np.tile(triangles, (1, 3))
     shape = (len(places), len(places))
