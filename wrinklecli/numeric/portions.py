@@ -27,4 +27,4 @@ def portions_of(widths: Ints) -> list[slice]:
     """Slices of rows of (rows,) numbers; each exceeds what is computed at once by less than its last row."""
     ends = np.cumsum(widths)
     cuts = np.searchsorted(ends, np.arange(AT_ONCE, ends[-1:].sum(), AT_ONCE)) + 1
-    return [slice(low, high) for low, high in pairwise(np.unique([0, *cuts, len(ends)]).tolist())]
+    return [slice(low, high) for low, high in pairwise(sorted({0, *cuts.tolist(), len(ends)}))]
