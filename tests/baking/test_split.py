@@ -234,13 +234,13 @@ def test_a_field_is_split_between_its_joints(tmp_path: Path, monkeypatch: pytest
     monkeypatch.setattr(parts, "_WORTH", worth)
     monkeypatch.setattr(split, "_MATTERS", 0)
     _, tools = sleeve_and_field(tmp_path)
-    asset = sleeve(rings=31, sides=12).write(tmp_path / "sleeve.glb")
+    asset = sleeve(rings=41, sides=12).write(tmp_path / "sleeve.glb")
     made = wrinklecli.bake(asset, tools, tmp_path / "split.glb", split=True)
     parted = Gltf(tmp_path / "split.glb")
     assert_valid(parted.path)
     mesh, (told,) = made.data["meshes"][0], made.data["fields"]
     whole = mesh["vertices"] * len(told["targets"]) * 32
-    assert target_bytes(parted.path) < 0.8 * whole
+    assert target_bytes(parted.path) < 0.72 * whole
     assert whole - target_bytes(parted.path) > worth * (len(list(nodes_of(parted))) - 1), "each cut saves its worth"
     joints = [turn["joint"] for turn in told["turns"] for _ in range(turn["shapes"])]
     names = told["targets"]

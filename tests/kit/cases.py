@@ -247,7 +247,7 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
             yield from (*some("--max-levels", "0"), *some("--max-vertices", "10", share=0.1))
             yield from some("--tool", "limb", share=0.1)
             yield from some("--plot", chance.choice(["plot.svg", "plot.svg", "plot.png"]), share=0.2)
-            yield from some("--verbose", share=0.3)
+            yield from (*some("--verbose", share=0.3), *some("--progress", share=0.05))
         case "inspect":
             yield from (asset, *some("--json", share=0.5), *some("--allow-external"), *some(*memory, share=0.1))
         case "diff":
@@ -268,12 +268,9 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
             yield from some(
                 *chance.choice([["--face"], ["--muscles"], ["--flesh"], ["--touch"], ["--presets", PRESETS]]), share=0.4
             )
-            yield from (
-                *motions,
-                *some(loudness),
-                *some("--allow-external"),
-                *some(*memory, share=0.1),
-            )
+            yield from some("--budget", chance.choice(["1kB", "8MB"]), share=0.1)
+            yield from (*motions, *some(loudness), *some("--progress", share=0.05))
+            yield from (*some("--allow-external"), *some(*memory, share=0.1))
         case "preview" if chance.random() < 0.15:
             yield from (asset, *some("--tools", "tools.yaml", share=0.5), "-o", "p.png", "--size", "32x32")
             yield from (

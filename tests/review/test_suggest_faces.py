@@ -213,7 +213,7 @@ def test_plain_names_do_what_they_can() -> None:
     assert isinstance(found.tools[2].tool.rest_length, RestLengthMorph)
     (note,) = (note for note in found.notes if "no such target" in note)
     assert note == (
-        "head: no tool for crow's feet (cheekSquint, eyeSquint), bunny lines (noseSneer), nasolabial folds"
+        "head: no tool for crow's feet (cheekSquint, eyeSquint), bunny lines (noseSneer), the nasolabial fold"
         " (mouthSmile, cheekSquint), the chin (mouthShrugLower): it has no such target"
     )
 

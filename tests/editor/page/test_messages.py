@@ -4,6 +4,7 @@ import contextlib
 import dataclasses
 import threading
 from collections.abc import Iterator
+from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
@@ -91,18 +92,22 @@ def sent(page: Page, message: object) -> bool:
 
 def assert_alive(page: Page) -> None:
     """Edits and saves the tool in a tab, after all that was asked for before."""
-    ready = threading.Event()
+    ready: Future[None] = Future()
 
     def begin() -> None:
-        page.commit()
-        page.choose("a", look=False)
-        page.session.unset("a", ("bumps",))
-        page.refresh()  # a control that shows nine already would not tell the page of nine
-        ready.set()
+        try:
+            page.commit()
+            page.choose("a", look=False)
+            page.session.unset("a", ("bumps",))
+            page.refresh()  # a control that shows nine already would not tell the page of nine
+        except BaseException as error:
+            ready.set_exception(error)
+        else:
+            ready.set_result(None)
 
     # By the page's own thread, as nothing else may then change what the page shows.
     page.work.put(begin, begin)
-    until(ready.is_set, "an idle page")
+    ready.result(PATIENCE)
     with tab(page) as alive:
         for uuid, value in ((control(page, "bumps"), 9), (control(page, "file"), "Save")):
             alive.send(msgspec.msgpack.encode(set_to(uuid, value=value)))

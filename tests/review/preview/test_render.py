@@ -80,7 +80,7 @@ def test_what_stands_before_a_surface_darkens_it() -> None:
 def test_a_picture_does_not_depend_on_the_bands_it_is_drawn_in(monkeypatch: pytest.MonkeyPatch) -> None:
     frame = both(square(half=0.8, at=-0.3), square(half=0.3, at=0.3))
     whole = render.render(frame, HEAD_ON, size=SIZE, style=Style(wire=True))
-    monkeypatch.setattr(render, "_BAND", 1500)
+    monkeypatch.setattr("wrinklecli.numeric.portions.AT_ONCE", 3000)
     parts = render.render(frame, HEAD_ON, size=SIZE, style=Style(wire=True))
     assert np.abs(whole.astype(int) - parts).max() <= 1
 
