@@ -55,4 +55,4 @@ Tracks: TypeAlias = Literal["all", "none"]
 FrameFormat: TypeAlias = Literal["obj", "ply", "glb"]
 MapKind = Literal["normal", "height", "ao"]
 MOST_TEXELS = 8192
-"""Of a side of a map, samples included: the most that common graphics cards take is 16,384."""
+"""The most texels of a side of a map, samples included: common graphics cards take at most 16,384."""

@@ -60,7 +60,7 @@ class Page:
         self._connection, self._sent, self._held = connection, 0, False
 
     def call(self, method: str, **parameters: object) -> dict[str, Any]:
-        """What a method of the protocol answers."""
+        """The answer of a method of the protocol."""
         self._sent += 1
         self._connection.send(json.dumps({"id": self._sent, "method": method, "params": parameters}))
         while True:

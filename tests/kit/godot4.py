@@ -47,7 +47,7 @@ script = ExtResource("1")
 
 @cache
 def answers() -> tuple[dict[str, Any], Path]:
-    """What Godot 4, and the shaders for Unity and Unreal, answer.
+    """The answers of Godot 4, and of the shaders for Unity and Unreal.
 
     Returns:
         `gap`: the greatest distance of a vertex of the head from our player's, of the mesh's size; `vectors`: as
@@ -92,7 +92,7 @@ def _answered(folder: Path) -> None:
 
 
 def _asked(page: Page, name: str, *arguments: object) -> Any:
-    """What a method of `godot4.gd` answers."""
+    """The answer of a method of `godot4.gd`."""
     page.value(f"window.answer = null, godot.{name}({','.join(map(json.dumps, arguments))})")
     return json.loads(page.wait("window.answer"))
 
@@ -165,7 +165,7 @@ def glsl_of(folder: Path, engine: str) -> str:
 
 
 def _run(command: str, package: str, *arguments: str, at: Path) -> str:
-    """What a program of Debian says; without it the test is skipped, and fails where `CI` is set."""
+    """The output of a program of Debian; without it the test is skipped, and fails where `CI` is set."""
     if shutil.which(command) is None:
         give_up(f"{command} is not installed: apt-get install {package}")
     done = subprocess.run([command, *arguments], cwd=at, capture_output=True, text=True, check=False)

@@ -484,7 +484,7 @@ def halves(folder: Path, *queries: str) -> list[list[Any]]:
 
 @pytest.mark.slow
 def test_the_player_shows_before_and_after(tmp_path: Path) -> None:
-    """Of a clip that it offers by name, left and right of where its slider stands."""
+    """The clip is chosen by name, and the slider stands between before, on its left, and after."""
     served(tmp_path, baked_glb=bake_config("trousers", "trousers").path)
     query, clip = "file=baked.glb&clip=squat&time=0.65&turn=140", "document.forms[0].elements.clip"
     with serving(tmp_path) as address, browsing(tmp_path, f"{address}/?{query}", (800, 480)) as page:

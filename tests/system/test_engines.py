@@ -93,7 +93,7 @@ def test_filament_plays_the_bake() -> None:
     ],
 )
 def test_an_engine_plays_the_bake_where_it_is_installed(engine: str, package: str, options: dict[str, str]) -> None:
-    """In a folder that WRINKLE_ENGINES names, as `npm ci` leaves out what is large. PlayCanvas adds half floats."""
+    """It is in a folder that WRINKLE_ENGINES names, as `npm ci` omits large ones. PlayCanvas has half floats."""
     modules = Path(os.environ.get("WRINKLE_ENGINES", CLIENTS / "node_modules"))
     if not (modules / package).is_dir():
         pytest.skip(f"{package} is not installed: npm install {package}, and name its node_modules as WRINKLE_ENGINES")

@@ -26,7 +26,7 @@ def test_godot_4_plays_the_bake() -> None:
 
 
 def test_the_node_of_godot_4_sets_the_weights_of_the_tracks() -> None:
-    """In frames of a clip whose poses are imported 240 times a second."""
+    """The frames are of a clip whose poses are imported 240 times a second."""
     _, baked, driven = np.array(answers()[0]["driven"]).T
     assert baked.max() > 0.9
     assert np.abs(driven - baked).max() < 0.01
@@ -58,7 +58,7 @@ def test_shaders_blend_maps_as_the_page_says(engine: str) -> None:
 
 @cache
 def due() -> tuple[Floats, Floats]:
-    """What the page of the samples says of maps: normals, and the share of the sky that is seen."""
+    """The page of the samples says what maps hold: normals, and the share of the sky that is seen."""
     folder = answers()[1] / "maps"
     (material,) = json.loads((folder / "maps.json").read_text())["materials"]
     slopes: Any = 0.0

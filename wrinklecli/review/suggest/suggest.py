@@ -129,6 +129,7 @@ def suggest(
             text = touches_text(touches, document) if touches else ""
             inputs = (*files_of(document), *joined.beside)
             return Suggestions((), text, reason, (*notes, *left_out), inputs, touches=tuple(touches))
+        budget = math.inf if options.everything else float(options.budget)
         if options.face:
             of_face = suggest_face(document, nodes, joined.clips)
             raised = with_clips(document, of_face.motions)
@@ -139,7 +140,7 @@ def suggest(
                 of_face.tools,
                 RefinementSettings(),
                 count=len(of_face.tools),
-                budget=math.inf if options.everything else float(options.budget),
+                budget=budget,
                 everything=options.everything,
                 checked=clips,
                 progress=progress,
@@ -155,7 +156,6 @@ def suggest(
         tried = TriedAsset(document, joined.clips, jobs=options.jobs)
         stage = Stage(tried.scene, (*clips, *joined.clips))
         garments = find_garments(tried, [mesh for mesh, _ in meshes], options)
-        budget = math.inf if options.everything else float(options.budget)
         fields, unfit = suggest_fields(tried, garments, stage, budget, progress)
         budget -= sum(each.gpu_bytes for each in fields)
         folded = {each.field.name for each in fields}
