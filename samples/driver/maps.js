@@ -10,11 +10,22 @@ const [FLAT, WHITE] = [texel(128, 128, 255, 255), texel(255, 255, 255, 255)];
 
 /** GLSL of one set: the sum of masks times weights, then its slopes and its share of the sky. */
 const shaderOf = ({ masks }, k) => `{
-  float m = ${masks.length ? masks.map((_, i) => `dot( texture2D( wrinkleMask${k}_${i}, vNormalMapUv ), wrinkleWeight${k}_${i} )`).join(' + ') : `wrinkleWeight${k}_0.x`};
-  vec3 n = texture2D( wrinkleNormal${k}, vNormalMapUv ).xyz * 2.0 - 1.0;
+  float m = ${masks.length ? masks.map((_, i) => `dot( texture2D( wrinkleMask${k}_${i}, vWrinkleUv ), wrinkleWeight${k}_${i} )`).join(' + ') : `wrinkleWeight${k}_0.x`};
+  vec3 n = texture2D( wrinkleNormal${k}, vWrinkleUv ).xyz * 2.0 - 1.0;
   wrinkleSlope += m * n.xy / max( n.z, 0.1 );
-  wrinkleSeen *= 1.0 + m * ( texture2D( wrinkleSky${k}, vNormalMapUv ).r - 1.0 );
+  wrinkleSeen *= 1.0 + m * ( texture2D( wrinkleSky${k}, vWrinkleUv ).r - 1.0 );
 }`;
+
+/** GLSL of the texture coordinates of the maps: three.js declares those of the asset's own textures alone. */
+const coordinatesOf = ({ texCoord, KHR_texture_transform: { offset = [0, 0], rotation = 0, scale = [1, 1] } = {} }) => {
+  const attribute = texCoord < 4 ? `uv${texCoord || ''}` : `texcoord_${texCoord}`;
+  const vec = (...values) => `vec2( ${values.map((value) => value.toFixed(8)).join(', ')} )`;
+  const [c, s] = [Math.cos(rotation), Math.sin(rotation)];
+  return {
+    declared: `${texCoord ? `#ifndef USE_UV${texCoord}\nattribute vec2 ${attribute};\n#endif\n` : ''}varying vec2 vWrinkleUv;`,
+    set: `vWrinkleUv = mat2( ${vec(c, -s)}, ${vec(s, c)} ) * ( ${attribute} * ${vec(...scale)} ) + ${vec(...offset)};`,
+  };
+};
 
 /** Plays the maps of one folder on the meshes below a root. */
 export class WrinkleMaps {
@@ -44,7 +55,9 @@ export class WrinkleMaps {
   }
 
   /** Lets the materials of meshes blend maps; the vectors of weights, each with the targets of its components. */
-  blend({ name, material: number, sets, texCoord }, meshes, images) {
+  blend(described, meshes, images) {
+    const { name, material: number, sets } = described;
+    const coordinates = coordinatesOf(described);
     const known = sets.map(({ normal, ao, weights }) => {
       const masks = [...new Set(weights.map(({ mask }) => mask).filter(Boolean))];
       const rows = (masks.length ? masks : [undefined]).map((file) => weights.filter(({ mask }) => mask === file));
@@ -59,10 +72,15 @@ export class WrinkleMaps {
     });
     const declared = Object.keys(uniforms).map((key) => `uniform ${key.startsWith('wrinkleWeight') ? 'vec4' : 'sampler2D'} ${key};`);
     for (const mesh of meshes.filter((each) => number === null || nameOf(each.material) === name || meshes.length === 1)) {
-      const { material } = mesh;
-      material.normalMap ??= Object.assign(texel(128, 128, 255, 255), { channel: texCoord });
+      // Other meshes may have the material, too, without maps or with weights of their own.
+      const material = (mesh.material = mesh.material.clone());
+      const { channel, offset, repeat, rotation } = material.map ?? FLAT;
+      material.normalMap ??= Object.assign(texel(128, 128, 255, 255), { channel, offset, repeat, rotation });
+      material.customProgramCacheKey = () => JSON.stringify([coordinates, sets]);
       material.onBeforeCompile = (shader) => {
         Object.assign(shader.uniforms, uniforms);
+        shader.vertexShader = `${coordinates.declared}\n${shader.vertexShader}`
+          .replace('#include <uv_vertex>', `#include <uv_vertex>\n${coordinates.set}`);
         const sum = `mapN.xy *= normalScale;
           vec2 wrinkleSlope = vec2( 0.0 );
           ${known.map(shaderOf).join('\n')}
@@ -70,7 +88,7 @@ export class WrinkleMaps {
             wrinkleSlope.y = - wrinkleSlope.y; // such tangents run along the texture's v, which points down
           #endif
           mapN = normalize( vec3( mapN.xy / max( mapN.z, 0.1 ) + wrinkleSlope, 1.0 ) );`;
-        shader.fragmentShader = `${declared.join('\n')}\nfloat wrinkleSeen = 1.0;\n${shader.fragmentShader}`
+        shader.fragmentShader = `${declared.join('\n')}\nvarying vec2 vWrinkleUv;\nfloat wrinkleSeen = 1.0;\n${shader.fragmentShader}`
           .replace('#include <normal_fragment_maps>', ShaderChunk.normal_fragment_maps.replace('mapN.xy *= normalScale;', sum))
           .replace('#include <aomap_fragment>', '#include <aomap_fragment>\nreflectedLight.indirectDiffuse *= wrinkleSeen;');
       };

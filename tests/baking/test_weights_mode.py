@@ -35,7 +35,7 @@ def test_clips_have_the_weights_of_a_whole_bake_and_the_mesh_is_as_it_was(name: 
 def test_targets_have_the_names_and_the_weights_of_maps(tmp_path: Path) -> None:
     """A morph target of the asset raises the brows, which the page that plays maps follows as well."""
     made = bake_config("head", "head", mode="weights")
-    data = maps(sample("head"), ROOT / "configs" / "head.yaml", tmp_path / "maps", size=16).data
+    data = maps(sample("head"), ROOT / "configs" / "head.yaml", tmp_path / "maps", size=192, supersample=1).data
     named = {weight["target"] for each in data["materials"] for part in each["sets"] for weight in part["weights"]}
     assert named <= set(made.mesh("head")["extras"]["targetNames"])
     extras = made.json["nodes"][0]["extras"]["wrinkle"]["tools"]

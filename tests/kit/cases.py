@@ -329,7 +329,10 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
         case "schema":
             yield from ("-o", "found.json", *some("--read", "tools.yaml", share=0.5))
         case "maps":
-            yield from (asset, "tools.yaml", "-o", "maps", "--size", "16")
+            yield from (asset, "tools.yaml", "-o", "maps", "--size", chance.choice(["16", "64", "64"]))
+            yield from some(
+                "--unwrap", chance.choice(["out.glb", "out.glb", "sub/out.gltf", "maps/limb.glb", asset]), share=0.5
+            )
             yield from (*some("--supersample", "1", share=0.5), *some("--maps", "normal,height"), *some("--separate"))
             yield from (*some("--quiet"), *some("--strict"), *some("--allow-external"), *some(*memory, share=0.1))
             yield from (*some("--tool", "limb", share=0.2), *some("--anim", "body.glb", share=0.2))

@@ -451,11 +451,12 @@ def served(folder: Path, **files: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.long
-def test_maps_look_as_the_bake_does(tmp_path: Path) -> None:
+@pytest.mark.parametrize("unwrap", [False, True], ids=["", "unwrapped"])
+def test_maps_look_as_the_bake_does(unwrap: bool, tmp_path: Path) -> None:
     """Side by side in three.js in raking light: what the maps change is what the bake changes."""
-    config = ROOT / "configs" / "wrist.yaml"
-    maps(sample("wrist"), config, tmp_path / "made", size=256)
-    served(tmp_path, baked_glb=bake_config("wrist", "wrist").path, plain_glb=sample("wrist"), maps=tmp_path / "made")
+    config, plain = ROOT / "configs" / "wrist.yaml", tmp_path / "unwrapped.glb" if unwrap else sample("wrist")
+    maps(sample("wrist"), config, tmp_path / "made", size=256, unwrap=plain if unwrap else None)
+    served(tmp_path, baked_glb=bake_config("wrist", "wrist").path, plain_glb=plain, maps=tmp_path / "made")
     query = "baked=baked.glb&plain=plain.glb&maps=maps&clip=extend&from=50&far=0.8&turn=0"
     rest, bent, without = halves(tmp_path, *(f"{query}&{more}" for more in ("time=0", "time=0.7", "time=0.7&without")))
     # Of 255: refinement alone moves the outline by less than a pixel.

@@ -69,6 +69,7 @@ KEPT_APART = {
     ),
     ("preview", "output, of two assets"): ("preview limb.gltf run.gltf -o {}.png --rest --size 32x32", CLIPS),
     ("maps", "folder, of maps"): ("maps limb.gltf tools.yaml --anim run.gltf -o {}", TOOLS),
+    ("maps", "unwrap"): ("maps limb.gltf tools.yaml --anim run.gltf -o maps --size 64 --unwrap {}.glb", TOOLS),
     ("track", "folder"): ("track baked.gltf limb.gltf run.gltf -o {}", (*CLIPS, "baked.gltf")),
 }
 # The other options that write: a test below has that of `schema`, `tests/batch/test_conflicts.py` those of `batch`.

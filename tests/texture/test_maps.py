@@ -20,7 +20,7 @@ from kit.fields import bake_field, sleeve_and_field
 from kit.limb import limb_asset, tool, write_tools
 from kit.places import ROOT
 from kit.samples import Editor, edited, sample
-from kit.small_maps import small_maps
+from kit.small_maps import on_one_place, small_maps
 from kit.variants import PNG
 from wrinklecli import maps
 from wrinklecli.baking.job import BakeOptions, read_job, wrinkles_alone
@@ -30,6 +30,7 @@ from wrinklecli.effects.effect import SamplingOptions, targets_of
 from wrinklecli.effects.plan import plan_mesh
 from wrinklecli.effects.sampling import sample_effects
 from wrinklecli.effects.shapes import turn_to
+from wrinklecli.errors import BakeError
 from wrinklecli.gltf.document import read_document
 from wrinklecli.numeric.arrays import unit
 from wrinklecli.numeric.guard import no_progress
@@ -46,7 +47,7 @@ def pixels(path: Path) -> Any:
 
 
 def made(folder: Path, name: str = "wrist", **options: Any) -> Any:
-    return maps(sample(name), CONFIGS / f"{name}.yaml", folder, **{"size": 128, **options})
+    return maps(sample(name), CONFIGS / f"{name}.yaml", folder, **{"size": 160, **options})
 
 
 def small(folder: Path, change: Callable[[Asset], None] | None = None, **options: Any) -> tuple[Path, Path]:
@@ -115,7 +116,7 @@ def test_heights_and_drives_are_those_of_a_bake(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_maps_of_a_field_have_its_turns_and_its_folds(tmp_path: Path) -> None:
     asset, tools = sleeve_and_field(tmp_path)
-    made = maps(asset, tools, tmp_path / "maps", size=64, kinds=["height", "normal"], supersample=1)
+    made = maps(asset, tools, tmp_path / "maps", size=128, kinds=["height", "normal"], supersample=1)
     baked = bake_field()
     (drive,) = baked.json["nodes"][baked.node("limb")]["extras"]["wrinkle"]["fields"]
     ((node,), (material,)) = made.data["nodes"], made.data["materials"]
@@ -196,7 +197,7 @@ def test_the_same_input_gives_the_same_bytes(tmp_path: Path) -> None:
 def test_separate_maps_have_no_masks(tmp_path: Path) -> None:
     asset, _ = small(tmp_path)
     tools = write_tools(tmp_path / "tools.yaml", tool(bumps=3, strategy="origin"))  # two of its bumps share a set else
-    found = maps(asset, tools, tmp_path / "maps", size=32, kinds=["normal"], separate=True)
+    found = maps(asset, tools, tmp_path / "maps", size=64, kinds=["normal"], separate=True)
     sets = found.data["materials"][0]["sets"]
     assert [len(each["weights"]) for each in sets] == [1, 1, 1]
     assert not any("mask" in each["weights"][0] for each in sets)
@@ -209,7 +210,7 @@ def test_a_material_that_is_not_there_counts_as_none(wrinkle: Wrinkle, tmp_path:
         asset.gltf["meshes"][0]["primitives"][0]["material"] = 7
 
     asset, tools = small(tmp_path, lost)
-    assert wrinkle("maps", asset, tools, "-o", tmp_path / "maps", "--size", "16", "-q").code == 0
+    assert wrinkle("maps", asset, tools, "-o", tmp_path / "maps", "--size", "32", "-q").code == 0
     assert json.loads((tmp_path / "maps" / "maps.json").read_text())["materials"][0]["material"] is None
 
 
@@ -231,7 +232,7 @@ def test_joints_without_a_name_are_a_warning(wrinkle: Wrinkle, tmp_path: Path) -
         for node in asset.gltf["nodes"][1:]:
             del node["name"]
 
-    ran = wrinkle("maps", *small(tmp_path, unnamed), "-o", tmp_path / "maps", "--size", "16")
+    ran = wrinkle("maps", *small(tmp_path, unnamed), "-o", tmp_path / "maps", "--size", "32")
     assert ran.code == 0
     (line,) = (each for each in ran.lines if "no name" in each)
     assert line.startswith("warning: ")
@@ -242,7 +243,8 @@ def test_a_mesh_without_texture_coordinates_gets_one_line(wrinkle: Wrinkle, tmp_
     bare, tools = small(tmp_path, uvs=False)
     ran = wrinkle("maps", bare, tools, "-o", tmp_path / "maps", "--size", "32")
     assert ran.code == 1
-    assert ran.lines == [f"{bare}: no map can be made: its wrinkles lie on no texture coordinates"]
+    line = "its wrinkles lie on no texture coordinates: `wrinkle maps --unwrap FILE` gives it texels of its own"
+    assert ran.lines == [f"{bare}: crease: {line}"]
     assert not (tmp_path / "maps").exists()
 
 
@@ -264,14 +266,6 @@ def test_maps_that_take_too_much_memory_are_refused(wrinkle: Wrinkle, tmp_path: 
     assert (ran.code, len(ran.lines)) == (1, 1)
     assert "maps of 8192 by 8192 texels would take 9.73 GB" in ran.lines[0]
     assert not (tmp_path / "maps").exists()
-
-
-def on_one_place(editor: Editor) -> None:
-    """Both sides of the wrist get one side's texture, mirrored."""
-    for primitive in editor.json["meshes"][0]["primitives"]:
-        stored = read_document(sample("wrist")).accessor(primitive["attributes"]["TEXCOORD_0"])
-        mirrored = np.column_stack([0.5 - np.abs(stored[:, 0] - 0.5), stored[:, 1]])
-        primitive["attributes"]["TEXCOORD_0"] = editor.accessor(mirrored.astype(np.float32))
 
 
 def laid_elsewhere(transform: dict[str, Any], tile: float) -> Any:
@@ -313,7 +307,7 @@ def test_tiles_and_transforms_of_a_texture_lead_to_the_same_texels(
 ) -> None:
     """A tile of UDIM has a material of its own in glTF, with coordinates beyond 1."""
     asset = edited("wrist", laid_elsewhere(transform, tile))
-    found = maps(asset, CONFIGS / "wrist.yaml", tmp_path / "there", size=128, kinds=["normal"])
+    found = maps(asset, CONFIGS / "wrist.yaml", tmp_path / "there", size=160, kinds=["normal"])
     assert found.data["materials"][0].get("KHR_texture_transform", {}) == transform
     assert {path.name for path in here.glob("*.png")} == {path.name for path in (tmp_path / "there").glob("*.png")}
     for path in sorted(here.glob("*.png")):
@@ -336,11 +330,17 @@ def test_mirrored_charts_are_found_and_refused_if_strict(wrinkle: Wrinkle, tmp_p
 
 
 @pytest.mark.slow
-def test_bumps_of_few_texels_are_a_warning(tmp_path: Path) -> None:
-    few = made(tmp_path / "few", size=64, kinds=["normal"]).warnings
+def test_bumps_of_few_texels_are_a_warning_or_refused_with_the_size_that_is_enough(tmp_path: Path) -> None:
+    with pytest.raises(BakeError) as refused:
+        made(tmp_path / "few", size=64, kinds=["normal"])
+    lines = str(refused.value).splitlines()
+    assert [line.split(": ")[1] for line in lines] == ["palm_side", "back_side"]
+    assert all("a bump is 2.9 texels wide" in line for line in lines)
+    assert all("--size 256 is enough, or `wrinkle maps --unwrap FILE` gives" in line for line in lines)
+    assert not (tmp_path / "few").exists()
+    few = made(tmp_path / "some", size=160, kinds=["normal"]).warnings
     assert [line.split(": ")[0] for line in few] == ["palm_side", "back_side"]
-    assert all("a bump is 2.9 texels wide" in line for line in few)
-    assert all("take --size 256, or" in line for line in few)
+    assert all(re.search("a bump is 7.[34] texels wide", line) and "--size 256 is enough" in line for line in few)
     assert made(tmp_path / "enough", size=256, kinds=["normal"]).warnings == ()
 
 
@@ -354,7 +354,7 @@ def drawn_normals(asset: Path, tools: Path, tool: str, edges: int, side: int) ->
     plan = plan_mesh(job.document, node, own, settings, job.every_clip, job.options.max_error, **limits)
     how = SamplingOptions(30.0, "morph", job.document.memory, no_progress)
     (effect,), _ = sample_effects(plan, [], how)
-    (layout,) = layouts_of(job.document, plan)
+    (layout,) = layouts_of(job.document, plan, {})
     moved, turned = np.zeros(len(plan.fine.positions)), np.zeros((len(plan.fine.positions), 3))
     for target in effect.targets:
         moved[target.shape.vertices] += np.linalg.norm(target.shape.deltas, axis=1)
@@ -380,7 +380,7 @@ def mapped_normals(asset: Path, tools: Path, tool: str, folder: Path, size: int)
         x, y, z = (pixels(folder / part["normal"]).reshape(-1, 3) / 127.5 - 1.0).T
         slopes += np.column_stack([x, y]) / z[:, None]
     (plan,) = plan_meshes(wrinkles_alone(read_job(asset, tools, BakeOptions(only=[tool]))))
-    (layout,) = layouts_of(read_document(asset), plan)
+    (layout,) = layouts_of(read_document(asset), plan, {})
     normals = np.zeros((size**2, 3))
     for texels, faces, shares in covered(layout.uvs, size):
         base, along = (unit(np.einsum("tk,tkx->tx", shares, each[faces])) for each in (layout.normals, layout.tangents))

@@ -23,6 +23,7 @@ EXTRAS = {
     "maps": "wrinkle maps",
     "plot": "check --plot",
     "preview": "wrinkle preview, masks in images",
+    "unwrap": "maps --unwrap",
 }
 _REQUIREMENT = re.compile(r"([A-Za-z0-9._-]+)(?:\[[^]]*\])?\s*(?:>=\s*([0-9][\w.]*))?")
 _EXTRA = re.compile(r"""extra\s*==\s*["']([^"']+)["']""")

@@ -8,7 +8,8 @@ from wrinklecli.choices import MOST_TEXELS, MapKind
 from wrinklecli.cli import options as opt
 from wrinklecli.cli.output import Progress, say, say_findings
 from wrinklecli.cli.streams import command_outputs
-from wrinklecli.errors import refuse_warnings
+from wrinklecli.errors import listed, refuse_warnings
+from wrinklecli.files.formats import MODEL_ENDINGS
 
 _SMALLEST = 16
 
@@ -53,6 +54,10 @@ def _kinds(value: str) -> tuple[str, ...]:
 )
 @opt.whole("--supersample", bounds=(1, 4), default=2, text="Samples of a texel along either side.")
 @opt.flag("--separate", text="Write maps for each weight, not shared ones with masks.")
+@opt.file(
+    "--unwrap",
+    text="Write ASSET with a further set of texture coordinates to this .glb or .gltf, for the maps alone.",
+)
 @opt.anim("Tools may name them.")
 @opt.tool("Use this tool only; may be repeated.")
 @opt.allow_external()
@@ -67,6 +72,11 @@ def maps(asset: str, tools: str, folder: str, strict: bool, quiet: bool, **optio
     maps, and masks say which texels belong to which weight. maps.json lists the files, and holds the numbers that turn
     a pose into weights, as a baked file's extras do.
 
+    A bump needs 10 texels to look right. Fewer are a warning, and fewer than 6 are refused, with the --size that is
+    enough. --unwrap FILE lays what the tools move into texture coordinates for maps alone, a further set beside those
+    that ASSET has, and writes ASSET with them to FILE. texCoord in maps.json is the number of the set. This needs
+    xatlas: pip install 'wrinklecli[unwrap]'.
+
     Maps leave out contact, muscles, flesh and touches, which move the mesh.
 
     Exit codes: 0 done; 1 the input is at fault, nothing written; 2 wrong usage; 3 refused (--strict with warnings),
@@ -74,6 +84,9 @@ def maps(asset: str, tools: str, folder: str, strict: bool, quiet: bool, **optio
     """
     if options["size"] * options["supersample"] > MOST_TEXELS:
         raise click.UsageError(f"'--size' times '--supersample' is more than {MOST_TEXELS}.")
+    unwrap = options["unwrap"]
+    if unwrap is not None and not unwrap.lower().endswith(MODEL_ENDINGS):
+        raise click.BadParameter(f"{unwrap!r} does not end in {listed(MODEL_ENDINGS)}", param_hint="--unwrap")
     with command_outputs() as outputs, Progress(quiet=quiet) as progress:
         from wrinklecli.texture.maps import maps as run
 

@@ -58,13 +58,17 @@ def split_node(edited: EditedDocument, node: int, parts: Sequence[Part]) -> list
     mesh = gltf["meshes"][gltf["nodes"][node]["mesh"]]
     primitives: list[list[Json]] = [[] for _ in parts]
     for number, primitive in enumerate(mesh["primitives"]):
-        divided = _Divided(edited, primitive)
+        divided = DividedPrimitive(edited, primitive)
         owners = [k for k, part in enumerate(parts) if len(part.triangles[number])] or [0]
         # The largest part reuses the old indices, so that the record of the original finds most of the data.
         for k in sorted(owners, key=lambda k: -len(parts[k].triangles[number])):
             alone = len(owners) == 1
             triangles, targets = parts[k].triangles[number], parts[k].targets
-            made = divided.whole(targets) if alone else divided.take(triangles, targets)
+            if alone:
+                made = divided.whole(targets)
+            else:
+                rows, corners = np.unique(triangles, return_inverse=True)
+                made = divided.take(rows, corners, targets)
             primitives[k].append(_with_targets(made, targets))
         divided.drop_left_over()
     nodes = [node]
@@ -82,8 +86,8 @@ def split_node(edited: EditedDocument, node: int, parts: Sequence[Part]) -> list
     return nodes
 
 
-class _Divided:
-    """A primitive that is divided among parts; the first data taken from an accessor reuses its index."""
+class DividedPrimitive:
+    """A primitive whose vertices are taken, all or some; the first data taken from an accessor reuses its index."""
 
     def __init__(self, edited: EditedDocument, primitive: Json) -> None:
         self._edited = edited
@@ -97,9 +101,8 @@ class _Divided:
         made = {key: each for key, each in self._primitive.items() if key != "targets"}
         return made | ({"targets": [self._targets[number] for number in targets]} if targets else {})
 
-    def take(self, triangles: Ints, targets: Sequence[int]) -> Json:
-        """Take some triangles with their vertices, in the same order."""
-        rows, corners = np.unique(triangles, return_inverse=True)
+    def take(self, rows: Ints, corners: Ints, targets: Sequence[int]) -> Json:
+        """Take vertices in an order, repeated if asked, for triangles whose corners are numbers in it."""
         left_out = ("attributes", "targets", "indices", "mode")
         part = {key: copy.deepcopy(each) for key, each in self._primitive.items() if key not in left_out}
         part["attributes"] = {
@@ -156,10 +159,12 @@ class _Divided:
         if source.stored_dtype(index).kind != "f":
             return self._stored(index, rows, name, replaces=replaces)
         changed, values = source.changes(index)
-        here = np.isin(changed, rows)
-        vertices = np.searchsorted(rows, changed[here])
+        place = np.full(source.items("accessors")[index]["count"], -1, np.intp)
+        place[changed] = np.arange(len(changed))
+        taken = place[rows]
+        vertices = np.flatnonzero(taken >= 0)
         return self._edited.add_deltas(
-            vertices, values[here], count=len(rows), bounds=name == "POSITION", replaces=replaces
+            vertices, values[taken[vertices]], count=len(rows), bounds=name == "POSITION", replaces=replaces
         )
 
 

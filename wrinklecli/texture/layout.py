@@ -1,7 +1,8 @@
 """The materials of a mesh on their textures: which set of coordinates maps take, and what its triangles have there."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -14,6 +15,9 @@ from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, Ints, distinct, unit
 from wrinklecli.texture.relief import Textured
 from wrinklecli.texture.texels import texture_steps
+
+TexCoords: TypeAlias = Mapping[tuple[int, int | None], int]
+"""By mesh and material the number of a set of texture coordinates that is for maps alone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,33 +86,19 @@ class _Transform:
         return np.asarray(turned + self.offset)
 
 
-def layouts_of(document: Document, plan: MeshPlan) -> list[Layout]:
+def layouts_of(document: Document, plan: MeshPlan, texcoords: TexCoords) -> list[Layout]:
     """The materials of a mesh with texture coordinates; primitives without them are left out."""
     primitives = document.items("meshes")[plan.rig.mesh]["primitives"]
     parts: dict[int | None, list[Layout]] = {}
     for refined in primitives_of(plan.fine):
         primitive = primitives[refined.index]
-        attributes = primitive.get("attributes", {})
-        # The number of a primitive's material; None without one, or if there is none of that number.
-        number = primitive.get("material")
-        material = number if isinstance(number, int) and 0 <= number < len(document.items("materials")) else None
-        texcoord, transform = _texture_of(document, material)
-        key = f"TEXCOORD_{texcoord}"
-        if key not in attributes or not len(refined.triangles):
+        material = material_of(document, primitive)
+        own = texcoords.get((plan.rig.mesh, material))
+        texcoord, transform = _texture_of(document, material) if own is None else (own, _Transform())
+        uvs = _uvs(document, plan, refined, texcoord, transform)
+        if uvs is None or not len(refined.triangles):
             continue
-        where = document.where("meshes", plan.rig.mesh, "primitives", refined.index)
-        uvs = transform.applied(old_values(document, attributes, key, refined, size=2, where=where))
-        old = np.arange(len(refined.old))
-        if "NORMAL" in attributes:
-            normals = unit(old_values(document, attributes, "NORMAL", refined, size=3, where=where))
-        else:
-            normals = plan.fine.normals_at(refined.weld[old])
-        if "TANGENT" in attributes:
-            tangents = old_values(document, attributes, "TANGENT", refined, size=4, where=where)
-        else:
-            surface = plan.fine.surface
-            own = surface.corners[surface.primitives == refined.index] - refined.old[0]
-            tangents = mikk_tangents(surface.positions[refined.weld[old]], normals, uvs, own)
+        normals, tangents = frames_of(document, plan, refined) or _frames(document, plan, refined, uvs)
         parts.setdefault(material, []).append(
             Layout(
                 name=_name_of(document, material, plan),
@@ -123,6 +113,56 @@ def layouts_of(document: Document, plan: MeshPlan) -> list[Layout]:
             )
         )
     return [_joined(each) for each in parts.values()]
+
+
+def frames_of(document: Document, plan: MeshPlan, refined: RefinedPrimitive) -> tuple[Floats, Floats] | None:
+    """The (old vertices, 3) normals and (old vertices, 4) tangents that a primitive has in the asset's own textures.
+
+    Tangents are those of TANGENT, or of the coordinates of its normal map or base colour. None if there are neither.
+    """
+    uvs = own_uvs(document, plan, refined)
+    attributes = document.items("meshes")[plan.rig.mesh]["primitives"][refined.index].get("attributes", {})
+    return None if uvs is None and "TANGENT" not in attributes else _frames(document, plan, refined, uvs)
+
+
+def own_uvs(document: Document, plan: MeshPlan, refined: RefinedPrimitive) -> Floats | None:
+    """(old vertices, 2) coordinates of a primitive's normal map or base colour; None if it has none."""
+    primitive = document.items("meshes")[plan.rig.mesh]["primitives"][refined.index]
+    return _uvs(document, plan, refined, *_texture_of(document, material_of(document, primitive)))
+
+
+def _frames(document: Document, plan: MeshPlan, refined: RefinedPrimitive, uvs: Floats | None) -> tuple[Floats, Floats]:
+    """As `frames_of`, by (old vertices, 2) coordinates if the primitive has no TANGENT."""
+    attributes = document.items("meshes")[plan.rig.mesh]["primitives"][refined.index].get("attributes", {})
+    where = document.where("meshes", plan.rig.mesh, "primitives", refined.index)
+    old = np.arange(len(refined.old))
+    if "NORMAL" in attributes:
+        normals = unit(old_values(document, attributes, "NORMAL", refined, size=3, where=where))
+    else:
+        normals = plan.fine.normals_at(refined.weld[old])
+    if uvs is None or "TANGENT" in attributes:
+        return normals, old_values(document, attributes, "TANGENT", refined, size=4, where=where)
+    surface = plan.fine.surface
+    own = surface.corners[surface.primitives == refined.index] - refined.old[0]
+    return normals, mikk_tangents(surface.positions[refined.weld[old]], normals, uvs, own)
+
+
+def _uvs(
+    document: Document, plan: MeshPlan, refined: RefinedPrimitive, texcoord: int, transform: _Transform
+) -> Floats | None:
+    """(old vertices, 2) coordinates of a set, transformed; None if the primitive has no such set."""
+    attributes = document.items("meshes")[plan.rig.mesh]["primitives"][refined.index].get("attributes", {})
+    key = f"TEXCOORD_{texcoord}"
+    if key not in attributes:
+        return None
+    where = document.where("meshes", plan.rig.mesh, "primitives", refined.index)
+    return transform.applied(old_values(document, attributes, key, refined, size=2, where=where))
+
+
+def material_of(document: Document, primitive: Json) -> int | None:
+    """The number of a primitive's material; None without one, or if there is none of that number."""
+    number = primitive.get("material")
+    return number if isinstance(number, int) and 0 <= number < len(document.items("materials")) else None
 
 
 def _on_corners(refined: RefinedPrimitive, values: Floats) -> Floats:
@@ -182,7 +222,7 @@ def mikk_tangents(positions: Floats, normals: Floats, uvs: Floats, triangles: In
     corners, texture = positions[triangles], uvs[triangles] * [1.0, -1.0]
     e1, e2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     d1, d2 = texture[:, 1] - texture[:, 0], texture[:, 2] - texture[:, 0]
-    area = d1[:, 0] * d2[:, 1] - d1[:, 1] * d2[:, 0]
+    area = signed_areas(texture)
     along = unit((d2[:, 1:] * e1 - d1[:, 1:] * e2) * np.sign(area)[:, None])
     # Vertices of one place, normal and texture are one, whatever else tells them apart.
     _, merged = distinct(np.concatenate([positions, normals, uvs], axis=1))
@@ -195,6 +235,12 @@ def mikk_tangents(positions: Floats, normals: Floats, uvs: Floats, triangles: In
         np.add.at(sums, merged[vertices], angles[:, None] * _flat(along, normal))
         np.add.at(signs, merged[vertices], np.sign(area))
     return np.column_stack([unit(sums[merged]), np.where(signs[merged] < 0, -1.0, 1.0)])
+
+
+def signed_areas(uvs: Floats) -> Floats:
+    """(triangles,) twice the areas of (triangles, 3, 2) on a texture, with the sign of their turn."""
+    e1, e2 = uvs[:, 1] - uvs[:, 0], uvs[:, 2] - uvs[:, 0]
+    return np.asarray(e1[:, 0] * e2[:, 1] - e1[:, 1] * e2[:, 0])
 
 
 def _flat(vectors: Floats, normals: Floats) -> Floats:

@@ -14,8 +14,9 @@ from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, unit
 from wrinklecli.texture.map_files import image_name
 from wrinklecli.texture.texels import gutter
 
-# Texels by which charts are widened: bilinear filters and the first mip levels read beyond borders.
-_GUTTER = 8
+GUTTER = 8
+"""Texels by which charts are widened: bilinear filters and the first mip levels read beyond borders."""
+
 # Share of a shape's greatest height below which it does not count as being at a texel: where bumps meet, both are 0.
 _PRESENT = 0.02
 # Texels on which another shape may be without the two being kept apart: a line between two bumps.
@@ -86,7 +87,7 @@ class MapSet:
             filled[each.texels] = True
             more = each.shares > largest[each.texels]
             largest[each.texels[more]], holder[each.texels[more]] = each.shares[more], which
-        beside, nearest = gutter(filled.reshape(size, size), _GUTTER)
+        beside, nearest = gutter(filled.reshape(size, size), GUTTER)
 
         def image(values: Floats) -> Floats:
             values[beside] = values[nearest]

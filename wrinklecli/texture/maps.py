@@ -23,14 +23,16 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.pixels import png_of
 from wrinklecli.gltf.shape import Json, json_bytes
+from wrinklecli.gltf.writer import write
 from wrinklecli.numeric.arrays import Floats, Ints, any_of, flags_of
 from wrinklecli.numeric.guard import Progress, guarded, no_progress
 from wrinklecli.numeric.memory import MAX_MEMORY
-from wrinklecli.texture.layout import Layout, layouts_of
+from wrinklecli.texture.layout import Layout, TexCoords, layouts_of, signed_areas
 from wrinklecli.texture.map_files import MAPS_JSON, claim_folder
 from wrinklecli.texture.map_set import MapSet, Shown, packed
 from wrinklecli.texture.relief import Relief, Textured, plan_finely
 from wrinklecli.texture.texels import charted, covered
+from wrinklecli.texture.unwrap import require_xatlas, unwrapped
 
 VERSION = 1
 """The version of maps.json; a change that a reader would misunderstand raises it."""
@@ -41,9 +43,11 @@ _FEW = 1e-4
 _SAME_PLACE = 1e-4
 # Bytes that a texel takes at most while the maps of a material are made, as measured at 1024 to 4096 texels a side.
 _TEXEL_BYTES = 145
-# Texels that a bump must be wide: with fewer, the linear filter turns normals of a bump of 45° by more than 2° between
-# texels, by 45° · (2π / texels)² / 8.
-_LEAST_TEXELS = 10
+# Texels across a bump from which on the linear filter turns normals of a bump of 45° by 2° at most between texels, by
+# 45° · (2π / texels)² / 8,
+_GOOD_TEXELS = 10
+# and below which it turns them by more than 6°, and one sees texels in place of a bump.
+_LEAST_TEXELS = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +63,7 @@ class MapOptions:
         anims: Files with clips that tools may name.
         allow_external: Read buffers and images outside the asset's folder too.
         max_memory: Most bytes that reading the asset may take.
+        unwrap: The .glb or .gltf to write, the asset with a further set of texture coordinates, which the maps take.
     """
 
     size: int = 2048
@@ -69,6 +74,7 @@ class MapOptions:
     anims: Sequence[str | os.PathLike[str]] = ()
     allow_external: bool = False
     max_memory: int = MAX_MEMORY
+    unwrap: str | os.PathLike[str] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +117,8 @@ def maps(
 ) -> Maps:
     """Write normal, height and occlusion maps of an asset's wrinkles, with masks, and maps.json that explains them.
 
-    The mesh stays as it is, and the maps fit its own texture coordinates, normals and tangents.
+    The mesh stays as it is, and the maps fit its own texture coordinates, normals and tangents. With `unwrap`, a copy
+    of the asset has coordinates for them.
 
     Args:
         asset: The .gltf or .glb to read.
@@ -125,7 +132,7 @@ def maps(
     Raises:
         ConfigError: The tools file is at fault.
         AssetError: The asset is at fault.
-        BakeError: Asset and tools do not go together, no map can be made, or a file cannot be written.
+        BakeError: Asset and tools do not go together, a bump has too few texels, or a file cannot be written.
         TypeError: `MapOptions` lacks a name of `named`.
 
     Examples:
@@ -138,6 +145,9 @@ def maps(
     path = os.fspath(folder)
     with part_of(outputs) as written:
         claim_maps(path, written)
+        if options.unwrap is not None:
+            require_xatlas()
+            written.claim(options.unwrap)
         return make_maps(asset, tools, path, options, written, progress)
 
 
@@ -176,25 +186,35 @@ def make_maps(
         job = wrinkles_alone(job)
         pixels = f"maps of {options.size} by {options.size} texels"
         job.document.memory.check(_TEXEL_BYTES * options.size**2, pixels, where=job.document.path)
+        plans = plan_meshes(job)
+        texcoords: TexCoords = {}
+        if options.unwrap is not None:
+            edited, texcoords = unwrapped(job, plans, options.size)
+            write(edited, options.unwrap, outputs=outputs)
+            job = wrinkles_alone(read_job(edited.document(), tools, reading))
+            plans = plan_meshes(job)
         materials: list[Json] = []
         nodes: list[Json] = []
         neighbours = Neighbours(job.document)
-        warnings: list[str] = list(job.warnings)
+        layouts_of_plans = [layouts_of(job.document, plan, texcoords) for plan in plans]
+        texels = [
+            [_texel_size(plan, part, layouts, options.size) for part in skin_parts(plan)]
+            for plan, layouts in zip(plans, layouts_of_plans, strict=True)
+        ]
+        warnings: list[str] = [*job.warnings, *_too_few_texels(job, plans, texels, options)]
         files: dict[str, bytes] = {}
-        for plan in plan_meshes(job):
+        for plan, layouts, sides in zip(plans, layouts_of_plans, texels, strict=True):
             how = SamplingOptions(job.settings.sampling.fps, "morph", job.document.memory, progress)
             effects, _ = sample_effects(plan, [], how)
             drives = drives_json(job.document.gltf, plan, effects)
             nodes.append({"node": plan.rig.names[plan.rig.node], "wrinkle": drives})
             warnings += _nameless(job.document, plan, effects)
-            layouts = layouts_of(job.document, plan)
             shown: dict[int | None, list[Shown]] = {}
             # One after another, as the finely refined meshes of all tools at once would take the memory of all.
-            for done, (effect, part) in enumerate(zip(effects, skin_parts(plan), strict=True)):
+            for done, (effect, part, side) in enumerate(zip(effects, skin_parts(plan), sides, strict=True)):
                 progress("refine", done, len(effects))
-                texel = _texel_size(plan, part, layouts, options.size)
-                warnings += _too_few_texels(part, texel, options.size)
-                for material, found in _shown_finely(job, plan, (effect, part), neighbours, options, how, texel):
+                placed = _Placed(effect, part, side)
+                for material, found in _shown_finely(job, plan, placed, neighbours, options, how, texcoords):
                     shown.setdefault(material, []).extend(found)
             for layout in layouts:
                 made = _made(plan, layout, shown.get(layout.material, []), options, warnings)
@@ -208,11 +228,11 @@ def make_maps(
                     described = {"name": name, "material": layout.material, "node": plan.rig.names[plan.rig.node]}
                     materials.append({**described, "texCoord": layout.texcoord, **layout.transform_json, "sets": sets})
         if not materials:
-            raise BakeError("no map can be made: its wrinkles lie on no texture coordinates", where=job.document.path)
+            raise BakeError("no map can be made: no texel lies under its wrinkles", where=job.document.path)
         data = {
             "version": VERSION,
             "method": METHOD,
-            "asset": os.path.basename(job.document.path),
+            "asset": os.path.basename(options.unwrap or job.document.path),
             "size": options.size,
             "materials": materials,
             "nodes": nodes,
@@ -261,37 +281,69 @@ def _texel_size(plan: MeshPlan, part: Part, layouts: Sequence[Layout], size: int
     return float(np.median(every[every > 0.0])) if every.any() else 0.0
 
 
-def _too_few_texels(part: Part, texel: float, size: int) -> list[str]:
-    """A warning if a tool's bumps have too few texels for their normals, with the size that has enough."""
-    width = part.attached.bump_width
-    if not texel or width >= _LEAST_TEXELS * texel:
-        return []
-    enough = 2 ** math.ceil(math.log2(size * _LEAST_TEXELS * texel / width))
-    asked = f"take --size {enough}" if enough <= MOST_TEXELS else f"no --size up to {MOST_TEXELS} is enough"
-    return [
-        f"{part.attached.tool.name}: a bump is {width / texel:.2g} texels wide, and normals between fewer than"
-        f" {_LEAST_TEXELS} are off by more than 2°: {asked}, or give the place more of the texture"
-    ]
+def _too_few_texels(
+    job: Job, plans: Sequence[MeshPlan], texels: Sequence[Sequence[float]], options: MapOptions
+) -> list[str]:
+    """A warning for each tool whose bumps have fewer texels than would be good, with the size that has enough.
+
+    Raises:
+        BakeError: Bumps have no texels, or too few to show them.
+    """
+    most = MOST_TEXELS // options.supersample
+    other = "`wrinkle maps --unwrap FILE` gives it texels of its own"
+    refused: list[BakeError] = []
+    warnings: list[str] = []
+    for plan, sides in zip(plans, texels, strict=True):
+        for part, texel in zip(skin_parts(plan), sides, strict=True):
+            name, width = part.attached.tool.name, part.attached.bump_width
+            if not texel:
+                message = f"{name}: its wrinkles lie on no texture coordinates: {other}"
+                refused.append(BakeError(message, where=job.document.path))
+                continue
+            count = width / texel
+            enough = 2 ** math.ceil(math.log2(options.size * _GOOD_TEXELS / count))
+            ways = f"--size {enough} is enough" if enough <= most else f"no --size up to {most} is enough"
+            ways += "" if options.unwrap else f", or {other}" if enough <= most else f", but {other}"
+            said = f"{name}: a bump is {count:.2g} texels wide, and"
+            if count < _LEAST_TEXELS:
+                message = f"{said} with fewer than {_LEAST_TEXELS} one sees texels in its place: {ways}"
+                refused.append(BakeError(message, where=job.document.path))
+            elif count < _GOOD_TEXELS:
+                warnings.append(f"{said} normals between fewer than {_GOOD_TEXELS} are off by more than 2°: {ways}")
+    if refused:
+        raise BakeError.of_all(refused)
+    return warnings
+
+
+@dataclass(frozen=True, slots=True)
+class _Placed:
+    """A tool on its mesh.
+
+    Attributes:
+        texel: The side of a texel under it, scene units; 0 if it has none.
+    """
+
+    effect: Effect
+    part: Part
+    texel: float
 
 
 def _shown_finely(
     job: Job,
     plan: MeshPlan,
-    placed: tuple[Effect, Part],
+    placed: _Placed,
     neighbours: Neighbours,
     options: MapOptions,
     how: SamplingOptions,
-    texel: float,
+    texcoords: TexCoords,
 ) -> Iterator[tuple[int | None, list[Shown]]]:
-    """The shapes of a tool, `placed` on its mesh, with the number of each material that shows them."""
-    if not texel:
-        return
-    effect, part = placed
+    """The shapes of a tool with the number of each material that shows them."""
+    effect, part, texel = placed.effect, placed.part, placed.texel
     region, side = part.attached.regions[0], options.size * options.supersample
     samples = region.span / region.intervals / texel * options.supersample
     fine, own = plan_finely(job, plan.rig.node, part.attached.tool, neighbours, how, most_edges=samples)
     relief = Relief.of(own, fine.fine)
-    for layout in layouts_of(job.document, fine):
+    for layout in layouts_of(job.document, fine, texcoords):
         textured = layout.textured(fine, side)
         faces = np.flatnonzero(relief.covers(textured.triangles))
         yield layout.material, _shown(effect, relief, textured, layout.uvs, faces, options)
@@ -378,8 +430,7 @@ def _overlaps(plan: MeshPlan, layout: Layout, pairs: Ints, count: int) -> list[s
     shared = len(np.unique(texels[apart]))
     if shared <= _FEW * count:
         return []
-    e1, e2 = layout.uvs[:, 1] - layout.uvs[:, 0], layout.uvs[:, 2] - layout.uvs[:, 0]
-    turned = np.sign(e1[:, 0] * e2[:, 1] - e1[:, 1] * e2[:, 0])
+    turned = np.sign(signed_areas(layout.uvs))
     mirrored = (turned[first] != turned[second])[apart].mean() > 0.5
     how = "mirrored on each other" if mirrored else "on each other"
     return [

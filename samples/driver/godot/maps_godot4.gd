@@ -44,7 +44,7 @@ func blend(each, material):
 			continue
 		var shown = ShaderMaterial.new()
 		shown.shader = load(get_script().resource_path.get_base_dir().path_join("wrinkle_maps.gdshader"))
-		shown.set_shader_parameter("wrinkle_uv2", material["texCoord"] == 1)
+		shown.set_shader_parameter("wrinkle_uv", int(material["texCoord"]))
 		if own is BaseMaterial3D:
 			take(shown, own)
 		var weights = []
