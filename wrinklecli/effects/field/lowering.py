@@ -72,25 +72,24 @@ def lowering(
     looks: list[_Look] = [*_turning(poses, slopes)]
     if attached.tool.contact is not None:
         looks += _crossing(poses)
-    left, looked, halvings = np.ones((len(moves), len(fine.positions))), looks, np.zeros((len(vertices), len(moves)))
+    left, looked, halvings = np.ones((len(moves), len(vertices) + 1)), looks, np.zeros((len(vertices), len(moves)))
     for _ in range(_PASSES):
-        marked, looked = _marked(looked, left)
+        lowered = (poses.moves * left[:, None]).reshape(len(moves), -1)
+        marked, looked = _marked(looked, lowered)
         if not looked:
             # What was lowered for one pose may be at fault in another.
-            marked, looked = _marked(looks, left)
+            marked, looked = _marked(looks, lowered)
         if not looked:
             break
         # Level, with all triangles that give its corners their normals, it is at fault as the skin is.
-        faults = slopes.around(marked[:, vertices].T)
+        faults = slopes.around(marked[:, :-1].T)
         halvings = np.where(faults > 0, 2.0 * halvings + _FIRST * faults, halvings)
         limits = np.exp2(-halvings)
-        lower = slopes.below(left[:, vertices].T, np.where(limits > UNSEEN, limits, 0.0)).T
-        changed = np.zeros(left.shape, np.bool_)
-        changed[:, vertices] = lower != left[:, vertices]
-        left[:, vertices] = lower
+        before = left.copy()
+        left[:, :-1] = slopes.below(left[:, :-1].T, np.where(limits > UNSEEN, limits, 0.0)).T
         for each in looks:
-            each.follow(changed)
-    return left[:, vertices]
+            each.follow(left != before)
+    return left[:, :-1]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -214,20 +213,17 @@ class _Poses:
         return cls(fine, influences, inside, padded, moving, np.concatenate(matrices)[chosen], every[chosen])
 
     def of_part(self, vertices: Ints) -> "Iterator[_Pose]":
-        """Some fine vertices in each of the poses."""
-        return (self.at(number, vertices) for number in range(len(self.matrices)))
-
-    def at(self, number: int, vertices: Ints) -> "_Pose":
-        """Some sorted fine vertices in one of the poses."""
-        rows = np.ascontiguousarray(self.matrices[number, :, :3]).reshape(-1, 12)
-        blended = np.ascontiguousarray((self.influences[vertices] @ rows).T).reshape(3, 4, -1)
-        turns, bind = blended[:, :3], self.fine.bind_positions[vertices].T
-        still = np.einsum("abv,bv->av", turns, bind) + blended[:, 3]
-        return _Pose(vertices, still, turns, self.moves, self.moving, self.inside[vertices], self.weights[number])
-
-    def moved(self, number: int) -> Bools:
-        """(fine vertices,) True for those that the field moves in one of the poses."""
-        return np.asarray(self.moving[self.weights[number] != 0].any(axis=0)[self.inside])
+        """Some sorted fine vertices in each of the poses."""
+        influences, bind, inside = (
+            self.influences[vertices],
+            self.fine.bind_positions[vertices].T,
+            self.inside[vertices],
+        )
+        for matrices, weights in zip(self.matrices, self.weights, strict=True):
+            rows = np.ascontiguousarray(matrices[:, :3]).reshape(-1, 12)
+            blended = np.ascontiguousarray((influences @ rows).T).reshape(3, 4, -1)
+            still = np.einsum("abv,bv->av", blended[:, :3], bind) + blended[:, 3]
+            yield _Pose(still, blended[:, :3], self.moves, self.moving, inside, weights)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -235,7 +231,6 @@ class _Pose:
     """A part of the surface in a pose.
 
     Attributes:
-        vertices: (vertices,) sorted fine vertices.
         still: (3, vertices) places in the skin.
         turns: (3, 3, vertices) from bind to world space.
         moves: (shapes, 3, numbers) what shapes do, bind space,
@@ -244,7 +239,6 @@ class _Pose:
         weights: (shapes,).
     """
 
-    vertices: Ints
     still: Floats
     turns: Floats
     moves: Floats
@@ -252,27 +246,32 @@ class _Pose:
     inside: Ints
     weights: Floats
 
-    def places(self, left: Floats | None = None, own: Ints | slice = slice(None)) -> Floats:
-        """(3, vertices) places with the field, by (shapes, fine vertices) factors if it is lowered; of `own` alone."""
-        vertices, inside = self.vertices[own], self.inside[own]
-        sums = np.zeros((3, len(inside)))
-        for shape in self._acting(inside):
-            factors = self.weights[shape] if left is None else self.weights[shape] * left[shape].take(vertices)
-            sums += factors * self.moves[shape].take(inside, axis=1)
-        return np.asarray(self.still[:, own] + np.einsum("abv,bv->av", self.turns[:, :, own], sums))
+    def of(self, own: Ints) -> "_Pose":
+        """Some of its vertices."""
+        return replace(self, still=self.still[:, own], turns=self.turns[:, :, own], inside=self.inside[own])
 
-    def _acting(self, inside: Ints) -> Iterator[int]:
-        """The shapes that move any of some numbers: most poses turn few joints, and most shapes are elsewhere."""
-        return (shape for shape in np.flatnonzero(self.weights).tolist() if self.moving[shape].take(inside).any())
+    def places(self, lowered: Floats) -> Floats:
+        """(3, vertices) places with the field, by (shapes, 3 · numbers) what its shapes do where it is lowered."""
+        # One product over all of the field takes less time than to choose, shape by shape, what moves.
+        moves = (self.weights @ lowered).reshape(3, -1).take(self.inside, axis=1)
+        return np.asarray(self.still + np.einsum("abv,bv->av", self.turns, moves))
+
+    @property
+    def moved(self) -> Bools:
+        """(vertices,) True for those that the field moves."""
+        return np.asarray(self.moving[self.weights != 0].any(axis=0)[self.inside])
 
     @property
     def bounds(self) -> tuple[Floats, Floats]:
         """(3, vertices) lowest and highest coordinates, however much the field is lowered."""
         low, high = self.still.copy(), self.still.copy()
-        for shape in self._acting(self.inside):
-            way = np.einsum("abv,bv->av", self.turns, self.weights[shape] * self.moves[shape].take(self.inside, axis=1))
-            low += np.minimum(way, 0.0)
-            high += np.maximum(way, 0.0)
+        for shape in np.flatnonzero(self.weights).tolist():
+            # Most poses turn few joints, and most shapes are elsewhere.
+            if self.moving[shape].take(self.inside).any():
+                moves = self.weights[shape] * self.moves[shape].take(self.inside, axis=1)
+                way = np.einsum("abv,bv->av", self.turns, moves)
+                low += np.minimum(way, 0.0)
+                high += np.maximum(way, 0.0)
         return low, high
 
     @property
@@ -290,29 +289,29 @@ class _Look(ABC):
 
     def __init__(self, pose: _Pose) -> None:
         self.pose, self._faults = pose, np.zeros(0, np.intp)
-        self._changed = np.ones(len(pose.vertices), np.bool_)
+        self._changed = np.ones(len(pose.inside), np.bool_)
 
     def follow(self, changed: Bools) -> None:
-        """Look again where (shapes, fine vertices) factors have changed."""
-        self._changed |= changed[self.pose.weights != 0].any(axis=0)[self.pose.vertices]
+        """Look again where (shapes, numbers) factors have changed."""
+        self._changed |= changed[self.pose.weights != 0].any(axis=0)[self.pose.inside]
 
-    def at_fault(self, left: Floats) -> Ints:
-        """The fine vertices at which the surface is at fault, with (shapes, fine vertices) factors of the field."""
+    def at_fault(self, lowered: Floats) -> Ints:
+        """The numbers at which the surface is at fault, with (shapes, 3 · numbers) what the field's shapes do."""
         if self._changed.any():
-            self._faults = self._look(left, self._changed)
+            self._faults = self.pose.inside[self._look(self.pose.places(lowered), self._changed)]
             self._changed[:] = False
         return self._faults
 
     @abstractmethod
-    def _look(self, left: Floats, changed: Bools) -> Ints:
-        """The same; `changed` are those of the pose's vertices whose factors have changed since the last look."""
+    def _look(self, places: Floats, changed: Bools) -> Ints:
+        """The vertices at fault at (3, vertices) places, of which (vertices,) `changed` since the last look."""
 
 
-def _marked(looks: Sequence[_Look], left: Floats) -> tuple[Floats, list[_Look]]:
-    """(shapes, fine vertices) how much shapes act at faults of a field with factors, and the looks that have any."""
-    marked, found = np.zeros(left.shape), list[_Look]()
+def _marked(looks: Sequence[_Look], lowered: Floats) -> tuple[Floats, list[_Look]]:
+    """(shapes, numbers) how much shapes act at faults of a lowered field, and the looks that have any."""
+    marked, found = np.zeros((len(lowered), lowered.shape[1] // 3)), list[_Look]()
     for each in looks:
-        faults = each.at_fault(left)
+        faults = each.at_fault(lowered)
         if len(faults):
             marked[:, faults] = np.maximum(marked[:, faults], each.pose.shares[:, None])
             found.append(each)
@@ -341,20 +340,6 @@ class _Part:
         vertices = distinct_values(triangles[around])
         return cls(vertices, np.searchsorted(vertices, triangles[around]), judged[around])
 
-    def near(self, moved: Bools) -> tuple[Bools, Bools]:
-        """(triangles,) True for those that moved ones of its vertices change: by their places, or by normals.
-
-        And True for these with those around them.
-        """
-        beside = any_of(moved, self.triangles)
-        judged = any_of(flags_of(self.triangles[beside], len(moved)), self.triangles)
-        return judged, any_of(flags_of(self.triangles[judged], len(moved)), self.triangles)
-
-    def only(self, judged: Bools, around: Bools) -> "_Part":
-        """Its (triangles,) `around`, of which others than the `judged` ones lack triangles around them."""
-        own, triangles = _numbered(self.triangles[around], len(self.vertices))
-        return _Part(self.vertices[own], triangles, (self.judged & judged)[around])
-
 
 def _numbered(triangles: Ints, count: int) -> tuple[Ints, Ints]:
     """(used,) sorted vertices of (n, k) triangles or pairs, of so many, and the (n, k) numbers among these."""
@@ -367,40 +352,37 @@ class _Turning(_Look):
 
     Args:
         pose: Of the vertices of the part.
-        part: Those of its triangles count that are judged, as the skin does not turn them over itself.
+        triangles: (triangles, 3) of the part.
+        judged: (triangles,) True for those that count, as the skin does not turn them over itself.
         faces: Three (triangles,) coordinates of their normals in the skin.
     """
 
-    def __init__(self, pose: _Pose, part: _Part, faces: list[Floats]) -> None:
+    def __init__(self, pose: _Pose, triangles: Ints, judged: Bools, faces: list[Floats]) -> None:
         super().__init__(pose)
-        self._part, self._skinned, self._turned = part, faces, np.zeros(len(part.judged), np.bool_)
+        self._triangles, self._judged, self._skinned = triangles, judged, faces
 
-    def _look(self, left: Floats, changed: Bools) -> Ints:
-        judged, around = self._part.near(changed)
-        own, triangles = _numbered(self._part.triangles[around], len(changed))
-        found = _turned_over(self.pose.places(left, own), triangles, [each[around] for each in self._skinned])
-        self._turned[judged] = found[judged[around]]
-        return self.pose.vertices[distinct_values(self._part.triangles[self._part.judged & self._turned])]
+    def _look(self, places: Floats, _changed: Bools) -> Ints:
+        # All of them take less time than to choose those near what has changed.
+        turned = _turned_over(places, self._triangles, self._skinned)
+        return distinct_values(self._triangles[self._judged & turned])
 
 
 def _turning(poses: _Poses, slopes: _Slopes) -> Iterator[_Turning]:
     """The looks at triangles: only near those that the whole field turns over in a pose."""
-    fine = poses.fine
+    fine, raised = poses.fine, poses.moves.reshape(len(poses.moves), -1)
     # Triangles beside the field have corners in it.
     whole = _Part.of(poses.inside < poses.moves.shape[2] - 1, fine.triangles)
     faults = np.zeros(len(fine.positions), np.bool_)
     for each in poses.of_part(whole.vertices):
-        turned = _turned_over(each.places(), whole.triangles, _faces(each.still, whole.triangles))
+        turned = _turned_over(each.places(raised), whole.triangles, _faces(each.still, whole.triangles))
         faults[whole.vertices[whole.triangles[whole.judged & turned]]] = True
     if not faults.any():
         return
     part = _Part.of(slopes.reached(faults), fine.triangles)
-    for number in range(len(poses.matrices)):
-        own = part.only(*part.near(poses.moved(number)[part.vertices]))
-        each = poses.at(number, own.vertices)
-        faces = _faces(each.still, own.triangles)
-        judged = own.judged & ~_turned_over(each.still, own.triangles, faces)
-        yield _Turning(each, replace(own, judged=judged), faces)
+    for each in poses.of_part(part.vertices):
+        faces = _faces(each.still, part.triangles)
+        judged = part.judged & ~_turned_over(each.still, part.triangles, faces)
+        yield _Turning(each, part.triangles, judged, faces)
 
 
 def _faces(places: Floats, triangles: Ints) -> list[Floats]:
@@ -429,13 +411,13 @@ class _Crossing(_Look):
         self._pairs, self._crossing = pairs, np.zeros(len(pairs), np.bool_)
         self._skinned = crossing(pose.still, pairs[:, :2], pairs[:, 2:])
 
-    def _look(self, left: Floats, changed: Bools) -> Ints:
+    def _look(self, places: Floats, changed: Bools) -> Ints:
         beside = np.flatnonzero(any_of(changed, self._pairs))
         pairs = self._pairs[beside]
-        self._crossing[beside] = crossing(self.pose.places(left), pairs[:, :2], pairs[:, 2:])
+        self._crossing[beside] = crossing(places, pairs[:, :2], pairs[:, 2:])
         if self._crossing.sum() <= self._skinned.sum():
             return np.zeros(0, np.intp)
-        return self.pose.vertices[distinct_values(self._pairs[self._crossing & ~self._skinned])]
+        return distinct_values(self._pairs[self._crossing & ~self._skinned])
 
 
 def _crossing(poses: _Poses) -> Iterator[_Crossing]:
@@ -444,8 +426,7 @@ def _crossing(poses: _Poses) -> Iterator[_Crossing]:
     surface = Crossings.of(
         fine.rest_positions, fine.triangles[(fine.triangles != np.roll(fine.triangles, 1, axis=1)).all(axis=1)]
     )
-    for number in range(len(poses.matrices)):
-        low, high = (np.ascontiguousarray(each.T) for each in poses.at(number, every).bounds)
-        pairs = surface.may_cross(low, high, poses.moved(number))
-        vertices, corners = _numbered(pairs, len(every))
-        yield _Crossing(poses.at(number, vertices), corners.astype(np.int32))
+    for each in poses.of_part(every):
+        low, high = (np.ascontiguousarray(end.T) for end in each.bounds)
+        vertices, corners = _numbered(surface.may_cross(low, high, each.moved), len(every))
+        yield _Crossing(each.of(vertices), corners.astype(np.int32))
