@@ -6,7 +6,7 @@ says nothing counts as skin, whose wrinkles are the lowest, with low confidence.
 """
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import field, replace
 
 import numpy as np
@@ -19,9 +19,10 @@ from wrinklecli.errors import shortened
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, face_normals, unit
+from wrinklecli.numeric.portions import portions
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.strain import Gauge, read_gauge
-from wrinklecli.surface.swatch import Pictures, Swatch
+from wrinklecli.surface.swatch import SAMPLED, Pictures, Swatches
 
 # The reason of a substance that the user gives.
 BY_USER = "as --material says"
@@ -184,11 +185,6 @@ class Makeup:
     bare: Floats | None = None
     animal: bool = False
 
-    def of(self, triangles: Ints) -> "Makeup":
-        """Hints about some triangles, by their numbers."""
-        of_triangles = ("primitives", "split", "boxed", "followed", "radii", "corners")
-        return replace(self, **{name: getattr(self, name)[triangles] for name in of_triangles})
-
 
 def read_makeup(
     document: Document,
@@ -275,26 +271,53 @@ def substance_of(makeup: Makeup, weights: Floats, part: Part | None = None, *, b
         part: The part of the body of the joint that bends the region, if known.
         by_morph: True if a morph target deforms the region, so that it is no plates that only joints move.
     """
-    of_primitives = np.bincount(makeup.primitives, weights, len(makeup.hints))
+    (found,) = _substances(makeup, [_Place(np.arange(len(weights)), weights, part)], by_morph=by_morph)
+    return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Place:
+    """Numbers of triangles, how much of the place each of them has, and the part of the body."""
+
+    triangles: Ints
+    weights: Floats
+    part: Part | None
+
+
+def _substances(makeup: Makeup, places: Sequence[_Place], *, by_morph: bool) -> Iterator[Substance]:
+    """The substances of places, as `substance_of`."""
+    for chosen in portions(len(places), SAMPLED):
+        some = places[chosen]
+        swatches = _swatches(makeup, [(each.triangles, np.maximum(each.weights, 0.0)) for each in some])
+        looks = _by_looks(swatches, makeup.bare)
+        for place, metallic, pictured, look in zip(some, swatches.metallic, swatches.pictured, looks, strict=True):
+            by_picture = "by its texture" if pictured > 0.5 else "by its colour"
+            yield _substance(makeup, place, bool(metallic >= _METALLIC), {by_picture: look}, by_morph=by_morph)
+
+
+def _substance(
+    makeup: Makeup, place: _Place, metal: bool, looks: dict[str, dict[SubstanceKind, float]], *, by_morph: bool
+) -> Substance:
+    """The substance of a place with looks, each with its reason."""
+    of_primitives = np.bincount(makeup.primitives[place.triangles], place.weights, len(makeup.hints))
     hints = makeup.hints[int(of_primitives.argmax())]
     if hints.asked is not None:
         return hints.asked
-    swatch = _swatch(makeup, np.maximum(weights, 0.0))
     named_soft = hints.material is not None and hints.material.kind != "hard"
-    hard = _hard(makeup, weights, swatch, plates=not (by_morph or named_soft))
+    hard = _hard(makeup, place, metal, plates=not (by_morph or named_soft))
     if hard is None and makeup.animal and hints.material is None and hints.node is None:
         return Substance("skin", "as animals wear nothing", 2.0 / 3.0)
-    return hard or _soft(hints, swatch, part, makeup.bare)
+    return hard or _soft(hints, looks, place.part)
 
 
-def _hard(makeup: Makeup, weights: Floats, swatch: Swatch, *, plates: bool) -> Substance | None:
+def _hard(makeup: Makeup, place: _Place, metal: bool, *, plates: bool) -> Substance | None:
     """A hard substance if a region is metal, or, if they are looked for, plates or a box."""
+    weights = place.weights
     corners = np.repeat(weights / 3.0, 3)
     total = float(corners.sum())
-    by_joint = np.bincount(makeup.followed.ravel() + 1, corners)[1:] / total
+    by_joint = np.bincount(makeup.followed[place.triangles].ravel() + 1, corners)[1:] / total
     rigid = plates and by_joint.sum() > _RIGID_PART and (by_joint > _SECOND_JOINT).sum() > 1
-    boxed = plates and float(weights @ makeup.boxed.mean(axis=1)) > _BOX_PART * total
-    metal = swatch.metallic >= _METALLIC
+    boxed = plates and float(weights @ makeup.boxed[place.triangles].mean(axis=1)) > _BOX_PART * total
     looks = (
         ["it is metallic"] * metal
         + ["each part of it follows one joint"] * bool(rigid)
@@ -305,10 +328,10 @@ def _hard(makeup: Makeup, weights: Floats, swatch: Swatch, *, plates: bool) -> S
     return Substance("hard", "as " + " and ".join(looks), 0.95, "metal" if metal else "rigid")
 
 
-def _soft(hints: PrimitiveHints, swatch: Swatch, part: Part | None, bare: Floats | None = None) -> Substance:
-    """The likeliest substance by colours, names and the part of the body."""
+def _soft(hints: PrimitiveHints, looks: dict[str, dict[SubstanceKind, float]], part: Part | None) -> Substance:
+    """The likeliest substance by looks, names and the part of the body."""
     evidence: dict[str, dict[SubstanceKind, float]] = {
-        ("by its texture" if swatch.pictured > 0.5 else "by its colour"): _by_looks(swatch, bare),
+        **looks,
         "by the name of its material": _by_name(hints.material, _MATERIAL_NAME),
         "by its name": _by_name(hints.node, _NAME),
     }
@@ -321,10 +344,10 @@ def _soft(hints: PrimitiveHints, swatch: Swatch, part: Part | None, bare: Floats
     elif part in _DRESSED and said:
         on_body = {"cloth": _OF_TRUNK}
     kinds: tuple[SubstanceKind, ...] = ("skin", "cloth", "leather", "hard")
-    looks, *names = evidence.values()
+    seen, *names = evidence.values()
     # Several names come from one mind, and make it no likelier than one does.
     scores = np.array(
-        [looks.get(kind, 0.0) + max(each.get(kind, 0.0) for each in names) + on_body.get(kind, 0.0) for kind in kinds]
+        [seen.get(kind, 0.0) + max(each.get(kind, 0.0) for each in names) + on_body.get(kind, 0.0) for kind in kinds]
     )
     scores[-1] -= _SKIN_ELSE if scores[-1] else np.inf
     if not said:
@@ -349,15 +372,10 @@ def _by_name(named_as: Substance | None, strength: float) -> dict[SubstanceKind,
     return {named_as.kind: _HARD_NAME if named_as.kind == "hard" else strength}
 
 
-def _by_looks(swatch: Swatch, bare: Floats | None) -> dict[SubstanceKind, float]:
-    """Find what colours, fine contrast and roughness say."""
-    lightness, chroma, hue = swatch.lightness, swatch.chroma, swatch.hue
-    if not swatch.coloured > 0.5:
-        return {}
-    if not swatch.pictured > 0.5 and float(chroma.mean()) < _GREY and float(lightness.mean()) > _DARK[0]:
-        # The default of modelling programs.
-        return {}
-    skin = _skin_like(swatch)
+def _by_looks(swatches: Swatches, bare: Floats | None) -> list[dict[SubstanceKind, float]]:
+    """Find what colours, fine contrast and roughness say of each place."""
+    lightness, chroma, hue = swatches.lightness, swatches.chroma, swatches.hue
+    skin = _skin_like(swatches)
     brown = _bell(hue, 56.0, 20.0) * _ramp(chroma, 0.012, 0.03)
     tanned = brown * _ramp(lightness, _DARK[1] + 0.12, _DARK[0])
     # Black, and browns other than the character's skin, are the colours of leather and of cloth: the place decides.
@@ -365,7 +383,7 @@ def _by_looks(swatch: Swatch, bare: Floats | None) -> dict[SubstanceKind, float]
     tanned = np.maximum(tanned, _EITHER * black)
     if bare is not None:
         # Shadows are painted into textures, so lightness counts half.
-        away = np.sqrt(np.sum((_coordinates(swatch) - bare) ** 2 * [0.25, 1.0, 1.0], axis=1))
+        away = np.sqrt(np.sum((_coordinates(swatches) - bare) ** 2 * [0.25, 1.0, 1.0], axis=2))
         same = _ramp(away, *_SAME_SKIN)
         skin = skin * (1.0 - _NOT_BARE * (1.0 - same))
         tanned = np.maximum(tanned, _EITHER * brown * _ramp(lightness, 0.75, 0.6) * (1.0 - same))
@@ -373,35 +391,38 @@ def _by_looks(swatch: Swatch, bare: Floats | None) -> dict[SubstanceKind, float]
     denim = _bell(hue, 262.0, 20.0) * _ramp(chroma, 0.01, 0.03) * _ramp(lightness, 0.8, 0.65)
     others = 1.0 - np.maximum(np.maximum(skin, tanned), denim)
     # Dark cloth scatters what little light it returns; leather, however dark, has a shine.
-    smooth = 0.0 if swatch.roughness is None else float(_ramp(np.array([swatch.roughness]), *_SMOOTH)[0])
+    smooth = np.nan_to_num(_ramp(swatches.roughness, *_SMOOTH))[:, None]
     shiny = smooth * _ramp(lightness, 0.5, 0.35)
-    found: dict[SubstanceKind, float] = {
-        "skin": _COLOUR * float(skin.mean()),
-        "leather": 0.9 * _COLOUR * float(np.maximum(tanned, shiny).mean()) + _SHINE * float(shiny.mean()),
-        "cloth": _COLOUR * float(((denim + others) * (1.0 - 0.5 * shiny)).mean()),
+    woven = np.nan_to_num(_ramp(swatches.contrast, *_WOVEN))
+    leather = 0.9 * _COLOUR * np.maximum(tanned, shiny).mean(axis=1) + _SHINE * shiny.mean(axis=1)
+    found: dict[SubstanceKind, Floats] = {
+        "skin": _COLOUR * skin.mean(axis=1) - 2.0 * _WEAVE * woven,
+        "leather": leather + _WEAVE * woven,
+        "cloth": _COLOUR * ((denim + others) * (1.0 - 0.5 * shiny)).mean(axis=1) + _WEAVE * woven,
     }
-    if swatch.contrast is not None:
-        woven = float(_ramp(np.array([swatch.contrast]), *_WOVEN)[0])
-        found["cloth"] += _WEAVE * woven
-        found["leather"] += _WEAVE * woven
-        found["skin"] -= 2.0 * _WEAVE * woven
-    return found
+    # Light grey without a picture is the default of modelling programs.
+    grey = (chroma.mean(axis=1) < _GREY) & (lightness.mean(axis=1) > _DARK[0])
+    said = (swatches.coloured > 0.5) & ((swatches.pictured > 0.5) | ~grey)
+    return [
+        {kind: float(values[place]) for kind, values in found.items()} if says else {}
+        for place, says in enumerate(said.tolist())
+    ]
 
 
-def _skin_like(swatch: Swatch) -> Floats:
-    """(points,) 1 for the colours of human skin, 0 for others.
+def _skin_like(swatches: Swatches) -> Floats:
+    """(places, points) 1 for the colours of human skin, 0 for others.
 
     Haemoglobin and melanin give skin, pale and dark, hues around orange, and never vivid ones.
     """
-    hue, chroma = swatch.hue, swatch.chroma
+    hue, chroma = swatches.hue, swatches.chroma
     of_hue = _ramp(hue, 24.0, 38.0) * _ramp(hue, 88.0, 74.0)
-    return of_hue * _ramp(chroma, 0.012, 0.03) * _ramp(chroma, 0.165, 0.13) * _ramp(swatch.lightness, *_DARK)
+    return of_hue * _ramp(chroma, 0.012, 0.03) * _ramp(chroma, 0.165, 0.13) * _ramp(swatches.lightness, *_DARK)
 
 
-def _coordinates(swatch: Swatch) -> Floats:
-    """(points, 3) colours in Oklab."""
-    turn = np.radians(swatch.hue)
-    return np.stack([swatch.lightness, swatch.chroma * np.cos(turn), swatch.chroma * np.sin(turn)], axis=1)
+def _coordinates(swatches: Swatches) -> Floats:
+    """(places, points, 3) colours in Oklab."""
+    turn = np.radians(swatches.hue)
+    return np.stack([swatches.lightness, swatches.chroma * np.cos(turn), swatches.chroma * np.sin(turn)], axis=2)
 
 
 def find_bare_skin(meshes: Sequence[tuple[Gauge, Makeup]], parts: Sequence[Part | None]) -> Floats | None:
@@ -420,9 +441,9 @@ def find_bare_skin(meshes: Sequence[tuple[Gauge, Makeup]], parts: Sequence[Part 
             areas = np.where(inside[gauge.triangles].all(axis=1), gauge.areas, 0.0)
             if not areas.any():
                 continue
-            swatch = _swatch(makeup, areas)
+            swatch = _swatches(makeup, [(np.arange(len(areas)), areas)])
             skin = _skin_like(swatch) > 0.5
-            if swatch.coloured > 0.5 and swatch.metallic < _METALLIC and skin.mean() > 0.5:
+            if swatch.coloured[0] > 0.5 and swatch.metallic[0] < _METALLIC and skin.mean() > 0.5:
                 return np.asarray(np.median(_coordinates(swatch)[skin], axis=0))
     return None
 
@@ -432,8 +453,8 @@ def is_animal(rig: Rig) -> bool:
     return any(_TAIL.search(words_of(rig.names[joint])) for joint in rig.joints.tolist())
 
 
-def _swatch(makeup: Makeup, weights: Floats) -> Swatch:
-    return makeup.pictures.swatch(makeup.mesh, makeup.primitives, makeup.corners, makeup.vertex_starts, weights)
+def _swatches(makeup: Makeup, places: Sequence[tuple[Ints, Floats]]) -> Swatches:
+    return makeup.pictures.swatches(makeup.mesh, makeup.primitives, makeup.corners, makeup.vertex_starts, places)
 
 
 def _bell(values: Floats, middle: float, deviation: float) -> Floats:
@@ -459,19 +480,18 @@ def substances_at(ground: Ground, size: float) -> Ints:
         makeup = replace(makeup, bare=find_bare_skin([(gauge, makeup)], bodies))
     areas, nodes = gauge.areas, rig.joints[surface.heaviest][gauge.triangles[:, 0]]
 
-    def kind_at(own: Ints, *, by_morph: bool) -> int:
-        part = None if animal else bodies[int(np.bincount(nodes[own], areas[own]).argmax())]
-        return SUBSTANCES.index(substance_of(makeup.of(own), areas[own], part, by_morph=by_morph).kind)
+    def of_places(places: Sequence[Ints], *, by_morph: bool) -> None:
+        parts = [None if animal else bodies[int(np.bincount(nodes[own], areas[own]).argmax())] for own in places]
+        every = [_Place(own, areas[own], part) for own, part in zip(places, parts, strict=True)]
+        for own, substance in zip(places, _substances(makeup, every, by_morph=by_morph), strict=True):
+            found[gauge.numbers[own]] = SUBSTANCES.index(substance.kind)
 
-    found, hard = np.full(len(surface.triangles), SUBSTANCES.index("none")), SUBSTANCES.index("hard")
+    found = np.full(len(surface.triangles), SUBSTANCES.index("none"))
     wholes = np.stack([makeup.primitives, gauge.pieces], axis=1)
-    for own in _groups(wholes):
-        found[gauge.numbers[own]] = kind_at(own, by_morph=False)
-    remaining = np.flatnonzero(found[gauge.numbers] != hard)
+    of_places(_groups(wholes), by_morph=False)
+    remaining = np.flatnonzero(found[gauge.numbers] != SUBSTANCES.index("hard"))
     cells = np.floor(gauge.middles / size).astype(np.intp)
-    for place in _groups(np.concatenate([wholes, cells], axis=1)[remaining]):
-        own = remaining[place]
-        found[gauge.numbers[own]] = kind_at(own, by_morph=True)
+    of_places([remaining[own] for own in _groups(np.concatenate([wholes, cells], axis=1)[remaining])], by_morph=True)
     return found
 
 

@@ -6,6 +6,7 @@ small parts, says of each place what is drawn there.
 Source: B. Ottosson, *A perceptual color space for image processing*, 2020 (Oklab).
 """
 
+from collections.abc import Sequence
 from dataclasses import field
 
 import numpy as np
@@ -21,9 +22,9 @@ from wrinklecli.character.paints import (
 from wrinklecli.errors import AssetError
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
-from wrinklecli.gltf.pixels import linear_rgb
+from wrinklecli.gltf.pixels import Bytes, linear_rgb
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Floats, Ints, distinct
+from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
 
 # Linear RGB of the 256 stored values of sRGB.
 _LINEAR = linear_rgb(np.arange(256) / 255.0)
@@ -51,29 +52,33 @@ _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 _DARKEST = 0.004
 
 
-@dataclass(frozen=True, slots=True)
-class Swatch:
-    """The look of a place.
+SAMPLED = 3 * _POINTS
+"""Numbers of a place that are looked up at once: colours of its points."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Swatches:
+    """The looks of places.
 
     Attributes:
-        lightness: (points,) of Oklab, 0 to 1.
-        chroma: (points,) of Oklab; 0 is grey, and vivid colours have 0.2.
-        hue: (points,) of Oklab, degrees from 0 to 360: red has 29, skin about 55, blue 264.
-        pictured: The part of the points that a texture colours.
-        coloured: The part of the points whose colour the file says, by a texture, a factor or vertices.
-        contrast: Deviation of the logarithm of luminance among neighbouring pixels; None without a picture.
-        metallic: Mean of the metallic factor times its texture.
-        roughness: Mean of the roughness factor times its texture; None if the file says nothing of it.
+        lightness: (places, points) of Oklab, 0 to 1.
+        chroma: (places, points) of Oklab; 0 is grey, and vivid colours have 0.2.
+        hue: (places, points) of Oklab, degrees from 0 to 360: red has 29, skin about 55, blue 264.
+        pictured: (places,) the part of the points that a texture colours.
+        coloured: (places,) the part of the points whose colour the file says, by a texture, a factor or vertices.
+        contrast: (places,) deviation of the logarithm of luminance among neighbouring pixels; NaN without a picture.
+        metallic: (places,) mean of the metallic factor times its texture.
+        roughness: (places,) mean of the roughness factor times its texture; NaN if the file says nothing of it.
     """
 
     lightness: Floats
     chroma: Floats
     hue: Floats
-    pictured: float
-    coloured: float
-    contrast: float | None
-    metallic: float
-    roughness: float | None
+    pictured: Floats
+    coloured: Floats
+    contrast: Floats
+    metallic: Floats
+    roughness: Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,21 +108,26 @@ class Pictures:
     _textures: dict[str, Texture | None] = field(default_factory=dict)
     _coats: dict[tuple[int, int, int], _Coat] = field(default_factory=dict)
 
-    def swatch(self, mesh: int, primitives: Ints, corners: Ints, starts: Ints, weights: Floats) -> Swatch:
-        """Sample a place of a mesh.
+    def swatches(
+        self, mesh: int, primitives: Ints, corners: Ints, starts: Ints, places: Sequence[tuple[Ints, Floats]]
+    ) -> Swatches:
+        """Sample places of a mesh, with one look at each picture for all of them.
 
         Args:
             mesh: Index of the mesh.
             primitives: (triangles,) the primitive of each.
             corners: (triangles, 3) glTF vertices at their corners, numbered through all primitives.
             starts: (primitives + 1,) the first glTF vertex of each primitive.
-            weights: (triangles,) how much of the place each has.
+            places: The numbers of triangles of each, and how much of the place each triangle has.
         """
-        triangles, shares = _spread(weights)
+        spread = [_spread(weights) for _, weights in places]
+        triangles = np.concatenate([own[chosen] for (own, _), (chosen, _) in zip(places, spread, strict=True)])
+        shares = np.concatenate([each for _, each in spread])
+        owners = np.repeat(np.arange(len(places)), _POINTS)
         colours, metallic = np.zeros((len(triangles), 3)), np.zeros(len(triangles))
         roughness, contrasts = np.full(len(triangles), np.nan), np.full(len(triangles), np.nan)
         pictured, coloured = np.zeros(len(triangles), bool), np.zeros(len(triangles), bool)
-        for primitive in np.unique(primitives[triangles]).tolist():
+        for primitive in distinct_values(primitives[triangles]).tolist():
             here = np.flatnonzero(primitives[triangles] == primitive)
             first, end = int(starts[primitive]), int(starts[primitive + 1])
             coat = self._coat(mesh, primitive, end - first)
@@ -125,27 +135,32 @@ class Pictures:
             colours[here] = coat.factor * np.einsum("pk,pkc->pc", parts, coat.vertex_colours[at])
             coloured[here] = coat.coloured
             if coat.base is not None:
-                texture, places = coat.base[0], np.einsum("pk,pkc->pc", parts, coat.base[1][at])
-                contrasts[here] = _contrast(texture, places, colours[here])
-                colours[here] *= _LINEAR[pixels_at(texture, places)[0]]
+                texture, points = coat.base[0], np.einsum("pk,pkc->pc", parts, coat.base[1][at])
+                contrasts[here] = _contrasts(texture, points, colours[here], owners[here])
+                colours[here] *= _LINEAR[_stored(texture, pixels_at(texture, points)[0])]
                 pictured[here] = True
             metallic[here] = coat.metallic
             roughness[here] = np.nan if coat.roughness is None else coat.roughness
             if coat.metal is not None:
-                (stored,) = pixels_at(coat.metal[0], np.einsum("pk,pkc->pc", parts, coat.metal[1][at]))
+                texture, points = coat.metal[0], np.einsum("pk,pkc->pc", parts, coat.metal[1][at])
+                stored = _stored(texture, pixels_at(texture, points)[0])
                 metallic[here] *= stored[:, 2] / 255.0
                 roughness[here] *= stored[:, 1] / 255.0
-        lightness, a, b = (np.cbrt(np.maximum(colours, 0.0) @ _CONES.T) @ _OKLAB.T).T
-        known, rough = contrasts[~np.isnan(contrasts)], roughness[~np.isnan(roughness)]
-        return Swatch(
+        lightness, a, b = (np.cbrt(np.maximum(colours, 0.0) @ _CONES.T) @ _OKLAB.T).T.reshape(3, len(places), -1)
+        # What says nothing is sorted behind the rest.
+        ordered = np.sort(contrasts.reshape(len(places), -1), axis=1)
+        known, each = np.sum(~np.isnan(ordered), axis=1), np.arange(len(places))
+        rough = roughness.reshape(len(places), -1)
+        sums, said = np.nansum(rough, axis=1), np.sum(~np.isnan(rough), axis=1)
+        return Swatches(
             lightness,
             np.hypot(a, b),
             np.degrees(np.arctan2(b, a)) % 360.0,
-            float(pictured.mean()),
-            float((coloured | pictured).mean()),
-            float(np.median(known)) if len(known) else None,
-            float(metallic.mean()),
-            float(rough.mean()) if len(rough) else None,
+            pictured.reshape(len(places), -1).mean(axis=1),
+            (coloured | pictured).reshape(len(places), -1).mean(axis=1),
+            (ordered[each, (known - 1) // 2] + ordered[each, np.minimum(known // 2, _POINTS - 1)]) / 2.0,
+            metallic.reshape(len(places), -1).mean(axis=1),
+            np.where(said > 0, sums / np.maximum(said, 1), np.nan),
         )
 
     def _coat(self, mesh: int, primitive: int, count: int) -> _Coat:
@@ -220,10 +235,24 @@ def _spread(weights: Floats) -> tuple[Ints, Floats]:
     return np.asarray(triangles), np.stack([1.0 - u - v, u, v], axis=1)
 
 
-def _contrast(texture: Texture, places: Floats, factors: Floats) -> Floats:
-    """(places,) deviation of ln(luminance) in a square of 3 pixels; NaN for all if few pixels are looked at."""
-    rows, columns = texture.pixels.shape[:2]
-    if len(distinct(np.floor(places * (columns, rows)))[0]) < _FEWEST_PIXELS:
-        return np.full(len(places), np.nan)
-    around = [(factors * _LINEAR[each]) @ _LUMINANCE for each in pixels_at(texture, places, 1)]
-    return np.asarray(np.std(np.log(np.maximum(around, _DARKEST)), axis=0))
+def _stored(texture: Texture, numbers: Ints) -> Bytes:
+    """(pixels, channels) stored values of pixels."""
+    return texture.pixels.reshape(-1, texture.pixels.shape[2]).take(numbers, axis=0)
+
+
+def _contrasts(texture: Texture, points: Floats, factors: Floats, owners: Ints) -> Floats:
+    """(points,) deviation of ln(luminance) in a square of 3 pixels; NaN where a place has few pixels.
+
+    `owners` are the sorted places of the points.
+    """
+    around = pixels_at(texture, points, 1)
+    size = texture.pixels[..., 0].size
+    pixels = distinct_values(owners * size + around[len(around) // 2]) // size
+    enough = np.bincount(pixels, minlength=owners.max(initial=0) + 1)[owners] >= _FEWEST_PIXELS
+    found, weights = np.full(len(points), np.nan), (factors[enough] * _LUMINANCE).T
+    looks = [_stored(texture, each[enough]).T for each in around]
+    lights = [
+        sum(weight * _LINEAR.take(channel) for weight, channel in zip(weights, look, strict=True)) for look in looks
+    ]
+    found[enough] = np.std(np.log(np.maximum(lights, _DARKEST)), axis=0)
+    return found

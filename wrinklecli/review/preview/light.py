@@ -1,7 +1,6 @@
 """Light a surface with a key light with soft shadows, a fill light, and a sky that near things hide."""
 
 import numpy as np
-from scipy.ndimage import uniform_filter
 
 from wrinklecli.numeric.arrays import Array, Ints
 from wrinklecli.review.preview.rays import LIFT, Hits, TracedSurface, unit_rows
@@ -139,8 +138,14 @@ def smooth(values: Array, places: Ints, shape: tuple[int, int], reach: int = REA
     sums, counts = np.zeros((2, *shape), np.float32)
     sums.ravel()[places] = values
     counts.ravel()[places] = 1
-    sums, counts = (uniform_filter(each, reach, mode="constant") for each in (sums, counts))
-    return (sums / np.maximum(counts, 1e-6)).ravel()
+    sums, counts = (_summed(_summed(each, reach).T, reach).T for each in (sums, counts))
+    return (sums / np.maximum(counts, 1)).ravel()
+
+
+def _summed(rows: Array, reach: int) -> Array:
+    """Sum rows (n, columns) over windows of `reach` rows. To import scipy's filters takes longer than many pictures."""
+    padded = np.pad(rows, ((reach // 2, (reach - 1) // 2), (0, 0)))
+    return sum((padded[first:][: len(rows)] for first in range(1, reach)), padded[: len(rows)])
 
 
 def _basis(normals: Array) -> tuple[Array, Array]:
