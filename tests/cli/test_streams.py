@@ -49,6 +49,7 @@ def run(arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
         "schema",
         "check limb.glb tools.yaml --plot new.svg",
         "suggest limb.glb -o new.yaml --json",
+        "bake limb.glb tools.yaml -o out.glb --json",
         "--version",
     ],
 )

@@ -280,6 +280,8 @@ def attack(case: Case, folder: Path) -> int:
     for line in err.splitlines() + ([] if data else out.splitlines()):
         assert len(line) <= _LONGEST_LINE, f"a line of {len(line)} characters: {line[:200]}"
         assert line.isprintable(), f"a line that commands the terminal: {line[:200]!r}"
+    if out and "--json" in case.arguments and middle is None:
+        assert isinstance(json.loads(out), dict)
     if code == 0 and command == "bake" and not case.places:
         read_document(folder / case.arguments[-1])
         if case.arguments[-1] == "out.glb":

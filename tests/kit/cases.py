@@ -233,7 +233,7 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
             yield from some("--clip", "fold")
             yield from some("--strict", share=0.05)
             yield from some(loudness)
-            yield from some("--progress", share=0.05)
+            yield from (*some("--progress", share=0.05), *some("--json", share=0.1))
             yield from some("--allow-external")
             yield from some(*memory, share=0.1)
             yield from ("-o", chance.choice(["out.glb"] * 9 + ["out.gltf"] * 5 + ["sub/out.gltf"] * 4 + [asset]))
@@ -296,7 +296,7 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
             moving = [*chance.choice(pictures), *chance.choice(moments)]
             still = [["-o", "p.png", *each] for each in (["--rest"], ["--grid"], posing)]
             yield from chance.choice([moving, moving, moving, moving, *still])
-            yield from ("--size", "32x32", *some("--quiet"), *motions)
+            yield from ("--size", "32x32", *some("--quiet"), *some("--json", share=0.1), *motions)
             yield from (*some("--heat"), *some("--wire"), *some("--clay"), *some("--backfaces"), *some("--grid"))
             yield from (*some("--views", "front,facing"), *some("--follow"))
             yield from (
@@ -335,7 +335,7 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
             )
             yield from (*some("--supersample", "1", share=0.5), *some("--maps", "normal,height"), *some("--separate"))
             yield from (*some("--quiet"), *some("--strict"), *some("--allow-external"), *some(*memory, share=0.1))
-            yield from (*some("--tool", "limb", share=0.2), *some("--anim", "body.glb", share=0.2))
+            yield from (*some("--tool", "limb", share=0.2), *some("--anim", "body.glb", share=0.2), *some("--json"))
         case "doctor":
             yield from some("--json", share=0.5)
         case "demo":  # folders that it refuses: it does not read the asset
@@ -347,7 +347,14 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
                 yield from (asset, "sound.glb")
             else:
                 yield from ("body.glb", asset)
-            yield from ("-o", "tracked", *some("--fps", "4", share=0.5), *some(loudness), *some("--strict"))
+            yield from (
+                "-o",
+                "tracked",
+                *some("--fps", "4", share=0.5),
+                *some(loudness),
+                *some("--strict"),
+                *some("--json"),
+            )
             yield from (*some("--max-error", "5%"), *some("--allow-external"), *some(*memory, share=0.1))
 
 

@@ -87,7 +87,7 @@ class Report:
         return ", ".join(parts)
 
 
-def as_json(data: Json) -> str:
+def text_of(data: Json) -> str:
     """The text of a file of a report or of timings."""
     return json.dumps(data, indent=1, allow_nan=False) + "\n"
 

@@ -6,7 +6,7 @@ from contextlib import AbstractContextManager, suppress
 from typing import Any
 
 from wrinklecli.baking.job import BakeOptions
-from wrinklecli.baking.report import as_json
+from wrinklecli.baking.report import text_of
 from wrinklecli.baking.timings import peak_memory
 from wrinklecli.baking.track import track
 from wrinklecli.batch.cache import Solutions
@@ -69,9 +69,9 @@ def build(
             maps_dir = job.options.get("maps_dir")
             report, mapped = bake_with_maps(job.asset, job.tools, job.out, maps_dir, options, outputs=outputs)
             if job.report is not None:
-                outputs.add_bytes(job.report, here.with_given_paths(as_json(report.data)).encode())
+                outputs.add_bytes(job.report, here.with_given_paths(text_of(report.data)).encode())
             if job.timings is not None:
-                outputs.add_bytes(job.timings, as_json(report.timings).encode())
+                outputs.add_bytes(job.timings, text_of(report.timings).encode())
         written = list(outputs.written)
         warnings = [*report.warnings, *(mapped.warnings if mapped else ())]
         if job.anims and job.tracked is not None:

@@ -9,7 +9,7 @@ import click
 
 from wrinklecli.choices import Engine, FrameFormat, Mode, Storage, Tracks
 from wrinklecli.cli import options as opt
-from wrinklecli.cli.output import Progress, say, say_findings
+from wrinklecli.cli.output import Progress, emit_json, say, say_findings
 from wrinklecli.cli.streams import command_outputs
 from wrinklecli.errors import WrinkleError, listed
 from wrinklecli.files.formats import MODEL_ENDINGS
@@ -84,6 +84,7 @@ _MODIFIERS = {"define", "export", "override", "private", "undefine", "unexport"}
 @opt.max_memory
 @opt.flag("--replace", text="If ASSET is the output of a bake, bake its original, as if from another folder.")
 @opt.strict
+@opt.json("Print what --report writes, in place of lines.")
 @opt.progress
 @opt.quiet()
 @opt.verbose()
@@ -95,6 +96,7 @@ def bake(
     timings: str | None,
     depfile: str | None,
     maps_dir: str | None,
+    as_json: bool,
     progress: bool,
     quiet: bool,
     verbose: bool,
@@ -104,6 +106,11 @@ def bake(
     """Bake the wrinkling tools of TOOLS (YAML) into the animations of ASSET (glTF).
 
     All files are written, or none: OUT is replaced last, and only by a complete file.
+
+    --report writes, and --json prints, {"report": 1, "method", "asset", "tools_file", "mode", "draft",
+    "tallest_wrinkle", "meshes", "tools", "clips", "notes", "warnings"}; "muscles", "flesh", "touches", "fields" and
+    "contact" where there are any, "engine" with --engine, and "maps" with --maps-dir. Within version 1, keys are only
+    added. Lengths are scene units, times are seconds.
 
     \b
     --timings writes an object; within a version, keys are only added:
@@ -132,23 +139,27 @@ def bake(
         raise click.UsageError("'--depfile' needs '-o'.")
     if output is not None and not output.lower().endswith(MODEL_ENDINGS):
         raise click.BadParameter(f"{output!r} does not end in {listed(MODEL_ENDINGS)}", param_hint="-o")
-    with command_outputs() as outputs, Progress(quiet=quiet, lines=progress) as shown:
+    with command_outputs() as outputs:
         from wrinklecli.baking.job import BakeOptions
-        from wrinklecli.baking.report import as_json
+        from wrinklecli.baking.report import text_of
         from wrinklecli.numeric.processes import core_count
         from wrinklecli.texture.with_bake import bake_with_maps
 
         for path in filter(None, (report, timings, depfile)):
             outputs.claim(path)
-        chosen = BakeOptions(details=report is not None, jobs=jobs or core_count(), **options)
-        made, mapped = bake_with_maps(asset, tools, output, maps_dir, chosen, outputs=outputs, progress=shown.show)
+        details = report is not None or as_json
+        chosen = BakeOptions(details=details, jobs=jobs or core_count(), **options)
+        with Progress(quiet=quiet, lines=progress) as shown:
+            made, mapped = bake_with_maps(asset, tools, output, maps_dir, chosen, outputs=outputs, progress=shown.show)
         if report is not None:
-            outputs.add_bytes(report, as_json(made.data).encode())
+            outputs.add_bytes(report, text_of(made.data).encode())
         if timings is not None:
-            outputs.add_bytes(timings, as_json(made.timings).encode())
+            outputs.add_bytes(timings, text_of(made.timings).encode())
         if depfile is not None and output is not None:
             outputs.add_bytes(depfile, dependencies(output, made.inputs))
-    if quiet:
+        if as_json:
+            emit_json(made.data)
+    if quiet or as_json:
         return
     say_findings(made.notes, made.warnings)
     if mapped is not None:

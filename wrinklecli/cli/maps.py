@@ -6,7 +6,7 @@ import click
 
 from wrinklecli.choices import MOST_TEXELS, MapKind
 from wrinklecli.cli import options as opt
-from wrinklecli.cli.output import Progress, say, say_findings
+from wrinklecli.cli.output import Progress, emit_json, say, say_findings
 from wrinklecli.cli.streams import command_outputs
 from wrinklecli.errors import listed, refuse_warnings
 from wrinklecli.files.formats import MODEL_ENDINGS
@@ -63,8 +63,9 @@ def _kinds(value: str) -> tuple[str, ...]:
 @opt.allow_external()
 @opt.max_memory
 @opt.strict
+@opt.json()
 @opt.quiet()
-def maps(asset: str, tools: str, folder: str, strict: bool, quiet: bool, **options: Any) -> None:
+def maps(asset: str, tools: str, folder: str, strict: bool, as_json: bool, quiet: bool, **options: Any) -> None:
     """Write maps of the wrinkles that the tools of TOOLS (YAML) would make on ASSET (glTF), whose mesh stays as it is.
 
     For each material under a tool or a field, in its own texture coordinates, DIR gets a normal map (tangent space, as
@@ -79,6 +80,9 @@ def maps(asset: str, tools: str, folder: str, strict: bool, quiet: bool, **optio
 
     Maps leave out contact, muscles, flesh and touches, which move the mesh.
 
+    --json prints {"maps": 1, "asset", "tools_file", "size", "files", "notes", "warnings"}; "files" begins with
+    maps.json. Within version 1, keys are only added.
+
     Exit codes: 0 done; 1 the input is at fault, nothing written; 2 wrong usage; 3 refused (--strict with warnings),
     nothing written; 70 a bug.
     """
@@ -87,13 +91,16 @@ def maps(asset: str, tools: str, folder: str, strict: bool, quiet: bool, **optio
     unwrap = options["unwrap"]
     if unwrap is not None and not unwrap.lower().endswith(MODEL_ENDINGS):
         raise click.BadParameter(f"{unwrap!r} does not end in {listed(MODEL_ENDINGS)}", param_hint="--unwrap")
-    with command_outputs() as outputs, Progress(quiet=quiet) as progress:
+    with command_outputs() as outputs:
         from wrinklecli.texture.maps import maps as run
 
-        made = run(asset, tools, folder, outputs=outputs, progress=progress.show, **options)
+        with Progress(quiet=quiet) as progress:
+            made = run(asset, tools, folder, outputs=outputs, progress=progress.show, **options)
         if strict:
             refuse_warnings(made.warnings, where=asset)
-    if quiet:
+        if as_json:
+            emit_json({"maps": 1, "asset": asset, "tools_file": tools, **made.record})
+    if quiet or as_json:
         return
     say_findings(made.notes, made.warnings)
     say(f"{folder}: {made.summary}")

@@ -174,7 +174,7 @@ def fps(text: str, default: float | None = None) -> Option:
     return valued("--fps", text=text, default=default, type=click.FloatRange(0.1, 1000), read=_number)
 
 
-def json(text: str) -> Option:
+def json(text: str = "Print what was made as JSON, in place of lines.") -> Option:
     """`--json`: `as_json`."""
     return flag("--json", "as_json", text=text)
 

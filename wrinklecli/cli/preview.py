@@ -4,17 +4,21 @@ import math
 import re
 import time
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from wrinklecli.cli import options as opt
-from wrinklecli.cli.output import Progress, say, say_findings
+from wrinklecli.cli.output import Progress, emit_json, say, say_findings
 from wrinklecli.cli.streams import command_outputs, job_outputs
 from wrinklecli.errors import WrinkleError
 from wrinklecli.files.inputs import Watched
 from wrinklecli.files.outputs import Outputs
 from wrinklecli.review.preview.preview_options import MOST_SIDE, PreviewOptions, Style
+
+if TYPE_CHECKING:
+    from wrinklecli.review.preview.preview import Preview
 
 _LOOKS = 0.3  # seconds between two checks of the watched files
 _LEAST_SIDE = 16  # pixels of a picture's width or height
@@ -131,6 +135,7 @@ def _above_0(value: float | None) -> float | None:
 @opt.allow_external()
 @opt.max_memory
 @opt.max_vertices
+@opt.json()
 @opt.quiet()
 def preview(
     assets: tuple[str, ...],
@@ -139,6 +144,7 @@ def preview(
     clay: bool,
     backfaces: bool,
     watch: bool,
+    as_json: bool,
     quiet: bool,
     **options: Any,
 ) -> None:
@@ -149,19 +155,30 @@ def preview(
     the origin to a ring at the target. The command needs no display, but Pillow and embreex: pip install
     'wrinklecli[preview]'.
 
+    --json prints {"preview": 1, "assets", "path", "size", "shown", "views", "notes", "warnings"}; "size" is in pixels,
+    "shown" says in words how many moments or tools there are. Within version 1, keys are only added.
+
     Exit codes: 0 done; 1 the input is at fault, nothing written; 2 wrong usage; 70 a bug.
     """
     _refuse_misuse(assets, output, options)
+    if watch and as_json:
+        raise click.UsageError("'--watch' draws again and again: it goes without '--json'.")
     style = Style(wire=wire, clay=clay, backfaces=backfaces)
     if not watch:
         with command_outputs() as outputs:
-            _draw(assets, output, style, options, outputs, quiet=quiet)
+            made = _drawn(assets, output, style, options, outputs, quiet=quiet)
+            if as_json:
+                emit_json({"preview": 1, "assets": list(assets), **asdict(made)})
+        if not (quiet or as_json):
+            _say_drawn(made)
         return
     watched = Watched([*assets, *options["anims"], *([] if options["tools"] is None else [options["tools"]])])
     while True:
         try:
             with job_outputs() as outputs:
-                _draw(assets, output, style, options, outputs, quiet=quiet)
+                made = _drawn(assets, output, style, options, outputs, quiet=quiet)
+            if not quiet:
+                _say_drawn(made)
         except WrinkleError as error:
             for line in error.lines:
                 say(line)
@@ -171,10 +188,10 @@ def preview(
             time.sleep(_LOOKS)
 
 
-def _draw(
+def _drawn(
     assets: tuple[str, ...], output: str, style: Style, options: dict[str, Any], outputs: Outputs, *, quiet: bool
-) -> None:
-    """Draw the picture, and say what is in it."""
+) -> "Preview":
+    """Draw the picture."""
     with Progress(quiet=quiet) as progress:
         from wrinklecli.numeric.guard import guarded
 
@@ -182,11 +199,13 @@ def _draw(
             from wrinklecli.review.preview.preview import preview as run
 
         chosen = PreviewOptions(**options, style=style)
-        made = run(assets, output, chosen, outputs=outputs, progress=progress.show)
-    if quiet:
-        return
+        return run(assets, output, chosen, outputs=outputs, progress=progress.show)
+
+
+def _say_drawn(made: "Preview") -> None:
+    """Say what is in the picture."""
     say_findings(made.notes, made.warnings)
-    say(f"{output}: {made.summary}")
+    say(f"{made.path}: {made.summary}")
 
 
 def _refuse_misuse(assets: tuple[str, ...], output: str, options: dict[str, Any]) -> None:

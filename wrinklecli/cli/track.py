@@ -1,12 +1,13 @@
 """`wrinkle track`."""
 
+from dataclasses import asdict
 from typing import Any
 
 import click
 
 from wrinklecli.choices import FPS
 from wrinklecli.cli import options as opt
-from wrinklecli.cli.output import say, warn
+from wrinklecli.cli.output import emit_json, say, warn
 from wrinklecli.cli.streams import command_outputs
 from wrinklecli.errors import counted, listed
 from wrinklecli.files.formats import MODEL_ENDINGS
@@ -43,12 +44,19 @@ def _share(value: str) -> float:
 @opt.allow_external("Read buffers and images outside the files' folders too.")
 @opt.max_memory
 @opt.strict
+@opt.json()
 @opt.quiet()
 @opt.verbose()
-def track(baked: str, anims: tuple[str, ...], folder: str, quiet: bool, verbose: bool, **options: Any) -> None:
+def track(
+    baked: str, anims: tuple[str, ...], folder: str, as_json: bool, quiet: bool, verbose: bool, **options: Any
+) -> None:
     """Add the wrinkles of BAKED, a body that `wrinkle bake` has written, to clips kept in other files.
 
     Joints are matched by name. Each ANIM (glTF) is written into DIR with weight tracks added to its clips.
+
+    --json prints {"track": 1, "baked", "files"}; each of "files" has "path", "clips", which got weights, "tools",
+    "notes", "warnings" and "flat", a line for each tool that stays flat in a clip. Within version 1, keys are only
+    added.
 
     Exit codes: 0 done; 1 an input is at fault, nothing written; 2 wrong usage; 3 refused (--strict), nothing
     written; 70 a bug.
@@ -61,7 +69,9 @@ def track(baked: str, anims: tuple[str, ...], folder: str, quiet: bool, verbose:
         from wrinklecli.baking.track import track as run
 
         every = run(baked, anims, folder, outputs=outputs, **options)
-    if quiet:
+        if as_json:
+            emit_json({"track": 1, "baked": baked, "files": list(map(asdict, every))})
+    if quiet or as_json:
         return
     for made in every:
         for warning in made.warnings:

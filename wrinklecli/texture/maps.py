@@ -96,6 +96,16 @@ class Maps:
     warnings: tuple[str, ...]
 
     @property
+    def record(self) -> Json:
+        """What was written, for `--json`: JSON values only."""
+        return {
+            "size": self.data["size"],
+            "files": list(self.paths),
+            "notes": list(self.notes),
+            "warnings": list(self.warnings),
+        }
+
+    @property
     def summary(self) -> str:
         """Say what was written, in a line."""
         materials = self.data["materials"]

@@ -1,6 +1,7 @@
 """A bake and its wrinkle maps in one step, as `wrinkle bake --maps-dir` and `wrinkle batch` do it."""
 
 import os
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from wrinklecli.baking.job import BakeOptions, ToolsPaths
@@ -26,6 +27,8 @@ def bake_with_maps(
 ) -> "tuple[Report, Maps | None]":
     """Bake as `bake` does, and write maps into a folder with the defaults of `maps`; None for no folder.
 
+    The data of the report then have the record of the maps.
+
     Raises:
         WrinkleError: As of `bake` and `maps`; what is wrong with the folder is found before the bake. With `strict`,
             warnings of either are a RefusedError.
@@ -40,4 +43,4 @@ def bake_with_maps(
     mapped = make_maps(asset, tools, maps_dir, MapOptions(**shared), outputs, progress)
     if options.strict:
         refuse_warnings(mapped.warnings, where=os.fspath(asset))
-    return baked, mapped
+    return replace(baked, data={**baked.data, "maps": mapped.record}), mapped
