@@ -199,7 +199,7 @@ def make_maps(
         plans = plan_meshes(job)
         texcoords: TexCoords = {}
         if options.unwrap is not None:
-            edited, texcoords = unwrapped(job, plans, options.size)
+            edited, texcoords = unwrapped(job, plans, options.size, progress)
             write(edited, options.unwrap, outputs=outputs)
             job = wrinkles_alone(read_job(edited.document(), tools, reading))
             plans = plan_meshes(job)
