@@ -178,7 +178,7 @@ FLOW = {
     "baking": ("asset and tools", "out.glb, report"),
     "texture": ("asset, tools", "wrinkle maps"),
     "review": ("assets, tools", "text, tables, pictures"),
-    "batch": ("manifest", "many bakes"),
+    "batching": ("manifest", "many bakes"),
     "editor": ("asset, tools", "tools, edited"),
     "example": ("code", "a figure, baked"),
     "cli": ("options", "exit code"),

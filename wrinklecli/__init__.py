@@ -8,6 +8,8 @@ if TYPE_CHECKING:
     from wrinklecli.baking.pipeline import bake as bake
     from wrinklecli.baking.track import TrackOptions as TrackOptions
     from wrinklecli.baking.track import track as track
+    from wrinklecli.batching.batch import BatchOptions as BatchOptions
+    from wrinklecli.batching.batch import batch as batch
     from wrinklecli.errors import WrinkleError as WrinkleError
     from wrinklecli.example.demo import demo as demo
     from wrinklecli.review.check import CheckOptions as CheckOptions
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
 # The module of each name. They are imported when a name is used, since `wrinkle --help` must not import numpy.
 _MODULES = {
     "BakeOptions": "baking.job",
+    "BatchOptions": "batching.batch",
     "CheckOptions": "review.check",
     "DiffOptions": "review.diff.diff",
     "InspectOptions": "review.inspect",
@@ -40,6 +43,7 @@ _MODULES = {
     "TrackOptions": "baking.track",
     "WrinkleError": "errors",
     "bake": "baking.pipeline",
+    "batch": "batching.batch",
     "check": "review.check",
     "crossings": "review.crossings",
     "demo": "example.demo",

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from kit.command import Wrinkle
-from wrinklecli.batch.jobs import BatchJob, Outcome, Result
+from wrinklecli.batching.jobs import BatchJob, Outcome, Result
 
 ARGUMENTS = ("batch", "chars/*.glb", "--tools", "t.yaml", "--out", "out/{stem}.glb", "--report", "r.jsonl")
 
@@ -34,9 +34,9 @@ def test_the_worst_outcome_gives_the_exit_code(
     for number in range(len(results)):
         (tmp_path / "chars" / f"{number}.glb").touch()
     (tmp_path / "t.yaml").touch()
-    jobs = [BatchJob(f"job {number}", "a.glb", ("t.yaml",), "out.glb") for number in range(len(results))]
+    jobs = [BatchJob(f"job {number}", "a.glb", ("t.yaml",), f"out/{number}.glb") for number in range(len(results))]
     made = [Outcome(job, result, lines=(f"{job.where} ended",)) for job, result in zip(jobs, results, strict=True)]
-    monkeypatch.setattr("wrinklecli.batch.run.run_jobs", lambda *_, **__: iter(made))
+    monkeypatch.setattr("wrinklecli.batching.batch.run_jobs", lambda *_, **__: iter(made))
     ran = wrinkle(*ARGUMENTS, *options)
     assert ran.code == code
     assert [json.loads(line)["result"] for line in Path("r.jsonl").read_text().splitlines()] == list(results[:begun])

@@ -29,8 +29,8 @@ from kit.limb import limb_asset
 from kit.manifests import MANIFEST, NAMES, forged, placed, written
 from kit.small_maps import small_maps
 from kit.visits import visited, watched
-from wrinklecli.batch import jobs, stores, worker
-from wrinklecli.batch.manifest import read_manifest
+from wrinklecli.batching import jobs, stores, worker
+from wrinklecli.batching.manifest import read_manifest
 from wrinklecli.cli import main
 from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import read_document
@@ -39,11 +39,12 @@ _LONGEST_LINE = 10_100  # characters of a message
 _CODES = {"diff": (0, 1, 2)}
 _DONE = {"diff": (0, 1), "check": (0, 3)}  # what --strict refuses, check shows all the same
 # What is there before, or a link put there, and no input; all other files are inputs.
-_REPLACED = ("out.glb", "displaced-out.glb", "found.json", "jobs.jsonl")
+_REPLACED = ("out.glb", "displaced-out.glb", "found.json", "jobs.jsonl", "jobs.xml")
 _KEPT = (
     "cache/",
     "kept/",
     "jobs.jsonl",
+    "jobs.xml",
     "displaced-jobs.jsonl",
     "nothing",
 )  # what a batch writes whatever comes of its jobs

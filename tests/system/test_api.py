@@ -15,7 +15,7 @@ import pytest
 import wrinklecli
 from kit.places import ROOT
 
-FUNCTIONS = ("bake", "track", "check", "suggest", "diff", "inspect", "preview", "crossings")
+FUNCTIONS = ("bake", "track", "check", "suggest", "diff", "inspect", "preview", "crossings", "batch")
 
 
 def test_the_package_offers_every_function_with_its_options() -> None:
@@ -47,7 +47,8 @@ def test_importing_the_package_imports_nothing_more() -> None:
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name in ("suggest", "track"))) for name in FUNCTIONS]
+    "name",
+    [pytest.param(name, marks=[pytest.mark.slow] * (name in ("suggest", "track", "batch"))) for name in FUNCTIONS],
 )
 def test_examples_run(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for file in ("samples/wrist.glb", "configs/wrist.yaml"):

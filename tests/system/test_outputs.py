@@ -72,8 +72,8 @@ KEPT_APART = {
     ("maps", "unwrap"): ("maps limb.gltf tools.yaml --anim run.gltf -o maps --size 64 --unwrap {}.glb", TOOLS),
     ("track", "folder"): ("track baked.gltf limb.gltf run.gltf -o {}", (*CLIPS, "baked.gltf")),
 }
-# The other options that write: a test below has that of `schema`, `tests/batch/test_conflicts.py` those of `batch`.
-APART = {("schema", "output"), ("batch", "out"), ("batch", "report"), ("batch", "cache")}
+# The other options that write: a test below has that of `schema`, `tests/batching/test_conflicts.py` those of `batch`.
+APART = {("schema", "output"), ("batch", "out"), ("batch", "report"), ("batch", "junit"), ("batch", "cache")}
 READ_ONLY = {"asset", "assets", "tools", "anims", "baked", "manifest", "a", "b", "presets"}
 
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import click
 
+from wrinklecli.choices import CACHE
 from wrinklecli.cli import options as opt
-from wrinklecli.cli.batch import CACHE
 from wrinklecli.cli.output import emit, emit_json
 from wrinklecli.errors import WrinkleError, aligned, shortened
 

@@ -14,13 +14,13 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import replace
 from typing import TypeAlias
 
-from wrinklecli.batch import stores
-from wrinklecli.batch.cache import Cache, CachedFile, Record, Said, Solutions
-from wrinklecli.batch.cache_keys import Parts, difference, key_of, parts_of, program
-from wrinklecli.batch.job_files import JobFiles, protect
-from wrinklecli.batch.jobs import BatchJob, Outcome
-from wrinklecli.batch.staging import Staged, send, staged
-from wrinklecli.batch.stores import StoreError
+from wrinklecli.batching import stores
+from wrinklecli.batching.cache import Cache, CachedFile, Record, Said, Solutions
+from wrinklecli.batching.cache_keys import Parts, difference, key_of, parts_of, program
+from wrinklecli.batching.job_files import JobFiles, protect
+from wrinklecli.batching.jobs import BatchJob, Outcome
+from wrinklecli.batching.staging import Staged, send, staged
+from wrinklecli.batching.stores import StoreError
 from wrinklecli.errors import RefusedError, WrinkleError
 from wrinklecli.files.outputs import Outputs
 from wrinklecli.frozen import dataclass
@@ -119,7 +119,7 @@ def _run(here: Staged, cache: Cache, job: BatchJob, open_outputs: OpenOutputs) -
     fetched = _fetched(here, cache, job, parts, open_outputs)
     if fetched is not None:
         return fetched
-    from wrinklecli.batch.build import build  # imports numpy and all that a bake needs; a hit does without
+    from wrinklecli.batching.build import build  # imports numpy and all that a bake needs; a hit does without
 
     before = cache.parts_of_output(job.out)
     reason = difference(before, parts)

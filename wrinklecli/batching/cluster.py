@@ -19,8 +19,8 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from typing import Any, TypeAlias
 
-from wrinklecli.batch.jobs import BatchJob, Outcome
-from wrinklecli.batch.worker import Settings, run_job
+from wrinklecli.batching.jobs import BatchJob, Outcome
+from wrinklecli.batching.worker import Settings, run_job
 from wrinklecli.errors import WrinkleError, counted
 from wrinklecli.frozen import dataclass
 

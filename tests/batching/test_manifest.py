@@ -9,10 +9,10 @@ import pytest
 
 from kit import hostile
 from wrinklecli.baking.job import BakeOptions
-from wrinklecli.batch.build import bake_options
-from wrinklecli.batch.jobs import BatchJob
-from wrinklecli.batch.manifest import read_manifest, read_pattern
-from wrinklecli.batch.manifest_schema import OPTION_KEYS
+from wrinklecli.batching.build import bake_options
+from wrinklecli.batching.jobs import BatchJob
+from wrinklecli.batching.manifest import read_manifest, read_pattern
+from wrinklecli.batching.manifest_schema import OPTION_KEYS
 from wrinklecli.cli import cli
 from wrinklecli.errors import ConfigError
 from wrinklecli.numeric.memory import MAX_MEMORY, parse_bytes
@@ -42,7 +42,7 @@ def complaints(name: str, text: str, **given: Any) -> list[str]:
 def test_jobs_have_the_options_of_bake() -> None:
     options = {each.opts[-1].strip("-").replace("-", "_"): each for each in cli.commands["bake"].params}
     # Of a job itself, or for one bake alone: the workers of a batch are its processes.
-    apart = {"asset", "tools", "output", "depfile", "jobs", "progress", "quiet", "verbose"}
+    apart = {"asset", "tools", "output", "depfile", "jobs", "json", "progress", "quiet", "verbose"}
     assert set(OPTION_KEYS) == {name for name in options if name not in apart}
     for name, values in OPTION_KEYS.items():
         option = options[name]

@@ -6,12 +6,12 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 
-from wrinklecli.batch.cache import Cache
-from wrinklecli.batch.cluster import Workers, refuse_without_dask, run_on_dask
-from wrinklecli.batch.jobs import BatchJob, Outcome
-from wrinklecli.batch.staging import roots_of
-from wrinklecli.batch.stores import StoreError, absolute, is_url
-from wrinklecli.batch.worker import OpenOutputs, Settings, fetch_job, run_job
+from wrinklecli.batching.cache import Cache
+from wrinklecli.batching.cluster import Workers, refuse_without_dask, run_on_dask
+from wrinklecli.batching.jobs import BatchJob, Outcome
+from wrinklecli.batching.staging import roots_of
+from wrinklecli.batching.stores import StoreError, absolute, is_url
+from wrinklecli.batching.worker import OpenOutputs, Settings, fetch_job, run_job
 from wrinklecli.errors import WrinkleError
 from wrinklecli.files.outputs import Outputs
 

@@ -21,10 +21,10 @@ from contextlib import suppress
 from dataclasses import asdict
 from typing import Any
 
-from wrinklecli.batch import stores
-from wrinklecli.batch.cache_keys import Parts, program
-from wrinklecli.batch.job_files import JobFiles
-from wrinklecli.batch.tables import refuse_constant
+from wrinklecli.batching import stores
+from wrinklecli.batching.cache_keys import Parts, program
+from wrinklecli.batching.job_files import JobFiles
+from wrinklecli.batching.tables import refuse_constant
 from wrinklecli.errors import WrinkleError, shortened
 from wrinklecli.frozen import dataclass
 

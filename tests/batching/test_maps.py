@@ -13,11 +13,11 @@ from kit.command import Wrinkle, files
 from kit.limb import limb_asset, tool, write_tools
 from kit.small_maps import small_maps
 from kit.variants import PNG
-from wrinklecli.batch.cache import Cache
-from wrinklecli.batch.cache_keys import parts_of
-from wrinklecli.batch.job_files import JobFiles
-from wrinklecli.batch.jobs import BatchJob
-from wrinklecli.batch.manifest import read_manifest
+from wrinklecli.batching.cache import Cache
+from wrinklecli.batching.cache_keys import parts_of
+from wrinklecli.batching.job_files import JobFiles
+from wrinklecli.batching.jobs import BatchJob
+from wrinklecli.batching.manifest import read_manifest
 
 MANIFEST = "m.jsonl"
 JOB = {"asset": "limb.gltf", "tools": "t.yaml", "out": "o/limb.glb", "maps_dir": "maps"}

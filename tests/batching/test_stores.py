@@ -16,8 +16,8 @@ import pytest
 from kit import web
 from kit.command import Wrinkle
 from kit.limb import limb_asset, write_tools
-from wrinklecli.batch import stores, worker
-from wrinklecli.batch.stores import StoreError
+from wrinklecli.batching import stores, worker
+from wrinklecli.batching.stores import StoreError
 
 fsspec = pytest.importorskip("fsspec")
 URL = "memory:///b/limb.glb"

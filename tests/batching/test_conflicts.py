@@ -11,8 +11,8 @@ import pytest
 
 from kit.command import Wrinkle, files
 from kit.limb import limb_asset, tool, write_tools
-from wrinklecli.batch.jobs import BatchJob
-from wrinklecli.batch.manifest import read_manifest, read_pattern
+from wrinklecli.batching.jobs import BatchJob
+from wrinklecli.batching.manifest import read_manifest, read_pattern
 from wrinklecli.errors import ConfigError
 
 PNG = b"\x89PNG skin"
@@ -282,9 +282,9 @@ def test_others_are_found_at_urls_too(monkeypatch: pytest.MonkeyPatch, tmp_path:
 
 def test_a_store_is_not_asked_for_what_no_output_can_be(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("wrinklecli.batch.stores.opened", None)
+    monkeypatch.setattr("wrinklecli.batching.stores.opened", None)
     jobs = [{"asset": f"s3://b/in/{n}.glb", "tools": "t.yaml", "out": f"s3://b/out/{n}.gltf"} for n in range(3)]
-    monkeypatch.setattr("wrinklecli.batch.stores.read", lambda path, *_: Path(path).read_bytes())
+    monkeypatch.setattr("wrinklecli.batching.stores.read", lambda path, *_: Path(path).read_bytes())
     assert len(read(*jobs)) == 3
 
 
@@ -300,7 +300,7 @@ def test_thousands_of_jobs_take_seconds(tmp_path: Path, monkeypatch: pytest.Monk
         real = getattr(os, name)
         monkeypatch.setattr(os, name, lambda path, real=real, **more: looks.append(path) or real(path, **more))
     opened: list[str] = []
-    monkeypatch.setattr("wrinklecli.batch.conflicts.references", lambda file: opened.append(file.name) or [])
+    monkeypatch.setattr("wrinklecli.batching.conflicts.references", lambda file: opened.append(file.name) or [])
     given = {"tools": "t.yaml", "out": "out/{stem}.glb"}
     assert len(read_pattern("chars/*.glb", given, report="r.jsonl", cache="cache")) == count
     assert len(looks) < 3 * count

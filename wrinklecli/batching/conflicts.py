@@ -13,9 +13,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TypeAlias
 
-from wrinklecli.batch import stores
-from wrinklecli.batch.cache import ENTRIES, TAG
-from wrinklecli.batch.jobs import BatchJob, uris_beside
+from wrinklecli.batching import stores
+from wrinklecli.batching.cache import ENTRIES, TAG
+from wrinklecli.batching.jobs import BatchJob, uris_beside
 from wrinklecli.files.claims import Claims, Clash, Identities, Identity
 from wrinklecli.files.formats import MODEL_ENDINGS
 from wrinklecli.frozen import dataclass
@@ -26,7 +26,7 @@ from wrinklecli.tools.yaml_tree import printable
 Owner: TypeAlias = int | str
 """The number of a job, or words for what else uses a file."""
 
-_MANIFEST, _REPORT, _CACHE = "the manifest", "--report", "--cache"
+_MANIFEST, _REPORT, _CACHE, _JUNIT = "the manifest", "--report", "--cache", "--junit"
 # A buffer that an earlier bake has written beside its OUT: the name of OUT, and a digest.
 _BUFFER = re.compile(r"(.+)-[0-9a-f]{12}\.bin")
 # Other names of the protocols of stores, and protocols of local files.
@@ -41,6 +41,7 @@ class BatchFiles:
     manifest: str = ""
     report: str | None = None
     cache: str | None = None
+    junit: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,6 +134,8 @@ class _Batch:
             self._read(files.manifest, _MANIFEST)
         if files.report is not None:
             self._write(files.report, _REPORT)
+        if files.junit is not None:
+            self._write(files.junit, _JUNIT)
         for number, job in enumerate(self._jobs):
             outs = [out for _, out in job.models]
             for path in filter(None, (*outs, job.report, job.timings, job.options.get("frames_dir"))):

@@ -6,7 +6,7 @@ import json
 import re
 from typing import Any
 
-from wrinklecli.batch.manifest_schema import JOB_KEYS, MAX_JOBS
+from wrinklecli.batching.manifest_schema import JOB_KEYS, MAX_JOBS
 from wrinklecli.tools.yaml_tree import Node, Problem, printable
 
 _SEPARATOR = ";"  # between the items of a list in a cell

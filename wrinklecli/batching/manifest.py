@@ -11,11 +11,11 @@ from collections.abc import Iterator, Mapping
 from itertools import chain
 from typing import Any
 
-from wrinklecli.batch import stores
-from wrinklecli.batch.conflicts import BatchFiles, kept_apart
-from wrinklecli.batch.jobs import BatchJob
-from wrinklecli.batch.manifest_schema import JOB_KEYS, MANIFEST_SCHEMA, OPTION_KEYS, OWN_KEYS
-from wrinklecli.batch.tables import read_csv, read_json_lines
+from wrinklecli.batching import stores
+from wrinklecli.batching.conflicts import BatchFiles, kept_apart
+from wrinklecli.batching.jobs import BatchJob
+from wrinklecli.batching.manifest_schema import JOB_KEYS, MANIFEST_SCHEMA, OPTION_KEYS, OWN_KEYS
+from wrinklecli.batching.tables import read_csv, read_json_lines
 from wrinklecli.errors import ConfigError, listed
 from wrinklecli.files.claims import is_path
 from wrinklecli.files.formats import MODEL_ENDINGS
@@ -31,12 +31,17 @@ _MAX_MANIFEST = 10**8  # bytes: as many jobs as there may be, of 1 kB
 
 
 def read_manifest(
-    path: str, given: Mapping[str, Any], *, report: str | None = None, cache: str | None = None
+    path: str,
+    given: Mapping[str, Any],
+    *,
+    report: str | None = None,
+    cache: str | None = None,
+    junit: str | None = None,
 ) -> list[BatchJob]:
     """Read a manifest at a path or URL; the paths in it are relative to its folder.
 
     `given` has values from the command line for keys that neither a job nor the defaults name; paths in them are
-    relative to the current folder. `report` and `cache` are outputs of the batch itself.
+    relative to the current folder. `report`, `cache` and `junit` are outputs of the batch itself.
 
     Raises:
         ConfigError: The manifest cannot be read, has problems, or an output is also an input or another output (a line
@@ -44,6 +49,8 @@ def read_manifest(
         StoreError: A store does not answer.
     """
     ending = os.path.splitext(path)[1].lower()
+    if ending not in _READERS:
+        raise ConfigError(f"does not end in {listed(list(_READERS))}", where=path)
     try:
         text = stores.read(stores.plain(path), _MAX_MANIFEST).decode("utf-8-sig")
     except (OSError, ValueError) as error:
@@ -51,7 +58,7 @@ def read_manifest(
     if not text.strip():
         raise ConfigError("the file is empty, expected jobs", where=path)
     root, problems = _READERS[ending](text)
-    files = BatchFiles(path, report, cache)
+    files = BatchFiles(path, report, cache, junit)
     jobs = _Jobs(files, given, problems)
     if root is not None:
         too_many = crowded(root, _FORMAT)
@@ -63,10 +70,15 @@ def read_manifest(
 
 
 def read_pattern(
-    pattern: str, given: Mapping[str, Any], *, report: str | None = None, cache: str | None = None
+    pattern: str,
+    given: Mapping[str, Any],
+    *,
+    report: str | None = None,
+    cache: str | None = None,
+    junit: str | None = None,
 ) -> list[BatchJob]:
     """Make a job for each asset that matches a pattern; arguments and errors are those of `read_manifest`."""
-    jobs = _Jobs(BatchFiles("", report, cache), given, [])
+    jobs = _Jobs(BatchFiles("", report, cache, junit), given, [])
     jobs.add({"asset": pattern}, Node({}, 0, "", {}), "")
     return jobs.finished()
 

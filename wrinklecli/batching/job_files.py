@@ -8,8 +8,8 @@ import posixpath
 import re
 from contextlib import suppress
 
-from wrinklecli.batch.cache_keys import Parts
-from wrinklecli.batch.jobs import OPEN_FOLDERS, BatchJob
+from wrinklecli.batching.cache_keys import Parts
+from wrinklecli.batching.jobs import OPEN_FOLDERS, BatchJob
 from wrinklecli.files.outputs import Outputs
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.files import files_named, leaves_folder, path_of

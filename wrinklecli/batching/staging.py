@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 
-from wrinklecli.batch import stores
-from wrinklecli.batch.job_files import ROOTS
-from wrinklecli.batch.jobs import OPEN_FOLDERS, BatchJob, References, uris_beside
+from wrinklecli.batching import stores
+from wrinklecli.batching.job_files import ROOTS
+from wrinklecli.batching.jobs import OPEN_FOLDERS, BatchJob, References, uris_beside
 from wrinklecli.errors import AssetError, BakeError, WrinkleError
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.files import leaves_folder, path_of, references

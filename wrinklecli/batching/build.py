@@ -9,10 +9,10 @@ from wrinklecli.baking.job import BakeOptions
 from wrinklecli.baking.report import text_of
 from wrinklecli.baking.timings import peak_memory
 from wrinklecli.baking.track import track
-from wrinklecli.batch.cache import Solutions
-from wrinklecli.batch.job_files import path_in, protect
-from wrinklecli.batch.jobs import BatchJob, Outcome
-from wrinklecli.batch.staging import Staged
+from wrinklecli.batching.cache import Solutions
+from wrinklecli.batching.job_files import path_in, protect
+from wrinklecli.batching.jobs import BatchJob, Outcome
+from wrinklecli.batching.staging import Staged
 from wrinklecli.choices import FPS
 from wrinklecli.effects.kept import solutions_in
 from wrinklecli.errors import BakeError

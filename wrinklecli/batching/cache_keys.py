@@ -11,9 +11,9 @@ from importlib.metadata import version
 from typing import Any, TypeAlias
 
 import wrinklecli
-from wrinklecli.batch import stores
-from wrinklecli.batch.jobs import OPEN_FOLDERS, BatchJob, References, uris_beside
-from wrinklecli.batch.manifest_schema import OPTION_KEYS
+from wrinklecli.batching import stores
+from wrinklecli.batching.jobs import OPEN_FOLDERS, BatchJob, References, uris_beside
+from wrinklecli.batching.manifest_schema import OPTION_KEYS
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.files import path_beside, references
 

@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from wrinklecli.batch import cluster
-from wrinklecli.batch.cluster import Task
-from wrinklecli.batch.jobs import BatchJob, Outcome
-from wrinklecli.batch.worker import Settings
+from wrinklecli.batching import cluster
+from wrinklecli.batching.cluster import Task
+from wrinklecli.batching.jobs import BatchJob, Outcome
+from wrinklecli.batching.worker import Settings
 from wrinklecli.errors import WrinkleError
 
 distributed = pytest.importorskip("distributed")

@@ -15,11 +15,11 @@ from PIL import Image
 from kit.command import Ran, Wrinkle, files
 from kit.flesh import body, region
 from kit.limb import limb_asset, tool, write_tools
-from wrinklecli.batch import stores
-from wrinklecli.batch.cache import Cache
-from wrinklecli.batch.cache_keys import Parts, parts_of
-from wrinklecli.batch.job_files import JobFiles
-from wrinklecli.batch.jobs import BatchJob
+from wrinklecli.batching import stores
+from wrinklecli.batching.cache import Cache
+from wrinklecli.batching.cache_keys import Parts, parts_of
+from wrinklecli.batching.job_files import JobFiles
+from wrinklecli.batching.jobs import BatchJob
 from wrinklecli.effects.flesh import kept, tissue
 
 PNG = b"\x89PNG skin"

@@ -135,7 +135,7 @@ def cluster(folder: Path) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
         address = json.loads(file.read_text())["address"]
         with Client(address) as client:  # or one worker does all before the other is there
             client.wait_for_workers(2, timeout=PATIENCE)
-            client.run(importlib.import_module, "wrinklecli.batch.worker")  # to import takes as long as six jobs
+            client.run(importlib.import_module, "wrinklecli.batching.worker")  # to import takes as long as six jobs
         yield address, running[0]
     finally:
         for each in running:

@@ -1,0 +1,164 @@
+"""Bake all jobs of a manifest, as `wrinkle batch` and `wrinklecli.batch` do."""
+
+import os
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any
+
+from wrinklecli.batching.cache_keys import program
+from wrinklecli.batching.cluster import Workers
+from wrinklecli.batching.jobs import BatchJob, Outcome
+from wrinklecli.batching.manifest import read_manifest, read_pattern
+from wrinklecli.batching.records import VERSION, junit, opened_report, record_of
+from wrinklecli.batching.run import run_jobs
+from wrinklecli.batching.stores import absolute, folder_of, join
+from wrinklecli.batching.worker import OpenOutputs, Settings, check_job
+from wrinklecli.choices import CACHE
+from wrinklecli.files.formats import MODEL_ENDINGS
+from wrinklecli.files.outputs import Outputs
+from wrinklecli.frozen import dataclass
+from wrinklecli.gltf.shape import Json
+
+
+@dataclass(frozen=True, slots=True)
+class BatchOptions:
+    """The settings of `batch`.
+
+    Attributes:
+        tools: The tools file of jobs that name none.
+        out: The output of jobs that name none.
+        strict: Treat warnings as refusals, in jobs that do not say otherwise.
+        jobs: Worker processes; with more than one, Dask starts them.
+        scheduler: The address of a Dask scheduler, whose workers bake instead.
+        dashboard: Serve Dask's dashboard.
+        cache: Folder or URL where outputs are kept; `.wrinkle-cache` beside the manifest if None.
+        keep_going: Go on after a job that failed.
+        dry_run: Find out what would be baked, and bake nothing.
+        retry: How often a job is begun again if its worker died or its store did not answer.
+        report: A file that gets a line of JSON for each job as it ends.
+        junit: A file that gets JUnit's XML in the end.
+    """
+
+    tools: str | os.PathLike[str] | None = None
+    out: str | None = None
+    strict: bool = False
+    jobs: int = 1
+    scheduler: str | None = None
+    dashboard: bool = False
+    cache: str | os.PathLike[str] | None = None
+    keep_going: bool = True
+    dry_run: bool = False
+    retry: int = 3
+    report: str | os.PathLike[str] | None = None
+    junit: str | os.PathLike[str] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Batch:
+    """What became of a batch.
+
+    Attributes:
+        manifest: The manifest, or the pattern of assets.
+        outcomes: Those of the jobs, in the order in which they ended.
+        not_begun: The jobs that were left when the batch stopped.
+        seconds: Time that the batch took.
+        warnings: Lines about the batch as a whole, such as a cache that cannot be written.
+    """
+
+    manifest: str
+    outcomes: tuple[Outcome, ...]
+    not_begun: tuple[BatchJob, ...]
+    seconds: float
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def data(self) -> Json:
+        """For `--json`: JSON values only."""
+        return {
+            "batch": VERSION,
+            "manifest": self.manifest,
+            "counts": Counter(each.result for each in self.outcomes),
+            "not_begun": [each.out for each in self.not_begun],
+            "seconds": round(self.seconds, 4),
+            "jobs": list(map(record_of, self.outcomes)),
+            "warnings": list(self.warnings),
+        }
+
+
+def batch(
+    manifest: str | os.PathLike[str],
+    options: BatchOptions | None = None,
+    *,
+    ended: Callable[[Outcome, int], object] = lambda _outcome, _total: None,
+    open_outputs: OpenOutputs = Outputs,
+    tell: Callable[[str], object] = lambda _line: None,
+    warn: Callable[[str], object] = lambda _line: None,
+    **named: Any,
+) -> Batch:
+    """Bake all jobs of a manifest, or every asset of a pattern, of which nothing changed since the last time.
+
+    A job that fails is an outcome and no exception.
+
+    Args:
+        manifest: A .yaml, .csv or .jsonl, or a pattern such as `chars/*.glb`, which needs `tools` and `out`.
+        options: The defaults of `BatchOptions` if None.
+        ended: Called with each outcome as it arrives, and the number of all jobs.
+        open_outputs: Opens the outputs that this process writes.
+        tell: Called with notes about workers, at once.
+        warn: Called with each warning about the batch as a whole, at once.
+        named: Single options by their names in `BatchOptions`, in place of those in `options`.
+
+    Raises:
+        ConfigError: The manifest cannot be read, or has problems (a line each); nothing was baked.
+        WrinkleError: A store or Dask's scheduler does not answer, Dask is missing, or a report cannot be written.
+        TypeError: `BatchOptions` lacks a name of `named`.
+
+    Examples:
+        >>> from wrinklecli import batch
+        >>> made = batch("samples/*.glb", tools="configs/wrist.yaml", out="out/{stem}.glb")
+        >>> [(each.job.out, each.result) for each in made.outcomes]
+        [('out/wrist.glb', 'built')]
+    """
+    options = replace(options or BatchOptions(), **named)
+    place, start = os.fspath(manifest), time.monotonic()
+    report, xml, cache = (os.fspath(each) if each else None for each in (options.report, options.junit, options.cache))
+    is_pattern = place.lower().endswith(MODEL_ENDINGS)
+    cache = cache or (CACHE if is_pattern else join(folder_of(place), CACHE))
+    asked = {"tools": options.tools and os.fspath(options.tools), "out": options.out, "strict": options.strict}
+    given = {key: value for key, value in asked.items() if value}
+    read = read_pattern if is_pattern else read_manifest
+    every = read(place, given, report=report, cache=cache, junit=xml)
+    if xml is not None:  # before the first bake
+        with open_outputs() as outputs:
+            outputs.make_folders(os.path.dirname(xml))
+            outputs.claim(xml)
+    settings = Settings(cache=cache, program=program(), retries=options.retry)
+    warnings: list[str] = []
+
+    def warned(line: str) -> None:
+        warnings.append(line)
+        warn(line)
+
+    done: Iterator[Outcome]
+    if options.dry_run:
+        done = (check_job(job, settings) for job in every)
+    else:
+        workers = Workers(options.jobs, options.scheduler, options.dashboard)
+        done = run_jobs(every, settings, workers, open_outputs=open_outputs, tell=tell, warn=warned)
+    outcomes: list[Outcome] = []
+    with opened_report(report) as write:
+        for outcome in done:
+            write(outcome)
+            outcomes.append(outcome)
+            ended(outcome, len(every))
+            if not outcome.done and not options.keep_going:
+                break
+    known = {absolute(each.job.out) for each in outcomes}  # as workers of a cluster have it
+    not_begun = tuple(job for job in every if absolute(job.out) not in known)
+    seconds = time.monotonic() - start
+    if xml is not None:
+        with open_outputs() as outputs:
+            outputs.add_bytes(xml, junit(place, outcomes, not_begun, seconds))
+    return Batch(place, tuple(outcomes), not_begun, seconds, tuple(warnings))
