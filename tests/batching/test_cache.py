@@ -17,7 +17,7 @@ from kit.flesh import body, region
 from kit.limb import limb_asset, tool, write_tools
 from wrinklecli.batching import stores
 from wrinklecli.batching.cache import Cache
-from wrinklecli.batching.cache_keys import Parts, parts_of
+from wrinklecli.batching.cache_keys import Parts, key_of, parts_of
 from wrinklecli.batching.job_files import JobFiles
 from wrinklecli.batching.jobs import BatchJob
 from wrinklecli.effects.flesh import kept, tissue
@@ -574,3 +574,25 @@ def test_a_solved_region_of_flesh_is_taken_from_the_cache(
         assert len(solved) == number
         assert Path("out.glb").read_bytes() == again
         assert entry.read_bytes() == sound
+
+
+@pytest.mark.parametrize(
+    ("text", "same"),
+    [
+        ("# a comment\nversion:   1\ntools: [ {name: a, width: '10%'} ]  # another\n", True),
+        ("\ufeffversion: 1\ntools:\n- name: 'a'\n  width: 10%\n", True),
+        ("version: 1\ntools:\n  - name: a\n    width: 11%\n", False),
+        ("version: 1\ntools:\n  - width: 10%\n    name: a\n  -\n", False),
+        ("version: 1\ntools:\n  - name: a\n    width: 10%\n    width: 10%\n", False),
+        ("version: 1\ntools:\n  - name: a\n    width: 10%\n]", False),
+        ("", False),
+    ],
+)
+def test_comments_and_layout_of_tools_do_not_count(text: str, same: bool, folder: Path) -> None:
+    (folder / "asset.gltf").write_text("{}")
+    job = BatchJob("", str(folder / "asset.gltf"), (str(folder / "own.yaml"),), "out.glb")
+    found = []
+    for each in ("version: 1\ntools:\n  - name: a\n    width: 10%\n", text):
+        (folder / "own.yaml").write_text(each, encoding="utf-8")
+        found.append(key_of(parts_of(job, job)))
+    assert (found[0] == found[1]) == same

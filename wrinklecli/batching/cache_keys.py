@@ -1,12 +1,14 @@
 """Cache keys: a digest of everything that the outputs of a job depend on.
 
-The contents of the inputs count, and the version of this program. Times, folders and names of inputs do not.
+The contents of the inputs count, and the version of this program. Times, folders and names of inputs do not, nor do
+comments and the layout of tools files.
 """
 
 import hashlib
 import json
 import os
-from functools import cache
+from collections.abc import Callable
+from functools import cache, lru_cache
 from importlib.metadata import version
 from typing import Any, TypeAlias
 
@@ -16,6 +18,7 @@ from wrinklecli.batching.jobs import OPEN_FOLDERS, BatchJob, References, uris_be
 from wrinklecli.batching.manifest_schema import OPTION_KEYS
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.files import path_beside, references
+from wrinklecli.tools.yaml_tree import MAX_BYTES, read_tree
 
 Parts: TypeAlias = dict[str, Any]
 """Everything that a key depends on, by name, as JSON values."""
@@ -54,7 +57,7 @@ def parts_of(job: BatchJob, given: BatchJob) -> Parts:
     parts: Parts = {
         "program": program(),
         "asset": _digests(job.asset, references, external=external),
-        "tools": [_digests(path, uris_beside, external=external) for path in job.tools],
+        "tools": [_digests(path, uris_beside, external=external, own=_digest_of_values) for path in job.tools],
         "anim": [_digests(path, references, external=external) for path in job.options.get("anim", ())],
         "anims": [[os.path.basename(path), _digests(path, references, external=external)] for path in job.anims],
         "options": {**options, "frames": "frames_dir" in job.options, "maps": "maps_dir" in job.options},
@@ -86,13 +89,17 @@ def _are_beside(asset: str, out: str) -> bool:
     return os.path.realpath(os.path.dirname(asset)) == os.path.realpath(os.path.dirname(out))
 
 
-def _digests(path: str, references_in: References, *, external: bool) -> dict[str, str]:
+def _digests(
+    path: str, references_in: References, *, external: bool, own: Callable[[str], str] | None = None
+) -> dict[str, str]:
     """Digest a glTF asset or a tools file, and every file that it refers to, by URI; it has an empty one itself.
+
+    `own` digests the file itself, if not its bytes count.
 
     Raises:
         AssetError: The file cannot be read. The bake reports other missing files.
     """
-    digests = {"": _digest(path)}
+    digests = {"": (own or _digest)(path)}
     with stores.opened(path) as file:
         uris = references_in(file)
     for uri in uris:
@@ -102,6 +109,31 @@ def _digests(path: str, references_in: References, *, external: bool) -> dict[st
         except AssetError:
             digests[uri] = _MISSING
     return digests
+
+
+def _digest_of_values(path: str) -> str:
+    """Digest what a tools file says; its bytes if these are no sound YAML, as the bake then says.
+
+    Raises:
+        AssetError: The file cannot be read.
+    """
+    try:
+        with stores.opened(path) as file:
+            data = file.read(MAX_BYTES + 1)
+    except (OSError, ValueError) as error:
+        raise AssetError(f"cannot be read: {stores.reason_of(error)}", where=path) from error
+    return _digest(path) if len(data) > MAX_BYTES else _digest_of_yaml(data)
+
+
+@lru_cache(maxsize=16)  # many jobs have the same tools, and parsing takes longer than all else that a hit takes
+def _digest_of_yaml(data: bytes) -> str:
+    try:
+        root, problems = read_tree(data.decode("utf-8-sig"))
+    except UnicodeDecodeError:
+        root, problems = None, []
+    if root is not None and not problems:
+        data = json.dumps(root.value).encode()
+    return hashlib.sha256(data).hexdigest()
 
 
 def _digest(path: str) -> str:
