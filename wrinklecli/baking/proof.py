@@ -1,6 +1,6 @@
 """The proof: the written file is played as an engine would, and compared with the method's own result."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property, partial
 
 import numpy as np
@@ -62,11 +62,7 @@ class Proof:
         clips: The file's.
         vertices: (vertices,) fine welded vertex of each.
         joints: (joints,) the joints on which the vertices hang, on either side; both rigs have the same.
-        bodies: The method's, whose weights are not pruned, and the file's as stored, with normalised weights and the
-            asset's own targets.
-        exact: The new targets, as the effects have them.
-        added: The new targets, as stored.
-        errors: (vertices,) errors of effects that have fewer shapes than the method, scene units.
+        blocks: The vertices, some after the other: what all frames that are compared take stays in a core's cache.
         normals: None without NORMAL.
     """
 
@@ -74,16 +70,33 @@ class Proof:
     clips: tuple[Clip, ...]
     vertices: Ints
     joints: Ints
+    blocks: "tuple[_Block, ...]"
+    normals: "_Normals | None"
+
+    def largest_moves(self, weights: Floats) -> Floats:
+        """(frames,) the largest move of a vertex by (frames, targets) weights of the effects' targets."""
+        squares = [np.sum(each.exact.added(weights) ** 2, axis=1).max(axis=1) for each in self.blocks]
+        return np.asarray(np.sqrt(np.max([np.zeros(len(weights)), *squares], axis=0)))
+
+
+@dataclass(frozen=True, slots=True)
+class _Block:
+    """Some of the vertices to compare.
+
+    Attributes:
+        rows: Which they are.
+        bodies: The method's, whose weights are not pruned, and the file's as stored, with normalised weights and the
+            asset's own targets.
+        exact: The new targets, as the effects have them.
+        added: The new targets, as stored.
+        errors: (vertices,) errors of effects that have fewer shapes than the method, scene units.
+    """
+
+    rows: slice
     bodies: Pair
     exact: Targets
     added: Targets
     errors: Floats
-    normals: "_Normals | None"
-
-    @property
-    def own_target_count(self) -> int:
-        """The number of the asset's own morph targets."""
-        return int(self.bodies.second.places.shape[1]) - 1
 
 
 @dataclass(frozen=True)
@@ -192,8 +205,8 @@ def read_back(edited: EditedDocument, plan: MeshPlan, effects: Sequence[Effect])
     rig = read_rig(written, plan.rig.node)
     primitives, old = written.items("meshes")[rig.mesh]["primitives"], len(plan.rig.own.morph_names)
     distinct = _distinct(primitives, refined_primitives)
-    parts = [refined_primitives[number].weld for number in distinct]
-    starts, welds = np.cumsum([0, *map(len, parts)]), np.concatenate(parts)
+    of_primitives = [refined_primitives[number].weld for number in distinct]
+    starts, welds = np.cumsum([0, *map(len, of_primitives)]), np.concatenate(of_primitives)
 
     def new_deltas(name: str) -> list[SparseDeltas]:
         where = written.where("meshes", rig.mesh)
@@ -217,8 +230,8 @@ def read_back(edited: EditedDocument, plan: MeshPlan, effects: Sequence[Effect])
     vertices, normals = welds[chosen], None
     if stored.normals is not None:
         turning = [target.of_rows(rows) for target in new_deltas("NORMAL")]
-        added = [each.shape for each in targets_of(effects)]
-        normals = _Normals(fine, vertices, stored.normals, Targets(tuple(turning), len(chosen)), added)
+        bent = [each.shape for each in targets_of(effects)]
+        normals = _Normals(fine, vertices, stored.normals, Targets(tuple(turning), len(chosen)), bent)
     shapes, errors = [], np.zeros(len(chosen))
     for each in effects:
         for shape in (target.shape for target in each.targets):
@@ -228,21 +241,19 @@ def read_back(edited: EditedDocument, plan: MeshPlan, effects: Sequence[Effect])
                 errors[own] = np.maximum(errors[own], each.error)
     exact = fine.influences(len(plan.rig.joints)).at(vertices)
     joints = distinct_values(np.concatenate([exact.acting, stored_weights.acting]))
-    bodies = Pair(
+    bodies = (
         prepare(exact.among(joints), fine.positions[vertices], fine.morph_deltas[:old, vertices]),
         prepare(stored_weights.among(joints), stored.positions, stored.morph_deltas),
     )
-    return Proof(
-        rig,
-        read_clips(written),
-        vertices,
-        joints,
-        bodies,
-        Targets(tuple(shapes), len(chosen)),
-        Targets(tuple(target.of_rows(rows) for target in moving), len(chosen)),
-        errors,
-        normals,
+    parts = [*portions(len(chosen), 4 * (_FRAMES + _WORST))]
+    ends = [min(part.stop, len(chosen)) for part in parts]
+    new = [shapes, [target.of_rows(rows) for target in moving]]
+    exactly, as_stored = (Targets(tuple(each), len(chosen)).parts(ends) for each in new)
+    blocks = tuple(
+        _Block(part, Pair(*(each.of(np.arange(len(chosen))[part]) for each in bodies)), own, added, errors[part])
+        for part, own, added in zip(parts, exactly, as_stored, strict=True)
     )
+    return Proof(rig, read_clips(written), vertices, joints, blocks, normals)
 
 
 def _distinct(primitives: Sequence[Json], refined_primitives: Sequence[RefinedPrimitive]) -> list[int]:
@@ -322,10 +333,10 @@ def _largest_move(proof: Proof, effects: Sequence[Effect], gaps: Floats) -> floa
     longest = np.array([np.sqrt((shapes[number].deltas ** 2).sum(axis=1)).max() for number in own.tolist()])
     scale = float((sizes[own] / longest).max())
     worst = 0.0
-    for rows in (order[part] for part in portions(len(order), 4 * len(proof.vertices))):
+    for rows in (order[first : first + _FRAMES] for first in range(0, len(order), _FRAMES)):
         if bounds[rows[0]] <= worst:
             break
-        worst = max(worst, scale * float(np.sqrt((proof.exact.added(gaps[rows]) ** 2).sum(axis=1).max())))
+        worst = max(worst, scale * float(proof.largest_moves(gaps[rows]).max()))
     return worst
 
 
@@ -347,38 +358,41 @@ class _Moved:
     exact: Floats
     projected: Sequence[tuple[Ints, Ints, Callable[[Floats], Floats], slice]]
 
-    def displacements(self, proof: Proof, frames: slice) -> Floats:
-        """(frames, 3, vertices) sum of all effects at the vertices compared, bind space."""
+    def displacements(self, proof: Proof, frames: Ints) -> Iterator[Floats]:
+        """(frames, 3, vertices) sums of all effects, bind space, for block after block of the vertices compared."""
         weights = self.exact[frames].copy()
-        for _, _, _, columns in self.projected:
+        projected = []
+        for rows, numbers, moved, columns in self.projected:
             weights[:, columns] = 0.0
-        total = proof.exact.added(weights)
-        for rows, numbers, moved, _ in self.projected:
-            total[:, :, rows] += moved(self.times[frames]).transpose(0, 2, 1)[:, :, numbers]
-        return total
+            projected.append((rows, moved(self.times[frames]).transpose(0, 2, 1)[:, :, numbers]))
+        for block in proof.blocks:
+            total = block.exact.added(weights)
+            for rows, moves in projected:
+                here = (rows >= block.rows.start) & (rows < block.rows.stop)
+                total[:, :, rows[here] - block.rows.start] += moves[:, :, here]
+            yield total
 
 
 def _vertex_errors(
     proof: Proof, plan: MeshPlan, moved: _Moved, written: Clip, shaded: Ints
 ) -> tuple[float, float, Floats]:
     """A bound on the distances of vertices, its time, and the angles of normals in degrees at the times `shaded`."""
-    rig, clip, times, own = plan.rig.own, moved.clip, moved.times, proof.own_target_count
+    rig, clip, times, own = plan.rig.own, moved.clip, moved.times, len(plan.rig.own.morph_names)
     matrices, stored = (joint_matrices(*side, times, proof.joints) for side in ((rig, clip), (proof.rig, written)))
     weights, played = morph_weights(rig, clip, times), morph_weights(proof.rig, written, times)
-    worst, worst_time, angles = 0.0, float(times[0]), [np.zeros(0)]
-    for frames in portions(len(times), 4 * len(proof.vertices)):
-        displaced, new = moved.displacements(proof, frames), played[frames, own:]
-        method = Frames(matrices[frames], weights[frames], displaced)
-        file = Frames(stored[frames], played[frames, :own], proof.added.added(new))
-        bounds = proof.bodies.bounds(method, file) + proof.errors
+    worst, worst_time, angles = 0.0, float(times[0]), np.zeros(0)
+    for block, displaced in zip(proof.blocks, moved.displacements(proof, np.arange(len(times))), strict=True):
+        method = Frames(matrices, weights, displaced)
+        file = Frames(stored, played[:, :own], block.added.added(played[:, own:]))
+        bounds = block.bodies.bounds(method, file) + block.errors
         if bounds.max(initial=0.0) > worst:
             worst = float(bounds.max())
-            worst_time = float(times[frames][int(bounds.max(axis=1).argmax())])
-        at = shaded[(shaded >= frames.start) & (shaded < frames.stop)] - frames.start
-        if len(at) and proof.normals is not None:
-            poses = [pose_at(rig, clip, time) for time in times[frames][at].tolist()]
-            angles.append(proof.normals.angles(displaced[at], new[at], poses))
-    return worst, worst_time, np.concatenate(angles)
+            worst_time = float(times[int(bounds.max(axis=1).argmax())])
+    if len(shaded) and proof.normals is not None:
+        whole = np.concatenate([*moved.displacements(proof, shaded)], axis=2)
+        poses = [pose_at(rig, clip, time) for time in times[shaded].tolist()]
+        angles = proof.normals.angles(whole, played[shaded, own:], poses)
+    return worst, worst_time, angles
 
 
 def _all_times(times: Floats) -> Floats:

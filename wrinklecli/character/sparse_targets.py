@@ -3,7 +3,7 @@
 Source: glTF 2.0 §3.7.2.2 (morph targets), §3.6.2.3 (sparse accessors).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -87,9 +87,8 @@ class Targets:
 
     def added(self, weights: Floats) -> Floats:
         """(frames, 3, vertices) sums of the deltas by (frames, targets) weights."""
-        moved = sum(len(target.vertices) for target in self.targets)
-        if len(self.targets) <= _FEW_TARGETS or moved >= _FULL * len(self.targets) * self.vertex_count:
-            return (weights @ self._dense).reshape(len(weights), 3, self.vertex_count)
+        if len(self._moving) <= _FEW_TARGETS or self._moved >= _FULL * len(self._moving) * self.vertex_count:
+            return (weights[:, self._moving] @ self._dense).reshape(len(weights), 3, self.vertex_count)
         total = np.zeros((len(weights), 3, self.vertex_count))
         for target, played in zip(self.targets, weights.T, strict=True):
             frames = np.flatnonzero(played)
@@ -101,10 +100,31 @@ class Targets:
                     total[np.ix_(frames, np.arange(3), target.vertices)] += moves
         return total
 
+    def parts(self, ends: Sequence[int]) -> "Iterator[Targets]":
+        """The targets of vertices up to each of some sorted ends, the last of which is the number of vertices."""
+        pieces = []
+        for target in self.targets:
+            order = np.argsort(target.vertices)
+            cuts = np.searchsorted(target.vertices[order], ends[:-1])
+            vertices, deltas = target.vertices[order], target.deltas[order]
+            pieces.append(zip(np.split(vertices, cuts), np.split(deltas, cuts), strict=True))
+        for start, end, *some in zip([0, *ends[:-1]], ends, *pieces, strict=True):
+            yield Targets(tuple(SparseDeltas(vertices - start, deltas) for vertices, deltas in some), end - start)
+
+    @cached_property
+    def _moving(self) -> Ints:
+        """Numbers of the targets that move any vertex."""
+        return np.flatnonzero([len(target.vertices) for target in self.targets])
+
+    @cached_property
+    def _moved(self) -> int:
+        """The number of vertices that targets move, added up."""
+        return sum(len(target.vertices) for target in self.targets)
+
     @cached_property
     def _dense(self) -> Floats:
-        """(targets, 3 vertices) deltas with zeros."""
-        dense = np.zeros((len(self.targets), 3, self.vertex_count))
-        for row, target in zip(dense, self.targets, strict=True):
-            row[:, target.vertices] = target.deltas.T
-        return dense.reshape(len(self.targets), 3 * self.vertex_count)
+        """(moving, 3 vertices) deltas with zeros, of the targets that move any."""
+        dense = np.zeros((len(self._moving), 3, self.vertex_count))
+        for row, number in zip(dense, self._moving.tolist(), strict=True):
+            row[:, self.targets[number].vertices] = self.targets[number].deltas.T
+        return dense.reshape(len(dense), 3 * self.vertex_count)
