@@ -59,16 +59,17 @@ def test_a_sweep_of_two_shapes_is_reproduced() -> None:
     assert factors.error < 0.05
 
 
-def test_each_half_of_a_bend_has_a_shape_of_its_own() -> None:
-    """So what has no room in a deep bend is lowered there, and not where the joint is half bent."""
+@pytest.mark.parametrize(("late", "top"), [(False, 2), (True, 3)])
+def test_each_shape_of_a_side_ends_where_the_next_one_is_greatest(late: bool, top: int) -> None:
+    """So what has no room in a deep bend is lowered there alone; contact wants that the near one reaches further."""
     poses = sweeps(1)
     (angles,) = poses.angles.T
     heights = 0.02 * np.outer(np.minimum(angles, 0.5), bump(0.3)) + 0.03 * np.outer(angles**2, bump(0.5))
-    near, far = factors_of(poses, heights, AREAS, MOST).tables
-    assert near[1:3].all()
-    assert far[3:].all()
-    assert not near[3:].any()
-    assert not far[:3].any()
+    near, far = factors_of(poses, heights, AREAS, MOST, late=late).tables
+    assert near[1:-1].all()
+    assert near[-1] == 0.0
+    assert not far[: top + 1].any()
+    assert far[top + 1 :].all()
 
 
 def test_weights_are_from_0_to_1_and_0_at_rest() -> None:

@@ -1,12 +1,13 @@
 """Few shapes for the heights of many poses: heights ≈ weights of each turn's angle × shapes, none of them negative.
 
-Each turn gets its own shapes, from its own sweep, with weights that are tables of its angle: other shapes one way than
-the other, as what is compressed one way is stretched the other, and others in the far half of a bend than in the near
-half, as a deep bend has no room for some. Heights of several turns do not add up, since they go with the root of the
-compression: so the shapes are fitted again to mixtures of turns.
+Each turn gets its own shapes, with weights that are tables of its angle: other shapes one way than the other, as what
+is compressed one way is stretched the other. Those of one side take turns as it bends: each begins where the one before
+it is greatest, and ends where the next one is, so at its end it bends with the last one alone, as a deep bend has no
+room for the others. Heights of several turns do not add up, since they go with the root of the compression: so shapes
+and tables are fitted to mixtures of turns, too.
 
 Source: D. D. Lee, H. S. Seung, *Algorithms for Non-negative Matrix Factorization*, NIPS 2000: multiplicative updates.
-Differs: weights stay as they are.
+Differs: the weights in poses are looked up in tables, and these are what is fitted; what is 0 stays so.
 """
 
 from collections.abc import Sequence
@@ -17,12 +18,13 @@ from wrinklecli.effects.field.turns import Sweeps
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints
 
-# Rounds of updates of all shapes: further ones change no digit seen.
+# Rounds of updates of all shapes and tables: further ones change no digit seen.
 _ROUNDS = 80
-# Error of one shape, root mean square over the heights, from which on a side gets one for each half of its bend: a
-# deep bend folds other places, and hides some. Three would halve that error, at half as many targets again.
-_ROUGH = 0.1
-# Part of the greatest height of all below which a turn folds nothing.
+# Most shapes of a side: a deep bend folds other places than a slight one, and hides some. Each step of a sweep would
+# have its own beyond that.
+_MOST_OF_SIDE = 3
+# Part of the greatest height of all below which a turn folds nothing, and part of a side's heights, root mean square,
+# that its shapes may miss.
 _LEAST = 0.05
 # Stands for 0 where numbers divide and grow by factors.
 _TINY = 1e-9
@@ -53,30 +55,23 @@ class Factors:
     def fewer(self, sweeps: Sweeps, most: int) -> "tuple[Factors, Floats]":
         """At most so many shapes, for the turns that fold most, and (shapes, old shapes) factors that make them.
 
-        Two shapes of a turn to one side become the one that is nearest to both.
+        Neighbouring shapes of a turn to one side become the one that is nearest to them.
         """
-        sides, columns = [], {}
+        sides = []
         for turn in np.unique(self.turns).tolist():
             angles = sweeps.turns[turn].angles
             for sign in (-1.0, 1.0):
                 own = [k for k in np.flatnonzero(self.turns == turn) if self.tables[k][sign * angles > 0].any()]
                 if own:
-                    table = np.stack([self.tables[k] for k in own], axis=1)
-                    products = self.products[np.ix_(own, own)]
-                    merged = _merged(table, products)
-                    volume = float(np.einsum("ak,kl,al->a", table, products, table).max()) ** 0.5
-                    error = _size(table - np.outer(*merged), products) / _size(table, products)
-                    sides.append(_Side(turn, np.flatnonzero(sign * angles > 0), volume, error))
-                    columns[id(sides[-1])] = own, merged
+                    rows = np.stack([self.tables[k] for k in own], axis=1) @ _root(self.products[np.ix_(own, own)])
+                    sides.append(_Side.of(turn, np.array(own), rows))
         mixes, turns, tables = [], [], []
         for side, count in _chosen(_ranked(sweeps, sides), most):
-            own, (table, shares) = columns[id(side)]
-            alone = [(self.tables[k], np.eye(len(self.turns))[k]) for k in own]
-            together = [(table, np.bincount(own, shares, len(self.turns)))]
-            for made, parts in alone if count >= len(own) else together:
+            for group in np.array_split(side.numbers, min(count, len(side.numbers))):
+                made, shares = _merged([self.tables[k] for k in group], self.products[np.ix_(group, group)])
                 turns.append(side.turn)
                 tables.append(made)
-                mixes.append(parts)
+                mixes.append(np.bincount(group, shares, len(self.turns)))
         owners = np.array(turns, np.intp)
         mix: Floats = np.array(mixes)
         before, after = (weights_of(sweeps, *each) for each in ((self.turns, self.tables), (owners, tables)))
@@ -94,23 +89,28 @@ class Factors:
         return found, mix
 
 
-def factors_of(sweeps: Sweeps, heights: Floats, areas: Floats, most: int) -> Factors:
-    """Find at most so many shapes for (poses, vertices) heights, with (vertices,) areas by which they count."""
+def factors_of(sweeps: Sweeps, heights: Floats, areas: Floats, most: int, *, late: bool = False) -> Factors:
+    """Find at most so many shapes for (poses, vertices) heights, with (vertices,) areas by which they count.
+
+    If `late`, the shapes of a side are closer to each other at its end, where contact lowers them by and by, than at
+    its beginning, where heights change most.
+    """
     scale = float(heights.max(initial=0.0))
     sizes = np.sqrt(areas / areas.sum())
     turns, shapes, tables = [], [], []
     sides = _folding(sweeps, heights, sizes, scale)
     for side, count in _chosen(sides, most):
-        for poses in _stretches(sweeps, side, count):
-            weights, shape = _main_shape(heights[poses] * sizes)
+        for table in _tables(sweeps, side, count, late):
+            weights = np.interp(sweeps.angles[side.numbers, side.turn], sweeps.turns[side.turn].angles, table)
             turns.append(side.turn)
-            shapes.append(shape / sizes)
-            tables.append(_table(sweeps.turns[side.turn].angles, sweeps.angles[poses, side.turn], weights))
+            tables.append(table)
+            shapes.append(weights @ heights[side.numbers] / weights.sum())
     if not turns:
         return Factors(np.zeros(0, np.intp), np.zeros((0, heights.shape[1])), (), 0.0, 0.0, np.zeros((0, 0)))
     owners = np.array(turns)
+    fitted, tables = _fitted(sweeps, owners, tables, np.stack(shapes) * sizes, heights * sizes)
+    fitted = fitted / sizes
     weights = weights_of(sweeps, owners, tables)
-    fitted = _refitted(weights, np.stack(shapes) * sizes, heights * sizes) / sizes
     gaps = (heights - weights @ fitted) * sizes
     whole = np.linalg.norm(heights * sizes)
     return Factors(
@@ -139,15 +139,22 @@ class _Side:
 
     Attributes:
         turn: Its number.
-        poses: (poses,) those of its sweep to that side.
+        numbers: Those of the poses of its sweep to that side, or of its shapes.
         volume: The greatest heights there, root mean square,
-        error: and what one shape misses of them all, relative.
+        misses: and what one shape, two and so on miss of them all with the best weights, relative.
     """
 
     turn: int
-    poses: Ints
+    numbers: Ints
     volume: float
-    error: float
+    misses: tuple[float, ...]
+
+    @classmethod
+    def of(cls, turn: int, numbers: Ints, rows: Floats) -> "_Side":
+        """Look at (poses, n) heights whose products are those of the surface."""
+        squares = np.linalg.svd(rows, compute_uv=False) ** 2
+        beyond = np.sqrt(np.cumsum(squares[::-1])[::-1] / squares.sum())
+        return cls(turn, numbers, float(np.linalg.norm(rows, axis=1).max()), tuple(beyond[1:_MOST_OF_SIDE].tolist()))
 
 
 def _folding(sweeps: Sweeps, heights: Floats, sizes: Floats, scale: float) -> list[_Side]:
@@ -156,10 +163,8 @@ def _folding(sweeps: Sweeps, heights: Floats, sizes: Floats, scale: float) -> li
     for turn in range(len(sweeps.turns)):
         for sign in (-1.0, 1.0):
             poses = np.flatnonzero((sweeps.owners == turn) & (sign * sweeps.angles[:, turn] > 0))
-            own = heights[poses] * sizes
             if heights[poses].max(initial=0.0) > _LEAST * scale:
-                gap = np.linalg.norm(own - np.outer(*_main_shape(own))) / np.linalg.norm(own)
-                sides.append(_Side(turn, poses, float(np.linalg.norm(own, axis=1).max()), float(gap)))
+                sides.append(_Side.of(turn, poses, heights[poses] * sizes))
     return _ranked(sweeps, sides)
 
 
@@ -178,38 +183,38 @@ def _ranked(sweeps: Sweeps, sides: Sequence[_Side]) -> list[_Side]:
 
 
 def _chosen(sides: Sequence[_Side], most: int) -> list[tuple[_Side, int]]:
-    """The sides that get shapes, turn by turn, with the number of these: one each, and a second for the roughest."""
+    """The sides that get shapes, turn by turn, with the number of these: one each, and more for the roughest."""
     kept = sides[:most]
-    rough = sorted((side for side in kept if side.error > _ROUGH), key=lambda side: -side.volume * side.error)
-    twice = rough[: most - len(kept)]
-    return [(side, 2 if side in twice else 1) for side in sorted(kept, key=lambda side: side.turn)]
+    rough = [(-side.volume * miss, k) for k, side in enumerate(kept) for miss in side.misses if miss > _LEAST]
+    more = [k for _, k in sorted(rough)[: most - len(kept)]]
+    found = [(side, 1 + more.count(k)) for k, side in enumerate(kept)]
+    return sorted(found, key=lambda pair: pair[0].turn)
 
 
-def _stretches(sweeps: Sweeps, side: "_Side", count: int) -> list[Ints]:
-    """The poses of a side, all together or those of its near half and of its far half."""
-    if count == 1:
-        return [side.poses]
-    bends = np.abs(sweeps.angles[side.poses, side.turn])
-    near = bends <= bends.max() / 2.0
-    return [side.poses[near], side.poses[~near]]
+def _tables(sweeps: Sweeps, side: _Side, count: int, late: bool) -> Floats:
+    """(shapes, angles) tables of a side, each greatest at a step of the sweep and 0 from there to its neighbours'."""
+    angles, own = sweeps.turns[side.turn].angles, sweeps.angles[side.numbers, side.turn]
+    steps = np.where(angles * own[0] > 0, np.abs(np.arange(len(angles)) - np.searchsorted(angles, 0.0)), 0)
+    even = np.linspace(0, len(own), count + 1)
+    tops = np.ceil(even) if late else np.floor(even)
+    return np.stack([np.interp(steps, tops, row) for row in np.eye(count + 1)[1:]])
 
 
-def _main_shape(heights: Floats) -> tuple[Floats, Floats]:
-    """(poses,) weights, 1 at most, and a (vertices,) shape whose products are nearest to (poses, vertices) heights.
+def _merged(tables: Sequence[Floats], products: Floats) -> tuple[Floats, Floats]:
+    """The table of one shape, 1 at most, and (shapes,) the parts of it, nearest to several of them.
 
-    They are the first singular vectors, which have no negative numbers where nothing else has.
+    Its weights are the first singular vector, which has no negative numbers where nothing else has.
     """
-    poses, sizes, shapes = np.linalg.svd(heights, full_matrices=False)
-    weights = np.abs(poses[:, 0])
-    return weights / weights.max(), np.abs(shapes[0]) * sizes[0] * weights.max()
-
-
-def _merged(table: Floats, products: Floats) -> tuple[Floats, Floats]:
-    """(rows,) weights of one shape, 1 at most, and (shapes,) the parts of it, nearest to (rows, shapes) of them."""
-    values, vectors = np.linalg.eigh(products)
-    weights, _ = _main_shape(table @ (vectors * np.sqrt(np.maximum(values, 0.0))))
-    weights = np.where(table.any(axis=1), weights, 0.0)  # exactly, so that the shape is of their side alone
+    table = np.stack(tables, axis=1)
+    weights = np.abs(np.linalg.svd(table @ _root(products), full_matrices=False)[0][:, 0])
+    weights = np.where(table.any(axis=1), weights / weights.max(), 0.0)  # exactly, so that it is of their side alone
     return weights, weights @ table / (weights @ weights)
+
+
+def _root(products: Floats) -> Floats:
+    """(shapes, shapes) rows with (shapes, shapes) products."""
+    values, vectors = np.linalg.eigh(products)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def _size(rows: Floats, products: Floats) -> float:
@@ -217,20 +222,25 @@ def _size(rows: Floats, products: Floats) -> float:
     return float(np.sqrt(max(np.einsum("rk,kl,rl->", rows, products, rows), 0.0)))
 
 
-def _table(angles: Floats, at: Floats, weights: Floats) -> Floats:
-    """(angles,) weights at all angles of a turn, 0 at rest."""
-    table = np.zeros(len(angles))
-    table[np.searchsorted(angles, at)] = weights
-    return table
-
-
-def _refitted(weights: Floats, shapes: Floats, heights: Floats) -> Floats:
-    """(shapes, vertices) shapes that fit (poses, vertices) heights with (poses, shapes) weights as they are."""
-    shapes = np.maximum(shapes, _TINY * heights.max())
-    wanted, square = weights.T @ heights, weights.T @ weights
+def _fitted(
+    sweeps: Sweeps, owners: Ints, tables: Sequence[Floats], shapes: Floats, heights: Floats
+) -> tuple[Floats, list[Floats]]:
+    """(shapes, vertices) shapes and their tables, 1 at most, that fit (poses, vertices) heights."""
+    shares = [
+        weights_of(sweeps, np.full(len(table), owner), list(np.eye(len(table))))
+        for owner, table in zip(owners, tables, strict=True)
+    ]
+    least, found = _TINY * heights.max(), list(tables)
     for _ in range(_ROUNDS):
-        shapes = shapes * wanted / np.maximum(square @ shapes, _TINY * heights.max())
-    return shapes
+        weights = np.stack([share @ table for share, table in zip(shares, found, strict=True)], axis=1)
+        shapes = shapes * (weights.T @ heights) / np.maximum(weights.T @ weights @ shapes, least)
+        wanted, made = (heights @ shapes.T).T, (weights @ (shapes @ shapes.T)).T
+        found = [
+            table * (each @ share) / np.maximum(of_all @ share, least**2)
+            for table, share, each, of_all in zip(found, shares, wanted, made, strict=True)
+        ]
+    tops = np.array([table.max() for table in found])
+    return shapes * tops[:, None], [table / top for table, top in zip(found, tops, strict=True)]
 
 
 def _best(shapes: Floats, heights: Floats) -> float:

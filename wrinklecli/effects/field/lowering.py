@@ -43,8 +43,6 @@ _PASSES, _FIRST = 14, 0.25
 # Part of a height below which nothing moves: a tenth of the default --max-error. Shapes that are not negative fade
 # slowly, and would else be all over a garment.
 UNSEEN = 1e-3
-# Replaces a divisor of 0.
-_TINY = 1e-300
 
 
 def lowering(
@@ -56,8 +54,8 @@ def lowering(
 ) -> Floats:
     """(shapes, vertices) factors of (shapes, vertices, 3) moves by which hardly anything is at fault in some poses.
 
-    A shape is lowered as much as it acts in a pose that shows a fault: folds that a deep crease hides stay as they are
-    in a bend that shows them, which has shapes of its own.
+    The shape that moves a place most in a pose that shows a fault is lowered first: folds that a deep crease hides stay
+    as they are in a bend that shows them, which has shapes of its own.
 
     Args:
         attached: The field.
@@ -72,13 +70,15 @@ def lowering(
     looks: list[_Look] = [*_turning(poses, slopes)]
     if attached.tool.contact is not None:
         looks += _crossing(poses)
+    sizes = np.zeros((len(moves), len(vertices) + 1))
+    sizes[:, :-1] = slopes.around(np.sqrt(np.sum(moves**2, axis=2)).T).T
     left, looked, halvings = np.ones((len(moves), len(vertices) + 1)), looks, np.zeros((len(vertices), len(moves)))
     for _ in range(_PASSES):
         lowered = (poses.moves * left[:, None]).reshape(len(moves), -1)
-        marked, looked = _marked(looked, lowered)
+        marked, looked = _marked(looked, lowered, left * sizes)
         if not looked:
             # What was lowered for one pose may be at fault in another.
-            marked, looked = _marked(looks, lowered)
+            marked, looked = _marked(looks, lowered, left * sizes)
         if not looked:
             break
         # Level, with all triangles that give its corners their normals, it is at fault as the skin is.
@@ -274,11 +274,6 @@ class _Pose:
                 high += np.maximum(way, 0.0)
         return low, high
 
-    @property
-    def shares(self) -> Floats:
-        """(shapes,) their weights over the greatest."""
-        return self.weights / max(float(self.weights.max(initial=0.0)), _TINY)
-
 
 class _Look(ABC):
     """A look at a pose, which remembers what it saw: most of the time a field is lowered elsewhere.
@@ -307,13 +302,18 @@ class _Look(ABC):
         """The vertices at fault at (3, vertices) places, of which (vertices,) `changed` since the last look."""
 
 
-def _marked(looks: Sequence[_Look], lowered: Floats) -> tuple[Floats, list[_Look]]:
-    """(shapes, numbers) how much shapes act at faults of a lowered field, and the looks that have any."""
-    marked, found = np.zeros((len(lowered), lowered.shape[1] // 3)), list[_Look]()
+def _marked(looks: Sequence[_Look], lowered: Floats, sizes: Floats) -> tuple[Floats, list[_Look]]:
+    """Look at a lowered field with (shapes, numbers) sizes of what its shapes do at weight 1.
+
+    Returns:
+        (shapes, numbers) 1 for the shapes that do most at a fault; and the looks that have any.
+    """
+    marked, found = np.zeros(sizes.shape), list[_Look]()
     for each in looks:
         faults = each.at_fault(lowered)
         if len(faults):
-            marked[:, faults] = np.maximum(marked[:, faults], each.pose.shares[:, None])
+            acting = each.pose.weights[:, None] * sizes[:, faults]
+            marked[:, faults] = np.maximum(marked[:, faults], (acting == acting.max(axis=0)) & (acting > 0))
             found.append(each)
     return marked, found
 
@@ -401,6 +401,9 @@ def _turned_over(places: Floats, triangles: Ints, skinned: list[Floats]) -> Bool
 class _Crossing(_Look):
     """A look at a surface that may pass through itself: at fault if more crosses with the field than without.
 
+    Where the skin passes through itself, the field shifts what crosses, and need not be lowered as long as it gives way
+    elsewhere: so what is beside a crossing of the skin is at fault only if nothing else is.
+
     Args:
         pose: Of the corners of the pairs.
         pairs: (pairs, 5) indices of the two ends of edges, and of the three corners of triangles.
@@ -410,6 +413,7 @@ class _Crossing(_Look):
         super().__init__(pose)
         self._pairs, self._crossing = pairs, np.zeros(len(pairs), np.bool_)
         self._skinned = crossing(pose.still, pairs[:, :2], pairs[:, 2:])
+        self._apart = ~any_of(flags_of(pairs[self._skinned], len(pose.inside)), pairs)
 
     def _look(self, places: Floats, changed: Bools) -> Ints:
         beside = np.flatnonzero(any_of(changed, self._pairs))
@@ -417,7 +421,8 @@ class _Crossing(_Look):
         self._crossing[beside] = crossing(places, pairs[:, :2], pairs[:, 2:])
         if self._crossing.sum() <= self._skinned.sum():
             return np.zeros(0, np.intp)
-        return distinct_values(self._pairs[self._crossing & ~self._skinned])
+        found = self._crossing & self._apart
+        return distinct_values(self._pairs[found if found.any() else self._crossing & ~self._skinned])
 
 
 def _crossing(poses: _Poses) -> Iterator[_Crossing]:

@@ -32,8 +32,8 @@ _STEP = float(np.radians(25.0))
 _LEAST_STEPS = 2
 # Most turns, those of the joints that bend the most: a body in clothes has twenty that fold them.
 _MOST = 32
-# Poses in which joints turn at once, and those of them in which they turn as far as they can.
-_MIXTURES, _EXTREMES = 12, 4
+# Poses in which joints turn at once, each by its own part of its range; and those in which all turn by the same part.
+_MIXTURES, _ALIKE = 8, 4
 # Turns that do so, in the mean, where no clip shows them.
 _TOGETHER = 4.0
 # Degrees by which parts swing back and ahead, to both sides, and twist where no clip says so: about what people do in
@@ -210,11 +210,12 @@ class Sweeps:
                 owners.append(number)
         least, most = (np.array([end(turn.angles) for turn in turns]) for end in (np.min, np.max))
         shares = (drawn(seed, "mixtures", _MIXTURES, len(turns)) + 1.0) / 2.0
-        shares[:_EXTREMES] = np.rint(shares[:_EXTREMES])
-        shares[0] = 1.0  # as in a squat, where all bend as far as they can
-        acting = (drawn(seed, "turning", _MIXTURES, len(turns)) + 1.0) / 2.0 < together / len(turns)
-        rows += list(np.where(acting, least + shares * (most - least), 0.0))
-        owners += [-1] * _MIXTURES
+        # As in a squat, on the way down and at its end.
+        alike = np.linspace(0.0, 1.0, _ALIKE + 1)[1:, None] * most
+        mixed = np.concatenate([alike, least + shares * (most - least)])
+        acting = (drawn(seed, "turning", len(mixed), len(turns)) + 1.0) / 2.0 < together / len(turns)
+        rows += list(np.where(acting, mixed, 0.0))
+        owners += [-1] * len(mixed)
         angles = np.array(rows).reshape(-1, len(turns))
         return cls(tuple(turns), angles, np.array(owners), np.stack([_matrices(rig, turns, each) for each in angles]))
 
