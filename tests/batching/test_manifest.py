@@ -28,9 +28,9 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def read(name: str, text: str, **given: Any) -> list[BatchJob]:
+def read(name: str, text: str, *, profile: str | None = None, **given: Any) -> list[BatchJob]:
     Path(name).write_text(text)
-    return read_manifest(name, given)
+    return read_manifest(name, given, profile=profile)
 
 
 def complaints(name: str, text: str, **given: Any) -> list[str]:
@@ -218,3 +218,73 @@ def test_one_name_or_a_list_of_one_is_enough_and_none_is_not(key: str) -> None:
     for value in ("", [], [""]):
         (line,) = complaints("m.jsonl", job(value))
         assert line.startswith(f"m.jsonl:1: jobs[0].{key}")
+
+
+SHARED = """version: 1
+defaults: {tools: t.yaml, out: "out/{profile}/{stem}.glb", fps: 24, max_levels: 2}
+profiles:
+  mobile: {max_levels: 0, engine: unity}
+  desktop:
+"""
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_profile_overrides_defaults_and_jobs_override_both() -> None:
+    text = f"{SHARED}jobs:\n  - asset: chars/a/a.glb\n  - {{asset: chars/b/b.glb, max_levels: 3}}\n"
+    jobs = read("m.yaml", text, profile="mobile")
+    assert [job.out for job in jobs] == ["out/mobile/a.glb", "out/mobile/b.glb"]
+    assert [dict(job.options) for job in jobs] == [
+        {"fps": 24, "max_levels": levels, "engine": "unity"} for levels in (0, 3)
+    ]
+    assert dict(read("m.yaml", text, profile="desktop")[0].options) == {"fps": 24, "max_levels": 2}
+    place = "m.yaml:6: jobs[0].out"
+    assert complaints("m.yaml", text)[0] == "m.yaml:7: jobs[0].out: found {profile}, expected a profile: --profile"
+    assert place not in complaints("m.yaml", text)
+    expected = "m.yaml:3: profiles: found mobil, expected mobile or desktop; did you mean mobile?"
+    assert complaints("m.yaml", text.replace("{profile}", "x"), profile="mobil") == [expected]
+    none = "version: 1\njobs: [{asset: chars/a/a.glb, tools: t, out: o.glb}]\n"
+    assert complaints("n.yaml", none, profile="m") == ["n.yaml:1: profiles: found m, but no manifest has profiles"]
+    wrong = "version: 1\nprofiles:\n  mobile: {max_vertice: 3}\n  x: 1\njobs: [{asset: a.glb}]\n"
+    found = complaints("m.yaml", wrong, profile="mobile", tools="t", out="o.glb")
+    assert found[0] == "m.yaml:3: profiles.mobile.max_vertice: unknown key, did you mean max_vertices?"
+    assert found[1].startswith("m.yaml:4: profiles.x: found 1, expected a mapping of ")
+
+
+def test_included_manifests_come_first_and_paths_are_relative_to_each(folder: Path) -> None:
+    (folder / "chars" / "shared.yaml").write_text(SHARED + "include: [more.csv, ../chars/more.csv]\n")
+    (folder / "chars" / "more.csv").write_text("asset,fps\n*/b.glb,12\n")
+    own = "defaults: {fps: 60}\nprofiles: {mobile: {engine: three}}\njobs: [{asset: chars/a/a.glb, out: a.glb}]\n"
+    jobs = read("m.yaml", f"version: 1\ninclude: chars/shared.yaml\n{own}", profile="mobile")
+    assert [(job.where, job.asset, job.tools, job.out) for job in jobs] == [
+        ("chars/more.csv:2: jobs[0]", "chars/b/b.glb", ("chars/t.yaml",), "chars/out/mobile/b.glb"),
+        ("m.yaml:5: jobs[0]", "chars/a/a.glb", ("chars/t.yaml",), "a.glb"),
+    ]
+    assert [dict(job.options) for job in jobs] == [{"fps": fps, "max_levels": 0, "engine": "three"} for fps in (12, 60)]
+    # An included manifest is an input of the batch, and its faults have its lines.
+    text = "version: 1\ninclude: chars/shared.yaml\njobs: [{asset: chars/a/a.glb, out: chars/more.glb}]\n"
+    Path("m.yaml").write_text(text)
+    with pytest.raises(ConfigError, match=r"chars/more\.csv: is a file of the batch too"):
+        read_manifest("m.yaml", {}, profile="mobile", report="chars/more.csv")
+    (folder / "chars" / "more.csv").write_text("asset,fp\n*/b.glb,12\n")
+    assert complaints("m.yaml", text, profile="mobile") == [
+        "chars/more.csv:2: jobs[0].fp: unknown key, did you mean fps?"
+    ]
+
+
+def test_includes_that_lead_nowhere_or_to_themselves_are_refused(folder: Path) -> None:
+    (folder / "b.yaml").write_text("version: 1\ninclude:\n  - ./m.yaml\n")
+    text = "version: 1\ninclude:\n  - b.yaml\n  - c.yaml\n  - b.txt\n  - m.yaml\n  - 5\n"
+    jobs = "jobs: [{asset: chars/a/a.glb, tools: t, out: o.glb}]\n"
+    assert complaints("m.yaml", text.replace("  - 5\n", "") + jobs) == [
+        "b.yaml:3: include[0]: found './m.yaml', which leads to itself: m.yaml → b.yaml → m.yaml",
+        "m.yaml:4: include[1]: 'c.yaml' cannot be read: No such file or directory",
+        "m.yaml:5: include[2]: 'b.txt' does not end in '.yaml', '.yml', '.csv', '.jsonl'",
+        "m.yaml:6: include[3]: found 'm.yaml', which leads to itself: m.yaml → m.yaml",
+    ]
+    assert complaints("m.yaml", text + jobs)[-1].startswith("m.yaml:7: include[4]: found 5, expected text")
+    assert complaints("m.yaml", "version: 1\ninclude: m.yaml\n")[0].startswith("m.yaml:2: include: found 'm.yaml'")
+    assert complaints("m.yaml", "version: 1\n") == ["m.yaml:1: jobs: required, but missing"]
+    for number in range(40):
+        (folder / f"{number}.yaml").write_text(f"version: 1\ninclude: {number + 1}.yaml\n")
+    (found,) = complaints("m.yaml", f"version: 1\ninclude: 0.yaml\n{jobs}")
+    assert found == "31.yaml:2: include: found '32.yaml', expected at most 32 included manifests"

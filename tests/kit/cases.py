@@ -324,7 +324,8 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
             yield from (*chosen, *([] if "kept" in chosen else ["--cache", "cache"]))
             yield from (*some("--dry-run"), *some("--strict"))
             yield from (*some("--fail-fast"), *some("--keep-going"), *some(loudness))
-            yield from (*some("--json", share=0.1), *some("--junit", chance.choice(["jobs.xml", asset]), share=0.1))
+            yield from (*some("--profile", "mobile", share=0.2), *some("--json", share=0.1))
+            yield from some("--junit", chance.choice(["jobs.xml", asset]), share=0.1)
             yield from ["--retry", "0"] if any("{web}" in each for each in chosen) else some("--retry", "0")
             yield from some("--report", chance.choice(["jobs.jsonl", "jobs.jsonl", "-", asset]))
         case "schema":

@@ -17,6 +17,7 @@ NAMES = ("jobs.yaml", "jobs.csv", "jobs.jsonl")
 MANIFEST: Json = {
     "version": 1,
     "defaults": {"tools": "tools.yaml", "split": True, "max_memory": "4GB"},
+    "profiles": {"mobile": {"split": False, "max_levels": 1}},
     "jobs": [
         {
             "asset": "limb.*",
@@ -55,7 +56,7 @@ _KEYS = [
     "asset", "tools", "out", "anims", "tracked", "lods", "mode", "anim", "clip", "tool", "fps", "max_error",
     "max_levels", "edges_per_interval", "max_vertices", "accessors", "tracks", "draft", "split", "morph_tangents",
     "engine", "frames_dir", "frames_format", "maps_dir", "report", "timings", "allow_external", "max_memory", "replace",
-    "strict", "depfile", "version", "jobs", "defaults", "<<",
+    "strict", "depfile", "version", "jobs", "defaults", "profiles", "include", "<<",
 ]
 # fmt: on
 
@@ -68,7 +69,22 @@ def manifest_edits(chance: random.Random) -> Iterator[Edit]:
         pointer = chance.choice([["defaults"], ["jobs", number], ["jobs", number], ["jobs", number]])
         match chance.randrange(10):
             case 0:
-                yield ["set", "manifest", chance.choice([["version"], ["jobs"], ["defaults"], pointer]), value]
+                yield [
+                    "set",
+                    "manifest",
+                    chance.choice(
+                        [
+                            ["version"],
+                            ["jobs"],
+                            ["defaults"],
+                            ["include"],
+                            ["profiles"],
+                            ["profiles", "mobile"],
+                            pointer,
+                        ]
+                    ),
+                    value,
+                ]
             case 1:
                 yield ["drop", "manifest", [*pointer, chance.choice(_KEYS)]]
             case 2:

@@ -5,6 +5,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from wrinklecli.batching.cache_keys import program
@@ -16,6 +17,7 @@ from wrinklecli.batching.run import run_jobs
 from wrinklecli.batching.stores import absolute, folder_of, join
 from wrinklecli.batching.worker import OpenOutputs, Settings, check_job
 from wrinklecli.choices import CACHE
+from wrinklecli.errors import ConfigError
 from wrinklecli.files.formats import MODEL_ENDINGS
 from wrinklecli.files.outputs import Outputs
 from wrinklecli.frozen import dataclass
@@ -29,6 +31,7 @@ class BatchOptions:
     Attributes:
         tools: The tools file of jobs that name none.
         out: The output of jobs that name none.
+        profile: The profile of the manifest whose keys override the defaults.
         strict: Treat warnings as refusals, in jobs that do not say otherwise.
         jobs: Worker processes; with more than one, Dask starts them.
         scheduler: The address of a Dask scheduler, whose workers bake instead.
@@ -44,6 +47,7 @@ class BatchOptions:
     tools: str | os.PathLike[str] | None = None
     out: str | None = None
     strict: bool = False
+    profile: str | None = None
     jobs: int = 1
     scheduler: str | None = None
     dashboard: bool = False
@@ -128,7 +132,9 @@ def batch(
     cache = cache or (CACHE if is_pattern else join(folder_of(place), CACHE))
     asked = {"tools": options.tools and os.fspath(options.tools), "out": options.out, "strict": options.strict}
     given = {key: value for key, value in asked.items() if value}
-    read = read_pattern if is_pattern else read_manifest
+    if is_pattern and options.profile is not None:
+        raise ConfigError("is a pattern of assets, which has no profiles", where=place)
+    read = read_pattern if is_pattern else partial(read_manifest, profile=options.profile)
     every = read(place, given, report=report, cache=cache, junit=xml)
     if xml is not None:  # before the first bake
         with open_outputs() as outputs:

@@ -39,6 +39,7 @@ class BatchFiles:
     """Files of a batch itself; a pattern of assets has no manifest, and None stands for a file that is not written."""
 
     manifest: str = ""
+    included: tuple[str, ...] = ()
     report: str | None = None
     cache: str | None = None
     junit: str | None = None
@@ -132,6 +133,8 @@ class _Batch:
             self._write(stores.join(files.cache, TAG), _CACHE)
         if files.manifest:
             self._read(files.manifest, _MANIFEST)
+        for path in files.included:
+            self._read(path, "an included manifest")
         if files.report is not None:
             self._write(files.report, _REPORT)
         if files.junit is not None:

@@ -12,6 +12,7 @@ from wrinklecli.tools.json_schema import (
     LENGTH,
     TEXT,
     Schema,
+    any_keys,
     expects,
     key_of,
     list_of,
@@ -93,11 +94,21 @@ MANIFEST_SCHEMA: Schema = {
                 {**mapping_of(_INHERITED), "type": ["object", "null"]},
                 "What every job inherits where it does not say otherwise.",
             ),
+            "profiles": key_of(
+                any_keys(
+                    {**mapping_of(_INHERITED), "type": ["object", "null"]}, "a mapping of profiles by their names"
+                ),
+                "What every job inherits in place of defaults if --profile names it, such as mobile or desktop.",
+            ),
+            "include": key_of(
+                _texts("a path or a list of paths"),
+                "Manifests whose defaults, profiles and jobs are taken first; this one overrides them.",
+            ),
             "jobs": key_of(
                 list_of(mapping_of(JOB_KEYS), 1, MAX_JOBS, f"a list of 1 to {MAX_JOBS:,} jobs, each begun by a dash"),
                 "What to bake.",
             ),
         },
-        required=("version", "jobs"),
+        required=("version",),
     ),
 }

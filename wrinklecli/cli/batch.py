@@ -31,6 +31,7 @@ _EXIT_CODES = {"bug": 70, "failed": 1, "refused": 3}
 @opt.file(
     "--out", metavar="PATH", text="The output of jobs that name none; {stem} is an asset's name, {folder} its folder."
 )
+@click.option("--profile", metavar="NAME", help="Take this profile of MANIFEST, such as mobile, over its defaults.")
 @opt.whole("-j", "--jobs", bounds=(1, 1024), text="Worker processes.", default=1)
 @click.option("--scheduler", metavar="tcp://HOST:PORT", help="Use the workers of this Dask scheduler instead.")
 @opt.file("--cache", metavar="DIR_OR_URL", text=f"Where outputs are kept.  [default: {CACHE} beside MANIFEST]")
