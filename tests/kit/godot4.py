@@ -25,11 +25,13 @@ from kit.limb import write_tools
 from kit.places import ROOT
 from kit.samples import BROW, sample
 
-DRIVER = ROOT / "samples" / "driver"
+DRIVER, CONFIGS = ROOT / "samples" / "driver", ROOT / "configs"
 # Seconds of the clip at which the engine's own shaders are read.
 NODE, CLIP, TIMES = "head", "raise_brows", (0.0, 0.35, 0.5, 0.9, 1.3)
 # Of the two sets of maps: one for each channel of a mask, of which these have two.
 WEIGHTS = ((0.9, 0.4, 0.0, 0.0), (0.5, 0.8, 0.0, 0.0))
+# Places of a camera and of what it looks at: the forehead.
+_LOOK = (0.05, 0.3, 0.5, 0.0, 0.25, 0.07)
 _PROJECT = """config_version=5
 [application]
 config/name="wrinkle"
@@ -65,7 +67,8 @@ def _answered(folder: Path) -> None:
     # Two tools at one place, each with bumps that rise from both ends: two sets with two channels of a mask.
     pair = [{**BROW, "name": name, "strategy": "both_ends", "bumps": bumps} for name, bumps in (("one", 4), ("two", 3))]
     wrinklecli.maps(sample(NODE), write_tools(folder / "tools.yaml", *pair), maps, size=256, supersample=1)
-    file = bake_config(NODE, NODE)
+    file, own = bake_config(NODE, NODE), folder / "own"
+    wrinklecli.maps(sample(NODE), CONFIGS / f"{NODE}.yaml", own, size=256, supersample=1, unwrap=folder / "plain.glb")
     with zipfile.ZipFile(folder / "pack.zip", "w") as pack:
         pack.writestr("project.godot", _PROJECT)
         pack.writestr("main.tscn", _SCENE)
@@ -73,8 +76,9 @@ def _answered(folder: Path) -> None:
         for path in sources:
             pack.write(path, path.name)
         pack.write(file.path, "in.glb")
-        for path in maps.iterdir():
-            pack.write(path, f"maps/{path.name}")
+        for path in (*maps.iterdir(), *own.iterdir()):
+            pack.write(path, f"{path.parent.name}/{path.name}")
+        pack.write(folder / "plain.glb", "own/plain.glb")
     posed = file.pose(NODE, CLIP, TIMES)
     more = [folder / "pack.zip", maps, HERE / "blended.mjs"]
     with browser_page("godot4", file, NODE, CLIP, TIMES, posed, more=more) as (shown, page):
@@ -85,6 +89,9 @@ def _answered(folder: Path) -> None:
         }
         picture = base64.b64decode(_asked(page, "blended", "maps", *WEIGHTS[0], *WEIGHTS[1]))
         (folder / "godot.png").write_bytes(picture)
+        # With its own material, whose shader it compiles; of further texture coordinates.
+        page.value(f"godot.open('own/plain.glb', {json.dumps(CLIP)})")
+        _asked(page, "picture", 0.5, "own", *_LOOK)
         for engine in ("unity", "unreal"):
             (folder / engine).write_bytes(_blended(page, glsl_of(folder, engine), maps))
         found["said"] = page.value("window.said")

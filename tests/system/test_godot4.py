@@ -17,7 +17,7 @@ pytestmark = pytest.mark.slow
 
 
 def test_godot_4_plays_the_bake() -> None:
-    """A plain bake, imported and drawn by its own vertex shaders; the engine complains of nothing."""
+    """A plain bake by its own vertex shaders, and maps of further coordinates; the engine complains of nothing."""
     found, _ = answers()
     assert found["gap"] < 2e-5
     errors = [line for line in found["said"] if "ERROR" in line]
