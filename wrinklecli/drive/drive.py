@@ -37,7 +37,7 @@ Sections of the extras are played in their order, `SECTIONS`: anchors may move w
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import field
+from dataclasses import field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeAlias, TypeVar
 
@@ -106,6 +106,18 @@ class Rows:
         return self.times[acting[:-2] | acting[1:-1] | acting[2:]]
 
 
+class Lowered(NamedTuple):
+    """Measurements in a clip in which the weights are lowered over time.
+
+    Attributes:
+        reading: The measurements.
+        heights: (frames, 1) factors on the weights.
+    """
+
+    reading: Any
+    heights: Floats
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Drive:
     """A signal, a filter and a response that give the weights of some morph targets.
@@ -117,6 +129,7 @@ class Drive:
         response: Weights by the measurement; 0 without a signal.
         rows: By clip, weights that are known there, in place of those by the measurement: contact solves the asset's
             own clips, and vertices may be projected in each frame. They are not stored, as the clip has its track.
+        heights: By clip, factors on the weights over time, one a row. They are not stored either.
         lag: The filter; None if the weights follow at once.
         strengths: By clip, factors on the weights.
         strength: The factor in all other clips.
@@ -129,6 +142,7 @@ class Drive:
     targets: tuple[str, ...]
     response: Response
     rows: Mapping[str, Rows] = field(default_factory=dict)
+    heights: Mapping[str, Rows] = field(default_factory=dict)
     lag: Lag | None = None
     strengths: Mapping[str, float] = field(default_factory=dict)
     strength: float = 1.0
@@ -149,8 +163,14 @@ class Drive:
         """True if it sets weights in clips of other files, too."""
         return self.signal is not None
 
-    def reader(self, rig: Rig, clip: Clip | None) -> Reader[Lengths | Contraction | Angles | Moments]:
+    def reader(self, rig: Rig, clip: Clip | None) -> Reader[Lengths | Contraction | Angles | Moments | Lowered]:
         """A function from (frames,) seconds of a clip, and rows known there as in `node_rows`, to measurements."""
+        read, lower = self._reader(rig, clip), None if clip is None else self.heights.get(clip.name)
+        if lower is None:
+            return read
+        return lambda times, known: Lowered(read(times, known), interpolated(times, lower.times, lower.weights))
+
+    def _reader(self, rig: Rig, clip: Clip | None) -> Reader[Lengths | Contraction | Angles | Moments]:
         if self.signal is None or (clip is not None and clip.name in self.rows):
             return lambda times, _known: Moments(times)
         if isinstance(self.signal, JointAngle):
@@ -167,6 +187,8 @@ class Drive:
 
     def weights(self, clip: Clip | None, reading: Any, response: Weights | None = None) -> Floats:
         """(frames, targets) weights at measurements in a clip, by another response than its own if there is one."""
+        if isinstance(reading, Lowered):
+            return reading.heights * self.weights(clip, reading.reading, response)
         if isinstance(reading, Moments):
             found = self.rows.get("" if clip is None else clip.name)
             if found is None:
@@ -182,6 +204,9 @@ class Drive:
 
     def breaks(self, clip: Clip) -> Floats:
         """(times,) seconds of a clip at which the weights may have corners, besides the clip's own keys."""
+        if clip.name in self.heights:
+            own = replace(self, heights={}).breaks(clip)
+            return np.concatenate([own, self.heights[clip.name].corners])
         if clip.name in self.rows:
             return self.rows[clip.name].corners
         return self.signal.breaks(clip) if isinstance(self.signal, Segment) else np.zeros(0)

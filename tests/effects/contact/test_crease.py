@@ -83,8 +83,13 @@ def test_all_that_is_near_what_crosses_may_move(tmp_path: Path) -> None:
     assert free[near].all()
 
 
-@pytest.mark.parametrize(("number", "poses", "raises"), [(0, (), True), (0, ("first",), False), (1, (), False)])
-def test_a_straight_sweep_that_fails_at_once_ends_the_search(
+FAR, BEGUN = SimpleNamespace(far=True), SimpleNamespace(far=False)
+
+
+@pytest.mark.parametrize(
+    ("number", "poses", "raises"), [(0, (), True), (0, (BEGUN,), True), (0, (BEGUN, FAR), False), (1, (), False)]
+)
+def test_a_straight_sweep_that_settles_nowhere_beyond_30_degrees_ends_the_search(
     number: int, poses: tuple[Any, ...], raises: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One that leans may fail: it stands for turns that few clips have."""
@@ -93,12 +98,12 @@ def test_a_straight_sweep_that_fails_at_once_ends_the_search(
     surface: Any = SimpleNamespace(fold=SimpleNamespace(hinge=hinge))
     reason: Any = SimpleNamespace(reason="it is torn")
     failed: Any = SimpleNamespace(failed=UnresolvedError(reason), poses=poses, number=number)
-    sound: Any = SimpleNamespace(failed=None, poses=("another",), number=0)
+    sound: Any = SimpleNamespace(failed=None, poses=(BEGUN,), number=0)
     if raises:
         with pytest.raises(UnresolvedError, match="it is torn"):
             creases.resolve(surface, [failed, sound], share=0.1, most=8)
     else:
-        assert creases.resolve(surface, [failed, sound], share=0.1, most=8) == (*poses, "another")
+        assert creases.resolve(surface, [failed, sound], share=0.1, most=8) == [*poses, BEGUN]
 
 
 @pytest.mark.parametrize("with_clip", [False, True])

@@ -1,7 +1,6 @@
 """Players show what the bake shows of contact, from the extras alone: poses, loops, and clips that are given up."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -9,16 +8,13 @@ import pytest
 pytest.importorskip("ipctk", reason="needs the extra `contact`")
 
 import wrinklecli
-from kit.bakes import bake_fold, bake_once, folding_limb, place, report_of
+from kit.bakes import bake_fold, bake_once, place, report_of
 from kit.characters import CHARACTERS
 from kit.folds import CLIP, FOLDS, WAVED, waving
 from kit.limb import sleeved_limb, tool, write_tools
 from kit.looked_up import lookup_gaps
 from kit.player import Gltf
 from kit.samples import config
-from wrinklecli.baking.track import track
-from wrinklecli.effects.contact import crease
-from wrinklecli.effects.contact.crease import Crease
 
 # Greatest difference, as a part of contact's greatest move in the clip.
 CLOSE = 0.1
@@ -112,31 +108,3 @@ def test_clips_about_leaning_axes_look_alike_in_player_and_bake() -> None:
     assert len(gaps) >= 4
     # Of small moves the keys of a track are off by as much as of large ones.
     assert max(gap.share * gap.largest for gap in gaps.values()) < 0.01 * fold["largest_move"], gaps
-
-
-@pytest.mark.slow
-def test_a_clip_that_the_bake_gives_up_is_given_up_in_the_extras(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    fitted = crease.fit_pose
-
-    def pressed(*arguments: Any, **options: Any) -> tuple[np.ndarray, Any, bool]:
-        weights, urgent, _ = fitted(*arguments, **options)
-        return -weights, urgent, True
-
-    monkeypatch.setattr(crease, "fit_pose", pressed)
-    monkeypatch.setattr(Crease, "_about_as_good", lambda *_: False)
-    monkeypatch.setattr(Crease, "_looked_up", lambda self, _, times: np.zeros((len(times), len(self.shapes))))
-    # Higher wrinkles would cross more than the skin, and the fold would be given up in all clips.
-    low = {**TOOL, "max_height": "0.1%", "contact": {"per_clip": False}}
-    tools = write_tools(tmp_path / "tools.yaml", low)
-    report = wrinklecli.bake(folding_limb(), tools, tmp_path / "out.glb")
-    assert any("contact is left out of 'fold'" in line for line in report.warnings), report.warnings
-    body = Gltf(tmp_path / "out.glb")
-    (fold,) = body.json["nodes"][body.node("limb")]["extras"]["wrinkle"]["folds"]
-    assert fold["strengths"] == {"fold": 0.0}
-    (made,) = track(body.path, [folding_limb()], tmp_path / "tracks")
-    names = body.mesh("limb")["extras"]["targetNames"]
-    weights = Gltf(Path(made.path)).weights("limb", "fold", np.linspace(0.0, 2.0, 21))
-    assert weights.any()
-    assert not weights[:, [names.index(name) for name in fold["targets"]]].any()

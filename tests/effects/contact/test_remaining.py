@@ -1,8 +1,8 @@
 """Intersections that contact leaves in a clip: numbers as of `check --crossings`, and a line with a hint."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,12 +16,9 @@ from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.drive.drive import Drive
 from wrinklecli.effects.contact.crease import PlayerError
 from wrinklecli.effects.contact.effect import ContactWords, NonNegativeBasis, contact_effect
-from wrinklecli.effects.contact.fitting import fit_pose
-from wrinklecli.effects.contact.given_up import UnresolvedError
+from wrinklecli.effects.contact.given_up import CRUMPLED, TORN, WORSE
 from wrinklecli.effects.contact.layer import ContactLayer
-from wrinklecli.effects.contact.remaining import remaining_in
-from wrinklecli.effects.contact.solution import Solution
-from wrinklecli.numeric.arrays import Floats
+from wrinklecli.effects.contact.remaining import FADE, nearness, shown_in
 from wrinklecli.review.crossings import crossings
 
 # So low that the wrinkles cross no more than the skin: else such a fold is given up.
@@ -30,9 +27,7 @@ TIMES = np.linspace(0.0, 1.0, 16)
 
 
 @pytest.mark.slow
-def test_a_clip_that_would_cross_more_with_contact_is_left_without_and_a_line_says_so(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_contact_fades_in_frames_in_which_it_would_cross_more(tmp_path: Path) -> None:
     asset = limb(tmp_path / "limb.glb", angle=80.0, rings=16, sides=10)
     files = [
         write_tools(tmp_path / f"{name}.yaml", {**TOOL, "contact": contact}, refinement={"max_levels": 0})
@@ -45,52 +40,52 @@ def test_a_clip_that_would_cross_more_with_contact_is_left_without_and_a_line_sa
     (fold,) = contact.folds
     crease = resolved(fold, most=7)
     followed = crease.follow(crease.march(clip, TIMES))
-    assert not followed.given_up
-    assert remaining_in(crease, clip, TIMES, followed) is None
-    shown = crease.player_error(clip, TIMES, followed, scale=1.0)
-    assert shown.share < 0.1
-    assert not shown.silent
+    assert not followed.faults
+    shown = shown_in([crease], [followed], clip, TIMES, [[]])
+    assert shown.remaining == (None,)
+    assert (shown.heights == 1.0).all()
+    assert np.array_equal(shown.followed[0].weights, followed.weights)
+    error = crease.player_error(clip, TIMES, followed, scale=1.0)
+    assert error.share < 0.1
+    assert not error.silent
     # Where other joints keep the sides apart, players are nearer to the bake without contact.
     apart = replace(followed, weights=np.zeros_like(followed.weights))
     assert crease.player_error(clip, TIMES, apart, scale=1.0) == PlayerError(0.0, 0.0, silent=True)
 
     # A fit that presses what touches further in.
-    worse = replace(crease, response=crease.response.mapped(lambda weights: 0.0 * weights))
-
-    def pressed(
-        found: Solution, shapes: Floats, urgent: Floats | None = None, **known: Any
-    ) -> tuple[Floats, Floats, bool]:
-        weights, urgent, _ = fit_pose(found, shapes, urgent, **known)
-        return -weights, urgent, True
-
-    monkeypatch.setattr("wrinklecli.effects.contact.crease.fit_pose", pressed)
-    given_up = worse.follow(worse.march(clip, TIMES))
-    assert given_up.given_up
-    assert not given_up.weights.any()
-
-    with pytest.raises(UnresolvedError, match="would leave more crossings than the skin alone"):
-        remaining_in(worse, clip, TIMES, replace(followed, weights=-followed.weights))
-
-    left = remaining_in(worse, clip, TIMES, given_up)
+    pressed = shown_in([crease], [replace(followed, weights=-followed.weights)], clip, TIMES, [[]])
+    (own,), (left,) = pressed.followed, pressed.remaining
     assert left is not None
+    assert own.faults
+    assert set(own.faults.values()) <= {WORSE, TORN, CRUMPLED}
+    assert left.faded
+    assert not own.weights[sorted(own.faults)].any()
     entry = crossings(asset, files[1], fps=15.0).data["clips"][0]
     before, wrinkled = entry["counts"]
     moment = round(15.0 * left.time)
     assert (left.time, left.before, left.wrinkled) == (moment / 15.0, before[moment], wrinkled[moment])
     assert left.resolved == left.wrinkled > 0
-    words = ContactWords(
-        crease=worse,
-        tools=("crease",),
-        followed={"fold": (TIMES, given_up)},
-        remaining=(left,),
-        player_errors={"fold": PlayerError(0.0, 0.0, silent=True)},
-    )
-    found = contact_effect(words, "crease_contact", NonNegativeBasis(len(worse.shapes), 1.5), [], ())
+
+    silent = PlayerError(0.0, 0.0, silent=True)
+    words = ContactWords(crease, ("crease",), {"fold": (TIMES, own)}, (left,), {"fold": silent})
+    found = contact_effect(words, "crease_contact", NonNegativeBasis(len(crease.shapes), 1.5), [], ())
     assert isinstance(found.drive, Drive)
     assert found.drive.strengths == {"fold": 0.0}
-    (line,) = words.warnings(plan, [], up="y")
-    assert line == (
-        f"crease: contact is left out of 'fold', where it would leave more: {left.wrinkled} edges pass through"
+    lines = words.warnings(plan, [], up="y")
+    assert left.degrees is not None
+    beginning = f"crease: contact {left.reason} in 'fold' at {left.begin:.3g}"
+    assert re.match(rf"{beginning}.* s, where joint_1 turns by {left.degrees[0]:.0f}.*: it fades out there$", lines[0])
+    assert lines[1] == (
+        f"crease: contact leaves crossings in 'fold': {left.resolved} edges pass through"
         f" triangles at {left.time:.3g} s, {left.before} before the bake ({left.frames} frames in all);"
         " without `per_clip: false` the targets follow it better"
     )
+
+
+def test_what_fades_is_gone_in_a_frame_and_whole_a_few_frames_away() -> None:
+    times = np.linspace(0.0, 1.0, 21)
+    near = nearness(times, [10])
+    assert near[10] == 1.0
+    assert near[[9, 11]] == pytest.approx(0.5)
+    assert not near[np.abs(times - 0.5) >= FADE - 1e-9].round(9).any()
+    assert not nearness(times, []).any()

@@ -6,9 +6,8 @@ do it for clips that were never baked, or fitted to the solutions where that is 
 crossings in a clip, the sweeps and the poses of the clips are compressed together into other, few more shapes.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import field, replace
-from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -21,9 +20,7 @@ from wrinklecli.effects.contact.fold import RINGS, Fold
 from wrinklecli.effects.contact.given_up import (
     CRUMPLED,
     DEGENERATE,
-    TOO_MANY_STEPS,
     TORN,
-    UNSETTLED,
     GivenUp,
     UnresolvedError,
 )
@@ -39,7 +36,7 @@ from wrinklecli.effects.contact.solution import (
 from wrinklecli.effects.contact.tissue import FREE, SOFT, UNITS, Tissue
 from wrinklecli.effects.contact.trail import Trail
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, interpolated
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, interpolated, matches
 from wrinklecli.numeric.closest import nearest_of
 from wrinklecli.numeric.intersections import widened
 
@@ -49,10 +46,6 @@ _DEEPEST = 36.0
 _DEEPEST_LEANING = 18.0
 # Strides between two poses of a leaning sweep, which only adds to the others.
 _LEANING_STRIDES = 2.0
-# Most steps of the solver for a pose with contact, in the mean of a sweep or clip: folds that settle take 2 to 11,
-_MOST_STEPS_PER_POSE = 16
-# and so many more for all poses together: a fold that closes at once takes a few times the mean in its first poses.
-_MOST_STEPS = 128
 # Poses of a sweep that are checked for crossings before it is solved, from rest to its end.
 _CROSSING_POSES = 8
 # Poses from rest to the beginning of a clip that is folded there, or to the pose to which a clip jumps.
@@ -70,30 +63,13 @@ _SHOWN_ERROR = 0.01
 _MOST_ROWS = 32
 # Most clips of which there are rows: a player looks at each row in each frame.
 _MOST_PATHS = 16
+# A bend of 30°, radians, beyond which some pose must settle; about half of a rise.
+_FAR = float(np.radians(30.0))
 # Sine of half of the turn below which a joint is in its stored pose: rounding.
 _AT_REST = 1e-4
 # Sampled poses, evenly spread, in which normals are to be right, beside those with the greatest weights. With 8, two
 # knees that meet opened a black slit where they only began to touch.
 _NORMAL_POSES = 24
-
-
-@dataclass(slots=True)
-class Steps:
-    """Counts the solver's steps in one motion.
-
-    Attributes:
-        taken: Number of Newton steps.
-        poses: Number of poses with contact.
-    """
-
-    taken: int = 0
-    poses: int = 0
-
-    def suffice(self, found: Solution) -> bool:
-        """Count one more solution; False if there are too many steps for so many poses."""
-        self.taken += found.state.steps
-        self.poses += found.touches
-        return self.taken <= _MOST_STEPS + _MOST_STEPS_PER_POSE * self.poses
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,12 +153,11 @@ class Surface:
         way = _sweep(fold, lean, end)
         clip = fold.hinge.turn(way, tilt=lean)
         times = np.linspace(0.0, 1.0, len(way))
-        steps, poses = Steps(), list[SolvedPose]()
+        poses = list[SolvedPose]()
         for folded, time, found in zip(way, times, solutions_in(fold, self.tissue.again(), clip, times), strict=True):
             solved = SolvedPose(clip, float(time), found.settled_in(self.tissue), float(folded), number)
-            reason = _failure(steps, solved.found)
-            if reason is not None:
-                return Sweep(number, poses, _refused(fold, [solved], reason))
+            if found.fault is not None:
+                return Sweep(number, poses, _refused(fold, [solved], found.fault))
             if found.touches:
                 poses.append(solved)
                 if found.greatest_move > (_DEEPEST_LEANING if lean.any() else _DEEPEST):
@@ -241,8 +216,18 @@ class Crease(Surface):
             if not crossing:
                 followed = self._fitted(marched, looked, weights, crossing)
                 if not followed.unspanned:
-                    return followed
-        return self._fitted(marched, np.zeros_like(looked), *self._weights(marched, looked, keep=False))
+                    return self._held(marched, looked, followed)
+        followed = self._fitted(marched, np.zeros_like(looked), *self._weights(marched, looked, keep=False))
+        return self._held(marched, looked, followed)
+
+    def _held(self, marched: "MarchedClip", looked: Floats, followed: "Followed") -> "Followed":
+        """The fit, with the weights of the last good frame, and of the next, in frames with a fault.
+
+        A clip without a good frame has weights that are `looked` up: at its end, a table holds the last good ones.
+        """
+        good = np.setdiff1d(np.arange(len(looked)), sorted(marched.faults))
+        weights = interpolated(marched.times, marched.times[good], followed.weights[good]) if len(good) else looked
+        return replace(followed, weights=weights, faults=marched.faults)
 
     def _weights(self, marched: "MarchedClip", looked: Floats, *, keep: bool) -> tuple[Floats, list[int]]:
         """Fit (frames, shapes) weights to the solutions, frame by frame, and find the frames that they leave crossing.
@@ -273,20 +258,15 @@ class Crease(Surface):
         """The fit with (frames, shapes) weights that leave some frames crossing; they come from `known` ones, or 0."""
         weights = weights.copy()
         fresh = self._brought_together(marched, weights, known, crossing)
-        error, remaining = 0.0, 0  # vertices that cross
+        error = 0.0
         unspanned = list(crossing)
         for frame in marched.touching:
             found, moved = marched.solution(frame), combined(weights[frame], self.shapes)
             error = max(error, found.greatest_error(moved))
-            if frame in crossing:
-                remaining += found.crossing_count(moved)
-            elif _loses_volume(found, moved):
+            if frame not in crossing and _loses_volume(found, moved):
                 unspanned.append(frame)
-        given_up = bool(crossing) and not _cross_anyway(marched, remaining)
-        if given_up:
-            weights[:] = 0.0
         error *= self.fold.radius / UNITS
-        return Followed(weights, error, tuple(crossing), tuple(sorted(unspanned)), fresh, given_up)
+        return Followed(weights, error, tuple(crossing), tuple(sorted(unspanned)), fresh, {})
 
     def _brought_together(
         self, marched: "MarchedClip", weights: Floats, known: Floats, crossing: Sequence[int]
@@ -304,6 +284,8 @@ class Crease(Surface):
         for each in (frames, reversed(frames)):
             trail = Trail.of(reading)
             for frame in each:
+                if frame in marched.faults:
+                    continue
                 found, met = marched.solutions[frame], trail.at(frame)
                 if met is None:
                     trail.go_on(frame, weights[frame] - known[frame])
@@ -339,7 +321,7 @@ class Crease(Surface):
                 furthest, worst = found.visible_error(moved), found
         if worst is None:
             return False
-        still = np.setdiff1d(np.arange(len(looked)), marched.touching)
+        still = np.setdiff1d(np.arange(len(looked)), [*marched.touching, *marched.faults])
         scale = float(np.cbrt(np.abs(np.linalg.det(worst.matrices)).max(initial=0.0)))
         if scale * float((np.abs(looked[still]) @ self.sizes).max(initial=0.0)) > _AS_NEAR:
             return False
@@ -351,21 +333,27 @@ class Crease(Surface):
         return _compressed(self, (*self.sweeps, *poses), share=share, least=max(len(self.shapes), 1), most=most)
 
     def faulty_frames(
-        self, clip: Clip | None, times: Floats, weights: Floats, others: Sequence[Moves]
-    ) -> dict[str, list[int]]:
-        """The frames, of (frames,) seconds of a clip, in which (frames, shapes) weights tear or crumple the surface.
+        self, clip: Clip, times: Floats, frames: Sequence[int], moves: Callable[[int], Floats]
+    ) -> dict[int, str]:
+        """The frames, of some in a clip of (frames,) seconds, in which contact tears or crumples the surface, and why.
 
-        `others` are moves of other folds, whose shapes add to these. There is a list for each reason.
+        `moves` gives the (vertices, 3) moves by contact in a frame, bind space: those of other folds add to these.
         """
-        frames = np.flatnonzero(weights.any(axis=1)).tolist()
-        scale, found = UNITS / self.fold.radius, dict[str, list[int]]()
-        for frame, (positions, matrices) in zip(frames, self.fold.poses(clip, times[frames]), strict=True):
-            shown = positions + np.einsum("vij,vj->vi", matrices, self.moves_with(weights, others, frame))
+        scale, found = UNITS / self.fold.radius, dict[int, str]()
+        moved = [(frame, each) for frame in frames if (each := moves(frame)).any()]
+        chosen = times[[frame for frame, _ in moved]]
+        for (frame, move), (positions, matrices) in zip(moved, self.fold.poses(clip, chosen), strict=True):
+            shown = positions + np.einsum("vij,vj->vi", matrices, move)
             if self.tissue.tears(scale * positions, scale * shown):
-                found.setdefault(TORN, []).append(frame)
+                found[frame] = TORN
             elif self.tissue.crumples(scale * positions, scale * shown):
-                found.setdefault(CRUMPLED, []).append(frame)
+                found[frame] = CRUMPLED
         return found
+
+    def moves_in(self, fold: Fold, weights: Floats) -> list[Moves]:
+        """The moves that (frames, shapes) weights give another fold; none if it shares no vertex with this one."""
+        rows, columns = matches(fold.vertices, self.vertices)
+        return [Moves(rows, weights, self.shapes[:, columns])] if len(rows) else []
 
     def moves_with(self, weights: Floats, others: Sequence[Moves], frame: int) -> Floats:
         """(vertices, 3) moves by contact in a frame, bind space, from (frames, shapes) weights and the other folds."""
@@ -390,13 +378,14 @@ class Crease(Surface):
         # Nothing touches in the stored pose, whatever other joints do.
         resting = np.sqrt(np.sum(reading.turns**2, axis=1)) < _AT_REST
         kept = np.where(resting[:, None], 0.0, weights)
-        best, found = float(self._lengths(response.weights(reading) - weights).max()), response
-        rows = sorted({followed.fresh[0], followed.fresh[-1]})
+        good = np.setdiff1d(np.arange(len(times)), sorted(followed.faults))
+        best, found = float(self._lengths((response.weights(reading) - weights)[good]).max(initial=0.0)), response
+        rows = sorted({*followed.fresh[:1], *followed.fresh[-1:]})
         while best > _SHOWN_ERROR * largest and 1 < len(rows) <= _MOST_ROWS:
             tried = replace(response, paths=(*response.paths, Path(reading.turns[rows], kept[rows])))
             errors = self._lengths(tried.weights(reading) - weights)
-            if errors.max() < best:
-                best, found = float(errors.max()), tried
+            if errors[good].max() < best:
+                best, found = float(errors[good].max()), tried
             further = np.setdiff1d(followed.fresh, rows)
             rows = sorted({*rows, int(further[errors[further].argmax()])}) if len(further) else []
         return replace(self, response=found)
@@ -404,14 +393,14 @@ class Crease(Surface):
     def player_error(self, clip: Clip, times: Floats, followed: "Followed", *, scale: float) -> PlayerError:
         """The error of what players look up at (frames,) seconds of a clip; `scale` is world over bind units.
 
-        A joint may fold as in the sweeps while others keep its sides apart, or the clip is given up: then players show
-        less that is wrong without contact.
+        A joint may fold as in the sweeps while others keep its sides apart, or contact fades in the clip: then players
+        show less that is wrong without contact.
         """
         greatest, apart = (
             scale * float(np.max(self._lengths(each), initial=0.0))
             for each in (followed.weights, self._looked_up(clip, times) - followed.weights)
         )
-        silent = followed.given_up or apart > greatest + _AS_NEAR * self.fold.radius / UNITS
+        silent = apart > greatest + _AS_NEAR * self.fold.radius / UNITS
         return PlayerError(greatest if silent else apart, greatest, silent)
 
     def _lengths(self, weights: Floats) -> Floats:
@@ -443,6 +432,11 @@ class SolvedPose:
     folded: float | None = None
     lean: int = 0
 
+    @property
+    def far(self) -> bool:
+        """True if a sweep with this pose has gone so far that contact is worth having: 30°, or half of a rise."""
+        return self.folded is not None and abs(self.folded) >= _FAR
+
 
 @dataclass(frozen=True, slots=True)
 class Sweep:
@@ -465,12 +459,14 @@ class MarchedClip:
 
     Attributes:
         times: (frames,) seconds.
-        solutions: For each frame the solution; None if contact moves nothing.
+        solutions: For each frame the solution; None if contact moves nothing, or has a fault.
+        faults: The reasons why it does not count in frames, by their numbers.
     """
 
     clip: Clip
     times: Floats
     solutions: tuple[Solution | None, ...]
+    faults: Mapping[int, str]
 
     @property
     def size(self) -> int:
@@ -503,7 +499,7 @@ class Followed:
         crossing: The frames in which the shapes leave crossings.
         unspanned: These frames, and those in which the shapes take volume away.
         fresh: The frames in which the joint has a turn that it did not have before.
-        given_up: True if the clip gets no contact, since there would be more crossings with it.
+        faults: The reasons why contact does not count in frames, by their numbers: it is held there, or fades.
     """
 
     weights: Floats
@@ -511,12 +507,7 @@ class Followed:
     crossing: tuple[int, ...]
     unspanned: tuple[int, ...]
     fresh: tuple[int, ...]
-    given_up: bool = False
-
-    @property
-    def without_contact(self) -> "Followed":
-        """The same clip, given up."""
-        return replace(self, weights=np.zeros_like(self.weights), given_up=True)
+    faults: Mapping[int, str]
 
 
 def march_clip(fold: Fold, tissue: Tissue, hinges: "Sequence[Hinge | Rise]", clip: Clip, times: Floats) -> MarchedClip:
@@ -524,17 +515,13 @@ def march_clip(fold: Fold, tissue: Tissue, hinges: "Sequence[Hinge | Rise]", cli
 
     If the clip begins folded, or jumps to a pose that is folded at one of the hinges, an approach from rest is solved
     first.
-
-    Raises:
-        UnresolvedError: A frame did not settle, or all took too many steps.
     """
-    steps, solutions = Steps(), list[Solution | None]()
-    for time, found in zip(times, _in_clip(fold, tissue.again(), hinges, clip, times), strict=True):
-        if not found.state.converged or not steps.suffice(found):
-            reason = TOO_MANY_STEPS if found.state.converged else UNSETTLED
-            raise UnresolvedError(GivenUp(reason, 1, time=float(time)))
+    solutions, faults = list[Solution | None](), dict[int, str]()
+    for frame, found in enumerate(_in_clip(fold, tissue.again(), hinges, clip, times)):
+        if found.fault is not None:
+            faults[frame] = found.fault
         solutions.append(found.settled_in(tissue) if found.touches else None)
-    return MarchedClip(clip, times, tuple(solutions))
+    return MarchedClip(clip, times, tuple(solutions), faults)
 
 
 def _in_clip(
@@ -563,14 +550,15 @@ def resolve(surface: Surface, solved: "Iterable[Sweep]", *, share: float, most: 
         most: Greatest number of shapes, even if crossings remain.
 
     Raises:
-        UnresolvedError: The first pose that touches did not settle or is torn, or took too many steps.
+        UnresolvedError: The joint's own motion has a fault, and none of its poses that touch counts beyond 30°.
     """
-    poses: list[SolvedPose] = []
-    for each in solved:
-        if each.failed is not None and not each.poses and not surface.fold.hinge.leanings[each.number].any():
+    sweeps = list(solved)
+    straight = [each for each in sweeps if not surface.fold.hinge.leanings[each.number].any()]
+    poses = [pose for each in sweeps for pose in each.poses]
+    for each in straight:
+        if each.failed is not None and not any(pose.far for other in straight for pose in other.poses):
             raise each.failed
-        poses += each.poses
-    return _compressed(surface, tuple(poses), share=share, least=1, most=most)
+    return _compressed(surface, poses, share=share, least=1, most=most)
 
 
 def _compressed(surface: Surface, poses: Sequence[SolvedPose], *, share: float, least: int, most: int) -> Crease:
@@ -606,17 +594,6 @@ def _compressed(surface: Surface, poses: Sequence[SolvedPose], *, share: float, 
             (each.clip.index, each.time): row for each, row in zip(poses, weights, strict=False) if each.folded is None
         },
     )
-
-
-def _failure(steps: Steps, found: Solution) -> str | None:
-    """The reason why a pose counts as not resolved, after so many steps; None if it does."""
-    if not steps.suffice(found):
-        return TOO_MANY_STEPS
-    if not found.touches:
-        return None
-    if not found.state.converged:
-        return UNSETTLED
-    return TORN if found.tears(found.moved) else None
 
 
 def _refused(fold: Fold, failed: Sequence[SolvedPose], reason: str) -> UnresolvedError:
@@ -682,12 +659,6 @@ def _chosen(weights: Floats) -> list[int]:
     """Frames in which normals are to be right: the frame with the greatest weight of each shape, and an even choice."""
     even = np.linspace(0, len(weights) - 1, _NORMAL_POSES).astype(int).tolist()
     return sorted({*even, *np.argmax(np.abs(weights), axis=0).tolist()})
-
-
-def _cross_anyway(marched: MarchedClip, least: int) -> bool:
-    """True if at least so many vertices cross in all frames of a clip together without contact."""
-    without = map(marched.solution, marched.touching)
-    return any(count >= least for count in accumulate(each.skinned_crossing_count for each in without))
 
 
 def _loses_volume(found: Solution, moved: Floats) -> bool:

@@ -102,6 +102,7 @@ class ContactWords:
         followed: By the names of clips, the times and the signed weights of the shapes.
         remaining: The intersections that remain in clips.
         player_errors: How far players that look contact up are off in each clip, by its name.
+        heights: By the names of clips, the parts of their height that the tools keep over time; 1 in other clips.
     """
 
     crease: "Crease"
@@ -109,6 +110,7 @@ class ContactWords:
     followed: "Mapping[str, tuple[Floats, Followed]]"
     remaining: tuple[Remaining, ...]
     player_errors: "Mapping[str, PlayerError]"
+    heights: Mapping[str, Rows] = field(default_factory=dict)
     remedy: str = "`contact: off`"
     left_out: str | None = None
 
@@ -133,13 +135,15 @@ class ContactWords:
             "volume_lost": significant(crease.squeezed),
             "poses": len(crease.sweeps),
             "fitted_to_clips": crease.spans_clips,
-            "unsettled_poses": 0,  # a fold with any is given up
+            "unsettled_poses": 0,  # sweeps end before any
             "crossing_poses": crease.crossing,
             "error": significant(crease.error),
-            "unsettled_frames": 0,
+            "unsettled_frames": sum(len(each.faults) for each in followed),
             "crossing_frames": sum(len(each.crossing) for each in followed),
-            "clips_given_up": sum(each.given_up for each in followed),
-            "left": [asdict(each) | {"time": significant(each.time)} for each in self.remaining],
+            "left": [
+                asdict(each) | {key: significant(getattr(each, key)) for key in ("time", "begin", "end", "height")}
+                for each in self.remaining
+            ],
             "clip_error": significant(max((each.error for each in followed), default=0.0)),
             "player_error": significant(max((each.share for each in self.player_errors.values()), default=0.0)),
             "targets": list(targets),
@@ -149,11 +153,12 @@ class ContactWords:
         """Nothing."""
         return
 
-    def warnings(self, _plan: MeshPlan, clips: Sequence[Seen], *, up: str) -> list[str]:
+    def warnings(self, plan: MeshPlan, clips: Sequence[Seen], *, up: str) -> list[str]:
         """Warnings about contact that is not wholly resolved."""
         assert up in ("y", "z")
         name = ", ".join(self.tools)
-        warnings = [f"{name}: {self._remaining_warning(each)}" for each in self.remaining]
+        warnings = [f"{name}: {self._held_warning(plan, each)}" for each in self.remaining if each.reason]
+        warnings += [f"{name}: {self._remaining_warning(each)}" for each in self.remaining if each.resolved]
         acting = [(motion.clip, motion.times[weights.any(axis=1)]) for motion, _, weights in clips]
         crossing = {node for clip, times in acting for node in self.crease.fold.meshes_crossing_themselves(clip, times)}
         if crossing:
@@ -174,10 +179,23 @@ class ContactWords:
             )
         return warnings
 
+    def _held_warning(self, plan: MeshPlan, remaining: Remaining) -> str:
+        """A warning about the poses of a clip in which contact has a fault, and what is shown there."""
+        when = _span(f"{remaining.begin:.3g}", f"{remaining.end:.3g}", " s")
+        where, hinge = "", self.crease.fold.hinge
+        if remaining.degrees is not None and isinstance(hinge, Hinge):
+            turns = _span(f"{remaining.degrees[0]:.0f}", f"{remaining.degrees[1]:.0f}", "°")
+            where = f", where {plan.rig.names[hinge.signal.node]} turns by {turns}"
+        shown = "it fades out there" if remaining.faded else "it keeps its last good state there"
+        if remaining.height < 1.0:
+            shown += (
+                f", and wrinkles are lowered to {100 * remaining.height:.0f} %, to cross no more than the skin does"
+            )
+        poses = counted(remaining.poses, "pose")
+        return f"contact {remaining.reason} in {remaining.clip!r} at {when}{where} ({poses}): {shown}"
+
     def _remaining_warning(self, remaining: Remaining) -> str:
         """A warning about the intersections that contact leaves in a clip, with a hint at what may help."""
-        clip, left_out = repr(remaining.clip), "is left out of"
-        what = f"{left_out} {clip}, where it would leave more" if remaining.given_up else f"leaves crossings in {clip}"
         counts = (
             f"{counted(remaining.resolved, 'edge passes', 'edges pass')} through triangles at {remaining.time:.3g} s"
         )
@@ -185,9 +203,14 @@ class ContactWords:
         if not self.crease.fold.per_clip:
             hint = "without `per_clip: false` the targets follow it better"
         return (
-            f"contact {what}: {counts}, {remaining.before:,} before the bake"
+            f"contact leaves crossings in {remaining.clip!r}: {counts}, {remaining.before:,} before the bake"
             f" ({counted(remaining.frames, 'frame')} in all); {hint}"
         )
+
+
+def _span(least: str, greatest: str, unit: str) -> str:
+    """Two numbers with a unit in words; one if they are alike."""
+    return f"{least}{unit}" if least == greatest else f"{least} to {greatest}{unit}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,9 +1,8 @@
 """Folds that are given up: why contact cannot be resolved in them, and where this showed.
 
-A surface that the solver leaves early, or that it pulls apart, is worse than one that passes through itself. So a fold
-with a single such pose gets no contact at all. Where folds that are solved together have such a pose, each is solved
-alone, and those that still have one get none. A fold that passes through itself more often with contact than the skin
-does without wrinkles gets none either. The wrinkles of a fold without contact are lowered: see module `lowering`.
+A surface that the solver leaves early, or that it pulls apart, is worse than one that passes through itself. So such a
+pose does not count: see module `remaining` for what is shown there. A fold in whose own motion no pose counts beyond
+30° gets no contact at all. Its wrinkles are lowered: see module `lowering`.
 """
 
 from collections.abc import Iterator
@@ -25,7 +24,7 @@ DEGENERATE = "cannot be computed, as the surface is degenerate, or touches itsel
 """The solver's numbers have no answer, or nothing is left that may collide."""
 
 WORSE = "would leave more crossings than the skin alone"
-"""The fold crosses more with contact and wrinkles than the asset does without either."""
+"""The surface crosses more than with wrinkles alone, or more beneath them than the skin."""
 
 
 @dataclass(frozen=True, slots=True)

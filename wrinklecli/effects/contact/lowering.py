@@ -1,4 +1,4 @@
-"""Lowers the wrinkles of a fold without contact until they cross no more than the skin alone.
+"""Lowers the wrinkles of folds without contact until they cross no more than the skin alone.
 
 A fold that is given up plays as skinned. Its skin may pass through itself, but wrinkles are to add nothing to it. Where
 they do, they are halved, again and again, and rise to their full height over half a bump to either side, as in the
@@ -11,13 +11,13 @@ from dataclasses import replace
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.effects.contact.effect import GivenUpWords
+from wrinklecli.effects.contact.effect import ContactWords, GivenUpWords
 from wrinklecli.effects.contact.fold import FAINT, Fold
 from wrinklecli.effects.effect import Effect, MeshPlan, SamplingOptions
 from wrinklecli.effects.sampling import duplicates_of
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.creases import faded
-from wrinklecli.effects.wrinkle.effect import WrinkleWords, wrinkle_effect
+from wrinklecli.effects.wrinkle.effect import WrinkleWords, lowered_in_clips, wrinkle_effect
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values
 
 # Moments of a clip at which crossings are counted, evenly spread, at most.
@@ -30,11 +30,17 @@ _TIMES = 6
 def with_lowered_wrinkles(
     plan: MeshPlan, effects: Sequence[Effect], clips: Sequence[Clip], how: SamplingOptions
 ) -> list[Effect]:
-    """Effects in which the tools of folds without contact are lowered, by their motions in all clips."""
+    """Effects in which the tools of folds without contact are lowered, by their motions in all clips.
+
+    Those of other folds are lower where contact does not settle.
+    """
     made = list(effects)
     moving = [clips[first] for first in sorted(set(duplicates_of(plan, clips)))]
     numbers = {each.name: number for number, each in enumerate(made) if isinstance(each.words, WrinkleWords)}
     for number, effect in enumerate(made):
+        if isinstance(effect.words, ContactWords) and effect.words.heights:
+            for name in effect.words.tools:
+                made[numbers[name]] = lowered_in_clips(made[numbers[name]], effect.words.heights)
         if not isinstance(effect.words, GivenUpWords):
             continue
         heights = {}

@@ -11,20 +11,19 @@ import numpy as np
 
 from wrinklecli.character.clip import KEY_GAP, Clip, clip_grid
 from wrinklecli.character.pose import pose_at
-from wrinklecli.drive.drive import Drive
+from wrinklecli.drive.drive import Drive, Rows
 from wrinklecli.drive.turned import TurnDrive
 from wrinklecli.effects.contact.effect import SECTION, ContactWords, GivenUpWords, NonNegativeBasis, contact_effect
 from wrinklecli.effects.contact.given_up import GivenUp, UnresolvedError, degenerate_given_up
 from wrinklecli.effects.contact.hinge import Hinge
 from wrinklecli.effects.contact.lowering import with_lowered_wrinkles
-from wrinklecli.effects.contact.remaining import remaining_in
 from wrinklecli.effects.effect import Effect, MeshPlan, SamplingOptions, named_targets
 from wrinklecli.effects.sampling import duplicates_of
 from wrinklecli.effects.shapes import Sample, Shape, make_shapes, summed
 from wrinklecli.effects.wrinkle.effect import WrinkleWords
 from wrinklecli.errors import listed
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, interpolated, matches
+from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, interpolated
 from wrinklecli.numeric.guard import one_thread
 from wrinklecli.numeric.memory import leave_room, start_blas
 from wrinklecli.numeric.processes import in_processes
@@ -92,8 +91,7 @@ def resolve_folds(
         results = in_processes(work, systems, how.jobs, shared=shared, size=_free_count)
         for members, solved in zip(systems, results, strict=True):
             made += [_given_up(plan, fold, members, made, given_up) for fold, given_up in solved.given_up]
-            for group in solved.groups:
-                made += _followed_or_given_up(plan, group, members, chosen, made, how)
+            made += _followed(plan, solved.spanned, chosen, made)
             done += len(members)
             how.progress("contact", done, len(folds))
         return with_lowered_wrinkles(plan, made, clips, how)
@@ -165,25 +163,16 @@ class _Clips:
 
 
 @dataclass(frozen=True, slots=True)
-class _Group:
-    """Folds that were solved together.
+class _SolvedSystem:
+    """The folds of a system.
 
     Attributes:
-        creases: The folds with the shapes of their joints' own motion.
-        spanned: The folds with the shapes that count, and their weights in each clip, by its number; or the reason why
-            contact is given up.
+        given_up: The folds whose own motion cannot be resolved.
+        spanned: The others with the shapes that count, and their weights in each clip, by its number.
     """
 
-    creases: "tuple[Crease, ...]"
-    spanned: "list[tuple[Crease, dict[int, _Marched]]] | GivenUp"
-
-
-@dataclass(frozen=True, slots=True)
-class _SolvedSystem:
-    """The folds of a system: those whose own motion cannot be resolved, and the others in groups."""
-
     given_up: "list[tuple[Fold, GivenUp]]"
-    groups: list[_Group]
+    spanned: "list[tuple[Crease, dict[int, _Marched]]]"
 
 
 def _solved_system(members: "list[tuple[Fold, Floats | None]]", *, clips: _Clips, jobs: int) -> _SolvedSystem:
@@ -219,7 +208,10 @@ def _solved_system(members: "list[tuple[Fold, Floats | None]]", *, clips: _Clips
             solver.take(found)
         elif creases:
             solver = _Solver(creases, clips, jobs)
-        return _SolvedSystem(given_up, _groups(creases, solver) if creases else [])
+        try:
+            return _SolvedSystem(given_up, _all_spanned(creases, solver) if creases else [])
+        except UnresolvedError as error:
+            return _SolvedSystem([*given_up, *((each.fold, error.given_up) for each in creases)], [])
 
 
 def _given_up_of(members: "Sequence[tuple[Fold, Floats]]", outcomes: Sequence[object]) -> "list[tuple[Fold, GivenUp]]":
@@ -249,19 +241,18 @@ def _resolved(solved: "tuple[Surface, Sequence[Sweep | UnresolvedError]]") -> "C
     return _outcome(partial(resolve, surface, whole, share=_SHAPE_ERROR, most=_MOST_SHAPES))
 
 
-def _groups(creases: "Sequence[Crease]", solver: "_Solver") -> list[_Group]:
-    """Solve clips for folds together, or for each fold alone if they cannot be resolved together."""
-    try:
-        with degenerate_given_up():
-            spanned = []
-            for crease in creases:
-                spanned.append(_spanned(crease, solver))
-                solver.fix(*spanned[-1])
-            return [_Group(tuple(creases), spanned)]
-    except UnresolvedError as error:
-        if len(creases) == 1:
-            return [_Group(tuple(creases), error.given_up)]
-    return [group for crease in creases for group in _groups([crease], solver.alone(crease))]
+def _all_spanned(creases: "Sequence[Crease]", solver: "_Solver") -> "list[tuple[Crease, dict[int, _Marched]]]":
+    """Solve clips for folds together.
+
+    Raises:
+        UnresolvedError: The surface is degenerate in a clip.
+    """
+    with degenerate_given_up():
+        spanned = []
+        for crease in creases:
+            spanned.append(_spanned(crease, solver))
+            solver.fix(*spanned[-1])
+        return spanned
 
 
 def _free_count(members: "Sequence[tuple[Fold, Floats | None]]") -> int:
@@ -354,30 +345,6 @@ def _as_thick(members: "list[tuple[Fold, Floats | None]]") -> "list[tuple[Fold, 
     ]
 
 
-def _followed_or_given_up(
-    plan: MeshPlan,
-    group: _Group,
-    members: "Sequence[tuple[Fold, Floats | None]]",
-    clips: _Clips,
-    effects: Sequence[Effect],
-    how: SamplingOptions,
-) -> list[Effect]:
-    """The effects of folds solved together, or one by one if they cannot be."""
-    try:
-        with degenerate_given_up():
-            if isinstance(group.spanned, GivenUp):
-                raise UnresolvedError(group.spanned)
-            return _followed(plan, group.spanned, clips, effects)
-    except UnresolvedError as error:
-        if len(group.creases) == 1:
-            return [_given_up(plan, group.creases[0].fold, members, effects, error.given_up)]
-    found: list[Effect] = []
-    alone = (_groups([crease], _Solver([crease], clips, how.jobs)) for crease in group.creases)
-    for each in (group for groups in alone for group in groups):
-        found += _followed_or_given_up(plan, each, members, clips, [*effects, *found], how)
-    return found
-
-
 def _given_up(
     plan: MeshPlan,
     fold: "Fold",
@@ -419,16 +386,12 @@ class _Solver:
         from wrinklecli.effects.contact.system import System
 
         self._system, self.clips, self.times = System(tuple(surfaces)), clips.clips, clips.times_for(surfaces)
-        self._all, self._jobs = clips, jobs
+        self._jobs = jobs
         self._begun: Iterator[MarchedClip | UnresolvedError] | None = None
         self._ahead: dict[int, MarchedClip] = {}
         self._kept: dict[int, MarchedClip] = {}
         self._room = clips.kept
         self._fitted: list[tuple[Crease, dict[int, _Marched]]] = []
-
-    def alone(self, crease: "Crease") -> "_Solver":
-        """One for the same clips and one fold."""
-        return _Solver([crease], self._all, self._jobs)
 
     @property
     def first(self) -> "list[Callable[[], MarchedClip]]":
@@ -490,42 +453,39 @@ def _followed(
     clips: _Clips,
     effects: Sequence[Effect],
 ) -> list[Effect]:
-    """The effects of folds that are solved together.
+    """The effects of folds that are solved together, on top of earlier ones."""
+    from wrinklecli.effects.contact.remaining import Shown, shown_in
 
-    Raises:
-        UnresolvedError: The shapes tear the surface in a clip.
-    """
     # Nothing touches where a fold that clips alone cross has no shapes.
     spanned = [(crease, marches) for crease, marches in spanned if len(crease.shapes)]
+    creases, shown = [crease for crease, _ in spanned], dict[int, Shown]()
+    for first in spanned[0][1] if spanned else ():
+        marched = [marches[first] for _, marches in spanned]
+        beside = [_moves_of(each.fold, effects, marched[0]) for each in creases]
+        followed = [each.followed for each in marched]
+        shown[first] = shown_in(creases, followed, marched[0].clip, marched[0].times, beside)
     made: list[Effect] = []
+    named = list(zip(clips.names, clips.firsts, strict=True))
     for number, (crease, marches) in enumerate(spanned):
-        remaining = []
-        for first, each in list(marches.items()):
-            others = _moves_of(crease.fold, effects, each)
-            for other, (beside, there) in enumerate(spanned):
-                if other != number:
-                    others += _moves(crease.fold, beside, there[first].followed.weights)
-            faulty = crease.faulty_frames(each.clip, each.times, each.followed.weights, others)
-            for reason, frames in faulty.items():
-                raise UnresolvedError(GivenUp(reason, len(frames), each.clip.name, float(each.times[frames[0]])))
-            left = remaining_in(crease, each.clip, each.times, each.followed, others)
-            if left is not None and left.resolved > left.wrinkled:
-                marches[first] = each = replace(each, followed=each.followed.without_contact)
-                left = remaining_in(crease, each.clip, each.times, each.followed, others)
-            remaining.append(left)
-        for each in marches.values():
+        own = {first: replace(each, followed=shown[first].followed[number]) for first, each in marches.items()}
+        for each in own.values():
             crease = crease.with_path(each.clip, each.times, each.followed)
         errors = {
             first: crease.player_error(each.clip, each.times, each.followed, scale=plan.scale)
-            for first, each in marches.items()
+            for first, each in own.items()
         }
-        named = list(zip(clips.names, clips.firsts, strict=True))
+        remaining = (each.remaining[number] for each in shown.values())
         words = ContactWords(
             crease=crease,
             tools=tuple(each.tool.name for each in crease.fold.patches),
-            followed={name: (marches[first].times, marches[first].followed) for name, first in named},
+            followed={name: (own[first].times, own[first].followed) for name, first in named},
             remaining=tuple(each for each in remaining if each is not None),
             player_errors={name: errors[first] for name, first in named},
+            heights={
+                name: Rows(own[first].times, shown[first].heights[:, None])
+                for name, first in named
+                if (shown[first].heights < 1.0).any()
+            },
         )
         made.append(_effect(plan, words, [*effects, *made]))
     return made
@@ -548,7 +508,10 @@ def _spanned(crease: "Crease", solver: _Solver) -> "tuple[Crease, dict[int, _Mar
     for _ in range(_ROUNDS if crease.fold.per_clip else 0):
         if not any(least):
             break
-        wider = crease.spanning(chosen, share=_SHAPE_ERROR, most=_MOST_SHAPES_OF_CLIPS)
+        try:
+            wider = crease.spanning(chosen, share=_SHAPE_ERROR, most=_MOST_SHAPES_OF_CLIPS)
+        except UnresolvedError:
+            break  # shapes of all poses tear each pose of the fold's own motion
         again = {}
         for number, each in marches.items():
             solved = solver.part(number)
@@ -578,16 +541,8 @@ def _moves_of(fold: "Fold", effects: Sequence[Effect], marched: _Marched) -> "li
     found = []
     for words in (effect.words for effect in effects if isinstance(effect.words, ContactWords)):
         times, followed = words.followed[marched.clip.name]
-        found += _moves(fold, words.crease, interpolated(marched.times, times, followed.weights))
+        found += words.crease.moves_in(fold, interpolated(marched.times, times, followed.weights))
     return found
-
-
-def _moves(fold: "Fold", other: "Crease", weights: Floats) -> "list[Moves]":
-    """The moves of another fold with (frames, shapes) weights; none if it shares no vertex with this one."""
-    from wrinklecli.effects.contact.crease import Moves
-
-    rows, columns = matches(fold.vertices, other.vertices)
-    return [Moves(rows, weights, other.shapes[:, columns])] if len(rows) else []
 
 
 def _effect(plan: MeshPlan, words: ContactWords, effects: Sequence[Effect]) -> Effect:

@@ -9,6 +9,7 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.effects.contact.fold import Fold
+from wrinklecli.effects.contact.given_up import TOO_MANY_STEPS, TORN, UNSETTLED
 from wrinklecli.effects.contact.march import march
 from wrinklecli.effects.contact.tissue import UNITS, SkinnedPose, SolverState, Tissue
 from wrinklecli.frozen import dataclass
@@ -19,6 +20,10 @@ from wrinklecli.numeric.intersections import widened
 _AHEAD = 4
 # A pose that does not settle is solved again in so many shorter steps from the one before it; in more if that fails.
 _SHORTER_STEPS = (4, 16)
+# Most steps of the solver for a pose with contact, in the mean of a sweep or clip: folds that settle take 2 to 11,
+_MOST_STEPS_PER_POSE = 16
+# and so many more for all poses together: a fold that closes at once takes a few times the mean in its first poses.
+_MOST_STEPS = 128
 # Least weight of a squared error, where nothing touches, relative to 1 where something does: an error ten times as long
 # is as good there, hidden in the fold.
 _LEAST_WEIGHT = 0.01
@@ -59,6 +64,11 @@ class Solution:
     def touches(self) -> bool:
         """True if contact moves anything."""
         return bool(self.moved.any())
+
+    @property
+    def fault(self) -> str | None:
+        """The reason why contact does not count in the pose; None if it does."""
+        return self.state.fault or (None if self.state.converged else UNSETTLED)
 
     @property
     def greatest_move(self) -> float:
@@ -135,16 +145,6 @@ class Solution:
         wanted[rows] += np.einsum("vij,vj->vi", inverses(self.matrices[rows]), further)
         return wanted
 
-    def crossing_count(self, moved: Floats) -> int:
-        """Number of vertices that cross under another move."""
-        marked = self.tissue.crossing(self.positions_under(moved))
-        return 0 if marked is None else int(marked.sum())
-
-    @property
-    def skinned_crossing_count(self) -> int:
-        """Number of vertices that cross without contact."""
-        return 0 if self.skinned_crossings is None else int(self.skinned_crossings.sum())
-
     def tears(self, moved: Floats) -> bool:
         """True if another move tears the surface."""
         return self.tissue.tears(
@@ -167,17 +167,45 @@ class Solution:
         return self.tissue.crossing(self.positions_under(self.moved))
 
 
+@dataclass(slots=True)
+class Steps:
+    """Counts the solver's steps in one motion.
+
+    Attributes:
+        taken: Number of Newton steps.
+        poses: Number of poses with contact.
+    """
+
+    taken: int = 0
+    poses: int = 0
+
+    def count(self, state: SolverState) -> None:
+        """Count one more pose."""
+        self.taken += state.steps
+        self.poses += state.converged and bool(state.correction.any())
+
+    @property
+    def suffice(self) -> bool:
+        """False if there are too many steps for so many poses."""
+        return self.taken <= _MOST_STEPS + _MOST_STEPS_PER_POSE * self.poses
+
+
 def solutions_in(
     fold: Fold, tissue: Tissue, clip: Clip | None, times: Floats, start: SolverState | None = None
 ) -> Iterator[Solution]:
-    """Solve a fold at each of (frames,) seconds of a clip, from a state, or from a pose in which nothing touches."""
+    """Solve a fold at each of (frames,) seconds of a clip, from a state, or from a pose in which nothing touches.
+
+    In a pose that does not settle, or that is torn, contact moves nothing, and the solution has a fault. So have the
+    next poses, until one is nearer to the last pose without. After too many steps all poses have it in which anything
+    is near.
+    """
     scale = UNITS / fold.radius
     rows = free_rows(tissue)
     for state in _states(tissue, lambda at: _poses(fold, tissue, clip, at), times, start):
         matrices = scale * state.posed.matrices[rows]
         correction = state.correction[rows]
         moved, outward, shares = np.zeros_like(correction), np.zeros_like(correction), np.full(len(rows), _LEAST_WEIGHT)
-        moving = np.flatnonzero(correction.any(axis=1))
+        moving = np.flatnonzero(correction.any(axis=1)) if state.converged else np.zeros(0, np.intp)
         if len(moving):
             moved[moving] = np.einsum("vij,vj->vi", inverses(matrices[moving]), correction[moving])
             forces = tissue.forces(state)
@@ -202,10 +230,10 @@ def free_rows(tissue: Tissue) -> Ints:
 
 
 def last_state(states: Iterator[Solution]) -> SolverState | None:
-    """The state of the last solution."""
+    """The state of the last solution without a fault."""
     state = None
     for each in states:
-        state = each.state
+        state = each.state if each.fault is None else state
     return state
 
 
@@ -217,18 +245,40 @@ def is_clear(fold: Fold, tissue: Tissue, clip: Clip | None, time: float) -> bool
 def _states(
     tissue: Tissue, posed_at: Callable[[Floats], Iterator[SkinnedPose]], times: Floats, start: SolverState | None
 ) -> Iterator[SolverState]:
-    """March poses at (frames,) seconds, but skip runs of poses before and after which nothing is near."""
-    state, poses, frame = start, posed_at(times), 0
+    """March poses at (frames,) seconds, but skip runs of poses before and after which nothing is near.
+
+    Where a pose does not settle or is torn, the march waits in the pose before it, as the way on leads to worse poses.
+    It goes on with a pose that is nearer to that one than the faulty pose, or with one in which nothing is near.
+    """
+    state, poses, frame, steps = start, posed_at(times), 0, Steps()
+    fault: str | None = None
+    # Number of the pose in which the march is, and how far from it poses may be, solver's units.
+    last, reach = -1, np.inf
     while ahead := list(islice(poses, _AHEAD)):
         if tissue.is_clear(ahead[-1].positions) and (state is None or not state.correction.any()):
             yield from (SolverState(posed.positions, posed) for posed in ahead)
-            state = SolverState(ahead[-1].positions, ahead[-1])
-        else:
-            for number, posed in enumerate(ahead, start=frame):
-                before, (state,) = state, march(tissue, [posed], state)
-                if not state.converged and before is not None and number:
-                    state = _in_shorter_steps(tissue, posed_at, times[number - 1 : number + 1], before, state)
-                yield state
+            state, last = SolverState(ahead[-1].positions, ahead[-1]), frame + len(ahead) - 1
+            frame, reach = frame + len(ahead), np.inf
+            continue
+        for number, posed in enumerate(ahead, start=frame):
+            apart = 0.0 if state is None else float(np.abs(posed.positions - state.posed.positions).max())
+            if apart < reach and steps.suffice:
+                (found,) = march(tissue, [posed], state)
+                if not found.converged and state is not None and last == number - 1 >= 0:
+                    found = _in_shorter_steps(tissue, posed_at, times[number - 1 : number + 1], state, found)
+                if found.converged and found.correction.any() and tissue.tears(posed.positions, found.positions):
+                    found = replace(found, converged=False, fault=TORN)
+                steps.count(found)
+                fault = found.fault if steps.suffice else TOO_MANY_STEPS
+            elif tissue.is_clear(posed.positions):
+                found = SolverState(posed.positions, posed)
+            else:
+                found = SolverState(posed.positions, posed, converged=False, fault=fault)
+            if found.converged:
+                state, last, reach = found, number, np.inf
+            else:
+                reach = min(reach, apart)
+            yield found
         frame += len(ahead)
 
 

@@ -76,6 +76,7 @@ class SolverState:
         converged: True if the last step was short enough and all vertices that are not free are in their places.
         steps: Number of Newton steps that it took.
         near: The collisions in ipctk; None if nothing is near.
+        fault: The reason why they do not count, beside that they did not converge; None if there is none.
     """
 
     positions: Floats
@@ -83,6 +84,7 @@ class SolverState:
     converged: bool = True
     steps: int = 0
     near: Any = None
+    fault: str | None = None
 
     @property
     def correction(self) -> Floats:

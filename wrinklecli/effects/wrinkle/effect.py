@@ -1,14 +1,14 @@
 """The effect of one wrinkling tool: its targets, and the drive that sets their weights by its control curve."""
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import field, replace
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import pose_at
 from wrinklecli.character.rig import Rig
-from wrinklecli.drive.drive import Drive, Moments, Rows
+from wrinklecli.drive.drive import Drive, Lowered, Moments, Rows
 from wrinklecli.drive.table import TABLE_ERROR, LeaningTable, Table
 from wrinklecli.effects.effect import Effect, MeshPlan, Remixes, SamplingOptions, Seen, Target, named_targets
 from wrinklecli.effects.shapes import Sample, make_shapes
@@ -23,7 +23,7 @@ from wrinklecli.effects.wrinkle.shapes import shapes_of
 from wrinklecli.effects.wrinkle.warnings import tool_warnings
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Floats, distinct_values
+from wrinklecli.numeric.arrays import Floats, distinct_values, interpolated
 
 SECTION = "tools"
 """The key of extras and report under which wrinkling tools stand."""
@@ -132,9 +132,27 @@ class WrinkleWords:
 
     def _activity(self, seen: Seen) -> Activity:
         patch, motion = self.carried.patch, seen.motion
-        if isinstance(seen.reading, Moments):
+        reading = seen.reading.reading if isinstance(seen.reading, Lowered) else seen.reading
+        if isinstance(reading, Moments):
             return activity(patch, self.rig, motion.clip, motion.times)
-        return Activity.of(patch, seen.reading)
+        return Activity.of(patch, reading)
+
+
+def lowered_in_clips(effect: Effect, heights: Mapping[str, Rows]) -> Effect:
+    """The effect of a tool whose wrinkles keep parts of their height over the time of some clips, by their names."""
+    assert isinstance(effect.drive, Drive)
+    effect = replace(effect, drive=replace(effect.drive, heights=heights))
+    if isinstance(effect.remixes, _Remixes):
+        return replace(effect, remixes=replace(effect.remixes, heights=heights))
+    if effect.projected is None:
+        return effect
+    vertices, moved = effect.projected
+
+    def lower(clip: Clip, times: Floats) -> Floats:
+        found, rows = moved(clip, times), heights.get(clip.name)
+        return found if rows is None else found * interpolated(times, rows.times, rows.weights)[:, :, None]
+
+    return replace(effect, projected=(vertices, lower))
 
 
 def tool_drive(patch: Patch, targets: tuple[str, ...], response: Table | LeaningTable) -> Drive:
@@ -154,11 +172,13 @@ class _Remixes(Remixes):
         carried: The tool on the refined surface.
         exact: The weights of the targets.
         table_error: Greatest error of a weight that is looked up, as a ratio of the greatest weight.
+        heights: As the drive has them.
     """
 
     carried: CarriedPatch
     exact: CurveResponse
     table_error: float
+    heights: Mapping[str, Rows] = field(default_factory=dict)
 
     def effect(
         self, targets: tuple[Target, ...], words: WrinkleWords, error: float = 0.0, table: Table | None = None
@@ -171,7 +191,7 @@ class _Remixes(Remixes):
             section=SECTION,
             identifier=patch.tool.identifier,
             targets=targets,
-            drive=tool_drive(patch, names, response),
+            drive=replace(tool_drive(patch, names, response), heights=self.heights),
             words=words,
             exact=self.exact,
             error=error,
