@@ -62,8 +62,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """From here on rubbish is searched for, but not among the tests themselves."""
+    """From here on rubbish is searched for, but not among the tests themselves.
+
+    A search for every 100,000 new objects in place of 700 takes a tenth of the tests' time less, and 20 MB more.
+    """
     gc.freeze()
+    gc.set_threshold(100_000)
     gc.enable()
 
 

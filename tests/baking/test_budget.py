@@ -46,7 +46,7 @@ def report_of(tmp_path: Path, asset: Path, *tools: Json, **options: Any) -> Json
     return made.data
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 # Others have the limits of these: blender those of unity, and filament, godot3, unreal parts of three and vtk.
 @pytest.mark.parametrize("engine", ["cesium", "unity", "spec8", "three", "vtk"])
 def test_what_is_within_a_budget_stays_as_it_is(engine: Engine) -> None:
@@ -80,6 +80,7 @@ def test_a_weight_that_is_written_as_one_is_within_the_limits_of_unity() -> None
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_spec8_reduces_to_eight_at_a_time(tmp_path: Path) -> None:
     plain, held = bake_once("wrist", ROUGH), bake_once("wrist", ROUGH, engine="spec8")
     assert active(plain, "wrist") > 8
@@ -294,7 +295,7 @@ def test_more_targets_than_three_takes_are_refused(tmp_path: Path) -> None:
         report_of(tmp_path, edited("wrist", many_targets), PALM, engine="three")
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("base", "strengths"),
     [
@@ -332,6 +333,7 @@ def test_unity_gets_weights_up_to_1_where_a_longer_rest_length_makes_wrinkles_hi
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_unity_splits_targets_of_posed_displacements() -> None:
     tool = {**PALM, "attachment": "patch"}
     plain, held = bake_once("wrist", tool), bake_once("wrist", tool, engine="unity")
@@ -404,6 +406,7 @@ def test_gpu_bytes_are_those_of_float_textures(tmp_path: Path) -> None:
     assert f"{targets * vertices * 32 / 1e6:.1f} MB of targets on a GPU" in made.summary
 
 
+@pytest.mark.slow
 def test_the_command_line_refuses_with_its_exit_code(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

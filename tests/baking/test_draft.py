@@ -10,6 +10,7 @@ from kit.limb import limb, tool, write_tools
 from kit.player import Gltf
 
 
+@pytest.mark.slow
 def test_a_draft_is_less_refined_and_not_proven_and_says_so_wherever_it_goes(wrinkle: Wrinkle, tmp_path: Path) -> None:
     asset = limb(tmp_path / "limb.glb", rings=12, sides=10)
     tools = write_tools(tmp_path / "tools.yaml")

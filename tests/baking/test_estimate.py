@@ -47,6 +47,7 @@ def test_bytes_of_targets_are_those_that_are_written(tmp_path: Path, tools: Any,
     assert 0.6 < size / written < 1.5
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("tools", "options", "memory", "line"),
     [

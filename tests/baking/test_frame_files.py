@@ -26,6 +26,7 @@ def read_frame(path: Path) -> trimesh.Trimesh:
     return loaded.to_geometry() if isinstance(loaded, trimesh.Scene) else loaded
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("kind", ["obj", "ply", "glb"])
 def test_a_file_for_each_frame(kind: str, tmp_path: Path) -> None:
     tools = write_tools(tmp_path / "tools.yaml", PALM)

@@ -188,6 +188,7 @@ TANGENTIAL: Json = {**PALM, "strategy": "both_ends", "bumps": 5}
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_tangent_targets_keep_tangents_in_the_surface() -> None:
     """Across the bent normals, and where the triangles' own edges carry them, at several weights of all tools.
 
@@ -297,6 +298,7 @@ def test_normals_follow_the_wrinkles() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "clip", "risen"),
     # The clip extend closes the wrist's crease further than where its wrinkles are full at first.

@@ -34,6 +34,7 @@ def reported(folder: Path, *, joined: bool, angle: float, **contact: object) -> 
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_wrinkles_stay_beneath_a_sleeve(tmp_path: Path) -> None:
     crossings, report = reported(tmp_path, joined=False, angle=32.0)
     assert crossings == (0, 0)
@@ -41,6 +42,7 @@ def test_wrinkles_stay_beneath_a_sleeve(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_sleeve_that_goes_through_itself_is_said(tmp_path: Path) -> None:
     (before, after), report = reported(tmp_path, joined=False, angle=75.0)
     assert after <= before > 0
@@ -48,11 +50,13 @@ def test_a_sleeve_that_goes_through_itself_is_said(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_wrinkles_stay_beneath_a_sleeve_of_the_same_mesh(tmp_path: Path) -> None:
     assert baked(tmp_path, joined=True) == (0, 0)
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("node", "joined"), [("sleeve", False), ("limb", True)])
 def test_a_mesh_that_is_ignored_is_gone_through(node: str, joined: bool, tmp_path: Path) -> None:
     before, after = baked(tmp_path, joined=joined, ignore=[node])
@@ -61,6 +65,7 @@ def test_a_mesh_that_is_ignored_is_gone_through(node: str, joined: bool, tmp_pat
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     "rest_length", ["100%", {"keys": {"sneer": [[0.0, "100%"], [1.0, "112%"], [2.0, "100%"]]}}], ids=["morph", "keyed"]
 )

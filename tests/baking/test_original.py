@@ -133,7 +133,7 @@ AS_GLTF = (
 )
 
 
-@pytest.mark.quick(4)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("case", CASES)
 def test_the_original_comes_back(case: str, tmp_path: Path) -> None:
     asset, tools, options, _ = CASES[case]
@@ -152,6 +152,7 @@ def test_same_bytes_as_from_the_original(case: str, ending: str, tmp_path: Path)
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("asset", "config"), [("wrist", "wrist"), ("head", "head"), ("head", "head_keyed"), ("trousers", "trousers")]
 )
@@ -163,6 +164,7 @@ def test_samples_come_back_and_their_records_are_small(asset: str, config: str) 
     assert record < 20_000  # the head's forehead is refined from side to side
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("name", ["wrist", "head", "trousers"])
 def test_old_vertices_are_found_and_not_compressed(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     alike: list[int] = []
@@ -200,7 +202,7 @@ def test_bakes_of_one_node_after_another_come_off_together(tmp_path: Path) -> No
     assert_same(restore.original(read_document(second)), read_document(asset))
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("earlier", "out"),
     [
@@ -239,6 +241,7 @@ def test_a_glb_is_the_same_in_the_original_s_folder_too(tmp_path: Path) -> None:
     assert direct.read_bytes() == replaced.read_bytes()
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("ending", ["glb", "gltf"])
 def test_images_from_outside_the_folder(ending: str, tmp_path: Path) -> None:
     asset = limb_asset(rings=13)
@@ -332,6 +335,7 @@ def test_the_input_is_left_as_it_was(tmp_path: Path) -> None:
     assert earlier.read_bytes() == kept
 
 
+@pytest.mark.slow
 def test_from_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     earlier = bake(sample("wrist"), tmp_path / "b" / "earlier.glb", PALM)
     direct = bake(sample("wrist"), tmp_path / "b" / "direct.glb", FINER)

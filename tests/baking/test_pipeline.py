@@ -82,6 +82,7 @@ def test_geometry_does_not_depend_on_clips(asset: str, config: str) -> None:
         assert described(variant) == described(whole)
 
 
+@pytest.mark.slow
 def test_geometry_without_any_clip() -> None:
     tools = ({**PALM, "strategy": "origin"}, BACK)
     whole, bare = bake_once("wrist", *tools), bake_once(edited("wrist", without_animations), *tools)
@@ -137,6 +138,7 @@ for asset, tools, out in json.loads(sys.argv[1]):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_same_bytes_from_another_process_and_folder(tmp_path: Path) -> None:
     """With another hash seed and two BLAS threads, which change the last bits of what BLAS computes."""
     patch = limb_tool(attachment="patch", bumps=2)

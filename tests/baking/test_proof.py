@@ -271,6 +271,7 @@ def test_jumps_are_proven_too(tmp_path: Path) -> None:
     assert gaps.max() < made.max_error
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("asset", "tool", "clip", "rate"), [("wrist", PALM, "flex", 24), ("head", BROW, "raise_brows", 60)]
 )
@@ -295,6 +296,7 @@ def test_the_tallest_wrinkle_bounds_what_is_displaced(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_targets_of_contact_are_proven_as_those_of_tools(tmp_path: Path) -> None:
     """One fold, solved once and written four times: rightly, with wrong shapes, and with wrong weights."""
     pytest.importorskip("ipctk", reason="needs the extra `contact`")

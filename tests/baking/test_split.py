@@ -111,6 +111,7 @@ def ways(file: Gltf) -> set[bytes]:
     return {way.tobytes() for way in shown.transpose(1, 0, 2)}
 
 
+@pytest.mark.quick(1)
 def test_parts_move_as_the_whole_did_to_the_bit(
     pair: tuple[Gltf, Gltf], golden: Golden, request: pytest.FixtureRequest
 ) -> None:
@@ -145,6 +146,7 @@ def test_each_target_of_a_part_moves_it(pair: tuple[Gltf, Gltf]) -> None:
                 assert moves or max(turns) > parts._UNSEEN / 2, (node, name)
 
 
+@pytest.mark.quick(2)
 def test_the_original_comes_back_from_parts(pair: tuple[Gltf, Gltf], tmp_path: Path) -> None:
     whole, parted = pair
     tools = parted.path.parent / "tools.yaml"
@@ -167,6 +169,7 @@ def test_diff_sees_no_difference_in_what_moves(pair: tuple[Gltf, Gltf]) -> None:
     assert diff(pair[0].path, pair[1].path, posed=True, tolerance=Length(1e-12)).same
 
 
+@pytest.mark.quick(1)
 def test_nothing_crosses_where_parts_meet(pair: tuple[Gltf, Gltf]) -> None:
     whole, parted = (crossings(file.path).data for file in pair)
     assert parted["stored_pose"] == whole["stored_pose"]
@@ -185,6 +188,7 @@ def test_babylon_plays_all_parts(pair: tuple[Gltf, Gltf]) -> None:
             assert np.abs(babylon_pose(parted.path, node, clip, times) - posed).max() < 2e-6 * np.abs(posed).max()
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("kind", ["tools", "field"])
 def test_the_memory_of_parts_is_known_before_the_bake(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -228,6 +232,7 @@ def test_tracks_of_other_files_and_the_driver_move_all_parts(tmp_path: Path) -> 
             assert np.abs(tracked.weights(node, clip, times) - wanted).max() < 0.03
 
 
+@pytest.mark.slow
 def test_a_field_is_split_between_its_joints(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its shapes end where nothing of them is seen, and so do their normals."""
     worth = 2000

@@ -103,6 +103,7 @@ def test_a_clip_in_a_file_of_its_own_gets_the_weights_that_baking_gives(
     assert_valid(made.path)
 
 
+@pytest.mark.slow
 def test_tissue_lags_as_in_a_bake(tmp_path: Path) -> None:
     tools = config("wrist")
     tools["defaults"]["lag"] = {"frequency": 6, "damping": 0.5}
@@ -111,6 +112,7 @@ def test_tissue_lags_as_in_a_bake(tmp_path: Path) -> None:
     assert_tracks(made, whole, "wrist", "extend")
 
 
+@pytest.mark.slow
 def test_a_path_gets_the_weights_that_baking_gives(tmp_path: Path) -> None:
     body, whole = (bake_once("wrist", BENT, tracks=tracks) for tracks in ("none", "all"))
     made, _ = run(body, edited("wrist", skeleton_only), tmp_path)
@@ -144,7 +146,7 @@ def as_it_was(made: Gltf, before: Gltf) -> Json:
     return gltf
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("change", [with_bystanders, idle, skeleton_only, in_centimetres])
 def test_nothing_else_changes_and_the_stub_costs_three_points(change: Callable[[Editor], None], tmp_path: Path) -> None:
     anim = edited("trousers", change)
@@ -686,6 +688,7 @@ def test_faults_on_the_command_line(wrinkle: Wrinkle, tmp_path: Path) -> None:
     assert (ran.code, len(ran.lines)) == (1, 1)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("name", ["wrist", "head_keyed"])
 def test_a_bake_s_own_tracks_are_those_of_its_stored_drives(name: str) -> None:
     """A player looks up by the extras of the file what the bake has written into its clips."""

@@ -32,6 +32,7 @@ def test_clips_have_the_weights_of_a_whole_bake_and_the_mesh_is_as_it_was(name: 
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_targets_have_the_names_and_the_weights_of_maps(tmp_path: Path) -> None:
     """A morph target of the asset raises the brows, which the page that plays maps follows as well."""
     made = bake_config("head", "head", mode="weights")

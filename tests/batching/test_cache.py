@@ -103,6 +103,7 @@ def test_every_output_comes_back(keys: dict[str, Any], folder: Path, wrinkle: Wr
     assert files(folder) == first
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("ending", [".gltf", ".glb"])
 def test_an_output_beside_its_asset_is_another_than_one_elsewhere(ending: str, wrinkle: Wrinkle, folder: Path) -> None:
     """Beside the asset it refers to the asset's buffer and image; elsewhere it has its own."""
@@ -362,7 +363,7 @@ def known(
     return baked
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("name", ["above", "an image of other content", "an unknown root alone", "NaN", "text"])
 def test_a_job_with_such_a_record_is_baked(name: str, batch: Batch, folder: Path) -> None:
     (folder / "victim").write_bytes(b"precious")
@@ -381,7 +382,7 @@ def test_a_job_with_such_a_record_is_baked(name: str, batch: Batch, folder: Path
     assert (told["result"], any("c/" in line for line in told["warnings"])) == ("hit", False)
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     "note",
     [
@@ -428,7 +429,7 @@ def as_other_content(path: Path) -> None:
     path.write_bytes(b"other")
 
 
-@pytest.mark.quick(3)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("spoilt", [as_pipe, as_device, as_loop, as_other_content])
 @pytest.mark.parametrize("kind", ["keys", "files", "outs"])
 def test_entries_that_are_no_files_are_misses(

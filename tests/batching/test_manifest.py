@@ -190,6 +190,7 @@ def test_json_that_is_nested_too_deep_is_said_in_our_words(
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("folder")
 @pytest.mark.parametrize(
     ("name", "text", "first"),

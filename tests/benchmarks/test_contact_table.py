@@ -15,6 +15,7 @@ def run(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_table_of_readme_is_that_of_contact_csv(tmp_path: Path) -> None:
     """If it fails: `python tests/benchmarks/contact_table.py --readme`."""
     shown = run("--readme", "--to", str(tmp_path / "README.md"))
@@ -23,6 +24,7 @@ def test_the_table_of_readme_is_that_of_contact_csv(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_case_is_measured() -> None:
     pytest.importorskip("ipctk", reason="needs the extra `contact`")
     done = run("--only", "one_sided")

@@ -36,6 +36,7 @@ def run(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("part", range(2))
 def test_sections_run(part: int) -> None:
     """A process runs every second section, since each process imports all anew."""
@@ -52,6 +53,7 @@ def test_sections_run(part: int) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_section_that_fails_keeps_the_rows_of_others(tmp_path: Path) -> None:
     broken = tmp_path / "tests" / "benchmarks"
     shutil.copytree(RUN.parent, broken, ignore=shutil.ignore_patterns("__pycache__"))
@@ -69,6 +71,7 @@ def test_a_section_that_fails_keeps_the_rows_of_others(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_change_of_the_program_meets_its_tests(tmp_path: Path) -> None:
     tests = "tests/numeric/test_spring.py"
     chosen = ("--count", "1", "--seed", "1", "--only", "numeric/spring.py:5", "--tests", tests)

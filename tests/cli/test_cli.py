@@ -105,6 +105,7 @@ def test_libraries_start_one_thread_whatever_the_cores() -> None:
     assert done.stderr.splitlines()[-1] == "{1}"
 
 
+@pytest.mark.slow
 def test_a_small_bake_imports_no_more_than_it_uses(tmp_path: Path) -> None:
     write_tools(tmp_path / "tools.yaml", PALM)
     rarely_needed = {"scipy", "trimesh", "matplotlib", "PIL", "DracoPy", "numpy.ma", "wrinklecli.texture.maps"}
@@ -460,6 +461,7 @@ def test_a_report_is_the_same_every_time(wrinkle: Wrinkle, tmp_path: Path) -> No
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_make_bakes_again_exactly_when_it_must(tmp_path: Path) -> None:
     make = shutil.which("make")
     if make is None:

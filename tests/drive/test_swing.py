@@ -71,6 +71,7 @@ def small(gain: float = 0.1, **changes: Any) -> SwingDrive:
     return drive(modes=tuple(replace(each, gain=gain) for each in drive().modes), **changes)
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize(("keys", "error"), [(60, 0.01), (30, 0.01), (30.5, 0.01), (29.5, 0.01), (24, 0.02)])
 def test_sparse_straight_keys_swing_as_the_motion_that_they_sample(rig: Rig, keys: float, error: float) -> None:
     """Straight lines between 30 keys a second would be 3 % off. At 29.5, no key lies at a half of the clip."""

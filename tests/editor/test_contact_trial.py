@@ -37,6 +37,7 @@ def trial(session: Session, clip: str) -> ContactTrial:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_it_shows_what_a_bake_writes(tmp_path: Path) -> None:
     asset, tools = elbow().write(tmp_path, contact="resolve")
     shown = solved(trial(Session(asset, tools), CLIP))
@@ -49,6 +50,7 @@ def test_it_shows_what_a_bake_writes(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_pose_by_hand_is_resolved(tmp_path: Path) -> None:
     session = Session(*elbow().write(tmp_path, contact="resolve"))
     session.take_pose(FreePose().with_turn("forearm", "z", 100.0))

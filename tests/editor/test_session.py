@@ -386,6 +386,7 @@ def test_a_tool_with_a_partner_names_its_side(session: Session) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_what_suggest_finds_is_accepted_one_by_one(session: Session, tmp_path: Path) -> None:
     offers = session.proposals()
     assert offers
@@ -417,6 +418,7 @@ def test_a_proposal_is_tried_alone_where_it_is_tallest(session: Session) -> None
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_field_is_proposed_for_a_garment_tried_and_taken(tmp_path: Path) -> None:
     asset = sleeve(rings=24, sides=16)
     asset.gltf["materials"] = [{"name": "denim"}]
@@ -451,6 +453,7 @@ def test_a_place_that_has_a_tool_is_taken_for_what_runs_the_same_way(tmp_path: P
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_places_are_found_in_the_pose_that_is_set(tmp_path: Path) -> None:
     session = Session(limb(tmp_path / "limb.glb", rings=20, sides=12), tmp_path / "tools.yaml")
     clip = session.clips[0]
@@ -488,6 +491,7 @@ def test_warnings_are_beside_the_tool_that_they_are_about(session: Session) -> N
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_warnings_are_beside_the_muscle_or_flesh_that_they_are_about(tmp_path: Path) -> None:
     """A muscle on one bone, one that bulges through the folded limb, one that fits, and flesh that hardly moves."""
     asset = limb(tmp_path / "limb.glb", rings=20, sides=12, angle=125.0)

@@ -114,6 +114,7 @@ def test_edits_that_do_not_fit_take_a_name_that_is_free(path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_no_text_of_a_side_file_is_more_than_a_line(path: Path) -> None:
     for text in ("", "tools: [", "[" * 1000, "a: &a [*a]", "tools: [*a]", "\x00", '"\\ud800"', "version: 1\ntools: 5"):
         for base in (TEXT, text):

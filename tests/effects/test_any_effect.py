@@ -61,6 +61,7 @@ def test_each_kind_has_its_own_section_and_says_if_it_can_be_baked_here() -> Non
     assert all(kind_of(section).is_installed for section in ASSETS)
 
 
+@pytest.mark.quick(1)
 @EACH
 def test_one_tool_is_attached_as_among_all(section: str) -> None:
     job, _ = planned(section)

@@ -16,6 +16,7 @@ from wrinklecli.example import demo as module
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_it_bakes_and_draws_a_figure(wrinkle: Wrinkle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def missing() -> None:
         raise WrinkleError("pictures need Pillow", where="preview")

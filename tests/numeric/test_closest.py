@@ -143,6 +143,7 @@ def test_a_tree_finds_the_nearest_of_all_pairs(seed: int, triangles: int, points
     assert shares.sum(axis=1) == pytest.approx(1.0, abs=1e-14)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("thickness", [1e-8, 1e-12, 1e-16, 0.0])
 def test_a_tree_knows_how_far_a_triangle_is_however_thin(thickness: float) -> None:
     rng = np.random.default_rng(7)
@@ -209,6 +210,7 @@ def test_what_is_beside_a_body_is_not_inside() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_threads_do_not_change_what_is_found() -> None:
     """libigl divides 10,000 points and more among as many threads as IGL_NUM_THREADS says, or as there are cores."""
     program = """

@@ -268,6 +268,7 @@ def test_fast_motion_is_sampled_closer() -> None:
     assert np.abs(fitted(times)[:, 0] - np.sin(40 * times)).max() < 1e-5
 
 
+@pytest.mark.slow
 def test_a_wide_signal_is_held_few_times() -> None:
     def signal(times: Floats) -> Floats:
         return np.sqrt(np.abs(np.sin(40.0 * times)))[:, None] * np.linspace(0.0, 1.0, 2000)

@@ -312,6 +312,7 @@ def subdivide_by_the_book(points, triangles):
     return fine, children
 
 
+@pytest.mark.quick(4)
 @pytest.mark.parametrize("name", [n for n in ALL if n not in ("double_sided", "degenerates", "pillow", "none")])
 def test_refining_everything_is_the_modified_butterfly(name):
     points, triangles = ALL[name]()

@@ -152,6 +152,7 @@ WARNED: dict[str, tuple[Callable[[Path], Path], list[Json], list[str]]] = {
 }
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("case", WARNED)
 def test_check_and_bake_give_the_same_warnings(case: str, tmp_path: Path) -> None:
     build, tools, starts = WARNED[case]
@@ -302,7 +303,7 @@ def test_a_patch_over_two_layers_is_warned_of_by_their_share(fold: float, tmp_pa
         assert share == pytest.approx(100 * 2 * fold / (2 * REACH), abs=8.0)
 
 
-@pytest.mark.quick(3)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("strength", [1.0, -1.0])
 @pytest.mark.parametrize("share", [0.1, 0.9, 1.1])
 def test_wrinkles_taller_than_the_room_are_warned_of(strength: float, share: float, tmp_path: Path) -> None:
@@ -351,7 +352,7 @@ def test_collisions_are_the_same_in_small_portions_and_found_among_fewer_vertice
     assert thinned != whole
 
 
-@pytest.mark.quick(3)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("turned", [False, True])
 @pytest.mark.parametrize(("shift", "near"), [(0.02, True), (0.07, True), (0.09, False)])
 def test_tools_nearly_on_top_of_each_other_are_warned_of(
@@ -524,6 +525,7 @@ def test_warned_where_much_of_a_wrinkle_s_height_shows_at_rest(
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["svg", pytest.param("png", marks=pytest.mark.slow)])
 def test_a_picture_is_the_same_in_every_process(wrinkle: Wrinkle, tmp_path: Path, kind: str) -> None:
     write_tools(tmp_path / "tools.yaml", PALM, BACK)
@@ -619,6 +621,7 @@ def test_a_clip_that_gets_a_weights_channel_is_told_where_morph_targets_were_fre
     assert any("weights channel" in line for line in report.data["warnings"]) == is_said
 
 
+@pytest.mark.slow
 def test_an_asset_without_clips_is_checked_in_its_range_of_motion(tmp_path: Path, wrinkle: Wrinkle) -> None:
     path = limb(tmp_path / "limb.glb", clip=None, morphs=1, joints=3)
     tools = write_tools(tmp_path / "tools.yaml", tool(origin=[-0.7, 0.25, 0], target=[0.05, 0.25, 0]))
@@ -693,6 +696,7 @@ def test_teeth_are_named_with_their_clip_and_time(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["wrist", "head", "head_keyed", "body"])
 def test_the_samples_have_no_teeth_and_no_warning(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Not those of trousers, whose knees bend by more than 90°, and hide a few such triangles in the fold."""
@@ -721,6 +725,7 @@ def test_a_field_says_how_its_joints_turn_and_how_far_clips_fold_it(wrinkle: Wri
     assert [each["name"] for each in data["tools"]] == [tool()["name"]]
 
 
+@pytest.mark.slow
 def test_a_field_is_checked_in_those_motions_of_a_range_of_motion_that_turn_its_joints(tmp_path: Path) -> None:
     _, tools = sleeve_and_field(tmp_path, joints=["joint_2"])
     asset = limb(tmp_path / "limb.glb", rings=16, sides=10, joints=3, clip=None)

@@ -16,6 +16,7 @@ from wrinklecli.errors import BakeError
 from wrinklecli.review.crossings import crossings
 
 
+@pytest.mark.slow
 def test_a_fold_that_closes_crosses_and_wrinkles_add_to_it(tmp_path: Path) -> None:
     asset = limb(tmp_path / "limb.glb", angle=140.0, rings=16, sides=12)
     tools = write_tools(tmp_path / "tools.yaml", tool(bumps=3, max_height="15%"))
@@ -90,6 +91,7 @@ def test_frames_that_are_hidden_cost_nothing(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_clips_of_other_files_are_compared_in_the_file_baked_with_them(tmp_path: Path) -> None:
     """Clips of `bake --anim` are in the baked file alone; the original, which its record restores, plays them too."""
     asset = limb_asset(clip=None, rings=12, sides=8, joints=3, morphs=2, root={"matrix": np.eye(4).ravel().tolist()})

@@ -198,6 +198,7 @@ def test_a_file_without_anything_to_see_is_compared_too(wrinkle: Wrinkle, tmp_pa
 
 @pytest.mark.skipif(shutil.which("make") is None, reason="needs make")
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_samples_are_checked_and_compared_with_their_golden(tmp_path: Path) -> None:
     samples = tmp_path / "samples"
     shutil.copytree(SAMPLES, samples, ignore=shutil.ignore_patterns("out", "pictures", "__pycache__"))

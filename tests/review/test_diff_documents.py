@@ -150,7 +150,7 @@ CHANGES: list[tuple[Callable[[Asset], None], str, str]] = [
 ]
 
 
-@pytest.mark.quick(20)
+@pytest.mark.quick(4)
 @pytest.mark.parametrize(("change", "place", "message"), CHANGES, ids=lambda each: getattr(each, "__name__", ""))
 def test_every_change_is_found_and_named(
     tmp_path: Path, change: Callable[[Asset], None], place: str, message: str
@@ -260,6 +260,7 @@ HARMLESS = [
 ]
 
 
+@pytest.mark.quick(5)
 @pytest.mark.parametrize("change", HARMLESS, ids=lambda each: each.__name__)
 def test_what_means_the_same_is_the_same(tmp_path: Path, change: Callable[[Asset], None]) -> None:
     before, after = rich(), rich()

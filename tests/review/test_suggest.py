@@ -89,6 +89,7 @@ def test_nothing_is_suggested_where_nothing_is_compressed(tmp_path: Path, option
     assert not (tmp_path / "tools.yaml").exists()
 
 
+@pytest.mark.slow
 def test_an_asset_without_clips_is_looked_at_in_its_range_of_motion(tmp_path: Path) -> None:
     path = limb(tmp_path / "limb.glb", clip=None, morphs=1)
     found = suggest(path, clips=["joint_1 about z, +90°"])
@@ -173,6 +174,7 @@ def test_a_mesh_without_normals_keeps_its_flat_faces(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_file_says_what_the_record_says(tmp_path: Path) -> None:
     path = limb(tmp_path / "limb.glb", joints=3, angle=200.0)
     found = suggest_once(path)
@@ -201,6 +203,7 @@ def test_the_file_bakes_without_a_length_that_no_bump_takes(tmp_path: Path) -> N
     assert not [line for line in report.warnings if "not absorbed" in line]
 
 
+@pytest.mark.slow
 @each_once()
 def test_command_writes_the_file_and_a_table(tmp_path: Path) -> None:
     path = limb(tmp_path / "limb.glb")
@@ -220,11 +223,13 @@ def test_command_writes_the_file_and_a_table(tmp_path: Path) -> None:
     assert result.stdout
 
 
+@pytest.mark.slow
 def test_progress_goes_on_while_tools_are_looked_at(tmp_path: Path) -> None:
     lines = run(limb(tmp_path / "limb.glb"), "--count", 1, "--progress").stderr.splitlines()
     assert {"progress: posing 100%", "progress: looking 100%"} <= set(lines)
 
 
+@pytest.mark.slow
 @each_once()
 def test_a_budget_keeps_what_fits(tmp_path: Path) -> None:
     path = limb(tmp_path / "limb.glb")
@@ -288,6 +293,7 @@ def test_wrong_usage_is_code_2(arguments: list[str]) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_same_bytes_in_another_folder_and_process(tmp_path: Path) -> None:
     for folder, seed in (("a", "1"), ("b", "2")):
         (tmp_path / folder).mkdir()
@@ -406,6 +412,7 @@ def test_clips_that_hide_the_character_are_null_in_json(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_shared_meshes_are_looked_at_for_each_node() -> None:
     found = suggest(edited("wrist", shared_mesh), count=4)
     assert {each.mesh for each in found.tools} == {"wrist", "twin"}

@@ -91,6 +91,7 @@ def test_the_file_says_what_wrinkles(tmp_path: Path, material: Json, kind: str) 
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_coat_of_an_animal_is_no_cloth(tmp_path: Path) -> None:
     blue = {"pbrMetallicRoughness": {"baseColorFactor": [0.1, 0.2, 0.6, 1.0]}}
     for name in (None, "Saddle cloth"):
@@ -144,6 +145,7 @@ def sleeved(factor: float) -> Asset:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_what_is_under_another_mesh_where_it_folds_is_left_out(tmp_path: Path) -> None:
     found = suggested(tmp_path, sleeved(1.1))
     assert not found.tools
@@ -156,6 +158,7 @@ def test_what_is_under_another_mesh_where_it_folds_is_left_out(tmp_path: Path) -
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_twin_of_a_fold_is_suggested_though_no_clip_folds_it(tmp_path: Path) -> None:
     asset = limb_asset(joints=3, angle=200.0)
     channels = asset.gltf["animations"][0]["channels"]
@@ -293,6 +296,7 @@ def hand(*names: str) -> Asset:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_fingers_that_fold_along_one_line_get_a_tool_each(tmp_path: Path) -> None:
     fingers, tentacles = (
         suggested(tmp_path, hand(*(f"{name} {k}" for k in "abc")), everything=True).tools
@@ -322,12 +326,14 @@ def test_folds_of_a_shirt_are_as_wide_as_the_trunk_and_end_unevenly(tmp_path: Pa
     assert found.tool.width.value > 2.0 * 1.5 * RADIUS
 
 
+@pytest.mark.slow
 def test_a_collar_is_left_out(tmp_path: Path) -> None:
     found = suggested(tmp_path, bent("Neck"))
     assert not found.tools
     assert any("no limb" in note for note in found.notes)
 
 
+@pytest.mark.slow
 def test_the_inner_side_of_a_tube_is_left_out(tmp_path: Path) -> None:
     asset = limb_asset()
     (outer,) = asset.gltf["meshes"][0]["primitives"]

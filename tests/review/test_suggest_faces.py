@@ -79,6 +79,7 @@ def test_a_name_says_a_motion_and_its_side(name: str, motions: str, side: str) -
     assert (" ".join(said), of_side if said else "") == (motions, side)
 
 
+@pytest.mark.slow
 def test_tools_of_a_face_are_as_before(golden: Golden) -> None:
     found = suggested("facs")[2]
     golden.text("\n".join([found.text, *found.notes]), "suggest_face.txt")
@@ -96,6 +97,7 @@ def suggested(variant: str) -> tuple[Face, Path, Suggestions]:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_each_region_has_its_tool(variant: str) -> None:
     face, _, found = suggested(variant)
@@ -199,6 +201,7 @@ def test_patches_are_low_and_end_before_lids_and_lips(variant: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_what_is_written_passes_a_strict_check(tmp_path: Path) -> None:
     _, path, found = suggested(JUDGED)
     (tmp_path / "tools.yaml").write_text(found.text)
@@ -206,6 +209,7 @@ def test_what_is_written_passes_a_strict_check(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_plain_names_do_what_they_can() -> None:
     found = suggest(sample("head"), face=True)
     assert [each.tool.name for each in found.tools] == ["forehead", "forehead_side.L", "glabella", "neck.L"]
@@ -219,6 +223,7 @@ def test_plain_names_do_what_they_can() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_targets_that_move_nothing_are_said(tmp_path: Path) -> None:
     face = Face()
     still = {
@@ -253,6 +258,7 @@ def test_a_face_that_says_too_little_has_nothing(tmp_path: Path, targets: list[s
     assert reason in found.reason
 
 
+@pytest.mark.quick(3)
 @pytest.mark.parametrize(
     "expressions",
     [

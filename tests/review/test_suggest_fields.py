@@ -47,6 +47,7 @@ def jeans(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Suggestions]:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_garment_gets_a_field_and_no_tools(jeans: tuple[Path, Suggestions], tmp_path: Path) -> None:
     path, found = jeans
     assert not found.tools
@@ -64,6 +65,7 @@ def test_a_garment_gets_a_field_and_no_tools(jeans: tuple[Path, Suggestions], tm
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_garment_of_long_triangles_is_refined_as_finely_as_its_field_asks(tmp_path: Path) -> None:
     path = dressed(limb_asset(rings=5, sides=12, angle=60.0), name="Jeans").write(tmp_path / "limb.glb")
     found = suggest(path)
@@ -74,6 +76,7 @@ def test_a_garment_of_long_triangles_is_refined_as_finely_as_its_field_asks(tmp_
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_field_for_an_asset_without_clips_passes_check(tmp_path: Path) -> None:
     path = dressed(limb_asset(**{**SIZE, "clip": None}), name="Jeans").write(tmp_path / "limb.glb")
     found = suggest(path)
@@ -83,6 +86,7 @@ def test_a_field_for_an_asset_without_clips_passes_check(tmp_path: Path) -> None
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_skirt_over_both_legs_gets_a_field(tmp_path: Path) -> None:
     asset = characters.CHARACTERS["knight_tabard"]().write(tmp_path / "knight.glb")
     assert [each.mesh for each in suggest(asset).fields] == ["Object.012"]
@@ -109,6 +113,7 @@ def test_the_command_says_what_a_field_costs(jeans: tuple[Path, Suggestions], tm
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_garment_without_a_field_gets_tools(jeans: tuple[Path, Suggestions]) -> None:
     path, found = jeans
     poor = suggest(path, budget=found.fields[0].gpu_bytes - 1)
@@ -120,6 +125,7 @@ def test_a_garment_without_a_field_gets_tools(jeans: tuple[Path, Suggestions]) -
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_where_a_mesh_is_cloth_in_part_its_field_is_kept_to_that(tmp_path: Path) -> None:
     picture = np.concatenate([characters.skin(64), characters.denim(64)], axis=1)
     asset = dressed(limb_asset(**SIZE), image=picture)

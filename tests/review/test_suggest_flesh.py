@@ -20,6 +20,7 @@ def person(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_body_gets_regions_where_its_skin_is_thick(person: Path, tmp_path: Path) -> None:
     """Its chest is lean, and its cheeks are coarse. The others lie where they should, mirrored, and the file bakes."""
     found = suggest_once(person, flesh=True)
@@ -37,6 +38,7 @@ def test_a_body_gets_regions_where_its_skin_is_thick(person: Path, tmp_path: Pat
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_clothes_over_a_region_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Shirt and trousers move with the flesh below them; what lies over a face does not, coarse as this one is."""
     monkeypatch.setattr("wrinklecli.review.suggest.flesh.LEAST_VERTICES", 1)
@@ -51,6 +53,7 @@ def test_clothes_over_a_region_are_named(tmp_path: Path, monkeypatch: pytest.Mon
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_flesh_on_a_coarse_mesh_is_left_out(tmp_path: Path) -> None:
     """A cartoon's cheeks have one vertex each, which would stand out as a spike; the right one has it, too.
 
@@ -64,6 +67,7 @@ def test_flesh_on_a_coarse_mesh_is_left_out(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_flesh_of_one_side_is_left_out(wrinkle: Wrinkle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A cartoon that lacks the skin of its right cheek: the left one alone would look like a fault."""
     monkeypatch.setattr("wrinklecli.review.suggest.flesh.LEAST_VERTICES", 1)

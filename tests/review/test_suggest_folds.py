@@ -46,6 +46,7 @@ def test_a_bent_tube_folds_on_its_inner_side_along_the_tube(tmp_path: Path, opti
     assert best.time == pytest.approx(1.0, abs=0.1)
 
 
+@pytest.mark.slow
 def test_an_asset_gets_the_same_tools_again(tmp_path: Path) -> None:
     asset = limb(tmp_path / "limb.glb")
     assert suggest_once(asset).text == suggest(asset).text
@@ -164,6 +165,7 @@ def test_the_sample_wrist_folds_on_both_sides() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_sample_head_folds_on_its_forehead() -> None:
     found = suggest(sample("head"), clips=["raise_brows"])
     brow = nearest_to(found, (0.0, 0.264, 0.078))
@@ -177,6 +179,7 @@ def test_the_sample_head_folds_on_its_forehead() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_real_wrist_folds_on_both_sides() -> None:
     """Both are proposed, though the palm's crease hides a third of the wrinkles in it."""
     path = in_assets("hand.glb")
@@ -221,6 +224,7 @@ def test_a_real_textured_man_folds_at_joints() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_nothing_is_worth_it_on_a_real_fox_of_facets() -> None:
     assert suggest(in_assets("fox.glb")).reason.startswith("fox is fur; ")
     found = suggest(in_assets("fox.glb"), materials={"fox": "skin"})
@@ -237,6 +241,7 @@ def test_nothing_is_worth_it_on_a_real_strip_of_facets() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["wrist", "trousers", "head"])
 def test_suggestions_bake_as_they_are(tmp_path: Path, name: str) -> None:
     found = suggest_once(sample(name))

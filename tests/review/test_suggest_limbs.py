@@ -34,6 +34,7 @@ def suggested(folder: Path, asset: Asset, *, everything: bool = False) -> Sugges
     return suggest(asset.write(folder / "limb.glb"), everything=everything)
 
 
+@pytest.mark.slow
 def test_skin_folds_level(tmp_path: Path) -> None:
     found = suggested(tmp_path, limb_of("skin"))
     axis = np.array([1.0, 0.0, 0.0])
@@ -41,6 +42,7 @@ def test_skin_folds_level(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_bare_skin_creases_close_to_the_joint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("kit.limb.BLEND", 1.2)  # it bends over more than its thickness
     lengths = {}
@@ -71,6 +73,7 @@ def test_contact_is_proposed_where_a_knee_passes_through_itself(
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_contact_that_is_proposed_bakes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "tools.yaml").write_text(folded(tmp_path, monkeypatch, installed=True).text)
     bake(tmp_path / "limb.glb", tmp_path / "tools.yaml", tmp_path / "out.glb", max_levels=1)
@@ -78,6 +81,7 @@ def test_contact_that_is_proposed_bakes(tmp_path: Path, monkeypatch: pytest.Monk
     assert [len(node["extras"]["wrinkle"]["folds"]) for node in nodes if "mesh" in node] == [1]
 
 
+@pytest.mark.slow
 def test_without_the_extra_a_comment_names_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     found = folded(tmp_path, monkeypatch, installed=False)
     assert not any(tool.contact for tool in parse_tools(found.text).tools)
@@ -92,6 +96,7 @@ def test_a_fold_that_does_not_cross_has_no_contact(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_preset_of_a_file_is_taken_for_its_parts_of_a_body(tmp_path: Path) -> None:
     """The text names the file from where it will stand, reads as the tools are, and bakes."""
     (tmp_path / "in").mkdir()

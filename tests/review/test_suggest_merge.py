@@ -52,6 +52,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_file_that_is_there_is_not_written_over(folder: Path, tmp_path: Path) -> None:
     made, edited = (folder / "tools.yaml").read_text(), tmp_path / "tools.yaml"
     edited.write_text("# mine\n" + made)

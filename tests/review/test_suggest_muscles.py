@@ -111,6 +111,7 @@ def test_muscles_below_clothes_lift_the_clothes(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_guessed_muscles_are_no_lumps(tmp_path: Path) -> None:
     """A squat moves the skin over the hamstrings by less than a third of the way to the bone."""
     asset = dressed().write(tmp_path / "dressed.glb")

@@ -56,6 +56,7 @@ def reads_back(found: Suggestions) -> None:
         assert all(0.0 < each.shortening <= 1.0 for each in found.tools)
 
 
+@pytest.mark.slow
 @settings(max_examples=3)
 @given(shape=shapes(FEW), everything=st.booleans())
 def test_no_shape_fails(shape: Shape, everything: bool, folder: Path) -> None:
@@ -63,6 +64,7 @@ def test_no_shape_fails(shape: Shape, everything: bool, folder: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @settings(max_examples=10)
 @given(shape=shapes(MANY), everything=st.booleans())
 def test_no_fine_shape_fails(shape: Shape, everything: bool, folder: Path) -> None:
@@ -86,7 +88,7 @@ BENT = [
 ]
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("shape", BENT, ids=lambda each: f"{each.sides}x{each.rings}")
 def test_a_bent_tube_folds_at_the_same_place_however_fine(tmp_path: Path, shape: Shape) -> None:
     # The place is tested, not the look: facets that bend, and a crease as sharp as a bump, leave tools out.

@@ -180,6 +180,7 @@ def test_the_picture_counts_more_than_names(tmp_path: Path) -> None:
     assert kind_of(tmp_path, painted(characters.skin(128), name="Hair")) == "hard"
 
 
+@pytest.mark.slow
 def test_where_nothing_is_said_the_confidence_is_low(tmp_path: Path) -> None:
     grey = painted(None, baseColorFactor=[0.6, 0.6, 0.6, 1.0])
     found = judged(tmp_path, grey)
@@ -216,6 +217,7 @@ def test_a_material_counts_before_its_node(tmp_path: Path) -> None:
     assert kind_of(tmp_path, asset, materials={"limb": "skin", "jeans": "leather"}) == "leather"
 
 
+@pytest.mark.slow
 def test_material_refuses_what_it_does_not_know(tmp_path: Path) -> None:
     path = painted(None, name="jeans").write(tmp_path / "asset.glb")
     with pytest.raises(AssetError, match=r"'jean' is no material.*did you mean 'jeans'"):

@@ -68,6 +68,7 @@ def drawn(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_finger_that_drags_skin_gives_a_touch_that_checks_strictly(
     drawn: Path, wrinkle: Wrinkle, tmp_path: Path
 ) -> None:
@@ -89,6 +90,7 @@ def test_a_finger_that_drags_skin_gives_a_touch_that_checks_strictly(
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_finger_that_presses_or_hovers(tmp_path: Path) -> None:
     """Skin that a tip presses does not slide; where an animator leaves a gap, the tip touches earlier."""
     pressing = np.array([[0, 0.08, 0], [0, LENGTH - 0.001, 0], [0, LENGTH - 0.001, 0], [0, 0.08, 0]])
@@ -125,6 +127,7 @@ def test_a_finger_does_not_touch_its_own_arm(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_command_prints_a_file_and_json(drawn: Path, wrinkle: Wrinkle) -> None:
     ran = wrinkle("suggest", drawn, "--touch")
     listed = yaml.safe_load(ran.out)["touches"]

@@ -41,6 +41,7 @@ def corner() -> Asset:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_path_follows_the_strongest_compression_round_a_corner(tmp_path: Path) -> None:
     (found,) = suggest(corner().write(tmp_path / "face.glb"), everything=True).tools
     tool = found.tool

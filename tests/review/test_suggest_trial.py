@@ -42,6 +42,7 @@ def test_a_mesh_that_needs_more_levels_than_usual_is_refined_once(
     assert [each for each in levels if each > 0] == [6]
 
 
+@pytest.mark.slow
 def test_a_fold_much_shorter_than_its_triangles_is_left_out(tmp_path: Path) -> None:
     document = read_document(sheet(tmp_path / "a.glb", [(-0.5, 0.0), (0.0, 0.0), (0.5, 0.0)]))
     short = suggestion(0.02, 0.05, 0.0, "short")

@@ -38,18 +38,21 @@ def test_a_suggested_file_has_no_warnings(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", SAMPLES)
 def test_a_file_suggested_for_a_sample_has_no_warnings(name: str, tmp_path: Path) -> None:
     assert unwarned_file(sample(name), tmp_path)
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", REAL)
 def test_a_file_suggested_for_a_real_asset_has_no_warnings(name: str, tmp_path: Path) -> None:
     assert unwarned_file(in_assets(name), tmp_path)
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_tool_is_made_to_fit_or_left_out(tmp_path: Path) -> None:
     asset = characters.tubes().write(tmp_path / "tubes.glb")
     document = read_document(asset)

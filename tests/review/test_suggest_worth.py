@@ -56,6 +56,7 @@ def reasons(found: Worthwhile) -> list[tuple[str, str]]:
     return [(each.name, each.reason) for each in found.dropped]
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("reason", "profiles", "tool"),
     [
@@ -117,6 +118,7 @@ def test_the_twin_of_a_one_sided_clip_stays_and_the_file_says_so(tmp_path: Path,
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_facets_leave_a_tool_out_and_the_command_says_why(tmp_path: Path) -> None:
     flat, smooth = (
         limb(tmp_path / f"{normals}.glb", rings=16, sides=10, angle=50.0, normals=normals) for normals in (False, True)
@@ -181,6 +183,7 @@ def test_skin_that_comes_through_clothes_is_measured() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_several_processes_propose_the_same(tmp_path: Path) -> None:
     asset = characters.tubes().write(tmp_path / "tubes.glb")
     one, two = (suggest(asset, jobs=jobs) for jobs in (1, 2))

@@ -46,6 +46,7 @@ def test_importing_the_package_imports_nothing_more() -> None:
     assert set(done.stdout.split()) - {"importlib", "typing"} <= set(sys.stdlib_module_names) | {"wrinklecli"}
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     "name",
     [pytest.param(name, marks=[pytest.mark.slow] * (name in ("suggest", "track", "batch"))) for name in FUNCTIONS],
@@ -69,6 +70,7 @@ def test_the_page_names_every_function_and_its_options() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_script_of_the_page_runs(tmp_path: Path) -> None:
     shutil.copy(ROOT / "samples" / "trousers.glb", tmp_path / "character.glb")
     shutil.copy(ROOT / "configs" / "trousers.yaml", tmp_path / "tools.yaml")

@@ -44,7 +44,7 @@ UNTOUCHED = {
 }
 
 
-@pytest.mark.quick(22)
+@pytest.mark.quick(5)
 @pytest.mark.parametrize("name", bombs.BOMBS)
 @pytest.mark.parametrize("command", COMMANDS)
 def test_bomb_is_refused_before_it_goes_off(wrinkle: Wrinkle, tmp_path: Path, command: str, name: str) -> None:
@@ -148,6 +148,7 @@ def test_triangles_are_counted_before_they_are_looked_at(
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("memory", ["50MB", "80MB", "95MB"])
 @pytest.mark.parametrize("effect", ["flesh", "contact"])
 def test_solvers_with_little_memory_end_in_a_line(tmp_path: Path, memory: str, effect: str) -> None:
@@ -175,6 +176,7 @@ def test_solvers_with_little_memory_end_in_a_line(tmp_path: Path, memory: str, e
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_thousand_tools_off_the_mesh_are_a_screen_of_lines(wrinkle: Wrinkle, tmp_path: Path) -> None:
     limb(tmp_path / "limb.glb", rings=5, sides=4)
     far = [tool(name=f"t{number}", origin=[-0.5, 9.0 + number, 0.0]) for number in range(1000)]

@@ -129,6 +129,7 @@ def test_a_field_is_driven_as_it_was_baked(clip: str) -> None:
     assert driver_warnings(bare.path) == []
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("leaning", [False, True])
 def test_a_fold_that_touches_is_driven_as_it_is_tracked(leaning: bool, tmp_path: Path) -> None:
     """Nothing crosses in the joint's own motion, nor in clips of another file about axes that lean by up to 20°."""
@@ -150,6 +151,7 @@ def test_a_fold_that_touches_is_driven_as_it_is_tracked(leaning: bool, tmp_path:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_driver_and_track_look_up_alike() -> None:
     """To the digits of what they read, along the turns of a clip as between them."""
     pytest.importorskip("ipctk", reason="needs the extra `contact`")
@@ -195,7 +197,7 @@ def limb_with(*names: str | None) -> Asset:
     return asset
 
 
-@pytest.mark.quick(4)
+@pytest.mark.quick(2)
 @pytest.mark.parametrize(
     "names",
     [
@@ -219,6 +221,7 @@ def test_joints_are_found_whatever_their_names_are(names: tuple[str | None, ...]
     assert driver_warnings(bare.path) == []
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     "names", [("limb", "upper", "tip", "tip", None), ("limb", "tip", "tip", "x/tip", "root")], ids=str
 )
@@ -484,6 +487,7 @@ def halves(folder: Path, *queries: str) -> list[list[Any]]:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_player_shows_before_and_after(tmp_path: Path) -> None:
     """The clip is chosen by name, and the slider stands between before, on its left, and after."""
     served(tmp_path, baked_glb=bake_config("trousers", "trousers").path)

@@ -78,6 +78,7 @@ def take_picture(tab: Tab, name: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_browser_opens_the_page_by_its_token_alone_and_lets_no_site_in(tmp_path: Path) -> None:
     page = Page(Session(shutil.copy(ROOT / "samples" / "wrist.glb", tmp_path)), "0.0.0.0")
     start = f"http://127.0.0.1:{page.port}"
@@ -112,6 +113,7 @@ def test_a_browser_opens_the_page_by_its_token_alone_and_lets_no_site_in(tmp_pat
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_field_is_made_and_a_tool_is_drawn_tuned_and_saved(tmp_path: Path) -> None:
     asset = Path(shutil.copy(ROOT / "samples" / "trousers.glb", tmp_path))
     session = Session(asset)
@@ -178,6 +180,7 @@ def test_a_field_is_made_and_a_tool_is_drawn_tuned_and_saved(tmp_path: Path) -> 
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_proposal_is_pictured_pointed_at_taken_and_compared(tmp_path: Path) -> None:
     session = Session(limb(tmp_path / "limb.glb"))
     page = Page(session)
@@ -235,6 +238,7 @@ def test_a_proposal_is_pictured_pointed_at_taken_and_compared(tmp_path: Path) ->
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_contact_is_resolved_on_demand_and_played(tmp_path: Path) -> None:
     pytest.importorskip("ipctk", reason="needs the extra `contact`")
     session = Session(*elbow().write(tmp_path, contact="resolve"))
@@ -295,6 +299,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_full_disk_is_said_and_edits_of_a_server_that_was_killed_are_there_again(
     folder: Path, tmp_path: Path
 ) -> None:

@@ -103,7 +103,7 @@ def test_an_engine_plays_the_bake_where_it_is_installed(engine: str, package: st
     assert np.abs(shown - posed).max() < 5e-5 * np.abs(posed).max()
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @bakes(("blendshapes", "skin"), ("dense", "based"), also=("face",))
 def test_vtk_plays_the_bake(case: str, stored: str) -> None:
     """Four targets at most: a vertex that others move is left out. Of several primitives VTK bends only the first."""

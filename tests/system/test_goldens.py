@@ -103,7 +103,7 @@ ASKED: dict[str, tuple[str, ...]] = {
 }
 
 
-@pytest.mark.quick(6)  # the rest have no kind of effect that these lack
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("name", BAKES)
 def test_a_bake_adds_the_same_wrinkles(name: str, golden: Golden) -> None:
     file = BAKES[name]()
@@ -134,6 +134,7 @@ def asked(tmp_path: Path, wrinkle: Wrinkle) -> Callable[..., str]:
     return run
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("name", ASKED)
 def test_commands_say_the_same(name: str, asked: Callable[..., str], golden: Golden) -> None:
     golden.text(asked(*ASKED[name]), f"said_{name}.txt")

@@ -277,6 +277,7 @@ def test_a_longer_clip_adds_the_bytes_of_its_weight_tracks(baker: Baker) -> None
     assert track_bytes(long) == pytest.approx(10 * track_bytes(short), rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_finer_mesh_elsewhere_adds_no_byte(baker: Baker) -> None:
     found = [baker.bake(folding(1, sheet=sheet)) for sheet in (16, 64, 128)]
     first = found[0][1]
@@ -292,6 +293,7 @@ def test_a_finer_mesh_elsewhere_adds_no_byte(baker: Baker) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_memory_hardly_grows_with_the_clip(baker: Baker) -> None:
     # Both longer than what is sampled or proven at once.
     short, long = (baker.peak(folding(periods)) for periods in (300, 900))
@@ -300,6 +302,7 @@ def test_memory_hardly_grows_with_the_clip(baker: Baker) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("small_spool")
 @pytest.mark.parametrize("sheet", [0, 32])
 def test_memory_of_posed_frames_does_not_hold_them(baker: Baker, sheet: int) -> None:

@@ -52,6 +52,7 @@ def attacked(case: Case, folder: Path) -> int:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("first", range(0, CASES, BATCH))
 def test_commands_on_damaged_files_end_in_order(tmp_path: Path, first: int) -> None:
     for number in range(first, min(first + BATCH, CASES)):
@@ -108,13 +109,13 @@ def test_every_way_in_is_attacked() -> None:
     assert {"cache", "sub/limb.gltf", ".tools.yaml.unsaved", "tools.yaml", "out.glb"} <= places
 
 
-@pytest.mark.quick(6)
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("line", KEPT.read_text().splitlines(), ids=lambda line: str(json.loads(line)["arguments"]))
 def test_what_failed_once_does_not_again(tmp_path: Path, line: str) -> None:
     attacked(loaded(line, "kept"), tmp_path)
 
 
-@pytest.mark.quick(5)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("number", range(len(hostile.corpus())))
 def test_corpus_is_sound(tmp_path: Path, number: int) -> None:
     asset = f"limb{hostile.corpus()[number].suffix}"
@@ -125,6 +126,7 @@ def test_corpus_is_sound(tmp_path: Path, number: int) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["layout_1", "lag", "fold", "muscles", "flesh", "touch", "bent"])
 def test_forged_extras_end_every_command_in_order(tmp_path: Path, name: str) -> None:
     """What a bake has written for players, with anything in the place of any field."""
@@ -150,7 +152,7 @@ def test_forged_extras_end_every_command_in_order(tmp_path: Path, name: str) -> 
             assert (code in (0, 1, 2), "Traceback" in err) == (True, False), (command, edit, err)
 
 
-@pytest.mark.quick(5)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("kind", ["pipe", "/dev/null"])
 @pytest.mark.parametrize(
     "arguments",
@@ -323,7 +325,7 @@ def linked(uri: str, *, kind: str = "buffers") -> str:
     return json.dumps({**asset.gltf, "buffers": [buffer], "images": [{"uri": uri}] if kind == "images" else []})
 
 
-@pytest.mark.quick(8)
+@pytest.mark.quick(3)
 @pytest.mark.parametrize("kind", ["buffers", "images"])
 @pytest.mark.parametrize(
     "uri",
@@ -396,7 +398,7 @@ def _after(calls: int, function: Callable[..., Any], fault: Callable[..., Any]) 
     return failing
 
 
-@pytest.mark.quick(8)
+@pytest.mark.quick(3)
 @pytest.mark.parametrize("calls", [0, 1, 2, 3])
 @pytest.mark.parametrize(
     ("module", "name", "fault"),

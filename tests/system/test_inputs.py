@@ -207,7 +207,7 @@ def vertex_count(asset: Asset, primitive: Json) -> int:
 # Primitives
 
 
-@pytest.mark.quick(4)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     "options",
     [
@@ -374,7 +374,7 @@ def wide_normalized_positions(asset: Asset) -> None:
 MORPHED: Json = {"skinned": False, "clip": None, "morphs": 2, "morph_normals": True, "morph_clip": "LINEAR"}
 
 
-@pytest.mark.quick(5)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("change", "options", "known"),
     [
@@ -423,6 +423,7 @@ def test_points_and_lines_are_left_alone() -> None:
             assert len(new["targets"]) == len(after.mesh("limb")["primitives"][0]["targets"])
 
 
+@pytest.mark.slow
 def test_strips_and_fans_stay_where_nothing_is_refined() -> None:
     for mode in ("strip", "fan"):
         before, after = check(limb_asset(rings=13, mode=mode))
@@ -475,7 +476,7 @@ def flat_joint(asset: Asset) -> None:
 AROUND: Json = {"translation": [1.0, 2.0, 3.0], "scale": [2.0, 2.0, 2.0]}
 
 
-@pytest.mark.quick(4)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("change", "options", "keys"),
     [
@@ -607,7 +608,7 @@ def foreign_channels(asset: Asset) -> None:
     asset.gltf["extensionsUsed"] = ["KHR_animation_pointer"]
 
 
-@pytest.mark.quick(4)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("change", "options"),
     [
@@ -677,7 +678,7 @@ def image_bytes(file: Gltf, index: int) -> bytes:
     return (file.path.parent / unquote(image["uri"])).read_bytes()
 
 
-@pytest.mark.quick(4)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("out", ["out.glb", "out.gltf", "below/out.glb", "below/out.gltf", "../beside/out.gltf"])
 def test_resources_of_every_kind(tmp_path: Path, out: str) -> None:
     (tmp_path / "in").mkdir()
@@ -695,7 +696,7 @@ def test_resources_of_every_kind(tmp_path: Path, out: str) -> None:
         assert after.stored(k).tobytes() == before.stored(k).tobytes()
 
 
-@pytest.mark.quick(3)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("form", ["glb", "file", "data", "percent", "folder"])
 @pytest.mark.parametrize("ending", [".glb", ".gltf"])
 def test_containers(tmp_path: Path, form: Any, ending: str) -> None:
@@ -711,6 +712,7 @@ def test_containers(tmp_path: Path, form: Any, ending: str) -> None:
     assert np.array_equal(Gltf(target).pose("limb", "fold", [0.7]), other.pose("limb", "fold", [0.7]))
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("ending", [".glb", ".gltf"])
 @pytest.mark.parametrize("way", ["dots", "absolute", "link", "linked folder"])
 def test_what_lies_outside_is_read_only_where_allowed(tmp_path: Path, way: str, ending: str) -> None:

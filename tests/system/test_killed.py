@@ -39,6 +39,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "sign", "step"),
     [
@@ -80,6 +81,7 @@ def test_a_signal_at_any_line_leaves_all_files_new_or_none(
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("sign", [signal.SIGTERM, signal.SIGKILL])
 def test_a_batch_ended_at_any_line_leaves_outputs_new_or_old_and_no_wrong_cache(
     sign: signal.Signals, folder: Path

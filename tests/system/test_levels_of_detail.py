@@ -20,6 +20,7 @@ LEVELS = {"0.5": {"max_levels": 3}, "0.25": {"max_levels": 3, "edges_per_interva
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("share", LEVELS)
 def test_crests_of_coarser_levels_are_within_a_fifth_of_a_bump(share: str, tmp_path: Path) -> None:
     coarse, out = tmp_path / "coarse.glb", tmp_path / "out.glb"
@@ -37,6 +38,7 @@ def test_crests_of_coarser_levels_are_within_a_fifth_of_a_bump(share: str, tmp_p
         assert apart.min(axis=0).max() < 0.2, "there is a crest more"
 
 
+@pytest.mark.slow
 def test_levels_and_copies_hold_no_wrinkles_down(tmp_path: Path) -> None:
     """Levels in no scene and in the scene, and a second node of the mesh, which is said to be a copy."""
     tools = write_tools(tmp_path / "tools.yaml", tool(node="limb"), refinement={"max_levels": 0})

@@ -115,6 +115,7 @@ def test_a_reader_that_leaves_early_is_no_bug() -> None:
     assert "Traceback" not in ran.stderr
 
 
+@pytest.mark.slow
 def test_names_that_the_terminal_cannot_show_are_escaped(tmp_path: Path) -> None:
     asset = limb_asset()
     asset.gltf["nodes"][0]["name"] = "額é"
@@ -162,6 +163,7 @@ def on_terminal(arguments: list[str], **environment: str) -> str:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_colours_are_for_terminals_that_want_them(tmp_path: Path) -> None:
     tools = write_tools(tmp_path / "tools.yaml", {**PALM, "strength": 2})
     arguments = ["check", str(sample("wrist")), str(tools)]

@@ -95,6 +95,7 @@ def test_the_map_shows_every_module() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_figures_are_drawn_from_the_program(tmp_path: Path) -> None:
     run([sys.executable, ROOT / "samples" / "figures.py", tmp_path], check=True, env={"PYTHONPATH": str(ROOT)})
     kept = {path.name for path in (ROOT / "samples" / "pictures").glob("method_*.svg")}
@@ -115,6 +116,7 @@ def test_keys_have_small_pictures_beside_their_description() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("part", range(2))
 def test_pictures_of_keys_are_drawn_from_the_program(part: int, tmp_path: Path) -> None:
     """Of each picture its last panel, which shows most of what its key does, and all captions."""
@@ -136,6 +138,7 @@ def test_pictures_of_keys_are_drawn_from_the_program(part: int, tmp_path: Path) 
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_script_draws_the_picture_of_a_key(tmp_path: Path) -> None:
     script, kept = ROOT / "samples" / "key_pictures.py", ROOT / "samples" / "pictures" / "key_max_height.png"
     run([sys.executable, script, tmp_path, "max_height"], check=True, env={"PYTHONPATH": str(ROOT)})

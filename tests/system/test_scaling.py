@@ -114,6 +114,7 @@ def test_instances_that_move_alike_are_measured_once(monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("make", [partial(crowd_asset, skinned=True), troop_asset], ids=["one skeleton", "their own"])
 def test_layers_are_posed_once_in_a_pose(
     make: Callable[[int], Asset], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
@@ -129,6 +130,7 @@ def test_layers_are_posed_once_in_a_pose(
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_suggestions_take_as_many_calls_for_each_instance(tmp_path: Path) -> None:
     """Each with a skeleton of its own; `test_layers_are_posed_once_in_a_pose` has those of one skeleton, too."""
     paths = [troop_asset(count).write(tmp_path / f"{count}.glb") for count in (6, 12, 18)]

@@ -115,6 +115,7 @@ def test_a_missing_golden_fails_until_update_writes_it(pytester: pytest.Pytester
     run(pytester, obtained).assert_outcomes(passed=1)
 
 
+@pytest.mark.quick(3)
 @pytest.mark.parametrize(
     ("options", "passes"),
     [
@@ -182,6 +183,7 @@ def test_the_golden_is_a_glb(pytester: pytest.Pytester, folder: Path, tmp_path: 
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_installing_registers_the_plugin(pytester: pytest.Pytester) -> None:
     (found,) = (each for each in entry_points(group="pytest11") if each.value == "wrinklecli.testing")
     assert found.name == "wrinkle"

@@ -101,7 +101,7 @@ def test_the_file_is_small_and_has_all_cases() -> None:
     assert list(due()) == list(CASES)
 
 
-@pytest.mark.quick(3)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("name", ["wrist", "muscles", "flesh", *sorted({*CASES} - {"wrist", "muscles", "flesh"})])
 def test_the_vectors_are_those_of_the_program(name: str) -> None:
     """Another processor rounds otherwise, and contact adds that up."""
@@ -126,6 +126,7 @@ def differences(wanted: Any, found: Any, tolerance: float) -> list[str]:
     return [] if same else [f"{wanted} {found}"]
 
 
+@pytest.mark.quick(14)
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("language", DRIVERS)
 def test_a_driver_gives_the_weights_due(language: str, name: str) -> None:
@@ -202,6 +203,7 @@ def test_flesh_knows_the_clips_of_a_file(
         assert np.abs(np.array(found)[-len(due) :, columns] - due).max() < 0.01 * due.max(), each["name"]
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("play", [csharp, gdscript])
 def test_flesh_knows_clips_that_blend(play: Callable[..., dict[str, Any]], tmp_path: Path) -> None:
     """Each driver gives the weights of that of three.js, which is held to a motion that blends the curves of both."""
@@ -245,6 +247,7 @@ def test_the_nodes_of_godot_3_and_4_differ_in_what_the_engines_spell_otherwise()
     assert text == (GODOT / "driver_godot4.gd").read_text()
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("name", ["wrinkle", "joints", "clips", "numbers", "driver_godot4", "maps_godot4"])
 def test_godot_4_can_parse_the_driver(name: str) -> None:
     """By its grammar; there is no Godot 4 here to run it."""

@@ -107,6 +107,7 @@ def test_everything_follows_the_vertices_that_are_repeated(form: str, tmp_path: 
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", EVERY[::3])
 def test_compressed_meshes_are_written_plainly(name: str, tmp_path: Path) -> None:
     asset = compressed_sample(name)
@@ -118,6 +119,7 @@ def test_compressed_meshes_are_written_plainly(name: str, tmp_path: Path) -> Non
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_no_place_of_the_texture_belongs_to_two_and_all_that_is_flat_is_one_point(tmp_path: Path) -> None:
     """On the wrist both sides of which have the same texels: a fault of the layout that `maps` warns of."""
     asset, size = edited("wrist", on_one_place), 128
@@ -175,6 +177,7 @@ def test_all_of_a_rich_file_stays(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_charts_end_where_frames_of_the_assets_own_normal_map_jump(tmp_path: Path) -> None:
     """Its two sides are mirrored. Its tangents are those of its own coordinates, and so are the slopes of the maps."""
 

@@ -851,6 +851,7 @@ def test_the_reference_names_the_limits(constant, words):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("tools", "line"),
     [

@@ -205,6 +205,7 @@ def messages(draw: st.DrawFn, kinds: list[type]) -> dict[str, Any]:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore:Do not use the .random. module")  # as pings of other threads do after 20 s
 def test_after_hundreds_of_messages_every_tab_edits_and_saves(page: Page, monkeypatch: pytest.MonkeyPatch) -> None:
     every = [kind for kind in viser.infra.Message.get_subclasses() if dataclasses.is_dataclass(kind)]

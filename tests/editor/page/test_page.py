@@ -188,6 +188,7 @@ def test_a_taken_port_is_said_in_a_line(page: Page, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_day_of_edits_and_moments_takes_no_more_memory(page: Page, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(edits, "_MAX_STEPS", MOMENTS)
     session = page.session

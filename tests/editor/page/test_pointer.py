@@ -86,7 +86,7 @@ def tools_of(page: Page) -> dict[str, Any]:
     return {tool["name"]: tool for tool in yaml.safe_load(page.session.text)["tools"]}
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("nearly", [0.0, 1e-9, 1e-3, -5e-3])
 def test_two_clicks_on_one_spot_leave_one_end(page: Page, nearly: float) -> None:
     page._pointer._begin("tools")
@@ -198,7 +198,7 @@ def test_a_draft_that_is_refused_leaves_the_one_before_it(page: Page) -> None:
     assert page.session.text == TOOLS
 
 
-@pytest.mark.quick(4)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("steps", "value"),
     [

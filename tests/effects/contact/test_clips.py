@@ -67,6 +67,7 @@ def baked() -> Gltf:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_no_clip_crosses_whatever_its_keys_are() -> None:
     clips = crossings(baked().path).data["clips"]
     found = {clip["name"]: clip["totals"] for clip in clips}
@@ -85,6 +86,7 @@ def test_no_clip_crosses_whatever_its_keys_are() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("motions", [{"pose": [("joint_1", "z", CLOSED)]}, {"range_of_motion": True}, {"anims": True}])
 def test_a_baked_file_plays_contact_in_motions_that_are_added(motions: dict[str, Any], tmp_path: Path) -> None:
     body = bake_once(still_limb(), TOOL, top=UNREFINED)
@@ -107,6 +109,7 @@ def test_a_baked_file_plays_contact_in_motions_that_are_added(motions: dict[str,
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_clip_without_contact_is_sampled_as_ever(tmp_path: Path) -> None:
     """At further times the proof finds what it has not looked at otherwise, and crossing tools were refused there."""
     times = []
@@ -123,6 +126,7 @@ def test_a_clip_without_contact_is_sampled_as_ever(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_file_of_frames_has_contact_in_a_clip_of_one_key(tmp_path: Path) -> None:
     asset = with_clips("one key", "steps").write(tmp_path / "limb.glb")
     tools = write_tools(tmp_path / "tools.yaml", TOOL, **UNREFINED)
@@ -131,6 +135,7 @@ def test_a_file_of_frames_has_contact_in_a_clip_of_one_key(tmp_path: Path) -> No
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_morph_target_may_raise_a_fold_in_clips_of_any_kind() -> None:
     asset = nose()
     for name, times, weights, interpolation in (

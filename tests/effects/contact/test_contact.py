@@ -101,6 +101,7 @@ def test_tracks_of_other_files_move_folds_too(folded: Baked, tmp_path: Path) -> 
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_targets_do_not_hang_on_the_clips(folded: Baked, tmp_path: Path) -> None:
     asset, out = limb(tmp_path / "limb.glb", angle=20.0, rings=16, sides=10), tmp_path / "out.glb"
     wrinklecli.bake(asset, folded.tools, out)
@@ -114,6 +115,7 @@ def test_targets_do_not_hang_on_the_clips(folded: Baked, tmp_path: Path) -> None
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_clip_that_the_joint_s_own_motion_does_not_span_leaves_nothing(tmp_path: Path) -> None:
     asset = limb(tmp_path / "limb.glb", angle=75.0, rings=12, sides=8)
     # The clip bends the limb about an axis that leans by 60° from that of the tool.
@@ -238,6 +240,7 @@ def test_weights_of_contact_are_those_that_every_player_takes(folded: Baked) -> 
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_clips_that_fold_about_other_axes_hardly_cross() -> None:
     """Targets are made for the joint's own motion, and four that lean by 10°: what lies between is theirs too."""
     asset, totals = waving(), {}

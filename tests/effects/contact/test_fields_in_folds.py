@@ -46,6 +46,7 @@ def test_a_fold_is_posed_with_the_field_beneath(plan: MeshPlan) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_tool_keeps_what_a_field_folds_apart() -> None:
     def total(contact: str) -> int:
         file: Gltf = bake_once(folding_limb(), tool(name="hand", bumps=2, contact=contact), top=TOP)

@@ -93,6 +93,7 @@ def never_settles(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_strict_refuses_it_and_what_shows_it_says_so(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     never_settles(monkeypatch)
     limb = folding_limb()
@@ -227,6 +228,7 @@ def test_wrinkles_are_lowered_beside_effects_that_act_before_them(
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_wrinkles_that_are_projected_in_each_frame_are_lowered_too(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -299,6 +301,7 @@ FAULTS = ["doubled", "sliver", "coincident", "noise"]
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("fault", FAULTS)
 def test_degenerate_geometry_ends_no_bake(fault: str, tmp_path: Path) -> None:
     """Each fold has contact, or a reason why not."""

@@ -13,6 +13,7 @@ from wrinklecli.effects.contact import sample
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_file_does_not_depend_on_the_number_of_processes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asset, tools = knees(inwards=0.0, angle=90.0, sides=8).write(tmp_path, contact="resolve")
     fit = sample._spanned

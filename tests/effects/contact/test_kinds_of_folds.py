@@ -12,6 +12,7 @@ KINDS = ["low_poly", "one_sided", "elbow", "finger", "hip", "armpit", "groin", "
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_fold_is_resolved_and_whole_or_a_line_says_that_it_is_left_out(kind: str) -> None:
     """Beside the same bake without contact."""

@@ -29,6 +29,7 @@ def test_a_fold_about_its_axis_looks_alike_in_player_and_bake() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_line_says_where_players_cannot_show_what_the_bake_shows(tmp_path: Path) -> None:
     """Two joints fold an armpit of the cartoon figure, and players look contact up by one."""
     armpit = {"name": "armpit", "node": "Toon", "origin": [-0.16, 1.28, 0.0], "target": [-0.28, 1.34, 0.0],
@@ -43,6 +44,7 @@ def test_a_line_says_where_players_cannot_show_what_the_bake_shows(tmp_path: Pat
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["one_sided", "elbow", "finger"])
 def test_a_clip_that_was_baked_looks_in_players_as_it_was_baked(name: str) -> None:
     """Rows of the clip bring them within the default of `--max-error`.
@@ -67,6 +69,7 @@ def test_a_pose_looks_alike_however_the_clip_gets_there() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["armpit", "sleeve"])
 def test_skin_that_slides_looks_alike_in_player_and_bake(kind: str) -> None:
     """It opens otherwise than it closes: solutions differ by a fifth of contact's greatest move, or by most of it."""
@@ -81,6 +84,7 @@ def test_skin_that_slides_looks_alike_in_player_and_bake(kind: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_an_elbow_that_comes_back_looks_alike_in_player_and_bake() -> None:
     """The clips of a dressed figure ask for targets of their own, and leave few ways for the skin to open."""
     elbow = {"name": "elbow", "node": "Mesh_0", "origin": [0.36, 1.39, 0.045], "target": [0.54, 1.39, 0.042],
@@ -91,6 +95,7 @@ def test_an_elbow_that_comes_back_looks_alike_in_player_and_bake() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_knee_of_the_sample_looks_alike_in_player_and_bake() -> None:
     """The thigh turns, too, and the knee leans by 12°."""
     tools = config("trousers")

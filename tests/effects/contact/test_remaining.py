@@ -27,6 +27,7 @@ TIMES = np.linspace(0.0, 1.0, 16)
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_contact_fades_in_frames_in_which_it_would_cross_more(tmp_path: Path) -> None:
     asset = limb(tmp_path / "limb.glb", angle=80.0, rings=16, sides=10)
     files = [

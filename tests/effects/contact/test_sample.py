@@ -20,6 +20,7 @@ TOP = {"refinement": {"max_levels": 1}}
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     "more",
     [

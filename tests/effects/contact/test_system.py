@@ -54,6 +54,7 @@ def test_both_hips_over_one_pelvis_are_resolved_together() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_parts_of_folds_add_up_to_the_move_of_their_system(tmp_path: Path) -> None:
     (left, right), (clip,) = folds_of("groin", tmp_path)
     pairs = [(each, distances_from_crossings(each)) for each in (left, right)]

@@ -100,6 +100,7 @@ def test_waves_are_level_with_their_mean_where_they_fork(fabric: object) -> None
     assert made[-1] == pytest.approx(fabric.wave(np.cos(angles)))
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("options", [{"angle": 120.0}, {"angle": 110.0, "joints": 3}], ids=["one", "two"])
 def test_a_field_turns_no_triangle_over_that_the_skin_does_not(options: Json) -> None:
     """Between the poses of a sweep neither, nor beside the field."""

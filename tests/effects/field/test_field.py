@@ -37,6 +37,7 @@ def weights_of(file: Gltf, times: Floats = TIMES) -> Floats:
     return file.weights("limb", "fold", times)[:, wrinkle_columns(file, "limb")]
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("made", [TUBE, TWO_BENDS], ids=["one bend", "two bends"])
 def test_a_bake_is_valid_and_other_programs_show_it_as_it_is(made: object) -> None:
     file = bake_once(made(), top=ONE)
@@ -57,6 +58,7 @@ def _many_turns() -> Path:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_an_engine_gets_the_main_shapes_of_a_field() -> None:
     """A limit is held by fewer shapes, not refused; joints without any are named."""
     whole, held = (bake_once(_many_turns(), top=ONE, **FLAT, **each) for each in ({}, {"engine": "vtk"}))
@@ -107,6 +109,7 @@ def test_the_asset_itself_stays_as_it_is() -> None:
     assert at_rest[: len(one)] == pytest.approx(before.pose("limb", "fold", [0.0])[0], abs=1e-6)
 
 
+@pytest.mark.slow
 def test_drivers_and_tracks_play_a_field_as_its_bake_does(tmp_path: Path) -> None:
     file = bake_once(TWO_BENDS(), top=ONE, **FLAT)
     names = file.mesh("limb")["extras"]["targetNames"]
@@ -183,6 +186,7 @@ def baked_bytes(asset: Path, file: Path, out: Path, threads: int) -> bytes:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_same_bytes_whatever_the_threads(tmp_path: Path) -> None:
     file = tools_file(TWO_BENDS(), {"name": "folds"})
     one, two, again = (
@@ -203,6 +207,7 @@ def test_vertices_with_other_numbers_give_the_same_surface() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_memory_grows_no_faster_than_the_mesh() -> None:
     peaks = []
     for rings in (21, 81):
@@ -215,6 +220,7 @@ def test_memory_grows_no_faster_than_the_mesh() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_very_many_joints_take_seconds(tmp_path: Path) -> None:
     asset = place(many_joints(500))
     file = bake_once(asset, top=ONE)

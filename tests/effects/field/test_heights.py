@@ -74,6 +74,7 @@ def test_a_strip_that_is_shortened_keeps_its_length_in_waves(lost: float) -> Non
     assert length_of_wave(half_height, (1.0 - lost) * WAVE) == pytest.approx(WAVE, rel=0.05)
 
 
+@pytest.mark.slow
 def test_slack_is_lost_before_a_fold_rises_and_taken_up_by_it() -> None:
     """Cloth that has buckled keeps its length, so beyond three slacks folds are as high as without any."""
     rising = [float(np.median(squeezed(lost, slack=SLACK)[1].heights)) for lost in (0.05, 0.07, 0.09, 0.11)]

@@ -101,6 +101,7 @@ def sway(times: Array) -> Array:
     return np.stack([wide * np.sin(turn), 0 * times, wide * np.cos(turn)], axis=1)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("fps", "keys"), [(15, 29), (30, 60), (60, 29), (120, 60), (None, 29)])
 def test_the_driver_plays_flesh_at_any_frame_rate(bodies: dict[int, Path], keys: int, fps: int | None) -> None:
     """A second round of the clip is as it was baked: the driver knows the curve through the clip's keys.
@@ -206,6 +207,7 @@ def test_a_clip_of_another_file_is_tracked(bodies: dict[int, Path], tmp_path: Pa
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_regions_that_touch_add_up(bodies: dict[int, Path]) -> None:
     """Each alone moves the skin as both together do; where they meet, moves are as smooth as in the middle."""
     left, right = (region(name=name, at=[x, -0.05, 0.17], radius=0.1) for name, x in (("l", 0.06), ("r", -0.06)))
@@ -216,6 +218,7 @@ def test_regions_that_touch_add_up(bodies: dict[int, Path]) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_mirrored_regions_are_mirror_images(bodies: dict[int, Path]) -> None:
     file = baked(bodies[60], region(name="side.L", at=[0.08, -0.05, 0.15], radius=0.1, mirror="x"))
     first, second = np.linalg.norm(file.deltas("trunk"), axis=2).max(axis=1).reshape(2, 7)
@@ -240,6 +243,7 @@ def test_flesh_carries_wrinkles(bodies: dict[int, Path]) -> None:
     assert values[:, names.index("wrinkle_fold_1")].max() > 0.05
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

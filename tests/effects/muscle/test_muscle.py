@@ -148,6 +148,7 @@ def test_a_belly_that_is_activated_while_its_ends_stay_does_not_travel() -> None
     assert np.abs(travelling - still).max() < 0.01 * np.abs(still).max()
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("engine", "ends"), [(None, BICEPS), ("unity", TRICEPS)])
 def test_tracks_and_players_activate_a_belly_that_travels_as_the_bake_does(
     engine: str | None, ends: Json, tmp_path: Path
@@ -285,6 +286,7 @@ def test_a_muscle_that_no_joint_shortens_is_warned_of(wrinkle: Wrinkle, tmp_path
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_contact_keeps_apart_what_muscles_press_together() -> None:
     """The fold is solved on the skin that the muscle has moved, or left out with its wrinkles lowered."""
     pytest.importorskip("ipctk", reason="needs the extra `contact`")
@@ -297,6 +299,7 @@ def test_contact_keeps_apart_what_muscles_press_together() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_fold_over_a_muscle_that_is_given_up_has_lower_wrinkles(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -358,6 +361,7 @@ def test_a_bulge_that_passes_through_the_other_limb_is_warned_of(angle: float, w
     assert all(line.startswith(start) for line in lines)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("turned", [False, True])
 @pytest.mark.parametrize(("gap", "share"), [(0.1, RADIUS / (RADIUS + 0.1)), (0.65, 1.0)])
 def test_a_muscle_below_clothes_is_as_thick_as_the_body_leaves_room(gap: float, share: float, turned: bool) -> None:

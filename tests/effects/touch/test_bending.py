@@ -84,6 +84,7 @@ def errors(asset: Path, spot: Json, clip: str, time: float) -> tuple[float, floa
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("clip", "time"), [("flex", 0.35), ("extend", 0.35)])
 def test_slides_beside_a_bent_wrist_are_those_solved_there(clip: str, time: float) -> None:
     plain, changed = errors(ROOT / "samples" / "wrist.glb", BACK, clip, time)
@@ -92,6 +93,7 @@ def test_slides_beside_a_bent_wrist_are_those_solved_there(clip: str, time: floa
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("clip", ["flex", "extend"])
 def test_slides_beside_a_fist_and_a_wrist_bent_back_are_those(clip: str) -> None:
     """At 70°, where fingers and thumb turn, too, and bent back by 60°."""

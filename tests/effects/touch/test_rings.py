@@ -59,6 +59,7 @@ def test_heights_are_those_of_the_control_curve_on_each_ray(directions: int, err
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("directions", "error"), [(16, 0.03), (8, 0.12)])
 def test_the_skin_rises_as_the_control_curve_does(directions: int, error: float) -> None:
     """The vertices themselves, root mean square over those that lie on rings, relative to the tallest."""

@@ -18,6 +18,7 @@ def fold(x: float) -> dict[str, Any]:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("tools", "fits"), [([], 1), ([fold(0.15)], 1), ([fold(0.06)], 2)])
 def test_skin_is_fitted_once_unless_a_tool_refines_it_too(
     tools: list[Any], fits: int, tmp_path: Any, monkeypatch: pytest.MonkeyPatch

@@ -48,6 +48,7 @@ def moves(file: Gltf, contact: tuple[float, float, float], node: str = "skin") -
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_skin_slides_with_the_pad_and_fades(skin: Path) -> None:
     """The mean slide under the pad is the asked one; it falls to the sides, and nothing moves far away or at rest."""
     file = baked(skin, touch(), levels=3)
@@ -313,6 +314,7 @@ def test_windows_beyond_the_border_have_no_target() -> None:
     assert moved[:, 1].max() > 3e-4
 
 
+@pytest.mark.slow
 def test_mirrored_touches_are_mirror_images(skin: Path) -> None:
     """Keys that slide the left one inwards slide the right one inwards too."""
     left = touch(name="spot.L", at=[0.06, 0.0, 0.0], towards=[0.06, 0.0, 0.05], mirror="x", wrinkles={"directions": 6})
@@ -341,6 +343,7 @@ def test_a_tool_behind_the_tip_sees_the_stretched_skin(skin: Path) -> None:
     assert values[1] > 0.05
 
 
+@pytest.mark.quick(6)
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -371,6 +374,7 @@ def test_what_does_not_fit_is_one_line(skin: Path, tmp_path: Path, changes: Json
     assert not (tmp_path / "out.glb").exists()
 
 
+@pytest.mark.slow
 def test_warnings_say_what_looks_folded_and_what_never_acts(skin: Path) -> None:
     def said(**keys: Any) -> str:
         return "\n".join(warned(baked(skin, touch(**keys))))

@@ -10,6 +10,7 @@ from kit.limb import limb_asset, tool
 from kit.prepared import prepare
 
 
+@pytest.mark.quick(3)
 @pytest.mark.parametrize("root", ROOTS[:4], ids=str)
 @pytest.mark.parametrize("profile", ["smooth", "polyline"])
 def test_projected_anew_at_rest_is_carried_by_the_skin(root: Any, profile: str) -> None:
@@ -56,6 +57,7 @@ def test_projected_anew_a_pinned_vertex_stays_too() -> None:
     assert not every[:, : len(pinned)][:, pinned].any()
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("strategy", ["everywhere", "origin"])
 def test_projected_anew_a_frame_depends_on_no_other(strategy: str, monkeypatch: pytest.MonkeyPatch) -> None:
     asset = limb_asset(rings=9, sides=8, morphs=1, morph_clip="LINEAR")

@@ -27,6 +27,7 @@ PICTURES: dict[str, Json] = {
 }
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("name", PICTURES)
 def test_a_picture_looks_as_before(name: str, tmp_path: Path, golden: Golden) -> None:
     asset = limb_asset(rings=13, sides=10, joints=3, colors=True).write(tmp_path / "limb.glb")

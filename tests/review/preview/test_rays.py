@@ -33,6 +33,7 @@ def rays(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Non
         pytest.importorskip("embreex.mesh_construction")
 
 
+@pytest.mark.quick(1)
 @pytest.mark.usefixtures("rays")
 def test_a_pixel_shows_the_nearest_triangle_that_its_middle_lies_in() -> None:
     side, rng = 80, np.random.default_rng(5)

@@ -160,6 +160,7 @@ def test_a_mark_has_an_outline_a_segment_and_ends_of_even_width_on_any_slope(tur
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_mark_has_a_line_on_each_crest() -> None:
     frame = square(half=0.9)
     places = frame.corners[..., [1, 0]] + (0.9, 0.0)

@@ -143,6 +143,7 @@ def test_of_many_tools_the_first_are_shown_and_the_others_named(
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_tool_of_a_baked_file_is_shown_at_its_own_moments(tmp_path: Path) -> None:
     asset, tools = two_ways(tmp_path)
     baked = tmp_path / "baked.glb"
@@ -245,6 +246,7 @@ def test_names_of_tools_are_told_from_each_other() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_touch_is_seen_from_above_with_a_checker(tmp_path: Path) -> None:
     """Before the bake and after it; without a slide in any clip, at its greatest slide."""
     asset = plate().write(tmp_path / "plate.glb")
@@ -277,6 +279,7 @@ def test_a_touch_is_seen_from_above_with_a_checker(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_field_is_shown_where_it_folds_most_and_covers_nothing(tmp_path: Path) -> None:
     """Before the bake and after it; no colour marks a whole garment, but what compresses it and its crests below."""
     asset, tools = sleeve_and_field(tmp_path)
@@ -314,6 +317,7 @@ def test_a_field_is_chosen_by_its_name(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_touch_says_how_far_it_slides() -> None:
     """The card says the slide that `check` says too; a displacement would count its rings and dent in."""
     root = Path(__file__).parents[3]

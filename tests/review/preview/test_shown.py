@@ -18,6 +18,7 @@ from wrinklecli.review.preview.shown import read_shown
 Json = dict[str, Any]
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     "options", [{}, {"primitives": 3}, {"primitives": 4, "indices": None}, {"mode": "strip", "morphs": 1}]
 )
