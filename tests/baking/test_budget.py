@@ -179,6 +179,7 @@ def promised(at: NDArray[np.float64], keys: NDArray[np.float64]) -> NDArray[np.b
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_forehead_of_three_tools_plays_with_eight_targets(tmp_path: Path) -> None:
     side = {"name": "brow.L", "mirror": "x", "origin": [0.033, 0.2402, 0.083], "target": [0.027, 0.2881, 0.0639]}
     middle = {"name": "brow_middle", "origin": [0.0, 0.2395, 0.089], "target": [0.0, 0.2875, 0.0717]}
@@ -215,6 +216,7 @@ def test_targets_in_turn_do_not_depend_on_the_clips() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("tool", [ROUGH, {**BROW, "strategy": "origin", "bumps": 9}])
 def test_heights_of_other_shapes_are_proven_at_all_times(
     tool: Json, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -476,6 +478,7 @@ def test_cesium_gets_as_many_targets_as_its_vertex_attributes_hold(made: Json, o
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_targets_are_reduced_to_what_cesium_holds() -> None:
     rough = {**ROUGH, "bumps": 2}
     plain, held = bake_once("wrist", rough), bake_once("wrist", rough, engine="cesium")

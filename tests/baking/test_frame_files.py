@@ -51,6 +51,7 @@ def test_a_file_for_each_frame(kind: str, tmp_path: Path) -> None:
                 assert np.array_equal(mesh.faces, morphed.triangles("wrist"))
 
 
+@pytest.mark.slow
 def test_files_beside_morph_targets(tmp_path: Path) -> None:
     palm = {**PALM, "variation": 0}  # its tracks have a key at each of the times
     tools = write_tools(tmp_path / "tools.yaml", palm)

@@ -185,6 +185,7 @@ def test_two_meshes_of_which_a_clip_moves_one() -> None:
                 assert np.abs(file.attribute(nodes[k], "POSITION") - wanted).max() < 1e-6
 
 
+@pytest.mark.slow
 def test_the_first_frame_of_a_morphing_head(tmp_path: Path) -> None:
     """Old morph targets are in the frames, too."""
     file, source = bake_once("head", BROW, mode="frames", fps=10), Gltf(sample("head"))

@@ -100,6 +100,7 @@ def test_other_programs_show_both() -> None:
         compare_with_three(baked().path, name, "fold", TIMES, baked().pose(name, "fold", TIMES))
 
 
+@pytest.mark.slow
 def test_the_original_comes_back_and_tracks_reach_both(tmp_path: Path) -> None:
     out = tmp_path / "again.glb"
     wrinklecli.bake(baked().path, tools_file(apart(), BOTH), out, replace=True, max_levels=1)
@@ -172,6 +173,7 @@ def test_an_equal_skin_will_do() -> None:
     assert moves(file, 1, 0)
 
 
+@pytest.mark.slow
 def test_a_node_that_is_absent_is_told_or_left_out(tmp_path: Path) -> None:
     asset = {**BOTH, "node": ["limb", "cuff", "hood"]}
     with pytest.raises(WrinkleError, match=r"fields\[0\].node: node 'hood' is no node with a mesh"):

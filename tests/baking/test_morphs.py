@@ -170,6 +170,7 @@ def test_sparse_targets_hold_only_what_moves() -> None:
         assert values.any(axis=1).all()
 
 
+@pytest.mark.slow
 def test_a_base_without_normals_stays_so() -> None:
     after = bake_once(edited("wrist", without_normals), PALM, fine=True)
     for primitive in after.mesh("wrist")["primitives"]:
@@ -268,6 +269,7 @@ def test_no_target_moves_nothing(name: str, config: str) -> None:
         assert after.deltas(name)[column].any()
 
 
+@pytest.mark.slow
 def test_normals_follow_the_wrinkles() -> None:
     """Against area-weighted normals of the wrinkled triangles, in bind space, at several heights.
 
@@ -431,6 +433,7 @@ def test_channels_of_joints_keep_their_place_and_bytes() -> None:
                 assert before.stored(was[key]).tobytes() == after.stored(now[key]).tobytes()
 
 
+@pytest.mark.slow
 def test_no_dead_data_is_left() -> None:
     """Every accessor is used, every view is used, and the views cover the buffer but for padding."""
     after = bake_config("head", "head")

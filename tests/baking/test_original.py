@@ -232,6 +232,7 @@ def test_resources_of_every_kind(earlier: str, out: str, tmp_path: Path) -> None
     assert out in made
 
 
+@pytest.mark.slow
 def test_a_glb_is_the_same_in_the_original_s_folder_too(tmp_path: Path) -> None:
     asset = shutil.copy(limb(".gltf", morphs=1), tmp_path / "limb.gltf")
     shutil.copy(Path(limb(".gltf", morphs=1)).with_suffix(".bin"), tmp_path / "limb.bin")

@@ -55,6 +55,7 @@ def test_bumps_that_never_rise_get_no_target() -> None:
     assert after.mesh("wrist")["extras"]["targetNames"] == ["wrinkle_palm_1"]
 
 
+@pytest.mark.slow
 def test_bumps_rise_in_the_order_of_their_strategy() -> None:
     times = np.linspace(0, 1, 61)
     options: Json = {"bumps": 5, "max_height": "4%"}
@@ -290,6 +291,7 @@ def test_strength_of_a_clip_stands_in_place_of_the_tools(strength: float) -> Non
     assert np.abs((other - flat) - 0.4 * (plain - flat)).max() < 3e-5
 
 
+@pytest.mark.slow
 def test_a_tool_of_strength_0_acts_where_a_clip_says_so() -> None:
     after = bake_once("wrist", {**PALM, "strength": 0, "clips": {"flex": 0.4}})
     reference = bake_once("wrist", {**PALM, "strength": 1, "clips": {"flex": 0.4}})
@@ -313,6 +315,7 @@ def test_negative_strength_is_inward() -> None:
     assert np.abs(along[1] + 0.5 * along[0]).max() < 2e-5
 
 
+@pytest.mark.slow
 def test_tools_that_overlap_add_up() -> None:
     wide = {**PALM, "name": "wide", "bumps": 2}
     both, one, other = bake_once("wrist", PALM, wide), bake_once("wrist", PALM), bake_once("wrist", wide)
@@ -372,6 +375,7 @@ def test_the_bundled_keyed_head() -> None:
     assert after.weights("head", "raise_brows", [0.9])[0, columns].max() > 0.5
 
 
+@pytest.mark.slow
 def test_keys_make_the_height_of_an_equal_shortening() -> None:
     """One bump on a straight segment: keys of 125 % and a fold by a fifth give the same curve."""
     tool = {**BROW, "bumps": 1, "max_height": "none"}
@@ -530,6 +534,7 @@ def test_markers(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_mirrored_tools_make_mirrored_wrinkles() -> None:
     """Where they have a seed: without one, those of a name differ from those of another."""
     config = yaml.safe_load((ROOT / "configs" / "trousers.yaml").read_text())

@@ -259,6 +259,7 @@ def test_residuals_are_those_of_an_independent_comparison(
     assert residual["normal_degrees_99"] > 0
 
 
+@pytest.mark.slow
 def test_jumps_are_proven_too(tmp_path: Path) -> None:
     asset = edited("head", sharp_keys)
     tools, out = write_tools(tmp_path / "tools.yaml", BROW), tmp_path / "out.glb"

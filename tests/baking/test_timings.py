@@ -112,6 +112,7 @@ def test_an_asset_that_is_gone_meanwhile_fails_nothing(tmp_path: Path) -> None:
     assert found["bytes_added"] is None
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="the system does not say")
 def test_peak_memory_is_in_bytes() -> None:
     before = timings.peak_memory()

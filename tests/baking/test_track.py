@@ -425,6 +425,7 @@ def with_other_targets(editor: Editor) -> None:
         animation["samplers"][channel["sampler"]]["output"] = editor.accessor(made.reshape(-1, 1).astype(np.float32))
 
 
+@pytest.mark.slow
 def test_weights_of_other_targets_go_to_those_of_the_same_names(tmp_path: Path) -> None:
     """`bake --anim` matches them so too; what the body lacks stays in the file, behind its targets, and is named."""
     body = body_of("head")

@@ -78,6 +78,7 @@ def test_outputs_are_those_of_bake_and_only_what_changed_is_baked(chars: Wrinkle
     assert (tmp_path / "out" / "c0.glb").read_bytes() == first["c0.glb"]
 
 
+@pytest.mark.slow
 def test_a_texture_that_changed_is_new_in_its_place_and_limits_change_nothing(chars: Wrinkle, tmp_path: Path) -> None:
     asset = limb_asset(rings=7, sides=6)
     asset.gltf["images"] = [{"uri": "skin.png"}]

@@ -126,6 +126,7 @@ def _masked(folder: Path, *, grey: int) -> None:
     write_tools(folder / "t.yaml", asked, refinement={"max_levels": 0}, sampling={"fps": 4})
 
 
+@pytest.mark.slow
 def test_an_output_depends_on_the_image_of_a_mask(wrinkle: Wrinkle, folder: Path) -> None:
     _masked(folder, grey=255)
     batch = Batch(wrinkle)
@@ -147,6 +148,7 @@ def test_no_output_is_the_image_of_a_mask(key: str, wrinkle: Wrinkle, folder: Pa
     )
 
 
+@pytest.mark.slow
 def test_the_image_of_a_mask_is_fetched_with_the_tools(wrinkle: Wrinkle, folder: Path) -> None:
     _masked(folder, grey=255)
     system = fsspec.filesystem("memory")
@@ -200,6 +202,7 @@ def test_a_reference_that_is_no_file_beside_is_not_kept(uri: str, wrinkle: Wrink
     assert batch.run()["reason"] == "in place"
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("batch")
 def test_a_bake_of_a_bake_comes_back(wrinkle: Wrinkle) -> None:
     again = Batch(wrinkle, asset="o/limb.gltf", out="p/q.gltf", report="p/r.json", replace=True)
@@ -506,6 +509,7 @@ def test_outputs_are_done_whatever_the_cache_does(
     assert files(folder / "o") == made
 
 
+@pytest.mark.slow
 def test_a_cache_that_is_a_file_is_one_that_cannot_be_written(wrinkle: Wrinkle, folder: Path) -> None:
     (folder / "c").write_bytes(b"a file")
     told = Batch(wrinkle).run()
@@ -532,6 +536,7 @@ def test_an_output_that_is_gone_again_is_not_kept(
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_solved_region_of_flesh_is_taken_from_the_cache(
     wrinkle: Wrinkle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -21,6 +21,7 @@ from kit.work import PATIENCE
 
 pytestmark = [
     pytest.mark.slow,
+    pytest.mark.long,
     pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="needs dask.distributed"),
     pytest.mark.skipif(not Path("/proc").exists(), reason="looks for workers in /proc"),
 ]

@@ -224,6 +224,7 @@ def test_frames_keep_off_clips_that_are_tracked_after_them(wrinkle: Wrinkle) -> 
     assert not Path("o/limb.glb").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("folder")
 def test_an_old_buffer_stays_if_another_job_reads_it(wrinkle: Wrinkle) -> None:
     first = job(out="o/limb.gltf")

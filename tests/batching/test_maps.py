@@ -62,6 +62,7 @@ def test_maps_are_those_of_a_bake_and_come_back_from_the_cache(folder: Path, wri
     )
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("folder")
 def test_maps_go_to_a_store_but_not_over_an_input(wrinkle: Wrinkle) -> None:
     store = fsspec.filesystem("memory")
@@ -125,6 +126,7 @@ def test_maps_of_a_bake_are_refused(wrinkle: Wrinkle) -> None:
     assert run(wrinkle, {"replace": True})[:2] == (1, [line])
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("folder")
 def test_strict_takes_the_warnings_of_maps(wrinkle: Wrinkle) -> None:
     asset = limb_asset(rings=7, sides=6)

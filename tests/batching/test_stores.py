@@ -230,6 +230,7 @@ def test_a_store_that_breaks_off_is_asked_again(
         assert wrinkle("batch", f"{server}/limb.glb", *arguments, "-q").code == 0
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("http")
 def test_a_manifest_is_no_larger_than_one_may_be(wrinkle: Wrinkle, tmp_path: Path) -> None:
     with web.served({"/jobs.yaml": web.announced}) as server:

@@ -121,6 +121,7 @@ def test_a_skin_that_joints_mirror_winds_the_other_way(scale: list[float]) -> No
     assert (np.sum(outward[:, None] * posed.normals[0, posed.wound()], axis=2) > 0).all()
 
 
+@pytest.mark.slow
 def test_some_vertices_are_posed_as_with_the_others() -> None:
     document = read_document(sample("trousers"))
     (part,) = read_scene(document)

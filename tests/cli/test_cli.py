@@ -327,6 +327,7 @@ def test_a_buffer_of_the_asset_is_an_input(wrinkle: Wrinkle, tmp_path: Path) -> 
 # Refused
 
 
+@pytest.mark.slow
 def test_strict_refuses_warnings(wrinkle: Wrinkle, tmp_path: Path, old: Path) -> None:
     write_tools(old, {**PALM, "max_height": "1%"})
     plain = wrinkle("bake", WRIST, "tools.yaml", "-o", "plain.glb")
@@ -344,6 +345,7 @@ def test_strict_refuses_warnings(wrinkle: Wrinkle, tmp_path: Path, old: Path) ->
     assert ran.code == 0, ran.lines
 
 
+@pytest.mark.slow
 def test_max_error_refuses(wrinkle: Wrinkle, tmp_path: Path, old: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_tools(old, BROW)
     monkeypatch.setattr("wrinklecli.drive.play.KEY_GAP", 1.0)

@@ -26,6 +26,7 @@ def test_it_says_the_versions_and_that_the_bake_is_right(wrinkle: Wrinkle, tmp_p
     assert list(Path.cwd().iterdir()) == []
 
 
+@pytest.mark.slow
 def test_extras_are_those_of_the_metadata(wrinkle: Wrinkle, monkeypatch: pytest.MonkeyPatch) -> None:
     requires = [
         "click>=8.1",

@@ -81,6 +81,7 @@ def test_errors_that_nobody_reads_have_their_exit_code(command: str, code: int, 
     assert run(f"{command} {away}", folder).returncode == code
 
 
+@pytest.mark.slow
 @FULL
 def test_a_bug_that_nobody_reads_of_has_its_exit_code(folder: Path) -> None:
     broken = "import wrinklecli.review.inspect as it; it.inspect = None; from wrinklecli.cli import main; main()"

@@ -10,6 +10,7 @@ from kit.command import Wrinkle
 from kit.limb import limb, write_tools
 
 
+@pytest.mark.slow
 def test_a_picture_is_drawn_again_when_tools_change(
     wrinkle: Wrinkle, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

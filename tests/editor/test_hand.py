@@ -37,6 +37,7 @@ def positions(session: Session, time: float) -> Floats:
     return mesh.positions
 
 
+@pytest.mark.slow
 def test_skin_that_a_hand_holds_is_where_a_clip_takes_it(tmp_path: Path) -> None:
     """At a slide that the clip has too; whatever the clip does there, the hand's slide is shown."""
     session = session_of(tmp_path)

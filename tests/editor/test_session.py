@@ -49,6 +49,7 @@ def session(tmp_path: Path) -> Session:
     return Session(limb(tmp_path / "limb.glb", rings=20, sides=12), tmp_path / "tools.yaml")
 
 
+@pytest.mark.slow
 def test_what_is_shown_is_what_is_baked(session: Session, tmp_path: Path) -> None:
     session.set_value("far", ("strength",), 0.7)
     session.save()
@@ -109,6 +110,7 @@ def test_a_free_pose_is_that_of_preview(session: Session, tmp_path: Path) -> Non
     assert np.array_equal(session.meshes(POSE, 0.0, wrinkled=False)[0].positions, stored.positions)
 
 
+@pytest.mark.slow
 def test_a_tool_between_two_places_wrinkles_at_once(session: Session) -> None:
     name = session.add("tools", [[-0.3, 0.2, -0.15], [0.3, 0.2, -0.15]])
     assert [tool.name for tool in session.tools()] == ["crease", "across", "far", name]
@@ -130,6 +132,7 @@ def test_a_tool_where_nothing_folds_is_of_what_its_place_is_made_of(tmp_path: Pa
     assert (tool.values["material"], tool.keys["profile"].source_words) == ("cloth", "material cloth")
 
 
+@pytest.mark.slow
 def test_every_step_can_be_undone_and_done_again(session: Session) -> None:
     for number in range(20):
         session.set_value("crease", ("bumps",), 4 + number % 2)
@@ -256,6 +259,7 @@ def test_a_draft_is_no_step(session: Session) -> None:
     assert not session.undo()
 
 
+@pytest.mark.slow
 def test_a_draft_of_one_side_leaves_the_other_as_it_is(tmp_path: Path) -> None:
     (tmp_path / "tools.yaml").write_text(TOOLS.replace("crease", "crease.L").replace("far", "crease.R"))
     session = Session(limb(tmp_path / "limb.glb", rings=20, sides=12), tmp_path / "tools.yaml")
@@ -481,6 +485,7 @@ def test_a_material_takes_the_place_of_a_tools_own_keys_in_one_step(session: Ses
     assert session.text == before
 
 
+@pytest.mark.slow
 def test_warnings_are_beside_the_tool_that_they_are_about(session: Session) -> None:
     session.set_value("crease", ("strength",), 2)
     session.save()
@@ -616,6 +621,7 @@ def test_a_muscle_is_the_first_entry_of_a_new_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_two_places_make_flesh(tmp_path: Path) -> None:
     """The second is how far it reaches. It plays as it is baked."""
     (tmp_path / "body.glb").write_bytes(body(keys=20, normals=False).glb())
@@ -635,6 +641,7 @@ def test_two_places_make_flesh(tmp_path: Path) -> None:
         session.add("flesh", [[0.0, -0.05, 0.18], [0.0, 9.0, 0.18]])
 
 
+@pytest.mark.slow
 def test_muscles_are_edited_as_tools_are(session: Session) -> None:
     """One list, one mechanism: values with their sources, drafts, names, copies, undo."""
     name = session.add("muscles", [[-0.8, RADIUS, 0.0], [0.15, RADIUS, 0.0]], "limb")
@@ -714,6 +721,7 @@ def test_frequency_and_damping_are_felt_at_once(tmp_path: Path, monkeypatch: pyt
     np.testing.assert_allclose(shape_at(fresh), shown, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_field_is_shown_and_its_strength_changes_at_once(tmp_path: Path) -> None:
     """Other strengths have the same shapes; another wavelength is carried by the triangles that there are."""
     asset, tools = sleeve_and_field(tmp_path)

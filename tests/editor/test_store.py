@@ -58,6 +58,7 @@ def test_a_file_that_is_removed_is_said_to_be_gone_and_loses_nothing(path: Path,
     assert not edits.changed
 
 
+@pytest.mark.slow
 def test_what_others_write_meanwhile_is_merged_tool_by_tool(path: Path) -> None:
     edits = opened(path)
     edits.set_value("a.L", ("bumps",), 7)
@@ -181,6 +182,7 @@ EDITS = st.lists(
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @given(EDITS)
 def test_undo_gives_the_same_bytes_and_save_the_same_tools(
     tmp_path_factory: pytest.TempPathFactory, steps: list[tuple[object, ...]]

@@ -42,6 +42,7 @@ def planned() -> tuple[MeshPlan, Clip, tuple[Effect, ...]]:
 MOMENTS = st.lists(st.integers(0, 200).map(lambda each: each / 100.0), min_size=2, max_size=12, unique=True)
 
 
+@pytest.mark.slow
 @given(MOMENTS, st.data())
 def test_weights_at_a_time_do_not_depend_on_other_times(moments: list[float], data: st.DataObject) -> None:
     plan, clip, effects = planned()

@@ -223,6 +223,7 @@ def test_placeholders_may_come_first(out: str, tmp_path: Path) -> None:
         assert (elements(before, index) == elements(after, index)).all()
 
 
+@pytest.mark.slow
 def test_nothing_compressed_is_left_where_every_view_is_replaced(tmp_path: Path) -> None:
     """The placeholder and the names of the extension go with the last view that needs them."""
     editor = Editor(Gltf(compressed_sample("gltf_transform_meshopt")))
@@ -261,6 +262,7 @@ def test_frames_of_a_compressed_mesh(name: str, tmp_path: Path) -> None:
     assert DRACO not in read_document(out).gltf.get("extensionsUsed", [])
 
 
+@pytest.mark.slow
 def test_a_fallback_of_its_own_is_kept_too(tmp_path: Path) -> None:
     """Uncompressed data for players without the extension, as `gltfpack -cf` writes it."""
     path = twin("gltf_transform_meshopt", tmp_path / "in.glb")

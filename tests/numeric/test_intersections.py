@@ -26,6 +26,7 @@ def every_crossing(positions: np.ndarray, triangles: np.ndarray) -> list[tuple[i
     return list(zip(e[crosses].tolist(), t[crosses].tolist(), strict=True))
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1), st.integers(0, 60))
 def test_trees_find_what_a_look_at_every_pair_finds(seed: int, count: int) -> None:
     rng = np.random.default_rng(seed)

@@ -100,6 +100,7 @@ with held(200 * 10**6 - _ITSELF):
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not os.path.exists("/proc/self/statm"), reason="needs Linux")
 def test_processes_share_the_memory_and_what_needs_more_than_a_share_is_worked_out_here() -> None:
     """Two workers share 200 MB; one item needs 10 MB, another one 150 MB."""

@@ -338,6 +338,7 @@ def test_a_wrinkle_into_a_limb_has_the_room_of_its_thickness(tmp_path: Path) -> 
     assert not warnings(asset, {**deep, "max_height": 1.9 * RADIUS}, about="opposite surface")
 
 
+@pytest.mark.slow
 def test_collisions_are_the_same_in_small_portions_and_found_among_fewer_vertices(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -647,6 +648,7 @@ def test_an_asset_without_clips_is_checked_in_its_range_of_motion(tmp_path: Path
     assert any("joint_1" in clip["name"] for clip in check(path, tools, range_of_motion=True).data["tools"][0]["clips"])
 
 
+@pytest.mark.slow
 def test_a_pose_takes_the_place_of_clips(tmp_path: Path, wrinkle: Wrinkle) -> None:
     path, tools = limb(tmp_path / "limb.glb", morphs=1), write_tools(tmp_path / "tools.yaml")
     (folded,) = check(path, tools).data["tools"][0]["clips"]
@@ -735,6 +737,7 @@ def test_a_field_is_checked_in_those_motions_of_a_range_of_motion_that_turn_its_
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_pose_in_place_of_clips_is_no_want_of_clips(tmp_path: Path) -> None:
     asset, tools = sleeve_and_field(tmp_path)
     made = check(asset, tools, pose=[("joint_1", "z", 30.0)])

@@ -182,6 +182,7 @@ def shoes(*places: tuple[str, float]) -> Asset:
     return asset
 
 
+@pytest.mark.slow
 def test_twins_are_compared_in_their_order(tmp_path: Path) -> None:
     pair = shoes(("left", -3.0), ("right", 3.0))
     for other in (shoes(("right", 3.0), ("left", -3.0)), pair):
@@ -252,6 +253,7 @@ def baked(folder: Path, name: str, asset: Path, *, scheme: str = "midpoint", **o
     return folder / f"{name}.glb"
 
 
+@pytest.mark.slow
 def test_refined_flat_triangles_are_the_same_surface(tmp_path: Path) -> None:
     # At rest no wrinkle shows, and the midpoint scheme keeps the coarse shape.
     asset = limb_asset(rings=13, sides=12, clip=None).write(tmp_path / "limb.glb")

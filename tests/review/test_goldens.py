@@ -65,6 +65,7 @@ def test_tools_are_suggested_as_before(name: str, tmp_path: Path, wrinkle: Wrink
     golden.text("\n".join([(tmp_path / "tools.yaml").read_text(), *ran.lines, ran.out]), f"suggest_{name}.txt")
 
 
+@pytest.mark.slow
 def test_folds_are_measured_as_before(golden: Golden) -> None:
     """Sites of a surface, their losses and their regions make suggestions, and are held before they are rounded."""
     document = read_document(place(sleeve(root={"translation": [0.3, 0.1, 0.2]})))
@@ -93,6 +94,7 @@ def test_tools_are_checked_as_before(golden: Golden) -> None:
     golden([found.data, *found.warnings], "check_wrist.json")
 
 
+@pytest.mark.slow
 def test_differences_are_as_before(golden: Golden) -> None:
     found = wrinklecli.diff(sample("wrist"), bake_config("wrist", "wrist").path)
     golden.text("\n".join(found.lines(20)), "diff_wrist.txt")

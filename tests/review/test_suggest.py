@@ -140,6 +140,7 @@ def two_limbs() -> Asset:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_tools_name_their_node_where_several_meshes_deform(tmp_path: Path) -> None:
     path = two_limbs().write(tmp_path / "limbs.glb")
     found = suggest(path, count=4, everything=True)

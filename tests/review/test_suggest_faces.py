@@ -181,6 +181,7 @@ def test_the_face_has_all_targets_of_arkit() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_patches_are_low_and_end_before_lids_and_lips(variant: str) -> None:
     face, path, found = suggested(variant)

@@ -93,6 +93,7 @@ def test_a_skirt_over_both_legs_gets_a_field(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["sample", "real"])
 def test_trousers_get_a_field_that_a_squat_folds(name: str) -> None:
     found = suggest_once(sample("trousers") if name == "sample" else in_assets("trousers.glb"))
@@ -103,6 +104,7 @@ def test_trousers_get_a_field_that_a_squat_folds(name: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_command_says_what_a_field_costs(jeans: tuple[Path, Suggestions], tmp_path: Path) -> None:
     path, found = jeans
     result = run(path, "--json", "-o", tmp_path / "tools.yaml")

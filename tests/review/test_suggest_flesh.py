@@ -84,6 +84,7 @@ def test_flesh_of_one_side_is_left_out(wrinkle: Wrinkle, tmp_path: Path, monkeyp
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @each_once()
 def test_the_command_prints_a_file_and_json(wrinkle: Wrinkle, person: Path) -> None:
     ran = wrinkle("suggest", person, "--flesh", "-q")

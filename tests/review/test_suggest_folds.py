@@ -88,6 +88,7 @@ def test_suggestions_scale_with_the_asset(tmp_path: Path, scale: float) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_suggestions_turn_with_the_asset(tmp_path: Path) -> None:
     turned = suggest(limb(tmp_path / "turned.glb", root={"rotation": [0.0, 0.0, 0.6, 0.8]}), count=1).tools[0]
     rotation = np.array([[0.28, -0.96, 0.0], [0.96, 0.28, 0.0], [0.0, 0.0, 1.0]])
@@ -96,6 +97,7 @@ def test_suggestions_turn_with_the_asset(tmp_path: Path) -> None:
     assert abs(middle(turned.tool) @ rotation @ [1.0, 0.0, 0.0]) < 0.2 * turned.span
 
 
+@pytest.mark.slow
 def test_a_morph_target_that_squashes_is_named(tmp_path: Path) -> None:
     path = limb(tmp_path / "limb.glb", skinned=False, clip=None, morphs=2, morph_clip="LINEAR")
     best = suggest(path).tools[0]

@@ -37,6 +37,7 @@ def plumed() -> Asset:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.quick(2)
 def test_a_body_gets_muscles_on_both_sides_that_bake(tmp_path: Path) -> None:
     asset = tubes().write(tmp_path / "tubes.glb")
@@ -61,6 +62,7 @@ def test_muscles_lie_on_the_sides_of_their_bones(tmp_path: Path) -> None:
     assert signs == [1.0, -1.0, -1.0, 1.0, -1.0, -1.0]
 
 
+@pytest.mark.slow
 def test_hamstrings_begin_right_below_the_buttock(tmp_path: Path) -> None:
     """From 0.77 m down they leave a hollow below the buttock, of which the crease is at 0.83 m, as they swell."""
     asset = cartoon().write(tmp_path / "cartoon.glb")
@@ -99,6 +101,7 @@ def test_a_sleeve_is_lifted_that_has_enough_of_the_arm(part: float, node: str, t
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_muscles_below_clothes_lift_the_clothes(tmp_path: Path) -> None:
     """The outermost of several meshes round a bone is what one sees; the arm in it says how thick a muscle is."""
     asset = avatar().write(tmp_path / "avatar.glb")
@@ -130,6 +133,7 @@ def test_a_limb_without_names_gets_none(wrinkle: Wrinkle, tmp_path: Path) -> Non
     assert not (tmp_path / "muscles.yaml").exists()
 
 
+@pytest.mark.slow
 @each_once()
 def test_the_command_prints_a_file_and_json(wrinkle: Wrinkle, tmp_path: Path) -> None:
     asset = tubes().write(tmp_path / "tubes.glb")

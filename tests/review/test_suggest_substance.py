@@ -192,6 +192,7 @@ def test_where_nothing_is_said_the_confidence_is_low(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_file_and_json_say_why(tmp_path: Path) -> None:
     path = painted(characters.skin(128)).write(tmp_path / "asset.glb")
     assert "  # skin, by its texture (sure)\n  - name: " in suggest(path, everything=True).text
@@ -229,6 +230,7 @@ def test_material_refuses_what_it_does_not_know(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_what_cannot_be_read_says_nothing_in_one_note(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asset = painted(characters.denim(64))
     asset.gltf["images"][0] = {"bufferView": asset.view(b"\x89PNG\r\n\x1a\n nothing"), "mimeType": "image/png"}
@@ -303,6 +305,7 @@ def test_nine_of_ten_places_of_all_characters_are_right(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_layers_have_substances_of_their_own(tmp_path: Path) -> None:
     clips = ["mixamorig:LeftLeg about x, +90°", "mixamorig:LeftHand about z, +90°", "mixamorig:LeftArm about z, +90°"]
     found = places_on(tmp_path, characters.avatar(), clips=clips)

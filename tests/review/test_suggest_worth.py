@@ -98,6 +98,7 @@ def test_furrows_of_skin_may_become_wide_ones(tmp_path: Path) -> None:
     assert not check(path, tmp_path / "tools.yaml").warnings
 
 
+@pytest.mark.slow
 def test_the_next_best_take_the_place_of_what_is_left_out(tmp_path: Path) -> None:
     path = sheet(tmp_path / "a.glb", FLAT)
     flat = suggestion("flat", start=-0.4, stop=-0.05, height=0.2)
@@ -136,6 +137,7 @@ def test_facets_leave_a_tool_out_and_the_command_says_why(tmp_path: Path) -> Non
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_limb_of_few_faces_scores_less_than_one_of_many(tmp_path: Path) -> None:
     coarse, fine = (
         suggest(limb(tmp_path / f"{sides}.glb", rings=rings, sides=sides, angle=110.0), count=1, everything=True).tools

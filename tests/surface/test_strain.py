@@ -78,6 +78,7 @@ def test_rigid_motion_and_scale_lose_nothing(tmp_path: Path, root: Json) -> None
     assert not suggest(tmp_path / "limb.glb").tools
 
 
+@pytest.mark.slow
 def test_sites_cover_the_surface_whatever_its_triangles(tmp_path: Path) -> None:
     areas = []
     for rings, sides in ((7, 6), (24, 16), (120, 90)):

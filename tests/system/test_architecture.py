@@ -93,7 +93,6 @@ def test_rooms_are_the_folders() -> None:
     assert sorted({room_of(path) for path in SOURCES}) == sorted(ROOMS)
 
 
-@pytest.mark.slow
 def test_an_effect_knows_only_those_that_act_before_it() -> None:
     effects = [path.parent.name for path in sorted((PACKAGE / "effects").glob("*/__init__.py"))]
     acting = list(KINDS.values())
@@ -197,7 +196,6 @@ def test_importing_the_package_imports_nothing_heavy() -> None:
     assert result.stdout.strip() == ""
 
 
-@pytest.mark.slow
 def test_core_never_prints_and_never_exits() -> None:
     for path in SOURCES:
         if room_of(path) in ("cli", "__main__"):
@@ -208,7 +206,6 @@ def test_core_never_prints_and_never_exits() -> None:
                 assert called not in ("print", "exit", "sys.exit", "os._exit", "quit", "input"), f"{path}:{node.lineno}"
 
 
-@pytest.mark.slow
 def test_no_test_imports_another_test_module() -> None:
     """What several of them need is in the kit."""
     # Not all that is below: node keeps thousands of folders there.

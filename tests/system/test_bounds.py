@@ -79,6 +79,7 @@ def test_more_memory_is_given_to_those_who_ask(wrinkle: Wrinkle, tmp_path: Path)
     assert wrinkle("inspect", path).code == 0
 
 
+@pytest.mark.slow
 def test_a_file_of_many_buffers_is_read_once(tmp_path: Path) -> None:
     path = bombs.many_buffers(tmp_path)
     with hostile.bounded(seconds=5.0, megabytes=100.0):

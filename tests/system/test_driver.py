@@ -59,6 +59,7 @@ def test_a_driven_clip_looks_as_if_it_were_baked(name: str, config: str, clip: s
     assert_driven(bare, whole, name, clip)
 
 
+@pytest.mark.slow
 def test_a_path_is_driven_as_it_was_baked() -> None:
     bare, whole = (bake_once("wrist", BENT, tracks=tracks) for tracks in ("none", "all"))
     (tool,) = whole.json["nodes"][whole.node("wrist")]["extras"]["wrinkle"]["tools"]
@@ -383,6 +384,7 @@ def test_an_optimiser_may_have_been_over_the_file(name: str, clip: str, kind: st
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_gltfpack_stores_morph_weights_in_8_bits(tmp_path: Path) -> None:
     """What it adds to the table's error, by itself: brows lie up to 1/510 of their way elsewhere.
 
@@ -428,6 +430,7 @@ def test_rest_lengths_that_a_morph_target_or_keys_drive(rest_length: Json, look:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_fold_that_no_joint_bends_is_driven_by_its_tool(tmp_path: Path) -> None:
     pytest.importorskip("ipctk", reason="needs the extra `contact`")
     bridge = {"name": "bridge", "node": "skin", "origin": [-0.5, 0, 0], "target": [0.5, 0, 0], "width": 0.8, "bumps": 4}
@@ -512,6 +515,7 @@ def test_the_player_shows_before_and_after(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_mouse_slides_the_skin_on_the_page(tmp_path: Path) -> None:
     baked = bake_once(place(plate(clips=False)), top={"touches": [touch(keys={})], "refinement": {"max_levels": 1}})
     served(tmp_path, touched_glb=baked.path)

@@ -75,6 +75,7 @@ def test_three_plays_the_bake(case: str, stored: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_filament_plays_the_bake() -> None:
     """Chromium runs its own shaders; targets are `based`, as `--engine filament` stores them."""
     file = bake_config("wrist", "wrist", accessors="based")
@@ -128,6 +129,7 @@ def test_assimp_reads_and_writes_the_bake(case: str, stored: str, tmp_path: Path
     assert np.abs(made.deltas(node) - file.deltas(node)).max() < step
 
 
+@pytest.mark.slow
 def test_nothing_crosses_where_three_plays_contact() -> None:
     """At keys and between them, by its own positions; without contact the limb goes through itself there."""
     file, without = bake_fold(), bake_fold(contact="off")

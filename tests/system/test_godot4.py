@@ -13,7 +13,7 @@ from PIL import Image
 from kit.godot4 import DRIVER, WEIGHTS, answers
 from kit.player import Floats
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.long]
 
 
 def test_godot_4_plays_the_bake() -> None:

@@ -198,6 +198,7 @@ def test_sampling_moves_no_vertex(baker: Baker, monkeypatch: pytest.MonkeyPatch)
     assert moved == []
 
 
+@pytest.mark.slow
 def test_the_proof_poses_as_much_of_any_clip_and_of_any_mesh(baker: Baker, monkeypatch: pytest.MonkeyPatch) -> None:
     posed = counting(
         monkeypatch,
@@ -237,6 +238,7 @@ def test_a_take_of_several_names_is_looked_into_once(baker: Baker, monkeypatch: 
     assert np.abs(weak - full / 2).max() < 0.006
 
 
+@pytest.mark.slow
 def test_all_levels_hold_the_patch_alone(baker: Baker, monkeypatch: pytest.MonkeyPatch) -> None:
     built = counting(monkeypatch, red_green, "_level", lambda number, *rest: (number, len(rest[2])))
     found = []
@@ -250,6 +252,7 @@ def test_all_levels_hold_the_patch_alone(baker: Baker, monkeypatch: pytest.Monke
     assert found[1:] == found[:1] * 2
 
 
+@pytest.mark.slow
 def test_progress_moves_within_a_long_clip(baker: Baker) -> None:
     shown: list[tuple[int, int]] = []
 
@@ -271,6 +274,7 @@ def test_progress_moves_within_a_long_clip(baker: Baker) -> None:
 DIGITS = 64
 
 
+@pytest.mark.slow
 def test_a_longer_clip_adds_the_bytes_of_its_weight_tracks(baker: Baker) -> None:
     (short, added), (long, added_longer) = (baker.bake(folding(periods)) for periods in (10, 100))
     assert abs((added_longer - added) - (track_bytes(long) - track_bytes(short))) <= DIGITS
@@ -316,6 +320,7 @@ def test_memory_of_posed_frames_does_not_hold_them(baker: Baker, sheet: int) -> 
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.usefixtures("small_spool")
 @pytest.mark.parametrize(("mode", "each"), [("morph", 3000), ("frames", 6000)])
 def test_memory_grows_evenly_with_a_mesh_elsewhere(baker: Baker, mode: str, each: int) -> None:

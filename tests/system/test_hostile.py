@@ -68,6 +68,7 @@ def many_cases() -> list[Case]:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_every_option_is_attacked() -> None:
     given: dict[str, set[str]] = {name: set() for name in cli.commands}
     for case in many_cases():
@@ -193,6 +194,7 @@ def test_small_file_cannot_ask_for_gigabytes(tmp_path: Path, count: int) -> None
     assert "#/accessors/0" in refusal(tmp_path, json.dumps(gltf).encode())
 
 
+@pytest.mark.slow
 def test_empty_morph_targets_take_no_gigabytes(tmp_path: Path) -> None:
     asset = limb_asset(**SMALL, morphs=1)
     asset.gltf["meshes"][0]["primitives"][0]["targets"] += [{}] * 200_000
@@ -309,6 +311,7 @@ def test_millions_of_triangles_are_refused(tmp_path: Path, bumps: int, edges: in
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_yaml_bomb_is_refused(tmp_path: Path) -> None:
     (tmp_path / "limb.glb").write_bytes(limb_asset(**SMALL).glb())
     levels = [f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 10)}]" for k in range(1, 10)]
@@ -365,6 +368,7 @@ def test_uri_reads_nothing_outside_the_folder(tmp_path: Path, uri: str, kind: st
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_names_cannot_command_the_terminal(tmp_path: Path) -> None:
     asset = limb_asset(**SMALL)
     evil = "\x1b]0;owned\x07\r\n\x1b[31mred\u202e\u2028"

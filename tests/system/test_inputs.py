@@ -744,6 +744,7 @@ def test_what_lies_outside_is_read_only_where_allowed(tmp_path: Path, way: str, 
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_command_line_allows_it_too(tmp_path: Path) -> None:
     (tmp_path / "in").mkdir()
     path = limb_asset(rings=13).write(tmp_path / "in" / "a.gltf")

@@ -239,6 +239,7 @@ def buffers(folder: Path) -> set[str]:
     return {path.name for path in folder.glob("out-*.bin")}
 
 
+@pytest.mark.slow
 def test_the_buffer_of_an_earlier_bake_goes(folder: Path) -> None:
     def bake(bumps: int) -> set[str]:
         wrinklecli.bake(folder / "limb.gltf", small_tools(folder, bumps=bumps), folder / "out.gltf")

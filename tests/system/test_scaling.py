@@ -70,6 +70,7 @@ def test_nodes_of_a_scene_are_read_once_and_share_what_they_show(
     ]
 
 
+@pytest.mark.slow
 def test_memory_of_a_scene_grows_with_its_nodes(tmp_path: Path) -> None:
     sizes = []
     for count in (200, 400):
@@ -173,6 +174,7 @@ def test_what_a_clip_does_not_move_is_compared_once(monkeypatch: pytest.MonkeyPa
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_proof_holds_of_each_target_what_it_moves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     prove, peaks = pipeline.prove, []
 
@@ -191,6 +193,7 @@ def test_proof_holds_of_each_target_what_it_moves(tmp_path: Path, monkeypatch: p
     assert peaks[0] < 14e6
 
 
+@pytest.mark.slow
 def test_a_tool_compares_its_wrinkles_with_what_is_near(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     near, found = placement.meets_box, []
 
@@ -204,6 +207,7 @@ def test_a_tool_compares_its_wrinkles_with_what_is_near(tmp_path: Path, monkeypa
     assert max(each.mean() for each in found) < 1 / 4
 
 
+@pytest.mark.slow
 def test_frames_that_are_shown_in_turn_are_looked_at_when_they_change(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -280,6 +284,7 @@ def test_pairs_of_tools_on_one_spot_are_listed_up_to_a_limit(tmp_path: Path, cou
     assert {each.get("more_overlaps", False) for each in found.data["tools"]} == {count == 22}
 
 
+@pytest.mark.slow
 def test_the_surface_below_tools_on_one_spot_is_posed_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asset, posed = limb_asset(rings=8, sides=6).write(tmp_path / "limb.glb"), []
     for count in (4, 16):

@@ -82,6 +82,7 @@ def test_another_file_fails_and_is_left_beside_the_golden(
     assert names(folder) == ["limb.glb", "limb.obtained.glb"]
 
 
+@pytest.mark.slow
 def test_update_replaces_the_golden_and_still_fails(pytester: pytest.Pytester, folder: Path, tmp_path: Path) -> None:
     kept = golden(folder)
     obtained = limb(tmp_path / "out.glb", off=0.01)
@@ -104,6 +105,7 @@ def test_update_leaves_a_golden_that_is_the_same(pytester: pytest.Pytester, fold
     assert kept.read_bytes() == before
 
 
+@pytest.mark.slow
 def test_a_missing_golden_fails_until_update_writes_it(pytester: pytest.Pytester, folder: Path, tmp_path: Path) -> None:
     obtained = limb(tmp_path / "out.glb")
     result = run(pytester, obtained)
@@ -193,6 +195,7 @@ def test_installing_registers_the_plugin(pytester: pytest.Pytester) -> None:
     result.stdout.fnmatch_lines(["wrinkle_golden*"])
 
 
+@pytest.mark.slow
 def test_the_plugin_imports_nothing_until_it_is_used() -> None:
     program = (
         "import sys, pytest\n"

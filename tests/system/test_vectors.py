@@ -228,6 +228,7 @@ def test_flesh_knows_clips_that_blend(play: Callable[..., dict[str, Any]], tmp_p
     assert np.abs(found - np.stack([wanted[name][:, 0] for name in case["targets"]], axis=1)).max() < 1e-3
 
 
+@pytest.mark.slow
 def test_the_component_of_unity_compiles() -> None:
     """Against names of Unity's that stand in `clients`: there is no Unity here."""
     sources = ("unity/WrinkleDriver.cs", "unity/WrinkleMaps.cs", "UnityNames.cs")

@@ -88,6 +88,7 @@ def test_each_file_is_there_and_its_values_are_sound(tmp_path: Path) -> None:
     assert (masks.max(axis=2)[np.abs(heights) > 0.1] > 0).all()
 
 
+@pytest.mark.slow
 def test_names_and_files_may_hold_what_is_no_character(tmp_path: Path) -> None:
     """Half a surrogate pair, which some exporters cut from a name, and a file's name that is not UTF-8."""
     asset = limb_asset(rings=8, sides=8)
@@ -131,6 +132,7 @@ def test_maps_of_a_field_have_its_turns_and_its_folds(tmp_path: Path) -> None:
         assert np.ptp(heights) > 0.2 * 65535
 
 
+@pytest.mark.slow
 def test_a_bake_writes_maps_too_or_nothing(wrinkle: Wrinkle, tmp_path: Path) -> None:
     asset, tools = small(tmp_path)
     with small_maps(32):
@@ -188,6 +190,7 @@ def test_a_folder_that_has_an_input_is_refused_before_any_work(
     assert (ran.code, ran.lines[-2]) == (70, "AssertionError: work has begun")
 
 
+@pytest.mark.slow
 def test_the_same_input_gives_the_same_bytes(tmp_path: Path) -> None:
     for folder in ("one", "two"):
         maps(*small(tmp_path), tmp_path / folder, size=64)

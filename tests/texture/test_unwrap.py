@@ -138,6 +138,7 @@ def test_no_place_of_the_texture_belongs_to_two_and_all_that_is_flat_is_one_poin
     assert np.abs(lengths - 1.0).max() < 1e-5
 
 
+@pytest.mark.slow
 def test_the_same_input_gives_the_same_bytes(tmp_path: Path) -> None:
     asset, tools = limb_of(tmp_path)
     for folder in ("one", "two"):

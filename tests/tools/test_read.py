@@ -666,6 +666,7 @@ VALUES = st.recursive(
 )
 
 
+@pytest.mark.slow
 @given(
     st.dictionaries(st.sampled_from(list(FILE)), VALUES),
     st.lists(st.dictionaries(st.sampled_from(list(TOOL)), VALUES), max_size=3),

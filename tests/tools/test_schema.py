@@ -37,6 +37,7 @@ def accepts(text: str) -> bool:
     return value is not None and VALIDATOR.is_valid(value)
 
 
+@pytest.mark.slow
 def test_the_schema_is_one() -> None:
     Draft202012Validator.check_schema(TOOLS_SCHEMA)
     assert TOOLS_SCHEMA["$schema"] == Draft202012Validator.META_SCHEMA["$id"]

@@ -176,6 +176,7 @@ EDITS = st.lists(
 )
 
 
+@pytest.mark.slow
 @given(st.sampled_from(["mine", "trousers", "head_keyed"]), EDITS, st.data(), st.booleans())
 def test_edits_do_what_they_say_and_nothing_else(name: str, edits: list[Any], data: st.DataObject, crlf: bool) -> None:
     text = FILE.text if name == "mine" else (ROOT / "configs" / f"{name}.yaml").read_text()
@@ -388,6 +389,7 @@ SHARED_EDITS = st.lists(
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @settings(max_examples=40)
 @given(sharing_files(), SHARED_EDITS, st.sampled_from(["\n", "\r\n"]), st.data())
 def test_an_edit_changes_one_tool_whatever_others_share_with_it(

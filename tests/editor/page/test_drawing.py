@@ -113,6 +113,7 @@ def test_the_outline_of_a_touch_is_round_on_a_coarse_mesh(refined: bool, tmp_pat
     assert (counts == 2).all()
 
 
+@pytest.mark.slow
 def test_the_outline_of_a_touch_at_a_border_is_closed_along_it(tmp_path: Path) -> None:
     (tmp_path / "tools.yaml").write_text(
         yaml.safe_dump({"version": 1, "touches": [touch(at=[0.118, 0.0, 0.0], towards=[0, 0, 0])]})
@@ -138,6 +139,7 @@ def test_the_outline_of_a_field_is_the_border_of_what_it_folds(tmp_path: Path) -
     assert np.abs(places[:, 0] - 1 / 3).max() < 0.6
 
 
+@pytest.mark.slow
 def test_a_field_without_a_border_has_a_place(tmp_path: Path) -> None:
     session = Session(*sleeve_and_field(tmp_path))
     (shown,) = session.meshes("fold", 0.0)

@@ -109,6 +109,7 @@ def test_hostile_messages_end_no_other_tab(page: Page) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_many_tabs_show_one_session(page: Page) -> None:
     with contextlib.ExitStack() as stack:
         tabs = [stack.enter_context(tab(page)) for _ in range(TABS)]
@@ -161,6 +162,7 @@ def test_other_pages_are_not_let_in(page: Page) -> None:
         assert own.recv(timeout=PATIENCE)
 
 
+@pytest.mark.slow
 def test_what_slides_is_not_lost_to_what_slides_next(tmp_path: Path) -> None:
     (tmp_path / "limb.yaml").write_text("version: 1\n" + TOOL)
     session = Session(limb(tmp_path / "limb.glb", rings=8, sides=6))

@@ -242,6 +242,7 @@ def test_a_tool_of_the_list_is_shown_where_it_is_tallest(page: Page) -> None:
     assert (page.player.clip, page.player.time) == ("fold", 0.0)
 
 
+@pytest.mark.slow
 def test_two_clicks_make_a_muscle(page: Page) -> None:
     page._pointer._begin("muscles")
     assert "Click the skin above where the muscle begins" in said(page)
@@ -274,6 +275,7 @@ def test_one_click_is_for_a_field_and_cancel_ends_what_does_not_fit(page: Page) 
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_two_clicks_make_flesh(page: Page) -> None:
     page._pointer._begin("flesh")
     assert "Click the middle of flesh" in said(page)
@@ -284,6 +286,7 @@ def test_two_clicks_make_flesh(page: Page) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_two_clicks_make_a_touch_that_the_shown_clip_drags(page: Page) -> None:
     page.player.go("fold", 0.0)
     page._pointer._begin("touches")
@@ -311,6 +314,7 @@ def test_a_touch_needs_no_clip(tmp_path: Path) -> None:
     assert "keys" not in entry
 
 
+@pytest.mark.slow
 def test_the_dot_of_a_touch_drags_its_skin_which_springs_back(tmp_path: Path) -> None:
     (tmp_path / "tools.yaml").write_text(
         yaml.safe_dump({"version": 1, "refinement": {"max_levels": 0}, "touches": [touch(keys={})]})

@@ -47,6 +47,7 @@ def test_the_other_leg_does_not_stand_before_the_camera_of_a_knee(tmp_path: Path
     assert np.mean(free) > 0.5
 
 
+@pytest.mark.slow
 def test_a_tool_that_its_fold_hides_is_shown_earlier(tmp_path: Path) -> None:
     (tmp_path / "tools.yaml").write_text(f"version: 1\ntools: [{HIP}]\n")
     session = Session(ROOT / "samples" / "trousers.glb", tmp_path / "tools.yaml")

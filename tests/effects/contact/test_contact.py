@@ -45,6 +45,7 @@ def folded() -> Baked:
     return Baked(folding_limb(), file.path.with_name("tools.yaml"), file.path, report_of(file))
 
 
+@pytest.mark.slow
 def test_nothing_crosses_in_a_resolved_fold_at_and_between_keys(folded: Baked) -> None:
     (clip,) = crossings(folded.out, fps=25.0).data["clips"]
     before, after = clip["totals"]
@@ -193,6 +194,7 @@ def test_normals_of_a_fold_are_those_of_what_is_shown() -> None:
         assert areas[elsewhere].sum() < 1e-3 * areas.sum()
 
 
+@pytest.mark.slow
 def test_what_asks_for_no_contact_is_baked_as_ever(folded: Baked, tmp_path: Path) -> None:
     bytes_of = {}
     for name, more in {"out": {"contact": "off"}, "none": {}}.items():

@@ -64,6 +64,7 @@ def test_errors_count_less_with_each_ring_around_what_touches() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_all_that_is_near_what_crosses_may_move(tmp_path: Path) -> None:
     """A limb that swells away from its joint touches far from it: where it is held there, it breaks at the border."""
     asset = limb_asset(rings=12, sides=6)

@@ -29,6 +29,7 @@ def plan(tmp_path_factory: pytest.TempPathFactory) -> MeshPlan:
     return found
 
 
+@pytest.mark.slow
 def test_a_fold_is_posed_with_the_field_beneath(plan: MeshPlan) -> None:
     contact, fields = plan.layer(ContactLayer), plan.layer(FieldLayer)
     assert contact is not None

@@ -104,6 +104,7 @@ def test_strict_refuses_it_and_what_shows_it_says_so(monkeypatch: pytest.MonkeyP
     assert any("contact is left out" in line for line in crossings(limb, tools).warnings)
 
 
+@pytest.mark.slow
 def test_a_preview_of_tools_resolves_no_contact(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr("wrinklecli.effects.contact.sample.resolve_folds", None)
     tools = write_tools(tmp_path / "tools.yaml", tool(**TOOL, contact="resolve"), **UNREFINED)
@@ -158,6 +159,7 @@ def settles_up_to_there(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_poses_that_settle_are_kept_beside_others(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """A limb whose contact does not settle at its deepest bend had none at all, in any clip."""
     settles_up_to_there(monkeypatch)
@@ -186,6 +188,7 @@ def test_poses_that_settle_are_kept_beside_others(monkeypatch: pytest.MonkeyPatc
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_wrinkles_are_lowered_only_where_contact_fades(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     settles_up_to_there(monkeypatch)
     limb = limb_asset(angle=100.0, rings=16, sides=10).write(tmp_path / "limb.glb")
@@ -217,6 +220,7 @@ def test_wrinkles_are_lowered_only_where_contact_fades(monkeypatch: pytest.Monke
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_wrinkles_are_lowered_beside_effects_that_act_before_them(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -267,6 +271,7 @@ def test_a_fold_that_tears_at_once_is_given_up(monkeypatch: pytest.MonkeyPatch, 
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_contact_fades_where_its_shapes_tear_the_surface_in_a_clip(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

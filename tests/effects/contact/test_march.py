@@ -18,6 +18,7 @@ from wrinklecli.effects.contact.tissue import FREE, SOFT, SkinnedPose, Tissue
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @settings(max_examples=2, phases=[Phase.explicit, Phase.generate])
 @given(radius=st.floats(40, 80), width=st.floats(50, 150), bump=st.floats(0, 6))
 @example(radius=76.72348742133249, width=83.99595266258446, bump=5.545185716566744)  # flat: edges in a triangle's plane
@@ -111,6 +112,7 @@ def test_a_tube_stays_in_a_sleeve_that_bends_with_it(radius: float, gap: float, 
         assert np.array_equal(state.positions, again.positions)
 
 
+@pytest.mark.slow
 def test_the_slope_of_a_step_is_the_derivative_of_the_energy() -> None:
     """Elastic, volume and barrier terms: each of them and its gradient, where the surface touches itself."""
     rest, triangles = tube(60.0)
@@ -136,6 +138,7 @@ def test_the_slope_of_a_step_is_the_derivative_of_the_energy() -> None:
     assert (ahead - behind) / (2.0 * step) == pytest.approx(slope, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_the_ends_of_a_limb_get_to_their_pose_in_few_steps() -> None:
     """They move by 20 units and more, with nothing in their way."""
     rest, triangles = tube(60.0)

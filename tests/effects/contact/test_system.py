@@ -40,6 +40,7 @@ def folds_of(kind: str, folder: Path) -> tuple[tuple[Fold, ...], list[Clip]]:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_both_hips_over_one_pelvis_are_resolved_together() -> None:
     """Solved alone, each had the other in its way: pieces of belly and thighs lay apart."""
     body = FOLDS["groin"]().baked()
@@ -79,6 +80,7 @@ def test_the_parts_of_folds_add_up_to_the_move_of_their_system(tmp_path: Path) -
         assert not found.tissue.crosses(one.positions_under(one.moved))
 
 
+@pytest.mark.slow
 def test_knees_that_meet_in_a_clip_are_found(tmp_path: Path) -> None:
     folds, clips = folds_of("knees", tmp_path)
     ((one, two, vertices),) = touching_in_clips(folds, clips)
@@ -133,6 +135,7 @@ def test_a_fold_that_only_a_clip_closes_has_shapes_of_the_clip_alone(
     assert not wider.follow(solved).crossing
 
 
+@pytest.mark.slow
 def test_a_union_has_each_triangle_of_its_folds_once(tmp_path: Path) -> None:
     folds, _ = folds_of("groin", tmp_path)
     whole = union(folds)

@@ -114,6 +114,7 @@ def test_a_mask_leaves_a_half() -> None:
     assert near(field, side > 0.05) == 1.0
 
 
+@pytest.mark.slow
 def test_a_mask_is_a_factor() -> None:
     asset = tube()
     places = attribute(asset, 0, "POSITION")
@@ -148,6 +149,7 @@ def test_waves_are_longer_on_thicker_limbs() -> None:
     assert thick / thin == pytest.approx(np.sqrt(1.3 / 0.7), rel=0.1)
 
 
+@pytest.mark.slow
 def test_materials_have_waves_and_slack_of_their_own() -> None:
     found = {material: bent_tube(material=material)[1] for material in ("skin", "cloth", "leather")}
     waves = {material: each.wavelength for material, each in found.items()}

@@ -180,7 +180,7 @@ def test_noisy_weights_make_no_spikes(seed: int, levels: int) -> None:
     assert moves.max() < 0.5 * entry["wavelength"]
 
 
-@pytest.mark.parametrize("levels", [0, pytest.param(4, marks=[pytest.mark.slow])])
+@pytest.mark.parametrize("levels", [0, pytest.param(4, marks=[pytest.mark.slow, pytest.mark.long])])
 def test_waves_that_are_shorter_than_edges_are_told(levels: int) -> None:
     """No refinement could show them: the line names the key that allows more."""
     file = bake_once(place(tube()), top={"fields": [{**FOLDS, "wavelength": 0.002}]}, max_levels=levels)
@@ -197,6 +197,7 @@ def test_a_joint_that_is_not_there_is_left_out_where_a_field_is_optional() -> No
     assert wrinkle_columns(file, "limb")
 
 
+@pytest.mark.slow
 def test_an_optional_field_without_any_of_its_joints_is_left_out(wrinkle: Wrinkle, tmp_path: Path) -> None:
     tail = {**FOLDS, "name": "tail", "joints": ["tail", "tail_2"], "optional": True}
     file = bake_once(place(tube()), top={"fields": [FOLDS, tail]}, max_levels=0)

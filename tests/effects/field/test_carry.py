@@ -135,6 +135,7 @@ def test_a_field_fades_under_a_tool() -> None:
     assert alone.greatest_height == layer_of(plan).attached[0].greatest_height
 
 
+@pytest.mark.slow
 def test_a_second_field_takes_what_the_first_leaves() -> None:
     plan = plan_of({"name": "first"}, {"name": "second", "seed": 5}, levels=0)
     one, other = layer_of(plan).deltas
@@ -144,6 +145,7 @@ def test_a_second_field_takes_what_the_first_leaves() -> None:
     assert sizes(other).max() < sizes(one).max()
 
 
+@pytest.mark.slow
 def test_two_fields_with_masks_lie_beside_each_other() -> None:
     asset = tube()
     side = attribute(asset, 0, "POSITION")[:, 2]

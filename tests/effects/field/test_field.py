@@ -81,6 +81,7 @@ def test_an_engine_gets_the_main_shapes_of_a_field() -> None:
     assert deltas[1].max() > 0.5 * deltas[0].max()
 
 
+@pytest.mark.slow
 def test_a_bake_is_within_its_error() -> None:
     file = bake_once(TWO_BENDS(), top=ONE)
     report = report_of(file).data
@@ -235,17 +236,20 @@ def test_a_sleeve_over_a_limb_gets_the_field_that_names_it() -> None:
     assert not file.mesh("limb").get("extras", {}).get("targetNames")
 
 
+@pytest.mark.slow
 def test_a_body_without_clips_gets_its_targets() -> None:
     file = bake_once(place(tube(clip=None)), top=ONE, **FLAT)
     assert wrinkle_columns(file, "limb")
     assert "folds: there is no clip: fields fold only in a player with a driver" in report_of(file).data["warnings"]
 
 
+@pytest.mark.slow
 def test_a_clip_that_turns_no_joint_leaves_it_flat() -> None:
     file = bake_once(place(tube(clip="grow")), top=ONE, **FLAT)
     assert "folds: no clip turns its joints: it stays flat" in report_of(file).data["warnings"]
 
 
+@pytest.mark.slow
 def test_two_fields_and_a_tool_are_on_one_mesh() -> None:
     fields = [{"name": "one", "joints": ["joint_1"]}, {"name": "two", "joints": ["joint_2"]}]
     file = bake_once(TWO_BENDS(), tool(name="hand", bumps=2), top={"fields": fields}, **FLAT)

@@ -242,6 +242,7 @@ def test_crests_run_across_the_compression_of_a_bent_tube() -> None:
     assert np.average(angles, weights=heights**2) < 10.0
 
 
+@pytest.mark.slow
 def test_more_slack_makes_lower_folds() -> None:
     """Folds are lower as a whole; where there is no room for more, they are as high with little slack as with none."""
     heights = [float(np.linalg.norm(tallest(bent_tube(slack=slack)[1]))) for slack in ("0%", "4%", "20%")]

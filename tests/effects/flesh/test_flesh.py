@@ -39,6 +39,7 @@ def baked(asset: Path, *regions: Json, **options: Any) -> Gltf:
     return bake_once(asset, top={"flesh": list(regions)}, **options)
 
 
+@pytest.mark.slow
 def test_six_springs_move_as_all_elements_do(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few nodes resolve the shapes badly; the record of all of them, with a sway, is in `truth`: 3 and 2 %."""
     monkeypatch.setattr(tissue_module, "NODES", 300)
@@ -69,6 +70,7 @@ def test_a_jump_makes_a_belly_swing(bodies: dict[int, Path]) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_region_has_an_error_bound_of_its_own(bodies: dict[int, Path]) -> None:
     """A looser bound takes fewer keys, and a tighter one more; a per cent is of the region's limit."""
     auto, loose, tight = (
@@ -227,6 +229,7 @@ def test_mirrored_regions_are_mirror_images(bodies: dict[int, Path]) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_joint_outlines_a_region(bodies: dict[int, Path]) -> None:
     """All skin of the joint swings, up to the bones; a named joint must be there."""
     file = baked(bodies[60], {"name": "all", "joint": "hips"})

@@ -67,6 +67,7 @@ def test_weights_are_right_at_keys() -> None:
     assert not weights[[0, -1]].any()
 
 
+@pytest.mark.slow
 def test_a_relaxed_muscle_is_thinner_than_a_flexed_one() -> None:
     relaxed, strong = (
         report_of(flexed(**keys)).data["clips"][0]["muscles"][0] for keys in ({}, {"activation": FLEXED})
@@ -138,6 +139,7 @@ def moved_by(file: Gltf, weights: Any) -> Any:
     return np.tensordot(weights, file.deltas("limb"), axes=1)
 
 
+@pytest.mark.slow
 def test_a_belly_that_is_activated_while_its_ends_stay_does_not_travel() -> None:
     held = {"insertion": {"joint": "joint_0", "offset": [1.15, 0.4 * RADIUS, 0.0]}, "activation": FLEXED}
     still, travelling = (
@@ -188,6 +190,7 @@ def test_a_percentage_of_the_thickness_is_of_the_way_from_bone_to_skin() -> None
     assert described["thickness"] == pytest.approx(0.6 * described["depth"])
 
 
+@pytest.mark.slow
 def test_players_drive_muscles_as_the_bake_does() -> None:
     file = flexed(CREASE, activation=FLEXED)
     assert_valid(file.path)

@@ -116,6 +116,7 @@ def limb() -> tuple[Path, dict[str, TouchDrive]]:
     return file.path, {each.name: each for each in drives if isinstance(each, TouchDrive)}
 
 
+@pytest.mark.slow
 def test_the_bend_is_the_sine_of_the_joints_angle(limb: tuple[Path, dict[str, TouchDrive]]) -> None:
     path, drives = limb
     document = read_document(path)

@@ -26,6 +26,7 @@ def attached(directions: int) -> AttachedTouch:
     return found
 
 
+@pytest.mark.slow
 def test_each_ring_keeps_the_length_of_the_skin() -> None:
     """At the greatest slide the arc over a ring is what its tissue has not taken up."""
     rings = attached(8).rings

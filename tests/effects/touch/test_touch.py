@@ -85,6 +85,7 @@ def test_the_skin_stays_on_a_curved_surface(part: float, aslant: float) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("aslant", [0.0, 0.042, -0.1])
 def test_the_skin_stays_on_the_back_of_a_hand(aslant: float) -> None:
     """Slides of up to 10 mm leave it by half a millimetre, of what moves 99 %, whatever direction is forward."""
@@ -134,6 +135,7 @@ def test_a_turned_touch_slides_where_it_is_asked(aslant: float) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_rings_stand_in_front_and_thin_out_to_the_sides(skin: Path) -> None:
     """Heights along y: in front rings, a cosine of them to the sides, and none behind."""
     file = baked(skin, touch(wrinkles={"bumps": 3, "directions": 16}), levels=3)
@@ -179,6 +181,7 @@ def drawn(*ways: tuple[float, float, float]) -> Path:
     return place(plate(tip=np.array(ways, np.float64)))
 
 
+@pytest.mark.slow
 def test_a_node_that_comes_near_drags_the_skin_and_slips() -> None:
     """It comes down at 0.4 s, sticks, slips at the grip, and goes at 1.2 s: then the skin springs back."""
     far, near = 0.03, 0.0
@@ -242,6 +245,7 @@ def test_the_distance_is_that_of_the_posed_skin() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_driver_plays_keys_and_tips_as_the_bake_does() -> None:
     """1 % of the greatest weight off at most, slides 0.3 %, at 30 and 144 frames a second."""
     ways = (
@@ -333,6 +337,7 @@ def test_mirrored_touches_are_mirror_images(skin: Path) -> None:
     assert means[1] == pytest.approx(means[0] * [-1.0, 1.0, 1.0], rel=0.05, abs=0.01)
 
 
+@pytest.mark.slow
 def test_a_tool_behind_the_tip_sees_the_stretched_skin(skin: Path) -> None:
     """A tool whose ends lie before and in front of the pad is shortened by the slide."""
     tool = {"name": "fold", "origin": [0.02, 0, 0], "target": [0.06, 0, 0], "width": 0.03, "bumps": 2}

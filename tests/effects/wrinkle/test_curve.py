@@ -329,6 +329,7 @@ def test_furrows_are_as_wide_at_half_their_depth_as_said(profile, width):
     assert us[[heights[:10000].argmax(), 10000 + heights[10000:].argmax()]] == pytest.approx([0.25, 0.75])
 
 
+@pytest.mark.slow
 def test_cloth_leans_towards_the_middle():
     us = np.linspace(0.0, 1.0, 40001)
     ((heights,),) = plan(bumps=2, profile="cloth").shapes(us)

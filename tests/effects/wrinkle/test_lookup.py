@@ -137,6 +137,7 @@ def test_any_number_of_bumps_with_any_gap(bumps: int, gap: int) -> None:
     assert len(response.table().rows) < 20 + 50 * bumps
 
 
+@pytest.mark.slow
 @given(
     strategy=st.sampled_from(STRATEGIES),
     kind=st.sampled_from(PROFILES),
@@ -246,6 +247,7 @@ def test_the_path_of_weights_is_that_of_the_greatest_rest_length(longest: float)
     assert path.reshape(len(path), -1).max(axis=0) == pytest.approx(wanted.max(axis=0), abs=1e-6)
 
 
+@pytest.mark.slow
 def test_amplitudes_that_are_looked_up_are_those_of_the_curve() -> None:
     curve = planned("both_ends", "polyline", (0.2,))
     lengths = everywhere(curve)

@@ -26,6 +26,7 @@ FAR: Json = {"name": "far", "origin": [-0.4, RADIUS + 0.5, 0.0]}
 STILL: Json = {"rest": True, "size": (160, 120), "views": ["front"], "labels": [" "]}
 
 
+@pytest.mark.slow
 def test_a_tool_off_the_mesh_is_drawn_in_red_and_the_others_as_ever(tmp_path: Path) -> None:
     asset = limb(tmp_path)
     both = write_tools(tmp_path / "both.yaml", tool(), tool(**FAR))

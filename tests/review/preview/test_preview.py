@@ -23,6 +23,7 @@ from wrinklecli.review.preview.shown import INKS
 Json = dict[str, Any]
 
 
+@pytest.mark.slow
 def test_one_asset_gives_a_sheet_over_time_and_two_give_columns(tmp_path: Path) -> None:
     asset, _, wrinkled = baked(tmp_path)
     seen: Json = {"focus": (0, 0.1, 0), "radius": 0.5, "size": SIZE, "labels": ["a"], "views": ["oblique"]}
@@ -81,6 +82,7 @@ def test_an_animation_has_so_many_frames_and_takes_as_long_as_the_clip(
     assert (np.abs(frames[0].astype(int) - frames[count // 2]) > 60).any(), "it moves"
 
 
+@pytest.mark.slow
 def test_tools_show_what_their_bake_would(tmp_path: Path) -> None:
     asset, tools, wrinkled = baked(tmp_path)
     seen: Json = {"times": (0.4, 1.0), "size": SIZE, "labels": ["x"]}

@@ -188,6 +188,7 @@ def test_a_mark_has_a_line_on_each_crest() -> None:
     assert ((bare - plain)[:, column, 1] > 40).sum() < len(drawn)
 
 
+@pytest.mark.slow
 def test_light_ends_on_a_coarse_mesh_that_is_refined_where_it_did_before(tmp_path: Path) -> None:
     asset = limb(tmp_path, rings=7, sides=7)
     tools = write_tools(tmp_path / "tools.yaml", tool(bumps=4, width=0.9))

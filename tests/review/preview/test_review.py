@@ -62,6 +62,7 @@ def words(peak: Peak) -> str:
     return " / ".join(fact.text for row in peak.facts for fact in row)
 
 
+@pytest.mark.slow
 def test_each_tool_has_its_own_peak_and_a_bake_has_the_same(tmp_path: Path) -> None:
     asset, tools = two_ways(tmp_path)
     fold, under = peaks_of(asset, tools)
@@ -79,6 +80,7 @@ def test_each_tool_has_its_own_peak_and_a_bake_has_the_same(tmp_path: Path) -> N
         assert 0.6 * heights[0] < heights[1] <= 1.01 * heights[0]
 
 
+@pytest.mark.slow
 def test_what_is_known_of_a_tool_is_that_of_check(tmp_path: Path) -> None:
     asset, tools = two_ways(tmp_path)
     for peak, data in zip(peaks_of(asset, tools), check(asset, tools).data["tools"], strict=True):
@@ -91,6 +93,7 @@ def test_what_is_known_of_a_tool_is_that_of_check(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_sheet_is_a_review_where_there_is_more_than_one_tool_or_clip(tmp_path: Path) -> None:
     asset, tools = two_ways(tmp_path)
     single = read_document(limb(tmp_path, name="single"))
@@ -117,6 +120,7 @@ def test_a_sheet_is_a_review_where_there_is_more_than_one_tool_or_clip(tmp_path:
     assert not is_reviewed([document], None, PreviewOptions(), animated=False)
 
 
+@pytest.mark.slow
 def test_tools_are_marked_before(tmp_path: Path) -> None:
     asset, tools = two_ways(tmp_path)
     out = tmp_path / "a.png"
@@ -127,6 +131,7 @@ def test_tools_are_marked_before(tmp_path: Path) -> None:
     assert near(shown, INKS[1], within=5) > 20
 
 
+@pytest.mark.slow
 def test_of_many_tools_the_first_are_shown_and_the_others_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -162,6 +167,7 @@ def test_a_tool_of_a_baked_file_is_shown_at_its_own_moments(tmp_path: Path) -> N
         draw([asset], tmp_path / "a.png", only=["fold"], views=["front"], **SMALL)
 
 
+@pytest.mark.slow
 def test_a_tool_that_no_clip_raises_is_shown_at_its_full_height(tmp_path: Path) -> None:
     asset = unfolding(rings=13, sides=10, clip=None).write(tmp_path / "limb.glb")
     tools = write_tools(tmp_path / "tools.yaml", tool(**BUMPY))
@@ -211,6 +217,7 @@ def test_what_carries_no_wrinkles_has_no_review(tmp_path: Path) -> None:
         draw([limb(tmp_path)], tmp_path / "a.png", review=True, **SMALL)
 
 
+@pytest.mark.slow
 def test_muscles_alone_are_shown_at_their_greatest_move(tmp_path: Path) -> None:
     """Before the bake and after it, at the same moment."""
     tools = tmp_path / "tools.yaml"
@@ -227,6 +234,7 @@ def test_muscles_alone_are_shown_at_their_greatest_move(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_vertex_that_moves_alone_is_seen_with_what_is_around_it(tmp_path: Path) -> None:
     """A region of flesh smaller than the triangles; "all is at one point" is not true of the asset."""
     tools = tmp_path / "tools.yaml"
