@@ -88,7 +88,8 @@ def browser_page(
     if modules is None:
         requireinstall()
         modules = HERE / "node_modules"
-    with tempfile.TemporaryDirectory() as name:
+    # Children of the browser outlive it for a moment, and write into its profile.
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as name:
         folder = Path(name)
         (folder / "index.html").write_text("<!DOCTYPE html><body></body>")
         (folder / "in.glb").symlink_to(file.path.resolve())
