@@ -14,7 +14,7 @@ from PIL import Image
 
 from kit.command import Ran, Wrinkle, files
 from kit.flesh import body, region
-from kit.limb import limb_asset, tool, write_tools
+from kit.limb import PNG, limb_asset, tool, write_parts, write_tools
 from wrinklecli.batching import stores
 from wrinklecli.batching.cache import Cache
 from wrinklecli.batching.cache_keys import Parts, key_of, parts_of
@@ -22,7 +22,6 @@ from wrinklecli.batching.job_files import JobFiles
 from wrinklecli.batching.jobs import BatchJob
 from wrinklecli.effects.flesh import kept, tissue
 
-PNG = b"\x89PNG skin"
 OWNED = b"OWNED"
 DIGEST = hashlib.sha256(OWNED).hexdigest()
 JOB = {"asset": "a/limb.gltf", "tools": "t.yaml", "out": "o/limb.gltf", "report": "o/r.json"}
@@ -32,15 +31,7 @@ JOB = {"asset": "a/limb.gltf", "tools": "t.yaml", "out": "o/limb.gltf", "report"
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A character in three files, and tools."""
     monkeypatch.chdir(tmp_path)
-    Path("a/tex").mkdir(parents=True)
-    for name in ("limb", "run"):
-        asset = limb_asset(rings=7, sides=6)
-        if name == "limb":
-            asset.gltf["images"] = [{"uri": "tex/my%20skin.png"}]
-        asset.write(tmp_path / "a" / f"{name}.gltf")
-    Path("a/tex/my skin.png").write_bytes(PNG)
-    write_tools(tmp_path / "t.yaml", tool(bumps=1), refinement={"max_levels": 0}, sampling={"fps": 4})
-    return tmp_path
+    return write_parts(tmp_path, "limb", "run", image="tex/my skin.png")
 
 
 class Batch:

@@ -10,12 +10,11 @@ from typing import Any
 import pytest
 
 from kit.command import Wrinkle, files
-from kit.limb import limb_asset, tool, write_tools
+from kit.limb import PNG, limb_asset, tool, write_parts, write_tools
 from wrinklecli.batching.jobs import BatchJob
 from wrinklecli.batching.manifest import read_manifest, read_pattern
 from wrinklecli.errors import ConfigError
 
-PNG = b"\x89PNG skin"
 MANIFEST = "jobs.jsonl"
 # Every file that the batch of `batch` reads, and who reads it.
 INPUTS = {
@@ -35,15 +34,7 @@ INPUTS = {
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A character and two files of clips, in several files each."""
     monkeypatch.chdir(tmp_path)
-    Path("a").mkdir()
-    for name in ("limb", "walk", "run"):
-        asset = limb_asset(rings=7, sides=6)
-        if name == "limb":
-            asset.gltf["images"] = [{"uri": "skin.png"}]
-        asset.write(tmp_path / "a" / f"{name}.gltf")
-    Path("a/skin.png").write_bytes(PNG)
-    write_tools(tmp_path / "t.yaml", tool(bumps=1), refinement={"max_levels": 0}, sampling={"fps": 4})
-    return tmp_path
+    return write_parts(tmp_path, "limb", "walk", "run", image="skin.png")
 
 
 def job(**keys: Any) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What a batch says to other programs: one object of JSON, and JUnit's XML."""
+"""A batch tells other programs its outcomes as one object of JSON, and as JUnit's XML."""
 
 import json
 import re

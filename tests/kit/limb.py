@@ -356,6 +356,23 @@ def write_tools(path: Path, *tools: Json, **header: Any) -> Path:
     return path
 
 
+PNG = b"\x89PNG skin"
+"""An image that is copied, and never read."""
+
+
+def write_parts(folder: Path, *names: str, image: str) -> Path:
+    """Write limbs into a/, each in two files, the first with an image beside it, and a tools file, for a batch."""
+    for name in names:
+        asset = limb_asset(rings=7, sides=6)
+        if name == names[0]:
+            asset.gltf["images"] = [{"uri": image.replace(" ", "%20")}]
+            (folder / "a" / image).parent.mkdir(parents=True)
+            (folder / "a" / image).write_bytes(PNG)
+        asset.write(folder / "a" / f"{name}.gltf")
+    write_tools(folder / "t.yaml", tool(bumps=1), refinement={"max_levels": 0}, sampling={"fps": 4})
+    return folder
+
+
 def flat_limb(**options: Any) -> Asset:
     """A knobbly limb of flat faces, as low-poly artists make them: each has corners of its own, with its normal."""
     asset = limb_asset(indices=None, **options)

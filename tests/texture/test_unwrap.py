@@ -47,7 +47,7 @@ def limb_of(folder: Path, change: Callable[[Asset], None] | None = None, **optio
 
 
 def corner_values(document: Document, mesh: int, number: int) -> dict[str, Floats]:
-    """What each corner of each triangle of a primitive has, by attribute, and by target and attribute."""
+    """Give the values of each triangle's corners in a primitive, by attribute, and by target and attribute."""
     primitive = document.items("meshes")[mesh]["primitives"][number]
     count = len(document.accessor(primitive["attributes"]["POSITION"]))
     triangles = read_triangles(document, primitive, count, "")

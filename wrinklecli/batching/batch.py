@@ -61,7 +61,7 @@ class BatchOptions:
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """What became of a batch.
+    """A batch that has ended: its outcomes, and the jobs that it did not begin.
 
     Attributes:
         manifest: The manifest, or the pattern of assets.

@@ -247,7 +247,7 @@ class _Jobs:
             self._refuse(1, "jobs", "required, but missing")
 
     def _has_profile(self, sources: Sequence[_Source], profile: str) -> bool:
-        """Whether a manifest has a profile; if none has, this is a problem."""
+        """Tell whether a manifest has a profile; if none has, this is a problem."""
         known = {str(key): node for source in sources for key, node in source.members("profiles")}
         if profile in known or self._problems:
             return profile in known

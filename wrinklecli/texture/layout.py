@@ -17,7 +17,7 @@ from wrinklecli.texture.relief import Textured
 from wrinklecli.texture.texels import texture_steps
 
 TexCoords: TypeAlias = Mapping[tuple[int, int | None], int]
-"""By mesh and material the number of a set of texture coordinates that is for maps alone."""
+"""The numbers of sets of texture coordinates that are for maps alone, by mesh and material."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +132,7 @@ def own_uvs(document: Document, plan: MeshPlan, refined: RefinedPrimitive) -> Fl
 
 
 def _frames(document: Document, plan: MeshPlan, refined: RefinedPrimitive, uvs: Floats | None) -> tuple[Floats, Floats]:
-    """As `frames_of`, by (old vertices, 2) coordinates if the primitive has no TANGENT."""
+    """Give the frames of `frames_of`, by (old vertices, 2) coordinates if the primitive has no TANGENT."""
     attributes = document.items("meshes")[plan.rig.mesh]["primitives"][refined.index].get("attributes", {})
     where = document.where("meshes", plan.rig.mesh, "primitives", refined.index)
     old = np.arange(len(refined.old))

@@ -330,7 +330,7 @@ class _Placed:
     """A tool on its mesh.
 
     Attributes:
-        texel: The side of a texel under it, scene units; 0 if it has none.
+        texel: The side of a texel under it, scene units.
     """
 
     effect: Effect

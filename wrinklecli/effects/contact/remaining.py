@@ -37,7 +37,7 @@ _LEAST = 2
 
 @dataclass(frozen=True, slots=True)
 class Remaining:
-    """What contact does not resolve in a clip.
+    """The part of a clip that contact does not resolve.
 
     Attributes:
         clip: The clip's name.
@@ -247,7 +247,7 @@ class _Counter:
 def _remaining(
     count: _Counter, followed: "Followed", crossing: dict[int, int], faded: bool, height: float
 ) -> Remaining | None:
-    """What is not resolved in a clip, from the crossings in frames; None if all is."""
+    """Say what is not resolved in a clip, from the crossings in frames; None if all is."""
     faulty = sorted(followed.faults)
     if not faulty and not any(crossing.values()):
         return None
