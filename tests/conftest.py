@@ -46,7 +46,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(tryfirst=True)  # before pytest looks at `-m`
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Cases of a test marked `quick(n)` are slow, but for the first n; tests marked `long` come first.
+    """Cases of a test marked `quick(n, m)` are slow after the first n, long after the first m; long tests come first.
 
     Begun last, one of these would keep all workers but its own waiting.
     """
@@ -56,8 +56,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if marker is not None:
             name = item.nodeid.partition("[")[0]
             seen[name] += 1
-            if seen[name] > marker.args[0]:
-                item.add_marker("slow")
+            for most, mark in zip(marker.args, ("slow", "long"), strict=False):
+                if seen[name] > most:
+                    item.add_marker(mark)
     items.sort(key=lambda item: item.get_closest_marker("long") is None)
 
 

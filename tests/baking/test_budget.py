@@ -46,7 +46,7 @@ def report_of(tmp_path: Path, asset: Path, *tools: Json, **options: Any) -> Json
     return made.data
 
 
-@pytest.mark.quick(1)
+@pytest.mark.quick(1, 2)
 # Others have the limits of these: blender those of unity, and filament, godot3, unreal parts of three and vtk.
 @pytest.mark.parametrize("engine", ["cesium", "unity", "spec8", "three", "vtk"])
 def test_what_is_within_a_budget_stays_as_it_is(engine: Engine) -> None:
@@ -297,7 +297,7 @@ def test_more_targets_than_three_takes_are_refused(tmp_path: Path) -> None:
         report_of(tmp_path, edited("wrist", many_targets), PALM, engine="three")
 
 
-@pytest.mark.quick(1)
+@pytest.mark.quick(1, 2)
 @pytest.mark.parametrize(
     ("base", "strengths"),
     [

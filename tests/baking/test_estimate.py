@@ -27,7 +27,7 @@ def paths(tmp_path: Path) -> tuple[Path, Path]:
     return limb(tmp_path / "limb.glb"), write_tools(tmp_path / "tools.yaml", MANY, refinement={})
 
 
-@pytest.mark.quick(1)
+@pytest.mark.quick(1, 2)
 @pytest.mark.parametrize(("tools", "accessors"), [(MANY, "sparse"), (MANY, "dense"), (ANEW, "sparse")])
 def test_bytes_of_targets_are_those_that_are_written(tmp_path: Path, tools: Any, accessors: Any) -> None:
     asset = limb(tmp_path / "limb.glb")

@@ -80,7 +80,7 @@ def test_each_frame_is_shown_exactly_during_its_interval(asset: str, config: str
             assert shown(file, nodes, clip, times) == [[k] for k in wanted]
 
 
-@pytest.mark.quick(1)
+@pytest.mark.quick(1, 2)
 @pytest.mark.parametrize(("asset", "config"), SAMPLES)
 def test_frames_are_what_morph_targets_show(asset: str, config: str) -> None:
     file, morphed = (bake_config(asset, config, mode=mode, fps=10) for mode in ("frames", "morph"))

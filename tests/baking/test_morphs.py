@@ -45,7 +45,7 @@ atexit.register(shutil.rmtree, FOLDER, ignore_errors=True)
 # Targets
 
 
-@pytest.mark.quick(3)
+@pytest.mark.quick(3, 7)
 @pytest.mark.parametrize("mode", ["sparse", "dense", "based"])
 @pytest.mark.quick(1)
 @pytest.mark.parametrize(("name", "config"), [("wrist", "wrist"), ("head", "head"), ("trousers", "trousers")])

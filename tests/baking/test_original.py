@@ -133,7 +133,7 @@ AS_GLTF = (
 )
 
 
-@pytest.mark.quick(1)
+@pytest.mark.quick(1, 3)
 @pytest.mark.parametrize("case", CASES)
 def test_the_original_comes_back(case: str, tmp_path: Path) -> None:
     asset, tools, options, _ = CASES[case]
@@ -141,7 +141,7 @@ def test_the_original_comes_back(case: str, tmp_path: Path) -> None:
     assert_same(restore.original(read_document(earlier)), read_document(asset()))
 
 
-@pytest.mark.quick(1)
+@pytest.mark.quick(1, 2)
 @pytest.mark.parametrize(("case", "ending"), [("trousers", "glb"), *((each, "gltf") for each in AS_GLTF)])
 def test_same_bytes_as_from_the_original(case: str, ending: str, tmp_path: Path) -> None:
     asset, first, options, second = CASES[case]
@@ -202,7 +202,7 @@ def test_bakes_of_one_node_after_another_come_off_together(tmp_path: Path) -> No
     assert_same(restore.original(read_document(second)), read_document(asset))
 
 
-@pytest.mark.quick(1)
+@pytest.mark.quick(1, 2)
 @pytest.mark.parametrize(
     ("earlier", "out"),
     [

@@ -219,7 +219,7 @@ def test_a_bound_below_what_the_file_can_hold_is_refused(tmp_path: Path, monkeyp
     refused(tmp_path, sample("wrist"), PALM, max_error=Length(0.01, percent=True))
 
 
-@pytest.mark.quick(1)
+@pytest.mark.quick(1, 2)
 @pytest.mark.parametrize(
     ("asset", "tool", "clip", "percent"),
     [

@@ -357,7 +357,7 @@ def known(
     return baked
 
 
-@pytest.mark.quick(1)
+@pytest.mark.quick(1, 2)
 @pytest.mark.parametrize("name", ["above", "an image of other content", "an unknown root alone", "NaN", "text"])
 def test_a_job_with_such_a_record_is_baked(name: str, batch: Batch, folder: Path) -> None:
     (folder / "victim").write_bytes(b"precious")
@@ -376,7 +376,7 @@ def test_a_job_with_such_a_record_is_baked(name: str, batch: Batch, folder: Path
     assert (told["result"], any("c/" in line for line in told["warnings"])) == ("hit", False)
 
 
-@pytest.mark.quick(1)
+@pytest.mark.quick(1, 2)
 @pytest.mark.parametrize(
     "note",
     [
@@ -423,7 +423,7 @@ def as_other_content(path: Path) -> None:
     path.write_bytes(b"other")
 
 
-@pytest.mark.quick(1)
+@pytest.mark.quick(1, 2)
 @pytest.mark.parametrize("spoilt", [as_pipe, as_device, as_loop, as_other_content])
 @pytest.mark.parametrize("kind", ["keys", "files", "outs"])
 def test_entries_that_are_no_files_are_misses(

@@ -78,7 +78,7 @@ def by_url(path: str, _name: str) -> str:
     return f"file://{os.path.abspath(path)}"
 
 
-@pytest.mark.quick(11)
+@pytest.mark.quick(11, 12)
 @pytest.mark.parametrize(
     "renamed", [lambda path, _: path, by_link, by_hard_link, by_link_to_its_folder, by_its_absolute_path, by_url]
 )

@@ -546,7 +546,7 @@ def test_killed_at_any_moment_the_output_is_whole(sign: signal.Signals, tmp_path
 SLOW_DISK = "import os, time\nos.fsync = lambda _: (print('written', file=sys.stderr, flush=True), time.sleep(600))"
 
 
-@pytest.mark.slow
+@pytest.mark.quick(0, 1)
 @pytest.mark.parametrize("sign", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
 def test_killed_while_writing_the_old_output_stays(sign: signal.Signals, tmp_path: Path) -> None:
     write_tools(tmp_path / "tools.yaml", PALM)

@@ -38,7 +38,7 @@ def run(arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
     )
 
 
-@pytest.mark.quick(1)
+@pytest.mark.quick(1, 2)
 @FULL
 @pytest.mark.parametrize("away", [">/dev/full", ">&-"])
 @pytest.mark.parametrize(
@@ -63,7 +63,7 @@ def test_what_was_asked_for_on_standard_output_cannot_be_written(command: str, a
     assert files(folder) == before
 
 
-@pytest.mark.slow
+@pytest.mark.quick(0, 1)
 @FULL
 @pytest.mark.parametrize("away", ["2>/dev/full", "2>&-", ">&- 2>&-", "<&- >&- 2>&-"])
 def test_messages_that_are_lost_are_no_failure(away: str, folder: Path) -> None:

@@ -114,7 +114,7 @@ def test_the_touched_mesh_is_plain_and_the_rest_as_it_was(name: str) -> None:
     assert (elements(before, matrices[0]) == elements(after, matrices[1])).all()
 
 
-@pytest.mark.quick(1)
+@pytest.mark.quick(1, 3)
 @pytest.mark.parametrize("name", EVERY)
 @pytest.mark.parametrize("levels", [0, 4])
 def test_no_warnings_that_plain_files_lack(name: str, levels: int) -> None:
@@ -386,7 +386,7 @@ def test_malformed_extensions_are_refused(change: Json, message: str, tmp_path: 
         read_document(twin("gltf_transform_meshopt", tmp_path / "in.glb", spoil)).accessor(6)
 
 
-@pytest.mark.quick(1)
+@pytest.mark.quick(1, 2)
 @pytest.mark.parametrize("name", EVERY)
 def test_damaged_files_are_read_or_refused(name: str, tmp_path: Path) -> None:
     whole = compressed_sample(name).read_bytes()

@@ -376,7 +376,7 @@ def _places(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
 JUNK: list[Any] = [None, True, -1, 10**6, 0.5, "x", [], [0], {}, {"0": 0}]
 
 
-@pytest.mark.slow
+@pytest.mark.quick(0, 1)
 @pytest.mark.parametrize("junk", JUNK, ids=repr)
 def test_any_value_replaced_by_junk_is_read_or_refused(tmp_path: Path, junk: Any) -> None:
     """Whatever stands in the JSON, a reader says so in a `WrinkleError`, or can do with it."""

@@ -21,7 +21,7 @@ def answer(signal: Floats, times: Floats, damping: float, *, periodic: bool = Fa
     return respond(Spring(SPEED, damping), positive(fitted), periodic=periodic)
 
 
-@pytest.mark.quick(1)
+@pytest.mark.quick(1, 2)
 @pytest.mark.parametrize("damping", DAMPINGS)
 def test_the_answer_is_the_equation_s(damping: float) -> None:
     times = np.linspace(0.0, 1.5, 40)

@@ -353,7 +353,7 @@ def test_collisions_are_the_same_in_small_portions_and_found_among_fewer_vertice
     assert thinned != whole
 
 
-@pytest.mark.quick(1)
+@pytest.mark.quick(1, 3)
 @pytest.mark.parametrize("turned", [False, True])
 @pytest.mark.parametrize(("shift", "near"), [(0.02, True), (0.07, True), (0.09, False)])
 def test_tools_nearly_on_top_of_each_other_are_warned_of(

@@ -122,7 +122,7 @@ def test_a_clip_of_one_moment_is_counted_once(tmp_path: Path) -> None:
     assert by_hand["counts"] == pose["counts"]
 
 
-@pytest.mark.slow
+@pytest.mark.quick(0, 1)
 @pytest.mark.parametrize("build", [limb_asset, flat_limb])
 @pytest.mark.parametrize("angle", [120.0, 140.0])
 def test_what_refinement_alone_has_split_counts_once(build: Callable[..., Asset], angle: float, tmp_path: Path) -> None:

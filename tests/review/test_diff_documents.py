@@ -150,7 +150,7 @@ CHANGES: list[tuple[Callable[[Asset], None], str, str]] = [
 ]
 
 
-@pytest.mark.quick(4)
+@pytest.mark.quick(4, 12)
 @pytest.mark.parametrize(("change", "place", "message"), CHANGES, ids=lambda each: getattr(each, "__name__", ""))
 def test_every_change_is_found_and_named(
     tmp_path: Path, change: Callable[[Asset], None], place: str, message: str

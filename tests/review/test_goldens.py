@@ -55,7 +55,7 @@ SUGGESTED: dict[str, tuple[Callable[[], Asset] | None, tuple[str, ...]]] = {
 }
 
 
-@pytest.mark.quick(1)
+@pytest.mark.quick(1, 2)
 @pytest.mark.parametrize("name", SUGGESTED)
 def test_tools_are_suggested_as_before(name: str, tmp_path: Path, wrinkle: Wrinkle, golden: Golden) -> None:
     make, options = SUGGESTED[name]

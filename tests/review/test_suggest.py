@@ -151,7 +151,7 @@ def test_tools_name_their_node_where_several_meshes_deform(tmp_path: Path) -> No
     assert {each.tool.node for each in alone.tools} == {"twin"}
 
 
-@pytest.mark.slow
+@pytest.mark.quick(0, 1)
 @pytest.mark.parametrize("name", ['a"b', "a\\b: #", "new\nline\x07", "日本 \u2028", "- [x", " "])
 def test_a_node_of_any_name_can_be_named(tmp_path: Path, name: str) -> None:
     asset = two_limbs()

@@ -139,7 +139,7 @@ def test_where_a_mesh_is_cloth_in_part_its_field_is_kept_to_that(tmp_path: Path)
     assert "substance: [cloth]" in found.text
 
 
-@pytest.mark.quick(1)
+@pytest.mark.quick(1, 2)
 @pytest.mark.parametrize(
     ("asset", "why"),
     [

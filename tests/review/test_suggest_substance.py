@@ -201,7 +201,7 @@ def test_the_file_and_json_say_why(tmp_path: Path) -> None:
     assert 0.8 < tool["confidence"] <= 1.0
 
 
-@pytest.mark.quick(1)
+@pytest.mark.quick(1, 2)
 @pytest.mark.parametrize(
     ("name", "kind"), [("limb", "none"), ("My=Jeans", "skin"), ("limb", "leather"), ("My=Jeans", "hard")]
 )
@@ -284,7 +284,7 @@ def compared(candidates: Sequence[Candidate], truth: dict[str, str]) -> list[tup
     return [(stem, "" if it is None else it.kind, truth.get(stem.split("_")[0], truth[""])) for stem, it in stems]
 
 
-@pytest.mark.quick(1)
+@pytest.mark.quick(1, 2)
 @pytest.mark.parametrize("name", ["low_poly_flat", "dressed_brown", "dressed", "robot", "knight_tabard"])
 def test_each_place_of_a_clip_has_its_substance(tmp_path: Path, name: str) -> None:
     found = compared(places_on(tmp_path, characters.CHARACTERS[name]()), TRUTH[name])
@@ -313,7 +313,7 @@ def test_layers_have_substances_of_their_own(tmp_path: Path) -> None:
     assert kinds == {("mesh_0", "skin"), ("mesh_1", "cloth"), ("mesh_2", "cloth")}
 
 
-@pytest.mark.slow
+@pytest.mark.quick(0, 1)
 @pytest.mark.parametrize(
     ("name", "words"), [("knight", ["body is rigid", "Hand.L is metal"]), ("robot", ["Cube.007 is rigid"])]
 )

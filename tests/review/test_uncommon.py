@@ -71,7 +71,7 @@ ASSETS: dict[str, Callable[[], Asset]] = {
 }
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(2, 3)
 @pytest.mark.parametrize("name", ASSETS)
 def test_an_uncommon_asset_gets_tools_or_a_reason(name: str, tmp_path: Path) -> None:
     found = suggest(ASSETS[name]().write(tmp_path / "asset.glb"))

@@ -44,7 +44,7 @@ UNTOUCHED = {
 }
 
 
-@pytest.mark.quick(5)
+@pytest.mark.quick(5, 12)
 @pytest.mark.parametrize("name", bombs.BOMBS)
 @pytest.mark.parametrize("command", COMMANDS)
 def test_bomb_is_refused_before_it_goes_off(wrinkle: Wrinkle, tmp_path: Path, command: str, name: str) -> None:
@@ -97,7 +97,7 @@ def test_many_buffers_of_one_file_do_not_become_a_flood(tmp_path: Path, ending: 
     assert not out.exists()
 
 
-@pytest.mark.slow
+@pytest.mark.quick(0, 1)
 @pytest.mark.parametrize("ending", ["glb", "gltf"])
 def test_an_image_of_many_names_is_read_and_written_once(tmp_path: Path, ending: str) -> None:
     (tmp_path / "in").mkdir()

@@ -91,7 +91,7 @@ def assert_driven(bare: Gltf, whole: Gltf, node: str, clip: str, tolerance: floa
             assert error.max() < tolerance, (names[k], times[error.max(axis=1).argmax()], error.max())
 
 
-@pytest.mark.slow
+@pytest.mark.quick(0, 1)
 @pytest.mark.parametrize(("name", "clip"), [("wrist", "extend"), ("trousers", "squat"), ("head", "raise_brows")])
 def test_tissue_lags_at_any_frame_rate_as_if_it_were_baked(name: str, clip: str) -> None:
     """Within 2 %, but where keys are so close that no track has more between them, from a loop's first frame on."""
@@ -359,7 +359,7 @@ def optimised(kind: str, path: Path, out: Path) -> Path:
     return out
 
 
-@pytest.mark.slow
+@pytest.mark.quick(0, 1)
 @pytest.mark.parametrize(
     ("name", "clip", "kind"),
     [
@@ -406,7 +406,7 @@ def test_keyed_rest_lengths_of_a_sample(clip: str) -> None:
     assert_driven(bare, whole, "head", clip)
 
 
-@pytest.mark.quick(1)
+@pytest.mark.quick(1, 2)
 @pytest.mark.parametrize(
     "look",
     [

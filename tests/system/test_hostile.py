@@ -110,13 +110,13 @@ def test_every_way_in_is_attacked() -> None:
     assert {"cache", "sub/limb.gltf", ".tools.yaml.unsaved", "tools.yaml", "out.glb"} <= places
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(2, 5)
 @pytest.mark.parametrize("line", KEPT.read_text().splitlines(), ids=lambda line: str(json.loads(line)["arguments"]))
 def test_what_failed_once_does_not_again(tmp_path: Path, line: str) -> None:
     attacked(loaded(line, "kept"), tmp_path)
 
 
-@pytest.mark.quick(1)
+@pytest.mark.quick(1, 4)
 @pytest.mark.parametrize("number", range(len(hostile.corpus())))
 def test_corpus_is_sound(tmp_path: Path, number: int) -> None:
     asset = f"limb{hostile.corpus()[number].suffix}"
@@ -153,7 +153,7 @@ def test_forged_extras_end_every_command_in_order(tmp_path: Path, name: str) -> 
             assert (code in (0, 1, 2), "Traceback" in err) == (True, False), (command, edit, err)
 
 
-@pytest.mark.quick(1)
+@pytest.mark.quick(1, 3)
 @pytest.mark.parametrize("kind", ["pipe", "/dev/null"])
 @pytest.mark.parametrize(
     "arguments",
@@ -328,7 +328,7 @@ def linked(uri: str, *, kind: str = "buffers") -> str:
     return json.dumps({**asset.gltf, "buffers": [buffer], "images": [{"uri": uri}] if kind == "images" else []})
 
 
-@pytest.mark.quick(3)
+@pytest.mark.quick(3, 7)
 @pytest.mark.parametrize("kind", ["buffers", "images"])
 @pytest.mark.parametrize(
     "uri",
@@ -402,7 +402,7 @@ def _after(calls: int, function: Callable[..., Any], fault: Callable[..., Any]) 
     return failing
 
 
-@pytest.mark.quick(3)
+@pytest.mark.quick(3, 8)
 @pytest.mark.parametrize("calls", [0, 1, 2, 3])
 @pytest.mark.parametrize(
     ("module", "name", "fault"),

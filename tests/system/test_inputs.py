@@ -207,7 +207,7 @@ def vertex_count(asset: Asset, primitive: Json) -> int:
 # Primitives
 
 
-@pytest.mark.quick(1)
+@pytest.mark.quick(1, 3)
 @pytest.mark.parametrize(
     "options",
     [
@@ -374,7 +374,7 @@ def wide_normalized_positions(asset: Asset) -> None:
 MORPHED: Json = {"skinned": False, "clip": None, "morphs": 2, "morph_normals": True, "morph_clip": "LINEAR"}
 
 
-@pytest.mark.quick(1)
+@pytest.mark.quick(1, 3)
 @pytest.mark.parametrize(
     ("change", "options", "known"),
     [
@@ -476,7 +476,7 @@ def flat_joint(asset: Asset) -> None:
 AROUND: Json = {"translation": [1.0, 2.0, 3.0], "scale": [2.0, 2.0, 2.0]}
 
 
-@pytest.mark.quick(1)
+@pytest.mark.quick(1, 3)
 @pytest.mark.parametrize(
     ("change", "options", "keys"),
     [
@@ -608,7 +608,7 @@ def foreign_channels(asset: Asset) -> None:
     asset.gltf["extensionsUsed"] = ["KHR_animation_pointer"]
 
 
-@pytest.mark.quick(1)
+@pytest.mark.quick(1, 4)
 @pytest.mark.parametrize(
     ("change", "options"),
     [
@@ -696,7 +696,7 @@ def test_resources_of_every_kind(tmp_path: Path, out: str) -> None:
         assert after.stored(k).tobytes() == before.stored(k).tobytes()
 
 
-@pytest.mark.quick(1)
+@pytest.mark.quick(1, 2)
 @pytest.mark.parametrize("form", ["glb", "file", "data", "percent", "folder"])
 @pytest.mark.parametrize("ending", [".glb", ".gltf"])
 def test_containers(tmp_path: Path, form: Any, ending: str) -> None:

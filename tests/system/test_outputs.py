@@ -97,7 +97,7 @@ def read(folder: Path) -> Path:
     return folder
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(2, 4)
 @pytest.mark.parametrize(("command", "option"), KEPT_APART)
 def test_no_option_writes_over_what_another_reads(command: str, option: str, read: Path, wrinkle: Wrinkle) -> None:
     line, named = KEPT_APART[command, option]

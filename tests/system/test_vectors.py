@@ -126,7 +126,7 @@ def differences(wanted: Any, found: Any, tolerance: float) -> list[str]:
     return [] if same else [f"{wanted} {found}"]
 
 
-@pytest.mark.quick(14)
+@pytest.mark.quick(14, 25)
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("language", DRIVERS)
 def test_a_driver_gives_the_weights_due(language: str, name: str) -> None:

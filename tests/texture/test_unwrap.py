@@ -90,7 +90,7 @@ def _used_by_meshes(document: Document) -> list[set[int]]:
     ]
 
 
-@pytest.mark.slow
+@pytest.mark.quick(0, 1)
 @pytest.mark.parametrize("form", FORMS)
 def test_everything_follows_the_vertices_that_are_repeated(form: str, tmp_path: Path) -> None:
     asset, tools = limb_of(tmp_path, **FORMS[form])

@@ -45,7 +45,7 @@ def test_a_bake_is_valid_and_other_programs_show_it_as_it_is(made: object) -> No
     compare_with_three(file.path, "limb", "fold", TIMES, file.pose("limb", "fold", TIMES))
 
 
-@pytest.mark.slow
+@pytest.mark.quick(0, 1)
 @pytest.mark.parametrize("options", [{"engine": "unity"}, {"split": True}, {"accessors": "dense"}, {"fps": 12}])
 def test_forms_of_a_bake_are_valid(options: Json) -> None:
     file = bake_once(TWO_BENDS(), top=ONE, **options)

@@ -246,7 +246,7 @@ def test_flesh_carries_wrinkles(bodies: dict[int, Path]) -> None:
     assert values[:, names.index("wrinkle_fold_1")].max() > 0.05
 
 
-@pytest.mark.quick(1)
+@pytest.mark.quick(1, 2)
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -312,7 +312,7 @@ def stepping(ahead: float, lift: float, *, swings: bool = True) -> Asset:
     return asset
 
 
-@pytest.mark.slow
+@pytest.mark.quick(0, 1)
 @pytest.mark.parametrize(
     ("asset", "lines"),
     [

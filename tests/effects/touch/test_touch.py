@@ -66,7 +66,7 @@ def test_the_skin_slides_with_the_pad_and_fades(skin: Path) -> None:
     assert_valid(file.path)
 
 
-@pytest.mark.slow
+@pytest.mark.quick(0, 1)
 @pytest.mark.parametrize(("part", "aslant"), [(1.0, 0.05), (0.5, 0.0), (1.0, 0.0), (0.5, -0.03)])
 def test_the_skin_stays_on_a_curved_surface(part: float, aslant: float) -> None:
     """On a cylinder of 40 mm, slides of any direction leave it by 1/20 of the greatest slide; straight ones by 1/6.

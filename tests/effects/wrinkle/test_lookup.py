@@ -100,7 +100,7 @@ def assert_right(response: CurveResponse, lengths: Lengths, error: float = TABLE
     assert (off / lengths.factors).max() <= 1.01 * error * greatest
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(2, 4)
 @pytest.mark.parametrize(
     ("height", "kind", "strategy"),
     # Any two of these meet, in a third of all cases.
@@ -197,7 +197,7 @@ REMIXES: dict[str, Callable[[CurveResponse, list[Target]], Any]] = {
 
 
 # Curves of a polyline with details take five times as long as others, and have most columns with both ends.
-@pytest.mark.quick(5)
+@pytest.mark.quick(5, 6)
 @pytest.mark.parametrize(
     ("strategy", "kind"),
     [

@@ -72,13 +72,13 @@ def off(case: Case, ours: Ours, **keys: Any) -> float:
     return float((gaps[displaced] > OFF * heights.max()).mean())
 
 
-@pytest.mark.quick(1)
+@pytest.mark.quick(1, 2)
 @pytest.mark.parametrize("name", CASES)
 def test_the_preset_is_the_paper(name: str) -> None:
     assert off(CASES[name], PROJECTED, attachment="patch") == 0.0
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(2, 3)
 @pytest.mark.parametrize("name", CASES)
 def test_the_preset_is_the_paper_on_the_skin(name: str) -> None:
     assert off(CASES[name], AS_BAKED) == 0.0

@@ -188,7 +188,7 @@ def heights_of_two(drawn_so: Variation, u: Floats, v: Floats, *, profile: Any, g
     return np.asarray((places.factors * places.shapes(curve)[0, 0]).reshape(u.shape))
 
 
-@pytest.mark.slow
+@pytest.mark.quick(0, 1)
 @pytest.mark.parametrize(
     ("profile", "gap"),
     [("smooth", 0), ("cloth", 0), ("polyline", 0), ("skin", 1)],

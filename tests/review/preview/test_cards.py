@@ -25,7 +25,7 @@ class Pen:
         self.words.append((box[0], box[1] - 3, box[2]))
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(2, 6)
 @pytest.mark.parametrize("colour", [None, (1.0, 0.0, 0.0)])
 @pytest.mark.parametrize("aside", ["", "1.25 s of walk, from the left", LONG])
 @pytest.mark.parametrize("name", ["knee", LONG])

@@ -41,7 +41,7 @@ def test_one_asset_gives_a_sheet_over_time_and_two_give_columns(tmp_path: Path) 
     assert not np.array_equal(single[:, width + 4 :], other[:, width + 4 :])
 
 
-@pytest.mark.slow
+@pytest.mark.quick(0, 1)
 @pytest.mark.parametrize("ending", ["png", "webp", "gif"])
 def test_the_same_input_gives_the_same_bytes(tmp_path: Path, ending: str) -> None:
     asset, tools, _ = baked(tmp_path)
