@@ -4,7 +4,8 @@
     python tests/benchmarks/places.py --write    also writes the weights that the program reads
 
 A row of places.csv is a place that was looked at twice, without and with wrinkles and blind to the score, with its
-merits as `suggest --all --json` prints them. The model is an ordinal logistic regression: one weighted sum of their
+merits as `suggest --all --json` prints them. `suggest` proposes nothing where no `limb` folds, so such places are in
+the counts alone. The model is an ordinal logistic regression: one weighted sum of their
 logarithms, and a bias for each of "at least weak" and "keep"; each look counts half. Weights in units of the
 logarithms' deviations have a normal prior of unit width. The program needs the sum and the bias of "keep".
 """
@@ -40,16 +41,25 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Places:
-    """The table: names of merits, (places,) characters, (places, looks) verdicts, (places, merits) their logarithms."""
+    """The table: names of merits, and arrays with a row for each place.
+
+    Attributes:
+        names: Of the merits.
+        characters: (places,)
+        limbs: (places,) True where a limb folds.
+        verdicts: (places, looks)
+        logs: (places, merits) their logarithms.
+    """
 
     names: list[str]
     characters: NDArray[np.str_]
+    limbs: NDArray[np.bool_]
     verdicts: NDArray[np.intp]
     logs: Floats
 
     def only(self, chosen: NDArray[np.bool_]) -> "Places":
         """Some of the places."""
-        return Places(self.names, self.characters[chosen], self.verdicts[chosen], self.logs[chosen])
+        return Places(self.names, self.characters[chosen], self.limbs[chosen], self.verdicts[chosen], self.logs[chosen])
 
 
 @dataclass(frozen=True)
@@ -61,7 +71,8 @@ class Fit:
 
     @classmethod
     def of(cls, places: Places) -> "Fit":
-        """Fit weights to places."""
+        """Fit weights to those of the places where a limb folds."""
+        places = places.only(places.limbs)
         means, deviations = places.logs.mean(axis=0), places.logs.std(axis=0)
         deviations[deviations == 0] = 1.0
         scaled, count = (places.logs - means) / deviations, len(places.names)
@@ -85,7 +96,7 @@ class Fit:
     def chances(self, places: Places) -> Floats:
         """(places, 2) probabilities of "at least weak" and of "keep"."""
         sums = (places.logs @ self.weights)[:, None] + self.biases
-        found: Floats = 1.0 / (1.0 + np.exp(-sums))
+        found: Floats = places.limbs[:, None] / (1.0 + np.exp(-sums))
         return found
 
 
@@ -93,10 +104,11 @@ def read_places() -> Places:
     """Read the table."""
     with PLACES.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
-    names = list(rows[0])[2 + len(LOOKS) :]
+    names = list(rows[0])[2 + len(LOOKS) : -1]
     return Places(
         names,
         np.array([row["character"] for row in rows]),
+        np.array([row["limb"] == "1" for row in rows]),
         np.array([[VERDICTS.index(row[look]) for look in LOOKS] for row in rows]),
         np.log2(np.maximum([[float(row[name]) for name in names] for row in rows], LEAST)),
     )
@@ -148,7 +160,7 @@ def report(places: Places, chances: Floats) -> str:
 
 def weights_of(places: Places) -> dict[str, object]:
     """The weights as the program reads them."""
-    fit, kept = Fit.of(places), places.only((places.verdicts == 2).any(axis=1)).logs.mean(axis=0)
+    fit, kept = Fit.of(places), places.only((places.verdicts == 2).any(axis=1) & places.limbs).logs.mean(axis=0)
 
     def by_name(values: Floats) -> dict[str, float]:
         return dict(zip(places.names, np.round(values, DIGITS).tolist(), strict=True))

@@ -6,7 +6,7 @@ import pytest
 
 from wrinklecli.review.suggest.score import REASONS, Merits, Score
 
-GOOD = Merits(seen=0.9, crests=0.4, smooth=1.0, whole=1.0, limb=1.0)
+GOOD = Merits(seen=0.9, crests=0.4, smooth=1.0, whole=1.0)
 NAMES = [each.name for each in fields(Merits)]
 
 
@@ -24,7 +24,7 @@ def test_the_score_falls_with_each_merit(name: str) -> None:
     assert found[-1].reason == (REASONS[name][0], 0.0)
 
 
-@pytest.mark.parametrize("name", [name for name in NAMES if name != "limb"])
+@pytest.mark.parametrize("name", NAMES)
 def test_no_merit_makes_up_for_one_that_is_missing(name: str) -> None:
     best = Merits(**dict.fromkeys(NAMES, 1.0))
     assert not Score.of(replace(best, **{name: 0.0})).is_kept

@@ -107,20 +107,20 @@ def suggest(
     a field to the cloth, and `joints` to the trunk and limbs. Other places get tools. The material of a tool follows
     from the colours and the fine contrast of the textures under its place, then from names. A comment beside the tool
     says why, and how sure that is; --material overrides it. Metal, plates, boxes, folds that another layer hides, ribs,
-    lips and lids are left out. Notes on standard error say so, and --all keeps them. If the asset is symmetric about
-    x = 0, the tools are symmetric too.
+    lips and lids are left out, and places where no limb folds, such as necks, shoulders and ankles. Notes on standard
+    error say so, and --all keeps them. If the asset is symmetric about x = 0, the tools are symmetric too.
 
     Each field and tool is tried on the refined mesh, and drawn where it is tallest, from the best side. A score says
-    how likely an artist keeps it. It has five merits: one sees the wrinkles, and their crests, the surface is smooth,
-    it is not harmed, and a limb folds there. Suggestions with a low score are left out, and the next best take their
-    places. -v says why, and with --all a comment beside the tool does.
+    how likely an artist keeps it. It has four merits: one sees the wrinkles, and their crests, the surface is smooth,
+    and it is not harmed. Suggestions with a low score are left out, and the next best take their places. -v says why,
+    and with --all a comment beside the tool does.
 
     A budget says how much memory on a GPU the morph targets of all suggestions may take. Engines unpack a target over
     all vertices of its mesh, so the figures are those after bake --split. Each suggestion has its own beside it; the
     best that fit are kept, and garments come first. --all has no budget.
 
-    An asset without clips is measured in its range of motion. Each joint is bent about its axes as far as a body of
-    such joints goes, and each morph target is raised. --clip takes the names of these motions too, such as
+    An asset without clips is measured in its range of motion. Joints of limbs and the waist are bent about their
+    axes as far as a body's, and each morph target is raised. --clip takes the names of these motions too, such as
     "LeftLeg about x, +90°". Joints are known by the names of common rigs, or by a VRM. If --range-of-motion found
     tools beside the clips, give it to check too, which otherwise warns of them.
 

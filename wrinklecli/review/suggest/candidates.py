@@ -80,6 +80,7 @@ class Candidate:
         place: Its name, if that part is known.
         substance: What the place is made of; None if it was not looked at.
         presets: Materials and presets by name, from which its tool gets one.
+        fault: Why an artist would not wrinkle it; empty if nothing but its looks may say so.
     """
 
     mesh: MeasuredMesh
@@ -100,6 +101,7 @@ class Candidate:
     place: PlaceName | None = None
     substance: Substance | None = None
     presets: Mapping[str, Preset] = field(default_factory=presets)
+    fault: str = ""
 
 
 def find_candidates(

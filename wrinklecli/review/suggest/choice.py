@@ -7,17 +7,18 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
 from wrinklecli.character.bones import words_of
 from wrinklecli.errors import AssetError, counted, listed, nearest
-from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.closest import pairs_within
 from wrinklecli.numeric.intersections import sides_of
 from wrinklecli.numeric.processes import in_processes
+from wrinklecli.review.suggest.anatomy import LIMBS
 from wrinklecli.review.suggest.candidates import Candidate
 from wrinklecli.review.suggest.cover import Layers, is_covered
 from wrinklecli.review.suggest.measure import MeasuredMesh
@@ -28,7 +29,6 @@ from wrinklecli.surface.compression import CompressedRegion, triangle_weights
 from wrinklecli.surface.substance import (
     Makeup,
     PrimitiveHints,
-    Substance,
     facet_length,
     find_bare_skin,
     is_animal,
@@ -67,22 +67,21 @@ def choose_candidates(
     _refuse_unknown(document, options.materials)
     pictures = Pictures(document)
     judged = list(_judged(document, candidates, options, pictures))
-    seen = [] if options.everything else [each.candidate for each in judged if not each.fault]
-    hidden = _hidden(asset, seen)
+    hidden = _hidden(asset, [each for each in judged if not each.fault])
     chosen: list[Candidate] = []
     notes: Counter[str] = Counter(pictures.notes)
     hard: dict[str, None] = {}
     left_out: Counter[tuple[str, str]] = Counter()
     for each in judged:
-        mesh = each.candidate.mesh
-        where = mesh.rig.names[mesh.rig.node]
-        fault = each.fault or hidden.get(id(each.candidate.region), "")
-        if fault:
+        assert each.substance is not None
+        where = each.mesh.rig.names[each.mesh.rig.node]
+        fault = each.fault or hidden.get(id(each.region), "")
+        if fault and not options.everything:
             left_out[where, fault] += 1
             if each.substance.kind == "hard":
                 hard[f"{where} is {each.substance.stiff}"] = None
         else:
-            chosen.append(each.candidate)
+            chosen.append(replace(each, fault=fault))
             notes[f"{where}: {each.substance.words}"] += 1
     lines = [
         f"{where}: left out {counted(count, 'fold')}: {why}; --all takes all"
@@ -104,28 +103,18 @@ def _refuse_unknown(document: Document, names: Iterable[str]) -> None:
             raise AssetError(fault, where=document.path)
 
 
-@dataclass(frozen=True, slots=True)
-class _Judged:
-    """A candidate with its material, and why an artist would not wrinkle it; empty if nothing but a layer may speak."""
-
-    candidate: Candidate
-    substance: Substance
-    fault: str
-
-
 def _judged(
     document: Document, candidates: Sequence[Candidate], options: SuggestOptions, pictures: Pictures
-) -> Iterator[_Judged]:
-    """Judge candidates by all but the layers that may hide them; with `everything` none has a fault."""
+) -> Iterator[Candidate]:
+    """Give candidates their materials, and faults but for layers that may hide them."""
     body, numbers, known = NamedBody.of(document), dict[str, int](), options.known_presets
     bones = body.bones
     hints: dict[int, tuple[PrimitiveHints, ...]] = {}
     makeups: dict[int, Makeup] = {}
-    known_rims: dict[int, Floats] = {}
     distinct = {id(each.mesh.gauge.surface): each.mesh for each in candidates}
     for surface, mesh in distinct.items():
         makeups[surface] = read_makeup(document, mesh.rig, mesh.gauge, pictures=pictures)
-        known_rims[surface] = rims_of(mesh)
+    rims = cache(lambda surface: rims_of(distinct[surface]))
     # Animals are neither shod nor dressed, and their coats have several colours.
     animals = {surface for surface, mesh in distinct.items() if is_animal(mesh.rig)}
     bare = find_bare_skin([(mesh.gauge, makeups[surface]) for surface, mesh in distinct.items()], bones.parts)
@@ -144,17 +133,16 @@ def _judged(
         makeup = replace(makeups[surface], hints=hints[mesh.rig.node], bare=None if animal else bare, animal=animal)
         substance = substance_of(makeup, weights, part, by_morph=each.by_morph)
         fault = ""
-        if options.everything:
-            pass
-        elif substance.kind == "hard":
+        if substance.kind == "hard":
             fault = substance.fault
         elif _SLIDING.search(words_of(each.driver)):
             fault = f"where {split_side(each.driver)[0] or each.driver} moves, which slides or swells"
-        elif each.by_morph and _is_rim(each.region, known_rims[surface]):
+        elif part is not None and part not in LIMBS:
+            fault = "where no limb folds, as one does at an elbow or a knee"
+        elif each.by_morph and _is_rim(each.region, rims(surface)):
             fault = "at a rim, such as of lips or lids"
-        facet = facet_length(makeup, weights)
-        found = replace(each, material=substance.material, facet=facet, part=part, place=place)
-        yield _Judged(replace(found, substance=substance, presets=known), substance, fault)
+        found = replace(each, material=substance.material, facet=facet_length(makeup, weights), part=part, place=place)
+        yield replace(found, substance=substance, presets=known, fault=fault)
 
 
 def _hidden(asset: TriedAsset, candidates: Sequence[Candidate]) -> dict[int, str]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import node_matrices
-from wrinklecli.choices import Part, Profile
+from wrinklecli.choices import Part
 from wrinklecli.effects.attached import Attached
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, unit, weighted_quantiles
@@ -42,13 +42,10 @@ from wrinklecli.tools.yaml_tree import printable
 
 # Factors on the height of wrinkles that would be too tall for their place, the first one tried first.
 _LOWER = (0.7, 0.5)
-# Profile whose furrows are as wide as its bumps, so that they turn over last.
-_WIDE_FURROWS: Profile = "smooth"
 # Least score of a candidate, as a part of the best one's.
 _LEAST_SCORE = 0.02
-# Least shortening of a tool that a joint drives, as a part of its length, by material: for less, skin bulges and does
-# not fold, and cloth only slackens.
-_LEAST_SHORTENING = {"skin": 0.3, "cloth": 0.2, "leather": 0.2, None: 0.15}
+# Least shortening of a tool that a joint drives, as a part of its length: for less, nothing folds.
+_LEAST_BY_JOINT = 0.15
 # The same for a tool that a morph target drives: lines of a face need less.
 _LEAST_BY_MORPH = 0.04
 # Median angle between a straight tool and the strongest compression from which a path is tried, degrees.
@@ -101,8 +98,7 @@ class Suggestion:
         shortening: The greatest, as a part of the span, or of the rest length if a morph target makes that longer.
         score: The region's loss 1 − σ summed over its area, scene units squared.
         others: Tools that fit the same place where this one would do harm: straight in place of a path, with lower
-            wrinkles, with wide furrows. They are tried in this order.
-        own_profile: True if the tool's profile is another one than its material's.
+            wrinkles. They are tried in this order.
         twin_moment: The clip and the time in which its mirror image shortens most; None if that is not suggested.
         one_sided: True if no clip raises the wrinkles of its mirror image.
         substance: What the place is made of; None if it was not looked at.
@@ -113,6 +109,7 @@ class Suggestion:
         height: The greatest displacement, scene units; 0 if nobody looked.
         gpu_bytes: What its morph targets take on a GPU, where each part of the mesh has only those that move it.
         judgement: What one sees of it, as a score; None if nobody looked, or if no clip raises it.
+        fault: Why an artist would not wrinkle the place, if its looks need not say so.
         is_judged: True once somebody looked.
     """
 
@@ -128,7 +125,6 @@ class Suggestion:
     shortening: float
     score: float
     others: "tuple[Suggestion, ...]" = ()
-    own_profile: bool = False
     twin_moment: tuple[str, float] | None = None
     one_sided: bool = False
     substance: Substance | None = None
@@ -139,6 +135,7 @@ class Suggestion:
     height: float = 0.0
     gpu_bytes: int = 0
     judgement: Score | None = None
+    fault: str = ""
     is_judged: bool = False
 
     @property
@@ -174,7 +171,7 @@ def fit_tools(candidates: Sequence[Candidate], further: Sequence[Clip] = ()) -> 
 
     No bump reaches its full height before the greatest shortening in the further clips either, as `check` has them.
     """
-    for search in (_Search(further), _Search(further, one_sided=True), _Search(further, one_sided=True, mild=True)):
+    for search in (_Search(further), _Search(further, one_sided=True)):
         found = search.ranked(candidates)
         for first in found:
             yield first
@@ -197,13 +194,11 @@ class _Search:
     Attributes:
         further: As in `fit_tools`.
         one_sided: True to accept one of a pair alone, if the pair would overlap.
-        mild: True to accept shortenings that are too small for the material.
         names: Identifiers that tools have already.
     """
 
     further: Sequence[Clip]
     one_sided: bool = False
-    mild: bool = False
     names: frozenset[str] = frozenset()
 
     def ranked(self, candidates: Sequence[Candidate]) -> Iterator[Suggestion]:
@@ -275,7 +270,7 @@ class _Search:
                 return None
             shortenings = [shortenings_of(mesh, patch) for patch in patches]
             ratios = [greatest(each).ratio for each in shortenings]
-            if max(ratios) < _least_shortening(candidate, mild=self.mild):
+            if max(ratios) < _least_shortening(candidate):
                 continue
             if ratios[0] < _RESTS * ratios[-1]:
                 # The tool that the clips fold is written, and `mirror` makes the other.
@@ -311,16 +306,12 @@ class _Search:
             shortening=best.ratio,
             score=candidate.score,
             substance=candidate.substance,
+            fault=candidate.fault,
             twin_moment=None if twin is None else (twin.clip.name, twin.time),
         )
         lower = [with_lower_bumps(patches, tools, every, part) for part in _LOWER]
-        others = [replace(suggestion, tool=found[0]) for found in lower if found is not None]
-        if suggestion.tool.profile != _WIDE_FURROWS and not candidate.by_morph:
-            wide = attached(mesh, [replace(each, profile=_WIDE_FURROWS) for each in tools])
-            found = None if wide is None else with_rising_bumps(mesh, wide, every)
-            if found is not None:
-                others.append(replace(suggestion, tool=found[0], own_profile=True))
-        return _Fitted(replace(suggestion, others=tuple(others)), patches)
+        others = tuple(replace(suggestion, tool=found[0]) for found in lower if found is not None)
+        return _Fitted(replace(suggestion, others=others), patches)
 
 
 def _covers(region: Region, place: Floats, normal: Floats) -> bool:
@@ -497,17 +488,15 @@ def _traced(candidate: Candidate, tensors: Floats) -> tuple[Candidate, Attached[
     parts = np.linspace(0.0, 1.0, len(points))[1:-1, None]
     over = [mesh.rest.foot(place)[0] for place in candidate.origin + parts * (candidate.target - candidate.origin)]
     straight = _probe(replace(candidate, between=np.array(over)), width_of(candidate))
-    least = _least_shortening(candidate, mild=False)
+    least = _least_shortening(candidate)
     if straight is not None:
         least = max(least, _AS_SHORT * greatest(shortenings_of(mesh, straight)).ratio)
     return (curved, patch) if greatest(shortenings_of(mesh, patch)).ratio >= least else None
 
 
-def _least_shortening(candidate: Candidate, *, mild: bool) -> float:
+def _least_shortening(candidate: Candidate) -> float:
     """Least shortening of a candidate's tool, as a part of its length."""
-    if candidate.by_morph:
-        return _LEAST_BY_MORPH
-    return _LEAST_SHORTENING[None if mild else candidate.material]
+    return _LEAST_BY_MORPH if candidate.by_morph else _LEAST_BY_JOINT
 
 
 def _of_side(mesh: MeasuredMesh, driver: str, tool: str) -> str:

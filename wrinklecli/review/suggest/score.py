@@ -28,14 +28,12 @@ class Merits:
         crests: Part of what changes the light that is crests; the rest is lumps, specks and what one does not notice.
         smooth: Part of the edges that are not hard.
         whole: Part of the place that neither crosses something, nor turns over, nor lets through what lies beneath.
-        limb: 1 where a limb, a finger, the waist or a face folds; 0 at necks, shoulders, chests and feet.
     """
 
     seen: float
     crests: float
     smooth: float
     whole: float
-    limb: float
 
 
 REASONS = {
@@ -43,7 +41,6 @@ REASONS = {
     "crests": ("unseen", "its crests are hardly seen: they are {} of what changes the light"),
     "smooth": ("facets", "it lies on facets: {} of the edges there are smooth"),
     "whole": ("harm", "the surface crosses itself, turns over or is bared: {} of the place is unharmed"),
-    "limb": ("no limb", "no limb folds there, as one does at an elbow or a knee"),
 }
 """For each merit a word for the want of it, and that in a sentence with a place for the value."""
 

@@ -72,7 +72,7 @@ def tools_text(
             "strategy": tool.strategy,
             "bumps": tool.bumps,
             "max_height": _written_height(tool),
-            "profile": tool.profile if each.own_profile else None,
+            "profile": tool.profile if tool.strength < 0 else None,
             "compressible": f"{100 * tool.compressible:.0f}%" if tool.compressible or tool.material else None,
             "strength": None if tool.strength == 1.0 else f"{tool.strength:g}",
             "seed": tool.seed,
@@ -83,8 +83,9 @@ def tools_text(
             lines.append(f"  # Up to {each.height:.2g} high, {each.gpu_bytes / 1e6:.1f} MB on a GPU after bake --split")
         if each.substance is not None:
             lines.append(f"  # {each.substance.words}")
-        if each.judgement is not None and not each.judgement.is_kept:
-            lines.append(f"  # Left out without --all: {each.judgement.sentence}")
+        fault = each.fault or (each.judgement.sentence if each.judgement and not each.judgement.is_kept else "")
+        if fault:
+            lines.append(f"  # Left out without --all: {fault}")
         if each.crossings and tool.contact:
             lines.append(
                 "  # Folded, it would pass through itself: contact keeps its sides apart, and baking takes longer"

@@ -44,19 +44,6 @@ _AS_TALL = 0.5
 _SLIT = 0.1
 # Joints whose folds contact closes, as each bends one limb: hips and shoulders over one trunk are in each other's way.
 _OF_CONTACT: tuple[Part, ...] = ("lower arm", "lower leg")
-# Parts of a body whose joints fold what is around them; around other joints it slides, bulges or is stiff.
-_FOLDING: tuple[Part | None, ...] = (
-    None,
-    "lower arm",
-    "lower leg",
-    "upper leg",
-    "hand",
-    "palm",
-    "finger",
-    "toes",
-    "hips",
-    "spine",
-)
 # Contrast that one does not notice, root mean square over the lightness: one notices 0.01 to 0.02 in the laboratory, on
 # a plain field and at leisure, and twice as much on a textured figure in motion.
 _UNNOTICED = 0.035
@@ -212,11 +199,9 @@ def _judged(
     limb = suggestion.part in _OF_CONTACT and not suggestion.by_morph
     touches = limb and any(_has_slit(look.tallest) for look in looks)
     resolved = touches and kind_of("folds").is_installed
-    # Tools of a face lie where people have lines, whatever joint moves them.
-    folding = suggestion.substance is None or suggestion.by_morph or suggestion.part in _FOLDING
     # A twin that a clip hardly raises is hardly seen either; one that rises as far must look as good.
     tallest = max((look.best.height for look in looks), default=0.0)
-    sides = [each.scored(resolved=resolved, folding=folding) for each in looks if each.best.height > _AS_TALL * tallest]
+    sides = [each.scored(resolved=resolved) for each in looks if each.best.height > _AS_TALL * tallest]
     score = min(sides, key=lambda each: each.keep, default=None)
     one_sided = suggestion.twin_moment is not None and len(looks) == 1
     judged = replace(
@@ -267,7 +252,7 @@ def fault_of(stage: Stage, placement: Placement, clip: str, time: float) -> tupl
     look = _look(stage, placement, clip, time)
     if look is None:
         return "not raised", 0.0
-    score = look.scored(resolved=False, folding=True)
+    score = look.scored(resolved=False)
     return None if score.is_kept else score.reason
 
 
@@ -289,8 +274,8 @@ class _Look:
     tallest: StagedTool
     teeth: float
 
-    def scored(self, *, resolved: bool, folding: bool) -> Score:
-        """Measure and weigh the tool; contact keeps apart what is `resolved`, and a limb may be `folding` there."""
+    def scored(self, *, resolved: bool) -> Score:
+        """Measure and weigh the tool; contact keeps apart what is `resolved`."""
         seen, staged = look_at(self.best, self.sight, self.side), self.tallest
         before, after = (0, 0) if resolved else staged.crossings
         hard = float(self.placement.plan.fine.hard_shares[self.placement.part.region])
@@ -301,7 +286,6 @@ class _Look:
                 crests=seen.crests.contrast * seen.crests.share / light,
                 smooth=1.0 - hard,
                 whole=1.0 - (self.teeth + staged.bared() + max(after - before, 0) / max(staged.edge_count, 1)),
-                limb=float(folding),
             )
         )
 
