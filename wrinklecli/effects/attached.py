@@ -1,12 +1,10 @@
 """Effects on a mesh at rest, before refinement: what may be asked of any of them."""
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeAlias, TypeVar
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import DrivenTargets, Rig
-from wrinklecli.drive.drive import AnyDrive
 from wrinklecli.drive.segment import Segment
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.surface.refine import Refinement
@@ -53,7 +51,9 @@ class Drag(NamedTuple):
 
 
 class Attached(Protocol[Tool]):
-    """A tool on the mesh at rest, before refinement."""
+    """A tool on the mesh at rest, before refinement; what is not said otherwise holds for one without a segment."""
+
+    __slots__ = ()
 
     @property
     def tool(self) -> Tool:
@@ -68,28 +68,8 @@ class Attached(Protocol[Tool]):
         """The regions where edges must be split."""
 
     @property
-    def segment(self) -> Segment | None:
-        """The segment or path whose length moves it; None if something else does."""
-
-    @property
     def greatest_height(self) -> float:
         """The largest move of the effect, scene units."""
-
-    @property
-    def height_limit(self) -> float:
-        """The height at which its bumps grow no more, at a strength of 1, scene units; infinite if there is none."""
-
-    @property
-    def bump_width(self) -> float:
-        """The width of a bump, scene units."""
-
-    @property
-    def full(self) -> float:
-        """The shortening of its segment, over the rest length, from which on it moves no farther; 1 for none."""
-
-    @property
-    def flatter(self) -> str:
-        """A remedy that makes it turn fewer triangles over, as the end of a warning."""
 
     @property
     def moves(self) -> Moves | None:
@@ -100,85 +80,52 @@ class Attached(Protocol[Tool]):
         """Names of other meshes that lie over it and stay as they are, so that it may come through them."""
 
     @property
-    def keyed_clips(self) -> Collection[str]:
-        """Names of clips that move it, though they may move no joint."""
-
-    @property
-    def drag(self) -> Drag | None:
-        """The tip that drags its skin; None if none does."""
-
-    def clip_warnings(self, rig: Rig, clips: Sequence[tuple[Clip, Floats]]) -> list[str]:
-        """Warnings about clips that say too little of how it moves, by (frames, targets) weights in each."""
-
-    def fitting_compressible(self, lengths: Iterable[tuple[Floats, Floats]], height: float | None = None) -> float:
-        """The part of each shortening, 0 to 1, that the tissue must take so that bumps are full at the greatest one.
-
-        Args:
-            lengths: For each clip (frames,) lengths of the segment and (frames,) rest lengths, scene units.
-            height: Another `height_limit`.
-        """
-
-
-AnyAttached: TypeAlias = Attached[Any]
-
-
-class WithoutSegment(ABC):
-    """The answers that effects without a segment of their own share: muscles, flesh, touches and fields."""
-
-    __slots__ = ()
-
-    tool: EffectTool
-    drive: AnyDrive
-
-    @property
-    @abstractmethod
-    def span(self) -> float:
-        """The length of which per cent in its entry are, scene units."""
-
-    @property
-    @abstractmethod
-    def greatest_height(self) -> float:
-        """The largest move, scene units."""
-
-    @property
     def segment(self) -> Segment | None:
-        """None."""
+        """The segment or path whose length moves it; None if something else does."""
         return None
 
     @property
     def height_limit(self) -> float:
-        """The largest move."""
+        """The height at which its bumps grow no more, at a strength of 1, scene units; infinite if there is none."""
         return self.greatest_height
 
     @property
     def bump_width(self) -> float:
-        """The whole of it."""
+        """The width of a bump, scene units."""
         return self.span
 
     @property
-    def flatter(self) -> str:
-        """A lower bump."""
-        return "a lower one avoids it"
-
-    @property
     def full(self) -> float:
-        """1: it moves as far as it is asked."""
+        """The shortening of its segment, over the rest length, from which on it moves no farther; 1 for none."""
         return 1.0
 
     @property
+    def flatter(self) -> str:
+        """A remedy that makes it turn fewer triangles over, as the end of a warning."""
+        return "a lower one avoids it"
+
+    @property
     def keyed_clips(self) -> Collection[str]:
-        """None: a joint moves it."""
+        """Names of clips that move it, though they may move no joint."""
         return ()
 
     @property
     def drag(self) -> Drag | None:
-        """None."""
+        """The tip that drags its skin; None if none does."""
         return None
 
     def clip_warnings(self, _rig: Rig, _clips: Sequence[tuple[Clip, Floats]]) -> list[str]:
-        """None: it moves as the pose asks."""
+        """Warnings about clips that say too little of how it moves, by (frames, targets) weights in each."""
         return []
 
     def fitting_compressible(self, _lengths: Iterable[tuple[Floats, Floats]], _height: float | None = None) -> float:
-        """0: what shortens it presses no skin together."""
+        """The part of each shortening, 0 to 1, that the tissue must take so that bumps are full at the greatest one.
+
+        Args:
+            _lengths: For each clip (frames,) lengths of the segment and (frames,) rest lengths, scene units.
+            _height: Another `height_limit`.
+        """
         return 0.0
+
+
+AnyAttached: TypeAlias = Attached[Any]

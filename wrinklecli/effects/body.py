@@ -5,7 +5,7 @@ The rig has their targets among its own, so that the anchors of later effects fo
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
-from typing import Any, ClassVar, Generic, Self, TypeVar
+from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import Pose
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.drive import AnyDrive
-from wrinklecli.effects.attached import WithoutSegment
+from wrinklecli.effects.attached import Attached
 from wrinklecli.effects.effect import Effect, MeshPlan, SamplingOptions, Seen, Words, named_targets
 from wrinklecli.effects.shapes import Sample, Shape, make_shapes
 from wrinklecli.errors import counted
@@ -22,16 +22,24 @@ from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, Ints, are_nonzero, nonzero_rows
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.surface.refine import Refinement
-from wrinklecli.tools.records import ToolsFile
+from wrinklecli.tools.records import EffectTool, ToolsFile
 
 # Vertices of each target by whose moves the largest move in a frame is found.
 _LARGEST = 8
 
 
-AttachedType = TypeVar("AttachedType", bound=WithoutSegment)
+class AttachedBody(Attached[EffectTool], Protocol):
+    """A tool at rest that has its drive already, as its weights depend on no refined surface."""
+
+    @property
+    def drive(self) -> AnyDrive:
+        """The names of its targets, and their weights."""
 
 
-def body_effect(section: str, attached: WithoutSegment, shapes: Sequence[Shape | None], words: Words) -> Effect:
+AttachedType = TypeVar("AttachedType", bound=AttachedBody)
+
+
+def body_effect(section: str, attached: AttachedBody, shapes: Sequence[Shape | None], words: Words) -> Effect:
     """The effect of a muscle, a region or a touch, with such shapes."""
     tool = attached.tool
     return Effect(tool.name, section, tool.identifier, named_targets(tool.identifier, shapes), attached.drive, words)

@@ -9,7 +9,7 @@ from wrinklecli.character.bent import bending_nodes
 from wrinklecli.choices import SUBSTANCES
 from wrinklecli.drive.table import Table
 from wrinklecli.drive.turned import TurnDrive
-from wrinklecli.effects.attached import WithoutSegment
+from wrinklecli.effects.attached import Attached
 from wrinklecli.effects.field.factors import Factors, factors_of
 from wrinklecli.effects.field.heights import measure
 from wrinklecli.effects.field.irregular import lengthened, turned
@@ -54,7 +54,7 @@ _LEAST_WEIGHT = 2e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class AttachedField(WithoutSegment):
+class AttachedField(Attached[Field]):
     """A field on a mesh at rest.
 
     Attributes:

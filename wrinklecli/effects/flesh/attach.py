@@ -10,7 +10,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.contacts import contacts_of
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.swing import GRAVITY, Mode, SwingDrive
-from wrinklecli.effects.attached import Moves, WithoutSegment
+from wrinklecli.effects.attached import Attached, Moves
 from wrinklecli.effects.flesh.kept import swings_of
 from wrinklecli.effects.flesh.report import region_warnings
 from wrinklecli.effects.flesh.tissue import Body, NoFleshError, Place, Swings
@@ -44,7 +44,7 @@ _LEAST_MOVE = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class AttachedFlesh(WithoutSegment):
+class AttachedFlesh(Attached[Flesh]):
     """A region on the mesh at rest.
 
     Attributes:

@@ -10,7 +10,7 @@ import numpy as np
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.drive import Drive
 from wrinklecli.drive.segment import RestLength, Segment, Tension
-from wrinklecli.effects.attached import Moves, WithoutSegment
+from wrinklecli.effects.attached import Attached, Moves
 from wrinklecli.effects.muscle.region import Bulge, bulges_on
 from wrinklecli.effects.muscle.shapes import Belly, RefinedSkin, displaced, travelling
 from wrinklecli.effects.muscle.volume import ACTIVATION, FULLEST, SHORTEST, ConstantVolume
@@ -34,7 +34,7 @@ _FARTHEST = 1.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class AttachedMuscle(WithoutSegment):
+class AttachedMuscle(Attached[Muscle]):
     """A muscle on a mesh at rest.
 
     Attributes:

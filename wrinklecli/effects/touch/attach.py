@@ -9,7 +9,7 @@ import numpy as np
 from wrinklecli.character.carried import CarriedPoint
 from wrinklecli.character.surface import influence_count
 from wrinklecli.drive.touch import TouchDrive, turned
-from wrinklecli.effects.attached import Drag, Moves, WithoutSegment
+from wrinklecli.effects.attached import Attached, Drag, Moves
 from wrinklecli.effects.touch.bending import LEAST_CHANGE, Bending, bending_of
 from wrinklecli.effects.touch.disc import Disc, disc_on
 from wrinklecli.effects.touch.rings import Rings, plan_rings
@@ -48,7 +48,7 @@ _DIRECTIONS = 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class AttachedTouch(WithoutSegment):
+class AttachedTouch(Attached[Touch]):
     """A touch on the mesh at rest.
 
     Attributes:

@@ -4,15 +4,15 @@ Source: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, Computer Graph
 influence region. Differs: displacement fades where the surface turns away; and (u, v) are those at rest.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.character.rig import Rig
 from wrinklecli.drive.segment import Segment
+from wrinklecli.effects.attached import Attached
 from wrinklecli.effects.wrinkle.curve import ControlCurve
 from wrinklecli.effects.wrinkle.lookup import fitting_compressible, group_starts
 from wrinklecli.effects.wrinkle.places import Places, bowed
@@ -39,7 +39,7 @@ _UNFOLDED = (0.2, 0.6)
 
 
 @dataclass(frozen=True, slots=True)
-class Patch:
+class Patch(Attached[WrinkleTool]):
     """A tool attached to a surface at rest.
 
     Attributes:
@@ -257,10 +257,6 @@ class Patch:
     def bump_width(self) -> float:
         """The width of a bump on the segment at rest, scene units."""
         return 2.0 * self.span / self.curve.interval_count
-
-    def clip_warnings(self, _rig: Rig, _clips: Sequence[tuple[Clip, Floats]]) -> list[str]:
-        """None: wrinkles rise as the pose asks."""
-        return []
 
     def fitting_compressible(self, lengths: Iterable[tuple[Floats, Floats]], height: float | None = None) -> float:
         """The `compressible` with which all bumps are just full at the greatest shortening, 0 to 1."""
