@@ -39,10 +39,12 @@ class AttachedBody(Attached[EffectTool], Protocol):
 AttachedType = TypeVar("AttachedType", bound=AttachedBody)
 
 
-def body_effect(section: str, attached: AttachedBody, shapes: Sequence[Shape | None], words: Words) -> Effect:
+def body_effect(attached: AttachedBody, shapes: Sequence[Shape | None], words: Words) -> Effect:
     """The effect of a muscle, a region or a touch, with such shapes."""
     tool = attached.tool
-    return Effect(tool.name, section, tool.identifier, named_targets(tool.identifier, shapes), attached.drive, words)
+    return Effect(
+        tool.name, tool.section, tool.identifier, named_targets(tool.identifier, shapes), attached.drive, words
+    )
 
 
 @dataclass(frozen=True, slots=True)

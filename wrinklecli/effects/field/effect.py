@@ -43,7 +43,7 @@ def field_effect(plan: MeshPlan, attached: AttachedField, deltas: Floats, middle
     )
     kept = np.array([shape is not None for shape in shapes])
     words = FieldWords(attached, deltas, moves[kept])
-    found = body_effect(SECTION, attached, shapes, words)
+    found = body_effect(attached, shapes, words)
     return replace(found, drive=attached.drive.of_targets(kept, found.target_names), remixes=words, add_up=True)
 
 

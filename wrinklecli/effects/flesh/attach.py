@@ -9,10 +9,10 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.contacts import contacts_of
 from wrinklecli.character.rig import Rig
-from wrinklecli.drive.swing import GRAVITY, Mode, SwingDrive
+from wrinklecli.drive.swing import GRAVITY, KEYS_ASKED, Mode, SwingDrive, keys_per_second, signed
 from wrinklecli.effects.attached import Attached, Moves
+from wrinklecli.effects.flesh.in_place import in_place
 from wrinklecli.effects.flesh.kept import swings_of
-from wrinklecli.effects.flesh.report import region_warnings
 from wrinklecli.effects.flesh.tissue import Body, NoFleshError, Place, Swings
 from wrinklecli.errors import BakeError, listed, nearest
 from wrinklecli.frozen import dataclass
@@ -41,6 +41,8 @@ _SEAM = 0.25
 _COVERED, _CLOSE = 0.7, 0.3
 # Least share of the largest move that a shape must make on the skin.
 _LEAST_MOVE = 1e-6
+# Part of the limit below which nobody sees a region move.
+_SEEN = 0.02
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,7 +92,32 @@ class AttachedFlesh(Attached[Flesh]):
 
     def clip_warnings(self, rig: Rig, clips: Sequence[tuple[Clip, Floats]]) -> list[str]:
         """Warnings about too few keys, clothes that stay, and clips in place."""
-        return region_warnings(self, rig, clips)
+        name, joint, warnings = self.tool.name, rig.names[self.drive.node], []
+        if self.tool.carrier is not None:
+            return []  # those of the region's own mesh say it
+        sparse = [(keys_per_second(rig, clip, self.drive.node), clip.name) for clip, _ in clips]
+        few = [(keys, clip) for keys, clip in sparse if keys < KEYS_ASKED]
+        if few:
+            warnings.append(
+                f"{name}: {listed([clip for _, clip in few])} has {min(few)[0]:.3g} keys a second for {joint!r}"
+                f" and what it hangs on; below {KEYS_ASKED:g}, flesh swings as the keys do and not as the body would:"
+                " export the clip with a key for each frame"
+            )
+        if self.covers:
+            stay = "stays" if len(self.covers) == 1 else "stay"
+            warnings.append(
+                f"{name}: {listed(self.covers)} over it {stay} in place: the skin may come through; `meshes` lets"
+                " clothes move along"
+            )
+        still = bool(clips) and all(moves_of(weights).max(initial=0.0) < _SEEN for _, weights in clips)
+        # Of clips in place, the layer has told.
+        if still and not any(in_place(rig, clip) for clip, _ in clips):
+            warnings.append(
+                f"{name}: hardly moves in {listed([clip.name for clip, _ in clips])}, where {joint!r} keeps its place:"
+                " a clip in place holds no motion of the root, which only a player adds, and a driver in the player"
+                " follows"
+            )
+        return warnings
 
     def driven_as(self, tool: Flesh) -> SwingDrive:
         """The drive with the frequency, damping and gravity of another entry for the same region."""
@@ -99,6 +126,11 @@ class AttachedFlesh(Attached[Flesh]):
             for mode, faster in zip(self.drive.modes, self.swings.speeds.tolist(), strict=True)
         )
         return replace(self.drive, modes=modes, gravity=self.down * tool.gravity)
+
+
+def moves_of(weights: Floats) -> Floats:
+    """(frames,) moves over the limit, from (frames, targets) weights."""
+    return np.asarray(np.sqrt((signed(weights) ** 2).sum(axis=1)))
 
 
 def attach_flesh(tools: Sequence[EffectTool], ground: Ground, settings: ToolsFile) -> list[AttachedFlesh]:

@@ -1,6 +1,7 @@
-"""Flesh on a mesh: regions attached to joints, then carried by the refined surface."""
+"""Flesh on a mesh: regions attached to joints, then carried by the refined surface, and words about them."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -8,27 +9,63 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.drive.swing import nonnegative
 from wrinklecli.effects.attached import AnyAttached
-from wrinklecli.effects.body import BodyLayer
-from wrinklecli.effects.effect import Effect, EffectKind, MeshPlan
-from wrinklecli.effects.flesh.attach import AttachedFlesh, attach_flesh
-from wrinklecli.effects.flesh.effect import SECTION, FleshWords, flesh_effect
-from wrinklecli.effects.flesh.report import in_place
+from wrinklecli.effects.body import BodyLayer, BodyWords, body_effect, body_shapes
+from wrinklecli.effects.effect import Effect, EffectKind, MeshPlan, Seen
+from wrinklecli.effects.flesh.attach import AttachedFlesh, attach_flesh, moves_of
+from wrinklecli.effects.flesh.in_place import in_place
 from wrinklecli.errors import listed
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.arrays import Floats, significant
 from wrinklecli.surface.ground import Ground
+from wrinklecli.tools.body import Flesh
 from wrinklecli.tools.records import EffectTool, ToolsFile
 
 # Part of the limit to which a mode is raised where normals are fitted: flesh is seldom further out of its place.
 _FITTED = 0.6
+# Least error of a region over its limit: float32 stores weights up to 1, and their products with shapes, no better.
+_LEAST_ERROR = 1e-6
+
+
+class FleshWords(BodyWords[AttachedFlesh]):
+    """A region's words about itself."""
+
+    __slots__ = ()
+    remedy = "`shapes: 3`"
+
+    def values(self, names: Sequence[str]) -> Json:
+        """Its joint, its limit, and its springs."""
+        attached = self.attached
+        return {
+            "joint": names[attached.drive.node],
+            "limit": significant(attached.limit),
+            "elements": len(attached.swings.tissue.fills),
+            "frequencies": [significant(each.spring.speed / (2.0 * np.pi), 4) for each in attached.drive.modes],
+        }
+
+    def describe_clip(self, seen: Seen) -> Json:
+        """The region's entry in a clip: its greatest move and the seconds at its limit."""
+        moves = moves_of(seen.reading)
+        # At its limit a load, of which |n|⁴ does not act, would move it at least twice as far without.
+        held = moves**4 > 0.5
+        seconds = float((np.diff(seen.motion.times) * (held[1:] & held[:-1])).sum())
+        return {
+            "name": self.name,
+            "largest_move": significant(self.attached.limit * float(moves.max(initial=0.0)), 4),
+            "seconds_at_limit": significant(seconds, 4),
+        }
+
+    def warnings(self, plan: MeshPlan, clips: Sequence[Seen], *, up: str) -> list[str]:
+        """Warnings about clips that hardly say how the region moves."""
+        assert up in ("y", "z")
+        return self.attached.clip_warnings(plan.rig, [(motion.clip, weights) for motion, weights, _ in clips])
 
 
 @dataclass(frozen=True, slots=True)
 class FleshLayer(BodyLayer[AttachedFlesh]):
     """The regions of flesh of a mesh."""
 
-    section: ClassVar[str] = SECTION
+    section: ClassVar[str] = Flesh.section
 
     @property
     def sampled_numbers(self) -> int:
@@ -40,9 +77,12 @@ class FleshLayer(BodyLayer[AttachedFlesh]):
         return FleshWords(attached, deltas)
 
     def effect(self, plan: MeshPlan, attached: AttachedFlesh, deltas: Floats) -> Effect:
-        """The effect of one region."""
-        modes = np.eye(len(attached.drive.modes))
-        return flesh_effect(plan, attached, deltas, nonnegative(_FITTED * np.concatenate([modes, -modes])))
+        """The effect of one region, whose normals are fitted where its modes are raised, one at a time."""
+        modes, asked = np.eye(len(attached.drive.modes)), attached.tool.max_error
+        rows = nonnegative(_FITTED * np.concatenate([modes, -modes]))
+        shapes, words = body_shapes(plan, deltas, rows), FleshWords(attached, deltas)
+        bound = None if asked == "auto" else max(asked.resolve(attached.limit), _LEAST_ERROR * attached.limit)
+        return replace(body_effect(attached, shapes, words), max_error=bound)
 
     def warnings(self, plan: MeshPlan, clips: Sequence[Clip]) -> list[str]:
         """A line if there is no clip, or if clips are in place; the region's own mesh says it for meshes over it."""

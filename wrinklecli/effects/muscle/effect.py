@@ -18,11 +18,7 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, significant
 from wrinklecli.numeric.intersections import Crossings
-from wrinklecli.tools.body import Muscle
 from wrinklecli.tools.records import in_axes
-
-SECTION = Muscle.section
-"""The key of extras and report under which muscles stand."""
 
 # Thicknesses of a belly that travels at which its normals are right.
 _FIT_KNOTS = 12
@@ -45,7 +41,7 @@ def muscle_effect(plan: MeshPlan, attached: AttachedMuscle, deltas: Floats) -> E
     flexed = np.linspace(len(response.mix) - 1, 0, min(_FIT_KNOTS, len(response.mix))).astype(int)
     rows = split(np.vstack([response.mix[flexed], response.thinnest]), response.lows)
     words = muscle_words(plan, attached, deltas)
-    return replace(body_effect(SECTION, attached, body_shapes(plan, deltas, rows), words), exact=response)
+    return replace(body_effect(attached, body_shapes(plan, deltas, rows), words), exact=response)
 
 
 def muscle_words(plan: MeshPlan, attached: AttachedMuscle, deltas: Floats) -> "MuscleWords":

@@ -9,7 +9,7 @@ from wrinklecli.effects.attached import AnyAttached
 from wrinklecli.effects.body import BodyLayer
 from wrinklecli.effects.effect import Effect, EffectKind, MeshPlan
 from wrinklecli.effects.muscle.attach import AttachedMuscle, attach_muscles
-from wrinklecli.effects.muscle.effect import SECTION, MuscleWords, muscle_effect, muscle_words
+from wrinklecli.effects.muscle.effect import MuscleWords, muscle_effect, muscle_words
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats
@@ -22,7 +22,7 @@ from wrinklecli.tools.records import EffectTool, ToolsFile
 class MuscleLayer(BodyLayer[AttachedMuscle]):
     """The muscles of a mesh."""
 
-    section: ClassVar[str] = SECTION
+    section: ClassVar[str] = Muscle.section
 
     @property
     def sampled_numbers(self) -> int:

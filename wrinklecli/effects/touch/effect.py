@@ -10,10 +10,6 @@ from wrinklecli.effects.effect import Effect, MeshPlan, Seen
 from wrinklecli.effects.touch.attach import FOLDED, AttachedTouch
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, significant
-from wrinklecli.tools.body import Touch
-
-SECTION = Touch.section
-"""The key of extras and report under which touches stand."""
 
 # Part of the greatest slide below which nobody sees the skin move.
 _LEAST = 1e-3
@@ -27,7 +23,7 @@ def touch_effect(plan: MeshPlan, attached: AttachedTouch, deltas: Floats, rows: 
     drive, shapes = attached.drive, body_shapes(plan, deltas, rows)
     rings = shapes[drive.slides : drive.slides + len(drive.windows)]
     windows = drive.windows[[shape is not None for shape in rings]]
-    found = body_effect(SECTION, attached, shapes, TouchWords(attached, deltas))
+    found = body_effect(attached, shapes, TouchWords(attached, deltas))
     return replace(found, drive=replace(drive, windows=windows, targets=found.target_names))
 
 

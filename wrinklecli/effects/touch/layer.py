@@ -10,7 +10,7 @@ from wrinklecli.effects.attached import AnyAttached
 from wrinklecli.effects.body import BodyLayer
 from wrinklecli.effects.effect import Effect, EffectKind, MeshPlan
 from wrinklecli.effects.touch.attach import FOLDED, AttachedTouch, attach_touches
-from wrinklecli.effects.touch.effect import SECTION, TouchWords, touch_effect
+from wrinklecli.effects.touch.effect import TouchWords, touch_effect
 from wrinklecli.errors import counted
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
@@ -29,7 +29,7 @@ _BENT = 0.7
 class TouchLayer(BodyLayer[AttachedTouch]):
     """The touches of a mesh."""
 
-    section: ClassVar[str] = SECTION
+    section: ClassVar[str] = Touch.section
 
     @property
     def sampled_numbers(self) -> int:
