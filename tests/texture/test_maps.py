@@ -23,7 +23,7 @@ from kit.samples import Editor, edited, sample
 from kit.small_maps import on_one_place, small_maps
 from kit.variants import PNG
 from wrinklecli import maps
-from wrinklecli.baking.job import BakeOptions, read_job, wrinkles_alone
+from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.character.contacts import Neighbours
 from wrinklecli.effects.effect import SamplingOptions, targets_of
@@ -356,7 +356,7 @@ def drawn_normals(
     asset: Path, tools: Path, tool: str, edges: int, side: int, texcoords: TexCoords
 ) -> tuple[Any, Any, Any]:
     """Texels that one triangle of a refined mesh covers, and there heights at full height and normals of an engine."""
-    job = wrinkles_alone(read_job(asset, tools, BakeOptions(only=[tool], max_memory=4 * 10**9)))
+    job = read_job(asset, tools, BakeOptions(mode="weights", only=[tool], max_memory=4 * 10**9))
     ((node, own),) = job.by_node.items()
     refinement = replace(job.settings.refinement, edges_per_interval=edges, max_levels=8)
     settings = replace(job.settings, refinement=refinement)
@@ -389,7 +389,7 @@ def mapped_normals(asset: Path, tools: Path, tool: str, folder: Path, size: int,
     for part in data["materials"][0]["sets"]:
         x, y, z = (pixels(folder / part["normal"]).reshape(-1, 3) / 127.5 - 1.0).T
         slopes += np.column_stack([x, y]) / z[:, None]
-    (plan,) = plan_meshes(wrinkles_alone(read_job(asset, tools, BakeOptions(only=[tool]))))
+    (plan,) = plan_meshes(read_job(asset, tools, BakeOptions(mode="weights", only=[tool])))
     (layout,) = layouts_of(read_document(asset), plan, texcoords)
     normals = np.zeros((size**2, 3))
     for texels, faces, shares in covered(layout.uvs, size):

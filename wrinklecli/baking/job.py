@@ -148,18 +148,40 @@ def read_job(
             ways = "bake from the original asset, or without --replace if these targets are the asset's own"
             raise BakeError(f"{lost}; {ways}", where=document.path)
         document = original(document)
-    drafted = replace(
-        settings,
-        tools=tuple(each.without_contact for each in settings.tools),
-        fields=tuple(each.without_contact for each in settings.fields),
-        flesh=tuple(replace(each, shapes=_DRAFTED_SHAPES) for each in settings.flesh if isinstance(each, Flesh)),
-    )
-    motions = motions or Motions(anims=options.anims, range_of_motion=False)
-    job = job_of(document, drafted if options.draft else settings, options, motions)
-    asked = [each.name for each in settings.on_skin if each != each.without_contact]
-    if not options.draft or not asked:
-        return job
-    return replace(job, notes=(*job.notes, f"{', '.join(asked)}: contact is left out, as in every draft"))
+    settings, notes = _simplified(settings, options)
+    job = job_of(document, settings, options, motions or Motions(anims=options.anims, range_of_motion=False))
+    return replace(job, notes=(*job.notes, *notes))
+
+
+def _simplified(settings: ToolsFile, options: BakeOptions) -> tuple[ToolsFile, list[str]]:
+    """The tools of a draft, or those whose maps need no geometry, and a line about each that is left out or changed.
+
+    Raises:
+        BakeError: No tool is left.
+    """
+    if options.mode != "weights" and not options.draft:
+        return settings, []
+    notes = []
+    if options.mode == "weights":
+        for tool in settings.effects:
+            if tool not in settings.on_skin:
+                notes.append(f"{tool.name}: left out, as it moves the body; maps hold wrinkles alone")
+            elif isinstance(tool, WrinkleTool) and tool.attachment == "patch":
+                notes.append(f"{tool.name}: left out, as attachment: patch has other wrinkles in each frame")
+            else:
+                continue
+            settings = settings.only([each.name for each in settings.effects if each != tool])
+        if not settings.effects:
+            raise BakeError("has no wrinkling tool and no field that maps could show", where=settings.path)
+    # Fields fade where they would cross, which maps can show.
+    bare = settings.on_skin if options.draft else settings.tools
+    if asked := [each.name for each in bare if each != each.without_contact]:
+        why = "as in every draft" if options.draft else "as it moves the mesh"
+        notes.append(f"{', '.join(asked)}: contact is left out, {why}")
+    if options.draft:
+        flesh = (replace(each, shapes=_DRAFTED_SHAPES) for each in settings.flesh if isinstance(each, Flesh))
+        settings = replace(settings, fields=tuple(each.without_contact for each in settings.fields), flesh=tuple(flesh))
+    return replace(settings, tools=tuple(each.without_contact for each in settings.tools)), notes
 
 
 def tools_paths(tools: ToolsPaths) -> Sequence[str | os.PathLike[str]]:
@@ -431,30 +453,3 @@ def check_clip_names(settings: ToolsFile, sampled: Sequence[str], clips: tuple[C
     if problems:
         raise ConfigError.of_all(problems.values())
     return warnings
-
-
-def wrinkles_alone(job: Job) -> Job:
-    """The job with the tools whose maps need no geometry, and a line for each of the others.
-
-    These are fields, and wrinkling tools that the skin carries.
-
-    Raises:
-        BakeError: No tool is left.
-    """
-    kept: dict[int, list[EffectTool]] = {}
-    notes = []
-    for node, tools in job.by_node.items():
-        for tool in tools:
-            if isinstance(tool, Field):
-                kept.setdefault(node, []).append(tool)
-            elif not isinstance(tool, WrinkleTool):
-                notes.append(f"{tool.name}: left out, as it moves the body; maps hold wrinkles alone")
-            elif tool.attachment == "patch":
-                notes.append(f"{tool.name}: left out, as attachment: patch has other wrinkles in each frame")
-            else:
-                if tool.contact is not None:
-                    notes.append(f"{tool.name}: contact is left out, as it moves the mesh")
-                kept.setdefault(node, []).append(tool.without_contact)
-    if not kept:
-        raise BakeError("has no wrinkling tool and no field that maps could show", where=job.settings.path)
-    return replace(job, by_node=kept, notes=(*job.notes, *notes))

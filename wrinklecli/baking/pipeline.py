@@ -8,7 +8,7 @@ from typing import Any
 
 from wrinklecli.baking.budget import BUDGETS, fit_budget, storage
 from wrinklecli.baking.estimate import refuse_too_much
-from wrinklecli.baking.job import BakeOptions, Job, ToolsPaths, read_job, tools_paths, wrinkles_alone
+from wrinklecli.baking.job import BakeOptions, Job, ToolsPaths, read_job, tools_paths
 from wrinklecli.baking.morphs import encode_morphs, own_target_bytes
 from wrinklecli.baking.original import seal
 from wrinklecli.baking.plan import plan_meshes
@@ -87,8 +87,6 @@ def _bake(
         with clock.stage("read"):
             job = read_job(asset, tools, options)
             outputs.protect([*job.inputs, *job.beside])
-            if options.mode == "weights":
-                job = wrinkles_alone(job)
         with clock.stage("plan"):
             plans = plan_meshes(job, influences=BUDGETS[options.engine].influences if options.engine else None)
             for plan in plans:

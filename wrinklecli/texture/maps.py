@@ -10,7 +10,7 @@ from typing import Any, get_args
 import numpy as np
 
 from wrinklecli.baking.extras import METHOD, drives_json
-from wrinklecli.baking.job import BakeOptions, Job, ToolsPaths, read_job, tools_paths, wrinkles_alone
+from wrinklecli.baking.job import BakeOptions, Job, ToolsPaths, read_job, tools_paths
 from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.character.contacts import Neighbours
 from wrinklecli.choices import MOST_TEXELS, MapKind
@@ -186,6 +186,7 @@ def make_maps(
     with guarded(os.fspath(asset)):
         outputs.protect([asset, *tools_paths(tools), *options.anims])
         reading = BakeOptions(
+            mode="weights",
             only=options.only,
             anims=options.anims,
             allow_external=options.allow_external,
@@ -193,7 +194,6 @@ def make_maps(
         )
         job = read_job(asset, tools, reading)
         outputs.protect([*job.inputs, *job.beside])
-        job = wrinkles_alone(job)
         pixels = f"maps of {options.size} by {options.size} texels"
         job.document.memory.check(_TEXEL_BYTES * options.size**2, pixels, where=job.document.path)
         plans = plan_meshes(job)
@@ -201,7 +201,7 @@ def make_maps(
         if options.unwrap is not None:
             edited, texcoords = unwrapped(job, plans, options.size, progress)
             write(edited, options.unwrap, outputs=outputs)
-            job = wrinkles_alone(read_job(edited.document(), tools, reading))
+            job = read_job(edited.document(), tools, reading)
             plans = plan_meshes(job)
         materials: list[Json] = []
         nodes: list[Json] = []
