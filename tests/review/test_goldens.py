@@ -27,9 +27,16 @@ from wrinklecli.review.suggest.measure import find_mesh_nodes, measure_meshes
 from wrinklecli.review.suggest.suggest_options import SuggestOptions
 
 
-def trunk_with_a_spine() -> Asset:
+def trunk_with_landmarks() -> Asset:
+    """A trunk, and joints of legs and a neck that move no skin."""
     asset = body(keys=10)
-    asset.gltf["nodes"][1]["name"] = "spine"
+    trunk = asset.gltf["nodes"][1]
+    trunk["name"] = "spine"
+    places = {"neck": [0.0, 0.3, 0.0]}
+    for side, x in (("L", 0.08), ("R", -0.08)):
+        places |= {f"UpperLeg.{side}": [x, -0.15, 0.0], f"LowerLeg.{side}": [x, -0.5, 0.0]}
+    added = [asset.append("nodes", {"name": name, "translation": place}) for name, place in places.items()]
+    trunk["children"] = [*trunk.get("children", []), *added]
     return asset
 
 
@@ -49,7 +56,7 @@ def limb_that_bends_and_turns() -> Asset:
 SUGGESTED: dict[str, tuple[Callable[[], Asset] | None, tuple[str, ...]]] = {
     "limb": (limb_that_bends_and_turns, ()),
     "muscles": (low_poly, ("--muscles",)),
-    "flesh": (trunk_with_a_spine, ("--flesh",)),
+    "flesh": (trunk_with_landmarks, ("--flesh",)),
     "wrist": (None, ()),
     "trousers": (None, ()),
 }

@@ -1,7 +1,8 @@
 """Regions of flesh suggested by the names of bones, where the skin is far enough from the bone.
 
-They are guesses, firm and with a low limit, and the file says so. Each place is where a ray from a bone meets the skin;
-there is a region if the way is long enough for the body's size.
+They are guesses, firm and with a low limit, and the file says so. Rigs differ in where their bones begin, so places are
+known by landmarks that all bodies have: hips, knees, neck and crown. From between two of them a ray goes to the skin,
+and there is a region if its way is long enough for the body's size.
 """
 
 import os
@@ -11,10 +12,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from wrinklecli.character.bones import Bones, read_bones
+from wrinklecli.character.bones import read_bones
 from wrinklecli.character.clip import read_clips
 from wrinklecli.character.pose import stored_positions
-from wrinklecli.character.rig import Hierarchy, read_hierarchy
+from wrinklecli.character.rig import read_hierarchy
 from wrinklecli.choices import Part
 from wrinklecli.effects.plan import attach_one
 from wrinklecli.errors import WrinkleError, counted
@@ -34,6 +35,8 @@ LEAST_VERTICES = 5
 
 # Limit of a guessed region over its radius: two thirds of what a region gets by itself.
 _LIMIT = 8.0
+# Its frequency in hertz.
+_FREQUENCY = 6.0
 # Difference of both sides over the body's size below which a body is symmetric about x = 0.
 _SYMMETRIC = 0.01
 # Least way of a ray over the body's size: a bone that lies on the skin has no flesh.
@@ -45,35 +48,33 @@ class _Spot:
     """A part of a body that swings. Lengths are ratios of the body's height.
 
     Attributes:
-        part: The bone from which a ray goes to the skin.
-        along: The place on the bone, over the way to the next bone below; a bone without one counts as a point.
-        rises: Height of that place above the bone's joint, besides.
-        ray: Its direction: forwards, to the side of the body (left for regions of both sides), and up.
-        depth: Least distance from the bone to the skin.
+        between: The two landmarks between which its height lies,
+        along: and the part of the way from the first one to the second.
+        ray: The direction from there to the skin: forwards, and out to its own side.
+        depth: Least distance from there to the skin.
         radius: The region's radius.
-        frequency: In hertz.
         paired: True if there is one on each side.
-        beside: Distance of the ray's start from the bone to the side.
+        over_legs: True if it lies above or below the joint of a leg, False if the ray leaves the middle of the body.
     """
 
-    part: Part
+    between: tuple[str, str]
     along: float
-    rises: float
-    ray: tuple[float, float, float]
+    ray: tuple[float, float]
     depth: float
     radius: float
-    frequency: float
-    paired: bool
-    beside: float = 0.0
+    paired: bool = True
+    over_legs: bool = True
 
 
-# Depths and radii were measured on humans of 1.75 m; lean ones have less than the least depth of a belly or a thigh.
+# Heights are those of a human: over the whole, hip joints, knees and the lowest joint of the neck stand at 0.52, 0.28
+# and 0.83, the navel at 0.6, nipples at 0.73, cheeks below the eyes at 0.9. Depths and radii were measured on humans of
+# 1.75 m; lean ones have less than the least depth of a belly or a thigh.
 _SPOTS: Mapping[str, _Spot] = {
-    "belly": _Spot("spine", 0.0, -0.02, (1.0, 0.0, -0.1), 0.055, 0.075, 5.0, False),
-    "chest": _Spot("chest", 0.0, 0.02, (1.0, 0.2, 0.0), 0.055, 0.045, 6.0, True, 0.045),
-    "buttock": _Spot("upper leg", 0.0, 0.0, (-1.0, 0.0, 0.0), 0.05, 0.055, 6.0, True),
-    "thigh": _Spot("upper leg", 0.35, 0.0, (-0.8, -0.6, 0.0), 0.038, 0.05, 6.0, True),
-    "cheek": _Spot("head", 0.0, 0.02, (0.8, 0.6, 0.0), 0.035, 0.02, 8.0, True),
+    "belly": _Spot(("hips", "neck"), 0.25, (1, 0), 0.055, 0.075, paired=False, over_legs=False),
+    "chest": _Spot(("hips", "neck"), 0.64, (1, 0), 0.055, 0.045),
+    "buttock": _Spot(("hips", "knees"), 0, (-1, 0), 0.05, 0.055),
+    "thigh": _Spot(("hips", "knees"), 0.3, (-0.8, -0.6), 0.038, 0.05),
+    "cheek": _Spot(("neck", "crown"), 0.4, (0.8, 0.6), 0.035, 0.02, over_legs=False),
 }
 
 
@@ -102,23 +103,23 @@ def suggest_flesh(document: Document, nodes: Mapping[int, str | None]) -> tuple[
     Returns:
         The regions, a line for each that fits no mesh, and why there are none.
     """
-    hierarchy, bones = read_hierarchy(document), read_bones(document)
-    joints = {part: [k for k, each in enumerate(bones.parts) if each == part] for part in bones.parts}
-    if not any(joints.get(spot.part) for spot in _SPOTS.values()):
-        return [], [], "no joints are named as a spine, a chest, a head or upper legs"
     settings, clips = ToolsFile(path=document.path), read_clips(document)
     grounds = [read_ground(document, node, [], settings, clips) for node in nodes]
     if not grounds:
         return [], [], "no mesh deforms"
+    frame = _Frame.of(document, grounds)
+    if frame is None:
+        return [], [], "no joints are named as two legs, with a neck or a head above"
     low, high = (f([f(each.rest.positions, axis=0) for each in grounds], axis=0) for f in (np.min, np.max))
     size = float((high - low).max())
     # Meshes that deform, by names that no other node has.
-    counts = Counter(hierarchy.names)
-    clothes = {hierarchy.names[node] for node in nodes if counts[hierarchy.names[node]] == 1}
+    names = read_hierarchy(document).names
+    counts = Counter(names)
+    clothes = {names[node] for node in nodes if counts[names[node]] == 1}
     found: list[SuggestedFlesh] = []
     notes: list[str] = []
     for name, spot in _SPOTS.items():
-        ways = {letter: _way(*ray, grounds) for letter, ray in _sides(spot, hierarchy, bones, size).items()}
+        ways = {letter: _way(*ray, grounds) for letter, ray in frame.sides(spot).items()}
         thick = max((depth for depth, _, _ in ways.values() if depth < np.inf), default=0.0)
         if ways and thick < spot.depth * size:
             notes.append(
@@ -143,44 +144,54 @@ def suggest_flesh(document: Document, nodes: Mapping[int, str | None]) -> tuple[
     return found, notes, "" if found else "nowhere is the skin far enough from the bones, and its mesh fine enough"
 
 
-def _sides(spot: _Spot, hierarchy: Hierarchy, bones: Bones, size: float) -> dict[str, tuple[Floats, Floats]]:
-    """The start and the direction of the ray for each side, by its letter; an empty one for a region in the middle."""
-    joints = [k for k, each in enumerate(bones.parts) if each == spot.part]
-    # Of a chain, such as a spine, the first bone counts.
-    joints = [k for k in joints if not _below(hierarchy, k, joints)]
-    if not joints:
-        return {}
-    forwards = forwards_of(hierarchy, bones)
-    aside = np.cross([0.0, 1.0, 0.0], forwards)
-    middle = stored_positions(hierarchy, joints).mean(axis=0)
-    ahead, sideways, up = spot.ray
-    found = {}
-    for letter, sign in (("L", 1.0), ("R", -1.0)) if spot.paired else (("", 0.0),):
-        places = stored_positions(hierarchy, joints)
-        own = [
-            k
-            for k, place in zip(joints, places, strict=True)
-            if len(joints) == 1 or sign * (place - middle) @ aside > 0
-        ]
-        if not own:
-            continue
-        start = stored_positions(hierarchy, own)[0]
-        below = [k for k, parent in enumerate(hierarchy.parents) if parent == own[0] and bones.parts[k] is not None]
-        if below and spot.along:
-            start = start + spot.along * (stored_positions(hierarchy, below)[0] - start)
-        start = start + size * (spot.rises * np.array([0.0, 1.0, 0.0]) + sign * spot.beside * aside)
-        found[letter] = start, unit(ahead * forwards + sign * sideways * aside + np.array([0.0, up, 0.0]))
-    return found
+@dataclass(frozen=True, slots=True)
+class _Frame:
+    """The frame of a body.
 
+    Attributes:
+        landmarks: By name, (3,) places in the middle of the body.
+        hips: (2, 3) from the middle of the hips to the joint of the left leg and to that of the right one.
+        forwards: (3,) unit, where the body looks.
+        left: (3,) unit, to its left.
+    """
 
-def _below(hierarchy: Hierarchy, node: int, others: Sequence[int]) -> bool:
-    """True if a node is below one of others."""
-    node = int(hierarchy.parents[node])
-    while node >= 0:
-        if node in others:
-            return True
-        node = int(hierarchy.parents[node])
-    return False
+    landmarks: Mapping[str, Floats]
+    hips: Floats
+    forwards: Floats
+    left: Floats
+
+    @classmethod
+    def of(cls, document: Document, grounds: Sequence[Ground]) -> "_Frame | None":
+        """Find the landmarks of a body; None if its rig does not name legs, and a neck or a head."""
+        hierarchy, bones = read_hierarchy(document), read_bones(document)
+
+        def first(*parts: Part) -> Floats:
+            """(joints, 3) places of the joints of parts that have none of them above."""
+            own = [k for k, part in enumerate(bones.parts) if part in parts]
+            tops = [k for k in own if hierarchy.parents[k] < 0 or bones.parts[hierarchy.parents[k]] not in parts]
+            return stored_positions(hierarchy, tops)
+
+        legs, knees, necks, heads = first("upper leg"), first("lower leg"), first("neck", "head"), first("head")
+        if len(legs) != 2 or len(knees) != 2 or not len(necks):
+            return None
+        forwards = forwards_of(hierarchy, bones)
+        left = np.cross([0.0, 1.0, 0.0], forwards)
+        legs = legs[np.argsort(-legs @ left)]
+        hips, top = legs.mean(axis=0), (heads if len(heads) else necks)[0]
+        crown = max(float(each.rest.positions[:, 1].max()) for each in grounds)
+        middles = {"hips": hips, "knees": knees.mean(axis=0), "neck": necks[0]}
+        return cls({**middles, "crown": np.array([top[0], crown, top[2]])}, legs - hips, forwards, left)
+
+    def sides(self, spot: _Spot) -> dict[str, tuple[Floats, Floats]]:
+        """The start and the direction of a spot's ray by the letter of its side; an empty one in the middle."""
+        start, end = (self.landmarks[name] for name in spot.between)
+        ahead, outwards = spot.ray
+        found = {}
+        for letter, sign, leg in zip("LR", (1.0, -1.0), self.hips, strict=True) if spot.paired else [("", 0.0, None)]:
+            beside = 0.0 if leg is None or not spot.over_legs else (leg @ self.left) * self.left
+            way = ahead * self.forwards + sign * outwards * self.left
+            found[letter] = start + spot.along * (end - start) + beside, unit(way)
+        return found
 
 
 def _way(start: Floats, ray: Floats, grounds: Sequence[Ground]) -> tuple[float, Floats, Ground]:
@@ -214,7 +225,7 @@ def _fitted(
         node=nodes[ground.rig.node],
         at=(x, y, z),
         radius=float(f"{spot.radius * size:.3g}"),
-        frequency=spot.frequency,
+        frequency=_FREQUENCY,
         limit=Length(_LIMIT, percent=True),
         shapes=3,
         where=ground.document.path,
@@ -230,7 +241,7 @@ def _fitted(
             f" fewer than {LEAST_VERTICES}"
         )
     # What lies over a face, such as glasses or hair, does not move with it.
-    worn = () if spot.part == "head" else tuple(each for each in attached.covers if each in clothes)
+    worn = () if "crown" in spot.between else tuple(each for each in attached.covers if each in clothes)
     return SuggestedFlesh(replace(region, meshes=worn), False, depth)
 
 
