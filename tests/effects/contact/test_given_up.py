@@ -21,13 +21,18 @@ from wrinklecli.baking.track import track
 from wrinklecli.character.clip import Clip
 from wrinklecli.effects.contact import given_up, march, solution, tearing
 from wrinklecli.effects.contact.crease import Crease
-from wrinklecli.effects.contact.remaining import FADE
+from wrinklecli.effects.contact.hinge import Hinge
+from wrinklecli.effects.contact.remaining import FADE as STRIDES
 from wrinklecli.effects.contact.tissue import SkinnedPose, SolverState, Tissue
 from wrinklecli.errors import RefusedError
 from wrinklecli.review.crossings import crossings
 
 TOOL: Json = {"bumps": 2, "max_height": "10%"}
 NOISE = 0.08
+# Seconds over which contact fades in a limb that is bent by 100° in a second, or by 75° as `folding_limb`.
+FADE, SLOWER = (STRIDES * float(np.degrees(Hinge.stride)) / angle for angle in (100.0, 75.0))
+# Seconds between two frames, from the first of which on a fade may begin.
+FRAME = 1.0 / 30.0
 
 
 def noisy_limb(size: float = NOISE, seed: int = 3, **options: Any) -> Asset:
@@ -210,7 +215,7 @@ def test_wrinkles_are_lowered_only_where_contact_fades(monkeypatch: pytest.Monke
         columns = [file.mesh("limb")["extras"]["targetNames"].index(name) for name in names]
         heights.append(file.weights("limb", "fold", times)[:, columns])
     inside = (times >= left["begin"]) & (times <= left["end"])
-    outside = (times < left["begin"] - FADE) | (times > left["end"] + FADE)
+    outside = (times < left["begin"] - FADE - FRAME) | (times > left["end"] + FADE + FRAME)
     slack = 0.01 * heights[0].max()  # either is within a hundredth
     assert heights[1][outside] == pytest.approx(heights[0][outside], abs=slack)
     assert heights[1][inside] == pytest.approx(left["height"] * heights[0][inside], abs=slack)
@@ -298,7 +303,8 @@ def moves_by_contact(path: Path, fold: Json) -> np.ndarray:
     file = Gltf(path)
     names = file.mesh("limb")["extras"]["targetNames"]
     columns = [names.index(name) for name in fold["targets"]]
-    weights = file.weights("limb", "fold", np.array([1.0 - FADE, 1.0, 1.0 + FADE]))[:, columns]
+    times = 1.0 + (SLOWER + FRAME) * np.array([-1.0, 0.0, 1.0])
+    weights = file.weights("limb", "fold", times)[:, columns]
     return np.asarray(np.linalg.norm(np.tensordot(weights, file.deltas("limb")[columns], axes=1), axis=2).max(axis=1))
 
 

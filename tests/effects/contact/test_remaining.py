@@ -42,7 +42,7 @@ def test_contact_fades_in_frames_in_which_it_would_cross_more(tmp_path: Path) ->
     crease = resolved(fold, most=7)
     followed = crease.follow(crease.march(clip, TIMES))
     assert not followed.faults
-    shown = shown_in([crease], [followed], clip, TIMES, [[]])
+    shown = shown_in([crease], [followed], clip, TIMES, [])
     assert shown.remaining == (None,)
     assert (shown.heights == 1.0).all()
     assert np.array_equal(shown.followed[0].weights, followed.weights)
@@ -54,7 +54,7 @@ def test_contact_fades_in_frames_in_which_it_would_cross_more(tmp_path: Path) ->
     assert crease.player_error(clip, TIMES, apart, scale=1.0) == PlayerError(0.0, 0.0, silent=True)
 
     # A fit that presses what touches further in.
-    pressed = shown_in([crease], [replace(followed, weights=-followed.weights)], clip, TIMES, [[]])
+    pressed = shown_in([crease], [replace(followed, weights=-followed.weights)], clip, TIMES, [])
     (own,), (left,) = pressed.followed, pressed.remaining
     assert left is not None
     assert own.faults
@@ -83,10 +83,12 @@ def test_contact_fades_in_frames_in_which_it_would_cross_more(tmp_path: Path) ->
     )
 
 
-def test_what_fades_is_gone_in_a_frame_and_whole_a_few_frames_away() -> None:
-    times = np.linspace(0.0, 1.0, 21)
-    near = nearness(times, [10])
-    assert near[10] == 1.0
-    assert near[[9, 11]] == pytest.approx(0.5)
-    assert not near[np.abs(times - 0.5) >= FADE - 1e-9].round(9).any()
-    assert not nearness(times, []).any()
+def test_what_fades_is_gone_in_a_pose_and_whole_a_few_strides_away() -> None:
+    """By the joint that is furthest away, whenever a clip gets there."""
+    bends = np.array([0.0, 2.0, 4.0, 5.0, 4.0, 2.0, 0.0])
+    near = nearness(bends[None], np.array([3]))
+    assert near == pytest.approx(np.maximum(1.0 - (5.0 - bends) / FADE, 0.0))
+    assert near[3] == 1.0
+    both = nearness(np.stack([bends, 2.0 * bends]), np.array([3]))
+    assert both == pytest.approx(np.maximum(1.0 - 2.0 * (5.0 - bends) / FADE, 0.0))
+    assert not nearness(bends[None], np.zeros(0, np.intp)).any()

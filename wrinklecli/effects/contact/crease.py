@@ -6,7 +6,7 @@ do it for clips that were never baked, or fitted to the solutions where that is 
 crossings in a clip, the sweeps and the poses of the clips are compressed together into other, few more shapes.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import field, replace
 from typing import Any
 
@@ -14,6 +14,7 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.motion import approach
+from wrinklecli.character.rig import Rig
 from wrinklecli.drive.table import LeaningTable, Path, Table
 from wrinklecli.effects.contact.fitting import MOST_LOST, combined, fit_pose, fit_poses
 from wrinklecli.effects.contact.fold import RINGS, Fold
@@ -34,11 +35,12 @@ from wrinklecli.effects.contact.solution import (
     solutions_in,
 )
 from wrinklecli.effects.contact.tissue import FREE, SOFT, UNITS, Tissue
-from wrinklecli.effects.contact.trail import Trail
+from wrinklecli.effects.contact.trail import Trail, fresh_frames
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, interpolated, matches
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, interpolated
 from wrinklecli.numeric.closest import nearest_of
 from wrinklecli.numeric.intersections import widened
+from wrinklecli.surface.refine import Refinement
 
 # A sweep ends where contact moves a vertex this far, solver's units: a limb is pressed by half of its radius,
 _DEEPEST = 36.0
@@ -74,17 +76,23 @@ _NORMAL_POSES = 24
 
 @dataclass(frozen=True, slots=True)
 class Moves:
-    """The moves that another fold gives some vertices of this one.
+    """The moves by contact of a fold in one clip.
 
     Attributes:
-        rows: (moved,) indices of the vertices in this fold.
-        weights: (frames, shapes).
+        vertices: (moved,) sorted fine vertices.
         shapes: (shapes, moved, 3) bind space, at weight 1.
+        times: (frames,) seconds.
+        weights: (frames, shapes) at these, linear between them.
     """
 
-    rows: Ints
-    weights: Floats
+    vertices: Ints
     shapes: Floats
+    times: Floats
+    weights: Floats
+
+    def displacements(self, _fine: Refinement, _rig: Rig, _clip: Clip | None, times: Floats) -> Floats:
+        """(frames, moved, 3) displacements at (frames,) seconds, bind space."""
+        return np.tensordot(interpolated(times, self.times, self.weights), self.shapes, axes=1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -257,7 +265,7 @@ class Crease(Surface):
     def _fitted(self, marched: "MarchedClip", known: Floats, weights: Floats, crossing: Sequence[int]) -> "Followed":
         """The fit with (frames, shapes) weights that leave some frames crossing; they come from `known` ones, or 0."""
         weights = weights.copy()
-        fresh = self._brought_together(marched, weights, known, crossing)
+        self._bring_together(marched, weights, known, crossing)
         error = 0.0
         unspanned = list(crossing)
         for frame in marched.touching:
@@ -266,21 +274,16 @@ class Crease(Surface):
             if frame not in crossing and _loses_volume(found, moved):
                 unspanned.append(frame)
         error *= self.fold.radius / UNITS
-        return Followed(weights, error, tuple(crossing), tuple(sorted(unspanned)), fresh, {})
+        return Followed(weights, error, tuple(crossing), tuple(sorted(unspanned)), {})
 
-    def _brought_together(
-        self, marched: "MarchedClip", weights: Floats, known: Floats, crossing: Sequence[int]
-    ) -> tuple[int, ...]:
+    def _bring_together(self, marched: "MarchedClip", weights: Floats, known: Floats, crossing: Sequence[int]) -> None:
         """Let frames with the same turn of the joint leave known weights alike where this leaves no crossing.
 
         Later frames take over what earlier ones have, and then earlier ones what later ones have where this fits both.
         All weights are (frames, shapes); frames that are `crossing` keep theirs.
-
-        Returns:
-            Frames with all turns of the clip, each once.
         """
         reading = self.fold.hinge.reading(self.fold.rig, marched.clip, marched.times)
-        frames, trail = range(len(weights)), Trail.of(reading)
+        frames = range(len(weights))
         for each in (frames, reversed(frames)):
             trail = Trail.of(reading)
             for frame in each:
@@ -292,7 +295,6 @@ class Crease(Surface):
                 elif found is not None and frame not in crossing:
                     beside, share = met
                     weights[frame] = self._as_before(found, weights[frame], known[frame] + beside, share)
-        return tuple(sorted(trail.frames))
 
     def _as_before(self, found: Solution, fitted: Floats, before: Floats, share: float) -> Floats:
         """The (shapes,) weights of a pose whose turn the joint has had: between those of `before` and the fitted ones.
@@ -332,36 +334,23 @@ class Crease(Surface):
         """The same fold with shapes for its sweeps and for some poses of clips; arguments are as in `resolve`."""
         return _compressed(self, (*self.sweeps, *poses), share=share, least=max(len(self.shapes), 1), most=most)
 
-    def faulty_frames(
-        self, clip: Clip, times: Floats, frames: Sequence[int], moves: Callable[[int], Floats]
-    ) -> dict[int, str]:
+    def faulty_frames(self, clip: Clip, times: Floats, frames: Ints, moves: Sequence[Moves]) -> dict[int, str]:
         """The frames, of some in a clip of (frames,) seconds, in which contact tears or crumples the surface, and why.
 
-        `moves` gives the (vertices, 3) moves by contact in a frame, bind space: those of other folds add to these.
+        `moves` are those of this fold, and of others that add to these.
         """
-        scale, found = UNITS / self.fold.radius, dict[int, str]()
-        moved = [(frame, each) for frame in frames if (each := moves(frame)).any()]
-        chosen = times[[frame for frame, _ in moved]]
-        for (frame, move), (positions, matrices) in zip(moved, self.fold.poses(clip, chosen), strict=True):
-            shown = positions + np.einsum("vij,vj->vi", matrices, move)
-            if self.tissue.tears(scale * positions, scale * shown):
+        scale, found, fold = UNITS / self.fold.radius, dict[int, str](), self.fold
+        shown = replace(fold, movers=(*fold.movers, *moves)).poses(clip, times[frames])
+        for frame, (given, _), (made, _) in zip(frames.tolist(), fold.poses(clip, times[frames]), shown, strict=True):
+            if self.tissue.tears(scale * given, scale * made):
                 found[frame] = TORN
-            elif self.tissue.crumples(scale * positions, scale * shown):
+            elif self.tissue.crumples(scale * given, scale * made):
                 found[frame] = CRUMPLED
         return found
 
-    def moves_in(self, fold: Fold, weights: Floats) -> list[Moves]:
-        """The moves that (frames, shapes) weights give another fold; none if it shares no vertex with this one."""
-        rows, columns = matches(fold.vertices, self.vertices)
-        return [Moves(rows, weights, self.shapes[:, columns])] if len(rows) else []
-
-    def moves_with(self, weights: Floats, others: Sequence[Moves], frame: int) -> Floats:
-        """(vertices, 3) moves by contact in a frame, bind space, from (frames, shapes) weights and the other folds."""
-        moves = np.zeros((len(self.fold.own), 3))
-        moves[free_rows(self.tissue)] = combined(weights[frame], self.shapes)
-        for each in others:
-            moves[each.rows] += combined(each.weights[frame], each.shapes)
-        return moves
+    def moves(self, times: Floats, weights: Floats) -> Moves:
+        """The moves under (frames, shapes) weights at (frames,) seconds of a clip."""
+        return Moves(self.vertices, self.shapes, times, weights)
 
     def with_path(self, clip: Clip, times: Floats, followed: "Followed") -> "Crease":
         """The same fold with rows of a clip in its table if these bring what players show nearer to the bake.
@@ -378,15 +367,15 @@ class Crease(Surface):
         # Nothing touches in the stored pose, whatever other joints do.
         resting = np.sqrt(np.sum(reading.turns**2, axis=1)) < _AT_REST
         kept = np.where(resting[:, None], 0.0, weights)
-        good = np.setdiff1d(np.arange(len(times)), sorted(followed.faults))
-        best, found = float(self._lengths((response.weights(reading) - weights)[good]).max(initial=0.0)), response
-        rows = sorted({*followed.fresh[:1], *followed.fresh[-1:]})
+        fresh = fresh_frames(reading, kept)
+        best, found = float(self._lengths(response.weights(reading) - weights).max(initial=0.0)), response
+        rows = sorted({*fresh[:1], *fresh[-1:]})
         while best > _SHOWN_ERROR * largest and 1 < len(rows) <= _MOST_ROWS:
             tried = replace(response, paths=(*response.paths, Path(reading.turns[rows], kept[rows])))
             errors = self._lengths(tried.weights(reading) - weights)
-            if errors[good].max() < best:
-                best, found = float(errors[good].max()), tried
-            further = np.setdiff1d(followed.fresh, rows)
+            if errors.max() < best:
+                best, found = float(errors.max()), tried
+            further = np.setdiff1d(fresh, rows)
             rows = sorted({*rows, int(further[errors[further].argmax()])}) if len(further) else []
         return replace(self, response=found)
 
@@ -498,7 +487,6 @@ class Followed:
         error: Greatest distance of the shapes from the solutions, scene units.
         crossing: The frames in which the shapes leave crossings.
         unspanned: These frames, and those in which the shapes take volume away.
-        fresh: The frames in which the joint has a turn that it did not have before.
         faults: The reasons why contact does not count in frames, by their numbers: it is held there, or fades.
     """
 
@@ -506,7 +494,6 @@ class Followed:
     error: float
     crossing: tuple[int, ...]
     unspanned: tuple[int, ...]
-    fresh: tuple[int, ...]
     faults: Mapping[int, str]
 
 

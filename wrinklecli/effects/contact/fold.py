@@ -7,6 +7,7 @@ one joint and the surface round it that may touch.
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
@@ -15,10 +16,8 @@ from wrinklecli.character.pose import node_matrices
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.skin import SkinnedMesh
 from wrinklecli.choices import Part
-from wrinklecli.effects.body import BodyPart
 from wrinklecli.effects.contact.hinge import Hinge, hinge_of
 from wrinklecli.effects.contact.rise import Rise, rise_of
-from wrinklecli.effects.field.attach import AttachedField
 from wrinklecli.effects.wrinkle.bending import bent_node
 from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
 from wrinklecli.effects.wrinkle.lookup import looked_up
@@ -47,21 +46,15 @@ _NEARNESS_POSES = 4
 _MOMENTS = 8
 
 
-@dataclass(frozen=True, slots=True)
-class Raised:
-    """A field in folds, at a part of its height."""
-
-    part: BodyPart[AttachedField]
-    factor: float = 1.0
+class Mover(Protocol):
+    """A field, or contact that is resolved, in folds."""
 
     @property
     def vertices(self) -> Ints:
         """(vertices,) sorted fine vertices that it moves."""
-        return self.part.vertices
 
     def displacements(self, fine: Refinement, rig: Rig, clip: Clip | None, times: Floats) -> Floats:
         """(frames, vertices, 3) displacements of these, bind space."""
-        return self.factor * self.part.displacements(fine, rig, clip, times)
 
 
 @dataclass(frozen=True)
@@ -80,7 +73,7 @@ class Fold:
         rest: Its rest pose.
         fine: The refined surface.
         carried: All tools on the mesh.
-        fields: All fields on it.
+        movers: All that moves it beside these.
         others: The parts of other meshes that may touch the fold.
     """
 
@@ -95,7 +88,7 @@ class Fold:
     rest: Rest
     fine: Refinement
     carried: tuple[CarriedPatch, ...]
-    fields: tuple[Raised, ...] = ()
+    movers: tuple[Mover, ...] = ()
     others: tuple[SkinnedMesh, ...] = ()
 
     @property
@@ -130,7 +123,7 @@ class Fold:
         return here, there
 
     def posed(self, clip: Clip | None, times: Floats) -> tuple[Floats, Floats]:
-        """Pose the wrinkled surface at (frames,) seconds of a clip, without contact.
+        """Pose the wrinkled surface at (frames,) seconds of a clip.
 
         Nothing lags in a motion that no file has (of index -1), since it stands for all clips, fast or slow.
 
@@ -144,20 +137,19 @@ class Fold:
             if clip is not None and clip.index < 0:
                 amplitudes = looked_up(carried.patch.curve, carried.patch.segment.lengths(self.rig, clip, times))
             moves[:, here] += displacements(carried, self.fine, self.rig, clip, times, amplitudes)[:, there]
-        for each in self.fields:
+        for each in self.movers:
             here, there = self._shared_with(each.vertices)
             moves[:, here] += each.displacements(self.fine, self.rig, clip, times)[:, there]
         every = [self.mesh.carried(clip, times, moves), *(each.carried(clip, times) for each in self.others)]
         return np.concatenate([each[0] for each in every], axis=1), np.concatenate([each[1] for each in every], axis=1)
 
-    def at_height(self, factor: float, chosen: Collection[int] | None = None) -> "Fold":
-        """The fold with all wrinkles and fields, or those of some tools by their numbers, at a part of their height."""
+    def at_height(self, factor: float, chosen: Collection[int]) -> "Fold":
+        """The fold with the wrinkles of some tools, by their numbers, at a part of their height."""
         carried = [
-            each.times(np.full(len(each.vertices), factor)) if chosen is None or number in chosen else each
+            each.times(np.full(len(each.vertices), factor)) if number in chosen else each
             for number, each in enumerate(self.carried)
         ]
-        fields = [replace(each, factor=factor) if chosen is None else each for each in self.fields]
-        return replace(self, carried=tuple(carried), fields=tuple(fields))
+        return replace(self, carried=tuple(carried))
 
     def poses(self, clip: Clip | None, times: Floats) -> Iterator[tuple[Floats, Floats]]:
         """`posed` frame by frame."""
@@ -199,7 +191,7 @@ def find_folds(
     rig: Rig,
     parts: Sequence[Part | None],
     obstacles: Callable[[Collection[str]], Sequence[SkinnedMesh]] | None = None,
-    fields: Sequence[Raised] = (),
+    movers: Sequence[Mover] = (),
 ) -> tuple[list[Fold], list[int]]:
     """Find the folds of the chosen tools, and the tools that nothing shortens; tools over one joint share a fold.
 
@@ -226,7 +218,7 @@ def find_folds(
         patches = [carried_patches[number].patch for number in site.tools]
         ignored = {name for patch in patches for name in (patch.tool.contact or Contact()).ignore}
         fold = _fold_at(site, patches, fine, rest, rig, alone=rig.names[rig.node] in ignored)
-        fold = replace(fold, fields=tuple(fields))
+        fold = replace(fold, movers=tuple(movers))
         folds.append(_with_obstacles(fold, obstacles(ignored) if obstacles else ()))
     return folds, without
 

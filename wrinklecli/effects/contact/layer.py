@@ -94,7 +94,7 @@ class ContactKind(EffectKind):
         from wrinklecli.character.bones import read_bones
         from wrinklecli.character.scene import drawn_with
         from wrinklecli.character.scene_meshes import read_scene_meshes
-        from wrinklecli.effects.contact.fold import Raised, find_folds
+        from wrinklecli.effects.contact.fold import find_folds
 
         _check_ignored(ground.document, tools)
         parts = read_bones(ground.document).parts
@@ -102,7 +102,7 @@ class ContactKind(EffectKind):
         others = [node for node in drawn_with(ground.document, ground.rig.node) if node not in own]
         obstacles = partial(read_scene_meshes, ground.document, others)
         raised = plan.layer(FieldLayer)
-        fields = [Raised(part) for part in raised.parts] if raised else []
+        fields = raised.parts if raised else ()
         folds, without = find_folds(carried, chosen, plan.fine, ground.rest, ground.rig, parts, obstacles, fields)
         return ContactLayer(tuple(folds), tuple(carried[number].patch.tool.name for number in without))
 

@@ -1,16 +1,18 @@
 """Poses of a clip that contact does not resolve: what it shows there, and the crossings that remain.
 
-A pose with a fault has the weights of the last good one (`Crease.follow`). Where these tear the surface, or cross more
-than wrinkles without contact, contact fades out over a few frames; and where wrinkles then cross more than the skin
-alone, they are lowered, likewise. All other poses keep what they have.
+A pose with a fault has the weights of the last good one (`Crease.follow`). Where these tear the surface, or all poses
+together cross more than the skin alone, such poses get less of contact, or lower wrinkles: the first state in a short
+list in which they cross no more than the skin. All other poses keep what they have, and it fades between.
+
+What fades, fades with the turn of the joint, and not with the time, as players know the turn alone.
 
 Crossings are counted as edges that pass through triangles, as in `check --crossings`, at vertices that contact or the
 fold's tools may move. Pairs that cross at rest do not count: they never collide.
 """
 
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,16 +22,16 @@ from wrinklecli.effects.contact.fold import FAINT
 from wrinklecli.effects.contact.given_up import WORSE
 from wrinklecli.effects.contact.hinge import Hinge
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, Ints
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values
 
 if TYPE_CHECKING:
     from wrinklecli.effects.contact.crease import Crease, Followed, Moves
-    from wrinklecli.effects.contact.fold import Fold
 
-FADE = 0.1
-"""Seconds over which contact and wrinkles fade on either side of a pose with a fault: a few frames."""
-# Frames of a clip, evenly spread, in which crossings are counted besides those in which the shapes cross.
-_LOOKS = 13
+FADE = 2.0
+"""Strides of the fold's motion over which contact and wrinkles fade beside a pose: 8°, or an eighth of a rise. From 10°
+on, players count turns as others (`drive.table`)."""
+# The states of poses: the part of the wrinkles' height, halved until nobody sees them, and that of contact.
+_STATES = [(contact, height) for height in 0.5 ** np.arange(1.0 - np.log2(FAINT)) for contact in (1.0, 0.0)]
 # Least number of edges in a frame that count: where two surfaces cross, the line in which they do passes through one at
 # either end. A single one is owed to rounding, where flat triangles touch.
 _LEAST = 2
@@ -85,11 +87,9 @@ class Shown:
     remaining: tuple[Remaining | None, ...]
 
 
-def nearness(times: Floats, chosen: Ints | Sequence[int]) -> Floats:
-    """(frames,) 1 in chosen frames, and less beside them, down to 0, by (frames,) seconds."""
-    if not len(chosen):
-        return np.zeros(len(times))
-    apart = np.abs(times[:, None] - times[np.asarray(chosen)]).min(axis=1)
+def nearness(strides: Floats, chosen: Ints) -> Floats:
+    """(frames,) 1 in chosen frames, and less beside them, down to 0, by (folds, frames) strides of joints."""
+    apart = np.abs(strides[:, :, None] - strides[:, None, chosen]).max(axis=0).min(axis=1, initial=np.inf)
     return np.asarray(np.maximum(1.0 - apart / FADE, 0.0))
 
 
@@ -98,129 +98,131 @@ def shown_in(
     followed: "Sequence[Followed]",
     clip: Clip,
     times: Floats,
-    beside: "Sequence[Sequence[Moves]]",
+    beside: "Sequence[Moves]",
 ) -> Shown:
     """Find what folds that are solved together show at the (frames,) seconds at which a clip was marched.
 
-    `beside` are for each the moves of folds that are solved before. Crossings are counted in frames with a fault, in
-    those in which the shapes cross, and in some that are evenly spread.
+    `beside` are the moves of folds that are solved before. Crossings are counted in frames in which contact acts, or
+    has a fault.
     """
-    looks = {*np.linspace(0, len(times) - 1, _LOOKS).astype(int).tolist()}
-    looks |= {frame for each in followed for frame in (*each.faults, *each.crossing)}
-    counts, every = [_Counter(each, clip, times) for each in creases], range(len(times))
-    moves = _moves(creases, followed, beside)
-    faults = [each.faulty_frames(clip, times, every, own) for each, own in zip(creases, moves, strict=True)]
-    for count, own, found in zip(counts, moves, faults, strict=True):
-        crossing = count(looks - found.keys(), own)
-        unsure = [frame for frame, edges in crossing.items() if edges and own(frame).any()]
-        without, low, skin = count(unsure), count(unsure, own, height=FAINT), count(unsure, height=FAINT)
-        pairs = [(crossing, without), (low, skin)]
-        if any(_total(one, unsure) > _total(other, unsure) for one, other in pairs):
-            found |= {frame: WORSE for frame in unsure if any(one[frame] > other[frame] for one, other in pairs)}
-    first = [found | dict(each.faults) for each, found in zip(followed, faults, strict=True)]
-    while True:
-        gone = nearness(times, sorted({frame for each in faults for frame in each}))
-        made = [replace(each, weights=(1.0 - gone)[:, None] * each.weights) for each in followed]
-        moves = _moves(creases, made, beside)
-        looks |= {*every} if gone.any() else set()
-        left = [count(looks, own) for count, own in zip(counts, moves, strict=True)]
-        skins = [
-            count(looks if gone.any() else [frame for frame in looks if found[frame]], height=FAINT)
-            for count, found in zip(counts, left, strict=True)
-        ]
-        held = sorted({frame for each in (*first, *faults) for frame in each})
-        heights, height = _lowered(counts, moves, left, skins, held, (gone == 0) | (gone == 1))
-        for count, own, shown in zip(counts, moves, left, strict=True):
-            for frame in np.flatnonzero(heights < 1.0).tolist():
-                shown |= count([frame], own, height=max(float(heights[frame]), FAINT))
-        worse = [
-            {frame: WORSE for frame in np.flatnonzero((gone > 0) & (gone < 1)).tolist() if found[frame] > skin[frame]}
-            for found, skin in zip(left, skins, strict=True)
-        ]
-        # While contact fades, the surface passes through itself, but not so much that it was better without.
-        if not any(worse) or sum(sum(each.values()) for each in left) <= sum(sum(each.values()) for each in skins):
+    moves = [crease.moves(times, each.weights) for crease, each in zip(creases, followed, strict=True)]
+    looks = [_Look(crease, clip, times, tuple(moves), tuple(beside)) for crease in creases]
+    strides = np.stack([each.fold.hinge.strides(each.fold.rig, clip, times) for each in creases])
+    acting = np.flatnonzero(np.any([each.weights.any(axis=1) for each in followed], axis=0))
+    torn = [each.faulty_frames(clip, times, acting, [*beside, *moves]) for each in creases]
+    unsettled = [frame for each in followed for frame in each.faults]
+    acting = distinct_values(np.array([*acting, *unsettled], np.intp))
+    worse = [look.worse(look.crossings(acting, 1.0, 1.0)) for look in looks]
+    faults = [
+        dict.fromkeys(np.flatnonzero(more).tolist(), WORSE) | broken | dict(each.faults)
+        for each, broken, more in zip(followed, torn, worse, strict=True)
+    ]
+    broken = {frame for each in torn for frame in each}
+    # While contact fades, the surface passes through itself; if it was better without, no pose keeps contact.
+    for bad in (np.array(sorted({frame for each in faults for frame in each}), np.intp), acting):
+        whole, low = np.ones(len(times)), np.ones(len(times))
+        # Poses that follow each other get the same state.
+        for run in np.split(bad, 1 + np.flatnonzero(np.diff(bad) > 1)):
+            near = nearness(strides, run)
+            contact, height = _state(looks, run, torn=not broken.isdisjoint(run.tolist()))
+            whole, low = np.minimum(whole, 1.0 - (1.0 - contact) * near), np.minimum(low, 1.0 - (1.0 - height) * near)
+        left = [look.crossings(acting, whole, low) for look in looks]
+        if all(found.sum() <= look.skin(acting).sum() for look, found in zip(looks, left, strict=True)):
             break
-        faults = [found | more for found, more in zip(faults, worse, strict=True)]
-    made = [replace(each, faults=found) for each, found in zip(made, first, strict=True)]
-    remaining = [
-        _remaining(count, each, found, bool(gone.any()), height)
-        for count, each, found in zip(counts, made, left, strict=True)
+    made = [
+        replace(each, weights=whole[:, None] * each.weights, faults=dict(sorted(own.items())))
+        for each, own in zip(followed, faults, strict=True)
     ]
-    return Shown(tuple(made), heights, tuple(remaining))
+    remaining = [_remaining(look, each, found, whole, low) for look, each, found in zip(looks, made, left, strict=True)]
+    return Shown(tuple(made), low, tuple(remaining))
 
 
-def _moves(
-    creases: "Sequence[Crease]", made: "Sequence[Followed]", beside: "Sequence[Sequence[Moves]]"
-) -> list[Callable[[int], Floats]]:
-    """For each of some folds a function from a frame to the (vertices, 3) moves by contact there, bind space."""
-    found = list[Callable[[int], Floats]]()
-    for crease, own, earlier in zip(creases, made, beside, strict=True):
-        pairs = [pair for pair in zip(creases, made, strict=True) if pair[0] is not crease]
-        others = [move for other, each in pairs for move in other.moves_in(crease.fold, each.weights)]
-        found.append(partial(crease.moves_with, own.weights, [*earlier, *others]))
-    return found
+def _state(looks: "Sequence[_Look]", frames: Ints, *, torn: bool) -> tuple[float, float]:
+    """The first state in which no fold crosses more in some frames than its skin, nor than without contact.
 
-
-def _lowered(
-    counts: "Sequence[_Counter]",
-    moves: Sequence[Callable[[int], Floats]],
-    left: Sequence[dict[int, int]],
-    skins: Sequence[dict[int, int]],
-    held: Sequence[int],
-    deciding: Bools,
-) -> tuple[Floats, float]:
-    """Lower wrinkles where anything crosses, in `deciding` frames, if all of these cross more than on the skin alone.
-
-    In `held` frames they are lowered, too, so that they do not go up and down.
-
-    Returns:
-        (frames,) parts of their height, and the least of these.
+    No contact is left if it has `torn` the surface.
     """
-    crossing = [[frame for frame, edges in found.items() if deciding[frame] and edges] for found in left]
-    over = [
-        frames if _total(found, frames) > _total(skin, frames) else []
-        for found, skin, frames in zip(left, skins, crossing, strict=True)
-    ]
-    frames, height, found = sorted({frame for each in over for frame in each}), 1.0, left
-    while height > 0.0 and any(
-        _total(each, own) > _total(skin, own) for each, skin, own in zip(found, skins, over, strict=True)
-    ):
-        height = height / 2.0 if height > FAINT else 0.0
-        low = max(height, FAINT)
-        found = [count(each, own, height=low) for count, own, each in zip(counts, moves, over, strict=True)]
-    return 1.0 - (1.0 - height) * nearness(counts[0].times, [*frames, *held]), height
+
+    def fits(look: "_Look", contact: float, height: float) -> bool:
+        shown, without = (look.crossings(frames, part, height).sum() for part in (contact, 0.0))
+        return bool(shown <= min(without, look.skin(frames).sum()))
+
+    states = [each for each in _STATES if not (each[0] and torn)]
+    return next(state for state in states if all(fits(look, *state) for look in looks))
 
 
-def _total(counts: dict[int, int], frames: Iterable[int]) -> int:
-    """The sum of the crossings of some frames."""
-    return sum(counts[frame] for frame in frames)
+@dataclass(frozen=True)
+class _Look:
+    """A fold in the frames of a clip.
 
-
-class _Counter:
-    """Counts the crossings of a fold in the frames of a clip.
-
-    Args:
+    Attributes:
         crease: The fold.
         clip: The clip.
         times: (frames,) seconds at which it was marched.
+        moves: The moves by contact of the folds that are solved together.
+        beside: Those of folds that are solved before.
     """
 
-    def __init__(self, crease: "Crease", clip: Clip, times: Floats) -> None:
-        self.crease, self.clip, self.times = crease, clip, times
-        fold = crease.fold
-        names = {patch.tool.name for patch in fold.patches}
-        self._own = [number for number, each in enumerate(fold.carried) if each.patch.tool.name in names]
-        self._counting = crease.tissue.free & crease.tissue.own
+    crease: "Crease"
+    clip: Clip
+    times: Floats
+    moves: "tuple[Moves, ...]"
+    beside: "tuple[Moves, ...]"
+
+    @cached_property
+    def _own(self) -> list[int]:
+        """The fold's tools, by their numbers among those of the mesh."""
+        names = {patch.tool.name for patch in self.crease.fold.patches}
+        return [number for number, each in enumerate(self.crease.fold.carried) if each.patch.tool.name in names]
+
+    @cached_property
+    def _counting(self) -> Bools:
+        """(vertices,) True for those that contact or the fold's tools may move."""
+        fold, counting = self.crease.fold, self.crease.tissue.free & self.crease.tissue.own
         for number in self._own:
             moved = np.isin(fold.vertices, fold.carried[number].vertices)
-            self._counting[: len(moved)] |= moved
+            counting[: len(moved)] |= moved
+        return counting
 
-    def __call__(
-        self, frames: Collection[int], moves: Callable[[int], Floats] | None = None, *, height: float = 1.0
-    ) -> dict[int, int]:
-        """Edges that pass through triangles in frames, with moves by contact, and tools at a part of their height."""
-        fold = self.crease.fold if height == 1.0 else self.crease.fold.at_height(height, self._own)
-        return self._counts(fold, frames, moves)
+    @cached_property
+    def _still(self) -> set[tuple[int, int]]:
+        """The edges and triangles that cross at rest."""
+        fold = self.crease.fold
+        return fold.crossings.pairs_at(fold.rest_positions, self._counting)
+
+    @cached_property
+    def _known(self) -> dict[tuple[int, float, float], int]:
+        """The counts so far, by the frame, the part of contact, and that of the wrinkles' height."""
+        return {}
+
+    def crossings(self, frames: Ints, contact: Floats | float, height: Floats | float) -> Ints:
+        """(times,) edges that pass through triangles in some frames, 0 in others.
+
+        Contact and the height of wrinkles are parts of their own, the same or (times,).
+        """
+        contacts, heights = (np.broadcast_to(each, len(self.times))[frames].tolist() for each in (contact, height))
+        asked = [*zip(frames.tolist(), contacts, heights, strict=True)]
+        for state in {state for key in asked if key not in self._known for state in [key[1:]]}:
+            part, low = state
+            moves = [replace(each, shapes=part * each.shapes) for each in self.moves] if part else []
+            fold = self.crease.fold if low == 1.0 else self.crease.fold.at_height(low, self._own)
+            fold = replace(fold, movers=(*fold.movers, *self.beside, *moves))
+            fresh = [key[0] for key in asked if key[1:] == state and key not in self._known]
+            for frame, (positions, _) in zip(fresh, fold.poses(self.clip, self.times[fresh]), strict=True):
+                count = len(self.crease.fold.crossings.pairs_at(positions, self._counting) - self._still)
+                self._known[frame, part, low] = count if count >= _LEAST else 0
+        found = np.zeros(len(self.times), np.intp)
+        found[frames] = [self._known[key] for key in asked]
+        return found
+
+    def skin(self, frames: Ints) -> Ints:
+        """(times,) such edges in some frames without contact and wrinkles."""
+        return self.crossings(frames, 0.0, FAINT)
+
+    def worse(self, found: Ints) -> Bools:
+        """(times,) True where more crosses than on the skin, if this is so in all frames together."""
+        skin = self.skin(np.flatnonzero(found))
+        return np.asarray((found > skin) & (found.sum() > skin.sum()))
 
     def bare(self, frame: int) -> int:
         """Such edges of the same part of the asset, neither refined nor wrinkled, with the same vertices."""
@@ -229,45 +231,36 @@ class _Counter:
         inside = coarse[np.isin(coarse, fold.vertices).all(axis=1)]
         others = fold.triangles[fold.triangles[:, 0] >= len(fold.vertices)]
         triangles = np.concatenate([np.searchsorted(fold.vertices, inside), others])
-        return self._counts(replace(fold, carried=(), fields=(), triangles=triangles), [frame])[frame]
-
-    def _counts(
-        self, fold: "Fold", frames: Iterable[int], moves: Callable[[int], Floats] | None = None
-    ) -> dict[int, int]:
-        chosen, found = sorted(frames), dict[int, int]()
+        fold = replace(fold, carried=(), movers=(), triangles=triangles)
         still = fold.crossings.pairs_at(fold.rest_positions, self._counting)
-        for frame, (positions, matrices) in zip(chosen, fold.poses(self.clip, self.times[chosen]), strict=True):
-            if moves is not None:
-                positions += np.einsum("vij,vj->vi", matrices, moves(frame))
-            count = len(fold.crossings.pairs_at(positions, self._counting) - still)
-            found[frame] = count if count >= _LEAST else 0
-        return found
+        (positions,) = fold.posed(self.clip, self.times[[frame]])[0]
+        return len(fold.crossings.pairs_at(positions, self._counting) - still)
 
 
-def _remaining(
-    count: _Counter, followed: "Followed", crossing: dict[int, int], faded: bool, height: float
-) -> Remaining | None:
-    """Say what is not resolved in a clip, from the crossings in frames; None if all is."""
-    faulty = sorted(followed.faults)
-    if not faulty and not any(crossing.values()):
+def _remaining(look: _Look, followed: "Followed", crossing: Ints, contact: Floats, height: Floats) -> Remaining | None:
+    """Say what is not resolved in a clip, from the (times,) crossings, and the shown parts of contact and height.
+
+    Gives None if all is resolved.
+    """
+    faulty, most, times = [*followed.faults], int(crossing.argmax()), look.times
+    if not faulty and not crossing[most]:
         return None
-    most, times, hinge = max(crossing, key=lambda frame: crossing[frame]), count.times, count.crease.fold.hinge
-    degrees = None
+    degrees, hinge = None, look.crease.fold.hinge
     if faulty and isinstance(hinge, Hinge):
-        turns = np.degrees(hinge.reading(count.crease.fold.rig, count.clip, times[faulty]).rows)
+        turns = np.degrees(hinge.reading(look.crease.fold.rig, look.clip, times[faulty]).rows)
         degrees = (float(turns.min()), float(turns.max()))
     return Remaining(
-        count.clip.name,
+        look.clip.name,
         float(times[most]),
-        sum(edges > 0 for edges in crossing.values()),
-        before=count.bare(most),
-        wrinkled=count([most])[most],
-        resolved=crossing[most],
+        int(np.count_nonzero(crossing)),
+        before=look.bare(most),
+        wrinkled=int(look.crossings(np.array([most]), 0.0, 1.0)[most]),
+        resolved=int(crossing[most]),
         poses=len(faulty),
         reason=followed.faults[faulty[0]] if faulty else None,
         begin=float(times[faulty[0]]) if faulty else 0.0,
         end=float(times[faulty[-1]]) if faulty else 0.0,
         degrees=degrees,
-        faded=faded,
-        height=height,
+        faded=bool((contact < 1.0).any()),
+        height=float(height.min()),
     )

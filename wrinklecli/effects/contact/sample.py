@@ -23,7 +23,7 @@ from wrinklecli.effects.shapes import Sample, Shape, make_shapes, summed
 from wrinklecli.effects.wrinkle.effect import WrinkleWords
 from wrinklecli.errors import listed
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, interpolated
+from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
 from wrinklecli.numeric.guard import one_thread
 from wrinklecli.numeric.memory import leave_room, start_blas
 from wrinklecli.numeric.processes import in_processes
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
         Crease,
         Followed,
         MarchedClip,
-        Moves,
         SolvedPose,
         Surface,
         Sweep,
@@ -459,11 +458,13 @@ def _followed(
     # Nothing touches where a fold that clips alone cross has no shapes.
     spanned = [(crease, marches) for crease, marches in spanned if len(crease.shapes)]
     creases, shown = [crease for crease, _ in spanned], dict[int, Shown]()
+    before = [each.words for each in effects if isinstance(each.words, ContactWords)]
     for first in spanned[0][1] if spanned else ():
         marched = [marches[first] for _, marches in spanned]
-        beside = [_moves_of(each.fold, effects, marched[0]) for each in creases]
-        followed = [each.followed for each in marched]
-        shown[first] = shown_in(creases, followed, marched[0].clip, marched[0].times, beside)
+        clip, times = marched[0].clip, marched[0].times
+        known = [(each.crease, *each.followed[clip.name]) for each in before]
+        beside = [crease.moves(at, each.weights) for crease, at, each in known]
+        shown[first] = shown_in(creases, [each.followed for each in marched], clip, times, beside)
     made: list[Effect] = []
     named = list(zip(clips.names, clips.firsts, strict=True))
     for number, (crease, marches) in enumerate(spanned):
@@ -534,15 +535,6 @@ def _some(frames: Sequence[int]) -> list[int]:
     if not frames:
         return []
     return [frames[k] for k in distinct_values(np.linspace(0, len(frames) - 1, _CLIP_POSES).astype(int))]
-
-
-def _moves_of(fold: "Fold", effects: Sequence[Effect], marched: _Marched) -> "list[Moves]":
-    """The moves of earlier folds in a clip."""
-    found = []
-    for words in (effect.words for effect in effects if isinstance(effect.words, ContactWords)):
-        times, followed = words.followed[marched.clip.name]
-        found += words.crease.moves_in(fold, interpolated(marched.times, times, followed.weights))
-    return found
 
 
 def _effect(plan: MeshPlan, words: ContactWords, effects: Sequence[Effect]) -> Effect:

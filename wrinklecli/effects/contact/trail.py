@@ -58,3 +58,12 @@ class Trail:
         """Add a frame for which `at` gives None."""
         self.frames.append(frame)
         self.weights.append(weights.copy())
+
+
+def fresh_frames(reading: Angles | Lengths, weights: Floats) -> list[int]:
+    """The frames of a clip in which a joint has a turn that it did not have before; weights are (frames, shapes)."""
+    trail = Trail.of(reading)
+    for frame, row in enumerate(weights):
+        if trail.at(frame) is None:
+            trail.go_on(frame, row)
+    return trail.frames
