@@ -56,5 +56,7 @@ FrameFormat: TypeAlias = Literal["obj", "ply", "glb"]
 MapKind = Literal["normal", "height", "ao"]
 MOST_TEXELS = 8192
 """The most texels of a side of a map, samples included: common graphics cards take at most 16,384."""
+DIFF_LINES = 10
+"""Lines of each kind of difference that `diff` and failed tests show."""
 CACHE = ".wrinkle-cache"
 """The folder in which `batch` keeps outputs, beside the manifest."""

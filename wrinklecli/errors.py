@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable, Iterable, Sequence
 from typing import TypeVar
 
+SHOWN = 40  # characters of a value that a message repeats
 _LONGEST = 600  # characters of a message, and of its place
 _MOST_LINES = 50  # lines of an error: a screen; who mends these sees the others
 _MOST_LISTED = 20  # names in a message

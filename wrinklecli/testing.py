@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from wrinklecli.choices import DIFF_LINES
+
 if TYPE_CHECKING:
     from wrinklecli.gltf.document import Document
     from wrinklecli.tools.records import Length
-
-_LINES = 10  # of each kind of difference, in the message of a failed test
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -89,7 +89,7 @@ class WrinkleGolden:
                 if comparison.same:
                     beside.unlink(missing_ok=True)
                     return
-                lines = [f"{os.fspath(obtained)} (B) differs from {kept} (A):", *comparison.lines(_LINES)]
+                lines = [f"{os.fspath(obtained)} (B) differs from {kept} (A):", *comparison.lines(DIFF_LINES)]
             else:
                 lines = [f"there is no golden {kept}"]
             kept.parent.mkdir(parents=True, exist_ok=True)

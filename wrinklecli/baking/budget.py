@@ -61,8 +61,9 @@ from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools, Floats, float32_values, significant
 from wrinklecli.surface.prune import Poses
 
-# Bytes of a texel of four floats, of which three.js keeps one for each vertex, target and attribute.
-_TEXEL_BYTES = 16
+TEXEL_BYTES = 16
+"""Bytes of a texel of four floats, of which three.js keeps one for each vertex, target and attribute."""
+
 # The attributes that engines morph.
 _MORPHED = {"POSITION", "NORMAL", "TANGENT"}
 
@@ -117,7 +118,7 @@ def texture_bytes(plan: MeshPlan, targets: int) -> int:
 
 def texel_bytes(plan: MeshPlan, vertices: int) -> int:
     """GPU memory of so many vertices of morph targets, bytes."""
-    return vertices * _attributes(plan) * _TEXEL_BYTES
+    return vertices * _attributes(plan) * TEXEL_BYTES
 
 
 def mesh_texture_bytes(gltf: Json, mesh: Json) -> int:
@@ -126,7 +127,7 @@ def mesh_texture_bytes(gltf: Json, mesh: Json) -> int:
         len(targets)
         * gltf["accessors"][primitive["attributes"]["POSITION"]]["count"]
         * (1 + any("NORMAL" in target for target in targets))
-        * _TEXEL_BYTES
+        * TEXEL_BYTES
         for primitive in mesh["primitives"]
         for targets in (primitive.get("targets", []),)
     )

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from wrinklecli.baking.budget import TEXEL_BYTES
 from wrinklecli.baking.refined_mesh import RefinedPrimitive
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
@@ -26,8 +27,6 @@ _COMPARED = 192
 # Length of a NORMAL delta, 2.3°, that no one sees where two parts meet: one in a hundred normals of a shape is as far
 # off, as all heights of a wrinkle share its delta.
 _UNSEEN = 0.04
-# A target has two texels of four floats for a vertex, POSITION and NORMAL, and surfaces two faces for a vertex.
-_BYTES_OF_FACE = 16
 
 
 def parts_of(
@@ -136,7 +135,8 @@ def _joined(kinds: Bools, counts: Floats) -> tuple[Bools, Ints]:
     gone = np.zeros(len(alive), bool)
     while (remaining := int((~gone).sum())) > 1:
         one, other = np.unravel_index(int(costs.argmin()), costs.shape)
-        if costs[one, other] * _BYTES_OF_FACE > _WORTH and remaining <= _MOST:
+        # A target has two texels for a vertex, POSITION and NORMAL, and surfaces have two faces for a vertex.
+        if costs[one, other] * TEXEL_BYTES > _WORTH and remaining <= _MOST:
             break
         _join(sets, sizes, groups, int(alive[one]), int(alive[other]))
         gone[other] = True

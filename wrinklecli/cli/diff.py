@@ -6,14 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from wrinklecli.choices import FPS
+from wrinklecli.choices import DIFF_LINES, FPS
 from wrinklecli.cli import options as opt
 from wrinklecli.cli.output import Progress, emit, emit_json
 
 if TYPE_CHECKING:
     from wrinklecli.review.diff.diff import Comparison
-
-_LINES = 10  # of one kind of difference; --verbose shows all
 
 
 @click.command(
@@ -35,7 +33,7 @@ _LINES = 10  # of one kind of difference; --verbose shows all
 @opt.max_memory
 @opt.json("Print the comparison as JSON.")
 @opt.quiet("Print nothing but errors; the exit code has the result.")
-@opt.verbose(f"Print every difference, not {_LINES} of each kind.")
+@opt.verbose(f"Print every difference, not {DIFF_LINES} of each kind.")
 def diff(a: str, b: str, *, as_json: bool, quiet: bool, verbose: bool, **options: Any) -> None:
     """Compare two assets (glTF), a golden A and a fresh bake B.
 
@@ -77,7 +75,7 @@ def diff(a: str, b: str, *, as_json: bool, quiet: bool, verbose: bool, **options
     if as_json:
         emit_json({"diff": 1, "same": comparison.same, "a": a, "b": b, **_data(comparison, posed=options["posed"])})
     elif not quiet:
-        *lines, summary = comparison.lines(None if verbose else _LINES)
+        *lines, summary = comparison.lines(None if verbose else DIFF_LINES)
         for line in lines:
             emit(line)
         emit(summary, style={"fg": "green" if comparison.same else "red"})

@@ -12,8 +12,10 @@ from wrinklecli.numeric.arrays import Floats, significant
 from wrinklecli.review.suggest.placed import ToolGuesser
 from wrinklecli.surface.bones import below_skin
 from wrinklecli.surface.ground import Ground
+from wrinklecli.tools.body import Touch
+from wrinklecli.tools.json_schema import defaults_of
+from wrinklecli.tools.records import parse_length
 
-_GRIP = 0.6  # slide that a touch allows by itself, over its pad: the default of `grip`
 _DENTED = 0.1  # depth of a new touch over its pad
 # A new touch comes, has dragged the skin, and lets go at these parts of a clip.
 _DRAGGED = (1 / 6, 1 / 3, 2 / 3)
@@ -90,7 +92,7 @@ def _touch(clicked: Clicked) -> dict[str, Any]:
     """A touch whose tip drags the skin from a place to another one, in the shown clip; else a player may do so."""
     # The pad from whose usual grip such a slide comes.
     slide, clip = clicked.span, clicked.clip
-    pad = significant(slide / _GRIP, 3)
+    pad = significant(slide / parse_length(defaults_of(Touch)["grip"]).resolve(1.0), 3)
     values: dict[str, Any] = {"at": clicked.at(0), "towards": clicked.at(1), "pad": pad}
     if clip is not None:
         times = [significant(clip.start + part * (clip.end - clip.start), 4) for part in _DRAGGED]

@@ -10,7 +10,7 @@ import re
 import sys
 from typing import Any
 
-from wrinklecli.errors import AssetError, listed
+from wrinklecli.errors import SHOWN, AssetError, listed
 from wrinklecli.files.formats import foreign_format, is_tools_file
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf import draco, meshopt
@@ -20,8 +20,6 @@ Json = dict[str, Any]
 
 # Levels of JSON: copying and writing recurse.
 _DEPTH_LIMIT = 256
-# Characters of a value that a message repeats.
-_SHOWN = 40
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,7 +175,7 @@ def parse_json(data: bytes, name: str) -> Json:
     def finite(digits: str) -> float:
         value = float(digits)
         if math.isinf(value):
-            raise ValueError(f"{digits[:_SHOWN]} is too large a number")
+            raise ValueError(f"{digits[:SHOWN]} is too large a number")
         return value
 
     try:
@@ -321,9 +319,9 @@ def _check_uri(value: Any, path: str, pointer: tuple[str | int, ...]) -> None:
     except UnicodeEncodeError:
         known = False
     if not known:
-        message = f"uri {value[:_SHOWN]!r} is not a file below the asset's folder"
+        message = f"uri {value[:SHOWN]!r} is not a file below the asset's folder"
         raise AssetError(message, where=place(path, *pointer[:-1]))
 
 
 def _misfit(value: Any, kind: type, path: str, pointer: tuple[str | int, ...]) -> AssetError:
-    return AssetError(f"is {repr(value)[:_SHOWN]}, not {_KINDS[kind]}", where=place(path, *pointer))
+    return AssetError(f"is {repr(value)[:SHOWN]}, not {_KINDS[kind]}", where=place(path, *pointer))

@@ -8,9 +8,10 @@ from typing import Any, TypeAlias
 
 from jsonschema_rs import Draft202012Validator
 
+from wrinklecli.errors import SHOWN
 from wrinklecli.frozen import dataclass
 from wrinklecli.tools.json_schema import Items, Schema
-from wrinklecli.tools.yaml_tree import MAX_SHOWN, Node, Problem, path_to
+from wrinklecli.tools.yaml_tree import Node, Problem, path_to
 
 Place: TypeAlias = tuple[str | int, ...]  # keys and indices that lead to a value
 
@@ -30,7 +31,7 @@ def _validator(form: Format) -> Draft202012Validator:
 
 def _nearest(found: str, known: Iterable[str]) -> str | None:
     # A text longer than any key is no typing error, and difflib takes quadratic time.
-    if len(found) > MAX_SHOWN:
+    if len(found) > SHOWN:
         return None
     return next(iter(difflib.get_close_matches(found.lower(), list(known), n=1)), None)
 

@@ -11,13 +11,13 @@ from typing import Any
 
 import yaml
 
+from wrinklecli.errors import SHOWN
 from wrinklecli.frozen import dataclass
 from wrinklecli.tools.yaml_faults import explained
 
 MAX_BYTES = 4_000_000  # a thousand tools take about 500 kB
 MAX_NODES = 100_000  # values, counted again for each alias: ten aliases of ten aliases of … are a bomb
 MAX_DEPTH = 32  # levels of nesting; the contract needs 8
-MAX_SHOWN = 40  # characters of a found value or key that a message repeats
 
 _TAG = "tag:yaml.org,2002:"
 _BOOLS = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
@@ -97,7 +97,7 @@ for _kind, _pattern, _first in (
     _Composer.add_implicit_resolver(_TAG + _kind, _pattern, _first)
 
 
-def printable(text: str, limit: int = MAX_SHOWN) -> str:
+def printable(text: str, limit: int = SHOWN) -> str:
     """Text that is safe in a line of a terminal: it is cut, and control characters become escapes."""
     cut = text if len(text) <= limit else text[: limit - 1] + "…"
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in cut)

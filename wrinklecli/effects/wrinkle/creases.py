@@ -20,6 +20,7 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, children, cross, dot
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.rest import Rest
+from wrinklecli.tools.materials import PLAIN_HEIGHT
 from wrinklecli.tools.records import RestLengthMorph
 
 # κh from which heights are lowered: together with their own slopes, wrinkles turn over before κh is 1.
@@ -38,9 +39,6 @@ _SMOOTH = 0.1
 # Angles by which the joint turns: limbs bend by 90° in the range of motion, and knees and elbows, which bend farther,
 # hide their creases then.
 _ANGLES = np.radians([30.0, 60.0, 90.0])
-# Greatest height that is looked at, over a bump's width, which is that of `max_height: auto`: higher bumps are steeper,
-# and their flanks turn over first.
-_HIGHEST = 0.25
 # Cells of the map of losses along a control interval, and the most cells along either side of the map.
 _CELLS = 4
 _MOST_CELLS = 256
@@ -105,7 +103,8 @@ def _nearer(carried: CarriedPatch, fine: Refinement, rest: Rest, rig: Rig, share
         return nearer
     corners = corners.reshape(-1, 3)
     vectors = fine.bind_positions[used], fine.raising_at(used)
-    height = min(patch.curve.greatest_height, _HIGHEST * 2.0 * patch.span / patch.curve.interval_count)
+    # Bumps that are higher than those of `max_height: auto` are steeper, and their flanks turn over first.
+    height = min(patch.curve.greatest_height, PLAIN_HEIGHT * patch.bump_width)
 
     def greatest(points: _Points) -> Floats:
         """(points,) greatest κh of points that rise like the tallest bump."""
