@@ -26,7 +26,6 @@ class Kind:
         record: Record of one effect; `fields_of` gives its fields from the keys.
         schema: Schema of one effect.
         description: What the list means, for editors.
-        most: Most effects of the list.
         points: The keys of an effect's points, of which no two are equal.
     """
 
@@ -34,10 +33,20 @@ class Kind:
     record: type[Any]
     schema: Schema
     description: str
-    most: int
     points: tuple[str, ...]
 
 
+def _alone(
+    record: type[Any], item: str, required: tuple[str, ...], description: str, points: tuple[str, ...], **more: Schema
+) -> Kind:
+    """A kind whose effects inherit nothing; `required` are keys besides the name, `more` are keywords of the schema."""
+    keys = keys_of(record)
+    schema = {**mapping_of(keys, required=("name", *required)), **more}
+    description = f"{description} They inherit nothing from `defaults`."
+    return Kind(Items(item, keys, tuple(keys)), record, schema, description, points)
+
+
+_BALL: Schema = {"required": ["at", "radius"]}
 KINDS = {
     "tools": Kind(
         Items("tool", TOOL_KEYS, OWN_KEYS),
@@ -53,50 +62,36 @@ KINDS = {
             "else": {"required": ["origin", "target"]},
         },
         "The wrinkling tools.",
-        MAX_TOOLS,
         ("origin", "target"),
     ),
-    "muscles": Kind(
-        Items("muscle", keys_of(Muscle), tuple(keys_of(Muscle))),
+    "muscles": _alone(
         Muscle,
-        mapping_of(keys_of(Muscle), required=("name", "origin", "insertion")),
-        "Muscles below the skin, which thicken as they shorten. They inherit nothing from `defaults`.",
-        MAX_TOOLS,
+        "muscle",
+        ("origin", "insertion"),
+        "Muscles below the skin, which thicken as they shorten.",
         ("origin", "insertion"),
     ),
-    "flesh": Kind(
-        Items("region", keys_of(Flesh), tuple(keys_of(Flesh))),
+    "flesh": _alone(
         Flesh,
-        {
-            **mapping_of(keys_of(Flesh), required=("name",)),
-            # A region is a ball, or what a mask or a joint outlines.
-            "if": {"anyOf": [{"required": ["at"]}, {"required": ["radius"]}]},
-            "then": {"required": ["at", "radius"]},
-            "else": {
-                "if": {"not": {"anyOf": [{"required": ["mask"]}, {"required": ["joint"]}]}},
-                "then": {"required": ["at", "radius"]},
-            },
-        },
-        "Regions of flesh, which swing after the joint that carries them. They inherit nothing from `defaults`.",
-        MAX_TOOLS,
+        "region",
+        (),
+        "Regions of flesh, which swing after the joint that carries them.",
         ("at",),
+        # A region is a ball, or what a mask or a joint outlines.
+        **{
+            "if": {"anyOf": [{"required": ["at"]}, {"required": ["radius"]}]},
+            "then": _BALL,
+            "else": {"if": {"not": {"anyOf": [{"required": ["mask"]}, {"required": ["joint"]}]}}, "then": _BALL},
+        },
     ),
-    "touches": Kind(
-        Items("touch", keys_of(Touch), tuple(keys_of(Touch))),
+    "touches": _alone(
         Touch,
-        mapping_of(keys_of(Touch), required=("name", "at", "pad")),
-        "Places where a tip slides the skin, which wrinkles in front of it. They inherit nothing from `defaults`.",
-        MAX_TOOLS,
+        "touch",
+        ("at", "pad"),
+        "Places where a tip slides the skin, which wrinkles in front of it.",
         ("at", "towards"),
     ),
-    "fields": Kind(
-        Items("field", keys_of(Field), tuple(keys_of(Field))),
-        Field,
-        mapping_of(keys_of(Field), required=("name",)),
-        "Fields of wrinkles over whole garments, where these are compressed. They inherit nothing from `defaults`.",
-        MAX_TOOLS,
-        (),
-    ),
+    "fields": _alone(Field, "field", (), "Fields of wrinkles over whole garments, where these are compressed.", ()),
 }
 """The kinds of effects by the keys of their lists. A new kind is an entry, a record, and a field of `ToolsFile`."""
 
@@ -107,7 +102,7 @@ _INHERITED = mapping_of({name: each for kind in KINDS.values() for name, each in
 _LISTS = {
     name: key_of(
         list_of(
-            kind.schema, 1, kind.most, f"a list of 1 to {kind.most:,} {ToolsFile.LISTS[name][1]}, each begun by a dash"
+            kind.schema, 1, MAX_TOOLS, f"a list of 1 to {MAX_TOOLS:,} {ToolsFile.LISTS[name][1]}, each begun by a dash"
         ),
         kind.description,
     )
