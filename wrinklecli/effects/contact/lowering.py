@@ -22,9 +22,6 @@ from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values
 
 # Moments of a clip at which crossings are counted, evenly spread, at most.
 _MOMENTS = 25
-# Factor on the height where wrinkles cross, and times that it is applied before the tool is left out: below 2 %.
-_LOWER = 0.5
-_TIMES = 6
 
 
 def with_lowered_wrinkles(
@@ -69,15 +66,15 @@ def lowered(fold: Fold, clips: Sequence[Clip]) -> Mapping[int, CarriedPatch]:
     faint = fold.at_height(FAINT, chosen)
     skin = [_pairs(faint, counting, *look) for look in looks]
     found: dict[int, CarriedPatch] = {}
-    for count in range(_TIMES + 1):
+    height = 1.0
+    while height >= FAINT:
         wrinkled = [_pairs(fold, counting, *look) for look in looks]
         if sum(map(len, wrinkled)) <= sum(map(len, skin)):
             return found
-        if count == _TIMES:
-            break
         crossing = _corners(fold, [pair for each, plain in zip(wrinkled, skin, strict=True) for pair in each - plain])
         fold = replace(fold, carried=_halved(fold, chosen, crossing))
         found = {number: fold.carried[number] for number in chosen}
+        height /= 2.0
         # Elsewhere the wrinkles that stay as they are crossed no more than the skin.
         worse = [k for k, (each, plain) in enumerate(zip(wrinkled, skin, strict=True)) if len(each) > len(plain)]
         looks, skin = [looks[k] for k in worse], [skin[k] for k in worse]
@@ -112,7 +109,7 @@ def _halved(fold: Fold, chosen: Sequence[int], crossing: Ints) -> tuple[CarriedP
     every = list(fold.carried)
     for number in chosen:
         carried = every[number]
-        losses = np.where(np.isin(carried.vertices, crossing), 1.0 - _LOWER, 0.0)
+        losses = np.where(np.isin(carried.vertices, crossing), 0.5, 0.0)
         places = carried.patch.coordinates(fold.fine.rest_positions[carried.vertices])
         every[number] = faded(carried, losses, np.stack(places, axis=1))
     return tuple(every)

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 FADE = 2.0
 """Strides of the fold's motion over which contact and wrinkles fade beside a pose: 8°, or an eighth of a rise. From 10°
 on, players count turns as others (`drive.table`)."""
-# The states of poses: the part of the wrinkles' height, halved until nobody sees them, and that of contact.
-_STATES = [(contact, height) for height in 0.5 ** np.arange(1.0 - np.log2(FAINT)) for contact in (1.0, 0.0)]
 # Least number of edges in a frame that count: where two surfaces cross, the line in which they do passes through one at
 # either end. A single one is owed to rounding, where flat triangles touch.
 _LEAST = 2
@@ -138,17 +136,22 @@ def shown_in(
 
 
 def _state(looks: "Sequence[_Look]", frames: Ints, *, torn: bool) -> tuple[float, float]:
-    """The first state in which no fold crosses more in some frames than its skin, nor than without contact.
+    """The parts of contact and of the wrinkles' height in some frames, which are kept as far as they can be.
 
-    No contact is left if it has `torn` the surface.
+    With these, no fold crosses more than its skin, nor than without contact. No contact is left if it has `torn` the
+    surface.
     """
 
     def fits(look: "_Look", contact: float, height: float) -> bool:
         shown, without = (look.crossings(frames, part, height).sum() for part in (contact, 0.0))
         return bool(shown <= min(without, look.skin(frames).sum()))
 
-    states = [each for each in _STATES if not (each[0] and torn)]
-    return next(state for state in states if all(fits(look, *state) for look in looks))
+    height = 1.0
+    while True:
+        for contact in (0.0,) if torn else (1.0, 0.0):
+            if all(fits(look, contact, height) for look in looks):
+                return contact, height
+        height = max(height / 2.0, FAINT)
 
 
 @dataclass(frozen=True)
