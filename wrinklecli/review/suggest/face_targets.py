@@ -74,8 +74,7 @@ class FaceRegion:
         along: Aside and up, the direction across its wrinkles; (0, 0) for that of the strongest compression.
         middle: True if it lies across the middle of the face, False for one on each side.
         width: Least width of a tool, in distances of the eyes: shorter wrinkles look like dents.
-        bumps: Fewest and most wrinkles.
-        bump_height: Highest point of a wrinkle relative to its width; those of a young face are low.
+        bumps: The number of wrinkles, of which a furrow is one.
         round_eye: True if its wrinkles spread like rays from an eye.
         longest: Greatest length of a tool, in distances of the eyes.
         furrow: True if it is one furrow below the skin, without crests beside it.
@@ -89,8 +88,7 @@ class FaceRegion:
     along: tuple[float, float]
     middle: bool
     width: float
-    bumps: tuple[int, int]
-    bump_height: float
+    bumps: int = 3
     round_eye: bool = False
     longest: float = math.inf
     furrow: bool = False
@@ -100,38 +98,38 @@ class FaceRegion:
 REGIONS = (
     FaceRegion(
         "the forehead", "forehead", ("browInnerUp",),
-        (0.0, 2.5), (1.0, 6.0), (0.0, 1.0), middle=True, width=1.3, bumps=(4, 4), bump_height=0.10,
+        (0.0, 2.5), (1.0, 6.0), (0.0, 1.0), middle=True, width=1.3, bumps=4,
     ),
     FaceRegion(
         "the side of the forehead", "forehead_side", ("browOuterUp",),
-        (0.5, 3.0), (1.0, 6.0), (0.0, 1.0), middle=False, width=1.1, bumps=(4, 4), bump_height=0.10,
+        (0.5, 3.0), (1.0, 6.0), (0.0, 1.0), middle=False, width=1.1, bumps=4,
     ),
     FaceRegion(
         "the glabella", "glabella", ("browDown",),
-        (0.0, 1.0), (0.2, 1.5), (1.0, 0.0), middle=True, width=0.3, bumps=(3, 3), bump_height=0.10, longest=0.45,
+        (0.0, 1.0), (0.2, 1.5), (1.0, 0.0), middle=True, width=0.3, longest=0.45,
     ),
     FaceRegion(
         "crow's feet", "crows_foot", ("cheekSquint", "eyeSquint"),
-        (2.0, 5.0), (-0.5, 1.4), (0.0, 1.0), middle=False, width=0.3, bumps=(3, 4), bump_height=0.09, round_eye=True,
+        (2.0, 5.0), (-0.5, 1.4), (0.0, 1.0), middle=False, width=0.3, round_eye=True,
     ),
     FaceRegion(
         "bunny lines", "bunny", ("noseSneer",),
-        (0.1, 1.0), (-0.75, 0.3), (0.25, 1.0), middle=False, width=0.25, bumps=(3, 4), bump_height=0.08,
+        (0.1, 1.0), (-0.75, 0.3), (0.25, 1.0), middle=False, width=0.25,
     ),
     FaceRegion(
         "the nasolabial fold", "nasolabial", ("mouthSmile", "cheekSquint"),
-        (0.6, 3.5), (-1.1, -0.4), (1.0, 0.4), middle=False, width=0.65, bumps=(1, 1), bump_height=0.12, longest=0.25,
+        (0.6, 3.5), (-1.1, -0.4), (1.0, 0.4), middle=False, width=0.65, longest=0.25,
         furrow=True,
     ),
     FaceRegion(
         "the chin", "chin", ("mouthShrugLower",),
-        (0.0, 1.0), (-4.0, -1.0), (0.0, 1.0), middle=True, width=0.35, bumps=(3, 4), bump_height=0.08,
+        (0.0, 1.0), (-4.0, -1.0), (0.0, 1.0), middle=True, width=0.35,
     ),
 )  # fmt: skip
 # The side of the neck to which the head turns.
 NECK = FaceRegion(
     "the side of the neck", "neck", (),
-    (0.0, 9.0), (-9.0, -1.3), (0.0, 0.0), middle=False, width=0.5, bumps=(3, 4), bump_height=0.13, longest=0.7,
+    (0.0, 9.0), (-9.0, -1.3), (0.0, 0.0), middle=False, width=0.5, longest=0.7,
 )  # fmt: skip
 
 

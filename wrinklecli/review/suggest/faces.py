@@ -48,6 +48,8 @@ _LEAST_BY_JOINT = 0.15
 _REGION_LOSS = 0.5
 # Fewest sites of a region: fewer say too little.
 _FEWEST_SITES = 4
+# Highest point of a wrinkle of a face relative to its width: a young one's are low. A neck has the material's.
+_BUMP_HEIGHT = 0.1
 # Part of a region's loss left out at either end when its extent is measured.
 _TAIL = 0.03
 # Poses of the motion of a target, which is even, and of a clip: per second, and at most.
@@ -207,7 +209,8 @@ def _compressed(face: Face, region: FaceRegion, side: Side, clip: Clip) -> Compr
     weights = sites.areas[members] * lost[members]
     places = sites.positions[members]
     normal = unit(weights @ sites.normals[members])
-    if not region.middle:
+    # A furrow beside the mouth runs from the nose down to the mouth's corner, however a mesh stretches there.
+    if not region.middle and not region.furrow:
         _, found = principal((weights @ tensors[members] / weights.sum())[None], normal[None])
         if not given or abs(found[0] @ direction) > _SAME_WAY:
             direction = found[0] * np.sign(found[0] @ direction or 1.0)
@@ -297,7 +300,7 @@ def _fit_tool(
         return f"{best.clip.name} hardly shortens the skin there"
     every = replace(mesh, clips=tuple(clips), times=tuple(_times(clip) for clip in clips))
     also = [found | shortenings_of(every, patch) for patch, found in zip(patches, shortenings, strict=True)]
-    made = with_rising_bumps(mesh, patches, also, height=region.bump_height)
+    made = with_rising_bumps(mesh, patches, also, height=_BUMP_HEIGHT if candidate.by_morph else None)
     if made is None:
         return f"a surface is in the way where {name} compresses the skin"
     return Suggestion(
@@ -372,10 +375,8 @@ def _by_weight(
 
 def _drawn(region: FaceRegion, candidate: Candidate, name: str, width: float) -> WrinkleTool:
     """The tool of a candidate with a region's number of wrinkles."""
-    tool = tool_of(candidate, name, width)
-    low, high = region.bumps
-    tool = replace(tool, bumps=min(max(tool.bumps, low), high), width=Length(significant(width, 2)))
-    return replace(tool, strength=-1.0, profile="smooth") if region.furrow else tool
+    tool = replace(tool_of(candidate, name, width), bumps=region.bumps, width=Length(significant(width, 2)))
+    return replace(tool, bumps=1, strength=-1.0, profile="smooth") if region.furrow else tool
 
 
 def _near_rims(face: Face, patch: Attached[WrinkleTool]) -> Floats | None:

@@ -10,7 +10,6 @@ from dataclasses import field, replace
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.character.pose import node_matrices
 from wrinklecli.choices import Part
 from wrinklecli.effects.attached import Attached
 from wrinklecli.frozen import dataclass
@@ -61,10 +60,8 @@ _AS_SHORT = 0.75
 _OF_RADIUS = 0.9
 # Least width of a path over the straight tool's.
 _LEAST_WIDTH = 0.6
-# Greatest length of a tool at a finger's joint over the shorter bone's: the creases of a finger lie close to its joint.
-_OF_BONE = 0.4
 # Limbs whose bare skin creases at the joint, over a length as great as the limb is thick. Cloth folds farther away.
-_BARE_LIMBS: tuple[Part, ...] = ("lower arm", "lower leg")
+_BARE_LIMBS: tuple[Part, ...] = ("lower arm", "lower leg", "finger")
 # Least and greatest radius of a limb over the length or the width of its compressed region: else it is no limb.
 _RADII = (0.15, 1.5)
 # Least distance of a candidate from x = 0 over its length or width, for a pair whose halves are apart.
@@ -334,14 +331,11 @@ def _near_joint(candidate: Candidate) -> Candidate | None:
 
     The candidate itself if there is nothing to shorten; None if no shorter one fits.
     """
-    longest = np.inf
-    if candidate.part == "finger":
-        longest = _OF_BONE * _shorter_bone(candidate)
-    elif candidate.part in _BARE_LIMBS and candidate.material == "skin":
-        radius = _limb_radius(candidate)
-        longest = np.inf if radius is None else 2.0 * radius
-    if not np.isfinite(longest):
+    bare = candidate.part in _BARE_LIMBS and candidate.material == "skin"
+    radius = _limb_radius(candidate) if bare else None
+    if radius is None:
         return candidate
+    longest = 2.0 * radius
     pose = unscaled_pose(candidate.mesh.gauge, candidate.clip, candidate.time)
     region = replace(candidate.region, length=min(candidate.region.length, longest))
     found = find_segment(candidate.mesh.sites, region, [pose], longest=longest)
@@ -361,16 +355,6 @@ def _limb_radius(candidate: Candidate) -> float | None:
     found = found[np.isfinite(found) & (found < 2.0 * _RADII[1] * extent)]
     radius = float(found.max(initial=0.0)) / 2.0
     return radius if _RADII[0] * extent < radius else None
-
-
-def _shorter_bone(candidate: Candidate) -> float:
-    """Length of the shortest bone that ends at a candidate's joint, scene units; infinite if there is none."""
-    rig = candidate.mesh.rig
-    node = rig.names.index(candidate.driver)
-    others = [*np.flatnonzero(rig.parents == node).tolist(), *([int(rig.parents[node])] * bool(rig.parents[node] >= 0))]
-    joint, *ends = node_matrices(rig, None, np.zeros(1), [node, *others])[0, :, :3, 3]
-    lengths = [length for end in ends if (length := float(np.linalg.norm(end - joint))) > 0]
-    return min(lengths, default=np.inf)
 
 
 @dataclass(frozen=True, slots=True)
