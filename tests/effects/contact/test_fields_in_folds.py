@@ -40,7 +40,7 @@ def test_a_fold_is_posed_with_the_field_beneath(plan: MeshPlan) -> None:
     assert [each.tool.name for each in fold.patches] == ["hand"]
     farthest = max(fold.hinge.ends, key=abs)
     clip, times = fold.hinge.turn(np.array([0.0, farthest])), np.array([0.0, 0.5, 1.0])
-    positions, matrices = fold.at_height(0.0, chosen=[0]).posed(clip, times)
+    positions, matrices = fold.at_height(0.0).posed(clip, times)
     moves = np.zeros((3, len(plan.fine.positions), 3))
     moves[:, part.vertices] = part.displacements(plan.fine, plan.rig, clip, times)
     skinned, _ = replace(fold, carried=(), movers=()).posed(clip, times)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from wrinklecli.drive.drive import Drive, Rows
-from wrinklecli.effects.contact.given_up import DEGENERATE, WORSE, GivenUp
+from wrinklecli.effects.contact.given_up import DEGENERATE, GivenUp
 from wrinklecli.effects.contact.hinge import Hinge
 from wrinklecli.effects.contact.remaining import Remaining
 from wrinklecli.effects.effect import Effect, MeshPlan, Seen, Target
@@ -264,15 +264,13 @@ class GivenUpWords:
         """The warning that says that the fold is given up, why, and what to do."""
         found, where = self.given_up, ""
         if found.clip is not None:
-            where = f" in {found.clip!r}" + ("" if found.time is None else f" at {found.time:.3g} s")
+            where = f" in {found.clip!r}"
         elif found.degrees is not None:
             where = f" where {self.joint} turns by {found.degrees:.0f}°"
         poses = f" ({counted(found.poses, 'pose')} in all)" if found.poses > 1 else ""
         hint = "lower or fewer bumps leave more room"
         if found.reason == DEGENERATE:
             hint = "mend the mesh there"
-        elif found.reason == WORSE and not self.fold.per_clip:
-            hint = "without `per_clip: false` the targets follow it better"
         elif self.beside:
             hint = f"nor is it resolved together with that of {listed(self.beside)}, which it touches"
         if self.heights:

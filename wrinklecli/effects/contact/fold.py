@@ -23,7 +23,7 @@ from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
 from wrinklecli.effects.wrinkle.lookup import looked_up
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, distinct_values
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, distinct_values, flags_of
 from wrinklecli.numeric.closest import nearest_of
 from wrinklecli.numeric.intersections import Crossings
 from wrinklecli.numeric.portions import portions
@@ -97,6 +97,18 @@ class Fold:
         return all((each.tool.contact or Contact()).per_clip for each in self.patches)
 
     @cached_property
+    def own_tools(self) -> list[int]:
+        """The numbers of the tools whose contact is resolved here, among those of the mesh."""
+        names = {each.tool.name for each in self.patches}
+        return [number for number, each in enumerate(self.carried) if each.patch.tool.name in names]
+
+    @cached_property
+    def raised(self) -> Bools:
+        """(vertices,) True for those that these tools may move."""
+        moved = [self._shared_with(self.carried[number].vertices)[0] for number in self.own_tools]
+        return flags_of(np.concatenate([np.zeros(0, np.intp), *moved]), len(self.own))
+
+    @cached_property
     def rest_positions(self) -> Floats:
         """(vertices, 3) world space at rest, followed by the vertices of other meshes."""
         others = [each.carried(self.rest.clip, self.rest.time)[0][0] for each in self.others]
@@ -143,10 +155,10 @@ class Fold:
         every = [self.mesh.carried(clip, times, moves), *(each.carried(clip, times) for each in self.others)]
         return np.concatenate([each[0] for each in every], axis=1), np.concatenate([each[1] for each in every], axis=1)
 
-    def at_height(self, factor: float, chosen: Collection[int]) -> "Fold":
-        """The fold with the wrinkles of some tools, by their numbers, at a part of their height."""
+    def at_height(self, factor: float) -> "Fold":
+        """The fold with the wrinkles of its own tools at a part of their height."""
         carried = [
-            each.times(np.full(len(each.vertices), factor)) if number in chosen else each
+            each.times(np.full(len(each.vertices), factor)) if number in self.own_tools else each
             for number, each in enumerate(self.carried)
         ]
         return replace(self, carried=tuple(carried))

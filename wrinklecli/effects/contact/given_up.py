@@ -36,14 +36,12 @@ class GivenUp:
         poses: Number of poses of the clip, or of the fold's own motion, in which it showed, up to the first that does
             not settle; 0 if not counted.
         clip: The clip's name; None for the fold's own motion.
-        time: Seconds of the clip.
         degrees: Turn of the joint in the fold's own motion, if a joint bends it.
     """
 
     reason: str
     poses: int = 0
     clip: str | None = None
-    time: float | None = None
     degrees: float | None = None
 
 

@@ -59,11 +59,9 @@ def lowered(fold: Fold, clips: Sequence[Clip]) -> Mapping[int, CarriedPatch]:
     Returns:
         The tools that had to be lowered, by their numbers among those of the mesh.
     """
-    own = [patch.tool.name for patch in fold.patches]
-    chosen = [number for number, each in enumerate(fold.carried) if each.patch.tool.name in own]
-    counting = np.isin(np.arange(len(fold.own)), _moved(fold, chosen))
+    chosen, counting = fold.own_tools, fold.raised
     looks = [(clip, np.array([time])) for clip in clips for time in _moments(clip)]
-    faint = fold.at_height(FAINT, chosen)
+    faint = fold.at_height(FAINT)
     skin = [_pairs(faint, counting, *look) for look in looks]
     found: dict[int, CarriedPatch] = {}
     height = 1.0
@@ -72,25 +70,19 @@ def lowered(fold: Fold, clips: Sequence[Clip]) -> Mapping[int, CarriedPatch]:
         if sum(map(len, wrinkled)) <= sum(map(len, skin)):
             return found
         crossing = _corners(fold, [pair for each, plain in zip(wrinkled, skin, strict=True) for pair in each - plain])
-        fold = replace(fold, carried=_halved(fold, chosen, crossing))
+        fold = replace(fold, carried=_halved(fold, crossing))
         found = {number: fold.carried[number] for number in chosen}
         height /= 2.0
         # Elsewhere the wrinkles that stay as they are crossed no more than the skin.
         worse = [k for k, (each, plain) in enumerate(zip(wrinkled, skin, strict=True)) if len(each) > len(plain)]
         looks, skin = [looks[k] for k in worse], [skin[k] for k in worse]
-    flat = fold.at_height(0.0, chosen).carried
+    flat = fold.at_height(0.0).carried
     return {number: flat[number] for number in chosen}
 
 
 def _moments(clip: Clip) -> list[float]:
     """Seconds of a clip, evenly spread."""
     return [float(time) for time in distinct_values(np.linspace(clip.start, clip.end, _MOMENTS))]
-
-
-def _moved(fold: Fold, chosen: Sequence[int]) -> Ints:
-    """Indices of the fold's vertices that some tools move."""
-    moved = [fold.carried[number].vertices for number in chosen]
-    return np.flatnonzero(np.isin(fold.vertices, np.concatenate([np.zeros(0, np.intp), *moved])))
 
 
 def _pairs(fold: Fold, counting: Bools, clip: Clip, times: Floats) -> set[tuple[int, int]]:
@@ -104,10 +96,10 @@ def _corners(fold: Fold, pairs: Sequence[tuple[int, int]]) -> Ints:
     return fold.vertices[np.unique(corners[corners < len(fold.vertices)])]
 
 
-def _halved(fold: Fold, chosen: Sequence[int], crossing: Ints) -> tuple[CarriedPatch, ...]:
-    """All tools of the mesh, of which some are lower round the (crossing,) fine vertices."""
+def _halved(fold: Fold, crossing: Ints) -> tuple[CarriedPatch, ...]:
+    """All tools of the mesh, of which the fold's own are lower round the (crossing,) fine vertices."""
     every = list(fold.carried)
-    for number in chosen:
+    for number in fold.own_tools:
         carried = every[number]
         losses = np.where(np.isin(carried.vertices, crossing), 0.5, 0.0)
         places = carried.patch.coordinates(fold.fine.rest_positions[carried.vertices])

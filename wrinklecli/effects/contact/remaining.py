@@ -172,20 +172,10 @@ class _Look:
     moves: "tuple[Moves, ...]"
     beside: "tuple[Moves, ...]"
 
-    @cached_property
-    def _own(self) -> list[int]:
-        """The fold's tools, by their numbers among those of the mesh."""
-        names = {patch.tool.name for patch in self.crease.fold.patches}
-        return [number for number, each in enumerate(self.crease.fold.carried) if each.patch.tool.name in names]
-
-    @cached_property
+    @property
     def _counting(self) -> Bools:
         """(vertices,) True for those that contact or the fold's tools may move."""
-        fold, counting = self.crease.fold, self.crease.tissue.free & self.crease.tissue.own
-        for number in self._own:
-            moved = np.isin(fold.vertices, fold.carried[number].vertices)
-            counting[: len(moved)] |= moved
-        return counting
+        return (self.crease.tissue.free & self.crease.tissue.own) | self.crease.fold.raised
 
     @cached_property
     def _still(self) -> set[tuple[int, int]]:
@@ -208,7 +198,7 @@ class _Look:
         for state in {state for key in asked if key not in self._known for state in [key[1:]]}:
             part, low = state
             moves = [replace(each, shapes=part * each.shapes) for each in self.moves] if part else []
-            fold = self.crease.fold if low == 1.0 else self.crease.fold.at_height(low, self._own)
+            fold = self.crease.fold if low == 1.0 else self.crease.fold.at_height(low)
             fold = replace(fold, movers=(*fold.movers, *self.beside, *moves))
             fresh = [key[0] for key in asked if key[1:] == state and key not in self._known]
             for frame, (positions, _) in zip(fresh, fold.poses(self.clip, self.times[fresh]), strict=True):
