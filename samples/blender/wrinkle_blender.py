@@ -1199,7 +1199,7 @@ def _offer_choices(found: Mapping[str, Any], key: str) -> None:
 
 
 def start(command_line: Sequence[str], tools: Path, done: Callable[[], None], title: str) -> None:
-    """Run a bake in the background, remove its tools file, and call `done` if it has succeeded.
+    """Run a command in the background, call `done` if it has succeeded, and remove its tools file.
 
     Without a window, wait for it.
 
@@ -1208,21 +1208,23 @@ def start(command_line: Sequence[str], tools: Path, done: Callable[[], None], ti
     """
     global _job, _said, _unfinished
     if _job is not None:
-        tools.unlink()
-        raise ValueError("a bake is running")
+        tools.unlink(missing_ok=True)
+        raise ValueError("a command is running")
     _job, _said, _unfinished = Job(command_line), "", tools
 
     def finish(job: Job) -> None:
         global _job, _said, _unfinished
         code = job.wait()
         _job, _said = None, without_paths("\n".join(job.lines), tools, Path(command_line[command_line.index("-o") + 1]))
-        tools.unlink()
-        _unfinished = None
-        if job.is_stopped:
-            raise ValueError(f"{title}: cancelled")
-        if code:
-            raise ValueError(f"{title}: {_said or f'ended with {code}'}")
-        done()
+        try:
+            if job.is_stopped:
+                raise ValueError(f"{title}: cancelled")
+            if code:
+                raise ValueError(f"{title}: {_said or f'ended with {code}'}")
+            done()
+        finally:
+            tools.unlink(missing_ok=True)
+            _unfinished = None
 
     def tick() -> float | None:
         global _said
@@ -1275,6 +1277,16 @@ def asset_and_tools(context: Any) -> Iterator[tuple[Path, Path, list[Any]]]:
     with os.fdopen(handle, "w", encoding="utf-8") as file:
         file.write(text)
     yield asset, Path(name), bodies
+
+
+class glTF2ExportUserExtension:  # noqa: N801 (the exporter looks for this name)
+    """Leaves previews out of every export as glTF."""
+
+    def gather_tree_filter_tag_hook(self, tree: Any, _settings: Any) -> None:
+        """Called by the exporter, before it drops the nodes that are not to be kept."""
+        for node in tree.nodes.values():
+            if node.blender_object is not None and node.blender_object.get("wrinkle_preview_of"):
+                node.keep_tag = False
 
 
 # --- operators ---
@@ -1531,6 +1543,37 @@ class Select(_Operator):
             context.view_layer.objects.active = tool
 
 
+def _load(context: Any, path: Path) -> None:
+    """Make the tools of a file."""
+    body = body_at(context)
+    bodies = bodies_with(body, context.scene)
+    values = read_tools(path)
+    with kept(context, bodies):
+        context.scene.frame_set(0)
+        context.view_layer.update()
+        for tool in load_values(context, values, body):
+            draw_tool(tool)
+
+
+class Suggest(_Operator):
+    """Propose tools where the actions compress the mesh, in place of those of the same names"""
+
+    bl_idname = "wrinkle.suggest"
+    bl_label = "Suggest"
+    bl_options = {"REGISTER"}
+
+    def act(self, context: Any) -> None:
+        """Start it."""
+        program = command()
+        bodies = bodies_with(body_at(context), context.scene)
+        asset, tools = _folder() / "wrinkle_suggest.glb", _folder() / "wrinkle_suggest.yaml"
+        tools.unlink(missing_ok=True)
+        with kept(context, bodies):
+            export_asset(context, bodies, asset)
+        line = [program, "suggest", str(asset), "-o", str(tools)]
+        start(line, tools, lambda: _load(bpy.context, tools), "suggest")
+
+
 class Save(_Operator):
     """Write the tools of the mesh as YAML, with z up"""
 
@@ -1575,14 +1618,7 @@ class Load(_Operator):
     def act(self, context: Any) -> None:
         """Read it."""
         path = Path(bpy.path.abspath(self.filepath))
-        body = body_at(context)
-        bodies = bodies_with(body, context.scene)
-        values = read_tools(path)
-        with kept(context, bodies):
-            context.scene.frame_set(0)
-            context.view_layer.update()
-            for tool in load_values(context, values, body):
-                draw_tool(tool)
+        _load(context, path)
         context.scene["wrinkle_path"], context.scene["wrinkle_folder"] = str(path), str(path.parent)
 
 
@@ -1756,6 +1792,8 @@ class Tools(bpy.types.Panel):
     def draw(self, context: Any) -> None:
         """Shows what can be added, the tools, and the keys of the active one."""
         layout = self.layout
+        if _job is None:
+            layout.operator("wrinkle.suggest", icon="VIEWZOOM")
         adding = layout.column(align=True)
         for kind, each in KINDS.items():
             adding.operator("wrinkle.add", text=f"Add {each.title}").kind = kind
@@ -1826,8 +1864,8 @@ class Tools(bpy.types.Panel):
 
 
 _CLASSES = (
-    Add, SetKey, UnsetKey, Rename, Copy, MirrorTool, Delete, Select, Save, Load, Preview, Bake, Cancel, Compare, Edit,
-    Preferences, Tools,
+    Add, SetKey, UnsetKey, Rename, Copy, MirrorTool, Delete, Select, Suggest, Save, Load, Preview, Bake, Cancel,
+    Compare, Edit, Preferences, Tools,
 )  # fmt: skip
 
 

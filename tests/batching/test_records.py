@@ -15,11 +15,11 @@ from wrinklecli.batching.records import junit
 
 # Of junit-10.xsd of Jenkins' xunit-plugin: the attributes and children of each element; those that must be there.
 SCHEMA = {
-    "testsuites": ("name time tests failures errors disabled", "testsuite", ""),
+    "testsuites": ("name time tests failures errors", "testsuite", ""),
     "testsuite": (
-        "name tests failures errors group time skipped timestamp hostname id package file log url version",
-        "testcase properties system-out system-err",
-        "name tests",
+        "name tests failures errors group time skipped timestamp hostname id package file log url",
+        "testsuite testcase properties system-out system-err",
+        "name tests failures errors",
     ),
     "testcase": ("name time classname group", "skipped error failure system-out system-err", "name"),
     "skipped": ("type message", "", ""),

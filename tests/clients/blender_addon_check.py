@@ -497,6 +497,23 @@ def check_that_a_preview_is_the_draft_that_the_command_bakes() -> None:
         assert np.abs(positions(alone) - wanted).max() < NOISE, frame
 
 
+def check_that_suggested_tools_are_loaded_and_exports_leave_previews_out() -> None:
+    body = start("wrist")
+    assert panel()[0] == "wrinkle.suggest"
+    bpy.ops.wrinkle.suggest()
+    names = {each["name"] for each in addon.tools_of(bpy.context.scene)}
+    assert {"wrist_top", "wrist_under"} <= names
+    assert not [*addon._folder().glob("wrinkle_suggest.yaml")]
+    bpy.ops.wrinkle.preview()
+    assert "wrist.wrinkled" in bpy.data.objects
+    bpy.context.preferences.addons.new().module = addon.__name__
+    written = FOLDER / "exported.glb"
+    bpy.ops.export_scene.gltf(filepath=str(written))
+    bpy.context.preferences.addons.remove(bpy.context.preferences.addons[addon.__name__])
+    (mesh,) = json.loads(wrinkle("inspect", "--json", written))["meshes"]
+    assert mesh["name"] == body.name
+
+
 def check_that_files_are_loaded_and_saved_alike() -> None:
     for sample, tools in (
         ("trousers", "trousers"),
