@@ -204,6 +204,9 @@ def test_the_presets_of_a_file_are_taken_watched_and_kept(tmp_path: Path) -> Non
     assert raised is not None
     assert raised.attached.attached.tool.gap == 1
     session.save()
+    for _ in range(2):
+        session.refresh()
+    assert not [note for note in session.notes if "on disk" in note], "this session wrote it"
     assert Session(asset, tmp_path / "tools.yaml", options).text == session.text, "it is named once"
     studio.write_text("felt: {material: cloth, gap: 2, bumps: 2}\n")
     os.utime(studio, ns=(1, 1))

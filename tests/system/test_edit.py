@@ -137,6 +137,10 @@ def test_a_field_is_made_and_a_tool_is_drawn_tuned_and_saved(tmp_path: Path) -> 
             tab.press_button("Delete")
             until(lambda: not session.tools(), "a deleted field")
 
+            tab.press_button("Muscle")
+            until(lambda: page._pointer._new == "muscles", "a muscle that is begun")
+            tab.press("Escape", code=27)
+            until(lambda: page._pointer._new is None, "none any more")
             tab.press_button("Tool")
             tab.wait("document.body.innerText.includes('Click where the tool begins')")
             tab.click(*on_screen(page, KNEE[0]))
@@ -154,7 +158,13 @@ def test_a_field_is_made_and_a_tool_is_drawn_tuned_and_saved(tmp_path: Path) -> 
             tab.press("z", code=90, modifiers=2)
             until(lambda: session.text == drawn, "an undone drag")
 
-            tab.fill("• bumps", "5")
+            tab.fill("× bumps", "20")
+            until(lambda: session.text.count("bumps: 20"), "more bumps than the slider goes to")
+            tab.press_text("× bumps")
+            until(lambda: not session.text.count("bumps"), "bumps that are taken away")
+            tab.press("z", code=90, modifiers=2)
+            until(lambda: session.text.count("bumps: 20"), "bumps that are there again")
+            tab.fill("× bumps", "5")
             until(lambda: session.text.count("bumps: 5"), "five bumps")
             tab.fill("time (s)", "0.65")
             take_picture(tab, "scrubbed")
@@ -265,7 +275,7 @@ def test_contact_is_resolved_on_demand_and_played(tmp_path: Path) -> None:
             assert np.abs(shown.positions[: len(edited.positions)] - edited.positions).max() > 0.005
             take_picture(tab, "contact_deepest")
             # An edit withdraws it.
-            tab.fill("• bumps", "3")
+            tab.fill("× bumps", "3")
             until(lambda: page._viewport.shown[0].source.ground.rig is not shown.source.ground.rig, "withdrawn")
     finally:
         page.close()
@@ -312,7 +322,7 @@ def test_a_full_disk_is_said_and_edits_of_a_server_that_was_killed_are_there_aga
     with started(folder) as (server, address), in_browser(tmp_path, address) as tab:
         tab.press_text("a")
         most = resource.prlimit(server.pid, resource.RLIMIT_FSIZE, (10, resource.RLIM_INFINITY))
-        tab.fill("• bumps", "5")
+        tab.fill("× bumps", "5")
         tab.wait("document.body.innerText.includes('unsaved edits are not kept there, and a crash loses them')")
         tab.press_button("Save")
         tab.wait("document.body.innerText.includes('tools.yaml: cannot be written: File too large')")
@@ -324,7 +334,7 @@ def test_a_full_disk_is_said_and_edits_of_a_server_that_was_killed_are_there_aga
         saved = tools.read_text()
         assert load_tools(tools).tools[0].bumps == 5
 
-        tab.fill("• bumps", "6")
+        tab.fill("× bumps", "6")
         until(unsaved.exists, "unsaved edits")
         server.kill()
         server.wait()

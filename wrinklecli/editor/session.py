@@ -112,7 +112,7 @@ class Session(Edits):
         for presets in self.read_options.presets:
             self.add_presets(os.fspath(presets))
         self._preset_files = self.settings().preset_files
-        self._watched_tools = Watched([self.path, *self._preset_files])
+        self._watched_tools, self._watched_presets = Watched([self.path]), Watched(self._preset_files)
 
     # The asset and its tools.
 
@@ -284,8 +284,9 @@ class Session(Edits):
         """
         if self._preset_files != self.settings().preset_files:
             self._preset_files = self.settings().preset_files
-            self._watched_tools = self._watched_tools.instead([self.path, *self._preset_files])
+            self._watched_presets = self._watched_presets.instead(self._preset_files)
         asset, tools = self._watched_asset.changed(), self._watched_tools.changed()
+        presets = self._watched_presets.changed()
         try:
             if asset:
                 loaded = self._load()  # without the lock: the old asset is shown meanwhile
@@ -293,13 +294,15 @@ class Session(Edits):
                     self._loaded, self._shown, self._refined, self._proposals = loaded, None, None, None
                     self.pose, self._pose_clip = FreePose(), None
                 self.notes.append(f"{self.asset}: was exported again")
-            if tools and not self.merge():
-                self.read_presets()
             if tools:
+                self.merge()
+            if presets:
+                self.read_presets()
+            if tools or presets:
                 self._protect(self._loaded)
         except WrinkleError as error:
             self.notes += error.lines
-        return asset or tools
+        return asset or tools or presets
 
     # What is shown.
 

@@ -36,9 +36,9 @@ def number(low: float, high: float, noun: str = "a number", *, step: float | Non
     return expects(f"{noun} from {ends[0]} to {ends[1]}", type="number", minimum=low, maximum=high, **slides)
 
 
-def whole(low: int, high: int, *, slides: bool = False) -> Schema:
-    """A whole number between two ends, which may be those of a slider."""
-    more = slider(low, high, 1) if slides else {}
+def whole(low: int, high: int, *, slider_most: int | None = None) -> Schema:
+    """A whole number between two ends, with the end of its slider, if it has one."""
+    more = {} if slider_most is None else slider(low, slider_most, 1)
     return expects(f"a whole number from {low} to {high}", type="integer", minimum=low, maximum=high, **more)
 
 

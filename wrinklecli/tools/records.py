@@ -550,15 +550,19 @@ class WrinkleTool(EffectTool):
         read=lambda value: None if value == "none" else value,
     )
     width: Length = key(LENGTH, "Full width across the segment: a length or a percentage. Required.", read=parse_length)
-    bumps: int = key(whole(1, 64, slides=True), "Wrinkles along the segment. Default 4, or the material's.", 4)
-    gap: int = key(whole(0, 64, slides=True), "Flat control intervals, half a bump each, between bumps. Default 0.", 0)
+    bumps: int = key(whole(1, 64, slider_most=12), "Wrinkles along the segment. Default 4, or the material's.", 4)
+    gap: int = key(
+        whole(0, 64, slider_most=12), "Flat control intervals, half a bump each, between bumps. Default 0.", 0
+    )
     strategy: Strategy = key(
         one_of(*get_args(Strategy)),
         "Which bumps rise first: all alike, from the origin, from both ends. Default everywhere.",
         "everywhere",
     )
     max_height: Literal["auto"] | Length | None = key(
-        expects(f"auto, none, {LENGTHS}", anyOf=[{"enum": ["auto", "none", None]}, LENGTH]),
+        expects(
+            f"auto, none, {LENGTHS}", anyOf=[{"enum": ["auto", "none", None]}, {**LENGTH, **slider(1, 30, 0.5, "%")}]
+        ),
         "Highest point of a bump: auto (a quarter of a rest bump's width, or the material's part), none, a length or a "
         "percentage. Default auto.",
         "auto",

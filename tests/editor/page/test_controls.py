@@ -60,7 +60,7 @@ class Gui:
 
 def controls(list_key: str = "tools", change: Any = lambda *_: None) -> tuple[Gui, ToolControls]:
     gui: Any = Gui()
-    return gui, ToolControls(gui, change, lambda _: None, ["walk"], list_key)
+    return gui, ToolControls(gui, change, ["walk"], list_key)
 
 
 def show(shown: ToolControls, **own: Any) -> None:

@@ -79,11 +79,20 @@ def drag(page: Page, number: int, *xs: float, below: bool = False) -> str:
 
 
 def said(page: Page) -> str:
-    return html.unescape(re.sub("<br>", "\n", re.sub("<(?!br>)[^>]*>", "", page._message.content)))
+    return html.unescape(re.sub("<br>", "\n", re.sub("<(?!br>)[^>]*>", "", page._said)))
 
 
 def tools_of(page: Page) -> dict[str, Any]:
     return {tool["name"]: tool for tool in yaml.safe_load(page.session.text)["tools"]}
+
+
+def test_nothing_is_said_of_warnings_before_the_check(page: Page) -> None:
+    page._checked = ""
+    page.refresh()
+    assert "checking" in page._found
+    page._warn()
+    page.work._asked.pop("warned")()
+    assert "checking" not in page._found
 
 
 @pytest.mark.quick(1)
@@ -218,7 +227,7 @@ def test_a_value_that_is_refused_leaves_the_tool(page: Page, steps: tuple[str, .
         page._changed(steps, value, mode)  # type: ignore[arg-type]
         do(page, page.work._asked.pop(("set", steps)))
         do(page, page.commit)
-        assert page._message.content.count("#c92a2a") == 1
+        assert page._said.count("#c92a2a") == 1
         assert page.session.text == TOOLS
         assert page.chosen == "a"
         assert page.session.tools()[0].problem is None
@@ -267,7 +276,7 @@ def test_one_click_is_for_a_field_and_cancel_ends_what_does_not_fit(page: Page) 
         message = click(page, x)
         assert "limb is faceted" in message
         assert message.endswith("\nClick another place, or Cancel.")
-    page._pointer._give_up()
+    page._pointer.give_up()
     assert (page._pointer._buttons.visible, page._pointer._cancel.visible) == (True, False)
     click(page, -0.3)
     assert page.chosen == "a"

@@ -48,10 +48,16 @@ class ContactPanel:
         if self._running is not None:
             self._running.cancel()
 
-    def _toggle(self) -> None:
-        if self._running is not None:
+    def give_up(self) -> bool:
+        """Cancel a trial; False if none runs."""
+        runs = self._running is not None
+        if runs:
             self._end("contact was cancelled")
             self._page.refresh()
+        return runs
+
+    def _toggle(self) -> None:
+        if self.give_up():
             return
         self._page.commit()
         tool = next((each for each in self._session.tools() if each.name == self._page.chosen), None)

@@ -20,10 +20,9 @@ Change = Callable[[Steps, Any, SetMode], None]
 _LENGTH = "a length"
 _MAPPING = "by hand"
 _OWN = "as below"
-_NO_KEY = "–"
 # Marks before the title of a key, by the source of its value; what is built in has none.
-_MARKS: Mapping[Source, str] = {"tool": "• ", "material": "◇ ", "defaults": "≡ ", "built-in": ""}
-_LEGEND = "• own key · ◇ of its material · ≡ of the file's defaults"
+_MARKS: Mapping[Source, str] = {"tool": "× ", "material": "◇ ", "defaults": "≡ ", "built-in": ""}
+_LEGEND = "× own key: a click, or two on its slider, take it away · ◇ of its material · ≡ of the file's defaults"
 _MAX_SHOWN = 24  # characters of a value among those to go back to
 _CLIPS_TAB = "Clips"
 _USUAL_PERCENT = 25.0  # per cent of the tool's length that a new length has at least
@@ -33,14 +32,13 @@ _DIGITS = 3  # decimals of a number from a slider
 class ToolControls:
     """Widgets for one effect of a list at a time, such as a tool, and for a tool's strength in each clip of a name.
 
-    `change` is called when the user has set a value, and `unset` with a key that is to have its default again.
+    `change` is called when the user has set a value.
     """
 
     def __init__(
         self,
         gui: viser.GuiApi,
         change: Change,
-        unset: Callable[[str], None],
         clips: Sequence[str],
         list_key: str = "tools",
     ) -> None:
@@ -57,15 +55,6 @@ class ToolControls:
         self._titled: list[tuple[KeyControl, str, Any]] = []  # widgets that bear the title of a key
         self._widgets: dict[str, Any] = {}  # of the keys that have a single one
         controls = key_controls(list_key)
-        self._resets: dict[str, str] = {}  # keys that can be unset, by what is said of each
-        tip = "Takes a key away from the tool, which then has the value that stands here."
-        self._reset: Any = gui.add_dropdown("back to", (_NO_KEY,), hint=tip)
-        on_user_change(
-            self._reset,
-            lambda: (
-                unset(self._resets[self._reset.value]) if self._visible and self._reset.value in self._resets else None
-            ),
-        )
         tabs = gui.add_tab_group()
         for group in dict.fromkeys(control.group for control in controls):
             with tabs.add_tab(group):
@@ -77,7 +66,7 @@ class ToolControls:
             with tabs.add_tab(_CLIPS_TAB):
                 for clip in clips:
                     self._add_strength(clip, strength)
-        self._parts = (self._reset, tabs, gui.add_html(paragraph_of(_LEGEND, QUIET)))
+        self._parts = (tabs, gui.add_html(paragraph_of(_LEGEND, QUIET)))
 
     def set_visible(self, *, visible: bool) -> None:
         """Show the widgets, or hide them."""
@@ -108,12 +97,13 @@ class ToolControls:
         for control, title, widget in self._titled:
             source = keys[control.key].source if control.key in keys else "built-in"
             said = f"{keys[control.key].source_words}: " if control.key in keys else ""
+            back = f" × gives it back {_in_words(inherited[control.key])}." if control.key in inherited else ""
             show_changed(widget, "label", _MARKS[source] + title)
-            show_changed(widget, "hint", said + control.tip)
-        offered = [control.key for control, _, _ in self._titled if control.key in inherited]
-        self._resets = {f"{key}: {_in_words(inherited[key])}": key for key in dict.fromkeys(offered)}
-        show_changed(self._reset, "options", (_NO_KEY, *self._resets))
-        self._reset.value = _NO_KEY
+            show_changed(widget, "hint", said + control.tip + back)
+
+    def key_of(self, widget: str) -> str | None:
+        """The key whose title a widget bears, by the widget's id."""
+        return next((control.key for control, _, each in self._titled if each._impl.uuid == widget), None)
 
     def _add(self, control: KeyControl) -> None:
         """Add the widgets of a key."""

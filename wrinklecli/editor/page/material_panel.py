@@ -26,6 +26,7 @@ class MaterialPanel:
         self._titles = {name: known[name].title for name in dict.fromkeys([*own, *known])}
         self._keys = dict(zip(self._titles, _KEYS, strict=False))
         self._tool: str | None = None
+        self._waiting = 0  # pictures that are not drawn yet
         self._time: float | None = None  # at which all are drawn, seconds
         self._pictures: dict[str, Bytes] = {}
         self._folder: Any = page.server.gui.add_folder("Materials", expand_by_default=False)
@@ -42,32 +43,42 @@ class MaterialPanel:
         """Show a tool's pictures, of which there are none if it was another tool before; None hides the panel."""
         show_changed(self._folder, "visible", tool is not None)
         if tool != self._tool:
-            self._tool, self._time, self._pictures = tool, None, {}
+            self._tool, self._time, self._waiting, self._pictures = tool, None, 0, {}
             self._show_grid()
 
     def _ask(self) -> None:
         if self._tool is None:
             return
-        self._time = None
+        self._time, self._waiting = None, len(self._keys)
         self._page.say("drawing the materials …", ASKS)
         for name in self._keys:
             self._page.slow.put(("material", name), partial(self._draw, self._tool, name))
 
+    def give_up(self) -> bool:
+        """Draw no more; False if nothing waits to be drawn."""
+        waits, self._waiting = self._waiting > 0, 0
+        if waits:
+            self._page.say("")
+        return waits
+
     def _draw(self, tool: str, name: str) -> None:
         """Draw a tool with a material; on the slow thread."""
-        if tool != self._tool:
+        if tool != self._tool or not self._waiting:
             return
         raised = self._session.try_material(tool, name)
-        if raised is None:
-            return
-        if self._time is None:
+        if raised is not None and self._time is None:
             self._time = clear_time(raised)  # one time for all, so that they can be compared
-        picture = after_alone(raised, self._time, self._viewport.paints)
+        picture = None if raised is None else after_alone(raised, self._time or 0.0, self._viewport.paints)
 
         def show() -> None:
-            if tool == self._tool:
+            if tool != self._tool or not self._waiting:
+                return
+            self._waiting -= 1
+            if picture is not None:
                 self._pictures[name] = picture
                 self._show_grid()
+            done = len(self._keys) - self._waiting
+            self._page.say(f"drawing the materials: {done} of {len(self._keys)}" if self._waiting else "", ASKS)
 
         self._page.work.put(object(), show)
 

@@ -26,16 +26,19 @@ from wrinklecli.editor.page.widgets import (
     ASKS,
     BAD,
     GOOD,
+    HIDDEN,
     KEYBOARD,
     QUIET,
+    RESET,
     SetMode,
     TypedText,
     add_button,
     add_group,
+    add_shortcut,
     on_set,
+    over_view,
     paragraph_of,
     show_changed,
-    with_room,
 )
 from wrinklecli.editor.page.work_queue import WorkQueue
 from wrinklecli.editor.session import EditedTool, Session
@@ -53,11 +56,12 @@ _CLOSE_SECONDS = 2.0  # seconds that the end waits for slow work, which may be g
 _MAX_LINES = 6  # lines of an error message
 _PANEL_WIDTH = 380  # pixels
 _PLAYER_WIDTH = 420  # pixels
+_ALL = "– all –"  # in place of a tool's name, among names
 _BRAND = (31, 111, 214)  # sRGB
 _WARNING = "#b35c00"
 _START = "Choose a tool in the list: it is shown where it is tallest. B shows it without wrinkles."
 _START_EMPTY = "Find places proposes tools; new ones take a click or two on the mesh. Then move their sliders."
-_NO_WARNINGS = "no warnings"
+_NO_WARNINGS, _CHECKING = "no warnings", "checking …"
 _NO_CONTACT = "It is edited without its contact, which Resolve contact shows."
 _TURN = "Pose turns joints by hand."
 _DRAG_DOT = "Drag its dot: the skin slides."
@@ -100,6 +104,9 @@ class Page:
         self._pending: tuple[Hashable, Callable[[], None]] | None = None  # the key of a draft, and the edit it becomes
         self._buttons: dict[str, Any] = {}
         self._warnings: dict[str, list[str]] = {}
+        # The text that was last checked, and what is said where there are no warnings.
+        self._checked, self._verdict = "", _CHECKING
+        self._said = self._found = ""  # HTML of the message, and of the problems below it
         self._build(heat=heat)
         self.refresh()
         self._viewport.look_at_all()
@@ -140,11 +147,7 @@ class Page:
         gui.main_panel.set_width(_PANEL_WIDTH)
         gui.add_html(KEYBOARD)
         self._head = gui.add_html("")
-        said = gui.add_panel()  # over the 3D view, so that nothing scrolls it away
-        with said.add_tab("Messages"):
-            self._message = gui.add_html("")
-            self._problems = gui.add_html("")
-        said.float(x=15, y=15, width=_PLAYER_WIDTH)
+        self._message = gui.add_html("")
         self.say(_START if session.tools() else _START_EMPTY, ASKS)
         self._files = FileButtons(self)
         play = gui.add_panel()
@@ -157,6 +160,9 @@ class Page:
             self._pose_panel = PosePanel(self, self.player)
         play.float(x=15, y=-15, width=_PLAYER_WIDTH)
         self._pointer.add_buttons()
+        self._names: Any = gui.add_dropdown("tool", (_ALL,), hint="Escape leaves a tool, or what is pending.")
+        on_set(self, self._names, "chosen", self._choose_named)
+        add_shortcut(self, "Cancel", self._escape, hotkey="escape")
         self._list = gui.add_folder("Tools")
         with self._list:
             self._hint = gui.add_html(paragraph_of(_HINT, QUIET))
@@ -179,8 +185,11 @@ class Page:
             add_group(self, "tool", {"Look": self._look, **edits})
             self._contact = ContactPanel(self, self.player)
             self._materials = MaterialPanel(self, self._viewport)
+            self._reset: Any = gui.add_text(RESET, "")
+            gui.add_html(HIDDEN.format(self._reset._impl.uuid))
+            on_set(self, self._reset, "reset", self._unset)
             clips = [clip.name for clip in session.clips if clip.name not in session.range_clips]
-            self._controls = {key: ToolControls(gui, self._changed, self._unset, clips, key) for key in ToolsFile.LISTS}
+            self._controls = {key: ToolControls(gui, self._changed, clips, key) for key in ToolsFile.LISTS}
             self._charts = Charts(gui)
 
     # Messages.
@@ -196,8 +205,9 @@ class Page:
         return self.player.time
 
     def say(self, text: str, colour: str = GOOD) -> None:
-        """Show a message, or remove it. It has room for two lines, so that nothing below moves."""
-        self._message.content = with_room(paragraph_of(text, colour))
+        """Show a message in the corner of the view, or remove it."""
+        self._said = paragraph_of(text, colour) if text else ""
+        show_changed(self._message, "content", over_view(self._said + self._found))
 
     def _fail(self, error: BaseException) -> None:
         """Show an error; the page goes on."""
@@ -233,8 +243,13 @@ class Page:
         self._contact.refresh(chosen)
         if chosen is not None:
             self._show_tool(chosen)
+        if not self.session.is_refined or self._checked != self.session.text:
+            self._verdict = _CHECKING
+            self.slow.put("refine", self._refine)
+            self.slow.put_later("warn", _WARN_SECONDS, self._warn)
         problems = "".join(map(self._problems_of, tools if chosen is None else [chosen]))
-        show_changed(self._problems, "content", with_room(problems or paragraph_of(_NO_WARNINGS, QUIET)))
+        self._found = problems or (paragraph_of(self._verdict, QUIET) if tools else "")
+        show_changed(self._message, "content", over_view(self._said + self._found))
         self._viewport.refresh()
         self._suggest_panel.refresh()
         self.player.refresh()
@@ -242,9 +257,6 @@ class Page:
         self.show()
         self.work.put_later("chart", 0.0, self._chart)
         self._files.show_notes()
-        if not self.session.is_refined:
-            self.slow.put("refine", self._refine)
-            self.slow.put_later("warn", _WARN_SECONDS, self._warn)
 
     def _refine(self) -> None:
         """Refine the mesh for the current tools; on the slow thread."""
@@ -253,10 +265,11 @@ class Page:
 
     def _warn(self) -> None:
         """Collect the warnings of `check`; on the slow thread."""
+        self._checked, self._verdict = self.session.text, ""  # which stays if the check fails
         warnings = self.session.warnings()
 
         def show() -> None:
-            self._warnings = warnings
+            self._warnings, self._verdict = warnings, _NO_WARNINGS
             self.refresh()
 
         self.work.put("warned", show)
@@ -286,6 +299,14 @@ class Page:
     def _list_tools(self, tools: Sequence[EditedTool]) -> None:
         """Show a button for each tool."""
         self._hint.visible = not tools
+        names = (_ALL, *(tool.name for tool in tools))
+        show_changed(self._names, "options", names)
+        self._names.value = self.chosen or _ALL
+        # With a tool chosen, the rest makes room for its sliders.
+        for each in (self._list, self._suggest_panel.folder):
+            show_changed(each, "visible", self.chosen is None)
+        self._names.visible = self.chosen is not None
+        self._pointer.make_room(for_tool=self.chosen is not None)
         for name in self._buttons.keys() - {tool.name for tool in tools}:
             self._buttons.pop(name).remove()
         for order, tool in enumerate(tools):
@@ -418,8 +439,26 @@ class Page:
             self.say("")
             self.refresh()
 
-    def _unset(self, key: str) -> None:
-        self.work.put(("unset", key), lambda: self._edit(lambda tool: self.session.unset(tool.name, (key,))))
+    def _unset(self) -> None:
+        """Take away the key whose widget a tab names."""
+        widget, self._reset.value = self._reset.value, ""
+
+        def unset(tool: EditedTool) -> None:
+            key = self._controls[tool.list_key].key_of(widget)
+            if key in tool.own:
+                self.session.unset(tool.name, (key,))
+
+        if widget:
+            self._edit(unset)
+
+    def _choose_named(self) -> None:
+        name = self._names.value
+        self.choose(None if name == _ALL else name, look=name != _ALL)
+
+    def _escape(self) -> None:
+        """Cancel what is pending, or else leave the chosen tool."""
+        if not (self._pointer.give_up() or self._contact.give_up() or self._materials.give_up()):
+            self.choose(None, look=False)
 
     def _rename(self) -> None:
         old, new = self.chosen, str(self._name.value)

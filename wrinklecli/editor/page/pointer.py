@@ -11,7 +11,7 @@ from wrinklecli.editor.attached import AttachedTool
 from wrinklecli.editor.clicked import NEW_KINDS
 from wrinklecli.editor.page.key_controls import as_written, key_controls
 from wrinklecli.editor.page.viewport import Hit, Viewport
-from wrinklecli.editor.page.widgets import ASKS, BAD, PageHost, add_button, add_group
+from wrinklecli.editor.page.widgets import ASKS, BAD, PageHost, add_button, add_group, show_changed
 from wrinklecli.errors import WrinkleError
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.surface.region import Region
@@ -43,21 +43,30 @@ class Pointer:
         """Add the buttons that begin a new effect, and the one that ends it."""
         begin = {kind.title: partial(self._begin, key) for key, kind in NEW_KINDS.items()}
         self._buttons = add_group(self._page, "new", begin)
-        self._cancel = add_button(self._page, "Cancel", self._give_up, color="orange", visible=False)
+        self._cancel = add_button(self._page, "Cancel", self.give_up, color="orange", visible=False)
 
     def _begin(self, list_key: str) -> None:
         self._new = list_key
         self._buttons.visible, self._cancel.visible = False, True
         self._page.say(NEW_KINDS[list_key].asks[0], ASKS)
 
-    def _give_up(self) -> None:
-        self._end()
-        self._page.say("")
+    def give_up(self) -> bool:
+        """End a new effect; False if none was begun."""
+        begun = self._new is not None
+        if begun:
+            self._end()
+            self._page.say("")
+        return begun
+
+    def make_room(self, *, for_tool: bool) -> None:
+        """Hide the buttons of new effects while a tool is shown."""
+        show_changed(self._buttons, "visible", not for_tool and self._new is None)
 
     def _end(self) -> None:
         self._new, self._places = None, []
         self._viewport.highlight(None)
-        self._buttons.visible, self._cancel.visible = True, False
+        self._cancel.visible = False
+        self.make_room(for_tool=self._page.chosen is not None)
 
     async def _clicked(self, event: viser.SceneClickEvent) -> None:
         origin, direction = np.array(event.ray_origin, float), np.array(event.ray_direction, float)

@@ -40,10 +40,10 @@ class SuggestPanel:
 
     def __init__(self, page: PageHost, player: Player, viewport: Viewport) -> None:
         self._page, self._session, self._player, self._viewport = page, page.session, player, viewport
-        self._folder: Any = page.server.gui.add_folder("Suggested")
+        self.folder: Any = page.server.gui.add_folder("Suggested")
         self._rows: list[_Row] = []
         self._document: Document | None = None  # the asset that the proposals are for
-        with self._folder:
+        with self.folder:
             tip = "Looks for the places that clips compress most, or the pose that is set and shown."
             add_button(page, "Find places", self._ask, icon=viser.Icon.SEARCH, color="gray", hint=tip)
         for number, key in enumerate(_KEYS):
@@ -80,7 +80,7 @@ class SuggestPanel:
         self._clear()
         self._document = self._session.document
         for number, proposal in enumerate(proposals):
-            with self._folder:
+            with self.folder:
                 row = _Row(proposal, self._page.server.gui.add_html(""), None)
                 actions = {"Look": partial(self._look, row), "Take": partial(self._take, row)}
                 row.buttons = add_group(self._page, proposal.name, actions)

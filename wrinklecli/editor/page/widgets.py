@@ -23,7 +23,13 @@ QUIET = "#666"
 SetMode: TypeAlias = Literal["at once", "slides", "typed"]
 """A way to set a value. While a value slides or is typed, more follow, and only the last one is an edit."""
 
-_ROOM = 3.1  # em, two lines of a paragraph with its padding
+# Pixels from the corner of the page; what lies below the text takes the clicks.
+_OVER_VIEW = "position:fixed;left:15px;top:12px;z-index:5;max-width:min(36em,55vw);max-height:40vh;overflow:hidden;"
+_OVER_VIEW += "pointer-events:none;background:#fffd;border-radius:4px"
+HIDDEN = '<style>div:has(> div > div > p > label[for="{}"]){{display:none}}</style>'
+"""HTML that hides the widget of an id."""
+RESET = "reset"
+"""Title of a hidden line, by which a tab names the widget of a key to take away."""
 
 # Fields keep the keyboard focus after a click, even checkboxes, and the page's commands hear no key then. This script
 # passes Ctrl-S on, and Ctrl-Z too unless a line of text has the focus, where it undoes typing. Enter leaves a field.
@@ -42,6 +48,10 @@ if (!window.wrinkleKeys) {
     if (!event.isTrusted || !field.matches("input, textarea")) return;
     const clicked = field.readOnly || ["checkbox", "radio"].includes(field.type);
     const isText = !clicked && !["decimal", "numeric"].includes(field.inputMode);
+    if (event.key === "Escape") {
+      field.blur();
+      press({key: "Escape", code: "Escape"});
+    }
     if (event.key === "Enter" && !clicked) setTimeout(() => field.blur());
     const key = event.key.toLowerCase();
     if (!(event.ctrlKey || event.metaKey) || !(key === "s" || (key === "z" && !isText))) return;
@@ -69,6 +79,21 @@ if (!window.wrinkleKeys) {
     if (key !== under) press({key, code: "Digit" + key});
     under = key;
   });
+  const reset = event => {
+    const field = event.target, label = field.closest("div:has(label)")?.querySelector("label");
+    const own = label?.innerText.startsWith("×") && (event.type === "dblclick" || field.closest("label"));
+    if (!own || field.matches("input, textarea")) return;
+    const line = [...document.querySelectorAll("label")].find(each => each.innerText === "reset");
+    const box = line.closest("div:has(input)").querySelector("input");
+    Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, "value").set.call(box, label.htmlFor);
+    box.dispatchEvent(new Event("input", {bubbles: true}));
+  };
+  // A number that is typed may be beyond the ends of its slider, to which viser would set it when it is left.
+  document.addEventListener("focusout", event => {
+    if (["decimal", "numeric"].includes(event.target.inputMode)) event.stopPropagation();
+  }, true);
+  document.addEventListener("click", reset);
+  document.addEventListener("dblclick", reset);
   document.addEventListener("pointerdown", event => {
     const key = event.target.closest("[data-wrinkle-press]")?.dataset.wrinklePress;
     if (key) press({
@@ -203,6 +228,6 @@ def paragraph_of(text: str, colour: str) -> str:
     return paragraph(html.escape(text).replace("\n", "<br>"), colour)
 
 
-def with_room(content: str) -> str:
-    """HTML with room for two lines, in which longer content scrolls, so that nothing below moves."""
-    return f'<div style="height:{_ROOM}em;overflow-y:auto">{content}</div>'
+def over_view(content: str) -> str:
+    """HTML in the corner of the 3D view, which grows with its content and takes no clicks."""
+    return f'<div style="{_OVER_VIEW}">{content}</div>' if content else ""

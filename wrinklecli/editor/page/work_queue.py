@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Hashable
 from typing import TypeAlias
 
-Action: TypeAlias = Callable[[], None]
+Action: TypeAlias = Callable[[], object]
 
 _MAX_EVENTS = 256  # events that may wait; while one is handled, nobody clicks more often
 
