@@ -1,4 +1,4 @@
-"""A whole body, stocky and bare, for muscles and flesh: it jumps, walks, curls its arms, and shakes."""
+"""A whole body, stocky and bare, for muscles and flesh: it jumps, walks and curls its arms."""
 
 import math
 from dataclasses import replace
@@ -295,16 +295,6 @@ def curl() -> Clip:
         moves[f"upper_arm.{side}"] = turned((-0.743, -0.669 * sign, 0.0), 12.0 * bent)
     moves["chest"] = turned((1.0, 0.0, 0.0), -3.0 * smoothstep(0.1, 0.9, times) * (1.0 - smoothstep(1.3, 2.3, times)))
     return Clip("curl", times, moves)
-
-
-def shake() -> Clip:
-    """The head shakes, and the arms are shaken out."""
-    times = np.arange(round(2.4 * KEYS) + 1) / KEYS
-    swing = smoothstep(0.1, 0.5, times) * (1.0 - smoothstep(0.9, 1.3, times)) * wave(2.0 * math.pi * 2.2 * times)
-    moves = {"neck": turned((0.0, 1.0, 0.0), 14.0 * swing), "head": turned((0.0, 1.0, 0.0), 24.0 * swing)}
-    for side, sign in _SIDES:
-        moves[f"upper_arm.{side}"] = turned((0.0, 0.0, 1.0), sign * (25.0 + 16.0 * swing))
-    return Clip("shake", times, moves)
 
 
 def _cosine(degrees: Floats) -> Floats:

@@ -26,9 +26,9 @@ RINGS, SIDES = 60, 36  # of the arm
 BLEND = 0.11  # metres along the arm over which skin weights change
 ELBOW = {"name": "elbow", "origin": [-0.1, 0.043, 0.0], "target": [0.1, 0.041, 0.0], "width": 0.09, "bumps": 4,
          "material": "skin", "max_height": "7%", "compressible": "70%", "rest_length": "90%"}  # fmt: skip
-PANEL = (290, 280)  # pixels
+PANEL = (480, 400)  # pixels
 CUT = 26  # pixels at the top of what the program draws, with its own label
-GUTTER, CAPTION = 6, 24  # pixels between panels, and above
+GUTTER, CAPTION = 4, 26  # pixels between panels, and above
 FINE = 4  # samples of the section in a pixel's width
 FOCUS, RADIUS = (-0.03, 0.045), 0.115  # metres: what the section shows, in the plane of the fold
 SKIN, RED, INK, GROUND = (232, 196, 176), (206, 38, 38), (72, 40, 30), (236, 240, 243)
@@ -134,7 +134,7 @@ def windings(lines: Floats, wide: int, high: int) -> Ints:
 
 def main(out: Path) -> None:
     """Draw the picture."""
-    wide, high = 4 * PANEL[0] + 3 * GUTTER, PANEL[1] + CAPTION
+    wide, high = 2 * PANEL[0] + GUTTER, 2 * (PANEL[1] + CAPTION)
     picture = Image.new("RGB", (wide, high), "white")
     pen, font = ImageDraw.Draw(picture), ImageFont.load_default(15.0)
     with tempfile.TemporaryDirectory() as name:
@@ -146,10 +146,10 @@ def main(out: Path) -> None:
             tools.write_text(json.dumps(settings), encoding="utf-8")
             for warning in bake(asset, tools, baked, BakeOptions()).warnings:
                 print(f"contact: {contact}: {warning}")
-            left = 2 * number * (PANEL[0] + GUTTER)
-            pen.text((left + 4, 2), f"contact: {contact}, and a section through the fold", fill=(60, 66, 74), font=font)
-            picture.paste(shaded(baked, folder), (left, CAPTION))
-            picture.paste(section(baked), (left + PANEL[0], CAPTION))
+            top = number * (PANEL[1] + CAPTION)
+            pen.text((4, top + 4), f"contact: {contact}, and a section through the fold", fill=(60, 66, 74), font=font)
+            picture.paste(shaded(baked, folder), (0, top + CAPTION))
+            picture.paste(section(baked), (PANEL[0] + GUTTER, top + CAPTION))
     out.parent.mkdir(parents=True, exist_ok=True)
     picture.quantize(COLOURS, dither=Image.Dither.NONE).save(out, optimize=True)
 

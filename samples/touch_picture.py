@@ -1,14 +1,13 @@
-"""Draws pictures/touch.webp: a finger drags the skin of a hand's back, from three sides, as skin and as a checker.
+"""Draws pictures/touch.webp: a finger drags the skin of a hand's back, as skin and as a checker.
 
-`python samples/touch_picture.py [FILE]`. The program itself bakes and draws the sample `touch`. A second argument is a
-folder that keeps what was baked. Needs the extra `preview`.
+`python samples/touch_picture.py [FILE]`. The program bakes and draws the sample `touch`. Needs the extra `preview`.
 """
 
 import io
 import json
 import struct
 import sys
-from dataclasses import replace
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -16,16 +15,12 @@ import numpy as np
 from PIL import Image
 
 from _characters import to_glb
-from _panels import frames_of, run, save_panels
 from _touch import make_touch
 from make_samples import make_wrist
-from wrinklecli import BakeOptions, PreviewOptions, bake
+from wrinklecli import BakeOptions, PreviewOptions, bake, preview
 
 HERE = Path(__file__).resolve().parent
 TOOLS = HERE.parent / "configs" / "touch.yaml"
-VIEWS = ("-35:50", "40:22", "-90:75")
-SIZE = (250, 175)  # pixels of each picture
-FPS = 12
 
 
 def textured(glb: bytes, image: Image.Image) -> bytes:
@@ -70,23 +65,26 @@ def checks() -> Image.Image:
     return Image.fromarray(colours).resize((1024, 1024), Image.Resampling.NEAREST)
 
 
-def main(out: Path, folder: Path) -> None:
+def main(out: Path) -> None:
     """Draw the picture."""
     hand, drawn = to_glb(make_touch(make_wrist())), []
-    for name, image in (("skin", skin()), ("checker", checks())):
-        asset, baked = folder / f"{name}.glb", folder / f"{name}_baked.glb"
-        asset.write_bytes(textured(hand, image))
-        for warning in bake(asset, TOOLS, baked, BakeOptions()).warnings:
-            print(warning)
-        look = PreviewOptions(
-            clips=("drag",), fps=FPS, focus=(0.045, 0.015, 0.0), radius=0.034, size=SIZE, labels=(name,)
+    with tempfile.TemporaryDirectory() as folder:
+        for name, image in (("skin", skin()), ("checker", checks())):
+            asset, baked = Path(folder) / f"{name}.glb", Path(folder) / f"{name}_baked.glb"
+            asset.write_bytes(textured(hand, image))
+            for warning in bake(asset, TOOLS, baked, BakeOptions()).warnings:
+                print(warning)
+            drawn.append(baked)
+        options = PreviewOptions(
+            fps=12,
+            views=("-35:50",),
+            focus=(0.045, 0.015, 0.0),
+            radius=0.034,
+            size=(480, 400),
+            labels=("skin", "checker"),
         )
-        views = enumerate(VIEWS)
-        drawn.append(
-            [frames_of([baked], folder / f"{name}_{k}.webp", replace(look, views=(each,))) for k, each in views]
-        )
-    save_panels([panel for side in zip(*drawn, strict=True) for panel in side], out, fps=FPS, quality=65)
+        preview(drawn, out, options)
 
 
 if __name__ == "__main__":
-    run(main, sys.argv[1:], HERE / "pictures" / "touch.webp")
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else HERE / "pictures" / "touch.webp")
