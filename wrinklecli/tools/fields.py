@@ -36,7 +36,7 @@ from wrinklecli.tools.records import (
 )
 
 OF_MATERIALS: Mapping[MaterialName, Mapping[str, Any]] = {
-    "cloth": {"wavelength": "9%", "slack": "4%", "variation": 0.15},
+    "cloth": {"wavelength": "10%", "slack": "4%", "variation": 0.15},
     "leather": {"wavelength": "12%", "slack": "4%", "variation": 0.15},
     "skin": {"wavelength": "6%", "slack": "10%", "variation": 0.1},
 }

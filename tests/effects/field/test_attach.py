@@ -132,7 +132,7 @@ def test_wavelengths_are_scene_units_or_per_cent_of_the_girth() -> None:
     assert units.wavelength == pytest.approx(0.1 * girth)
     assert np.ptp(units.wavelengths) == 0.0
     assert shares.wavelength == pytest.approx(0.1 * girth, rel=0.05)
-    assert usual.wavelength == pytest.approx(0.09 * girth, rel=0.05)
+    assert usual.wavelength == pytest.approx(shares.wavelength)
     assert (units.span, usual.span) == pytest.approx((girth, girth), rel=0.05)
 
 

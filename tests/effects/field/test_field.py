@@ -90,12 +90,13 @@ def test_a_bake_is_within_its_error() -> None:
 
 
 def test_weights_rise_with_the_bend_and_are_0_at_rest() -> None:
-    weights = weights_of(bake_once(TUBE(), top=ONE), np.linspace(0.0, 1.0, 21))
+    # Which crests a crease hides, and so whether all of them grow, depends on where they are drawn.
+    file = bake_once(TUBE(), top={"fields": [{"name": "folds", "seed": 0}]})
+    weights = weights_of(file, np.linspace(0.0, 1.0, 21))
     assert not weights[0].any()
     assert weights[-1].max() > 0.9
     assert (weights >= 0).all()
     assert weights.max() <= 1.0 + 1e-6
-    file = bake_once(TUBE(), top=ONE)
     deltas = file.deltas("limb")[wrinkle_columns(file, "limb")]
     moves = np.linalg.norm(np.tensordot(weights, deltas, axes=1), axis=(1, 2))
     assert (np.diff(moves) > -0.05 * moves.max()).all()

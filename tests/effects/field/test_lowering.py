@@ -22,7 +22,11 @@ from wrinklecli.numeric.intersections import Crossings, edges_of
 @cache
 def planned(contact: str, angle: float, levels: int = 0) -> tuple[Job, MeshPlan]:
     """A tube that folds onto itself, with a field."""
-    job = job_of(limb_asset(angle=angle, rings=16, sides=10), {"name": "folds", "contact": contact}, levels=levels)
+    job = job_of(
+        limb_asset(angle=angle, rings=16, sides=10),
+        {"name": "folds", "contact": contact, "wavelength": "9%"},
+        levels=levels,
+    )
     (plan,) = plan_meshes(job)
     return job, plan
 

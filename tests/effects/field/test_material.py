@@ -7,8 +7,9 @@ import pytest
 
 from kit.garments import plane
 from kit.places import ROOT
-from wrinklecli.effects.field.irregular import lengthened, raised, turned
+from wrinklecli.effects.field.irregular import turned, varied
 from wrinklecli.effects.field.material import FABRICS, Fabric
+from wrinklecli.numeric.arrays import Floats
 from wrinklecli.tools.fields import OF_MATERIALS
 
 EACH = pytest.mark.parametrize("fabric", FABRICS.values(), ids=list(FABRICS))
@@ -48,15 +49,28 @@ def test_the_reference_has_the_values_of_materials() -> None:
 
 def test_numbers_are_smooth_and_of_one_place_however_fine_the_mesh_is() -> None:
     coarse, fine = plane(1.0, 0.5, 40)[0], plane(1.0, 0.5, 80)[0]
-    for made in (lengthened, raised):
-        numbers = made(fine, 0.1, 0.3, "a")
+    for k in range(2):
+        numbers = varied(fine, _lines(fine), 0.1, 0.1, "a")[k]
         rows = numbers.reshape(81, 41)
-        assert rows[::2, ::2].ravel() == pytest.approx(made(coarse, 0.1, 0.3, "a"))
+        assert rows[::2, ::2].ravel() == pytest.approx(varied(coarse, _lines(coarse), 0.1, 0.1, "a")[k])
         assert np.ptp(numbers) > 0.1
         assert np.abs(np.diff(rows, axis=0)).max() < 0.3 * np.ptp(rows)
         assert (numbers > 0).all()
-        assert made(fine, 0.1, 0.0, "a") == pytest.approx(1.0)
-        assert made(fine, 0.1, 0.3, "b") != pytest.approx(numbers)
+        assert varied(fine, _lines(fine), 0.1, 0.0, "a")[k] == pytest.approx(1.0)
+        assert varied(fine, _lines(fine), 0.1, 0.1, "b")[k] != pytest.approx(numbers)
+
+
+def test_crests_differ_from_their_neighbours_more_than_along_them() -> None:
+    positions = plane(2.0, 2.0, 40)[0]
+    for longer, higher in (varied(positions, _lines(positions), 0.1, 0.15, each) for each in "abc"):
+        assert np.mean(higher**2) == pytest.approx(1.0, abs=0.1)
+        for numbers in (longer, higher):
+            across, along = (np.abs(np.diff(numbers.reshape(81, 81), axis=axis)).mean() for axis in (0, 1))
+            assert across > 2.0 * along
+
+
+def _lines(positions: Floats) -> Floats:
+    return np.tile([1.0, 0.0, 0.0], (len(positions), 1))
 
 
 def test_lines_turn_in_the_surface() -> None:

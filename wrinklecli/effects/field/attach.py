@@ -10,9 +10,9 @@ from wrinklecli.choices import SUBSTANCES
 from wrinklecli.drive.table import Table
 from wrinklecli.drive.turned import TurnDrive
 from wrinklecli.effects.attached import Attached
+from wrinklecli.effects.field import irregular
 from wrinklecli.effects.field.factors import Factors, factors_of
 from wrinklecli.effects.field.heights import measure
-from wrinklecli.effects.field.irregular import lengthened, turned
 from wrinklecli.effects.field.material import FABRICS, Fabric
 from wrinklecli.effects.field.region import FieldRegion
 from wrinklecli.effects.field.turns import Sweeps, acting_together, turns_of
@@ -154,9 +154,11 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
     height = 2.0 * (1.0 - fabric.inward) * tallest
     shares = measured.heights.max(axis=0) / tallest
     seen = members[(shares[surface.triangles[members]] > _LEAST_SEEN).any(axis=1)]
-    lines = turned(measured.lines, rest.normals, rest.positions, wavelength, tool.variation, seed)
-    varied = wavelengths * lengthened(rest.positions, wavelength, tool.variation, seed)
-    region = FieldRegion(seen, rest, height, shares, lines, varied, Tree.of(rest.positions, surface.triangles[seen]))
+    drawn = (wavelength, tool.variation, seed)
+    longer, _ = irregular.varied(rest.positions, measured.lines, *drawn)
+    lines = irregular.turned(measured.lines, rest.normals, rest.positions, *drawn)
+    tree = Tree.of(rest.positions, surface.triangles[seen])
+    region = FieldRegion(seen, rest, height, shares, lines, wavelengths * longer, tree)
     return AttachedField(
         tool,
         fabric,

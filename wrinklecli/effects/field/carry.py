@@ -35,6 +35,8 @@ _FORK = 0.7
 # Waves along a side of a triangle that shows them, the quantile of a field's sides that are usual beyond that, as in a
 # draft, and length over the usual one from which on a side shows none.
 _SHORT_ENOUGH, _USUAL, _TOO_LONG = 0.25, 0.75, 1.6
+# Waves along a side from crest to furrow.
+_LONGEST = 0.5
 # Length over which heights are averaged, in wavelengths: linear mixtures of coarse values have creases.
 _SMOOTH = 0.3
 
@@ -114,15 +116,19 @@ def _waves(
     _, lines, _ = shortest(values[:, :6], normals)
     alike = _alike(sheet, normals, lines, attached.wavelength)
     trust = np.clip(shares * alike, 0.0, 1.0)
-    varied = (attached.wavelength, attached.tool.variation, seed)
-    lines = irregular.turned(lines, normals, places, *varied)
-    wavelengths = values[:, 6] * irregular.lengthened(places, *varied)
+    drawn = (attached.wavelength, attached.tool.variation, seed)
+    longer, higher = irregular.varied(places, lines, *drawn)
+    lines = irregular.turned(lines, normals, places, *drawn)
+    wavelengths = values[:, 6] * longer
     sides = Sides.of(places, sheet.triangles, normals, lines, wavelengths)
     psi = phases(sides, places, sheet.triangles, trust, attached.wavelength, seed=seed)
-    uneven = alike * _shown(sides, sheet, average) * irregular.raised(places, *varied)
-    return _Waves(
-        uneven * _height(fabric, psi), sides.ends, uneven[sides.ends].mean(axis=1) * _height(fabric, sides.middles(psi))
-    )
+    uneven = alike * _shown(sides, sheet, average) * higher
+    heights = uneven * _height(fabric, psi)
+    middles = uneven[sides.ends].mean(axis=1) * _height(fabric, sides.middles(psi))
+    # A side from crest to furrow says nothing of what is between: its middle is then halfway.
+    straight = heights[sides.ends].mean(axis=1)
+    told = np.clip((_LONGEST - sides.waves) / (_LONGEST - _SHORT_ENOUGH), 0.0, 1.0)
+    return _Waves(heights, sides.ends, straight + told * (middles - straight))
 
 
 def _alike(sheet: Sheet, normals: Floats, lines: Floats, wavelength: float) -> Floats:
@@ -140,7 +146,7 @@ def _shown(sides: Sides, sheet: Sheet, average: Average) -> Floats:
     Refinement splits no side whose middle would need too many joints, as in a groin.
     """
     longest = np.zeros(len(sheet.positions))
-    np.maximum.at(longest, sides.ends, np.abs(sides.turns)[:, None] / (2.0 * np.pi))
+    np.maximum.at(longest, sides.ends, sides.waves[:, None])
     usual = max(float(weighted_quantiles(longest, sheet.areas, np.array([_USUAL]))[0]), _SHORT_ENOUGH)
     shown = np.clip((_TOO_LONG - longest / usual) / (_TOO_LONG - 1.0), 0.0, 1.0)
     return np.clip(average.of(shown), 0.0, 1.0)

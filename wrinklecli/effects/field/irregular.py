@@ -1,7 +1,9 @@
-"""Irregular fields: smooth random numbers in space, by which wavelengths, directions and heights differ.
+"""Irregular fields: smooth random numbers in space, by which crests differ from their neighbours, and bend.
 
-Equal ribs read as a machine's. All amounts are those of a variation of 1; the shapes are fixed, so irregularity costs
-nothing in a player.
+Equal ribs read as a machine's. In cloth few wide and high folds stand among narrow and low ones, so one number gives
+width and height of a crest. The number hardly differs along the crest, where another width would fork it. Neighbouring
+crests bend alike. All amounts are those of a variation of 1. The shapes are fixed, so irregularity costs nothing in a
+player.
 """
 
 import numpy as np
@@ -9,35 +11,51 @@ import numpy as np
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.drawn import drawn
 
-# Waves in space, and their lengths in wavelengths of a field, evenly between these two.
-_WAVES, _SHORTEST, _LONGEST = 12, 4.0, 9.0
-# Those of heights over these: a crest has to differ from its neighbours, not one end of a garment from the other.
-_NEIGHBOURS = 0.5
-# Logarithm by which wavelengths differ, radians by which crests turn, and part by which heights differ.
-_LENGTHS, _TURNS, _HEIGHTS = 1.0, 2.0, 3.0
+# Waves in space, and their lengths in wavelengths of a field, evenly between these two: a crest has to differ from its
+# neighbours, not one end of a garment from the other.
+_WAVES, _SHORTEST, _LONGEST = 40, 1.6, 4.0
+# Power of the cosine between a wave's way and the one along which numbers differ: they are alike three times as far
+# across it.
+_POWER = 8
+# Stands for 0 where numbers divide.
+_TINY = 1e-9
+# Logarithm by which wavelengths differ, radians by which crests turn, and by how much heights differ.
+_LENGTHS, _TURNS, _HEIGHTS = 1.5, 2.0, 10.0
 
 
-def lengthened(positions: Floats, wavelength: float, variation: float, seed: str) -> Floats:
-    """(vertices,) factors of the wavelength at (vertices, 3) places at rest."""
-    return np.exp(_LENGTHS * variation * _smooth(positions, wavelength, f"lengths {seed}"))
+def varied(positions: Floats, lines: Floats, wavelength: float, variation: float, seed: str) -> tuple[Floats, Floats]:
+    """(vertices,) factors of the wavelength and of the height at (vertices, 3) places at rest, crest by crest.
 
+    Lengths go with the squares of heights. The mean of these squares is 1, so the surface keeps its length.
 
-def raised(positions: Floats, wavelength: float, variation: float, seed: str) -> Floats:
-    """(vertices,) factors of the height, from 0 to 2, likewise."""
-    return 1.0 + np.tanh(_HEIGHTS * variation * _smooth(positions, _NEIGHBOURS * wavelength, f"heights {seed}"))
+    Args:
+        positions: The places.
+        lines: (vertices, 3) unit directions across the crests, without signs.
+        wavelength: Typical, scene units.
+        variation: From 0 to 1.
+        seed: What the numbers are drawn from.
+    """
+    drawn_here = variation * _smooth(positions, lines, wavelength, f"crests {seed}")
+    return np.exp(_LENGTHS * drawn_here), np.sqrt(1.0 + np.tanh(_HEIGHTS * drawn_here))
 
 
 def turned(lines: Floats, normals: Floats, positions: Floats, wavelength: float, variation: float, seed: str) -> Floats:
     """(vertices, 3) unit lines, turned in the planes of (vertices, 3) normals."""
-    angles = _TURNS * variation * _smooth(positions, wavelength, f"turns {seed}")
-    return np.asarray(np.cos(angles)[:, None] * lines + np.sin(angles)[:, None] * np.cross(normals, lines))
+    crests = np.cross(normals, lines)
+    angles = _TURNS * variation * _smooth(positions, crests, wavelength, f"turns {seed}")
+    return np.asarray(np.cos(angles)[:, None] * lines + np.sin(angles)[:, None] * crests)
 
 
-def _smooth(positions: Floats, wavelength: float, what: str) -> Floats:
-    """(vertices,) smooth random numbers, about from -2 to 2, the same for one place however fine a mesh is."""
+def _smooth(positions: Floats, along: Floats, wavelength: float, what: str) -> Floats:
+    """(vertices,) smooth random numbers, about from -2 to 2, the same for one place however fine a mesh is.
+
+    They differ in the direction of (vertices, 3) unit vectors without signs, and hardly across it.
+    """
     ways = drawn(what, "ways", _WAVES, 3)
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
     lengths = wavelength * np.linspace(_SHORTEST, _LONGEST, _WAVES)
     phases = np.pi * drawn(what, "phases", _WAVES)
-    waves = np.cos(2.0 * np.pi * (positions @ (ways / lengths[:, None]).T) + phases)
-    return np.asarray(waves.sum(axis=1) * np.sqrt(2.0 / _WAVES))
+    # A place without a direction has numbers too.
+    parts = (along @ ways.T) ** _POWER + _TINY
+    waves = parts * np.cos(2.0 * np.pi * (positions @ (ways / lengths[:, None]).T) + phases)
+    return np.asarray(np.sqrt(2.0) * waves.sum(axis=1) / np.linalg.norm(parts, axis=1))

@@ -37,9 +37,9 @@ from wrinklecli.surface.refine import Refinement
 _POSES = 64
 # Moments of a clip that are among them, evenly spread, at most; and decimal digits of weights by which poses differ.
 _MOMENTS, _DIGITS = 25, 3
-# Times that what is at fault is lowered; each takes as many halvings as all before and a first one more, so that even
-# shapes that hardly act become level. Most faults are gone after a little, which leaves a fold to be seen.
-_PASSES, _FIRST = 14, 0.25
+# Halvings of what is at fault for the first time. Each further time takes as many as all before and a first one more,
+# so that even shapes that hardly act become level. Most faults are gone after a little, which leaves a fold to be seen.
+_FIRST = 0.25
 # Part of a height below which nothing moves: a tenth of the default --max-error. Shapes that are not negative fade
 # slowly, and would else be all over a garment.
 UNSEEN = 1e-3
@@ -70,16 +70,19 @@ def lowering(
     looks: list[_Look] = [*_turning(poses, slopes)]
     if attached.tool.contact is not None:
         looks += _crossing(poses)
-    sizes = np.zeros((len(moves), len(vertices) + 1))
-    sizes[:, :-1] = slopes.around(np.sqrt(np.sum(moves**2, axis=2)).T).T
+    lengths = np.zeros((len(moves), len(vertices) + 1))
+    lengths[:, :-1] = slopes.around(np.sqrt(np.sum(moves**2, axis=2)).T).T
     left, looked, halvings = np.ones((len(moves), len(vertices) + 1)), looks, np.zeros((len(vertices), len(moves)))
-    for _ in range(_PASSES):
+    # What is lowered again and again becomes level, so this ends.
+    while True:
         lowered = (poses.moves * left[:, None]).reshape(len(moves), -1)
-        marked, looked = _marked(looked, lowered, left * sizes)
-        if not looked:
+        sizes = left * lengths
+        beside = np.pad(slopes.around(sizes[:, :-1].T).T, ((0, 0), (0, 1)))
+        marked, looked = _marked(looked, lowered, sizes, beside)
+        if not marked.any():
             # What was lowered for one pose may be at fault in another.
-            marked, looked = _marked(looks, lowered, left * sizes)
-        if not looked:
+            marked, looked = _marked(looks, lowered, sizes, beside)
+        if not marked.any():
             break
         # Level, with all triangles that give its corners their normals, it is at fault as the skin is.
         faults = slopes.around(marked[:, :-1].T)
@@ -302,8 +305,8 @@ class _Look(ABC):
         """The vertices at fault at (3, vertices) places, of which (vertices,) `changed` since the last look."""
 
 
-def _marked(looks: Sequence[_Look], lowered: Floats, sizes: Floats) -> tuple[Floats, list[_Look]]:
-    """Look at a lowered field with (shapes, numbers) sizes of what its shapes do at weight 1.
+def _marked(looks: Sequence[_Look], lowered: Floats, sizes: Floats, beside: Floats) -> tuple[Floats, list[_Look]]:
+    """Look at a lowered field with (shapes, numbers) sizes of what its shapes do at weight 1, there and beside there.
 
     Returns:
         (shapes, numbers) 1 for the shapes that do most at a fault; and the looks that have any.
@@ -312,7 +315,9 @@ def _marked(looks: Sequence[_Look], lowered: Floats, sizes: Floats) -> tuple[Flo
     for each in looks:
         faults = each.at_fault(lowered)
         if len(faults):
-            acting = each.pose.weights[:, None] * sizes[:, faults]
+            # What is level may be at fault by what is beside it.
+            own, near = (each.pose.weights[:, None] * of[:, faults] for of in (sizes, beside))
+            acting = np.where(own.any(axis=0), own, near)
             marked[:, faults] = np.maximum(marked[:, faults], (acting == acting.max(axis=0)) & (acting > 0))
             found.append(each)
     return marked, found

@@ -59,6 +59,11 @@ class Sides:
         ]
         return cls(ends, weights, np.pi * (steps[0] + steps[1]), signs)
 
+    @property
+    def waves(self) -> Floats:
+        """(sides,) parts of a wave from end to end."""
+        return np.abs(self.turns) / (2.0 * np.pi)
+
     def middles(self, psi: Floats) -> Floats:
         """(sides, 2) ψ halfway along the sides, from (vertices, 2): the mean of both ends, turned half of the way."""
         (a, b), half = self.ends.T, self.turns / 2.0
