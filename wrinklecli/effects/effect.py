@@ -8,7 +8,7 @@ one order, and each sees the body as moved by those before it.
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -30,6 +30,8 @@ from wrinklecli.surface.rest import Rest
 from wrinklecli.tools.records import EffectTool, ToolsFile
 
 LayerType = TypeVar("LayerType", bound="Layer")
+ToolType = TypeVar("ToolType", bound=EffectTool)
+AttachedOfKind = TypeVar("AttachedOfKind", bound=AnyAttached)
 
 VISIBLE = 1e-3
 """Shortening over the rest length below which a tool counts as not shortened."""
@@ -375,7 +377,7 @@ class Layer(Protocol):
         """Warnings for users about several effects together, besides those of each."""
 
 
-class EffectKind(ABC):
+class EffectKind(ABC, Generic[ToolType, AttachedOfKind]):
     """One kind of effect, from the tools that ask for it to a layer of them."""
 
     @property
@@ -384,14 +386,14 @@ class EffectKind(ABC):
         return True
 
     @abstractmethod
-    def attach(self, tools: Sequence[EffectTool], ground: Ground, settings: ToolsFile) -> Sequence[AnyAttached]:
-        """Attach those of the tools that are of this kind to a mesh at rest.
+    def attach(self, tools: Sequence[ToolType], ground: Ground, settings: ToolsFile) -> Sequence[AttachedOfKind]:
+        """Attach tools of this kind to a mesh at rest.
 
         Raises:
             WrinkleError: Tools do not fit, a line for each.
         """
 
-    def bound(self, attached: Sequence[AnyAttached], ground: Ground) -> Sequence[AnyAttached]:  # noqa: ARG002
+    def bound(self, attached: Sequence[AttachedOfKind], ground: Ground) -> Sequence[AttachedOfKind]:  # noqa: ARG002
         """Let tools that are attached end where features of the surface and masks end them.
 
         Raises:
@@ -401,7 +403,7 @@ class EffectKind(ABC):
 
     def sketch(
         self,
-        attached: AnyAttached,  # noqa: ARG002
+        attached: AttachedOfKind,  # noqa: ARG002
         region: int,  # noqa: ARG002
         fine: Refinement,  # noqa: ARG002
         pinned: Bools,  # noqa: ARG002
@@ -424,18 +426,18 @@ class EffectKind(ABC):
         """
         return None
 
-    def driven_by(self, attached: AnyAttached, tool: EffectTool) -> AnyAttached:  # noqa: ARG002
+    def driven_by(self, attached: AttachedOfKind, tool: ToolType) -> AttachedOfKind:  # noqa: ARG002
         """The same for another entry of the tool that changes its drive alone; where none does, the tool itself."""
         return attached
 
     @abstractmethod
-    def plan(self, plan: MeshPlan, ground: Ground, attached: Sequence[tuple[int, AnyAttached]]) -> Layer:
+    def plan(self, plan: MeshPlan, ground: Ground, attached: Sequence[tuple[int, AttachedOfKind]]) -> Layer:
         """The layer of this kind on a refined mesh.
 
         Args:
             plan: The mesh with the layers before this one.
             ground: The mesh at rest.
-            attached: All attached tools, each with the number of its first region.
+            attached: The attached tools of this kind, each with the number of its first region.
 
         Raises:
             BakeError: Tools do not fit, a line for each.

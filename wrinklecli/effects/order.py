@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from functools import cache
 from importlib import import_module
 
+from wrinklecli.effects.attached import AnyAttached
 from wrinklecli.effects.effect import EffectKind
 from wrinklecli.tools.records import EffectTool
 
@@ -19,13 +20,13 @@ KINDS = {
 
 
 @cache
-def kind_of(section: str) -> EffectKind:
+def kind_of(section: str) -> EffectKind[EffectTool, AnyAttached]:
     """The kind whose effects stand in a section."""
-    kind: EffectKind = import_module(f"wrinklecli.effects.{KINDS[section]}.layer").KIND
+    kind: EffectKind[EffectTool, AnyAttached] = import_module(f"wrinklecli.effects.{KINDS[section]}.layer").KIND
     return kind
 
 
-def kinds_of(tools: Iterable[EffectTool]) -> list[EffectKind]:
-    """The kinds of effects that act for some tools, in their order."""
+def kinds_of(tools: Iterable[EffectTool]) -> dict[str, EffectKind[EffectTool, AnyAttached]]:
+    """The kinds of effects that act for some tools, in their order, by their sections."""
     sections = {section for tool in tools for section in tool.sections}
-    return [kind_of(section) for section in KINDS if section in sections]
+    return {section: kind_of(section) for section in KINDS if section in sections}

@@ -3,7 +3,6 @@
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TypeVar
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from wrinklecli.character.contacts import Neighbours
 from wrinklecli.character.rig import moving_nodes
 from wrinklecli.character.surface import influence_count
 from wrinklecli.effects.attached import AnyAttached, Attached
-from wrinklecli.effects.effect import MeshPlan, Part
+from wrinklecli.effects.effect import MeshPlan, Part, ToolType
 from wrinklecli.effects.order import kind_of, kinds_of
 from wrinklecli.errors import BakeError, WrinkleError, listed
 from wrinklecli.gltf.document import Document
@@ -22,8 +21,6 @@ from wrinklecli.surface.ground import Ground, read_ground
 from wrinklecli.surface.refine import Refinement, refine
 from wrinklecli.surface.rest import Rest
 from wrinklecli.tools.records import EffectTool, Length, ToolsFile
-
-ToolType = TypeVar("ToolType", bound=EffectTool)
 
 # Units in the last place by which products of skinning are rounded in float32: no error can be held below.
 _FLOAT32_STEPS = 8
@@ -81,9 +78,9 @@ def attach_effects(
     """
     attached: list[AnyAttached] = []
     problems: list[WrinkleError] = []
-    for kind in kinds_of(tools):
+    for section, kind in kinds_of(tools).items():
         try:
-            own = kind.bound(kind.attach(tools, ground, settings), ground)
+            own = kind.bound(kind.attach([each for each in tools if each.section == section], ground, settings), ground)
         except WrinkleError as error:
             problems.append(error)
             continue
@@ -183,8 +180,9 @@ def plan_on(
     )
     firsts = np.cumsum([0, *(len(each.regions) for each in attached)]).tolist()
     numbered = list(zip(firsts, attached, strict=False))
-    for kind in kinds_of(each.tool for each in attached):
-        plan = replace(plan, layers=(*plan.layers, kind.plan(plan, ground, numbered)))
+    for section, kind in kinds_of(each.tool for each in attached).items():
+        own = [(number, each) for number, each in numbered if each.tool.section == section]
+        plan = replace(plan, layers=(*plan.layers, kind.plan(plan, ground, own)))
     return plan
 
 

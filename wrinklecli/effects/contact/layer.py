@@ -62,7 +62,7 @@ class ContactLayer:
         ]
 
 
-class ContactKind(EffectKind):
+class ContactKind(EffectKind[EffectTool, AnyAttached]):
     """Contact has no tools of its own: wrinkling tools ask for it."""
 
     @property

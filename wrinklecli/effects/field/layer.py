@@ -7,7 +7,6 @@ from typing import ClassVar
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.effects.attached import AnyAttached
 from wrinklecli.effects.body import BodyLayer, BodyPart, moves_at_rest
 from wrinklecli.effects.effect import Effect, EffectKind, MeshPlan, Part
 from wrinklecli.effects.field.attach import AttachedField, attach_fields
@@ -21,7 +20,7 @@ from wrinklecli.numeric.arrays import Bools, Floats
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.tools.fields import Field
-from wrinklecli.tools.records import EffectTool, ToolsFile
+from wrinklecli.tools.records import ToolsFile
 
 # Part of its height that a field has at its tallest place below which others cover it: it is lower all over then.
 _LITTLE = 0.5
@@ -94,35 +93,30 @@ def _free(plan: MeshPlan) -> Floats:
     return found
 
 
-class FieldKind(EffectKind):
+class FieldKind(EffectKind[Field, AttachedField]):
     """Fields."""
 
-    def attach(self, tools: Sequence[EffectTool], ground: Ground, _settings: ToolsFile) -> Sequence[AnyAttached]:
+    def attach(self, tools: Sequence[Field], ground: Ground, _settings: ToolsFile) -> Sequence[AttachedField]:
         """Measure the fields on the surface at rest, and find their shapes.
 
         Raises:
             WrinkleError: Fields do not fit, a line for each.
         """
-        return attach_fields([tool for tool in tools if isinstance(tool, Field)], ground)
+        return attach_fields(tools, ground)
 
-    def plan(self, plan: MeshPlan, ground: Ground, attached: Sequence[tuple[int, AnyAttached]]) -> FieldLayer:
+    def plan(self, plan: MeshPlan, ground: Ground, attached: Sequence[tuple[int, AttachedField]]) -> FieldLayer:
         """Let the refined surface carry the fields."""
-        fields = [(number, each) for number, each in attached if isinstance(each, AttachedField)]
-        return FieldLayer.of(plan, fields, ground.clips)
+        return FieldLayer.of(plan, attached, ground.clips)
 
-    def driven_by(self, attached: AnyAttached, tool: EffectTool) -> AnyAttached:
+    def driven_by(self, attached: AttachedField, tool: Field) -> AttachedField:
         """The field with the strengths of another entry."""
-        if not isinstance(attached, AttachedField) or not isinstance(tool, Field):
-            return attached
         drive = replace(attached.drive, strengths=dict(tool.clips), strength=tool.strength)
         return replace(attached, tool=tool, drive=drive)
 
     def sketch(
-        self, attached: AnyAttached, region: int, fine: Refinement, _pinned: Bools, before: Part | None = None
+        self, attached: AttachedField, region: int, fine: Refinement, _pinned: Bools, before: Part | None = None
     ) -> Part | None:
         """Let a refined surface carry a field, as if no tool were there; other strengths have the same shapes."""
-        if not isinstance(attached, AttachedField):
-            return None
         old = before.attached if before is not None else None
         if isinstance(before, BodyPart) and isinstance(old, AttachedField) and old.factors is attached.factors:
             return replace(before, attached=attached)

@@ -24,7 +24,7 @@ from wrinklecli.surface.mask import read_mask
 from wrinklecli.surface.region import Region
 from wrinklecli.surface.rest import Rest, asked_positions
 from wrinklecli.tools.body import Flesh
-from wrinklecli.tools.records import EffectTool, ToolsFile, in_axes
+from wrinklecli.tools.records import ToolsFile, in_axes
 
 # Distance of a region's middle from the skin, over its radius, beyond which the point is meant for something else.
 _FAR = 0.5
@@ -133,8 +133,8 @@ def moves_of(weights: Floats) -> Floats:
     return np.asarray(np.sqrt((signed(weights) ** 2).sum(axis=1)))
 
 
-def attach_flesh(tools: Sequence[EffectTool], ground: Ground, settings: ToolsFile) -> list[AttachedFlesh]:
-    """Attach the regions of flesh among the tools of a mesh.
+def attach_flesh(tools: Sequence[Flesh], ground: Ground, settings: ToolsFile) -> list[AttachedFlesh]:
+    """Attach the regions of flesh of a mesh.
 
     Raises:
         WrinkleError: Regions do not fit, a line for each.
@@ -150,7 +150,7 @@ def attach_flesh(tools: Sequence[EffectTool], ground: Ground, settings: ToolsFil
             )
         return _attach_over(tool, carriers[tool.carrier], ground, settings)
 
-    return BakeError.every(attach, (tool for tool in tools if isinstance(tool, Flesh)))
+    return BakeError.every(attach, tools)
 
 
 def _attach(tool: Flesh, ground: Ground, settings: ToolsFile) -> AttachedFlesh:

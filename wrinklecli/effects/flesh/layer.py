@@ -8,7 +8,6 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.drive.swing import nonnegative
-from wrinklecli.effects.attached import AnyAttached
 from wrinklecli.effects.body import BodyLayer, BodyWords, body_effect, body_shapes
 from wrinklecli.effects.effect import Effect, EffectKind, MeshPlan, Seen
 from wrinklecli.effects.flesh.attach import AttachedFlesh, attach_flesh, moves_of
@@ -19,7 +18,7 @@ from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, significant
 from wrinklecli.surface.ground import Ground
 from wrinklecli.tools.body import Flesh
-from wrinklecli.tools.records import EffectTool, ToolsFile
+from wrinklecli.tools.records import ToolsFile
 
 # Part of the limit to which a mode is raised where normals are fitted: flesh is seldom further out of its place.
 _FITTED = 0.6
@@ -101,10 +100,10 @@ class FleshLayer(BodyLayer[AttachedFlesh]):
         ]
 
 
-class FleshKind(EffectKind):
+class FleshKind(EffectKind[Flesh, AttachedFlesh]):
     """Flesh."""
 
-    def attach(self, tools: Sequence[EffectTool], ground: Ground, settings: ToolsFile) -> Sequence[AnyAttached]:
+    def attach(self, tools: Sequence[Flesh], ground: Ground, settings: ToolsFile) -> Sequence[AttachedFlesh]:
         """Attach the regions to joints and the surface at rest, and solve them.
 
         Raises:
@@ -112,9 +111,9 @@ class FleshKind(EffectKind):
         """
         return attach_flesh(tools, ground, settings)
 
-    def plan(self, plan: MeshPlan, _ground: Ground, attached: Sequence[tuple[int, AnyAttached]]) -> FleshLayer:
+    def plan(self, plan: MeshPlan, _ground: Ground, attached: Sequence[tuple[int, AttachedFlesh]]) -> FleshLayer:
         """Let the refined surface carry the regions."""
-        return FleshLayer.of(plan, [(number, each) for number, each in attached if isinstance(each, AttachedFlesh)])
+        return FleshLayer.of(plan, attached)
 
     def lines(self, entry: Json) -> list[str]:
         """The lines of a region of flesh, and a table of its clips."""

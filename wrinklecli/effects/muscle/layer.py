@@ -5,7 +5,6 @@ from typing import ClassVar
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.mesh_names import MeshNames
-from wrinklecli.effects.attached import AnyAttached
 from wrinklecli.effects.body import BodyLayer
 from wrinklecli.effects.effect import Effect, EffectKind, MeshPlan
 from wrinklecli.effects.muscle.attach import AttachedMuscle, attach_muscles
@@ -15,7 +14,7 @@ from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.surface.ground import Ground
 from wrinklecli.tools.body import Muscle
-from wrinklecli.tools.records import EffectTool, ToolsFile
+from wrinklecli.tools.records import ToolsFile
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,23 +44,22 @@ class MuscleLayer(BodyLayer[AttachedMuscle]):
         return [f"{names}: there is no clip that moves the body: muscles swell only in a player with a driver"]
 
 
-class MuscleKind(EffectKind):
+class MuscleKind(EffectKind[Muscle, AttachedMuscle]):
     """Muscles."""
 
-    def attach(self, tools: Sequence[EffectTool], ground: Ground, settings: ToolsFile) -> Sequence[AnyAttached]:
+    def attach(self, tools: Sequence[Muscle], ground: Ground, settings: ToolsFile) -> Sequence[AttachedMuscle]:
         """Attach the muscles to the rig and the surface at rest.
 
         Raises:
             WrinkleError: Muscles do not fit, a line for each.
         """
-        own = [tool for tool in tools if isinstance(tool, Muscle)]
         names = MeshNames.of(ground.document)
         swelling = {ground.rig.names[node] for tool in settings.muscles for node in names.called(tool.node or "")}
-        return attach_muscles(own, ground, swelling)
+        return attach_muscles(tools, ground, swelling)
 
-    def plan(self, plan: MeshPlan, _ground: Ground, attached: Sequence[tuple[int, AnyAttached]]) -> MuscleLayer:
+    def plan(self, plan: MeshPlan, _ground: Ground, attached: Sequence[tuple[int, AttachedMuscle]]) -> MuscleLayer:
         """Let the refined surface carry the muscles."""
-        return MuscleLayer.of(plan, [(number, each) for number, each in attached if isinstance(each, AttachedMuscle)])
+        return MuscleLayer.of(plan, attached)
 
     def lines(self, entry: Json) -> list[str]:
         """The lines of a muscle, and a table of its clips."""

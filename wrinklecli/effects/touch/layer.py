@@ -6,7 +6,6 @@ from typing import ClassVar
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.effects.attached import AnyAttached
 from wrinklecli.effects.body import BodyLayer
 from wrinklecli.effects.effect import Effect, EffectKind, MeshPlan
 from wrinklecli.effects.touch.attach import FOLDED, AttachedTouch, attach_touches
@@ -17,7 +16,7 @@ from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.surface.ground import Ground
 from wrinklecli.tools.body import Touch
-from wrinklecli.tools.records import EffectTool, ToolsFile
+from wrinklecli.tools.records import ToolsFile
 
 # Slides over the greatest at which normals are fitted, in as many directions.
 _FITTED, _DIRECTIONS = (0.4, 0.8), 8
@@ -63,21 +62,20 @@ class TouchLayer(BodyLayer[AttachedTouch]):
         return []
 
 
-class TouchKind(EffectKind):
+class TouchKind(EffectKind[Touch, AttachedTouch]):
     """Touches."""
 
-    def attach(self, tools: Sequence[EffectTool], ground: Ground, settings: ToolsFile) -> Sequence[AnyAttached]:
+    def attach(self, tools: Sequence[Touch], ground: Ground, settings: ToolsFile) -> Sequence[AttachedTouch]:
         """Attach the touches to the surface at rest, and solve the slide of its skin.
 
         Raises:
             WrinkleError: Touches do not fit, a line for each.
         """
-        own = [tool for tool in tools if isinstance(tool, Touch)]
-        return attach_touches(own, ground, settings)
+        return attach_touches(tools, ground, settings)
 
-    def plan(self, plan: MeshPlan, _ground: Ground, attached: Sequence[tuple[int, AnyAttached]]) -> TouchLayer:
+    def plan(self, plan: MeshPlan, _ground: Ground, attached: Sequence[tuple[int, AttachedTouch]]) -> TouchLayer:
         """Let the refined surface carry the touches."""
-        return TouchLayer.of(plan, [(number, each) for number, each in attached if isinstance(each, AttachedTouch)])
+        return TouchLayer.of(plan, attached)
 
     def lines(self, entry: Json) -> list[str]:
         """The lines of a touch, and a table of its clips."""

@@ -40,7 +40,7 @@ _LEAST_LAID = 1e-3
 
 
 def attach_tools(
-    tools: list[WrinkleTool], surface: Surface, rest: Rest, rig: Rig, *, up: str, clips: Sequence[Clip] = ()
+    tools: Sequence[WrinkleTool], surface: Surface, rest: Rest, rig: Rig, *, up: str, clips: Sequence[Clip] = ()
 ) -> list[Patch]:
     """Attach every tool of a mesh.
 

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.effects.attached import AnyAttached
 from wrinklecli.effects.effect import Effect, EffectKind, MeshPlan, Part, SamplingOptions
 from wrinklecli.effects.faults import departure_warnings
 from wrinklecli.effects.sampling import most_overlaps
@@ -24,7 +23,7 @@ from wrinklecli.numeric.arrays import Bools
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.refine import Refinement
-from wrinklecli.tools.records import EffectTool, ToolsFile, WrinkleTool
+from wrinklecli.tools.records import ToolsFile, WrinkleTool
 
 # Numbers of each tool that are sampled besides its amplitudes.
 _BESIDE = 4
@@ -98,37 +97,36 @@ class WrinkleLayer:
         return twins + departure_warnings(plan.fine, self.parts)
 
 
-class WrinkleKind(EffectKind):
+class WrinkleKind(EffectKind[WrinkleTool, Patch]):
     """Wrinkling tools."""
 
-    def attach(self, tools: Sequence[EffectTool], ground: Ground, settings: ToolsFile) -> Sequence[AnyAttached]:
+    def attach(self, tools: Sequence[WrinkleTool], ground: Ground, settings: ToolsFile) -> Sequence[Patch]:
         """Attach the tools to the surface at rest.
 
         Raises:
             WrinkleError: Tools do not fit, a line for each.
         """
-        own = [tool for tool in tools if isinstance(tool, WrinkleTool)]
-        return attach_tools(own, ground.surface, ground.rest, ground.rig, up=settings.up, clips=ground.clips)
+        return attach_tools(tools, ground.surface, ground.rest, ground.rig, up=settings.up, clips=ground.clips)
 
-    def bound(self, attached: Sequence[AnyAttached], ground: Ground) -> Sequence[AnyAttached]:
+    def bound(self, attached: Sequence[Patch], ground: Ground) -> Sequence[Patch]:
         """Let the tools end at hems, seams and creases, and where masks are 0.
 
         Raises:
             WrinkleError: Masks do not fit, a line for each.
         """
-        return bounded([each for each in attached if isinstance(each, Patch)], ground)
+        return bounded(attached, ground)
 
     def sketch(
-        self, attached: AnyAttached, region: int, fine: Refinement, pinned: Bools, _before: Part | None = None
-    ) -> WrinklePart | None:
+        self, attached: Patch, region: int, fine: Refinement, pinned: Bools, _before: Part | None = None
+    ) -> WrinklePart:
         """Let a refined surface carry a tool, without a look at creases.
 
         Raises:
             BakeError: It moves no vertex.
         """
-        return WrinklePart(carry(attached, fine, pinned), region) if isinstance(attached, Patch) else None
+        return WrinklePart(carry(attached, fine, pinned), region)
 
-    def plan(self, plan: MeshPlan, ground: Ground, attached: Sequence[tuple[int, AnyAttached]]) -> WrinkleLayer:
+    def plan(self, plan: MeshPlan, ground: Ground, attached: Sequence[tuple[int, Patch]]) -> WrinkleLayer:
         """Let the refined surface carry the tools.
 
         Raises:
@@ -139,8 +137,8 @@ class WrinkleKind(EffectKind):
             lowered = creased(carry(patch, plan.fine, ground.contacts.held), plan.fine, plan.rest, plan.rig)
             return demanding(lowered, plan.fine, plan.rig)
 
-        patches = {number: each for number, each in attached if isinstance(each, Patch)}
-        return WrinkleLayer(tuple(BakeError.every(carried, patches.values())), min(patches))
+        firsts, patches = zip(*attached, strict=True)
+        return WrinkleLayer(tuple(BakeError.every(carried, patches)), firsts[0])
 
     def lines(self, entry: Json) -> list[str]:
         """The lines of a tool, and tables of its bumps and clips."""
