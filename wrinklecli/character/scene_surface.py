@@ -3,16 +3,17 @@
 Each node's mesh is welded first, so that seams are no borders and triangles that share a point do not cross.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from functools import reduce
 from itertools import pairwise
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.character.rig import Rig
-from wrinklecli.character.scene_meshes import read_scene_meshes
+from wrinklecli.character.rig import Rig, read_hierarchy, read_rig
+from wrinklecli.character.scene import scene_nodes
 from wrinklecli.character.skin import Influences, SkinnedMesh
+from wrinklecli.character.surface import has_triangles, read_surface
 from wrinklecli.character.weld import weld
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
@@ -75,6 +76,27 @@ class SceneSurface:
     def owners(self, vertices: Ints) -> Ints:
         """(vertices,) the index of the whole surface of each vertex."""
         return self.wholes[np.searchsorted(self.starts, vertices, side="right") - 1]
+
+
+def read_scene_meshes(
+    document: Document, chosen: Collection[int] | None = None, ignored: Collection[str] = ()
+) -> tuple[SkinnedMesh, ...]:
+    """Read every mesh of the default scene, or of chosen nodes, except those of nodes with `ignored` names.
+
+    Raises:
+        AssetError: A mesh, a skin or the hierarchy is malformed.
+    """
+    nodes, hierarchy = document.items("nodes"), read_hierarchy(document)
+    found = []
+    for node in scene_nodes(document) if chosen is None else chosen:
+        shown = nodes[node]
+        if hierarchy.names[node] in ignored or "mesh" not in shown:
+            continue
+        if not has_triangles(document, shown["mesh"]):
+            continue
+        rig = read_rig(document, node, hierarchy)
+        found.append(read_surface(document, rig).skinned(rig))
+    return tuple(found)
 
 
 def read_scene_surface(document: Document, wholes: Mapping[int, int]) -> SceneSurface:

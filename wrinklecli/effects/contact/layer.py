@@ -93,7 +93,7 @@ class ContactKind(EffectKind[EffectTool, AnyAttached]):
         # Imported here, as other bakes need none of it.
         from wrinklecli.character.bones import read_bones
         from wrinklecli.character.scene import drawn_with
-        from wrinklecli.character.scene_meshes import read_scene_meshes
+        from wrinklecli.character.scene_surface import read_scene_meshes
         from wrinklecli.effects.contact.fold import find_folds
 
         _check_ignored(ground.document, tools)
