@@ -38,7 +38,7 @@ from wrinklecli.tools.mirror import exchange_sides, split_side
 
 # Most regions of a mesh.
 _MOST_REGIONS = 50
-# Least loss of a summit, as a part of the length.
+# Least loss of a summit, and of a tool that a joint drives, as a part of the length: for less, nothing folds.
 LEAST_LOSS = 0.15
 # Least loss of a site in its basin, as a part of the summit's least loss.
 _BASIN_LOSS = 0.3

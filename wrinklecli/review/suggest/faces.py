@@ -17,7 +17,7 @@ from wrinklecli.effects.attached import Attached
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats, significant, unit, weighted_quantiles
-from wrinklecli.review.suggest.candidates import Candidate
+from wrinklecli.review.suggest.candidates import LEAST_LOSS, Candidate
 from wrinklecli.review.suggest.draft import across_x, tool_of, width_of
 from wrinklecli.review.suggest.face_parts import Face, read_face
 from wrinklecli.review.suggest.face_targets import (
@@ -29,7 +29,7 @@ from wrinklecli.review.suggest.face_targets import (
     Side,
     read_face_targets,
 )
-from wrinklecli.review.suggest.fitted_tools import FULL_BY_WEIGHT, Suggestion
+from wrinklecli.review.suggest.fitted_tools import FULL_BY_WEIGHT, LEAST_BY_MORPH, Suggestion
 from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.review.suggest.neck import read_neck
 from wrinklecli.review.suggest.place_names import PlaceName
@@ -40,10 +40,6 @@ from wrinklecli.surface.strain import along_directions, principal, unscaled_pose
 from wrinklecli.surface.trace import find_segment
 from wrinklecli.tools.records import Length, RestLengthMorph, WrinkleTool
 
-# Least loss of a region's summit, and least shortening of its tool: less is no line of a face.
-_LEAST_LOSS = 0.04
-# The same for a tool that joints drive: for less, skin bulges and does not fold.
-_LEAST_BY_JOINT = 0.15
 # Part of a summit's loss at which its region ends, as for folds of joints.
 _REGION_LOSS = 0.5
 # Fewest sites of a region: fewer say too little.
@@ -165,7 +161,7 @@ def _fit(
     together = motion[-1]
     compressed = _compressed(face, region, side, together)
     if compressed is None:
-        return f"{together.name} compresses the skin there by less than {100 * _LEAST_LOSS:g} %"
+        return f"{together.name} compresses the skin there by less than {100 * LEAST_BY_MORPH:g} %"
     ends = find_segment(mesh.sites, compressed, [unscaled_pose(mesh.gauge, together, 1.0)])
     if ends is None:
         return f"no segment fits where {together.name} compresses the skin"
@@ -199,7 +195,7 @@ def _compressed(face: Face, region: FaceRegion, side: Side, clip: Clip) -> Compr
     lost = along_directions(tensors, sites.normals, direction) if given else principal(tensors, sites.normals)[0]
     lost = np.where(_window(face, region, sign), lost, -np.inf)
     seed = int(lost.argmax())
-    if not lost[seed] > _LEAST_LOSS:
+    if not lost[seed] > LEAST_BY_MORPH:
         return None
     normal = sites.normals[seed]
     inside = (lost >= _REGION_LOSS * lost[seed]) & (sites.normals @ normal > _FACING)
@@ -293,10 +289,10 @@ def _fit_tool(
     if patches is None:
         return f"there is no room for it where {name} compresses the skin"
     shortenings = [shortenings_of(mesh, patch) for patch in patches]
-    if greatest(shortenings[0]).ratio < _LEAST_LOSS and region.middle and name in mesh.rig.morph_names:
+    if greatest(shortenings[0]).ratio < LEAST_BY_MORPH and region.middle and name in mesh.rig.morph_names:
         patches, shortenings = _by_weight(mesh, patches, shortenings, name)
     best = greatest(shortenings[0])
-    if best.ratio < (_LEAST_LOSS if candidate.by_morph else _LEAST_BY_JOINT):
+    if best.ratio < (LEAST_BY_MORPH if candidate.by_morph else LEAST_LOSS):
         return f"{best.clip.name} hardly shortens the skin there"
     every = replace(mesh, clips=tuple(clips), times=tuple(_times(clip) for clip in clips))
     also = [found | shortenings_of(every, patch) for patch, found in zip(patches, shortenings, strict=True)]
@@ -368,7 +364,7 @@ def _by_weight(
         if found is None:
             break
         patches, shortenings = found, [shortenings_of(mesh, patch) for patch in found]
-        if greatest(shortenings[0]).ratio >= _LEAST_LOSS:
+        if greatest(shortenings[0]).ratio >= LEAST_BY_MORPH:
             break
     return patches, shortenings
 

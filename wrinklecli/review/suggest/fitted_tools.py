@@ -15,7 +15,7 @@ from wrinklecli.effects.attached import Attached
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, unit, weighted_quantiles
 from wrinklecli.numeric.rays import distances_along, near_points
-from wrinklecli.review.suggest.candidates import Candidate
+from wrinklecli.review.suggest.candidates import LEAST_LOSS, Candidate
 from wrinklecli.review.suggest.draft import pair_of, renamed, stem_and_side, tool_of, width_of
 from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.review.suggest.place_names import PlaceName
@@ -43,10 +43,8 @@ from wrinklecli.tools.yaml_tree import printable
 _LOWER = (0.7, 0.5)
 # Least score of a candidate, as a part of the best one's.
 _LEAST_SCORE = 0.02
-# Least shortening of a tool that a joint drives, as a part of its length: for less, nothing folds.
-_LEAST_BY_JOINT = 0.15
-# The same for a tool that a morph target drives: lines of a face need less.
-_LEAST_BY_MORPH = 0.04
+# Least shortening of a tool that a morph target drives, as a part of its length: lines of a face need less than folds.
+LEAST_BY_MORPH = 0.04
 # Median angle between a straight tool and the strongest compression from which a path is tried, degrees.
 _ASKEW = 10.0
 # Greatest such angle of the path over that of the straight tool, unless the path has less than `_ASKEW`.
@@ -480,7 +478,7 @@ def _traced(candidate: Candidate, tensors: Floats) -> tuple[Candidate, Attached[
 
 def _least_shortening(candidate: Candidate) -> float:
     """Least shortening of a candidate's tool, as a part of its length."""
-    return _LEAST_BY_MORPH if candidate.by_morph else _LEAST_BY_JOINT
+    return LEAST_BY_MORPH if candidate.by_morph else LEAST_LOSS
 
 
 def _of_side(mesh: MeasuredMesh, driver: str, tool: str) -> str:
