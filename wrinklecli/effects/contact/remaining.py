@@ -116,7 +116,7 @@ def shown_in(
         for each, broken, more in zip(followed, torn, worse, strict=True)
     ]
     broken = {frame for each in torn for frame in each}
-    # While contact fades, the surface passes through itself; if it was better without, no pose keeps contact.
+    # While contact fades, the surface passes through itself; if the skin alone crosses less, all poses count as bad.
     for bad in (np.array(sorted({frame for each in faults for frame in each}), np.intp), acting):
         whole, low = np.ones(len(times)), np.ones(len(times))
         # Poses that follow each other get the same state.
