@@ -144,8 +144,9 @@ class Page:
             )
 
     def press_button(self, text: str) -> None:
-        """Click the button that shows a text."""
-        found = f"[...document.querySelectorAll('button')].find(each => each.innerText.trim() === {text!r})"
+        """Click the button that shows a text, with notes in brackets behind it or without."""
+        shown = "each.innerText.trim().split(' (')[0]"
+        found = f"[...document.querySelectorAll('button')].find(each => {shown} === {text!r})"
         self.click(*self._middle(found))
 
     def press_text(self, text: str) -> None:

@@ -320,7 +320,7 @@ def test_a_full_disk_is_said_and_edits_of_a_server_that_was_killed_are_there_aga
     program.write_text(f'#!/bin/sh\necho "$@" > {called}.part\nmv {called}.part {called}\n')
     program.chmod(0o700)
     with started(folder) as (server, address), in_browser(tmp_path, address) as tab:
-        tab.press_text("a")
+        tab.press_button("a")
         most = resource.prlimit(server.pid, resource.RLIMIT_FSIZE, (10, resource.RLIM_INFINITY))
         tab.fill("× bumps", "5")
         tab.wait("document.body.innerText.includes('unsaved edits are not kept there, and a crash loses them')")
