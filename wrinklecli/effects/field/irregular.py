@@ -26,7 +26,7 @@ _LENGTHS, _TURNS, _HEIGHTS = 1.5, 2.0, 10.0
 def varied(positions: Floats, lines: Floats, wavelength: float, variation: float, seed: str) -> tuple[Floats, Floats]:
     """(vertices,) factors of the wavelength and of the height at (vertices, 3) places at rest, crest by crest.
 
-    Lengths go with the squares of heights. The mean of these squares is 1, so the surface keeps its length.
+    Wide crests are the high ones. The mean square of the heights is 1, so the surface keeps its length.
 
     Args:
         positions: The places.
