@@ -1,15 +1,11 @@
-"""Suggested tools lie apart, none with its middle well within another, and are no longer than bones allow."""
-
-from types import SimpleNamespace
-from typing import Any
+"""Suggested tools lie apart, none with its middle well within another."""
 
 import numpy as np
 import pytest
 
 from kit.limb import RADIUS, limb_asset, tool
-from kit.prepared import as_document, prepare
-from wrinklecli.character.rig import read_rig
-from wrinklecli.review.suggest.fitted_tools import _covers, _overlap, _shorter_bone
+from kit.prepared import prepare
+from wrinklecli.review.suggest.fitted_tools import _covers, _overlap
 
 
 @pytest.mark.parametrize(
@@ -50,17 +46,3 @@ def test_regions_overlap_where_the_middle_of_one_is_in_the_other(apart: float, m
     long = tool(name="long", origin=[-0.4, RADIUS, 0], target=[0.4, RADIUS, 0], width=0.2)
     one, other = (patch.regions[0] for patch in prepare(limb_asset(rings=25, sides=8), short, long).patches)
     assert _overlap(one, other) == _overlap(other, one) == meet
-
-
-@pytest.mark.parametrize(
-    ("driver", "length"), [("joint_1", 0.6), ("joint_0", 0.6), ("joint_2", 0.9), ("alone", np.inf)]
-)
-def test_the_shorter_bone_at_a_joint_is_that_of_its_neighbours(driver: str, length: float) -> None:
-    """A chain of bones of 0.6 and 0.9, whose last joint ends none, and a joint that has no neighbour."""
-    asset = limb_asset(rings=9, sides=8, joints=3)
-    by_name = {node.get("name"): node for node in asset.gltf["nodes"]}
-    for name, x in (("joint_1", 0.6), ("joint_2", 0.9)):
-        by_name[name]["translation"] = [x, 0.0, 0.0]
-    asset.gltf["scenes"][0]["nodes"].append(asset.append("nodes", {"name": "alone"}))
-    candidate: Any = SimpleNamespace(mesh=SimpleNamespace(rig=read_rig(as_document(asset), 0)), driver=driver)
-    assert _shorter_bone(candidate) == pytest.approx(length)
