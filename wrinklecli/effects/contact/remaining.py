@@ -195,12 +195,11 @@ class _Look:
         """
         contacts, heights = (np.broadcast_to(each, len(self.times))[frames].tolist() for each in (contact, height))
         asked = [*zip(frames.tolist(), contacts, heights, strict=True)]
-        for state in {state for key in asked if key not in self._known for state in [key[1:]]}:
-            part, low = state
+        for part, low in {key[1:] for key in asked if key not in self._known}:
             moves = [replace(each, shapes=part * each.shapes) for each in self.moves] if part else []
             fold = self.crease.fold if low == 1.0 else self.crease.fold.at_height(low)
             fold = replace(fold, movers=(*fold.movers, *self.beside, *moves))
-            fresh = [key[0] for key in asked if key[1:] == state and key not in self._known]
+            fresh = [key[0] for key in asked if key[1:] == (part, low) and key not in self._known]
             for frame, (positions, _) in zip(fresh, fold.poses(self.clip, self.times[fresh]), strict=True):
                 count = len(self.crease.fold.crossings.pairs_at(positions, self._counting) - self._still)
                 self._known[frame, part, low] = count if count >= _LEAST else 0
