@@ -16,8 +16,6 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from wrinklecli.choices import DIFF_LINES
-
 if TYPE_CHECKING:
     from wrinklecli.gltf.document import Document
     from wrinklecli.tools.records import Length
@@ -71,6 +69,7 @@ class WrinkleGolden:
             ValueError: The golden is no .glb, or the tolerance is no length.
             TypeError: `DiffOptions` lacks a name of `named`.
         """
+        from wrinklecli.choices import DIFF_LINES
         from wrinklecli.errors import WrinkleError
         from wrinklecli.gltf.document import read_document
         from wrinklecli.review.diff.diff import DiffOptions, diff
