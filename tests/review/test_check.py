@@ -717,11 +717,16 @@ def test_a_field_says_how_its_joints_turn_and_how_far_clips_fold_it(wrinkle: Wri
     assert "folds on limb" in ran.out
     assert re.search(r"\n +(turns +)?joint_1  -20 to 25°, [1-9] shapes?\n", ran.out)
     assert re.search(r"\n +(turns +)?joint_2  0 to 50°, [1-9] shapes?\n", ran.out)
-    assert re.search(
-        r"\n  fold  folds by up to 0\.0\d+, at [01.]+ s\n  wave  folds by up to 0\.0\d+, at [\d.]+ s\n", ran.out
+    heights = re.search(
+        r"\n  fold  folds by up to (0\.0\d+), at [\d.]+ s\n  wave  folds by up to (0\.0\d+), at [\d.]+ s\n", ran.out
     )
+    assert heights is not None
     data = check(asset, tools).data
     (entry,) = data["fields"]
+    assert [each["height"] for each in entry["clips"]] == pytest.approx(
+        [float(each) for each in heights.groups()], 0.01
+    )
+    assert entry["clips"][0]["height"] > 2.0 * entry["clips"][1]["height"]
     assert sorted(each["joint"] for each in entry["turns"]) == ["joint_1", "joint_1", "joint_2"]
     assert sum(each["shapes"] for each in entry["turns"]) == len(entry["targets"])
     assert [each["name"] for each in data["tools"]] == [tool()["name"]]
