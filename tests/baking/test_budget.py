@@ -108,6 +108,7 @@ def test_the_report_says_what_was_reduced(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_reduced_targets_do_not_depend_on_the_clips() -> None:
     """Whether a tool is reduced does: `extend` alone needs few at a time. How it is, does not."""
     both, one = bake_once("wrist", ROUGH, engine="spec8"), bake_once("wrist", ROUGH, engine="spec8", clips=["flex"])

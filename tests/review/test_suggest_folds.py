@@ -53,6 +53,7 @@ def test_an_asset_gets_the_same_tools_again(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_two_bends_are_one_mirrored_tool(tmp_path: Path) -> None:
     found = suggest_once(limb(tmp_path / "limb.glb", joints=3, angle=200.0))
     best, *_ = found.tools
@@ -154,6 +155,7 @@ def off(suggestion: Suggestion, place: tuple[float, float, float]) -> float:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_sample_wrist_folds_on_both_sides() -> None:
     found = suggest_once(sample("wrist"))
     for place, clip in (((-0.002, -0.021, 0.0), "flex"), ((0.0, 0.0208, 0.0), "extend")):

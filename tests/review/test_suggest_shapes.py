@@ -57,6 +57,7 @@ def reads_back(found: Suggestions) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @settings(max_examples=3)
 @given(shape=shapes(FEW), everything=st.booleans())
 def test_no_shape_fails(shape: Shape, everything: bool, folder: Path) -> None:

@@ -291,7 +291,7 @@ def test_products_that_overflow_say_where_in_the_program(tmp_path: Path) -> None
         (64, 24, 12_500),
         (4, 5_000, 12_500),
         pytest.param(64, 24, MAX_VERTICES, marks=pytest.mark.slow),
-        pytest.param(4, 20_000, MAX_VERTICES, marks=pytest.mark.slow),
+        pytest.param(4, 20_000, MAX_VERTICES, marks=[pytest.mark.slow, pytest.mark.long]),
     ],
 )
 def test_millions_of_triangles_are_refused(tmp_path: Path, bumps: int, edges: int, most: int) -> None:

@@ -182,7 +182,7 @@ def test_csharp_finds_the_extras_in_a_file(tmp_path: Path) -> None:
 @pytest.mark.quick(2)
 @pytest.mark.parametrize(
     ("name", "clip", "fps"),
-    [("trunk", "jump", 30), ("trunk", "jump", 144), ("body", "walk", 60)],
+    [("trunk", "jump", 30), ("trunk", "jump", 144), pytest.param("body", "walk", 60, marks=pytest.mark.long)],
 )
 @pytest.mark.parametrize("play", [csharp, gdscript])
 def test_flesh_knows_the_clips_of_a_file(

@@ -106,6 +106,7 @@ def test_the_knee_of_the_sample_looks_alike_in_player_and_bake() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_clips_about_leaning_axes_look_alike_in_player_and_bake() -> None:
     body = bake_once(waving(), TOOL, top=WAVED)
     (fold,) = report_of(body).data["folds"]
