@@ -17,6 +17,7 @@ from kit.sheet import sheet as sheet_of
 from kit.suggested import run, squeezed
 from wrinklecli.character.clip import read_clips
 from wrinklecli.gltf.document import read_document
+from wrinklecli.review.check import check
 from wrinklecli.review.suggest.fitted_tools import Suggestion
 from wrinklecli.review.suggest.stage import StagedTool
 from wrinklecli.review.suggest.suggest import suggest
@@ -84,6 +85,17 @@ def test_what_is_seen_and_harms_nothing_is_kept(tmp_path: Path) -> None:
     assert [each.tool for each in found.tools] == [suggestion().tool]
     assert not found.dropped
     assert not found.summary
+
+
+@pytest.mark.slow
+def test_furrows_of_skin_may_become_wide_ones(tmp_path: Path) -> None:
+    path = limb(tmp_path / "limb.glb", rings=24, sides=16)
+    (found,) = suggest(path, everything=True, count=1).tools
+    assert found.tool.profile == "skin"
+    smoother = found.others[-1]
+    assert smoother.tool.profile == "smooth"
+    (tmp_path / "tools.yaml").write_text(tools_text([smoother], ""))
+    assert not check(path, tmp_path / "tools.yaml").warnings
 
 
 @pytest.mark.slow

@@ -313,6 +313,7 @@ def _fit_tool(
         clips={clip: each.distance for clip, each in shortenings[0].items()},
         shortening=best.ratio,
         score=float(candidate.region.weights.sum()),
+        own_profile=region.furrow,
     )
 
 

@@ -10,7 +10,7 @@ from dataclasses import field, replace
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.choices import Part
+from wrinklecli.choices import Part, Profile
 from wrinklecli.effects.attached import Attached
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, unit, weighted_quantiles
@@ -41,6 +41,8 @@ from wrinklecli.tools.yaml_tree import printable
 
 # Factors on the height of wrinkles that would be too tall for their place, the first one tried first.
 _LOWER = (0.7, 0.5)
+# Profile whose furrows are as wide as its bumps, so that they turn over last.
+_WIDE_FURROWS: Profile = "smooth"
 # Least score of a candidate, as a part of the best one's.
 _LEAST_SCORE = 0.02
 # Least shortening of a tool that a morph target drives, as a part of its length: lines of a face need less than folds.
@@ -93,7 +95,8 @@ class Suggestion:
         shortening: The greatest, as a part of the span, or of the rest length if a morph target makes that longer.
         score: The region's loss 1 − σ summed over its area, scene units squared.
         others: Tools that fit the same place where this one would do harm: straight in place of a path, with lower
-            wrinkles. They are tried in this order.
+            wrinkles, with wide furrows. They are tried in this order.
+        own_profile: True if the tool's profile is another one than its material's.
         twin_moment: The clip and the time in which its mirror image shortens most; None if that is not suggested.
         one_sided: True if no clip raises the wrinkles of its mirror image.
         substance: What the place is made of; None if it was not looked at.
@@ -120,6 +123,7 @@ class Suggestion:
     shortening: float
     score: float
     others: "tuple[Suggestion, ...]" = ()
+    own_profile: bool = False
     twin_moment: tuple[str, float] | None = None
     one_sided: bool = False
     substance: Substance | None = None
@@ -305,8 +309,13 @@ class _Search:
             twin_moment=None if twin is None else (twin.clip.name, twin.time),
         )
         lower = [with_lower_bumps(patches, tools, every, part) for part in _LOWER]
-        others = tuple(replace(suggestion, tool=found[0]) for found in lower if found is not None)
-        return _Fitted(replace(suggestion, others=others), patches)
+        others = [replace(suggestion, tool=found[0]) for found in lower if found is not None]
+        if suggestion.tool.profile != _WIDE_FURROWS and not candidate.by_morph:
+            wide = attached(mesh, [replace(each, profile=_WIDE_FURROWS) for each in tools])
+            found = None if wide is None else with_rising_bumps(mesh, wide, every)
+            if found is not None:
+                others.append(replace(suggestion, tool=found[0], own_profile=True))
+        return _Fitted(replace(suggestion, others=tuple(others)), patches)
 
 
 def _covers(region: Region, place: Floats, normal: Floats) -> bool:

@@ -72,7 +72,7 @@ def tools_text(
             "strategy": tool.strategy,
             "bumps": tool.bumps,
             "max_height": _written_height(tool),
-            "profile": tool.profile if tool.strength < 0 else None,
+            "profile": tool.profile if each.own_profile else None,
             "compressible": f"{100 * tool.compressible:.0f}%" if tool.compressible or tool.material else None,
             "strength": None if tool.strength == 1.0 else f"{tool.strength:g}",
             "seed": tool.seed,
