@@ -138,13 +138,13 @@ def shown_in(
 def _state(looks: "Sequence[_Look]", frames: Ints, *, torn: bool) -> tuple[float, float]:
     """The parts of contact and of the wrinkles' height in some frames, which are kept as far as they can be.
 
-    With these, no fold crosses more than its skin, nor than without contact. No contact is left if it has `torn` the
-    surface.
+    With these, no fold crosses more in any of them than its skin, nor than without contact. No contact is left if it
+    has `torn` the surface.
     """
 
     def fits(look: "_Look", contact: float, height: float) -> bool:
-        shown, without = (look.crossings(frames, part, height).sum() for part in (contact, 0.0))
-        return bool(shown <= min(without, look.skin(frames).sum()))
+        shown, without = (look.crossings(frames, part, height) for part in (contact, 0.0))
+        return bool((shown <= np.minimum(without, look.skin(frames))).all())
 
     height = 1.0
     while True:
