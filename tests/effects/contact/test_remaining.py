@@ -84,7 +84,7 @@ def test_contact_fades_in_frames_in_which_it_would_cross_more(tmp_path: Path) ->
 
 
 def test_what_fades_is_gone_in_a_pose_and_whole_a_few_strides_away() -> None:
-    """By the joint that is furthest away, whenever a clip gets there."""
+    """The joint that is furthest away decides, whenever a clip gets there."""
     bends = np.array([0.0, 2.0, 4.0, 5.0, 4.0, 2.0, 0.0])
     near = nearness(bends[None], np.array([3]))
     assert near == pytest.approx(np.maximum(1.0 - (5.0 - bends) / FADE, 0.0))
