@@ -21,7 +21,7 @@ ROOMS = re.findall(r"^\| \[(\w+)\]\(\1(?:\.py)?\) \|", (PACKAGE / "README.md").r
 DOORS = {
     "yaml": {"tools/yaml_edit", "tools/yaml_tree"},
     "jsonschema_rs": {"tools/checked"},
-    "pygltflib": {"gltf/edited_document"},
+    "pygltflib": {"editor/page/painted_mesh"},
     "DracoPy": {"gltf/draco"},
     "zstandard": {"baking/original"},
     "threadpoolctl": {"numeric/guard"},

@@ -1,8 +1,5 @@
 """Changes a document: patches a copy of the JSON, and adds accessors and buffer views in the place of dropped ones.
 
-Added objects are built with pygltflib's types. (Round-tripping the source through pygltflib would lose unknown keys,
-`Node.weights` and more.)
-
 Source: glTF 2.0 specification, §3.6 (binary data storage), §5.1 (accessors).
 """
 
@@ -13,7 +10,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import pygltflib
 
 from wrinklecli.choices import Storage
 from wrinklecli.errors import BakeError
@@ -31,8 +27,9 @@ from wrinklecli.gltf.references import (
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Array, nonzero_rows
 
-VERTEX_DATA: int = pygltflib.ARRAY_BUFFER
-INDEX_DATA: int = pygltflib.ELEMENT_ARRAY_BUFFER
+# Targets of buffer views (§5.11.5).
+VERTEX_DATA = 34962
+INDEX_DATA = 34963
 
 # Components of vectors that storage `based` puts on a view of zeros; it stores other vectors densely.
 _BASE_COMPONENTS = 3
@@ -92,13 +89,7 @@ class EditedDocument:
         """
         values = np.ascontiguousarray(values.astype(values.dtype.newbyteorder("<"), copy=False))
         stored = values if values.ndim == 2 else values[:, None]
-        accessor = _plain(
-            pygltflib.Accessor(
-                componentType=COMPONENT_TYPES[values.dtype],
-                count=len(values),
-                type=SIZE_TYPES[stored.shape[1]],
-            )
-        )
+        accessor = _accessor(values.dtype, len(values), stored.shape[1])
         if normalized:
             accessor["normalized"] = True
         if bounds:
@@ -145,9 +136,7 @@ class EditedDocument:
 
     def _zeros_accessor(self, count: int, deltas: Array, *, bounds: bool) -> Json:
         """An accessor of zeros, with the bounds that it has if deltas replace some of them."""
-        accessor = _plain(
-            pygltflib.Accessor(componentType=pygltflib.FLOAT, count=count, type=SIZE_TYPES[deltas.shape[1]])
-        )
+        accessor = _accessor(deltas.dtype, count, deltas.shape[1])
         if self.storage == "based":
             accessor = {"bufferView": self._base(count), **accessor}
         if bounds:
@@ -177,11 +166,7 @@ class EditedDocument:
     def _base(self, count: int) -> int:
         """The view of zeros below sparse vectors, made or grown to hold `count` of them."""
         if self._zeros_view is None:
-            self._zeros_view = self._place_view(
-                pygltflib.BufferView(
-                    buffer=len(self.source.buffers), byteLength=0, byteStride=4 * _BASE_COMPONENTS, target=VERTEX_DATA
-                )
-            )
+            self._zeros_view = self._place_view({"byteStride": 4 * _BASE_COMPONENTS, "target": VERTEX_DATA})
         self._data.zeros = max(self._data.zeros, count * 4 * _BASE_COMPONENTS)
         self._settle_zeros()
         return self._zeros_view
@@ -337,19 +322,14 @@ class EditedDocument:
 
     def _add_view(self, data: bytes, *, target: int | None = None, stride: int | None = None) -> int:
         """Append data with a view, whose offset counts from the start of the new data until the file is laid out."""
-        view = pygltflib.BufferView(
-            buffer=len(self.source.buffers),
-            byteOffset=self._data.append(data),
-            byteLength=len(data),
-            byteStride=stride,
-            target=target,
-        )
-        slot = self._place_view(view)
+        offset = self._data.append(data)
+        view = {"byteOffset": offset, "byteLength": len(data), "byteStride": stride, "target": target}
+        slot = self._place_view({key: value for key, value in view.items() if value})
         self._settle_zeros()
         return slot
 
-    def _place_view(self, built: pygltflib.BufferView) -> int:
-        view = _plain(built)
+    def _place_view(self, view: Json) -> int:
+        view = {"buffer": len(self.source.buffers), **view}
         views = self.gltf.setdefault("bufferViews", [])
         if self._free_views:
             slot = self._free_views.pop(0)
@@ -378,10 +358,8 @@ def _index_dtype(vertices: Array) -> np.dtype[Any]:
     return index_type(int(vertices[-1]) + 1, smallest=np.uint8)
 
 
-def _plain(built: Any) -> Json:
-    """The JSON of an object built with pygltflib's types, without default values."""
-    # `to_dict` takes a quarter of a millisecond, and these objects hold only plain values.
-    return {key: value for key, value in vars(built).items() if value or key == "buffer"}
+def _accessor(dtype: np.dtype[Any], count: int, components: int) -> Json:
+    return {"componentType": COMPONENT_TYPES[dtype], "count": count, "type": SIZE_TYPES[components]}
 
 
 def _json_numbers(values: Array) -> list[float]:
