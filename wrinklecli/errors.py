@@ -1,8 +1,9 @@
 """The errors that users can mend: one flat tree, which the command line turns into lines and exit codes."""
 
 import re
+import sys
 from collections.abc import Callable, Iterable, Sequence
-from typing import TypeVar
+from typing import Literal, TypeVar
 
 SHOWN = 40  # characters of a value that a message repeats
 _LONGEST = 600  # characters of a message, and of its place
@@ -117,6 +118,23 @@ def refuse_warnings(warnings: Sequence[str], *, where: str, shown: bool = False)
         lines = [] if shown else [RefusedError(f"warning: {line}") for line in warnings]
         why = RefusedError(f"refused by --strict: {counted(len(warnings), 'warning')}", where=where)
         raise RefusedError.of_all([*lines, why])
+
+
+def log(level: Literal["debug", "info", "warning"], line: str) -> None:
+    """Log a line as `wrinklecli`, unless the program has not imported `logging`, so that nobody listens."""
+    if (logging := sys.modules.get("logging")) is not None:
+        logger = logging.getLogger("wrinklecli")
+        if not logger.handlers:  # otherwise Python prints warnings itself
+            logger.addHandler(logging.NullHandler())
+        getattr(logger, level)(line)
+
+
+def log_findings(warnings: Iterable[str], notes: Iterable[str] = (), *, where: str) -> None:
+    """Log the warnings and notes that a function returns."""
+    for warning in warnings:
+        log("warning", f"{where}: {warning}")
+    for note in notes:
+        log("info", f"{where}: {note}")
 
 
 def shortened(text: str, longest: int) -> str:

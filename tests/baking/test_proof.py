@@ -31,7 +31,7 @@ from wrinklecli.effects.wrinkle.layer import carried_patches_of
 from wrinklecli.errors import RefusedError
 from wrinklecli.gltf.document import read_document
 from wrinklecli.gltf.edited_document import EditedDocument
-from wrinklecli.numeric.guard import no_progress
+from wrinklecli.numeric.guard import log_progress
 from wrinklecli.tools.read import load_tools
 from wrinklecli.tools.records import Length
 
@@ -304,7 +304,9 @@ def test_targets_of_contact_are_proven_as_those_of_tools(tmp_path: Path) -> None
     crease = tool(bumps=3, max_height="10%", contact="resolve")
     job = read_job(folding_limb(), write_tools(tmp_path / "tools.yaml", crease), BakeOptions(max_levels=1))
     (plan,) = plan_meshes(job, influences=None)
-    effects, motions = sample_effects(plan, job.clips, SamplingOptions(30.0, "morph", job.document.memory, no_progress))
+    effects, motions = sample_effects(
+        plan, job.clips, SamplingOptions(30.0, "morph", job.document.memory, log_progress)
+    )
     (motion,), (_, fold) = motions, effects
 
     def residual(
@@ -313,7 +315,7 @@ def test_targets_of_contact_are_proven_as_those_of_tools(tmp_path: Path) -> None
         edited = EditedDocument(job.document)
         changed = dataclasses.replace(motion, weights=(*motion.weights[:-1], change(motion.weights[-1])))
         encode.encode_morphs(edited, plan, written, [changed])
-        return prove(edited, plan, effects, motions, details=True, progress=no_progress)[motion.clip.name]
+        return prove(edited, plan, effects, motions, details=True, progress=log_progress)[motion.clip.name]
 
     found = residual()
     assert 0.0 < found.weights < plan.max_error / 2

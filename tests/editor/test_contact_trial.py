@@ -19,13 +19,13 @@ from wrinklecli.editor.contact_trial import ContactTrial, RunningTrial, trial_of
 from wrinklecli.editor.free_pose import POSE, FreePose
 from wrinklecli.editor.session import Session
 from wrinklecli.errors import WrinkleError
-from wrinklecli.numeric.guard import no_progress
+from wrinklecli.numeric.guard import log_progress
 
 
 def solved(trial: ContactTrial) -> BakedFile:
     """The outcome of a trial, once it is done."""
     found: Queue[BakedFile | WrinkleError] = Queue()
-    RunningTrial(trial, no_progress, found.put)
+    RunningTrial(trial, log_progress, found.put)
     result = found.get(timeout=PATIENCE)
     assert isinstance(result, BakedFile), result
     return result
@@ -65,7 +65,7 @@ def test_a_pose_by_hand_is_resolved(tmp_path: Path) -> None:
 def test_cancel_ends_its_process(tmp_path: Path) -> None:
     session = Session(*elbow().write(tmp_path, contact="resolve"))
     found: list[object] = []
-    running = RunningTrial(trial(session, CLIP), no_progress, found.append)
+    running = RunningTrial(trial(session, CLIP), log_progress, found.append)
     (process,) = multiprocessing.active_children()
     time.sleep(0.5)
     running.cancel()

@@ -22,7 +22,7 @@ from wrinklecli.effects.effect import MeshPlan, Part, SamplingOptions
 from wrinklecli.effects.order import KINDS, kind_of
 from wrinklecli.effects.plan import attach_one, patch_parts, sketch, skin_parts
 from wrinklecli.effects.sampling import play_parts, reader, sample_effects, seen_at
-from wrinklecli.numeric.guard import no_progress
+from wrinklecli.numeric.guard import log_progress
 from wrinklecli.surface.ground import read_ground
 
 ASSETS: dict[str, tuple[Callable[[], Asset], Json]] = {
@@ -127,7 +127,7 @@ def test_the_greatest_height_in_a_clip_is_at_the_time_that_is_told(section: str)
 @EACH
 def test_a_clip_is_played_at_times_between_which_moves_are_straight(section: str) -> None:
     (job, plan), part = planned(section), part_of(section)
-    ((seen,),) = play_parts(plan, [part], job.clips, SamplingOptions(30.0, "morph", job.document.memory, no_progress))
+    ((seen,),) = play_parts(plan, [part], job.clips, SamplingOptions(30.0, "morph", job.document.memory, log_progress))
     times = seen.motion.times
     assert (np.diff(times) > 0).all()
     assert part.strengths(seen).max() > 0
@@ -141,7 +141,9 @@ def test_a_clip_is_played_at_times_between_which_moves_are_straight(section: str
 @EACH
 def test_a_part_says_of_itself_what_its_effect_says(section: str) -> None:
     (job, plan), part = planned(section), part_of(section)
-    effects, motions = sample_effects(plan, job.clips, SamplingOptions(30.0, "morph", job.document.memory, no_progress))
+    effects, motions = sample_effects(
+        plan, job.clips, SamplingOptions(30.0, "morph", job.document.memory, log_progress)
+    )
     (effect,), seen = effects, [motion.seen(0) for motion in motions]
     words = part.words(plan)
     assert words.describe(plan, effect.target_names) == effect.words.describe(plan, effect.target_names)

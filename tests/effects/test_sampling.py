@@ -15,10 +15,10 @@ from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.character.clip import KEY_GAP, Clip
 from wrinklecli.effects.effect import Effect, MeshPlan, SamplingOptions, target_weights
 from wrinklecli.effects.sampling import duplicates_of, motion_at, move_sizes, play, sample_effects
-from wrinklecli.numeric.guard import no_progress
+from wrinklecli.numeric.guard import log_progress
 from wrinklecli.numeric.memory import Memory
 
-HOW = SamplingOptions(30.0, "morph", Memory(), no_progress)
+HOW = SamplingOptions(30.0, "morph", Memory(), log_progress)
 TOOLS = [
     tool(bumps=2, lag={"frequency": 4, "damping": 0.4}),
     tool(name="keyed", strategy="origin", bumps=3, rest_length={"keys": {"fold": [[0, "100%"], [1, "120%"]]}}),

@@ -21,7 +21,7 @@ from kit.suggested import each_once
 from wrinklecli.character.bones import read_bones
 from wrinklecli.character.clip import read_clips
 from wrinklecli.gltf.document import read_document
-from wrinklecli.numeric.guard import no_progress
+from wrinklecli.numeric.guard import log_progress
 from wrinklecli.review.suggest.candidates import find_candidates
 from wrinklecli.review.suggest.measure import find_mesh_nodes, measure_meshes
 from wrinklecli.review.suggest.suggest_options import SuggestOptions
@@ -78,9 +78,9 @@ def test_folds_are_measured_as_before(golden: Golden) -> None:
     document = read_document(place(sleeve(root={"translation": [0.3, 0.1, 0.2]})))
     options = SuggestOptions()
     nodes, _ = find_mesh_nodes(document, options)
-    ((mesh, peaks),) = measure_meshes(document, nodes, read_clips(document), options, no_progress)
+    ((mesh, peaks),) = measure_meshes(document, nodes, read_clips(document), options, log_progress)
     sites = mesh.sites
-    found = find_candidates([(mesh, peaks)], read_bones(document).parts, no_progress, jobs=1)
+    found = find_candidates([(mesh, peaks)], read_bones(document).parts, log_progress, jobs=1)
     arrays = (sites.positions, sites.normals, sites.areas, sites.gather.toarray(), sites.smooth.toarray(), peaks.losses)
     regions = [
         {

@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 import wrinklecli
+from kit.limb import RADIUS, limb_asset, tool, write_tools
 from kit.places import ROOT
 
 FUNCTIONS = ("bake", "track", "check", "suggest", "diff", "inspect", "preview", "crossings", "batch")
@@ -60,6 +61,20 @@ def test_examples_run(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     example = doctest.DocTestParser().get_doctest(inspect.getdoc(function) or "", {}, name, None, None)
     assert any(f"{name}(" in each.source for each in example.examples)
     doctest.DebugRunner().run(example)
+
+
+def test_a_program_that_logs_gets_steps_findings_and_written_files(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    asset = limb_asset().write(tmp_path / "limb.glb")
+    tools = write_tools(tmp_path / "tools.yaml", tool(origin=[-0.3, -RADIUS, 0.0], target=[0.3, -RADIUS, 0.0]))
+    out = str(tmp_path / "out.glb")
+    with caplog.at_level("DEBUG", "wrinklecli"):
+        report = wrinklecli.bake(asset, tools, out)
+    logged = {(each.name, each.levelname, each.message) for each in caplog.records}
+    assert {("wrinklecli", "WARNING", f"{asset}: {line}") for line in report.warnings} <= logged
+    assert report.warnings
+    assert {("wrinklecli", "INFO", f"{out}: written"), ("wrinklecli", "DEBUG", "proof: 1/1")} <= logged
 
 
 PAGE = (ROOT / "wrinklecli" / "README.md").read_text(encoding="utf-8").split("## In Python", 1)[1].split("\n## ", 1)[0]

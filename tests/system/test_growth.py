@@ -25,7 +25,7 @@ from wrinklecli.effects.wrinkle.layer import carried_patches_of
 from wrinklecli.gltf import new_data
 from wrinklecli.numeric import piecewise as tracks
 from wrinklecli.numeric import red_green
-from wrinklecli.numeric.guard import no_progress
+from wrinklecli.numeric.guard import log_progress
 from wrinklecli.numeric.memory import Memory
 
 # Frames per second, and seconds in which the limb folds and unfolds.
@@ -85,7 +85,7 @@ class Baker:
         """The asset's mesh with its tool, and its clip, sampled."""
         job = read_job(self.written(asset), self.tools, BakeOptions())
         (planned,) = plan.plan_meshes(job)
-        _, (motion,) = sample_effects(planned, job.clips, SamplingOptions(FPS, "morph", Memory(), no_progress))
+        _, (motion,) = sample_effects(planned, job.clips, SamplingOptions(FPS, "morph", Memory(), log_progress))
         return planned, motion
 
     def bake(self, asset: Asset, **options: Any) -> tuple[Gltf, int]:

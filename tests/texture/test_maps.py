@@ -33,7 +33,7 @@ from wrinklecli.effects.shapes import turn_to
 from wrinklecli.errors import BakeError
 from wrinklecli.gltf.document import read_document
 from wrinklecli.numeric.arrays import unit
-from wrinklecli.numeric.guard import no_progress
+from wrinklecli.numeric.guard import log_progress
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.texture.layout import TexCoords, layouts_of
 from wrinklecli.texture.relief import Relief, plan_finely
@@ -111,7 +111,7 @@ def test_heights_and_drives_are_those_of_a_bake(tmp_path: Path) -> None:
         pixels(tmp_path / "maps" / one["height"]["file"]) / 65535 - one["height"]["zero"]
     )
     (plan,) = plan_meshes(read_job(sample("wrist"), CONFIGS / "wrist.yaml", BakeOptions()))
-    how = SamplingOptions(30.0, "morph", Memory(), no_progress)
+    how = SamplingOptions(30.0, "morph", Memory(), log_progress)
     tallest = max(each.shape.tallest for each in targets_of(sample_effects(plan, [], how)[0]))
     assert 0.98 * tallest < heights.max() < 1.02 * tallest
 
@@ -362,7 +362,7 @@ def drawn_normals(
     settings = replace(job.settings, refinement=refinement)
     limits = {"max_vertices": 10**6, "stored": False}
     plan = plan_mesh(job.document, node, own, settings, job.every_clip, job.options.max_error, **limits)
-    how = SamplingOptions(30.0, "morph", job.document.memory, no_progress)
+    how = SamplingOptions(30.0, "morph", job.document.memory, log_progress)
     (effect,), _ = sample_effects(plan, [], how)
     (layout,) = layouts_of(job.document, plan, texcoords)
     moved, turned = np.zeros(len(plan.fine.positions)), np.zeros((len(plan.fine.positions), 3))
@@ -441,7 +441,7 @@ def test_a_bump_that_the_mesh_cannot_show_takes_no_other_bumps_place(tmp_path: P
     """A finer mesh has shapes of bumps between whose vertices the bake's own mesh has none."""
     file = write_tools(tmp_path / "t.yaml", tool(bumps=5, strategy="origin"), refinement={"max_levels": 0})
     job = read_job(place(limb_asset(rings=9, sides=8)), file, BakeOptions())
-    how = SamplingOptions(30.0, "morph", Memory(), no_progress)
+    how = SamplingOptions(30.0, "morph", Memory(), log_progress)
     (plan,) = plan_meshes(job)
     (effect,), _ = sample_effects(plan, [], how)
     fine, own = plan_finely(job, 0, job.settings.tools[0], Neighbours(job.document), how, most_edges=12.0)

@@ -19,12 +19,12 @@ from wrinklecli.baking.timings import StageClock, make_timings
 from wrinklecli.choices import Mode
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, SamplingOptions
 from wrinklecli.effects.sampling import sample_effects
-from wrinklecli.errors import BakeError, refuse_warnings
+from wrinklecli.errors import BakeError, log_findings, refuse_warnings
 from wrinklecli.files.outputs import Outputs, part_of
 from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.images import image_files
 from wrinklecli.gltf.writer import write
-from wrinklecli.numeric.guard import Progress, guarded, no_progress
+from wrinklecli.numeric.guard import Progress, guarded, log_progress
 
 
 def bake(
@@ -34,7 +34,7 @@ def bake(
     options: BakeOptions | None = None,
     *,
     outputs: Outputs | None = None,
-    progress: Progress = no_progress,
+    progress: Progress = log_progress,
     **named: Any,
 ) -> Report:
     """Bake wrinkles into an animated asset.
@@ -107,6 +107,7 @@ def _bake(
         with clock.stage("report"):
             images = image_files(job.document, out) if out is not None else []
             report = make_report(job, baked, images=images, tracks=bool(morphed) and options.tracks == "all")
+            log_findings(report.warnings, report.notes, where=os.fspath(asset))
             if options.strict:
                 refuse_warnings(report.warnings, where=os.fspath(asset))
         written = _write(job, edited, posed, out, outputs, clock, progress)

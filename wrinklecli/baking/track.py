@@ -25,7 +25,7 @@ from wrinklecli.character.weight_track import Track, pad, widen
 from wrinklecli.choices import FPS
 from wrinklecli.drive.drive import StoredDrive
 from wrinklecli.drive.table import TABLE_ERROR
-from wrinklecli.errors import AssetError, BakeError, counted, listed, refuse_warnings
+from wrinklecli.errors import AssetError, BakeError, counted, listed, log_findings, refuse_warnings
 from wrinklecli.files.outputs import Outputs, part_of
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.animated import Channels, forget_pointers
@@ -152,6 +152,7 @@ def track(
                 edited.append(EditedDocument(read(anim)))
                 results.append(_track_file(edited[-1], bodies, path, fps=options.fps, tolerance=tolerance))
         warnings = [line for result in results for line in result.warnings]
+        log_findings(warnings, [line for result in results for line in result.notes], where=os.fspath(baked))
         if options.strict:
             refuse_warnings(warnings, where=os.fspath(baked))
         for each, path in zip(edited, paths, strict=True):

@@ -17,7 +17,7 @@ from wrinklecli.batching.run import run_jobs
 from wrinklecli.batching.stores import absolute, folder_of, join
 from wrinklecli.batching.worker import OpenOutputs, Settings, check_job
 from wrinklecli.choices import CACHE
-from wrinklecli.errors import ConfigError
+from wrinklecli.errors import ConfigError, log
 from wrinklecli.files.formats import MODEL_ENDINGS
 from wrinklecli.files.outputs import Outputs
 from wrinklecli.frozen import dataclass
@@ -97,8 +97,8 @@ def batch(
     *,
     ended: Callable[[Outcome, int], object] = lambda _outcome, _total: None,
     open_outputs: OpenOutputs = Outputs,
-    tell: Callable[[str], object] = lambda _line: None,
-    warn: Callable[[str], object] = lambda _line: None,
+    tell: Callable[[str], object] = lambda line: log("info", line),
+    warn: Callable[[str], object] = lambda line: log("warning", line),
     **named: Any,
 ) -> Batch:
     """Bake all jobs of a manifest, or every asset of a pattern, of which nothing changed since the last time.

@@ -2,6 +2,7 @@
 
 import gc
 import html
+import logging
 import os
 import re
 import signal
@@ -102,6 +103,9 @@ def edit(
             from wrinklecli.editor.page.page import Page
         except ImportError as error:
             raise WrinkleError(f"needs viser ({error}): pip install 'wrinklecli[edit]'", where="edit") from None
+    shown = logging.StreamHandler()  # of bugs, after which the page goes on
+    shown.setLevel(logging.ERROR)
+    logging.getLogger("wrinklecli").addHandler(shown)
     gc.freeze()  # what is imported stays, and what tabs leave is found in a tenth of the time without it
     ended = threading.Event()
 

@@ -22,7 +22,7 @@ from wrinklecli.effects.sampling import moving_clips, play_below_skin
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import TINY, Bools, Floats, Ints, any_of, children, distinct_values
-from wrinklecli.numeric.guard import no_progress
+from wrinklecli.numeric.guard import log_progress
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.region import Region
@@ -344,7 +344,7 @@ class AttachedTools:
 
 def _driven_warnings(plan: MeshPlan, clips: Sequence[Clip], settings: ToolsFile) -> Iterator[tuple[str, list[str]]]:
     """The name and the warnings of each effect on the refined triangles of a plan that its drive alone moves."""
-    sampling = SamplingOptions(settings.sampling.fps, "morph", Memory(), no_progress)
+    sampling = SamplingOptions(settings.sampling.fps, "morph", Memory(), log_progress)
     for effect, seen in play_below_skin(plan, moving_clips(plan, clips), sampling):
         yield effect.name, effect.words.warnings(plan, seen, up=settings.up)
 

@@ -10,7 +10,7 @@ from wrinklecli.editor.attached import PlayableMesh, ShownMesh
 from wrinklecli.editor.session import Session
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document, read_document
-from wrinklecli.numeric.guard import Progress, guarded, no_progress
+from wrinklecli.numeric.guard import Progress, guarded, log_progress
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.tools.records import ToolsFile
 
@@ -53,7 +53,7 @@ class BakedFile:
         return [ShownMesh(each, each.posed(played, time)) for each in self.sources]
 
 
-def bake_saved(session: Session, progress: Progress = no_progress) -> BakedFile:
+def bake_saved(session: Session, progress: Progress = log_progress) -> BakedFile:
     """Bake the saved tools file of a session into the file's folder. The session may be used meanwhile.
 
     Raises:

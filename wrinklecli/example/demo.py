@@ -10,7 +10,7 @@ from wrinklecli.baking.pipeline import bake
 from wrinklecli.errors import BakeError, WrinkleError
 from wrinklecli.files.outputs import Outputs, part_of
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.guard import Progress, no_progress
+from wrinklecli.numeric.guard import Progress, log_progress
 from wrinklecli.review.preview.preview import preview, refuse_missing
 from wrinklecli.review.preview.preview_options import PreviewOptions
 
@@ -36,7 +36,7 @@ class Demo:
     missing: str | None
 
 
-def demo(folder: str | os.PathLike[str], *, outputs: Outputs | None = None, progress: Progress = no_progress) -> Demo:
+def demo(folder: str | os.PathLike[str], *, outputs: Outputs | None = None, progress: Progress = log_progress) -> Demo:
     """Make the demo in a folder that is new or empty.
 
     Args:

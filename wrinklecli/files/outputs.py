@@ -17,7 +17,7 @@ from itertools import chain
 from types import TracebackType
 from typing import IO, TypeAlias
 
-from wrinklecli.errors import BakeError
+from wrinklecli.errors import BakeError, log
 from wrinklecli.files.claims import Claims, Clash
 from wrinklecli.files.workplace import Workplace, locked
 from wrinklecli.frozen import dataclass
@@ -240,6 +240,8 @@ class Outputs:
             for path in dropped:
                 with suppress(OSError):
                     os.unlink(path)
+        for each in written:
+            log("info", f"{each.path}: written")
 
     def _rename(self, outputs: list[_Output]) -> None:
         begun: list[tuple[_Output, str]] = []

@@ -12,7 +12,7 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 
 import wrinklecli
-from wrinklecli.errors import AssetError, BakeError
+from wrinklecli.errors import AssetError, BakeError, log
 from wrinklecli.numeric.memory import allowed_memory, is_lack, shown_bytes
 
 # Called with the name of a stage, steps done and steps in all.
@@ -22,8 +22,9 @@ Progress: TypeAlias = Callable[[str, int, int], None]
 _known: tuple[int, ThreadpoolController] | None = None
 
 
-def no_progress(_stage: str, _done: int, _total: int) -> None:
-    """Ignore progress."""
+def log_progress(stage: str, done: int, total: int) -> None:
+    """Log progress, for a program that asks for it."""
+    log("debug", f"{stage}: {done}/{total}")
 
 
 def one_thread() -> AbstractContextManager[object]:

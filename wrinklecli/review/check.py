@@ -19,10 +19,11 @@ from wrinklecli.effects.effect import VISIBLE, MeshPlan, Part, SamplingOptions, 
 from wrinklecli.effects.faults import turned_warnings
 from wrinklecli.effects.plan import mesh_warnings, skin_parts, track_warnings
 from wrinklecli.effects.sampling import moving_clips, play_below_skin, play_parts
+from wrinklecli.errors import log_findings
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Ints
-from wrinklecli.numeric.guard import Progress, guarded, no_progress
+from wrinklecli.numeric.guard import Progress, guarded, log_progress
 from wrinklecli.numeric.memory import MAX_MEMORY, MAX_VERTICES
 
 # Version of the JSON.
@@ -110,7 +111,7 @@ def check(
     tools: ToolsPaths,
     options: CheckOptions | None = None,
     *,
-    progress: Progress = no_progress,
+    progress: Progress = log_progress,
     **named: Any,
 ) -> Check:
     """Attach tools, refine their meshes and run their control curves over the clips as a bake does; write nothing.
@@ -178,6 +179,7 @@ def check(
         "notes": notes,
         "warnings": warnings,
     }
+    log_findings(warnings, notes, where=job.document.path)
     return Check(data, tuple(warnings), (*job.inputs, *job.beside), tuple(checked))
 
 

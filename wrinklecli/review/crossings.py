@@ -17,12 +17,12 @@ from wrinklecli.character.moved import moved
 from wrinklecli.character.rig import read_rig
 from wrinklecli.character.scene import deforming_nodes
 from wrinklecli.character.scene_surface import CrossingPairs, SceneSurface, read_scene_surface
-from wrinklecli.errors import BakeError
+from wrinklecli.errors import BakeError, log_findings
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, distinct, distinct_values, significant
-from wrinklecli.numeric.guard import Progress, guarded, no_progress
+from wrinklecli.numeric.guard import Progress, guarded, log_progress
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.review.check import CheckOptions
 from wrinklecli.review.coarse import CoarseCounter
@@ -58,7 +58,7 @@ def crossings(
     tools: str | os.PathLike[str] | None = None,
     options: CheckOptions | None = None,
     *,
-    progress: Progress = no_progress,
+    progress: Progress = log_progress,
     **named: Any,
 ) -> CrossingsFound:
     """Count the edges that pass through triangles at moments of each clip, of all meshes of a scene together.
@@ -106,6 +106,7 @@ def crossings(
         "clips": entries,
         "warnings": list(warnings),
     }
+    log_findings(warnings, where=os.fspath(asset))
     inputs = (*document.files, *(os.fspath(anim) for anim in options.anims))
     return CrossingsFound(data, inputs if tools is None else (*inputs, os.fspath(tools)), warnings)
 

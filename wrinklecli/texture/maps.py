@@ -17,7 +17,7 @@ from wrinklecli.choices import MOST_TEXELS, MapKind
 from wrinklecli.effects.effect import Effect, MeshPlan, Part, SamplingOptions
 from wrinklecli.effects.plan import skin_parts
 from wrinklecli.effects.sampling import sample_effects
-from wrinklecli.errors import BakeError, counted, listed
+from wrinklecli.errors import BakeError, counted, listed, log_findings
 from wrinklecli.files.outputs import Outputs, part_of
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
@@ -25,7 +25,7 @@ from wrinklecli.gltf.pixels import png_of
 from wrinklecli.gltf.shape import Json, json_bytes
 from wrinklecli.gltf.writer import write
 from wrinklecli.numeric.arrays import Floats, Ints, any_of, flags_of
-from wrinklecli.numeric.guard import Progress, guarded, no_progress
+from wrinklecli.numeric.guard import Progress, guarded, log_progress
 from wrinklecli.numeric.memory import MAX_MEMORY
 from wrinklecli.texture.layout import Layout, TexCoords, layouts_of, signed_areas
 from wrinklecli.texture.map_files import MAPS_JSON, claim_folder
@@ -122,7 +122,7 @@ def maps(
     options: MapOptions | None = None,
     *,
     outputs: Outputs | None = None,
-    progress: Progress = no_progress,
+    progress: Progress = log_progress,
     **named: Any,
 ) -> Maps:
     """Write normal, height and occlusion maps of an asset's wrinkles, with masks, and maps.json that explains them.
@@ -251,6 +251,7 @@ def make_maps(
             outputs.add_bytes(os.path.join(folder, name), content)
         outputs.add_bytes(os.path.join(folder, MAPS_JSON), json_bytes(data, indent=1) + b"\n", last=True)
         paths = tuple(os.path.join(folder, name) for name in (MAPS_JSON, *files))
+        log_findings(warnings, job.notes, where=job.document.path)
         return Maps(data, paths, job.inputs, job.notes, tuple(warnings))
 
 

@@ -24,7 +24,7 @@ from wrinklecli.gltf.shape import Json
 from wrinklecli.gltf.split_mesh import DividedPrimitive
 from wrinklecli.gltf.unpack import unpack
 from wrinklecli.numeric.arrays import Floats, Ints, any_of, components, flags_of, unit
-from wrinklecli.numeric.guard import Progress, no_progress
+from wrinklecli.numeric.guard import Progress, log_progress
 from wrinklecli.texture.layout import TexCoords, frames_of, material_of, mikk_tangents, own_uvs, signed_areas
 from wrinklecli.texture.map_set import GUTTER
 
@@ -47,7 +47,7 @@ def require_xatlas() -> None:
 
 
 def unwrapped(
-    job: Job, plans: Sequence[MeshPlan], size: int, progress: Progress = no_progress
+    job: Job, plans: Sequence[MeshPlan], size: int, progress: Progress = log_progress
 ) -> tuple[EditedDocument, TexCoords]:
     """Unwrap what the tools of a job move, for images of so many texels of a side.
 

@@ -9,7 +9,7 @@ from wrinklecli.baking.pipeline import bake
 from wrinklecli.baking.report import Report
 from wrinklecli.errors import refuse_warnings
 from wrinklecli.files.outputs import Outputs
-from wrinklecli.numeric.guard import Progress, no_progress
+from wrinklecli.numeric.guard import Progress, log_progress
 
 if TYPE_CHECKING:
     from wrinklecli.texture.maps import Maps
@@ -23,7 +23,7 @@ def bake_with_maps(
     options: BakeOptions,
     *,
     outputs: Outputs,
-    progress: Progress = no_progress,
+    progress: Progress = log_progress,
 ) -> "tuple[Report, Maps | None]":
     """Bake as `bake` does, and write maps into a folder with the defaults of `maps`; None for no folder.
 

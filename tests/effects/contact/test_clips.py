@@ -19,7 +19,7 @@ from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.effects.effect import SamplingOptions
 from wrinklecli.effects.sampling import sample_effects
-from wrinklecli.numeric.guard import no_progress
+from wrinklecli.numeric.guard import log_progress
 from wrinklecli.review.crossings import crossings
 
 CLOSED = 75.0
@@ -118,7 +118,7 @@ def test_a_clip_without_contact_is_sampled_as_ever(tmp_path: Path) -> None:
         tools = write_tools(tmp_path / f"{contact}.yaml", {**TOOL, "contact": contact}, **UNREFINED)
         job = read_job(asset, tools, BakeOptions())
         (plan,) = plan_meshes(job)
-        how = SamplingOptions(30.0, "morph", job.document.memory, no_progress)
+        how = SamplingOptions(30.0, "morph", job.document.memory, log_progress)
         effects, (motion,) = sample_effects(plan, job.clips, how)
         assert len(effects) == (2 if contact == "resolve" else 1)
         times.append(motion.times)

@@ -19,7 +19,7 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.images import read_image
 from wrinklecli.numeric.arrays import Floats
-from wrinklecli.numeric.guard import Progress, guarded, no_progress
+from wrinklecli.numeric.guard import Progress, guarded, log_progress
 from wrinklecli.numeric.memory import MAX_MEMORY, Memory
 from wrinklecli.review.diff.common_clips import AnimatedScene, common_clips
 from wrinklecli.review.diff.compare_motion import compare_motion
@@ -117,7 +117,7 @@ def diff(
     b: str | os.PathLike[str],
     options: DiffOptions | None = None,
     *,
-    progress: Progress = no_progress,
+    progress: Progress = log_progress,
     **named: Any,
 ) -> Comparison:
     """Compare two assets.

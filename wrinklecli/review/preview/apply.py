@@ -18,7 +18,7 @@ from wrinklecli.errors import WrinkleError
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.edited_document import EditedDocument
-from wrinklecli.numeric.guard import Progress, no_progress
+from wrinklecli.numeric.guard import Progress, log_progress
 from wrinklecli.tools.read import load_tools
 from wrinklecli.tools.records import ToolsFile, WrinkleTool
 
@@ -119,7 +119,7 @@ def _at_fault(error: WrinkleError, tools: Sequence[WrinkleTool]) -> list[Refused
 
 
 def apply_tools(
-    planned: PlannedTools, clips: Sequence[str], progress: Progress = no_progress
+    planned: PlannedTools, clips: Sequence[str], progress: Progress = log_progress
 ) -> tuple[Document, list[str]]:
     """The asset as a bake of planned tools, of which at least one fits, would leave it, and what it leaves out.
 

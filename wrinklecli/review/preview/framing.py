@@ -9,7 +9,7 @@ import numpy as np
 from wrinklecli.errors import AssetError
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats
-from wrinklecli.numeric.guard import Progress, no_progress
+from wrinklecli.numeric.guard import Progress, log_progress
 from wrinklecli.review.preview.camera import FACING, VIEWS, Camera, camera_axes, parse_view
 from wrinklecli.review.preview.grid import snapped
 from wrinklecli.review.preview.moments import Moment
@@ -66,7 +66,7 @@ def plan_views(
     assets: Sequence[ShownAsset],
     moments: Sequence[Moment],
     options: PreviewOptions,
-    progress: Progress = no_progress,
+    progress: Progress = log_progress,
     *,
     further: Sequence[Floats] = (),
 ) -> list[View]:

@@ -12,12 +12,12 @@ from wrinklecli.baking.track import with_driven_weights
 from wrinklecli.character.clip import read_clips
 from wrinklecli.character.moved import Motions, Moved, moved
 from wrinklecli.character.scene import deforming_nodes
-from wrinklecli.errors import WrinkleError
+from wrinklecli.errors import WrinkleError, log_findings
 from wrinklecli.files.outputs import Outputs, part_of
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.images import files_of
-from wrinklecli.numeric.guard import Progress, guarded, no_progress
+from wrinklecli.numeric.guard import Progress, guarded, log_progress
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.review.preview.apply import PlannedTools, plan_tools, without_contact
 from wrinklecli.review.preview.preview_options import PreviewOptions
@@ -60,7 +60,7 @@ def preview(
     options: PreviewOptions | None = None,
     *,
     outputs: Outputs | None = None,
-    progress: Progress = no_progress,
+    progress: Progress = log_progress,
     **named: Any,
 ) -> Preview:
     """Draw assets: a review of the tools, a sheet over time, or an animation.
@@ -121,8 +121,9 @@ def preview(
         else:
             data = encode_picture(drawn.images[0])
         written.add_bytes(path, data)
-    warnings = list(dict.fromkeys((*warnings, *drawn.warnings)))
-    return Preview(path, drawn.images[0].size, drawn.shown, drawn.views, tuple(warnings), (*joined[0].notes, *notes))
+    warnings, notes = list(dict.fromkeys((*warnings, *drawn.warnings))), [*joined[0].notes, *notes]
+    log_findings(warnings, notes, where=path)
+    return Preview(path, drawn.images[0].size, drawn.shown, drawn.views, tuple(warnings), tuple(notes))
 
 
 def refuse_missing(command: str = "preview") -> None:

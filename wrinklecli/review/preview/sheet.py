@@ -11,7 +11,7 @@ from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.errors import counted
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Ints
-from wrinklecli.numeric.guard import Progress, no_progress
+from wrinklecli.numeric.guard import Progress, log_progress
 from wrinklecli.review.preview.apply import PlannedTools, apply_tools
 from wrinklecli.review.preview.framing import plan_views
 from wrinklecli.review.preview.grid import draw_grid
@@ -101,7 +101,7 @@ def _read_tools(
         The assets; the options, which name the clip that raises the tool most, and times from its start to its peak
         unless they name a moment already; and warnings.
     """
-    shown, _, warnings = _read_shown(documents, None, (), options, no_progress)
+    shown, _, warnings = _read_shown(documents, None, (), options, log_progress)
     body = next((asset for asset in shown if asset.wrinkled), shown[0])
     peaks = baked_peaks_of(body, options.only, chosen_clips(body.clips, options.clips, where=body.document.path))
     moment = peaks[0].moment

@@ -18,7 +18,7 @@ from wrinklecli.choices import MaterialName, Part
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints
 from wrinklecli.numeric.closest import closest_point, nearest_of
-from wrinklecli.numeric.guard import Progress, no_progress
+from wrinklecli.numeric.guard import Progress, log_progress
 from wrinklecli.numeric.processes import in_processes
 from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.review.suggest.place_names import PlaceName
@@ -107,7 +107,7 @@ class Candidate:
 def find_candidates(
     meshes: Sequence[tuple[MeasuredMesh, Peaks]],
     parts: Sequence[Part | None],
-    progress: Progress = no_progress,
+    progress: Progress = log_progress,
     *,
     jobs: int = 1,
 ) -> list[Candidate]:

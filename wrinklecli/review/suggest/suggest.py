@@ -13,10 +13,11 @@ from wrinklecli.character.moved import Motions, moved
 from wrinklecli.character.rig import read_rig
 from wrinklecli.character.scene import deforms
 from wrinklecli.choices import Scheme
+from wrinklecli.errors import log_findings
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.images import files_of
-from wrinklecli.numeric.guard import Progress, guarded, no_progress
+from wrinklecli.numeric.guard import Progress, guarded, log_progress
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.review.suggest.anatomy import limit_to_body
 from wrinklecli.review.suggest.candidates import LEAST_LOSS, find_candidates
@@ -79,7 +80,7 @@ def suggest(
     asset: str | os.PathLike[str],
     options: SuggestOptions | None = None,
     *,
-    progress: Progress = no_progress,
+    progress: Progress = log_progress,
     **named: Any,
 ) -> Suggestions:
     """Find where clips compress an asset's surfaces, and suggest fields for garments, and tools for skin.
@@ -107,7 +108,13 @@ def suggest(
         [('wrist_top', 'extend')]
         >>> _ = Path("tools.yaml").write_text(found.text)
     """
-    options = replace(options or SuggestOptions(), **named)
+    found = _suggest(asset, replace(options or SuggestOptions(), **named), progress)
+    log_findings((), found.notes, where=os.fspath(asset))
+    return found
+
+
+def _suggest(asset: str | os.PathLike[str], options: SuggestOptions, progress: Progress) -> Suggestions:
+    """Suggest as `suggest` does."""
     with guarded(os.fspath(asset)):
         memory = Memory(options.max_memory)
         document = read_document(asset, allow_external=options.allow_external, memory=memory)

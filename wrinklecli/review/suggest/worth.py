@@ -23,7 +23,7 @@ from wrinklecli.effects.sampling import seen_at
 from wrinklecli.errors import counted
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats
-from wrinklecli.numeric.guard import Progress, no_progress
+from wrinklecli.numeric.guard import Progress, log_progress
 from wrinklecli.numeric.processes import in_processes
 from wrinklecli.review.preview.sides import UNSEEN, Side, best_moment
 from wrinklecli.review.suggest.anatomy import JOINED
@@ -132,7 +132,7 @@ def worthwhile(
     everything: bool,
     joined: Sequence[Clip] = (),
     checked: Sequence[Clip] = (),
-    progress: Progress = no_progress,
+    progress: Progress = log_progress,
 ) -> Worthwhile:
     """Try and look at suggestions, best first, until some are worth keeping.
 
