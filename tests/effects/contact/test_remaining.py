@@ -3,6 +3,8 @@
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +20,7 @@ from wrinklecli.effects.contact.crease import PlayerError
 from wrinklecli.effects.contact.effect import ContactWords, NonNegativeBasis, contact_effect
 from wrinklecli.effects.contact.given_up import CRUMPLED, TORN, WORSE
 from wrinklecli.effects.contact.layer import ContactLayer
-from wrinklecli.effects.contact.remaining import FADE, nearness, shown_in
+from wrinklecli.effects.contact.remaining import FADE, _state, nearness, shown_in
 from wrinklecli.review.crossings import crossings
 
 # So low that the wrinkles cross no more than the skin: else such a fold is given up.
@@ -92,3 +94,17 @@ def test_what_fades_is_gone_in_a_pose_and_whole_a_few_strides_away() -> None:
     both = nearness(np.stack([bends, 2.0 * bends]), np.array([3]))
     assert both == pytest.approx(np.maximum(1.0 - 2.0 * (5.0 - bends) / FADE, 0.0))
     assert not nearness(bends[None], np.zeros(0, np.intp)).any()
+
+
+@pytest.mark.parametrize(
+    ("low", "keep", "state"), [(0.5, True, (1.0, 0.5)), (0.5, False, (0.0, 1.0)), (0.0, True, (0.0, 1.0))]
+)
+def test_wrinkles_are_lowered_before_contact_is_lost(low: float, *, keep: bool, state: tuple[float, float]) -> None:
+    """With contact a pose crosses more than the skin, unless its wrinkles are low."""
+    skin = np.array([4, 4])
+
+    def found(_frames: np.ndarray, contact: float, height: float) -> np.ndarray:
+        return skin + (1 if contact and height > low else 0)
+
+    look: Any = SimpleNamespace(crossings=found, skin=lambda _frames: skin)
+    assert _state([look], np.array([0, 1]), keep=keep) == state

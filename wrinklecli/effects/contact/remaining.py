@@ -1,8 +1,8 @@
 """Poses of a clip that contact does not resolve: what it shows there, and the crossings that remain.
 
-A pose with a fault has the weights of the last good one (`Crease.follow`). Where these tear the surface, or all poses
-together cross more than the skin alone, such poses get less of contact, or lower wrinkles: the first state in a short
-list in which they cross no more than the skin. All other poses keep what they have, and it fades between.
+A pose with a fault has the weights of the last good one (`Crease.follow`). Where poses with a fault that follow each
+other cross more than the skin alone, wrinkles are lowered in them, and contact is lost if this is not enough, or if it
+tears the surface. All other poses keep what they have, and it fades between.
 
 What fades, fades with the turn of the joint, and not with the time, as players know the turn alone.
 
@@ -116,13 +116,13 @@ def shown_in(
         for each, broken, more in zip(followed, torn, worse, strict=True)
     ]
     broken = {frame for each in torn for frame in each}
-    # While contact fades, the surface passes through itself; if the skin alone crosses less, all poses count as bad.
+    # While contact fades, the surface passes through itself; if the skin alone crosses less, the clip gets none.
     for bad in (np.array(sorted({frame for each in faults for frame in each}), np.intp), acting):
         whole, low = np.ones(len(times)), np.ones(len(times))
         # Poses that follow each other get the same state.
         for run in np.split(bad, 1 + np.flatnonzero(np.diff(bad) > 1)):
             near = nearness(strides, run)
-            contact, height = _state(looks, run, torn=not broken.isdisjoint(run.tolist()))
+            contact, height = _state(looks, run, keep=bad is not acting and broken.isdisjoint(run.tolist()))
             whole, low = np.minimum(whole, 1.0 - (1.0 - contact) * near), np.minimum(low, 1.0 - (1.0 - height) * near)
         left = [look.crossings(acting, whole, low) for look in looks]
         if all(found.sum() <= look.skin(acting).sum() for look, found in zip(looks, left, strict=True)):
@@ -135,23 +135,18 @@ def shown_in(
     return Shown(tuple(made), low, tuple(remaining))
 
 
-def _state(looks: "Sequence[_Look]", frames: Ints, *, torn: bool) -> tuple[float, float]:
-    """The parts of contact and of the wrinkles' height in some frames, which are kept as far as they can be.
+def _state(looks: "Sequence[_Look]", frames: Ints, *, keep: bool) -> tuple[float, float]:
+    """The parts of contact and of the wrinkles' height in some frames, with which no fold crosses more than its skin.
 
-    With these, no fold crosses more in any of them than its skin, nor than without contact. No contact is left if it
-    has `torn` the surface.
+    Wrinkles are lowered before contact is lost, which is whole or 0; it is 0 if it is not to `keep`.
     """
-
-    def fits(look: "_Look", contact: float, height: float) -> bool:
-        shown, without = (look.crossings(frames, part, height) for part in (contact, 0.0))
-        return bool((shown <= np.minimum(without, look.skin(frames))).all())
-
-    height = 1.0
-    while True:
-        for contact in (0.0,) if torn else (1.0, 0.0):
-            if all(fits(look, contact, height) for look in looks):
-                return contact, height
-        height = max(height / 2.0, FAINT)
+    heights = 0.5 ** np.arange(1.0 - np.log2(FAINT))
+    states = ((contact, height) for contact in (1.0, 0.0)[not keep :] for height in heights.tolist())
+    return next(
+        state
+        for state in states
+        if all(each.crossings(frames, *state).sum() <= each.skin(frames).sum() for each in looks)
+    )
 
 
 @dataclass(frozen=True)
