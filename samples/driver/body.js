@@ -23,10 +23,10 @@ export const quoted = (names) => [...new Set(names)].map((name) => JSON.stringif
 
 /** The names of the joints that a drive needs. */
 function jointsOf(drive) {
-  const { joint, parent = joint, turns, by, limb = [] } = drive;
+  const { joint, parent = joint, turns, by, limb = [], row = [] } = drive;
   if (turns) return turns.flatMap(jointsOf);
   if (joint !== undefined) return [joint, parent];
-  return [...anchorsOf(drive), ...(by ? [by] : []), ...limb].flatMap((each) => each.joints);
+  return [...anchorsOf(drive), ...(by ? [by] : []), ...limb, ...row.flatMap(anchorsOf)].flatMap((each) => each.joints);
 }
 
 export class Body {

@@ -66,6 +66,22 @@ def test_a_tip_slips_beyond_its_grip(angle: float, farther: float) -> None:
     assert beyond == pytest.approx(at_grip, abs=1e-9)
 
 
+@pytest.mark.parametrize("count", [1, 2, 8])
+def test_places_of_a_row_share_a_contact(count: int) -> None:
+    """The shares of two neighbours sum to one, and their mean place is the contact's, as far as the row goes."""
+    row = {key: PALM[key] for key in ("anchors", "bend", "rises")} | {"windows": [0.0]}
+    data = PALM | row | {"targets": [f"wrinkle_palm_{k}" for k in range(5 + 1 if count == 1 else 3 * count)]}
+    data |= {"row": [row] * (count - 1), "spacing": 0.25} if count > 1 else {}
+    drive = StoredDrive.read(data).on({"hand": 0}, ())
+    assert drive.to_json(["hand"], ()) == data
+    along = np.linspace(-0.5, 3.0, 71)
+    shares = drive.shares(along)
+    assert shares.sum(axis=0) == pytest.approx(1.0)
+    assert (np.abs(np.diff(shares > 0, axis=0).astype(int)).sum(axis=0) <= 2).all()
+    assert ((shares > 0).sum(axis=0) <= 2).all()
+    assert 0.25 * np.arange(count) @ shares == pytest.approx(np.clip(along, 0.0, 0.25 * (count - 1)))
+
+
 @pytest.mark.parametrize(
     "forged",
     [
@@ -83,6 +99,8 @@ def test_a_tip_slips_beyond_its_grip(angle: float, farther: float) -> None:
                                          [[0.0, 0.0], [1.0, 0.5], [1.0, 1.0]])),
         *({"limb": [ANCHOR] * count} for count in (1, 3)),
         *({"anchors": [ANCHOR] * count} for count in (3, 5)),
+        {"spacing": 1.0},
+        {"row": [{key: PALM[key] for key in ("anchors", "bend", "rises")} | {"windows": []}]},
     ],
     ids=str,
 )  # fmt: skip

@@ -90,8 +90,8 @@ def test_a_ray_meets_curved_skin_where_it_is(tmp_path: Path, slide: tuple[float,
     (below,) = session.attached_below().values()
     assert isinstance(below.attached, AttachedTouch)
     drive: TouchDrive = below.attached.drive
-    assert drive.bend[0] == pytest.approx(-10.0, rel=0.1)
-    height = float(drive.bend @ [slide[0] ** 2, slide[0] * slide[1], slide[1] ** 2])
+    assert drive.places[0].bend[0] == pytest.approx(-10.0, rel=0.1)
+    height = float(drive.places[0].bend @ [slide[0] ** 2, slide[0] * slide[1], slide[1] ** 2])
     found = slide_to(drive, below.ground.rig.own, None, 0.0, *ray_to(*slide, height=height))
     assert found == pytest.approx(slide, abs=1e-6)
 

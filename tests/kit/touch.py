@@ -28,6 +28,12 @@ def touch(**keys: Any) -> Json:
     }
 
 
+def stroked(**keys: Any) -> Json:
+    """A touch of a tools file along 80 mm of the plate, towards +x, by the node `tip`."""
+    spot = touch(at=[-0.04, 0.0, 0.0], along=[[0.04, 0.0, 0.0]], by="tip")
+    return {name: each for name, each in spot.items() if name not in ("towards", "keys")} | keys
+
+
 def plate(
     size: float = 0.24,
     cells: int = 24,

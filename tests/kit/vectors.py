@@ -25,7 +25,7 @@ from kit.limb import RADIUS, limb_asset, nose, tool
 from kit.muscles import arm, muscle
 from kit.player import Gltf
 from kit.samples import BENT, BROW
-from kit.touch import SECONDS, plate, touch
+from kit.touch import SECONDS, plate, stroked, touch
 from wrinklecli.baking.baked_body import BakedBody, read_bodies
 from wrinklecli.baking.driven_body import DrivenBody, joints_of, present_drives, with_own_weights
 from wrinklecli.character.clip import read_clips
@@ -139,6 +139,12 @@ def _touched(tip: Array | None = None, plate_of: dict[str, Any] | None = None, *
     )
 
 
+def _stroked() -> Gltf:
+    spot = stroked(along=[[0.0, 0.0, 0.01], [0.04, 0.0, 0.0]], wrinkles={"bumps": 2}, release=_CRITICAL)
+    top = {"touches": [spot], "refinement": {"max_levels": 0}}
+    return bake_once(place(plate(tip=_ALONG)), top=top, tracks="none")
+
+
 def _touched_limb() -> Gltf:
     keys = {"fold": [[0.2, 0, 0], [0.8, 0.05, 0.02, 0.01], [1.4, -0.03, 0.04, 0.01]]}
     spots = [
@@ -222,6 +228,9 @@ _RUBS = np.array(
 _STAYS = np.array([(-0.005, 0.03, 0), (-0.005, -0.001, 0), *2 * [(0.004, -0.001, 0.003)], (0.004, -0.001, -0.002)])
 _PATS = np.array(
     [(0.002, 0.03, 0), (0.002, -0.002, 0), (0.002, -0.002, 0.008), (0.002, 0.03, 0.008), (-0.004, -0.001, 0.002)]
+)
+_ALONG = np.array(
+    [(-0.045, 0.03, 0), (-0.04, 0, 0), (-0.01, -0.001, 0.01), (0.03, -0.001, 0.004), (0.05, -0.001, 0), (0.05, 0.03, 0)]
 )
 _CRITICAL = {"frequency": 4, "damping": 1}
 _MORPH = {"morph": "browsUp", "full": "115%"}
@@ -307,6 +316,12 @@ CASES: dict[str, Case] = {
         "a touch by a node that never lets go, in a loop: the skin begins where it ends",
         lambda: _touched(_RUBS, by="tip", keys={}, plate_of={"turns": False}),
         {"drag": (24, True)},
+        BETWEEN_FRAMES,
+    ),
+    "stroke": Case(
+        "a touch by a node that strokes the skin along a row of places, and lets go",
+        _stroked,
+        {"drag": (32, False)},
         BETWEEN_FRAMES,
     ),
     "hand": Case(

@@ -151,6 +151,7 @@ def test_a_driver_knows_how_often_a_loop_is_played_unseen(language: str) -> None
                 "tip",
                 "tip_of_one_clip",
                 "anew",
+                "stroke",
             ):
                 assert unseen == 0, name
     assert rounds == {"lag": 1, "loop": 6, "flesh": 1, "rub": 1}

@@ -804,6 +804,7 @@ def defaults_of(keys: dict[str, Any]) -> dict[str, Any]:
         "fields",
         "radius",
         "towards",
+        "along",
         "by",
         *(["at"] if "radius" in keys else []),
     ]

@@ -293,7 +293,8 @@ class StoredDrive:
         if turns:
             joints = [joint for each in turns for joint in (each["joint"], each.get("parent")) if joint is not None]
         else:
-            points = [*anchors_of(data), *([data["by"]] if "by" in data else []), *data.get("limb", ())]
+            further = [anchor for place in data.get("row", ()) for anchor in anchors_of(place)]
+            points = [*anchors_of(data), *([data["by"]] if "by" in data else []), *data.get("limb", ()), *further]
             joints = [joint for point in points for joint in point["joints"]]
         names = tuple(dict.fromkeys(str(joint) for joint in joints))
         targets = tuple(str(name) for name in data["targets"])

@@ -75,7 +75,7 @@ def slide_to(
     slide = np.zeros(2)
     for _ in range(_STEPS):
         # The skin's height there; it is known near the place only.
-        height = drive.bend @ [slide[0] ** 2, slide[0] * slide[1], slide[1] ** 2]
+        height = drive.places[0].bend @ [slide[0] ** 2, slide[0] * slide[1], slide[1] ** 2]
         slide = start[:2] + (start[2] - height) / -way[2] * way[:2]
         slide *= min(1.0, drive.grip / max(float(np.hypot(*slide)), TINY))
     return np.asarray(slide)

@@ -33,6 +33,7 @@ from wrinklecli.tools.records import (
     DAMPING,
     END,
     MASK,
+    MAX_POINTS,
     MAX_SEED,
     SECONDS,
     SWINGS,
@@ -45,6 +46,7 @@ from wrinklecli.tools.records import (
     Position,
     parse_length,
     read_anchor,
+    read_anchors,
     read_end,
     read_mask_of,
     read_tip,
@@ -377,6 +379,7 @@ class Touch(EffectTool):
 
     Attributes:
         at: Its middle: world space at rest, Y-up, scene units; or a marker. `towards` is alike.
+        along: Further points of its path; none for one place.
         towards: A point in whose direction slides count as forward; None for the direction of the limb.
         by: The tip; None if it is keyed alone.
         wrinkles: None for a slide without rings.
@@ -394,6 +397,13 @@ class Touch(EffectTool):
         "Slides towards this point count as forward. Default: along the limb, away from the body.",
         read=read_anchor,
         absent=None,
+    )
+    along: tuple[Position | Marker, ...] = key(
+        list_of(ANCHOR, 1, MAX_POINTS, f"a list of 1 to {MAX_POINTS} points, each [x, y, z] or {{marker: NODE}}"),
+        "Further points of the path along which the tip strokes the skin; forward is along it. Default: none, so that "
+        "the place is fixed.",
+        read=read_anchors,
+        absent=(),
     )
     mask: Mask | None = key(
         MASK,
@@ -470,13 +480,14 @@ class Touch(EffectTool):
 
     @property
     def points(self) -> tuple[Point, ...]:
-        """The middle, and the point that is forward and the tip if there are such."""
-        return tuple(each for each in (self.at, self.towards, self.by) if each is not None)
+        """The middle, and the point that is forward, those of the path and the tip if there are such."""
+        return tuple(each for each in (self.at, self.towards, *self.along, self.by) if each is not None)
 
     def place_of(self, number: int, *keys: str) -> str:
         """The place of a point in the file."""
-        there = [name for name in ("at", "towards", "by") if getattr(self, name) is not None]
-        return self.places.get((there[number], *keys), self.place(there[number]))
+        path = [("along", str(each)) for each in range(len(self.along))]
+        there = [("at",), *([] if self.towards is None else [("towards",)]), *path, ("by",)]
+        return self.places.get((*there[number], *keys), self.place(*there[number]))
 
     @property
     def named_clips(self) -> Sequence[tuple[str, tuple[str, ...]]]:

@@ -155,10 +155,13 @@ def _problems_of(tool: _Effect, kind: Kind, owners: Mapping[str, str]) -> Iterat
         if first in values and values[first] == values.get(second):
             message = f"same as {first}, expected another point"
             yield Problem(parts[second].line, f"{tool.path}.{second}", message)
-    for number, (before, point) in enumerate(pairwise(values.get("path", ())), start=1):
-        if point == before:
-            line = parts["path"].children[number].line
-            yield Problem(line, f"{tool.path}.path[{number}]", "same as the point before it, expected another")
+    # The points of a touch's path follow its place.
+    for key, start in (("path", ()), ("along", (values.get("at"),))):
+        listed = values.get(key, ())
+        for number, (before, point) in enumerate(pairwise((*start, *listed)), start=1 - len(start)):
+            if point == before:
+                line = parts[key].children[number].line
+                yield Problem(line, f"{tool.path}.{key}[{number}]", "same as the point before it, expected another")
 
 
 def _problems_of_mirrored(

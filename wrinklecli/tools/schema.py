@@ -47,6 +47,9 @@ def _alone(
 
 
 _BALL: Schema = {"required": ["at", "radius"]}
+_NONE_BESIDE_PATH: Schema = {
+    "properties": dict.fromkeys(("towards", "keys"), expects("none beside along", **{"not": {}}))
+}
 KINDS = {
     "tools": Kind(
         Items("tool", TOOL_KEYS, OWN_KEYS),
@@ -90,6 +93,8 @@ KINDS = {
         ("at", "pad"),
         "Places where a tip slides the skin, which wrinkles in front of it.",
         ("at", "towards"),
+        # Forward is along a path, and keys slide one place.
+        **{"if": {"required": ["along"]}, "then": _NONE_BESIDE_PATH},
     ),
     "fields": _alone(Field, "field", (), "Fields of wrinkles over whole garments, where these are compressed.", ()),
 }

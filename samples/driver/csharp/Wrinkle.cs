@@ -10,10 +10,10 @@ namespace Wrinkles
 {
     using Json = Dictionary<string, object>;
 
-    /// <summary>A tip of the player's own that touches: slide and depth, scene units.</summary>
+    /// <summary>A tip of the player's own that touches: slide and depth, and how far along a row the skin is, scene units.</summary>
     public sealed class Hand
     {
-        public double Forward, Sideways, Depth;
+        public double Forward, Sideways, Depth, Along;
     }
 
     /// <summary>What a driver knows of a frame.</summary>

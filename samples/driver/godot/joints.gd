@@ -206,11 +206,10 @@ static func _cubic(moves, steps, i):
 
 static func touch(body, data, state, hand):
 	var contact = _contact(body, data, state, hand)
+	var spots = _spots(data)
 	var grip = data["grip"]
 	var slide = [contact[0] / grip, contact[1] / grip]
 	slide = Numbers.times(1.0 / Numbers.larger(Numbers.length(slide), 1.0), slide)
-	var length = Numbers.length(slide)
-	var height = Numbers.point(data["rises"], length) / length if length > 0 else 0.0
 	var found = []
 	var turn = data["turn"] if data.has("turn") else 0.0
 	var along = cos(turn) * slide[0] + sin(turn) * slide[1]
@@ -218,14 +217,47 @@ static func touch(body, data, state, hand):
 	var ways = []
 	for way in [along, across, -along, -across]:
 		ways.append(Numbers.larger(way, 0.0))
+	if spots.size() > 1:
+		var shares = _shares(data, contact[3])
+		for k in range(spots.size()):
+			found += Numbers.times(shares[k], [ways[0], ways[2]] + _rings(spots[k], slide))
+		return found
 	found += ways
 	found.append(Numbers.held(contact[2] / data["deepest"], 0.0, 1.0))
-	for window in data["windows"]:
-		found.append(height * Numbers.larger(slide[0] * cos(window) + slide[1] * sin(window), 0.0))
+	found += _rings(data, slide)
 	if data.has("limb"):
 		var sine = _bend(body, data)
 		for side in [sine, -sine]:
 			found += Numbers.times(Numbers.larger(side, 0.0), ways)
+	return found
+
+
+# A touch's places: its own, and the further ones of its row.
+static func _spots(data):
+	return [data] + (data["row"] if data.has("row") else [])
+
+
+# The weights of a place's rings at a slide over the greatest.
+static func _rings(spot, slide):
+	var length = Numbers.length(slide)
+	var height = Numbers.point(spot["rises"], length) / length if length > 0 else 0.0
+	var found = []
+	for window in spot["windows"]:
+		found.append(height * Numbers.larger(slide[0] * cos(window) + slide[1] * sin(window), 0.0))
+	return found
+
+
+# The distance from a place to the nearest one on the row, along it.
+static func _beside(data, along):
+	return along - Numbers.held(along, 0.0, data["row"].size() * data["spacing"]) if data.has("row") else along
+
+
+# The shares of the places at a distance along the row: those of two neighbours sum to 1.
+static func _shares(data, along):
+	var passed = (along - _beside(data, along)) / data["spacing"] if data.has("row") else 0.0
+	var found = []
+	for k in range(_spots(data).size()):
+		found.append(Numbers.larger(1.0 - abs(passed - k), 0.0))
 	return found
 
 
@@ -240,30 +272,48 @@ static func _bend(body, data):
 	return Numbers.held(Numbers.dot(way, Numbers.cross(axes[0], axes[1])) / volume, -1.0, 1.0) if volume != 0 else 0.0
 
 
-# Where a place of the world is: forward, sideways and above the skin, scene units at rest. Null where the skin is scaled to
-# nothing.
+# Where a place of the world is: forward, sideways and above the skin, scene units at rest; forward is along the row. Null
+# where the skin is scaled to nothing.
 static func _on_skin(body, data, place):
-	var middle = body.placed(data["anchors"][0])[0]
+	var spots = _spots(data)
+	var each = []
+	for spot in spots:
+		each.append(_on_spot(body, spot, data["pad"], place))
+		if each[-1] == null:
+			return null
+	var along = 0.0
+	for k in range(spots.size() - 1):
+		along += Numbers.held(each[k][0], 0.0, data["spacing"])
+	var shares = _shares(data, along)
+	var found = [0.0, 0.0, 0.0]
+	for k in range(spots.size()):
+		var ahead = k * data["spacing"] if k > 0 else 0.0
+		found = Numbers.sum(found, Numbers.sum(each[k], [ahead, 0.0, 0.0], 1.0), shares[k])
+	return found
+
+
+static func _on_spot(body, spot, pad, place):
+	var middle = body.placed(spot["anchors"][0])[0]
 	var axes = []
 	for k in [1, 2, 3]:
-		axes.append(Numbers.sum(body.placed(data["anchors"][k])[0], middle, -1.0))
+		axes.append(Numbers.sum(body.placed(spot["anchors"][k])[0], middle, -1.0))
 	var way = Numbers.sum(place, middle, -1.0)
-	var volume = Numbers.dot(axes[0], Numbers.cross(axes[1], axes[2])) / data["pad"]
-	if not abs(volume) >= 1e-18 * data["pad"] * data["pad"]:
+	var volume = Numbers.dot(axes[0], Numbers.cross(axes[1], axes[2])) / pad
+	if not abs(volume) >= 1e-18 * pad * pad:
 		return null
 	var f = Numbers.dot(way, Numbers.cross(axes[1], axes[2])) / volume
 	var s = Numbers.dot(way, Numbers.cross(axes[2], axes[0])) / volume
 	var h = Numbers.dot(way, Numbers.cross(axes[0], axes[1])) / volume
-	return [f, s, h - data["bend"][0] * f * f - data["bend"][1] * f * s - data["bend"][2] * s * s]
+	return [f, s, h - spot["bend"][0] * f * f - spot["bend"][1] * f * s - spot["bend"][2] * s * s]
 
 
-# [forward, sideways, depth]: keyed, asked for, of the tip, or what is left of the last.
+# [forward, sideways, depth, along the row]: keyed, asked for, of the tip, or what is left of the last.
 static func _contact(body, data, state, hand):
 	if hand == null and data.get("keys", {}).has(body.clip):
 		var rows = data["keys"][body.clip]
 		var rest = Numbers.remaining(data["release"], body.time - rows[-1][0])
 		var depth = Numbers.larger(Numbers.point(rows, body.time, 3), 0.0)
-		return Numbers.times(rest, [Numbers.point(rows, body.time, 1), Numbers.point(rows, body.time, 2), depth])
+		return Numbers.times(rest, [Numbers.point(rows, body.time, 1), Numbers.point(rows, body.time, 2), depth, 0.0])
 	# Where the seconds since the last frame are not known, the skin is at rest.
 	if not body.elapsed >= 0:
 		state.clear()
@@ -277,7 +327,7 @@ static func _contact(body, data, state, hand):
 	var held = state.get("held", false)
 	var touches = hand != null
 	if now != null:
-		touches = now[2] < deepest and Numbers.length([now[0], now[1]]) < data["pad"] + (data["grip"] if held else 0.0)
+		touches = now[2] < deepest and Numbers.length([_beside(data, now[0]), now[1]]) < data["pad"] + (data["grip"] if held else 0.0)
 	# Within a frame the tip comes or goes where it passes that height.
 	var part = 0.0
 	if now != null and touches != held and before[2] != now[2]:
@@ -289,6 +339,7 @@ static func _contact(body, data, state, hand):
 			if state["time"] < end and end <= body.time:
 				gone = (end - state["time"]) / (body.time - state["time"])
 	var asked = state.get("slide", [0.0, 0.0])
+	var end = null
 	if hand != null:
 		asked = hand["slide"]
 	elif now != null and (touches or held):
@@ -296,10 +347,15 @@ static func _contact(body, data, state, hand):
 		var from = before if held else edge
 		var to = now if touches else edge
 		asked = [asked[0] + to[0] - from[0], asked[1] + to[1] - from[1]]
+		end = to
 	if touches or held:
 		# Beyond its grip the tip slips.
 		var slip = data["grip"] / Numbers.larger(Numbers.length(asked), 1e-30)
 		state["left"] = Numbers.times(Numbers.smaller(1.0, slip), asked)
+		if hand != null:
+			state["along"] = hand.get("along", 0.0)
+		elif end != null:
+			state["along"] = end[0] - state["left"][0]
 		state["since"] = -gone * body.elapsed if state.get("tip") != null and not touches else 0.0
 	if not touches and body.elapsed > 0:
 		state["since"] = state.get("since", 0.0) + body.elapsed
@@ -312,4 +368,4 @@ static func _contact(body, data, state, hand):
 	state["tip"] = now
 	state["held"] = touches
 	state["slide"] = Numbers.times(remaining, state.get("left", [0.0, 0.0]))
-	return [state["slide"][0], state["slide"][1], pressed]
+	return [state["slide"][0], state["slide"][1], pressed, state.get("along", 0.0)]

@@ -123,7 +123,7 @@ static func joints_of(drive):
 		for turn in drive["turns"]:
 			found += joints_of(turn)
 		return found
-	for anchor in _anchors(drive) + ([drive["by"]] if drive.has("by") else []) + drive.get("limb", []):
+	for anchor in _anchors(drive) + ([drive["by"]] if drive.has("by") else []) + drive.get("limb", []) + _anchors_of_row(drive):
 		found += anchor["joints"]
 	return found
 
@@ -142,6 +142,13 @@ func _missing(names, there):
 # The weight of a morph target, driven or not.
 func morph(target):
 	return _found[target] if _found.has(target) else morphs.get(target, 0.0)
+
+
+static func _anchors_of_row(drive):
+	var found = []
+	for place in drive.get("row", []):
+		found += place["anchors"]
+	return found
 
 
 static func _anchors(drive):

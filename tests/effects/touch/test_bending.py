@@ -17,7 +17,7 @@ from wrinklecli.character.clip import read_clips
 from wrinklecli.character.rig import read_rig
 from wrinklecli.character.scene import deforming_nodes
 from wrinklecli.character.surface import influence_count
-from wrinklecli.drive.touch import TouchDrive
+from wrinklecli.drive.touch import EVERY, TouchDrive
 from wrinklecli.effects.touch.attach import _ASLANT, _turn, attach_touches
 from wrinklecli.effects.touch.skin import Place, hold_of, slides_on
 from wrinklecli.gltf.document import read_document
@@ -40,11 +40,11 @@ def errors(asset: Path, spot: Json, clip: str, time: float) -> tuple[float, floa
     clips, (node, *_) = read_clips(document), deforming_nodes(document)
     settings = read_values({"version": 1, "touches": [spot]}, name="tools", known={})
     ground = read_ground(document, node, [], settings, clips)
-    (attached,) = attach_touches(settings.touches, ground, settings)
+    (dragged,) = attach_touches(settings.touches, ground, settings)
     fine = refine(
         ground.surface,
         ground.rest,
-        attached.regions,
+        dragged.regions,
         ground.rig,
         settings=replace(settings.refinement, max_levels=1),
         contacts=ground.contacts.held,
@@ -53,6 +53,7 @@ def errors(asset: Path, spot: Json, clip: str, time: float) -> tuple[float, floa
         tolerance=np.inf,
     )
     posed = read_ground(document, node, [], replace(settings, rest=RestFrame(clip=clip, time=time)), clips)
+    attached = dragged.places[0]
     slides, place = slides_on(fine, fine.rest_positions, attached.place, attached.hold), attached.place
     # The place in the pose.
     triangle, corners, _ = ground.rest.closest_point(place.at)
@@ -68,7 +69,7 @@ def errors(asset: Path, spot: Json, clip: str, time: float) -> tuple[float, floa
     blended = fine.subdivision.interpolate(posed.rest.blended.reshape(-1, 12)).reshape(-1, 3, 4)
     carried = blended[:, :, :3] @ inverses(fine.blended)
     found = []
-    (bend,) = attached.drive.bends_in(
+    (bend,) = dragged.drive.bends_in(
         ground.rig.own, next(each for each in clips if each.name == clip), np.array([time])
     )
     assert attached.bending is not None
@@ -146,7 +147,7 @@ def test_the_bend_is_counted_from_the_rest_pose_of_a_clip() -> None:
     bends = drive.bends_in(read_rig(document, 0), read_clips(document)[0], times)
     assert bends == pytest.approx(np.sin(np.radians(100.0 * times) - turn) * np.sign(bends[-1]), abs=0.02)
     assert abs(bends[1]) < 1e-6
-    assert len(drive.targets) == TouchDrive.slides + TouchDrive.bent
+    assert len(drive.targets) == len(EVERY) + TouchDrive.bent
 
 
 def test_weights_of_changes_are_those_of_slides_times_the_bend(limb: tuple[Path, dict[str, TouchDrive]]) -> None:
@@ -165,7 +166,7 @@ def test_skin_that_no_joint_bends_has_no_more_targets() -> None:
     file = bake_once(place(plate()), top={"touches": [touch()], "refinement": {"max_levels": 0}})
     (stored,) = read_bodies(read_document(file.path))[0].drives
     assert "limb" not in stored.data
-    assert len(stored.targets) == TouchDrive.slides + 8
+    assert len(stored.targets) == len(EVERY) + 8
 
 
 def test_a_slide_in_a_bent_pose_is_as_long_as_asked(limb: tuple[Path, dict[str, TouchDrive]]) -> None:

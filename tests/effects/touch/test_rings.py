@@ -50,7 +50,7 @@ def test_heights_are_those_of_the_control_curve_on_each_ray(directions: int, err
     for angle in np.linspace(0.0, np.pi / 4, 7):
         for part in (0.2, 0.5, 1.0):
             slide = part * GRIP * np.array([[np.cos(angle), np.sin(angle), 0.0]])
-            weights = drive.weights_of_contacts(slide)[0, drive.slides :]
+            weights = drive.weights_of_contacts(slide)[0, len(drive.slides) :]
             played = np.multiply.outer(rings.amplitudes, weights @ rings.windows(rays))
             spans = rings.length * np.diff(rings.edges)
             absorbed = (1.0 - rings.compressible) * rings.shares * GRIP * part
@@ -69,14 +69,14 @@ def test_the_skin_rises_as_the_control_curve_does(directions: int, error: float)
     found = attached(directions)
     rings, drive = found.rings, found.drive
     assert rings is not None
-    positions, deltas = file.attribute("skin", "POSITION"), file.deltas("skin")[drive.slides :, :, 1]
-    distances, rays = found.place.polar(positions)
+    positions, deltas = file.attribute("skin", "POSITION"), file.deltas("skin")[len(drive.slides) :, :, 1]
+    distances, rays = found.places[0].place.polar(positions)
     u = (distances - rings.start) / rings.length
     on = (u > 0) & (u < 1)
     assert on.sum() > 2000
     for angle, part in ((0.0, 1.0), (np.pi / 8, 1.0), (2.0, 0.4)):
         weights = drive.weights_of_contacts(part * GRIP * np.array([[np.cos(angle), np.sin(angle), 0.0]]))[
-            0, drive.slides :
+            0, len(drive.slides) :
         ]
         played = weights @ deltas[: len(weights)]
         spans = rings.length * np.diff(rings.edges)

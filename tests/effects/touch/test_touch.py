@@ -1,5 +1,6 @@
 """Touch from the tools file to the player: slide, rings, proof, and what is refused."""
 
+from functools import cache
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -14,12 +15,12 @@ from kit.bakes import bake_once, place, report_of
 from kit.clients import assert_valid, compare_with_three, drive
 from kit.places import ROOT
 from kit.player import Gltf
-from kit.touch import GRIP, PAD, SECONDS, plate, touch
+from kit.touch import GRIP, PAD, SECONDS, plate, stroked, touch
 from wrinklecli.baking.baked_body import read_bodies
 from wrinklecli.baking.track import track
 from wrinklecli.character.clip import read_clips
 from wrinklecli.character.rig import read_rig
-from wrinklecli.drive.touch import TouchDrive
+from wrinklecli.drive.touch import EVERY
 from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import read_document
 from wrinklecli.numeric.closest import Tree
@@ -266,7 +267,7 @@ def test_the_driver_plays_keys_and_tips_as_the_bake_does() -> None:
         assert wanted.max() > 0.9
         found = np.stack([played[name][:, 0] for name in whole.mesh("skin")["extras"]["targetNames"]], axis=1)
         assert np.abs(found - wanted).max() < 0.01
-        assert np.abs(found - wanted)[:, : TouchDrive.slides - 1].max() < 0.003
+        assert np.abs(found - wanted)[:, : len(EVERY) - 1].max() < 0.003
 
 
 @pytest.mark.slow
@@ -287,7 +288,7 @@ def test_the_driver_follows_the_sample_s_finger_as_the_bake_does(fps: int, begin
     assert exact.max() > 0.9
     assert np.abs(found - exact).max() < 0.002
     sizes = np.linalg.norm(whole.deltas("touch"), axis=2).max(axis=1)
-    dent = TouchDrive.slides - 1
+    dent = len(EVERY) - 1
     for some in (slice(dent), slice(dent, dent + 1), slice(dent + 1, None)):
         off = np.abs(found - whole.weights("touch", "drag", times))[:, some] * sizes[some]
         assert off.max() < 0.01 * sizes[some].max()
@@ -377,6 +378,86 @@ def test_what_does_not_fit_is_one_line(skin: Path, tmp_path: Path, changes: Json
     (line,) = str(refused.value).splitlines()
     assert message in line
     assert not (tmp_path / "out.glb").exists()
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"along": []}, "expected a list of 1 to 64 points"),
+        ({"along": [[-0.04, 0.0, 0.0]]}, "touches[0].along[0]: same as the point before it, expected another"),
+        ({"along": [[0.0, 0.0, 0.0], [0.005, 0.0, 0.0]]}, "is 0.005 from the point before it, less than half"),
+        ({"along": [[0.0, 0.0, 0.0], [0.0, 0.05, 0.0]]}, "touches[0].along[1]: is 0.05 from the mesh, more than half"),
+        ({"pad": 0.004, "along": [[0.1, 0.0, 0.0]]}, "would take 19 places, 2 pads of 0.004 apart, of 8"),
+        ({"towards": [0.05, 0.0, 0.0]}, "expected none beside along"),
+        ({"keys": {"drag": [[0, 0, 0]]}}, "expected none beside along"),
+    ],
+    ids=str,
+)  # fmt: skip
+def test_a_path_that_does_not_fit_is_one_line(tmp_path: Path, changes: Json, message: str) -> None:
+    path = tmp_path / "tools.yaml"
+    path.write_text(yaml.safe_dump({"version": 1, "touches": [stroked(**changes)]}))
+    with pytest.raises(WrinkleError) as refused:
+        wrinklecli.bake(a_stroke(), path, tmp_path / "out.glb")
+    (line,) = str(refused.value).splitlines()
+    assert message in line
+    assert not (tmp_path / "out.glb").exists()
+
+
+@cache
+def a_stroke() -> Path:
+    """A tip that comes down before the path, strokes along it at 60 mm a second, and goes up behind it."""
+    ways = np.linspace(-0.05, 0.055, 22)
+    line = np.stack([ways, np.full(len(ways), -0.0005), 0.0 * ways], axis=1)
+    above = line[[0, -1], None] + np.array([0.0, 0.03, 0.0])
+    return place(plate(tip=np.concatenate([above[0], line, above[1]]), turns=False))
+
+
+@pytest.mark.slow
+@pytest.mark.long
+def test_places_of_a_row_hand_over() -> None:
+    """Two neighbours share a slide that is whole, once the tip slips, from the first place to the last."""
+    file = baked(a_stroke(), stroked(), levels=0)
+    names = file.mesh("skin")["extras"]["targetNames"]
+    assert names == [f"wrinkle_spot_{number}" for number in range(1, 13)]
+    weights = file.weights("skin", "drag", np.linspace(0.4, 1.85, 30))
+    for some in (weights[:, 0::3], weights[:, 2::3]):
+        assert some.sum(axis=1) == pytest.approx(1.0, abs=0.01)
+        assert (np.diff(some @ np.arange(4)) > -0.01).all()
+        assert ((some > 0.01).sum(axis=1) <= 2).all()
+    assert weights[0, 0] == pytest.approx(1.0, abs=0.02)
+    assert weights[-1, 9] > 0.95
+    assert not weights[:, 1::3].any(), "nothing slides back"
+    whole = file.weights("skin", "drag", np.linspace(0.0, SECONDS, 100))
+    assert whole.min() >= 0.0
+    assert whole.max() <= 1.0
+
+
+@pytest.mark.slow
+@pytest.mark.long
+def test_a_stroke_has_rings_ahead_all_the_way_and_none_behind() -> None:
+    file = baked(a_stroke(), stroked(), levels=2)
+    assert_valid(file.path)
+    times = np.linspace(0.4, 1.75, 28)
+    tips = np.interp(times, np.linspace(0.0, SECONDS, 24)[1:-1], np.linspace(-0.05, 0.055, 22))
+    rest = file.attribute("skin", "POSITION")
+    posed = file.pose("skin", "drag", times)
+    line = np.abs(rest[:, 2]) < 0.5 * PAD
+    tallest = posed[:, :, 1].max()
+    assert tallest > 0.0005
+    for tip, positions in zip(tips.tolist(), posed, strict=True):
+        ahead, heights = positions[line, 0] - tip, positions[line, 1]
+        assert heights[(ahead > 0.5 * PAD) & (ahead < 3 * PAD)].max() > 0.3 * tallest
+        assert np.abs(heights[ahead < -PAD]).max() < 0.05 * tallest
+
+
+def test_a_stroke_of_another_file_is_tracked(tmp_path: Path) -> None:
+    whole = baked(a_stroke(), stroked(), levels=0)
+    (made,) = track(whole.path, [a_stroke()], tmp_path)
+    times, values = Gltf(Path(made.path)).keys("drag", "skin")
+    off = np.abs(values - whole.weights("skin", "drag", times)).max(axis=0)
+    assert off.reshape(-1, 3)[:, :2].max() < 0.01
+    # Rings start like a square root, and keys of both lie elsewhere.
+    assert off.max() < 0.02
 
 
 @pytest.mark.slow

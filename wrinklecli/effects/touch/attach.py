@@ -1,19 +1,20 @@
 """Touches attached to a body at rest: the place, the slide of its skin, the dent, and the rings of wrinkles."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import field, replace
+from itertools import pairwise
 from typing import ClassVar
 
 import numpy as np
 
 from wrinklecli.character.carried import CarriedPoint
 from wrinklecli.character.surface import influence_count
-from wrinklecli.drive.touch import TouchDrive, turned
+from wrinklecli.drive.touch import TouchDrive, TouchPlace, turned
 from wrinklecli.effects.attached import Attached, Drag, Moves
 from wrinklecli.effects.touch.bending import LEAST_CHANGE, Bending, bending_of
 from wrinklecli.effects.touch.disc import Disc, disc_on
 from wrinklecli.effects.touch.rings import Rings, plan_rings
-from wrinklecli.effects.touch.skin import Hold, Patch, Place, hold_of, slides_on, slides_on_surface
+from wrinklecli.effects.touch.skin import NO_PATCH, Hold, Patch, Place, hold_of, slides_on, slides_on_surface
 from wrinklecli.errors import BakeError
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, inverses, singular, smoothstep, unit
@@ -23,7 +24,7 @@ from wrinklecli.surface.bones import BoneLines, carried_by
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.mask import read_mask
 from wrinklecli.surface.refine import Refinement, refine
-from wrinklecli.surface.rest import asked_positions, named_node
+from wrinklecli.surface.rest import Rest, asked_positions, named_node
 from wrinklecli.tools.body import Touch
 from wrinklecli.tools.records import ToolsFile, in_axes
 
@@ -41,10 +42,39 @@ _DENT = 1.5
 _BENT = 1.5
 # Height of the skin beyond that by the parts of a slide, over the slide, from which on ways are turned.
 _ASLANT = 0.01
+# Steps between two points of a path in which its way on the skin is found.
+_STEPS = 32
+# Least way between two points of a path, and distance of two places, over the pad.
+_LEAST_WAY, _APART = 0.5, 2.0
+MOST_PLACES = 8
+"""Places of a path: 24 targets are few enough for a phone beside those of other effects."""
 # Intervals across the pad that the slide needs; rings are finer.
 _ACROSS = 6.0
 # Directions in which the strain is looked at.
 _DIRECTIONS = 8
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AttachedPlace:
+    """A place of a touch on the mesh at rest.
+
+    Attributes:
+        place: Where it is.
+        hold: How the coarse skin is held.
+        bending: The joint that bends its skin; None if none does, and in a row.
+        disc: The region that is refined.
+        rings: The rings; None for a slide alone.
+        patch: The skin on which it was fitted.
+        fitted: (targets, vertices of the patch, 3) displacements at weight 1, bind space.
+    """
+
+    place: Place
+    hold: Hold
+    disc: Disc
+    bending: Bending | None = None
+    rings: Rings | None = None
+    patch: Patch = NO_PATCH
+    fitted: Floats = field(default_factory=lambda: np.zeros((0, 0, 3)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,34 +83,22 @@ class AttachedTouch(Attached[Touch]):
 
     Attributes:
         tool: The touch of the tools file.
-        place: Where it is.
-        hold: How the coarse skin is held.
-        bending: The joint that bends its skin; None if none does.
+        places: One, or those of a row in order.
         drive: The names of the targets, and their weights.
-        rings: The rings; None for a slide alone.
-        disc: The region that is refined.
         strain: The greatest compression at the greatest slide, from 0 to -1 and below.
-        patch: The skin on which it was fitted.
-        fitted: (targets, vertices of the patch, 3) displacements at weight 1, bind space.
     """
 
     tool: Touch
-    place: Place
-    hold: Hold
-    bending: Bending | None
+    places: tuple[AttachedPlace, ...]
     drive: TouchDrive
-    rings: Rings | None
-    disc: Disc
     strain: float
-    patch: Patch
-    fitted: Floats
 
     covers: ClassVar[tuple[str, ...]] = ()
 
     @property
     def span(self) -> float:
         """The tip's radius."""
-        return self.place.pad
+        return self.drive.pad
 
     @property
     def keyed_clips(self) -> tuple[str, ...]:
@@ -88,15 +106,21 @@ class AttachedTouch(Attached[Touch]):
         return (*self.drive.keys, *self.drive.ends)
 
     @property
+    def rings(self) -> Rings | None:
+        """The rings, in a row those of the tallest place; None for a slide alone."""
+        found = [each.rings for each in self.places if each.rings is not None]
+        return max(found, key=lambda each: each.tallest, default=None)
+
+    @property
     def drag(self) -> Drag:
         """The tip."""
-        folding = self.drive.grip * FOLDED / self.strain if self.strain < 0.0 else np.inf
-        return Drag(self.drive, self.place.at, self.place.pad + self.place.reach, folding)
+        folding, place = self.drive.grip * FOLDED / self.strain if self.strain < 0.0 else np.inf, self.places[0].place
+        return Drag(self.drive, place.at, place.pad + place.reach, folding)
 
     @property
     def deltas(self) -> Floats:
         """(targets, vertices, 3) displacements at weight 1 on the coarse skin, bind space."""
-        return self.patch.spread(self.fitted, len(self.hold.still))
+        return np.concatenate([each.patch.spread(each.fitted, len(each.hold.still)) for each in self.places])
 
     @property
     def moves(self) -> Moves:
@@ -105,15 +129,17 @@ class AttachedTouch(Attached[Touch]):
 
     def deltas_on(self, fine: Refinement) -> Floats:
         """(targets, fine vertices, 3) displacements at weight 1 on refined skin, bind space."""
-        patch = Patch.of(fine, self.hold)
-        if not patch.equals(self.patch):
-            return _deltas(self, fine)
-        return patch.spread(self.fitted, len(fine.positions))
+        found = []
+        for each in self.places:
+            patch = Patch.of(fine, each.hold)
+            known = patch.equals(each.patch)
+            found.append(patch.spread(each.fitted, len(fine.positions)) if known else _deltas(each, self.drive, fine))
+        return np.concatenate(found)
 
     @property
     def regions(self) -> tuple[Disc, ...]:
-        """The disc, once for each axis."""
-        return self.disc.both
+        """The discs, each once for each axis."""
+        return tuple(disc for each in self.places for disc in each.disc.both)
 
     @property
     def greatest_height(self) -> float:
@@ -132,21 +158,14 @@ def attach_touches(touches: Sequence[Touch], ground: Ground, settings: ToolsFile
 
 
 def _attach(tool: Touch, ground: Ground, settings: ToolsFile) -> AttachedTouch:
-    place = _place(tool, ground, settings)
+    places, spacing = places_of(tool, ground, settings)
     soft = _softness(tool, ground)
-    hold = hold_of(ground, place, soft)
     grip, deepest = tool.grip.resolve(tool.pad), tool.press.resolve(tool.pad)
-    radius, intervals, height = _size(tool, place)
-    disc = disc_on(ground.rest, place, radius, intervals, height, hold.still)
-    triangle, _, _ = ground.rest.closest_point(place.at)
-    if not len(disc.members) or (hold.still[ground.rest.triangles[triangle]] == 1).all():
-        raise BakeError(
-            "does not move the skin there: another mesh touches it, or the mask is 0", where=tool.place_of(0)
-        )
+    held = [_held(tool, place, ground, soft) for place in places]
     fine = refine(
         ground.surface,
         ground.rest,
-        disc.both,
+        tuple(disc for each in held for disc in each.disc.both),
         ground.rig,
         settings=settings.refinement,
         contacts=ground.contacts.held,
@@ -154,48 +173,77 @@ def _attach(tool: Touch, ground: Ground, settings: ToolsFile) -> AttachedTouch:
         poses=replace(ground.poses, clips=()),
         tolerance=np.inf,
     )
-    slides = slides_on(fine, fine.rest_positions, place, hold)
-    if not slides.any(axis=(1, 2)).all():
+    slides = [slides_on(fine, fine.rest_positions, each.place, each.hold) for each in held]
+    if not all(each.any(axis=(1, 2)).all() for each in slides):
         raise BakeError("does not move the skin there: nothing of it is free to slide", where=tool.place_of(0))
-    bending = bending_of(ground, place, hold, soft, slides[:, : len(ground.rest.positions)])
-    changes = None if bending is None else bending.changes(fine, slides)
-    if changes is None or np.sqrt((changes**2).sum(axis=3)).max() < LEAST_CHANGE:
-        bending = changes = None
-    bend = _bend(fine, place)
+    bending = changes = None
+    if not spacing:
+        coarse = slides[0][:, : len(ground.rest.positions)]
+        bending = bending_of(ground, held[0].place, held[0].hold, soft, coarse)
+        changes = None if bending is None else bending.changes(fine, slides[0])
+        if changes is None or np.sqrt((changes**2).sum(axis=3)).max() < LEAST_CHANGE:
+            bending = changes = None
+    bends = [_bend(fine, place, max(_BENT * place.pad, spacing)) for place in places]
     drive = TouchDrive(
         name=tool.name,
-        anchors=_anchors(ground, place),
+        places=tuple(
+            TouchPlace(_anchors(ground, place), bend, np.zeros(0), np.array([[0.0, 0.0], [1.0, 1.0]]))
+            for place, bend in zip(places, bends, strict=True)
+        ),
         pad=tool.pad,
         grip=grip,
         deepest=deepest,
         release=Spring(2.0 * np.pi * tool.release.frequency, tool.release.damping),
-        windows=np.zeros(0),
-        rises=np.array([[0.0, 0.0], [1.0, 1.0]]),
-        targets=_names(tool, 0, bending),
+        targets=(),
         keys={clip: np.array(keys) for clip, keys in tool.keys.items()},
-        bend=bend,
         tip=_tip(tool, ground),
-        turn=_turn(bend, grip),
+        turn=0.0 if spacing else _turn(bends[0], grip),
         limb=None if bending is None else bending.limb,
+        spacing=spacing,
     )
     drive = replace(drive, ends=drive.ends_in(ground.rig.own, ground.clips))
-    rings = None
     if tool.wrinkles is not None:
-        main = _main_direction(drive, ground)
-        rings = plan_rings(tool, tool.wrinkles, place, grip, main, slides, fine.rest_positions, fine.rest_normals)
+        # The rings of a row are those ahead.
+        wanted = replace(tool.wrinkles, directions=1) if spacing else tool.wrinkles
+        main = 0.0 if spacing else _main_direction(drive, ground)
+        skin = fine.rest_positions, fine.rest_normals
+        held = [
+            replace(each, rings=plan_rings(tool, wanted, each.place, grip, main, slid, *skin))
+            for each, slid in zip(held, slides, strict=True)
+        ]
         drive = replace(
-            drive, windows=rings.angles, rises=rings.rises, targets=_names(tool, len(rings.angles), bending)
+            drive,
+            places=tuple(
+                replace(place, windows=each.rings.angles, rises=each.rings.rises)
+                for place, each in zip(drive.places, held, strict=True)
+                if each.rings is not None
+            ),
         )
-    strain = _strain(fine, slides * grip)
+    drive = replace(drive, targets=_names(tool, drive))
+    strain = min(_strain(fine, slid * grip) for slid in slides)
     if strain < TURNED:
         raise BakeError(
             f"is {grip:.4g}, which would fold the skin over: its strain would be {strain:.2f}, where -1 turns triangles"
             f" over; up to {grip * -FOLDED / -strain:.3g} it looks well",
             where=tool.place("grip"),
         )
-    patch = Patch.of(fine, hold)
-    bare = AttachedTouch(tool, place, hold, bending, drive, rings, disc, strain, patch, np.zeros((0, 0, 3)))
-    return replace(bare, fitted=_deltas(bare, fine, slides, changes)[:, patch.vertices])
+    fitted = []
+    for each, slid in zip(held, slides, strict=True):
+        patch, bare = Patch.of(fine, each.hold), replace(each, bending=bending)
+        fitted.append(replace(bare, patch=patch, fitted=_deltas(bare, drive, fine, slid, changes)[:, patch.vertices]))
+    return AttachedTouch(tool, tuple(fitted), drive, strain)
+
+
+def _held(tool: Touch, place: Place, ground: Ground, soft: Floats | None) -> AttachedPlace:
+    """A place with the hold on its skin and the disc that is refined."""
+    hold = hold_of(ground, place, soft)
+    disc = disc_on(ground.rest, place, *_size(tool, place), hold.still)
+    triangle, _, _ = ground.rest.closest_point(place.at)
+    if not len(disc.members) or (hold.still[ground.rest.triangles[triangle]] == 1).all():
+        raise BakeError(
+            "does not move the skin there: another mesh touches it, or the mask is 0", where=tool.place_of(0)
+        )
+    return AttachedPlace(place, hold, disc)
 
 
 def _size(tool: Touch, place: Place) -> tuple[float, float, float]:
@@ -219,8 +267,8 @@ def _softness(tool: Touch, ground: Ground) -> Floats | None:
     return np.asarray(painted / np.maximum(counts, 1))
 
 
-def _place(tool: Touch, ground: Ground, settings: ToolsFile) -> Place:
-    """The place of a touch on the skin."""
+def places_of(tool: Touch, ground: Ground, settings: ToolsFile) -> tuple[list[Place], float]:
+    """The places of a touch on the skin, and their distance from each other: 0 for one place."""
     rest = ground.rest
     size = float(np.ptp(rest.positions, axis=0).max())
     reach = tool.reach.resolve(tool.pad)
@@ -237,19 +285,63 @@ def _place(tool: Touch, ground: Ground, settings: ToolsFile) -> Place:
             where=tool.place("pad"),
         )
     asked = asked_positions(ground.rig, rest.clip, rest.time, tool)
-    at, normal = rest.foot(asked[0])
-    distance = float(np.linalg.norm(at - asked[0]))
+    numbers = (0, *range(len(asked) - len(tool.along) - (tool.by is not None), len(asked) - (tool.by is not None)))
+    feet = np.stack([_foot(tool, number, asked[number], rest, settings.up) for number in numbers])
+    at, spacing = _row(tool, feet, numbers, rest) if tool.along else (feet, 0.0)
+    ways = [asked[1] - at[0] if tool.towards is not None else _limb(ground, at[0])]
+    if tool.along:
+        ways = [*np.diff(at, axis=0), at[-1] - at[-2]]
+    return [_place(tool, *each, rest, reach) for each in zip(at, ways, strict=True)], spacing
+
+
+def _foot(tool: Touch, number: int, asked: Floats, rest: Rest, up: str) -> Floats:
+    """(3,) the point of the skin that is nearest to a (3,) point of a touch."""
+    at, _ = rest.foot(asked)
+    distance = float(np.linalg.norm(at - asked))
     if distance > _FAR * tool.pad:
-        found = ", ".join(f"{x:.4g}" for x in in_axes(at.tolist(), settings.up))
+        found = ", ".join(f"{x:.4g}" for x in in_axes(at.tolist(), up))
         raise BakeError(
             f"is {distance:.4g} from the mesh, more than half of its pad of {tool.pad:.4g}; the nearest point is"
             f" [{found}]",
-            where=tool.place_of(0),
+            where=tool.place_of(number),
         )
+    return at
+
+
+def _row(tool: Touch, feet: Floats, numbers: Sequence[int], rest: Rest) -> tuple[Floats, float]:
+    """(places, 3) points at equal distances along the way through (points, 3) ones on the skin, and that distance.
+
+    With two pads from place to place, rings that are left behind, as their place hands over, lie below the tip.
+    """
+    steps = np.linspace(0.0, 1.0, _STEPS, endpoint=False)[:, None]
+    ways = [one + steps * (two - one) for one, two in pairwise(feet)]
+    drawn = np.stack([rest.foot(point)[0] for point in (*np.concatenate(ways), feet[-1])])
+    lengths = np.append(0.0, np.cumsum(np.sqrt(np.sum(np.diff(drawn, axis=0) ** 2, axis=1))))
+    for number, length in zip(numbers[1:], np.diff(lengths[::_STEPS]).tolist(), strict=True):
+        if length < _LEAST_WAY * tool.pad:
+            raise BakeError(
+                f"is {length:.3g} from the point before it, less than half of the pad of {tool.pad:.4g}",
+                where=tool.place_of(number),
+            )
+    length = float(lengths[-1])
+    count = int(np.ceil(length / (_APART * tool.pad))) + 1
+    if count > MOST_PLACES:
+        raise BakeError(
+            f"is {length:.4g} long and would take {count} places, {_APART:.0f} pads of {tool.pad:.4g} apart, of"
+            f" {MOST_PLACES} at most; a pad of {length / (_APART * (MOST_PLACES - 1)):.3g} reaches along it",
+            where=tool.place("along"),
+        )
+    at = np.linspace(0.0, length, count)
+    points = np.stack([np.interp(at, lengths, column) for column in drawn.T], axis=1)
+    return np.stack([rest.foot(point)[0] for point in points]), length / (count - 1)
+
+
+def _place(tool: Touch, at: Floats, way: Floats, rest: Rest, reach: float) -> Place:
+    """The place of a touch at a (3,) point of the skin, which faces a (3,) way."""
     triangle, _, _ = rest.closest_point(at)
+    _, normal = rest.foot(at)
     if singular(rest.blended[rest.triangles[triangle]]).any() or not normal.any():
         raise BakeError("the joints here are singular at rest", where=tool.place_of(0))
-    way = asked[1] - at if tool.towards is not None else _limb(ground, at)
     forward = way - (way @ normal) * normal
     length = float(np.linalg.norm(forward))
     if length < 1e-3 * float(np.linalg.norm(way)) or not length:
@@ -271,9 +363,10 @@ def _limb(ground: Ground, at: Floats) -> Floats:
     return np.asarray(bones.ends[number] - bones.starts[number])
 
 
-def _names(tool: Touch, windows: int, bending: Bending | None) -> tuple[str, ...]:
+def _names(tool: Touch, drive: TouchDrive) -> tuple[str, ...]:
     """The names of the targets."""
-    count = TouchDrive.slides + windows + (0 if bending is None else TouchDrive.bent)
+    count = sum(len(drive.slides) + len(place.windows) for place in drive.places)
+    count += 0 if drive.limb is None else TouchDrive.bent
     return tuple(f"wrinkle_{tool.identifier}_{number}" for number in range(1, count + 1))
 
 
@@ -286,10 +379,10 @@ def _tip(tool: Touch, ground: Ground) -> CarriedPoint | None:
     return carried_by(ground, node, asked_positions(ground.rig, ground.rest.clip, ground.rest.time, tool)[number])
 
 
-def _bend(fine: Refinement, place: Place) -> Floats:
-    """(3,) the quadric that fits the skin round a place: its height above the tangent plane."""
+def _bend(fine: Refinement, place: Place, radius: float) -> Floats:
+    """(3,) the quadric that fits the skin within a radius of a place: its height above the tangent plane."""
     relative = fine.rest_positions - place.at
-    near = np.sum(relative**2, axis=1) < (_BENT * place.pad) ** 2
+    near = np.sum(relative**2, axis=1) < radius**2
     near &= fine.rest_normals @ place.axes[2] > 0
     forward, sideways, height = place.axes @ relative[near].T
     columns = np.stack([forward**2, forward * sideways, sideways**2], axis=1)
@@ -359,10 +452,14 @@ def _strain(fine: Refinement, slides: Floats) -> float:
 
 
 def _deltas(
-    attached: AttachedTouch, fine: Refinement, slides: Floats | None = None, changes: Floats | None = None
+    attached: AttachedPlace,
+    drive: TouchDrive,
+    fine: Refinement,
+    slides: Floats | None = None,
+    changes: Floats | None = None,
 ) -> Floats:
-    """(targets, fine vertices, 3) displacements at weight 1 on the refined skin, bind space."""
-    place, drive, rings = attached.place, attached.drive, attached.rings
+    """(targets, fine vertices, 3) displacements at weight 1 of a place's targets on refined skin, bind space."""
+    place, rings = attached.place, attached.rings
     found = slides_on(fine, fine.rest_positions, place, attached.hold) if slides is None else slides
 
     def along_ways(slid: Floats) -> Floats:
@@ -373,10 +470,11 @@ def _deltas(
     moving = np.any(found, axis=(0, 2))
     distances, _ = place.polar(positions)
     dent = smoothstep(np.clip(1.0 - distances / (_DENT * place.pad), 0.0, 1.0)) * np.clip(normals @ place.axes[2], 0, 1)
-    parts = [
-        slides_on_surface(positions, normals, drive.grip * along_ways(found)),
-        (-drive.deepest * dent * moving)[None, :, None] * place.axes[2],
+    slid = [
+        *slides_on_surface(positions, normals, drive.grip * along_ways(found)),
+        (-drive.deepest * dent * moving)[:, None] * place.axes[2],
     ]
+    parts = [np.stack([slid[number] for number in drive.slides])]
     if rings is not None:
         parts.append(rings.displacements(place, found, positions, normals) * moving[:, None])
     if attached.bending is not None:

@@ -21,10 +21,13 @@ def touch_effect(plan: MeshPlan, attached: AttachedTouch, deltas: Floats, rows: 
     Its normals are fitted at (rows, targets) weights. Windows of rings that move no vertex have no target.
     """
     drive, shapes = attached.drive, body_shapes(plan, deltas, rows)
-    rings = shapes[drive.slides : drive.slides + len(drive.windows)]
-    windows = drive.windows[[shape is not None for shape in rings]]
+    left, places = list(shapes), []
+    for place in drive.places:
+        first, end = len(drive.slides), len(drive.slides) + len(place.windows)
+        places.append(replace(place, windows=place.windows[[shape is not None for shape in left[first:end]]]))
+        left = left[end:]
     found = body_effect(attached, shapes, TouchWords(attached, deltas))
-    return replace(found, drive=replace(drive, windows=windows, targets=found.target_names))
+    return replace(found, drive=replace(drive, places=tuple(places), targets=found.target_names))
 
 
 class TouchWords(BodyWords[AttachedTouch]):
@@ -46,18 +49,18 @@ class TouchWords(BodyWords[AttachedTouch]):
             }
         return {
             "joints": [names[node] for node in sorted(attached.drive.nodes)],
-            "pad": significant(attached.place.pad),
-            "reach": significant(attached.place.reach),
+            "pad": significant(attached.drive.pad),
+            "reach": significant(attached.places[0].place.reach),
             "grip": significant(attached.drive.grip),
             "strain": significant(attached.strain, 4),
             **ringed,
+            **({"places": len(attached.places)} if len(attached.places) > 1 else {}),
         }
 
     def describe_clip(self, seen: Seen) -> Json | None:
         """The touch's entry in a clip: when it acts, its largest slide, and its strain; None if it does not."""
         drive, rings, motion, state = self.attached.drive, self.attached.rings, seen.motion, seen.reading
-        slides = drive.grip * np.sqrt((state[:, :4] ** 2).sum(axis=1))
-        depths = drive.deepest * state[:, 4]
+        slides, depths = drive.contact_of(state)
         keys = drive.keys.get(motion.clip.name, np.zeros((0, 4)))
         acting = np.flatnonzero((slides > _LEAST * drive.grip) | (depths > 0))
         if not len(acting):
@@ -91,9 +94,9 @@ class TouchWords(BodyWords[AttachedTouch]):
             by = self.attached.tool.by
             if by is not None:
                 tips = [drive.tip_in(plan.rig.own, each.clip, each.times) for each, _, _ in clips]
-                away = np.concatenate([np.hypot(np.hypot(*t[:, :2].T) - drive.pad, t[:, 2]) for t in tips])
-                inside = np.concatenate([np.hypot(*t[:, :2].T) < drive.pad for t in tips])
-                heights = np.abs(np.concatenate([t[:, 2] for t in tips]))
+                found = np.concatenate(tips)
+                beside, heights = drive.away(found), np.abs(found[:, 2])
+                away, inside = np.hypot(beside - drive.pad, heights), beside < drive.pad
                 nearest = float(np.where(inside, heights, away).min())
                 why = (
                     f"{by.joint!r} comes no nearer to the place than {nearest:.3g}, and touches it below"

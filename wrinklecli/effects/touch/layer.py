@@ -43,13 +43,19 @@ class TouchLayer(BodyLayer[AttachedTouch]):
         """The effect of one touch."""
         drive = attached.drive
         angles = np.arange(_DIRECTIONS) * (2.0 * np.pi / _DIRECTIONS)
-        if len(drive.windows) == 1:
-            angles = drive.windows
+        if len(drive.places[0].windows) == 1:
+            angles = drive.places[0].windows
         ways = np.stack([np.cos(angles), np.sin(angles)], axis=1)
         # Slides without a dent and a dent without a slide, so that none of them gets the normals of the others.
         slid = np.concatenate([part * drive.grip * np.pad(ways, ((0, 0), (0, 1))) for part in _FITTED])
         dented = slid + np.array([0.0, 0.0, _FITTED[-1] * drive.deepest])
-        rows = drive.weights_of_contacts(np.concatenate([slid, dented, [[0.0, 0.0, drive.deepest]]]))
+        contacts = np.concatenate([slid, dented, [[0.0, 0.0, drive.deepest]]])
+        if len(drive.places) > 1:
+            # At each place, and where two share the weights.
+            at = np.linspace(0.0, drive.length, 2 * len(drive.places) - 1)
+            ahead = np.pad(slid, ((0, 0), (0, 1)))
+            contacts = np.concatenate([ahead + np.array([0.0, 0.0, 0.0, along]) for along in at])
+        rows = drive.weights_of_contacts(contacts)
         if drive.limb is not None:
             bent = slid[-len(ways) :]
             rows = np.concatenate(

@@ -319,3 +319,7 @@ class Patch:
         within = self.vertices < count
         found[..., self.vertices[within], :] = values[..., within, :]
         return found
+
+
+NO_PATCH = Patch(np.zeros(0, np.intp), np.zeros((0, 3), np.intp), np.zeros((0, 3)), np.zeros((0, 3, 4)))
+"""The patch of skin on which nothing is fitted yet."""

@@ -17,7 +17,7 @@ from wrinklecli.choices import FPS
 from wrinklecli.drive.drive import StoredDrive, wrinkle_entry
 from wrinklecli.drive.play import Playing
 from wrinklecli.drive.stored import read_number, read_numbers
-from wrinklecli.drive.touch import weights_of
+from wrinklecli.drive.touch import TouchDrive, TouchPlace
 from wrinklecli.effects.effect import VISIBLE, MeshPlan, Part
 from wrinklecli.effects.sampling import moving_clips, seen_at
 from wrinklecli.errors import AssetError, listed, nearest
@@ -25,6 +25,7 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, Ints, determinants, median
+from wrinklecli.numeric.spring import Spring
 from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.preview.shown import ShownAsset, ShownPrimitive
 from wrinklecli.tools.records import ToolsFile, identifier
@@ -101,7 +102,9 @@ def planned_peaks(plans: Sequence[MeshPlan], clips: Sequence[Clip], *, fps: floa
             for part in layer.parts:
                 data = part.facts(plan, "y") | {"section": layer.section, "full": part.attached.full}
                 if (drag := part.attached.drag) is not None:
-                    data["forward"] = _forward(drag.drive.targets, drag.drive.windows, drag.drive.turn)
+                    data["forward"] = _forward(
+                        drag.drive.targets, [each.windows for each in drag.drive.places], drag.drive.turn
+                    )
                 peaks.append(_peak(data, plan.rig.node, [_row(plan, part, *each) for each in played]))
     return peaks
 
@@ -115,11 +118,16 @@ def _row(plan: MeshPlan, part: Part, clip: Clip, times: Floats) -> Json:
     return data
 
 
-def _forward(targets: Sequence[str], windows: Floats, turn: float) -> dict[str, float]:
-    """The weights of a touch's targets at its greatest slide forward, by name; see `TouchDrive`."""
-    slide, none = np.array([[1.0, 0.0]]), np.zeros(1)
-    (weights,) = weights_of(slide, none, windows, np.array([[0.0, 0.0], [1.0, 1.0]]), turn, none)
-    # Without a limb, there are no targets of its bends.
+def _forward(targets: Sequence[str], windows: Sequence[Floats], turn: float) -> dict[str, float]:
+    """The weights of a touch's targets at its greatest slide forward, by name, from the windows of each place.
+
+    That of a row is in its middle.
+    """
+    rises, middle = np.array([[0.0, 0.0], [1.0, 1.0]]), (len(windows) - 1) // 2
+    places = tuple(TouchPlace((), np.zeros(3), each, rises) for each in windows)
+    drive = TouchDrive("", places, 1.0, 1.0, 1.0, Spring(1.0, 1.0), (), turn=turn, spacing=1.0)
+    (weights,) = drive.weights_of_contacts(np.array([[1.0, 0.0, 0.0, middle]]))
+    # Those of a limb's bends are 0.
     return {name: float(weight) for name, weight in zip(targets, weights, strict=False)}
 
 
@@ -128,7 +136,8 @@ def _touches_on(asset: ShownAsset, node: int) -> dict[str, dict[str, float]]:
     found = {}
     for data in wrinkle_entry(asset.document.items("nodes")[node]).get("touches", ()):
         with suppress(KeyError, TypeError, ValueError):
-            windows, turn = read_numbers(data["windows"], -1), read_number(data.get("turn", 0.0))
+            windows = [read_numbers(each["windows"], -1) for each in (data, *data.get("row", ()))]
+            turn = read_number(data.get("turn", 0.0))
             found[str(data["name"])] = _forward(data["targets"], windows, turn)
     return found
 
