@@ -1,6 +1,8 @@
 """`wrinkle demo`."""
 
+import shutil
 import sys
+from importlib.util import find_spec
 
 import click
 
@@ -37,8 +39,11 @@ def demo(*, folder: str, no_open: bool, quiet: bool) -> None:
         if made.missing is not None:
             say(f"note: no picture: {made.missing}")
         asset, tools, *_ = made.paths
+        wrinkle = "wrinkle" if shutil.which("wrinkle") else sys.argv[0]
         say("Next, look at its wrinkles on a page, or let wrinkle propose tools for a character of your own:")
-        say(f"  wrinkle edit {asset} {tools}")
-        say("  wrinkle suggest your.glb -o tools.yaml")
+        if find_spec("viser") is None:
+            say(f"  {sys.executable} -m pip install 'wrinklecli[edit]'")
+        say(f"  {wrinkle} edit {asset} {tools}")
+        say(f"  {wrinkle} suggest your.glb -o tools.yaml")
     if made.picture is not None and not no_open and sys.stderr.isatty():
         click.launch(made.picture)

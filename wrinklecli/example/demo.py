@@ -15,9 +15,16 @@ from wrinklecli.review.preview.preview import preview, refuse_missing
 from wrinklecli.review.preview.preview_options import PreviewOptions
 
 ASSET, TOOLS, BAKED, PICTURE = "figure.glb", "figure.yaml", "wrinkled.glb", "wrinkled.png"
-# The moment of the clip and the side from which most wrinkles are seen.
+# The whole figure, at the moment of the clip and from the side at which most wrinkles are seen.
 _SHOT = PreviewOptions(
-    clips=("squat",), times=(0.9,), views=("30:8",), columns=2, size=(480, 600), labels=("before", "after")
+    clips=("squat",),
+    times=(0.9,),
+    views=("30:8",),
+    focus=(0.0, 0.7, 0.08),
+    radius=0.6,
+    columns=2,
+    size=(560, 700),
+    labels=("before", "after"),
 )
 
 
