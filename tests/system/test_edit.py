@@ -141,14 +141,25 @@ def test_a_field_is_made_and_a_tool_is_drawn_tuned_and_saved(tmp_path: Path) -> 
             until(lambda: page._pointer._new == "muscles", "a muscle that is begun")
             tab.press("Escape", code=27)
             until(lambda: page._pointer._new is None, "none any more")
+            tab.press("?", code=191, modifiers=8)
+            tab.wait("document.body.innerText.includes('B: Before or after')")
             tab.press_button("Tool")
             tab.wait("document.body.innerText.includes('Click where the tool begins')")
             tab.click(*on_screen(page, KNEE[0]))
             tab.wait("document.body.innerText.includes('Now click where it ends')")
             tab.click(*on_screen(page, KNEE[0]))
             tab.wait("document.body.innerText.includes('Click another place, or Cancel')")
+            tab.move(on_screen(page, KNEE[1]))
+            lines = page._viewport._scene._plain_lines
+            until(lambda: "line" in lines and lines["line"].visible, "a line to the mouse")
+            until(
+                lambda: np.allclose(lines["line"].points[[0, -1], [0, 1]], KNEE, atol=0.01),
+                "its end where the mouse is",
+            )
+            take_picture(tab, "pointed")
             tab.click(*on_screen(page, KNEE[1]))
             tab.wait("document.body.innerText.includes('wrinkle_1 is new')")
+            assert not lines["line"].visible
             take_picture(tab, "drawn")
 
             drawn, lower = session.text, KNEE[1] - [0.0, 0.02, 0.0]
@@ -194,7 +205,7 @@ def test_a_field_is_made_and_a_tool_is_drawn_tuned_and_saved(tmp_path: Path) -> 
 def test_a_proposal_is_pictured_pointed_at_taken_and_compared(tmp_path: Path) -> None:
     session = Session(limb(tmp_path / "limb.glb"))
     page = Page(session)
-    card = "document.querySelector('[data-wrinkle-key] img')"
+    card = "document.querySelector('[data-over] img')"
     try:
         with in_browser(tmp_path, page.address) as tab:
             until(page.server.get_clients, "a connected tab")

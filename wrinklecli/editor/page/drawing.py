@@ -17,6 +17,7 @@ from wrinklecli.numeric.closest import closest_point
 from wrinklecli.numeric.intersections import zero_lines
 
 _NORMAL_STEP = 1 / 127  # difference of stored normals that counts as none: the step of an 8-bit normal
+_SAMPLES = 24  # points of a line that is laid over a surface: a limb that it goes round has as many sides
 _LIFT = 0.015  # height of an outline above the surface over the tool's length
 
 
@@ -93,6 +94,15 @@ class ToolOutline:
     def lift(self) -> float:
         """Height above the surface, scene units, so that lines do not sink into it between their points."""
         return _LIFT * self.length
+
+
+def line_between(body: Body, points: Floats, start: Floats, end: Floats) -> Floats:
+    """(segments, 2, 3) a line from (3,) to (3,) laid over a body with (points, 3) positions."""
+    chord = start + np.linspace(0.0, 1.0, _SAMPLES)[:, None] * (end - start)
+    found = [closest_point(points, body.triangles, place) for place in chord]
+    normals = unit(face_normals(points, body.triangles[[triangle for triangle, *_ in found]]))
+    lifted = np.array([place for *_, place in found]) + _LIFT * np.linalg.norm(end - start) * normals
+    return np.stack([lifted[:-1], lifted[1:]], axis=1)
 
 
 def body_of(mesh: PlayableMesh, paints: Sequence[Paint]) -> Body:

@@ -7,7 +7,7 @@ import numpy as np
 import viser
 
 from wrinklecli.character.paints import Colour
-from wrinklecli.editor.page.drawing import Body, DrawnMesh, SurfacePoints, ToolOutline
+from wrinklecli.editor.page.drawing import Body, DrawnMesh, SurfacePoints, ToolOutline, line_between
 from wrinklecli.editor.page.painted_mesh import PaintedMesh
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.pixels import srgb
@@ -64,8 +64,8 @@ class DrawnScene:
         self._wires: dict[int, viser.MeshHandle] = {}
         self._lines: dict[str, viser.LineSegmentsHandle] = {}
         self._dots: dict[tuple[str, int], viser.IcosphereHandle] = {}
-        self._highlight: tuple[SurfacePoints, viser.IcosphereHandle] | None = None
-        self._cut: viser.LineSegmentsHandle | None = None
+        self._pointed: list[tuple[SurfacePoints, viser.IcosphereHandle]] = []
+        self._plain_lines: dict[str, viser.LineSegmentsHandle] = {}
         self._outlines: tuple[ToolOutline, ...] = ()
         self._chosen: str | None = None
         self._size = 1.0
@@ -155,25 +155,38 @@ class DrawnScene:
 
     def show_cut(self, segments: Floats | None) -> None:
         """Show where a split cuts the surface, (segments, 2, 3); None for no split."""
-        if segments is None or not len(segments):
-            if self._cut is not None:
-                self._cut.visible = False
-            return
-        if self._cut is None:
-            self._cut = self._scene.add_line_segments(
-                f"/{self._name}/cut", segments, _bytes_of(INK), thickness=_LINE, thickness_units="screen"
-            )
-        self._cut.points, self._cut.visible = segments.astype(np.float32), True
+        self._show_line("cut", np.zeros((0, 2, 3)) if segments is None else segments, INK, _LINE)
 
-    def highlight(self, spot: SurfacePoints | None, points: Sequence[Floats]) -> None:
-        """Show a dot on a single point, which moves with its body; None removes the dot."""
-        if self._highlight is not None:
-            self._highlight[1].remove()
-            self._highlight = None
-        if spot is not None:
-            (place,) = spot.positions(self._bodies[spot.body], points[spot.body])
-            dot = self._add_dot("pointed", _MAX_DOT * self._size, _bytes_of(HINT), place)
-            self._highlight = spot, dot
+    def point_at(self, spots: Sequence[SurfacePoints], points: Sequence[Floats]) -> None:
+        """Show a dot on each of at most two single points, which move with their bodies, and a line between them."""
+        for _, dot in self._pointed[len(spots) :]:
+            dot.remove()
+        dots = [dot for _, dot in self._pointed[: len(spots)]]
+        for number in range(len(dots), len(spots)):
+            dots.append(self._add_dot(f"pointed{number}", _MAX_DOT * self._size, _bytes_of(HINT), np.zeros(3)))
+        self._pointed = list(zip(spots, dots, strict=True))
+        self._move_pointed(points)
+
+    def _move_pointed(self, points: Sequence[Floats]) -> None:
+        for spot, dot in self._pointed:
+            (dot.position,) = spot.positions(self._bodies[spot.body], points[spot.body])
+        line = np.zeros((0, 2, 3))
+        if len(self._pointed) == 2:
+            (spot, dot), (_, other) = self._pointed
+            line = line_between(self._bodies[spot.body], points[spot.body], dot.position, other.position)
+        self._show_line("line", line, HINT, _CHOSEN_LINE)
+
+    def _show_line(self, name: str, segments: Floats, colour: Colour, thickness: float) -> None:
+        """Show (segments, 2, 3) lines under a name; none hide it."""
+        shown = self._plain_lines.get(name)
+        if shown is not None:
+            shown.visible = len(segments) > 0
+        if shown is None and len(segments):
+            self._plain_lines[name] = self._scene.add_line_segments(
+                f"/{self._name}/{name}", segments, _bytes_of(colour), thickness=thickness, thickness_units="screen"
+            )
+        elif shown is not None and len(segments):
+            shown.points = segments.astype(np.float32)
 
     def _show_dots(self, outline: ToolOutline, places: Floats) -> None:
         radius = float(np.clip(_DOT * outline.length, _MIN_DOT * self._size, _MAX_DOT * self._size))
@@ -212,12 +225,10 @@ class DrawnScene:
             for key, spot in _dots_of(outline) if outline.name == self._chosen else ():
                 if key in self._dots:
                     self._dots[key].position = places[spot]
-        if self._highlight is not None:
-            spots, dot = self._highlight
-            (dot.position,) = spots.positions(self._bodies[spots.body], points[spots.body])
+        self._move_pointed(points)
 
     def _clear_bodies(self) -> None:
-        self.highlight(None, ())
+        self.point_at((), ())
         for handle in (*self._plain.values(), *self._wires.values()):
             handle.remove()
         for painted in self._painted.values():

@@ -4,27 +4,26 @@ import html
 from functools import partial
 from typing import Any
 
+import viser
+
 from wrinklecli.editor.page.pictures import ONE, after_alone, image
+from wrinklecli.editor.page.tab import chosen_of
 from wrinklecli.editor.page.viewpoints import clear_time
 from wrinklecli.editor.page.viewport import Viewport
-from wrinklecli.editor.page.widgets import ASKS, PageHost, add_button, add_shortcut, show_changed
+from wrinklecli.editor.page.widgets import ASKS, PageHost, add_button, show_changed
 from wrinklecli.gltf.pixels import Bytes
 
-_KEYS = (
-    "BCFGHIJKLMNOPRTUVXYZ1234567890"  # of the commands; viser moves the camera by the others, with any other key too
-)
 _GRID = "display:grid;grid-template-columns:repeat(3,1fr);gap:6px;padding:2px 12px 8px;font-size:.8em;line-height:1.2"
 
 
 class MaterialPanel:
-    """Pictures of materials, at the current place of the panel; each has a command too."""
+    """Pictures of materials, at the current place of the panel."""
 
     def __init__(self, page: PageHost, viewport: Viewport) -> None:
         self._page, self._session, self._viewport = page, page.session, viewport
         known = page.session.presets
-        own = page.session.settings().presets  # first, as there are keys for 30 alone
+        own = page.session.settings().presets
         self._titles = {name: known[name].title for name in dict.fromkeys([*own, *known])}
-        self._keys = dict(zip(self._titles, _KEYS, strict=False))
         self._tool: str | None = None
         self._waiting = 0  # pictures that are not drawn yet
         self._time: float | None = None  # at which all are drawn, seconds
@@ -34,9 +33,6 @@ class MaterialPanel:
             tip = "Draws this tool with each of them. A click on one gives it to the tool, in place of its own keys."
             add_button(page, "Draw them on this tool", self._ask, color="gray", hint=tip)
             self._grid: Any = page.server.gui.add_html("")
-        for name, key in self._keys.items():
-            take = partial(self._take, name)
-            add_shortcut(page, f"Material: {self._titles[name]}", take, hotkey=key, modifier="alt+shift")
         self._show_grid()
 
     def show(self, tool: str | None) -> None:
@@ -49,9 +45,9 @@ class MaterialPanel:
     def _ask(self) -> None:
         if self._tool is None:
             return
-        self._time, self._waiting = None, len(self._keys)
+        self._time, self._waiting = None, len(self._titles)
         self._page.say("drawing the materials …", ASKS)
-        for name in self._keys:
+        for name in self._titles:
             self._page.slow.put(("material", name), partial(self._draw, self._tool, name))
 
     def give_up(self) -> bool:
@@ -77,13 +73,17 @@ class MaterialPanel:
             if picture is not None:
                 self._pictures[name] = picture
                 self._show_grid()
-            done = len(self._keys) - self._waiting
-            self._page.say(f"drawing the materials: {done} of {len(self._keys)}" if self._waiting else "", ASKS)
+            done = len(self._titles) - self._waiting
+            self._page.say(f"drawing the materials: {done} of {len(self._titles)}" if self._waiting else "", ASKS)
 
         self._page.work.put(object(), show)
 
-    def _take(self, name: str) -> None:
+    def take(self, number: str, _tab: viser.ClientHandle) -> None:
         """Give the chosen tool a material."""
+        chosen = chosen_of(number, len(self._titles))
+        if chosen is None:
+            return
+        name = [*self._titles][chosen]
         self._page.commit()
         tool = self._page.chosen
         if tool is None or tool != self._tool:  # none, or one below the skin, which has no material
@@ -96,8 +96,8 @@ class MaterialPanel:
 
     def _show_grid(self) -> None:
         cells = [
-            f'<div data-wrinkle-press="{key}" title="{html.escape(name)}" style="cursor:pointer">'
-            f"{image(self._pictures.get(name), ONE)}{html.escape(self._titles[name])}</div>"
-            for name, key in self._keys.items()
+            f'<div data-say="material {number}" title="{html.escape(name)}" style="cursor:pointer">'
+            f"{image(self._pictures.get(name), ONE)}{html.escape(title)}</div>"
+            for number, (name, title) in enumerate(self._titles.items())
         ]
         self._grid.content = f'<div style="{_GRID}">{"".join(cells)}</div>'

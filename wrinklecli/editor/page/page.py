@@ -9,6 +9,8 @@ from collections.abc import Callable, Hashable, Sequence
 from functools import partial
 from typing import Any
 
+import viser
+
 from wrinklecli.editor.baked_file import BakedFile
 from wrinklecli.editor.free_pose import POSE
 from wrinklecli.editor.page.access import Access
@@ -20,19 +22,16 @@ from wrinklecli.editor.page.player import Charts, Player
 from wrinklecli.editor.page.pointer import Pointer
 from wrinklecli.editor.page.server import serve
 from wrinklecli.editor.page.suggestions import SuggestPanel
+from wrinklecli.editor.page.tab import chosen_of, run_script
 from wrinklecli.editor.page.viewpoints import clear_time
 from wrinklecli.editor.page.viewport import Viewport
 from wrinklecli.editor.page.widgets import (
     ASKS,
     BAD,
     GOOD,
-    HIDDEN,
-    KEYBOARD,
     QUIET,
-    RESET,
     SetMode,
     TypedText,
-    add_button,
     add_group,
     add_shortcut,
     on_set,
@@ -59,6 +58,10 @@ _PLAYER_WIDTH = 420  # pixels
 _ALL = "– all –"  # in place of a tool's name, among names
 _BRAND = (31, 111, 214)  # sRGB
 _WARNING = "#b35c00"
+_ROW = (
+    "border:0;padding:4px 2px;background:none;color:inherit;font:inherit;font-size:.9em;text-align:left;cursor:pointer"
+)
+_DOT = "display:inline-block;width:.7em;height:.7em;border-radius:50%;margin-right:.5em"
 _START = "Choose a tool in the list: it is shown where it is tallest. B shows it without wrinkles."
 _START_EMPTY = "Find places proposes tools; new ones take a click or two on the mesh. Then move their sliders."
 _NO_WARNINGS, _CHECKING = "no warnings", "checking …"
@@ -102,7 +105,7 @@ class Page:
         self._pointer.listen(self._viewport)
         self.chosen: str | None = None
         self._pending: tuple[Hashable, Callable[[], None]] | None = None  # the key of a draft, and the edit it becomes
-        self._buttons: dict[str, Any] = {}
+        self.keys = {"Shift+drag": "Light from where the mouse is", "?": "These keys"}
         self._warnings: dict[str, list[str]] = {}
         # The text that was last checked, and what is said where there are no warnings.
         self._checked, self._verdict = "", _CHECKING
@@ -145,7 +148,6 @@ class Page:
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=_BRAND)
         gui.main_panel.dock_right()
         gui.main_panel.set_width(_PANEL_WIDTH)
-        gui.add_html(KEYBOARD)
         self._head = gui.add_html("")
         self._message = gui.add_html("")
         self.say(_START if session.tools() else _START_EMPTY, ASKS)
@@ -162,10 +164,10 @@ class Page:
         self._pointer.add_buttons()
         self._names: Any = gui.add_dropdown("tool", (_ALL,), hint="Escape leaves a tool, or what is pending.")
         on_set(self, self._names, "chosen", self._choose_named)
-        add_shortcut(self, "Cancel", self._escape, hotkey="escape")
+        add_shortcut(self, "Cancel what is pending, or leave the tool", self._escape, "escape")
         self._list = gui.add_folder("Tools")
         with self._list:
-            self._hint = gui.add_html(paragraph_of(_HINT, QUIET))
+            self._rows: Any = gui.add_html("")
         self._suggest_panel = SuggestPanel(self, self.player, self._viewport)
         self._tool_panel: Any = gui.add_folder("Tool", visible=False)
         with self._tool_panel:
@@ -185,12 +187,21 @@ class Page:
             add_group(self, "tool", {"Look": self._look, **edits})
             self._contact = ContactPanel(self, self.player)
             self._materials = MaterialPanel(self, self._viewport)
-            self._reset: Any = gui.add_text(RESET, "")
-            gui.add_html(HIDDEN.format(self._reset._impl.uuid))
-            on_set(self, self._reset, "reset", self._unset)
             clips = [clip.name for clip in session.clips if clip.name not in session.range_clips]
             self._controls = {key: ToolControls(gui, self._changed, clips, key) for key in ToolsFile.LISTS}
             self._charts = Charts(gui)
+        heard = {
+            "reset": self._unset,
+            "choose": self._choose_number,
+            "switch": self._switch,
+            "new": self._pointer.press,
+            "at": self._pointer.hover,
+            "light": self._viewport.light_from,
+            "material": self._materials.take,
+            "proposal": self._suggest_panel.point_at,
+            "keys": self._show_keys,
+        }
+        run_script(self, heard)
 
     # Messages.
 
@@ -237,7 +248,6 @@ class Page:
             f'<div style="padding:4px 12px;overflow-wrap:anywhere"><b>{name}</b>'
             f'<span style="opacity:.6"> · {_counts(tools)} · {state}</span></div>'
         )
-        self._list_tools(tools)
         self._tool_panel.visible = self.chosen is not None
         chosen = next((tool for tool in tools if tool.name == self.chosen), None)
         self._contact.refresh(chosen)
@@ -255,6 +265,7 @@ class Page:
         self.player.refresh()
         self._pose_panel.refresh()
         self.show()
+        self._list_tools(tools)
         self.work.put_later("chart", 0.0, self._chart)
         self._files.show_notes()
 
@@ -297,8 +308,7 @@ class Page:
         return "".join(paragraph_of(line, _WARNING) for line in lines) + note
 
     def _list_tools(self, tools: Sequence[EditedTool]) -> None:
-        """Show a button for each tool."""
-        self._hint.visible = not tools
+        """Show a row for each tool."""
         names = (_ALL, *(tool.name for tool in tools))
         show_changed(self._names, "options", names)
         self._names.value = self.chosen or _ALL
@@ -307,24 +317,27 @@ class Page:
             show_changed(each, "visible", self.chosen is None)
         self._names.visible = self.chosen is not None
         self._pointer.make_room(for_tool=self.chosen is not None)
-        for name in self._buttons.keys() - {tool.name for tool in tools}:
-            self._buttons.pop(name).remove()
-        for order, tool in enumerate(tools):
-            notes = [
-                "" if tool.list_key == "tools" else KINDS[tool.list_key].items.item,
-                "" if tool.enabled else "off",
-                "solo" if tool.solo else "",
-                f"and {tool.partner}" if tool.partner else "",
-                "does not fit" if tool.problem else "warnings" if self._warnings.get(tool.name) else "",
-            ]
-            shown = ", ".join(note for note in notes if note)
-            if tool.name not in self._buttons:
-                choose = partial(self.choose, tool.name, look=True)
-                with self._list:
-                    self._buttons[tool.name] = add_button(self, tool.name, choose)
-            button = self._buttons[tool.name]
-            button.label, button.order = f"{tool.name} ({shown})" if shown else tool.name, float(order)
-            button.color = "blue" if tool.name == self.chosen else "red" if tool.problem else "gray"
+        rows = "".join(self._row_of(number, tool) for number, tool in enumerate(tools))
+        show_changed(self._rows, "content", rows or paragraph_of(_HINT, QUIET))
+
+    def _row_of(self, number: int, tool: EditedTool) -> str:
+        """HTML of a tool's row: its colour in the view, its name with notes, and a switch."""
+        notes = [
+            "" if tool.list_key == "tools" else KINDS[tool.list_key].items.item,
+            "solo" if tool.solo else "",
+            f"and {tool.partner}" if tool.partner else "",
+            "does not fit" if tool.problem else "warnings" if self._warnings.get(tool.name) else "",
+        ]
+        shown = ", ".join(note for note in notes if note)
+        marked = BAD if tool.problem else _WARNING if self._warnings.get(tool.name) else "inherit"
+        said = f' <span style="color:{marked};opacity:.8">({html.escape(shown)})</span>' if shown else ""
+        dot = f'<span style="{_DOT};background:{self._viewport.colour_of(tool.name)}"></span>'
+        switch, off = ("on", "") if tool.enabled else ("off", "opacity:.5")
+        return (
+            f'<div style="display:flex;padding:0 12px;{off}">'
+            f'<button data-say="choose {number}" style="{_ROW};flex:1">{dot}{html.escape(tool.name)}{said}</button>'
+            f'<button data-say="switch {number}" style="{_ROW}" title="Switch it on or off">{switch}</button></div>'
+        )
 
     def show(self) -> None:
         """Show the player's moment."""
@@ -439,17 +452,35 @@ class Page:
             self.say("")
             self.refresh()
 
-    def _unset(self) -> None:
+    def _unset(self, widget: str, _tab: viser.ClientHandle) -> None:
         """Take away the key whose widget a tab names."""
-        widget, self._reset.value = self._reset.value, ""
 
         def unset(tool: EditedTool) -> None:
             key = self._controls[tool.list_key].key_of(widget)
             if key in tool.own:
                 self.session.unset(tool.name, (key,))
 
-        if widget:
-            self._edit(unset)
+        self._edit(unset)
+
+    def _choose_number(self, number: str, _tab: viser.ClientHandle) -> None:
+        """Choose the tool of a row that is pressed."""
+        tools = self.session.tools()
+        row = chosen_of(number, len(tools))
+        if row is not None:
+            self.choose(tools[row].name, look=True)
+
+    def _switch(self, number: str, _tab: viser.ClientHandle) -> None:
+        """Switch the tool of a row on or off."""
+        tools = self.session.tools()
+        row = chosen_of(number, len(tools))
+        if row is not None:
+            self.commit()
+            self.session.enable(tools[row].name, enabled=not tools[row].enabled)
+            self.refresh()
+
+    def _show_keys(self, _value: str, _tab: viser.ClientHandle) -> None:
+        """Say what each key does."""
+        self.say("\n".join(f"{key}: {does}" for key, does in self.keys.items()), QUIET)
 
     def _choose_named(self) -> None:
         name = self._names.value

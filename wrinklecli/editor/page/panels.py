@@ -47,9 +47,9 @@ class FileButtons:
         label = "Save over what others have written"
         self._overwrite = add_button(page, label, overwrite, color="red", visible=False)
         self._progress: Any = page.server.gui.add_progress_bar(0.0, visible=False)
-        add_shortcut(page, "Save", self._save, hotkey="S", modifier="cmd/ctrl")
-        add_shortcut(page, "Undo", undo, hotkey="Z", modifier="cmd/ctrl")
-        add_shortcut(page, "Redo", redo, hotkey="Z", modifier="cmd/ctrl+shift")
+        add_shortcut(page, "Save", self._save, "S", "cmd/ctrl")
+        add_shortcut(page, "Undo", undo, "Z", "cmd/ctrl")
+        add_shortcut(page, "Redo", redo, "Z", "cmd/ctrl+shift")
         page.slow.put_later("watch", _CHECK_SECONDS, self._check_files)
 
     def show_notes(self) -> None:

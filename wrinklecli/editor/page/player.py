@@ -44,7 +44,7 @@ class Player:
         self._button = add_button(page, "Play", self.toggle, icon=viser.Icon.PLAYER_PLAY, hint="Space")
         self._speed: Any = None
         self._fit_slider()
-        add_shortcut(page, "Play or pause", self.toggle, hotkey="space")
+        add_shortcut(page, "Play or pause", self.toggle, "space")
         on_set(page, self._clip, "clip", self._choose)
         on_set(page, self._time, "time", self._scrub)
 

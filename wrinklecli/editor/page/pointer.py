@@ -1,7 +1,6 @@
 """The mouse on the mesh: it clicks the places of new effects, chooses tools, and drags their dots and touched skin."""
 
 import time
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,8 +9,9 @@ import viser
 from wrinklecli.editor.attached import AttachedTool
 from wrinklecli.editor.clicked import NEW_KINDS
 from wrinklecli.editor.page.key_controls import as_written, key_controls
+from wrinklecli.editor.page.tab import chosen_of, numbers_of
 from wrinklecli.editor.page.viewport import Hit, Viewport
-from wrinklecli.editor.page.widgets import ASKS, BAD, PageHost, add_button, add_group, show_changed
+from wrinklecli.editor.page.widgets import ASKS, BAD, PageHost, show_changed
 from wrinklecli.errors import WrinkleError
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.surface.region import Region
@@ -22,7 +22,22 @@ _SAME_SPOT = 0.004
 _FRAME = 1 / 30  # seconds between two pictures of skin that springs back
 # Seconds without a move after which a hand lets go, which says itself when it does unless its tab is closed.
 _HELD_SECONDS = 20.0
-_AGAIN = "Click another place, or Cancel."
+_CANCEL = "Cancel"
+_AGAIN = f"Click another place, or {_CANCEL}."
+_ROW = "display:grid;grid-template-columns:repeat(5,1fr);gap:4px;padding:2px 12px 6px"
+_BUTTON = "padding:4px 0;border:1px solid #ced4da;border-radius:4px;background:none;color:inherit;cursor:pointer;"
+_BUTTON += "font:inherit;font-size:.75em"
+_PRESSED = "background:#fff3e0;border-color:#e8590c"
+# Lines of 24 by 24 units: of each list a folded strip, a shirt, a spindle, a drop that swings, and a tip with rings.
+_ICON = '<svg viewBox="0 0 24 24" width="22" height="22" style="display:block;margin:auto" fill="none"'
+_ICON += ' stroke="currentColor" stroke-width="1.6" stroke-linecap="round" stroke-linejoin="round"><path d="{}"/></svg>'
+_ICONS = {
+    "tools": "M3 16c2 0 2-8 4.5-8s2.500 8 4.500 8 2-8 4.500-8 2.500 8 4.500 8",
+    "fields": "M9 4c1 2 5 2 6 0l6 4-3 4-2-1v9H8v-9l-2 1-3-4zM9.500 14c2 1 3-1 5 0M9.500 17c2 1 3-1 5 0",
+    "muscles": "M3 12c4-1 5-5 9-5s5 4 9 5c-4 1-5 5-9 5s-5-4-9-5zM8 12h8",
+    "flesh": "M12 5c3 4 5 6 5 9a5 5 0 0 1-10 0c0-3 2-5 5-9zM3 11v5M21 11v5",
+    "touches": "M12 3v7M9 3v6a3 3 0 0 0 6 0V3M8 15c2 2 6 2 8 0M5 17c3 4 11 4 14 0",
+}
 
 
 class Pointer:
@@ -31,7 +46,7 @@ class Pointer:
     def __init__(self, page: PageHost) -> None:
         self._page, self._work, self._session = page, page.work, page.session
         self._new: str | None = None  # list of the file that a new effect is begun for
-        self._places: list[Floats] = []  # that were clicked for it
+        self._hits: list[Hit] = []  # that were clicked for it
 
     def listen(self, viewport: Viewport) -> None:
         """Take the clicks in a viewport."""
@@ -40,15 +55,36 @@ class Pointer:
         clicks(self._clicked)
 
     def add_buttons(self) -> None:
-        """Add the buttons that begin a new effect, and the one that ends it."""
-        begin = {kind.title: partial(self._begin, key) for key, kind in NEW_KINDS.items()}
-        self._buttons = add_group(self._page, "new", begin)
-        self._cancel = add_button(self._page, "Cancel", self.give_up, color="orange", visible=False)
+        """Add the buttons that begin a new effect, of which the pressed one ends it."""
+        self._buttons: Any = self._page.server.gui.add_html("")
+        self._show_buttons()
+
+    def press(self, number: str, _tab: viser.ClientHandle) -> None:
+        """Begin a new effect, or end it; called when a button is pressed."""
+        chosen = chosen_of(number, len(NEW_KINDS))
+        if chosen is not None and not self.give_up():
+            self._begin([*NEW_KINDS][chosen])
 
     def _begin(self, list_key: str) -> None:
         self._new = list_key
-        self._buttons.visible, self._cancel.visible = False, True
+        self._show_buttons()
         self._page.say(NEW_KINDS[list_key].asks[0], ASKS)
+
+    def _show_buttons(self) -> None:
+        pressed = ' aria-pressed="true" data-hover'
+        buttons = "".join(
+            f'<button data-say="new {number}" style="{_BUTTON};{_PRESSED if key == self._new else ""}"'
+            f"{pressed if key == self._new else ''}>{_ICON.format(_ICONS[key])}"
+            f"{_CANCEL if key == self._new else kind.title}</button>"
+            for number, (key, kind) in enumerate(NEW_KINDS.items())
+        )
+        show_changed(self._buttons, "content", f'<div style="{_ROW}">{buttons}</div>')
+
+    def hover(self, value: str, tab: viser.ClientHandle) -> None:
+        """Show where a click would take a place of the new effect, and the line to it from the one before."""
+        if self._new is not None:
+            hit = self._viewport.seen(tab.camera, *numbers_of(value, 2))
+            self._viewport.point_at([*self._hits[-1:], *([hit] if hit is not None else [])])
 
     def give_up(self) -> bool:
         """End a new effect; False if none was begun."""
@@ -60,12 +96,12 @@ class Pointer:
 
     def make_room(self, *, for_tool: bool) -> None:
         """Hide the buttons of new effects while a tool is shown."""
-        show_changed(self._buttons, "visible", not for_tool and self._new is None)
+        show_changed(self._buttons, "visible", not for_tool or self._new is not None)
 
     def _end(self) -> None:
-        self._new, self._places = None, []
-        self._viewport.highlight(None)
-        self._cancel.visible = False
+        self._new, self._hits = None, []
+        self._viewport.point_at(())
+        self._show_buttons()
         self.make_room(for_tool=self._page.chosen is not None)
 
     async def _clicked(self, event: viser.SceneClickEvent) -> None:
@@ -81,19 +117,19 @@ class Pointer:
 
     def _click_place(self, hit: Hit | None, list_key: str) -> None:
         """Take a click for a new effect; places before the last one stay until that makes one that fits."""
-        kind, places = NEW_KINDS[list_key], self._places
+        kind, hits = NEW_KINDS[list_key], self._hits
         if hit is None:
-            self._page.say(f"There is no mesh. {kind.asks[len(places)]}", ASKS)
-        elif places and _is_same_spot(hit, places[-1]):
+            self._page.say(f"There is no mesh. {kind.asks[len(hits)]}", ASKS)
+        elif hits and _is_same_spot(hit, hits[-1].place):
             self._page.say(f"It began there. {_AGAIN}", ASKS)
-        elif len(places) + 1 < len(kind.asks):
-            places.append(hit.place)
-            self._viewport.highlight(hit)
-            self._page.say(kind.asks[len(places)], ASKS)
+        elif len(hits) + 1 < len(kind.asks):
+            hits.append(hit)
+            self._viewport.point_at(hits)
+            self._page.say(kind.asks[len(hits)], ASKS)
         else:
             self._page.commit()
             self._page.say("measuring …", ASKS)  # a field of a dressed body takes seconds
-            clicks, node = [place.tolist() for place in (*places, hit.place)], hit.mesh.source.node
+            clicks, node = [each.place.tolist() for each in (*hits, hit)], hit.mesh.source.node
             try:
                 name = self._session.add(list_key, clicks, node, clip=self._page.shown_clip)
             except WrinkleError as error:

@@ -29,7 +29,7 @@ class SplitPlane:
     @classmethod
     def seen_by(cls, camera: CameraHandle, share: float) -> "SplitPlane | None":
         """The plane at a share of a view's width; None for a camera that sees nothing."""
-        axes = transforms.SO3(np.asarray(camera.wxyz)).as_matrix()  # columns: right, down, forwards
+        axes = axes_of(camera)
         aspect = camera.image_width / max(camera.image_height, 1)
         across = (2.0 * share - 1.0) * np.tan(camera.fov / 2.0) * aspect
         normal = axes[:, 0] - across * axes[:, 2]
@@ -50,3 +50,8 @@ class SplitPlane:
         found, shares = zero_lines(self.distances(points), triangles)
         places = np.einsum("sc,sca->sa", shares, points[triangles[found]])
         return np.asarray((places + _LIFT * (self.eye - places)).reshape(-1, 2, 3))
+
+
+def axes_of(camera: CameraHandle) -> Floats:
+    """(3, 3) axes of a camera in columns: right, down, forwards."""
+    return np.asarray(transforms.SO3(np.asarray(camera.wxyz)).as_matrix())

@@ -10,18 +10,16 @@ from wrinklecli.editor.free_pose import POSE, FreePose
 from wrinklecli.editor.page.drawn_scene import HINTED
 from wrinklecli.editor.page.pictures import BOTH, before_and_after, image
 from wrinklecli.editor.page.player import Player
+from wrinklecli.editor.page.tab import chosen_of
 from wrinklecli.editor.page.viewpoints import clear_time
 from wrinklecli.editor.page.viewport import Viewport
-from wrinklecli.editor.page.widgets import ASKS, PageHost, add_button, add_group, add_shortcut, show_changed
+from wrinklecli.editor.page.widgets import ASKS, PageHost, add_button, add_group, show_changed
 from wrinklecli.editor.proposals import Proposal
 from wrinklecli.editor.raised import RaisedTool
 from wrinklecli.errors import counted
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.pixels import Bytes
-
-_KEYS = "123456789"  # of proposals, in their order; the script of the page presses one under the mouse, and 0 off it
-_NO_KEY = "0"
 
 
 @dataclass(slots=True, eq=False)
@@ -46,9 +44,6 @@ class SuggestPanel:
         with self.folder:
             tip = "Looks for the places that clips compress most, or the pose that is set and shown."
             add_button(page, "Find places", self._ask, icon=viser.Icon.SEARCH, color="gray", hint=tip)
-        for number, key in enumerate(_KEYS):
-            add_shortcut(page, f"Outline suggestion {key}", partial(self._point_at, number), hotkey=key)
-        add_shortcut(page, "Outline no suggestion", partial(self._point_at, None), hotkey=_NO_KEY)
 
     def refresh(self) -> None:
         """Hide proposals whose places have tools by now, and remove all if the asset has changed."""
@@ -106,9 +101,10 @@ class SuggestPanel:
 
         self._page.work.put(object(), show)
 
-    def _point_at(self, number: int | None) -> None:
+    def point_at(self, number: str, _tab: viser.ClientHandle) -> None:
         """Outline a proposal while the mouse is over its picture."""
-        row = self._rows[number] if number is not None and number < len(self._rows) else None
+        chosen = chosen_of(number, len(self._rows))
+        row = None if chosen is None else self._rows[chosen]
         self._viewport.hint_at(None if row is None or row.raised is None else row.raised.attached)
 
     def _look(self, row: _Row) -> None:
@@ -133,7 +129,6 @@ def _card(number: int, row: _Row, picture: Bytes | None) -> str:
     """HTML of a proposal: its picture, and below it the clip, the height and the reason."""
     raised = row.raised
     where = "" if raised is None else f"{raised.clip.name} {raised.time:.2f} s, {raised.height:.3g} tall. "
-    key = _KEYS[number] if number < len(_KEYS) else _NO_KEY
     text = html.escape(f"{where}{row.proposal.why}")
     style = "padding:4px 12px;font-size:.85em;overflow-wrap:anywhere"
-    return f'<div data-wrinkle-key="{key}" style="{style}">{image(picture, BOTH)}{text}</div>'
+    return f'<div data-over="proposal {number}" style="{style}">{image(picture, BOTH)}{text}</div>'

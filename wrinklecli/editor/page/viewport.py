@@ -16,7 +16,8 @@ from wrinklecli.editor.baked_file import BakedFile
 from wrinklecli.editor.page.drawing import Body, SurfacePoints, ToolOutline, body_of, outline_below, outline_of
 from wrinklecli.editor.page.drawn_scene import HINT, HINTED, LOOKS, Drag, DrawnScene, Look
 from wrinklecli.editor.page.player import Player
-from wrinklecli.editor.page.split import SplitPlane
+from wrinklecli.editor.page.split import SplitPlane, axes_of
+from wrinklecli.editor.page.tab import numbers_of
 from wrinklecli.editor.page.viewpoints import FOV, SIDES, frame_asset, frame_tool
 from wrinklecli.editor.page.widgets import PageHost, add_group, add_shortcut, on_set, show_changed, value_within
 from wrinklecli.frozen import dataclass
@@ -36,6 +37,7 @@ _BESIDE = ("nothing", _UNWRINKLED, _AT_REST)  # what may be shown beside it
 # Strength of each light by its direction: one aslant on either side, so that folds stand out from everywhere, and one
 # from below.
 _LIGHTS = {(0.7, 1.0, 1.0): 2.0, (-0.7, 0.8, -1.0): 1.8, (-0.6, -1.0, 0.6): 0.5}
+_DIRECTIONS = [np.array(each) for each in _LIGHTS]
 _LIGHT_DISTANCE = 1e6  # scene units, more than any asset is large
 _SKY = (255, 255, 255)  # sRGB of light from above
 _GROUND = (150, 152, 158)  # sRGB of light from below
@@ -80,9 +82,11 @@ class Viewport:
         server.scene.configure_default_lights(enabled=False)
         server.scene.configure_environment_map(None)
         server.scene.add_light_hemisphere("/lights/sky", sky_color=_SKY, ground_color=_GROUND, intensity=_AMBIENT)
-        for number, (direction, strength) in enumerate(_LIGHTS.items()):
-            position = tuple(_LIGHT_DISTANCE * np.array(direction, float))
-            server.scene.add_light_point(f"/lights/{number}", intensity=strength, decay=0.0, position=position)
+        self._lights = [
+            server.scene.add_light_point(f"/lights/{number}", intensity=strength, decay=0.0)
+            for number, strength in enumerate(_LIGHTS.values())
+        ]
+        self._light(_DIRECTIONS)
         self._scene = DrawnScene(server, "asset", drag)
         self._beside_scene = DrawnScene(server, "beside", lambda *_: None)
         self._bodies: tuple[Body, ...] = ()
@@ -122,9 +126,10 @@ class Viewport:
         own: tuple[Any, ...] = (self._wrinkled, self._as_baked, self._split)
         for each in own:
             on_set(self._page, each, "wrinkles", self._page.show)
-        add_shortcut(self._page, "Split the view: without wrinkles on the left", self._halve, hotkey="V")
-        add_shortcut(self._page, "Heat: show the compression, or the textures", self._heat, hotkey="H")
-        add_shortcut(self._page, "Before or after: hide wrinkles, or show them", self._exchange, hotkey="B")
+        add_shortcut(self._page, "Light from all sides, after Shift and a drag", partial(self._light, _DIRECTIONS), "L")
+        add_shortcut(self._page, "Split the view: without wrinkles on the left", self._halve, "V")
+        add_shortcut(self._page, "Heat: show the compression, or the textures", self._heat, "H")
+        add_shortcut(self._page, "Before or after: hide wrinkles, or show them", self._exchange, "B")
 
     def _exchange(self) -> None:
         """Hide the wrinkles, or show them again."""
@@ -297,6 +302,11 @@ class Viewport:
             self._outlines[name] = shape, outline
         return outline
 
+    def colour_of(self, name: str) -> str:
+        """The colour in which a tool is outlined, for HTML; none if it is not drawn."""
+        _, outline = self._outlines.get(name, (None, None))
+        return "none" if outline is None else f"rgb{tuple(round(255 * each) for each in outline.colour)}"
+
     def hint_at(self, tool: AttachedTool | None) -> None:
         """Outline a tool that is not in the file, in place of the one before; None for no tool."""
         if tool is not self._hinted:
@@ -350,9 +360,32 @@ class Viewport:
                 hit = Hit(mesh, place, SurfacePoints(number, triangle, barycentrics[None]), depth)
         return hit
 
-    def highlight(self, hit: Hit | None) -> None:
-        """Show a dot on a point; None removes the dot."""
-        self._scene.highlight(None if hit is None else hit.spot, self._points)
+    def seen(self, camera: viser.CameraHandle, across: float, down: float) -> Hit | None:
+        """Find the point that a camera sees at a place of the view, from 0 to 1 across and down."""
+        axes, tangent = axes_of(camera), np.tan(camera.fov / 2.0)
+        aspect = camera.image_width / max(camera.image_height, 1)
+        right, up = (2.0 * across - 1.0) * tangent * aspect, (1.0 - 2.0 * down) * tangent
+        with np.errstate(all="ignore"):  # a tab may say anything of its camera
+            return self.hit(np.array(camera.position, float), axes @ [right, -up, 1.0])
+
+    def point_at(self, hits: Sequence[Hit]) -> None:
+        """Show a dot on each of at most two points, and a line between them, unless their mesh was refined since."""
+        sources = {mesh.source for mesh in self.shown}
+        self._scene.point_at([hit.spot for hit in hits if hit.mesh.source in sources], self._points)
+
+    def light_from(self, value: str, tab: viser.ClientHandle) -> None:
+        """Let one light shine from where the mouse is in the view: from the eye in its middle, aslant at its sides."""
+        away = 2.0 * np.array(numbers_of(value, 2)) - 1.0
+        away /= max(float(np.linalg.norm(away)), 1.0)
+        with np.errstate(all="ignore"):  # a tab may say anything of its camera
+            self._light([axes_of(tab.camera) @ [*away, -np.sqrt(max(1.0 - float(away @ away), 0.0))]])
+
+    def _light(self, directions: Sequence[Floats]) -> None:
+        """Let lights shine from (3,) directions, and turn off those that have none."""
+        for number, light in enumerate(self._lights):
+            light.visible = number < len(directions)
+            if light.visible:
+                light.position = _LIGHT_DISTANCE * directions[number]
 
     def tool_at(self, hit: Hit) -> str | None:
         """Find the tool of the file whose patch, or whose partner's, holds a point, or else a muscle or flesh."""

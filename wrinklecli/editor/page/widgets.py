@@ -26,90 +26,12 @@ SetMode: TypeAlias = Literal["at once", "slides", "typed"]
 # Pixels from the corner of the page; what lies below the text takes the clicks.
 _OVER_VIEW = "position:fixed;left:15px;top:12px;z-index:5;max-width:min(36em,55vw);max-height:40vh;overflow:hidden;"
 _OVER_VIEW += "pointer-events:none;background:#fffd;border-radius:4px"
-HIDDEN = '<style>div:has(> div > div > p > label[for="{}"]){{display:none}}</style>'
-"""HTML that hides the widget of an id."""
-RESET = "reset"
-"""Title of a hidden line, by which a tab names the widget of a key to take away."""
-
-# Fields keep the keyboard focus after a click, even checkboxes, and the page's commands hear no key then. This script
-# passes Ctrl-S on, and Ctrl-Z too unless a line of text has the focus, where it undoes typing. Enter leaves a field.
-# A command hears a key that goes down, but not when it is released: B, if it was held, is pressed again then. What is
-# under the mouse is told by a key, too: that of the element, or 0. A press on a material's picture presses the key of
-# its command: a click would be lost if the picture is drawn anew meanwhile.
-_SCRIPT = """
-if (!window.wrinkleKeys) {
-  window.wrinkleKeys = true;
-  const press = keys => {
-    for (const kind of ["keydown", "keyup"])
-      document.body.dispatchEvent(new KeyboardEvent(kind, {...keys, bubbles: true, cancelable: true}));
-  };
-  document.addEventListener("keydown", event => {
-    const field = event.target;
-    if (!event.isTrusted || !field.matches("input, textarea")) return;
-    const clicked = field.readOnly || ["checkbox", "radio"].includes(field.type);
-    const isText = !clicked && !["decimal", "numeric"].includes(field.inputMode);
-    if (event.key === "Escape") {
-      field.blur();
-      press({key: "Escape", code: "Escape"});
-    }
-    if (event.key === "Enter" && !clicked) setTimeout(() => field.blur());
-    const key = event.key.toLowerCase();
-    if (!(event.ctrlKey || event.metaKey) || !(key === "s" || (key === "z" && !isText))) return;
-    event.preventDefault();
-    event.stopPropagation();
-    field.blur();
-    const {ctrlKey, metaKey, shiftKey, code} = event;
-    press({key: event.key, code, ctrlKey, metaKey, shiftKey});
-  }, true);
-  let since = null;
-  document.addEventListener("keydown", event => {
-    if (!event.isTrusted || event.code !== "KeyB") return;
-    if (event.repeat) event.stopPropagation();
-    else since = event.timeStamp;
-  }, true);
-  document.addEventListener("keyup", event => {
-    if (!event.isTrusted || event.code !== "KeyB" || since === null || event.target.matches("input, textarea")) return;
-    // ms: a longer press is a key that was held.
-    if (event.timeStamp - since > 400) press({key: "b", code: "KeyB"});
-    since = null;
-  }, true);
-  let under = "0";
-  document.addEventListener("mouseover", event => {
-    const key = event.target.closest("[data-wrinkle-key]")?.dataset.wrinkleKey ?? "0";
-    if (key !== under) press({key, code: "Digit" + key});
-    under = key;
-  });
-  const reset = event => {
-    const field = event.target, label = field.closest("div:has(label)")?.querySelector("label");
-    const own = label?.innerText.startsWith("×") && (event.type === "dblclick" || field.closest("label"));
-    if (!own || field.matches("input, textarea")) return;
-    const line = [...document.querySelectorAll("label")].find(each => each.innerText === "reset");
-    const box = line.closest("div:has(input)").querySelector("input");
-    Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, "value").set.call(box, label.htmlFor);
-    box.dispatchEvent(new Event("input", {bubbles: true}));
-  };
-  // A number that is typed may be beyond the ends of its slider, to which viser would set it when it is left.
-  document.addEventListener("focusout", event => {
-    if (["decimal", "numeric"].includes(event.target.inputMode)) event.stopPropagation();
-  }, true);
-  document.addEventListener("click", reset);
-  document.addEventListener("dblclick", reset);
-  document.addEventListener("pointerdown", event => {
-    const key = event.target.closest("[data-wrinkle-press]")?.dataset.wrinklePress;
-    if (key) press({
-      key: key.toLowerCase(), code: (/[0-9]/.test(key) ? "Digit" : "Key") + key, altKey: true, shiftKey: true,
-    });
-  });
-}
-"""
-KEYBOARD = f'<img src="data:," style="display:none" onerror="{html.escape(_SCRIPT)}">'
-"""HTML that runs the script once in each tab: viser has no place for scripts, but an image that fails runs one."""
 
 
 class PageHost(Protocol):
     """The page, as its parts see it, with a queue for quick actions and one for actions that take seconds.
 
-    `chosen` is the name of the tool that the page shows.
+    `chosen` is the name of the tool that the page shows, `keys` what each key does.
     """
 
     server: viser.ViserServer
@@ -117,6 +39,7 @@ class PageHost(Protocol):
     work: WorkQueue
     slow: WorkQueue
     chosen: str | None
+    keys: dict[str, str]
 
     @property
     def shown_clip(self) -> str | None:
@@ -180,9 +103,12 @@ def add_button(page: PageHost, label: str, action: Action, **options: Any) -> An
     return button
 
 
-def add_shortcut(page: PageHost, label: str, action: Action, **keys: Any) -> None:
-    """Add a command for an action, with its keys."""
-    _on_event(page.server.gui.add_command(label, **keys).on_trigger, page.work, action)
+def add_shortcut(page: PageHost, label: str, action: Action, hotkey: Any, modifier: Any = None) -> None:
+    """Add a command for an action, with its keys, which `?` lists."""
+    command = page.server.gui.add_command(label, hotkey=hotkey, modifier=modifier)
+    _on_event(command.on_trigger, page.work, action)
+    pressed = [*(modifier.replace("cmd/", "").split("+") if modifier else ()), hotkey]
+    page.keys["+".join(each.capitalize() for each in pressed)] = label
 
 
 def add_group(page: PageHost, title: str, actions: Mapping[str, Action]) -> Any:

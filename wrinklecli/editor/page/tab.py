@@ -1,0 +1,159 @@
+"""What runs in each tab: a script for keys and the mouse, and the line by which it says what viser has no message for.
+
+Elements of the page's own HTML say something when they are pressed (`data-say`), and when the mouse comes over them
+(`data-over`). While one of them has `data-hover`, the place of the mouse in the view is said, too.
+"""
+
+import html
+import math
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import TypeAlias
+
+import viser
+
+from wrinklecli.editor.page.widgets import PageHost
+
+Heard: TypeAlias = Callable[[str, viser.ClientHandle], object]
+"""Called with a value that a tab says, and the tab."""
+
+_LINE = "said by the tab"  # title of the hidden line
+_HIDDEN = '<style>div:has(> div > div > p > label[for="{}"]){{display:none}}</style>'
+# Fields keep the keyboard focus after a click, even checkboxes, and the page's commands hear no key then. This script
+# passes Ctrl-S on, and Ctrl-Z too unless a line of text has the focus, where it undoes typing. Enter leaves a field.
+# A command hears a key that goes down, but not when it is released: B, if it was held, is pressed again then. What is
+# pressed says so as the button goes down: a click would be lost if it is drawn anew meanwhile.
+_SCRIPT = """
+if (!window.wrinkleKeys) {
+  window.wrinkleKeys = true;
+  // viser drops a text that another one follows at once. The number makes each text a new one.
+  const waiting = new Map();
+  let sends = false, number = 0;
+  const send = () => {
+    sends = waiting.size > 0;
+    if (!sends) return;
+    const [kind, value] = waiting.entries().next().value;
+    waiting.delete(kind);
+    const line = [...document.querySelectorAll("label")].find(each => each.innerText === "LINE");
+    const box = line?.closest("div:has(input)").querySelector("input");
+    if (box) {
+      const set = Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, "value").set;
+      set.call(box, `${++number} ${kind} ${value}`);
+      box.dispatchEvent(new Event("input", {bubbles: true}));
+    }
+    setTimeout(send, 100);
+  };
+  const say = (kind, value) => {
+    waiting.set(kind, value);
+    if (!sends) send();
+  };
+  const sayOf = text => say(...text.split(" "));
+  const press = keys => {
+    for (const kind of ["keydown", "keyup"])
+      document.body.dispatchEvent(new KeyboardEvent(kind, {...keys, bubbles: true, cancelable: true}));
+  };
+  document.addEventListener("keydown", event => {
+    const field = event.target;
+    if (!event.isTrusted) return;
+    if (!field.matches("input, textarea")) {
+      if (event.key === "?") say("keys", "");
+      return;
+    }
+    const clicked = field.readOnly || ["checkbox", "radio"].includes(field.type);
+    const isText = !clicked && !["decimal", "numeric"].includes(field.inputMode);
+    if (event.key === "Escape") {
+      field.blur();
+      press({key: "Escape", code: "Escape"});
+    }
+    if (event.key === "Enter" && !clicked) setTimeout(() => field.blur());
+    const key = event.key.toLowerCase();
+    if (!(event.ctrlKey || event.metaKey) || !(key === "s" || (key === "z" && !isText))) return;
+    event.preventDefault();
+    event.stopPropagation();
+    field.blur();
+    const {ctrlKey, metaKey, shiftKey, code} = event;
+    press({key: event.key, code, ctrlKey, metaKey, shiftKey});
+  }, true);
+  let since = null;
+  document.addEventListener("keydown", event => {
+    if (!event.isTrusted || event.code !== "KeyB") return;
+    if (event.repeat) event.stopPropagation();
+    else since = event.timeStamp;
+  }, true);
+  document.addEventListener("keyup", event => {
+    if (!event.isTrusted || event.code !== "KeyB" || since === null || event.target.matches("input, textarea")) return;
+    // ms: a longer press is a key that was held.
+    if (event.timeStamp - since > 400) press({key: "b", code: "KeyB"});
+    since = null;
+  }, true);
+  let over = "";
+  document.addEventListener("mouseover", event => {
+    const found = event.target.closest("[data-over]")?.dataset.over ?? "";
+    if (found !== over) sayOf(found || over.split(" ")[0] + " ");
+    over = found;
+  });
+  const sayPlace = (kind, event) => {
+    const box = event.target.getBoundingClientRect();
+    say(kind, `${(event.clientX - box.x) / box.width} ${(event.clientY - box.y) / box.height}`);
+  };
+  document.addEventListener("pointermove", event => {
+    if (event.target.matches("canvas") && document.querySelector("[data-hover]")) sayPlace("at", event);
+  }, true);
+  // Shift-drag turns the light, and not the view.
+  let lights = false;
+  for (const kind of ["pointerdown", "pointermove", "pointerup"])
+    document.addEventListener(kind, event => {
+      if (kind === "pointerdown") lights = event.shiftKey && event.button === 0 && event.target.matches("canvas");
+      if (!lights) return;
+      event.stopPropagation();
+      if (event.target.matches("canvas")) sayPlace("light", event);
+      if (kind === "pointerup") lights = false;
+    }, true);
+  const reset = event => {
+    const field = event.target, label = field.closest("div:has(label)")?.querySelector("label");
+    const own = label?.innerText.startsWith("×") && (event.type === "dblclick" || field.closest("label"));
+    if (own && !field.matches("input, textarea")) say("reset", label.htmlFor);
+  };
+  // A number that is typed may be beyond the ends of its slider, to which viser would set it when it is left.
+  document.addEventListener("focusout", event => {
+    if (["decimal", "numeric"].includes(event.target.inputMode)) event.stopPropagation();
+  }, true);
+  document.addEventListener("click", reset);
+  document.addEventListener("dblclick", reset);
+  for (const kind of ["pointerdown", "click"])
+    document.addEventListener(kind, event => {
+      const text = event.target.closest("[data-say]")?.dataset.say;
+      // A click by the keyboard has no detail.
+      if (text && (kind === "pointerdown" || event.detail === 0)) sayOf(text);
+    });
+}
+""".replace("LINE", _LINE)
+
+
+def run_script(page: PageHost, heard: Mapping[str, Heard]) -> None:
+    """Run the script in each tab, and call a function for each kind of what a tab says."""
+    gui = page.server.gui
+    # viser has no place for scripts, but an image that fails runs one.
+    gui.add_html(f'<img src="data:," style="display:none" onerror="{html.escape(_SCRIPT)}">')
+    line = gui.add_text(_LINE, "")
+    gui.add_html(_HIDDEN.format(line._impl.uuid))
+
+    @line.on_update
+    async def _(event: viser.GuiEvent[viser.GuiTextHandle]) -> None:
+        _, kind, value = [*event.target.value.split(" ", 2), "", ""][:3]
+        if event.client is not None and kind in heard:
+            page.work.put(("said", kind), partial(heard[kind], value, event.client))
+
+
+def numbers_of(value: str, count: int) -> list[float]:
+    """The numbers of a value; zeros if these are not as many as they should be."""
+    try:
+        found = [float(each) for each in value.split()]
+    except ValueError:
+        found = []
+    return found if len(found) == count and all(map(math.isfinite, found)) else [0.0] * count
+
+
+def chosen_of(value: str, count: int) -> int | None:
+    """The number of one of so many things that a value names, if it does."""
+    return int(value) if value.isascii() and value.isdigit() and int(value) < count else None
