@@ -17,7 +17,7 @@ from wrinklecli.tools.records import Length, RestLengthMorph, WrinkleTool
 
 # Greatest length of a bump over the tool's width, by material: wrinkles are several times as long as they are wide, in
 # cloth most.
-_BUMP_OF_WIDTH = {"skin": 0.3, "cloth": 0.15, "leather": 0.3, None: 0.3}
+BUMP_OF_WIDTH = {"skin": 0.3, "cloth": 0.15, "leather": 0.3, None: 0.3}
 # Most bumps added to the usual number for that.
 _MORE_BUMPS = 3
 # Width of a tool over its region's: the attenuation falls to half within the region, and to 0 beyond it.
@@ -123,7 +123,7 @@ def tool_of(candidate: Candidate, name: str, width: float) -> WrinkleTool:
     chosen = preset_of(candidate)
     given = chosen.fields(readers_of(WrinkleTool)) if chosen else {}
     usual = usual_bumps(candidate.material)
-    longest = _BUMP_OF_WIDTH[candidate.material] * width
+    longest = BUMP_OF_WIDTH[candidate.material] * width
     bumps = min(max(usual, round(span / longest)), usual + _MORE_BUMPS)
     if chosen and "bumps" in chosen.keys:
         bumps = chosen.bumps()

@@ -9,11 +9,12 @@ Sources of the names:
     - Character Creator's `Brow_Raise_Inner_L`, MetaHuman's `browRaiseInL`, and plain names such as `browsUp`.
 """
 
-import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import field
 from typing import Literal
+
+import numpy as np
 
 from wrinklecli.character.bones import words_of
 from wrinklecli.character.rig import Rig
@@ -60,6 +61,12 @@ VOCABULARIES = (
 )
 
 
+# Heights of parts of a face: in the middle of the eyes 0, and 1 at the brows.
+HEIGHTS = {"chin": -np.inf, "mouth": -1.0, "eyes": 0.0, "brows": 1.0, "crown": np.inf}
+# Least and greatest distances from the middle of a face, which are 1 at an eye's middle, and 2 at its outer corner.
+COLUMNS = {"face": (0.0, np.inf), "nose": (0.0, 1.0), "side": (0.5, np.inf), "temple": (2.0, np.inf)}
+
+
 @dataclass(frozen=True, slots=True)
 class FaceRegion:
     """A region of a face that an artist wrinkles.
@@ -68,69 +75,39 @@ class FaceRegion:
         title: Its name in a sentence.
         name: The stem of its tools' names.
         targets: The motions that wrinkle it.
-        aside: Bounds within which its summit lies: 0 in the middle of the face, 1 at an eye's middle, 2 at its outer
-            corner.
-        height: Bounds likewise: -1 at the mouth, 0 at the eyes, 1 at the brows.
-        along: Aside and up, the direction across its wrinkles; (0, 0) for that of the strongest compression.
+        between: Parts of a face, keys of `HEIGHTS`, between which its summit lies.
+        column: That of `COLUMNS` in which its summit lies.
         middle: True if it lies across the middle of the face, False for one on each side.
-        width: Least width of a tool, in distances of the eyes: shorter wrinkles look like dents.
-        bumps: The number of wrinkles, of which a furrow is one.
+        upright: True for lines across the middle that stand upright, False for lines that are level.
         round_eye: True if its wrinkles spread like rays from an eye.
-        longest: Greatest length of a tool, in distances of the eyes.
         furrow: True if it is one furrow below the skin, without crests beside it.
     """
 
     title: str
     name: str
     targets: tuple[str, ...]
-    aside: tuple[float, float]
-    height: tuple[float, float]
-    along: tuple[float, float]
-    middle: bool
-    width: float
-    bumps: int = 3
+    between: tuple[str, str]
+    column: str
+    middle: bool = False
+    upright: bool = False
     round_eye: bool = False
-    longest: float = math.inf
     furrow: bool = False
 
 
-# The regions, from the forehead down. Their bounds are wide: they tell a temple from a lid, and a chin from a lip.
+# The regions, from the forehead down.
 REGIONS = (
+    FaceRegion("the forehead", "forehead", ("browInnerUp",), ("brows", "crown"), "face", middle=True),
+    FaceRegion("the side of the forehead", "forehead_side", ("browOuterUp",), ("brows", "crown"), "side"),
+    FaceRegion("the glabella", "glabella", ("browDown",), ("eyes", "crown"), "nose", middle=True, upright=True),
+    FaceRegion("crow's feet", "crows_foot", ("cheekSquint", "eyeSquint"), ("mouth", "brows"), "temple", round_eye=True),
+    FaceRegion("bunny lines", "bunny", ("noseSneer",), ("mouth", "eyes"), "nose"),
     FaceRegion(
-        "the forehead", "forehead", ("browInnerUp",),
-        (0.0, 2.5), (1.0, 6.0), (0.0, 1.0), middle=True, width=1.3, bumps=4,
+        "the nasolabial fold", "nasolabial", ("mouthSmile", "cheekSquint"), ("mouth", "eyes"), "side", furrow=True
     ),
-    FaceRegion(
-        "the side of the forehead", "forehead_side", ("browOuterUp",),
-        (0.5, 3.0), (1.0, 6.0), (0.0, 1.0), middle=False, width=1.1, bumps=4,
-    ),
-    FaceRegion(
-        "the glabella", "glabella", ("browDown",),
-        (0.0, 1.0), (0.2, 1.5), (1.0, 0.0), middle=True, width=0.3, longest=0.45,
-    ),
-    FaceRegion(
-        "crow's feet", "crows_foot", ("cheekSquint", "eyeSquint"),
-        (2.0, 5.0), (-0.5, 1.4), (0.0, 1.0), middle=False, width=0.3, round_eye=True,
-    ),
-    FaceRegion(
-        "bunny lines", "bunny", ("noseSneer",),
-        (0.1, 1.0), (-0.75, 0.3), (0.25, 1.0), middle=False, width=0.25,
-    ),
-    FaceRegion(
-        "the nasolabial fold", "nasolabial", ("mouthSmile", "cheekSquint"),
-        (0.6, 3.5), (-1.1, -0.4), (1.0, 0.4), middle=False, width=0.65, longest=0.25,
-        furrow=True,
-    ),
-    FaceRegion(
-        "the chin", "chin", ("mouthShrugLower",),
-        (0.0, 1.0), (-4.0, -1.0), (0.0, 1.0), middle=True, width=0.35,
-    ),
-)  # fmt: skip
+    FaceRegion("the chin", "chin", ("mouthShrugLower",), ("chin", "mouth"), "nose", middle=True),
+)
 # The side of the neck to which the head turns.
-NECK = FaceRegion(
-    "the side of the neck", "neck", (),
-    (0.0, 9.0), (-9.0, -1.3), (0.0, 0.0), middle=False, width=0.5, longest=0.7,
-)  # fmt: skip
+NECK = FaceRegion("the side of the neck", "neck", (), ("chin", "mouth"), "face")
 
 
 @dataclass(frozen=True, slots=True)

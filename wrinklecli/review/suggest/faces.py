@@ -18,9 +18,11 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats, significant, unit, weighted_quantiles
 from wrinklecli.review.suggest.candidates import LEAST_LOSS, Candidate
-from wrinklecli.review.suggest.draft import across_x, tool_of, width_of
+from wrinklecli.review.suggest.draft import BUMP_OF_WIDTH, across_x, tool_of, width_of
 from wrinklecli.review.suggest.face_parts import Face, read_face
 from wrinklecli.review.suggest.face_targets import (
+    COLUMNS,
+    HEIGHTS,
     NECK,
     REGIONS,
     VOCABULARIES,
@@ -38,6 +40,7 @@ from wrinklecli.surface.compression import CompressedRegion, connected_sites
 from wrinklecli.surface.sites import at_sites
 from wrinklecli.surface.strain import along_directions, principal, unscaled_pose
 from wrinklecli.surface.trace import find_segment
+from wrinklecli.tools.materials import usual_bumps
 from wrinklecli.tools.records import Length, RestLengthMorph, WrinkleTool
 
 # Part of a summit's loss at which its region ends, as for folds of joints.
@@ -56,8 +59,11 @@ _NARROWER, _NARROWEST = 0.9, 0.7
 _MOVE, _MOVES = 0.08, 4
 # Greatest part of its height that a tool may have on a lid or a lip, where its bell has nearly faded.
 _FADED = 0.05
-# Least cosine of a region's direction and the strongest compression of its place for a tool along the latter.
-_SAME_WAY = 0.5
+# Greatest length of a tool, in distances of the eyes: lines of a face lie close together.
+_LONGEST = 0.5
+# Way up over the way aside across a furrow beside the mouth, which runs from the nose down to the mouth's corner,
+# however a mesh stretches there.
+_FURROW = 0.4
 # Least cosine of the normals of a site and a region's summit.
 _FACING = 0.25
 # Least and greatest angle to either side by which crow's feet spread round an eye, radians.
@@ -165,7 +171,7 @@ def _fit(
     ends = find_segment(mesh.sites, compressed, [unscaled_pose(mesh.gauge, together, 1.0)])
     if ends is None:
         return f"no segment fits where {together.name} compresses the skin"
-    ends = _within(face, ends, region.longest * face.size)
+    ends = _within(face, ends, _longest(face, region))
     driver = together.name if face.targets else region.name
     candidate = Candidate(
         mesh, compressed, together, 1.0, *ends, 1.0, "skin", driver=driver, by_morph=bool(face.targets)
@@ -173,8 +179,19 @@ def _fit(
     if region.round_eye:
         candidate = _round_eye(face, candidate, side)
     if region.furrow:
-        candidate = _beside_mouth(face, candidate, max(width_of(candidate), region.width * face.size))
+        candidate = _beside_mouth(face, candidate, max(width_of(candidate), _narrowest(region, candidate)))
     return _fit_tool(face, region, candidate, side, clips)
+
+
+def _longest(face: Face, region: FaceRegion) -> float:
+    """Greatest length of a tool, scene units; a furrow is a single line."""
+    return _LONGEST * face.size * (0.5 if region.furrow else 1.0)
+
+
+def _narrowest(region: FaceRegion, candidate: Candidate) -> float:
+    """Least width of a tool, scene units: lines that are shorter for their width look like dents."""
+    length = float(np.linalg.norm(candidate.target - candidate.origin))
+    return length / (BUMP_OF_WIDTH["skin"] * (1 if region.furrow else usual_bumps("skin")))
 
 
 def _within(face: Face, ends: tuple[Floats, Floats], longest: float) -> tuple[Floats, Floats]:
@@ -190,9 +207,10 @@ def _compressed(face: Face, region: FaceRegion, side: Side, clip: Clip) -> Compr
     sites = face.mesh.sites
     tensors = at_sites(sites, clip, np.array([1.0]))[0]
     sign = -1.0 if side == "R" else 1.0
-    direction = unit(sign * region.along[0] * face.left + region.along[1] * face.up)
-    given = bool(direction.any())
-    lost = along_directions(tensors, sites.normals, direction) if given else principal(tensors, sites.normals)[0]
+    aside = sign * face.left
+    direction = unit(aside + _FURROW * face.up) if region.furrow else aside if region.upright else face.up
+    fixed = region.middle or region.furrow
+    lost = along_directions(tensors, sites.normals, direction) if fixed else principal(tensors, sites.normals)[0]
     lost = np.where(_window(face, region, sign), lost, -np.inf)
     seed = int(lost.argmax())
     if not lost[seed] > LEAST_BY_MORPH:
@@ -205,11 +223,8 @@ def _compressed(face: Face, region: FaceRegion, side: Side, clip: Clip) -> Compr
     weights = sites.areas[members] * lost[members]
     places = sites.positions[members]
     normal = unit(weights @ sites.normals[members])
-    # A furrow beside the mouth runs from the nose down to the mouth's corner, however a mesh stretches there.
-    if not region.middle and not region.furrow:
-        _, found = principal((weights @ tensors[members] / weights.sum())[None], normal[None])
-        if not given or abs(found[0] @ direction) > _SAME_WAY:
-            direction = found[0] * np.sign(found[0] @ direction or 1.0)
+    if not fixed:
+        _, (direction,) = principal((weights @ tensors[members] / weights.sum())[None], normal[None])
     centre = weights @ places / weights.sum()
     if region.middle:
         normal = unit(normal - (normal @ face.left) * face.left)
@@ -230,7 +245,7 @@ def _compressed(face: Face, region: FaceRegion, side: Side, clip: Clip) -> Compr
         centre=centre + (low + high) / 2.0 * along + (left + right) / 2.0 * sideways,
         normal=normal,
         along=along,
-        length=min(high - low + sites.spacing, region.longest * face.size),
+        length=min(high - low + sites.spacing, _longest(face, region)),
         width=right - left + sites.spacing,
         twin=face.symmetric,
         on_plane=region.middle,
@@ -242,7 +257,7 @@ def _window(face: Face, region: FaceRegion, sign: float) -> Bools:
     places = face.mesh.sites.positions
     aside, height = sign * face.asides(places), face.heights(places)
     aside = np.abs(aside) if region.middle else aside
-    (near, far), (low, high) = region.aside, region.height
+    (near, far), (low, high) = COLUMNS[region.column], (HEIGHTS[each] for each in region.between)
     return np.asarray(face.free & (aside >= near) & (aside <= far) & (height >= low) & (height <= high))
 
 
@@ -324,7 +339,7 @@ def _times(clip: Clip) -> Floats:
 
 def _placed(face: Face, region: FaceRegion, candidate: Candidate, side: Side) -> list[Attached[WrinkleTool]] | None:
     """Attach the tool of a candidate, or a pair, clear of lids and lips: narrower, or moved off; None if none fits."""
-    least = region.width * face.size
+    least = _narrowest(region, candidate)
     wide = max(width_of(candidate), least)
     for _ in range(_MOVES):
         width, found = wide, None
@@ -371,8 +386,8 @@ def _by_weight(
 
 
 def _drawn(region: FaceRegion, candidate: Candidate, name: str, width: float) -> WrinkleTool:
-    """The tool of a candidate with a region's number of wrinkles."""
-    tool = replace(tool_of(candidate, name, width), bumps=region.bumps, width=Length(significant(width, 2)))
+    """The tool of a candidate; a furrow is one wrinkle into the skin."""
+    tool = replace(tool_of(candidate, name, width), width=Length(significant(width, 2)))
     return replace(tool, bumps=1, strength=-1.0, profile="smooth") if region.furrow else tool
 
 
