@@ -11,6 +11,7 @@ from wrinklecli.character.clip import read_clips
 from wrinklecli.gltf.document import read_document
 from wrinklecli.review.suggest.fitted_tools import Suggestion
 from wrinklecli.review.suggest.trial import Trial, TriedAsset
+from wrinklecli.review.suggest.worth import worthwhile
 from wrinklecli.surface.refine import Refinement, refine
 from wrinklecli.tools.records import Length, RefinementSettings, WrinkleTool
 
@@ -35,18 +36,18 @@ def test_a_mesh_that_needs_more_levels_than_usual_is_refined_once(
 
     monkeypatch.setattr("wrinklecli.effects.plan.refine", counted)
     tried = TriedAsset(document, read_clips(document))
-    trial, placed, coarse = Trial(tried, FACETED).fitting([suggestion(0.08, 0.2, 0.0)])
+    refinement, placed = Trial.of(tried, suggestion(0.08, 0.2, 0.0)).placed(FACETED)
     assert list(placed) == ["fold"]
-    assert not coarse
-    assert trial.refinement.max_levels > FACETED.max_levels
+    assert not placed["fold"].coarse
+    assert refinement.max_levels > FACETED.max_levels
     assert [each for each in levels if each > 0] == [6]
 
 
 @pytest.mark.slow
 def test_a_fold_much_shorter_than_its_triangles_is_left_out(tmp_path: Path) -> None:
-    document = read_document(sheet(tmp_path / "a.glb", [(-0.5, 0.0), (0.0, 0.0), (0.5, 0.0)]))
-    short = suggestion(0.02, 0.05, 0.0, "short")
+    document = read_document(sheet(tmp_path / "a.glb", [(-0.5, 0.0), (0.0, 0.0), (0.5, 0.0)], smooth=True))
+    both = [suggestion(0.4, 0.3, 0.0), suggestion(0.02, 0.05, 0.0, "short")]
     tried = TriedAsset(document, read_clips(document))
-    _, placed, coarse = Trial(tried, FACETED).fitting([suggestion(0.4, 0.3, 0.0), short])
-    assert list(placed) == ["fold"]
-    assert coarse == [short]
+    found = worthwhile(tried, both, FACETED, count=2, everything=True)
+    assert [each.tool.name for each in found.tools] == ["fold"]
+    assert [(each.name, each.reason) for each in found.dropped] == [("short", "coarse")]

@@ -70,8 +70,10 @@ def planned_bytes(plan: MeshPlan, targets: Sequence[Ints]) -> int:
     for corners in triangles.T:
         np.logical_or.at(vertices, corners, seen)
     turned = np.asarray(vertices[triangles].any(axis=1))
+    # Other effects may move the other faces; where they do, a part of its own is worth it.
+    here = turned.any(axis=1)
+    turned, seen, corners = turned[here], seen[here], plan.fine.corners[here]
     sets, part_of = divided(turned if plan.has_normals else seen, seen, own=0)
-    corners = plan.fine.corners
     return texel_bytes(
         plan, sum(int(each.sum()) * len(distinct_values(corners[part_of == k])) for k, each in enumerate(sets))
     )

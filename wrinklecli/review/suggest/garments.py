@@ -253,7 +253,7 @@ def _judged(plan: MeshPlan, part: Part, stage: Stage, garment: Garment) -> Sugge
         motion = seen[number].motion
         moments.append((motion.clip.name, float(motion.times[int(seen[number].weights[:, shape].argmax())])))
     moments = list(dict.fromkeys(moments))
-    faults = [fault_of(stage, Placement.of(plan, part), *moment) for moment in moments]
+    faults = [fault_of(stage, Placement(plan, part), *moment) for moment in moments]
     if 2 * sum(each is not None for each in faults) > len(faults):
         return Dropped(field.name, where, *next(each for each in faults if each is not None))
     return SuggestedField(

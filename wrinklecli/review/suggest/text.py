@@ -109,15 +109,18 @@ def _written_height(tool: WrinkleTool) -> str | None:
     return "none" if tool.max_height is None else None
 
 
-def read_suggested(text: str, suggestions: Sequence[Suggestion]) -> ToolsFile:
-    """Read the text of suggestions with the presets that they know, from whatever files.
+def read_suggested(text: str, document: Document, suggestions: Sequence[Suggestion]) -> ToolsFile:
+    """Read the text of suggestions for an asset with the presets that they know, from whatever files.
 
     Raises:
-        ConfigError: The text is not valid.
+        AssetError: The asset's lengths are beyond the range of a tools file.
     """
     root, problems = read_tree(text)
     assert root is not None, problems
-    return read_values(root.value, known=suggestions[0].presets if suggestions else usual_presets())
+    try:
+        return read_values(root.value, known=suggestions[0].presets if suggestions else usual_presets())
+    except WrinkleError as error:
+        raise AssetError(f"cannot be described by a tools file: {error.lines[0]}", where=document.path) from error
 
 
 def written_refinement(refinement: RefinementSettings) -> list[str]:
@@ -149,10 +152,7 @@ def refuse_unwritable(
     Raises:
         AssetError: The asset's lengths are beyond the range of a tools file.
     """
-    try:
-        read = read_suggested(text, suggestions)
-    except WrinkleError as error:
-        raise AssetError(f"cannot be described by a tools file: {error.lines[0]}", where=document.path) from error
+    read = read_suggested(text, document, suggestions)
     suggested: list[Any] = [*(each.tool for each in suggestions), *fields]
     by_name = {each.name: each for each in read.effects}
     for each in suggested:

@@ -20,7 +20,7 @@ from wrinklecli.choices import Part
 from wrinklecli.effects.faults import count_teeth, departure_warnings, turned_warnings
 from wrinklecli.effects.order import kind_of
 from wrinklecli.effects.sampling import seen_at
-from wrinklecli.errors import counted
+from wrinklecli.errors import BakeError, counted
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.guard import Progress, log_progress
@@ -65,7 +65,7 @@ class Dropped:
         reason: A word for why.
         value: The number that decided.
         warning: The line of `check`, or of a bake that refuses it, or the memory, if that is the reason.
-        keep: The probability that an artist keeps it; None if nobody looked.
+        keep: The probability that an artist keeps it, or for facets the greatest possible; None if nobody looked.
     """
 
     name: str
@@ -148,37 +148,57 @@ def worthwhile(
         progress: Called with a stage's name, the tools found or left out so far, and those with the ones looked at.
     """
     stage = Stage(asset.scene, (*joined, *asset.clips))
-    trial, found = Trial(asset, refinement), Worthwhile([], refinement, [])
+    tried = partial(_tried, asset, stage, refinement, None if everything else checked)
+    found = Worthwhile([], refinement, [])
     remaining = islice(suggestions, count if everything else _LOOKS * count)
     while batch := list(islice(remaining, count - len(found.tools))):
-        trial, placed, coarse = trial.fitting(batch)
-        found = replace(found, refinement=trial.refinement)
-        found.dropped.extend(Dropped(each.tool.name, each.mesh, "coarse", 0.0) for each in coarse)
-        tools = {each.tool.name: each for each in batch if each not in coarse}
-        waiting = list(tools.values())
-        while waiting:
-            judge = partial(_judged, stage, placed, None if everything else checked)
-            changed = []
-            for each in in_processes(judge, waiting, asset.jobs):
-                if isinstance(each, Dropped):
-                    del tools[each.name]
-                    found.dropped.append(each)
-                    continue
-                changed += [] if each.is_judged else [each]
-                tools[each.tool.name] = each
-            before, placed = placed, trial.placed_again([*tools.values()], changed, placed)
-            moved = {name for name, placement in placed.items() if placement is not before[name]}
-            waiting = [each for each in tools.values() if not moved.isdisjoint(names_of(each, placed))]
-            known = len(found.tools) + len(found.dropped) + len(tools)
-            progress("looking", known - len(waiting), known)
-        for each in tools.values():
-            if each.gpu_bytes > budget:
+        known = len(found.tools) + len(found.dropped)
+        for step, (each, needed) in enumerate(in_processes(tried, batch, asset.jobs), 1):
+            progress("looking", known + step, known + len(batch))
+            if isinstance(each, Dropped):
+                found.dropped.append(each)
+            elif each.gpu_bytes > budget:
                 found.dropped.append(Dropped.costly(each.tool.name, each.mesh, each.gpu_bytes))
-                continue
-            budget -= each.gpu_bytes
-            found.tools.append(each)
-        stage.let_go()
+            else:
+                budget -= each.gpu_bytes
+                found.tools.append(each)
+                found = replace(found, refinement=_joined(found.refinement, needed))
     return found
+
+
+def _joined(first: RefinementSettings, second: RefinementSettings) -> RefinementSettings:
+    """The settings that are enough for two tools."""
+    scheme = "midpoint" if "midpoint" in (first.scheme, second.scheme) else first.scheme
+    return replace(first, max_levels=max(first.max_levels, second.max_levels), scheme=scheme)
+
+
+def _tried(
+    asset: TriedAsset,
+    stage: Stage,
+    refinement: RefinementSettings,
+    checked: Sequence[Clip] | None,
+    suggestion: Suggestion,
+) -> tuple[Suggestion | Dropped, RefinementSettings]:
+    """A suggestion that is worth keeping, or one that fits the same place, with the refinement that it needs.
+
+    It is kept as it is if nothing is `checked`. What is cheap to know counts first: facets do before any refinement.
+    """
+    dropped = partial(Dropped, suggestion.tool.name, suggestion.mesh)
+    try:
+        trial = Trial.of(asset, suggestion)
+        best = Score.of(Merits(seen=1.0, crests=1.0, smooth=trial.smooth, whole=1.0))
+        if checked is not None and not best.is_kept:
+            return dropped(*best.reason, keep=best.keep), refinement
+        needed, placed = trial.placed(refinement)
+    except BakeError as error:
+        return dropped("refused", 0.0, error.lines[0]), refinement
+    if any(each.coarse for each in placed.values()):
+        return dropped("coarse", 0.0), refinement
+    found = _judged(stage, placed, checked, suggestion)
+    stage.let_go()
+    if isinstance(found, Dropped) or found.is_judged:
+        return found, needed
+    return _tried(asset, stage, refinement, checked, found)
 
 
 def _judged(
