@@ -14,7 +14,7 @@ from wrinklecli.character.pose import Pose
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.drive import AnyDrive
 from wrinklecli.effects.attached import Attached
-from wrinklecli.effects.effect import Effect, MeshPlan, SamplingOptions, Seen, Words, named_targets
+from wrinklecli.effects.effect import VISIBLE, Effect, MeshPlan, SamplingOptions, Seen, Words, named_targets
 from wrinklecli.effects.shapes import Sample, Shape, make_shapes
 from wrinklecli.errors import counted
 from wrinklecli.frozen import dataclass
@@ -164,8 +164,9 @@ class BodyPart(Generic[AttachedType]):
         return nothing, nothing
 
     def facts_in(self, plan: MeshPlan, seen: Seen) -> Json:
-        """Its largest move in a clip."""
+        """Its largest move in a clip; 0 where its weights are rounding errors, or too small to be seen."""
         heights = self.heights(plan.fine, seen.motion.clip, seen.weights)
+        heights[self.strengths(seen) < VISIBLE] = 0.0
         at = int(np.argmax(heights))
         return {"name": seen.motion.clip.name, "height": float(heights[at]), "time": float(seen.motion.times[at])}
 

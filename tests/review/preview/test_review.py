@@ -286,6 +286,14 @@ def test_a_touch_is_seen_from_above_with_a_checker(tmp_path: Path) -> None:
     )
 
 
+def test_a_muscle_that_clips_leave_alone_is_shown_at_its_full_height(tmp_path: Path) -> None:
+    """Rounding errors of its length raise no bulge."""
+    tools = write_tools(tmp_path / "tools.yaml", muscles=[muscle()])
+    *_, peak = peaks_of(arm(rings=9, sides=8, angle=1e-4), tools)
+    assert "no clip bulges it" in words(peak)
+    assert not peak.raised
+
+
 @pytest.mark.slow
 @pytest.mark.long
 def test_a_field_is_shown_where_it_folds_most_and_covers_nothing(tmp_path: Path) -> None:
