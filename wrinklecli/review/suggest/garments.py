@@ -253,9 +253,15 @@ def _judged(plan: MeshPlan, part: Part, stage: Stage, garment: Garment) -> Sugge
         motion = seen[number].motion
         moments.append((motion.clip.name, float(motion.times[int(seen[number].weights[:, shape].argmax())])))
     moments = list(dict.fromkeys(moments))
-    faults = [fault_of(stage, Placement(plan, part), *moment) for moment in moments]
-    if 2 * sum(each is not None for each in faults) > len(faults):
-        return Dropped(field.name, where, *next(each for each in faults if each is not None))
+    faults, kept = list[tuple[str, float]](), 0
+    for moment in moments:
+        fault = fault_of(stage, Placement(plan, part), *moment)
+        kept += fault is None
+        faults += [] if fault is None else [fault]
+        if 2 * len(faults) > len(moments):
+            return Dropped(field.name, where, *faults[0])
+        if 2 * kept >= len(moments):
+            break
     return SuggestedField(
         field=field,
         mesh=where,

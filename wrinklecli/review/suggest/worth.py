@@ -209,19 +209,23 @@ def _judged(
     It is kept as it is if nothing is `checked`.
     """
     moments = [(suggestion.clip, suggestion.time), suggestion.twin_moment]
-    looks = []
+    limb = suggestion.part in _OF_CONTACT and not suggestion.by_morph
+    installed, touches = kind_of("folds").is_installed, False
+    looks, scores = list[_Look](), list[Score]()
     for name, moment in zip(names_of(suggestion, placed), moments, strict=False):
         look = None if moment is None else _look(stage, placed[name], *moment)
         if look is not None:
+            slit = limb and _has_slit(look.tallest)
+            touches |= slit
             looks.append(look)
+            scores.append(look.scored(resolved=slit and installed))
+            if checked is not None and not scores[-1].is_kept:
+                break  # whatever the twin is like
         elif name == suggestion.tool.name and checked is not None:
             return Dropped(name, suggestion.mesh, "not raised", 0.0)
-    limb = suggestion.part in _OF_CONTACT and not suggestion.by_morph
-    touches = limb and any(_has_slit(look.tallest) for look in looks)
-    resolved = touches and kind_of("folds").is_installed
     # A twin that a clip hardly raises is hardly seen either; one that rises as far must look as good.
     tallest = max((look.best.height for look in looks), default=0.0)
-    sides = [each.scored(resolved=resolved) for each in looks if each.best.height > _AS_TALL * tallest]
+    sides = [score for look, score in zip(looks, scores, strict=True) if look.best.height > _AS_TALL * tallest]
     score = min(sides, key=lambda each: each.keep, default=None)
     one_sided = suggestion.twin_moment is not None and len(looks) == 1
     judged = replace(
@@ -238,7 +242,7 @@ def _judged(
     if checked is None:
         return judged
     if touches:
-        tool = replace(suggestion.tool, contact=Contact()) if resolved else suggestion.tool
+        tool = replace(suggestion.tool, contact=Contact()) if installed else suggestion.tool
         judged = replace(judged, tool=tool, crossings=max(look.tallest.crossings[1] for look in looks))
     if score is not None and not score.is_kept:
         unkept = Dropped(suggestion.tool.name, suggestion.mesh, *score.reason, keep=score.keep)
