@@ -9,7 +9,15 @@ from kit.garments import across, bent_tube, plane, tallest
 from kit.limb import RADIUS
 from wrinklecli.character.pose import blend, transform
 from wrinklecli.effects.field.compression import Gauges, along
-from wrinklecli.effects.field.heights import Heights, _room, _slipped, _stiffness_along, _Surface, measure
+from wrinklecli.effects.field.heights import (
+    Heights,
+    _room,
+    _slipped,
+    _stiffness_along,
+    _Surface,
+    averages_over,
+    measure,
+)
 from wrinklecli.numeric.arrays import Floats, Ints
 from wrinklecli.numeric.laplacian import Sheet
 from wrinklecli.surface.rest import Rest
@@ -45,12 +53,14 @@ def squeezed(one: float, other: float = 0.0, slack: float = 0.0) -> tuple[Floats
     rest = at_rest(positions, triangles, 4)
     moved = transform(blend(weights, matrices[None]), positions)[0]
     assert np.ptp(moved[:, 0]) == pytest.approx((1 - one) * LENGTH)
+    sheet = Sheet.of(positions, triangles)
     found = measure(
-        Sheet.of(positions, triangles),
+        sheet,
         rest,
         np.tile(np.arange(4), (len(positions), 1)),
         weights,
         matrices[None],
+        averages_over(sheet, WAVE),
         wavelength=WAVE,
         wavelengths=np.full(len(positions), WAVE),
         slack=slack,
@@ -119,12 +129,14 @@ def test_heights_go_on_along_crests_and_are_no_lower_for_it() -> None:
     weights = np.stack([1 - u * (v < 0.5), u * (v < 0.5)], axis=1)
     matrices = np.tile(np.eye(4), (1, 2, 1, 1))
     matrices[:, 1, 0, 3] = -0.2 * LENGTH
+    sheet = Sheet.of(positions, triangles)
     found = measure(
-        Sheet.of(positions, triangles),
+        sheet,
         at_rest(positions, triangles, 2),
         np.tile(np.arange(2), (len(positions), 1)),
         weights,
         matrices,
+        averages_over(sheet, WAVE),
         wavelength=WAVE,
         wavelengths=np.full(len(positions), WAVE),
         slack=0.0,
@@ -144,12 +156,14 @@ def test_nothing_is_drawn_out_to_where_the_surface_is_taut() -> None:
     matrices = np.tile(np.eye(4), (2, 3, 1, 1))
     matrices[:, 1, 0, 3] = -0.3 * LENGTH
     matrices[:, 2, 0, 3] = np.array([0.0, 0.2]) * LENGTH
+    sheet = Sheet.of(positions, triangles)
     found = measure(
-        Sheet.of(positions, triangles),
+        sheet,
         at_rest(positions, triangles, 3),
         np.tile(np.arange(3), (len(positions), 1)),
         weights,
         matrices,
+        averages_over(sheet, WAVE),
         wavelength=WAVE,
         wavelengths=np.full(len(positions), WAVE),
         slack=SLACK,

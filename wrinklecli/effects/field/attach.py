@@ -12,7 +12,7 @@ from wrinklecli.drive.turned import TurnDrive
 from wrinklecli.effects.attached import Attached
 from wrinklecli.effects.field import irregular
 from wrinklecli.effects.field.factors import Factors, factors_of
-from wrinklecli.effects.field.heights import measure
+from wrinklecli.effects.field.heights import WAVE, averages_over, measure
 from wrinklecli.effects.field.material import FABRICS, Fabric
 from wrinklecli.effects.field.region import FieldRegion
 from wrinklecli.effects.field.turns import Sweeps, acting_together, turns_of
@@ -20,7 +20,7 @@ from wrinklecli.errors import BakeError, listed, nearest
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, face_normals, smoothstep, weighted_quantiles
 from wrinklecli.numeric.closest import Tree, nearest_of
-from wrinklecli.numeric.laplacian import Sheet
+from wrinklecli.numeric.laplacian import Average, Sheet
 from wrinklecli.surface.bones import BoneLines
 from wrinklecli.surface.features import cut_at_features
 from wrinklecli.surface.ground import Ground
@@ -35,13 +35,10 @@ from wrinklecli.tools.records import drawn_from
 _LEAST_BENT = 1e-3
 # Most shapes of a field.
 _MOST_SHAPES = 24
-# Length over which the girth of limbs is averaged, in wavelengths, and least and greatest ratio to the typical one.
-_GIRTHS, _THINNEST, _THICKEST = 2.0, 0.2, 3.0
-# Length over which heights fade at features, in wavelengths.
-_FADE = 0.6
-# Length round a place, in wavelengths, over which one sees whether it is faceted, and the part of its bends at hard
-# edges from which on no wrinkle is left; from `FACETED` on they become lower.
-_FACETS, _MOST_FACETED = 1.0, 0.8
+# Least and greatest ratio of the girth of limbs to the typical one.
+_THINNEST, _THICKEST = 0.2, 3.0
+# The part of a place's bends at hard edges from which on no wrinkle is left; from `FACETED` on they become lower.
+_MOST_FACETED = 0.8
 # Numbers of each vertex and pose that are held at once.
 _HELD = 4
 # Half height of the tallest fold over the wavelength below which nobody sees one.
@@ -123,7 +120,13 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
         raise BakeError(f"{name} has no triangle with an area", where=where)
     fabric = FABRICS[tool.material]
     sheet = Sheet.of(rest.positions, surface.triangles[members])
-    girth, wavelength, wavelengths = _wavelengths(tool, ground, sheet)
+    depths, girth, wavelength = _girth(tool, ground, sheet)
+    near, wave, beyond = averages_over(sheet, wavelength)
+    wavelengths = np.full(len(sheet.positions), wavelength)
+    if tool.wavelength.percent:
+        # Sheets on a thicker tube fold in longer waves, λ ~ √(thickness · radius).
+        ratios = beyond.of(2.0 * np.pi * depths / girth)
+        wavelengths *= np.sqrt(np.clip(ratios, _THINNEST, _THICKEST))
     turns = turns_of(ground, _joints(tool, ground))
     if not turns:
         raise BakeError("no joint of its mesh turns", where=where)
@@ -131,13 +134,14 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
     sweeps = Sweeps.of(ground.rig, turns, seed=seed, together=acting_together(ground, turns))
     poses = len(sweeps.angles)
     ground.document.memory.check(_HELD * 8 * poses * len(rest.positions), f"heights in {poses} poses", where=where)
-    allowed = _allowed(tool, ground, members, sheet, wavelength)
+    allowed = _allowed(tool, ground, members, sheet, wave, wavelength)
     measured = measure(
         sheet,
         rest,
         surface.joints,
         surface.weights,
         sweeps.matrices,
+        (near, wave, beyond),
         wavelength=wavelength,
         wavelengths=wavelengths,
         slack=tool.slack,
@@ -210,31 +214,24 @@ def _joints(tool: Field, ground: Ground) -> list[int]:
     return [known[name] for name in tool.joints if name in known]
 
 
-def _wavelengths(tool: Field, ground: Ground, sheet: Sheet) -> tuple[float, float, Floats]:
-    """The girth of limbs, the typical wavelength, and (vertices,) those of all places, scene units.
-
-    Those by the girth of limbs go with its root: sheets on a thicker tube fold in longer waves, λ ~ √(thickness ·
-    radius).
+def _girth(tool: Field, ground: Ground, sheet: Sheet) -> tuple[Floats, float, float]:
+    """(vertices,) depths of the bones beneath, the girth of limbs, and the typical wavelength, scene units.
 
     Raises:
         BakeError: It is longer than the mesh.
     """
     size = float(np.linalg.norm(np.ptp(sheet.positions, axis=0)))
     depths = BoneLines.of(ground).distances(sheet.positions)
-    middle = float(weighted_quantiles(depths, sheet.areas, np.array([0.5]))[0])
-    girth = 2.0 * np.pi * middle
-    found, everywhere = tool.wavelength.resolve(girth), np.ones(len(sheet.positions))
-    if tool.wavelength.percent:
-        ratios = sheet.averaging(_GIRTHS * found).of(depths / middle)
-        everywhere = np.sqrt(np.clip(ratios, _THINNEST, _THICKEST))
+    girth = 2.0 * np.pi * float(weighted_quantiles(depths, sheet.areas, np.array([0.5]))[0])
+    found = tool.wavelength.resolve(girth)
     if not found < size:
         raise BakeError(
             f"a wavelength of {found:.3g} is longer than its mesh, {size:.3g}", where=tool.place("wavelength")
         )
-    return girth, found, found * everywhere
+    return depths, girth, found
 
 
-def _allowed(tool: Field, ground: Ground, members: Ints, sheet: Sheet, wavelength: float) -> Floats:
+def _allowed(tool: Field, ground: Ground, members: Ints, sheet: Sheet, wave: Average, wavelength: float) -> Floats:
     """(vertices,) factors of the heights: by mask and substances, at features, and where the surface is faceted.
 
     Raises:
@@ -243,9 +240,8 @@ def _allowed(tool: Field, ground: Ground, members: Ints, sheet: Sheet, wavelengt
     surface, name = ground.surface, ground.rig.names[ground.rig.node]
     found = np.ones(len(sheet.positions))
     if tool.stops == "features":
-        nearby = sheet.averaging(_FACETS * wavelength)
         bent = bends(surface, ground.rest.bind_positions)
-        at_hard, at_all = (np.maximum(nearby.of_integrals(each), 0.0) for each in bent)
+        at_hard, at_all = (np.maximum(wave.of_integrals(each), 0.0) for each in bent)
         faceted = at_hard / np.where(at_all > 0, at_all, 1.0)
         found *= np.clip((_MOST_FACETED - faceted) / (_MOST_FACETED - FACETED), 0.0, 1.0)
         if not found.any():
@@ -254,8 +250,8 @@ def _allowed(tool: Field, ground: Ground, members: Ints, sheet: Sheet, wavelengt
         if len(ends):
             places = sheet.positions[ends]
             near, _ = nearest_of(np.concatenate([places[:, 0], places.mean(axis=1), places[:, 1]]), sheet.positions)
-            found *= smoothstep(np.minimum(near / (_FADE * wavelength), 1.0))
-    found *= _of_substance(tool, ground, members, sheet, wavelength)
+            found *= smoothstep(np.minimum(near / (WAVE * wavelength), 1.0))
+    found *= _of_substance(tool, ground, members, sheet, wave, wavelength)
     mask = read_mask(tool, ground, members)
     if mask is not None:
         found *= mask.welded(surface.weld, len(found))
@@ -264,7 +260,7 @@ def _allowed(tool: Field, ground: Ground, members: Ints, sheet: Sheet, wavelengt
     return found
 
 
-def _of_substance(tool: Field, ground: Ground, members: Ints, sheet: Sheet, wavelength: float) -> Floats:
+def _of_substance(tool: Field, ground: Ground, members: Ints, sheet: Sheet, wave: Average, wavelength: float) -> Floats:
     """(vertices,) factors of the heights, which fade where its substances end.
 
     Raises:
@@ -275,7 +271,7 @@ def _of_substance(tool: Field, ground: Ground, members: Ints, sheet: Sheet, wave
     kinds = substances_at(ground, wavelength)[members]
     inside = np.isin(kinds, [SUBSTANCES.index(each) for each in tool.substance])
     # The average is a half at a straight border.
-    part = sheet.averaging(_FADE * wavelength).of_integrals(sheet.to_vertices(inside.astype(float)))
+    part = wave.of_integrals(sheet.to_vertices(inside.astype(float)))
     found = smoothstep(np.clip(2.0 * part - 1.0, 0.0, 1.0))
     if not found.any():
         there = listed(SUBSTANCES[kind] for kind in np.unique(kinds).tolist())

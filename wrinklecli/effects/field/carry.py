@@ -9,6 +9,7 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.effects.field import irregular
 from wrinklecli.effects.field.attach import AttachedField
 from wrinklecli.effects.field.compression import shortest
+from wrinklecli.effects.field.heights import NEAR
 from wrinklecli.effects.field.lowering import UNSEEN, lowering
 from wrinklecli.effects.field.material import Fabric
 from wrinklecli.effects.field.stripes import Sides, phases
@@ -37,8 +38,6 @@ _FORK = 0.7
 _SHORT_ENOUGH, _USUAL, _TOO_LONG = 0.25, 0.75, 1.6
 # Waves along a side from crest to furrow.
 _LONGEST = 0.5
-# Length over which heights are averaged, in wavelengths: linear mixtures of coarse values have creases.
-_SMOOTH = 0.3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,7 +74,8 @@ def displaced(
     values, shares = values[vertices], greatest[vertices] / greatest.max()
     positions, normals = fine.rest_positions[vertices], fine.rest_normals_at(vertices)
     sheet = Sheet.of(positions, np.searchsorted(vertices, faces))
-    average = sheet.averaging(_SMOOTH * attached.wavelength)
+    # Linear mixtures of coarse values have creases.
+    average = sheet.averaging(NEAR * attached.wavelength)
     heights = np.maximum(average.of(values[:, :count]), 0.0)
     whole = max(float(heights.max(initial=0.0)), _TINY)
     heights *= (free[vertices] * np.minimum(shares / _LEAST, 1.0))[:, None]
@@ -107,7 +107,7 @@ def _waves(
     Args:
         attached: The field.
         sheet: The refined surface at rest.
-        average: Over `_SMOOTH` of it.
+        average: Over `NEAR` of it.
         normals: (vertices, 3) of it.
         values: (vertices, 7) directions as tensors, and wavelengths.
         shares: (vertices,) parts of the greatest height.

@@ -27,13 +27,9 @@ from wrinklecli.numeric.arrays import (
 from wrinklecli.numeric.laplacian import Average, Sheet, curvatures
 from wrinklecli.surface.rest import Rest
 
-# Lengths of averages, in wavelengths: of strain, which folds even out over about a wave; of limits, a fraction of one.
-_STRAIN, _LIMITS = 0.8, 0.3
-# Length over which heights go on along crests, in wavelengths: a fold of cloth is longer than the compression that
-# makes it, and tapers.
-_ALONG = 1.7
-# Length over which directions go on beyond the compression, in wavelengths.
-_DIRECTIONS = 1.5
+# Lengths of averages, in wavelengths: of limits, a part of a wave; of strain, which folds even out over about a wave;
+# and that over which folds go on beyond the compression that makes them, and taper.
+NEAR, WAVE, BEYOND = 0.3, 0.8, 1.6
 # Greatest slope of a wrinkle in the pose that engines show, beyond which its flanks overhang.
 _STEEPEST = 1.3
 # Height over the concave radius of the pose, above which opposite flanks of a crease meet.
@@ -73,12 +69,18 @@ class Heights:
     lines: Floats
 
 
+def averages_over(sheet: Sheet, wavelength: float) -> tuple[Average, ...]:
+    """Averages over the three lengths, `NEAR` first."""
+    return tuple(sheet.averaging(length * wavelength) for length in (NEAR, WAVE, BEYOND))
+
+
 def measure(
     sheet: Sheet,
     rest: Rest,
     joints: Ints,
     weights: Floats,
     matrices: Floats,
+    averages: Sequence[Average],
     *,
     wavelength: float,
     wavelengths: Floats,
@@ -93,24 +95,25 @@ def measure(
         joints: (vertices, influences) numbers of joints.
         weights: (vertices, influences) skin weights.
         matrices: Bind to world space.
+        averages: Those of `averages_over`.
         wavelength: The typical one at rest, scene units.
         wavelengths: (vertices,) those of places.
         slack: Compression that makes no fold.
         allowed: (vertices,) from 0 to 1, factors of the height.
     """
     normals, surface = rest.normals, _Surface(sheet, rest, joints, weights, Gauges.of(sheet.positions, sheet.triangles))
-    smooth, fine = sheet.averaging(_STRAIN * wavelength), sheet.averaging(_LIMITS * wavelength)
+    near, wave, beyond = averages
     lost, total = np.zeros((len(matrices), len(sheet.positions))), np.zeros((len(sheet.positions), 6))
     bent = [surface.bent(pose) for pose in matrices]
     for row, pose, triangles in zip(lost, matrices, bent, strict=True):
-        strain = smooth.of_integrals(surface.strains(surface.posed_rigidly(pose, triangles), triangles))
+        strain = wave.of_integrals(surface.strains(surface.posed_rigidly(pose, triangles), triangles))
         least, _, across = shortest(strain, normals)
         # What shrinks alike in all directions has none in which it would fold.
         shorter = 1.0 - np.exp(least - np.minimum(across, 0.0))
         taken_up = smoothstep(np.clip((shorter - slack) / max(_RISE * slack, _TINY), 0.0, 1.0))
         row += np.where(allowed > 0, np.maximum(shorter, 0.0) * taken_up, 0.0)
         total += (_squares(row) * (allowed * wavelengths) ** 2)[:, None] * strain
-    directions = sheet.averaging(_DIRECTIONS * wavelength).of(total)
+    directions = beyond.of(total)
     _, lines, _ = shortest(directions, normals)
     raising = np.einsum("vbc,vc->vb", inverses(rest.blended), normals)
     every, level = np.arange(len(sheet.triangles)), np.zeros(len(sheet.positions))
@@ -119,11 +122,11 @@ def measure(
     for row, pose, triangles in zip(room, matrices, bent, strict=True):
         hollows, row[1], strains = surface.shown(pose, triangles, raising, still[:2])
         stretches = along(strains, lines, lines)
-        strain, concave = fine.of_integrals(np.stack([stretches, hollows], axis=1)).T
+        strain, concave = near.of_integrals(np.stack([stretches, hollows], axis=1)).T
         row[0] = _room(np.exp(strain), concave, wavelengths)
     # Cloth slips the way in which it is compressed: beside the end of a crease it would heap up.
-    slipping = sheet.averaging(_STRAIN * wavelength, _stiffness_along(sheet, lines))
-    crests = sheet.averaging(_ALONG * wavelength, _stiffness_along(sheet, np.cross(normals, lines)))
+    slipping = sheet.averaging(WAVE * wavelength, _stiffness_along(sheet, lines))
+    crests = sheet.averaging(BEYOND * wavelength, _stiffness_along(sheet, np.cross(normals, lines)))
     made = np.sqrt(_squares(_slipped(lost, room[:, 0], slipping)))
     drawn = np.maximum(made, crests.of(made.T).T)
     heights = np.sqrt(np.minimum(drawn**2, room[:, 0])) * wavelengths / np.pi * allowed / room[:, 1]

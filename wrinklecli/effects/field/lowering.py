@@ -73,15 +73,13 @@ def lowering(
     lengths = np.zeros((len(moves), len(vertices) + 1))
     lengths[:, :-1] = slopes.around(np.sqrt(np.sum(moves**2, axis=2)).T).T
     left, looked, halvings = np.ones((len(moves), len(vertices) + 1)), looks, np.zeros((len(vertices), len(moves)))
+    lowered = poses.moves.copy()
     # What is lowered again and again becomes level, so this ends.
     while True:
-        lowered = (poses.moves * left[:, None]).reshape(len(moves), -1)
-        sizes = left * lengths
-        beside = np.pad(slopes.around(sizes[:, :-1].T).T, ((0, 0), (0, 1)))
-        marked, looked = _marked(looked, lowered, sizes, beside)
+        marked, looked = _marked(looked, lowered, left * lengths, slopes)
         if not marked.any():
             # What was lowered for one pose may be at fault in another.
-            marked, looked = _marked(looks, lowered, sizes, beside)
+            marked, looked = _marked(looks, lowered, left * lengths, slopes)
         if not marked.any():
             break
         # Level, with all triangles that give its corners their normals, it is at fault as the skin is.
@@ -90,8 +88,11 @@ def lowering(
         limits = np.exp2(-halvings)
         before = left.copy()
         left[:, :-1] = slopes.below(left[:, :-1].T, np.where(limits > UNSEEN, limits, 0.0)).T
+        changed = left != before
+        own = np.flatnonzero(changed.any(axis=0))
+        lowered[:, :, own] = poses.moves[:, :, own] * left[:, None, own]
         for each in looks:
-            each.follow(left != before)
+            each.follow(changed)
     return left[:, :-1]
 
 
@@ -133,6 +134,12 @@ class _Slopes:
         if len(near):
             found[near] = np.maximum.reduceat(values[self.others[own]], firsts, axis=0)
         return found
+
+    def around_some(self, values: Floats, chosen: Ints) -> Floats:
+        """(shapes, chosen) the greatest of (shapes, numbers) values of some vertices and their neighbours."""
+        counts = self.counts[chosen]
+        own = self.others[runs(self.firsts[chosen], counts)]
+        return np.asarray(np.maximum.reduceat(values[:, own], np.cumsum(counts) - counts, axis=1))
 
     def _beside(self, changed: Ints) -> tuple[Ints, Ints, Ints]:
         """(near,) sorted neighbours of vertices, the places of their own neighbours, and where each one's begin."""
@@ -253,11 +260,9 @@ class _Pose:
         """Some of its vertices."""
         return replace(self, still=self.still[:, own], turns=self.turns[:, :, own], inside=self.inside[own])
 
-    def places(self, lowered: Floats) -> Floats:
-        """(3, vertices) places with the field, by (shapes, 3 · numbers) what its shapes do where it is lowered."""
-        # One product over all of the field takes less time than to choose, shape by shape, what moves.
-        moves = (self.weights @ lowered).reshape(3, -1).take(self.inside, axis=1)
-        return np.asarray(self.still + np.einsum("abv,bv->av", self.turns, moves))
+    def places(self, moved: Floats) -> Floats:
+        """(3, vertices) places with the field, which moves its (3, numbers), bind space."""
+        return np.asarray(self.still + np.einsum("abv,bv->av", self.turns, moved.take(self.inside, axis=1)))
 
     @property
     def moved(self) -> Bools:
@@ -286,40 +291,51 @@ class _Look(ABC):
     """
 
     def __init__(self, pose: _Pose) -> None:
-        self.pose, self._faults = pose, np.zeros(0, np.intp)
+        self.pose, self.faults = pose, np.zeros(0, np.intp)
         self._changed = np.ones(len(pose.inside), np.bool_)
 
     def follow(self, changed: Bools) -> None:
         """Look again where (shapes, numbers) factors have changed."""
         self._changed |= changed[self.pose.weights != 0].any(axis=0)[self.pose.inside]
 
-    def at_fault(self, lowered: Floats) -> Ints:
-        """The numbers at which the surface is at fault, with (shapes, 3 · numbers) what the field's shapes do."""
-        if self._changed.any():
-            self._faults = self.pose.inside[self._look(self.pose.places(lowered), self._changed)]
-            self._changed[:] = False
-        return self._faults
+    @property
+    def is_old(self) -> bool:
+        """True if its faults are those of another field."""
+        return bool(self._changed.any())
+
+    def look(self, moved: Floats) -> None:
+        """Find the numbers at which the surface is at fault, with a field that moves its (3, numbers), bind space."""
+        faults = self.pose.inside[self._look(self.pose.places(moved), self._changed)]
+        # What the field does not move is not lowered.
+        self.faults = faults[faults < moved.shape[1] - 1]
+        self._changed[:] = False
 
     @abstractmethod
     def _look(self, places: Floats, changed: Bools) -> Ints:
         """The vertices at fault at (3, vertices) places, of which (vertices,) `changed` since the last look."""
 
 
-def _marked(looks: Sequence[_Look], lowered: Floats, sizes: Floats, beside: Floats) -> tuple[Floats, list[_Look]]:
-    """Look at a lowered field with (shapes, numbers) sizes of what its shapes do at weight 1, there and beside there.
+def _marked(looks: Sequence[_Look], lowered: Floats, sizes: Floats, slopes: _Slopes) -> tuple[Floats, list[_Look]]:
+    """Look at (shapes, 3, numbers) what a lowered field's shapes do, at weight 1 by (shapes, numbers) sizes.
 
     Returns:
         (shapes, numbers) 1 for the shapes that do most at a fault; and the looks that have any.
     """
-    marked, found = np.zeros(sizes.shape), list[_Look]()
-    for each in looks:
-        faults = each.at_fault(lowered)
-        if len(faults):
+    old, lot = [each for each in looks if each.is_old], len(lowered)
+    # One product for as many poses as shapes takes a tenth of the time that one for each takes.
+    for some in (old[k : k + lot] for k in range(0, len(old), lot)):
+        moved = np.stack([each.pose.weights for each in some]) @ lowered.reshape(lot, -1)
+        for each, own in zip(some, moved, strict=True):
+            each.look(own.reshape(3, -1))
+    marked, found = np.zeros(sizes.shape), [each for each in looks if len(each.faults)]
+    for each in found:
+        faults, weights = each.faults, each.pose.weights[:, None]
+        acting = weights * sizes[:, faults]
+        level = ~acting.any(axis=0)
+        if level.any():
             # What is level may be at fault by what is beside it.
-            own, near = (each.pose.weights[:, None] * of[:, faults] for of in (sizes, beside))
-            acting = np.where(own.any(axis=0), own, near)
-            marked[:, faults] = np.maximum(marked[:, faults], (acting == acting.max(axis=0)) & (acting > 0))
-            found.append(each)
+            acting[:, level] = weights * slopes.around_some(sizes, faults[level])
+        marked[:, faults] = np.maximum(marked[:, faults], (acting == acting.max(axis=0)) & (acting > 0))
     return marked, found
 
 
@@ -374,12 +390,12 @@ class _Turning(_Look):
 
 def _turning(poses: _Poses, slopes: _Slopes) -> Iterator[_Turning]:
     """The looks at triangles: only near those that the whole field turns over in a pose."""
-    fine, raised = poses.fine, poses.moves.reshape(len(poses.moves), -1)
+    fine, raised = poses.fine, np.tensordot(poses.weights, poses.moves, axes=1)
     # Triangles beside the field have corners in it.
     whole = _Part.of(poses.inside < poses.moves.shape[2] - 1, fine.triangles)
     faults = np.zeros(len(fine.positions), np.bool_)
-    for each in poses.of_part(whole.vertices):
-        turned = _turned_over(each.places(raised), whole.triangles, _faces(each.still, whole.triangles))
+    for each, moved in zip(poses.of_part(whole.vertices), raised, strict=True):
+        turned = _turned_over(each.places(moved), whole.triangles, _faces(each.still, whole.triangles))
         faults[whole.vertices[whole.triangles[whole.judged & turned]]] = True
     if not faults.any():
         return

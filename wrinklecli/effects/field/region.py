@@ -13,7 +13,7 @@ from wrinklecli.surface.region import SmoothRegion
 from wrinklecli.surface.rest import Rest
 
 # Height over the wavelength from which on edges are as short as wrinkles ask; they may be longer where it is lower.
-_STEEP = 0.15
+_STEEP = 0.2
 # Length along a crest over that across it of edges that show it as well.
 _SLENDER = 2.5
 
@@ -88,7 +88,7 @@ class FieldRegion(SmoothRegion):
         squared = np.maximum(np.einsum("ei,eij,ej->e", way, line.reshape(-1, 3, 3), way), 0.0)
         length = np.sqrt(np.maximum(squared, np.sum(way**2, axis=1) / _SLENDER**2))
         steep = (self.height * shares / wavelengths)[at, 0].max(axis=1)
-        return np.asarray(2.0 * length / wavelengths[at, 0].mean(axis=1) * np.minimum(steep / _STEEP, 1.0) ** 0.5)
+        return np.asarray(2.0 * length / wavelengths[at, 0].mean(axis=1) * np.sqrt(steep / _STEEP))
 
 
 def _tensors(lines: Floats) -> Floats:
