@@ -14,8 +14,8 @@ from wrinklecli import PreviewOptions, demo, preview
 
 HERE = Path(__file__).resolve().parent
 FPS = 15
-# Clips in the order in which they are shown: two steps twice, then a squat.
-CLIPS = ("walk", "walk", "squat")
+# Clips in the order in which they are shown.
+CLIPS = ("walk", "squat")
 
 
 def main(out: Path) -> None:
@@ -26,7 +26,7 @@ def main(out: Path) -> None:
         options = PreviewOptions(
             fps=FPS, views=("30:8",), focus=(0.0, 0.83, 0.03), radius=0.70, size=(480, 640), labels=("before", "after")
         )
-        for clip in {*CLIPS}:
+        for clip in CLIPS:
             file = Path(name) / f"{clip}.webp"
             preview([made.paths[0], made.paths[2]], file, replace(options, clips=(clip,)))
             with Image.open(file) as picture:

@@ -3,13 +3,10 @@
 Every curve, triangle and number in them comes from the code that bakes, run on the samples. Needs the extra `plot`.
 """
 
-import json
 import sys
-import tempfile
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import matplotlib
 import numpy as np
@@ -18,20 +15,14 @@ matplotlib.use("svg")
 
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.collections import PolyCollection
 
 from wrinklecli.baking.job import BakeOptions, read_job
-from wrinklecli.baking.pipeline import bake
 from wrinklecli.baking.plan import plan_meshes
-from wrinklecli.character.clip import Clip, read_clips
-from wrinklecli.character.pose import node_matrices
-from wrinklecli.character.rig import Rig
-from wrinklecli.character.scene_surface import read_scene_surface
 from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.effects.wrinkle.curve import ControlCurve, plan_curve
 from wrinklecli.effects.wrinkle.layer import carried_patches_of
-from wrinklecli.gltf.document import read_document
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, unit
+from wrinklecli.numeric.arrays import Bools, Floats, Ints
 
 HERE = Path(__file__).resolve().parent
 PACKAGE = HERE.parent / "wrinklecli"
@@ -250,76 +241,12 @@ def seam_on_patch(plan: MeshPlan) -> tuple[int, int]:
     raise LookupError("no seam crosses a patch")
 
 
-def draw_contact() -> None:
-    """A section through a folded knee: what skinning makes of the wrinkled cloth, and what contact does."""
-    _, panels = plt.subplots(1, 3, figsize=(9.6, 3.6), gridspec_kw={"wspace": 0.05})
-    settings: dict[str, Any] = {"version": 1, "defaults": {}, "tools": [LEVEL_FOLDS]}
-    with tempfile.TemporaryDirectory() as folder:
-        tools, baked = Path(folder) / "tools.yaml", Path(folder) / "baked.glb"
-        for contact, axes in zip((None, "off", "resolve"), panels, strict=True):
-            if contact:
-                settings["defaults"] |= {"contact": contact}
-                tools.write_text(json.dumps(settings), encoding="utf-8")
-                options = BakeOptions(clips=("squat",), max_levels=2)
-                bake(HERE / "trousers.glb", tools, baked, options=options)
-            document = read_document(baked if contact else HERE / "trousers.glb")
-            surface = read_scene_surface(document, wholes={})
-            clip = next(each for each in read_clips(document) if each.name == "squat")
-            middle, axes_of = bent_plane(surface.rigs[0], clip)
-            places = (surface.posed(clip, MOMENT)[0] - middle) @ axes_of.T
-            lines = section(places[surface.crossings.triangles])
-            axes.add_collection(LineCollection(lines, colors=INK, linewidths=1.0))
-            axes.set(xlim=(0.005, 0.095), ylim=(-0.045, 0.045), aspect="equal")
-            axes.set_title({None: "as skinning folds it", "off": "wrinkled", "resolve": "contact: resolve"}[contact])
-            axes.axis("off")
-
-
-MOMENT = np.array([0.8])  # seconds of the squat
-# Level folds, which go through themselves there.
-LEVEL_FOLDS = {
-    "name": "knee.L",
-    "origin": [0.104, 0.635, -0.0906],
-    "target": [0.104, 0.365, -0.0844],
-    "width": 0.24,
-    "bumps": 6,
-    "max_height": "5%",
-    "rest_length": "90%",
-    "compressible": "70%",
-    "profile": "cloth",
-    "variation": 0.6,
-}
-
-
-def bent_plane(rig: Rig, clip: Clip) -> tuple[Floats, Floats]:
-    """(3,) place of the left knee, and (3, 3) axes: to the hollow of the knee, across that, and across the leg."""
-    nodes = [rig.names.index(name) for name in ("thigh.L", "shin.L")]
-    thigh, shin = node_matrices(rig, clip, MOMENT, nodes)[0]
-    hip, knee = thigh[:3, 3], shin[:3, 3]
-    foot = knee - shin[:3, 1]
-    inward = unit(unit(hip - knee) + unit(foot - knee))
-    across = unit(np.cross(hip - knee, foot - knee))
-    return knee, np.stack([inward, np.cross(across, inward), across])
-
-
-def section(corners: Floats) -> Floats:
-    """(lines, 2, 2) where (triangles, 3, 3) corners go through the plane of their first two coordinates."""
-    above = corners[:, :, 2] > 0
-    through = above.any(axis=1) & ~above.all(axis=1)
-    corners, above = corners[through], above[through]
-    # Two edges go through the plane: those from the corner that is alone on its side.
-    alone = np.argmax(above == (above.sum(axis=1) == 1)[:, None], axis=1)
-    a, *others = (corners[np.arange(len(corners)), (alone + k) % 3] for k in range(3))
-    ends = [a + (a[:, 2:] / (a - b)[:, 2:]) * (b - a) for b in others]
-    return np.stack(ends, axis=1)[:, :, :2]
-
-
 FIGURES = {
     "flow": draw_flow,
     "curve": draw_curves,
     "patch": draw_patch,
     "refinement": draw_refinement,
     "index_spaces": draw_index_spaces,
-    "contact": draw_contact,
 }
 
 

@@ -78,7 +78,7 @@ def controls(page: Page) -> dict[str, Any]:
 def control(page: Page, label: str) -> str:
     """The id of a control, by its title without marks."""
     return next(
-        uuid for uuid, each in controls(page).items() if str(getattr(each, "label", "")).lstrip("•◇≡ ") == label
+        uuid for uuid, each in controls(page).items() if str(getattr(each, "label", "")).lstrip("×◇≡ ") == label
     )
 
 

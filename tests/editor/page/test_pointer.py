@@ -278,6 +278,11 @@ def test_one_click_is_for_a_field_and_cancel_ends_what_does_not_fit(page: Page) 
         assert message.endswith("\nClick another place, or Cancel.")
     page._pointer.give_up()
     assert "Cancel" not in page._pointer._buttons.content
+    begun = []
+    for number in ("2", "0", "0", "9", "x"):  # a muscle, a tool in its place, the tool's button again, and no button
+        page._pointer.press(number, None)  # type: ignore[arg-type]
+        begun.append(page._pointer._new)
+    assert begun == ["muscles", "tools", None, None, None]
     click(page, -0.3)
     assert page.chosen == "a"
     assert page.session.text == TOOLS

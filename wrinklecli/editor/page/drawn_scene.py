@@ -9,6 +9,7 @@ import viser
 from wrinklecli.character.paints import Colour
 from wrinklecli.editor.page.drawing import Body, DrawnMesh, SurfacePoints, ToolOutline, line_between
 from wrinklecli.editor.page.painted_mesh import PaintedMesh
+from wrinklecli.editor.page.widgets import show_changed
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.pixels import srgb
 from wrinklecli.numeric.arrays import Floats, vertex_normals
@@ -180,7 +181,7 @@ class DrawnScene:
         """Show (segments, 2, 3) lines under a name; none hide it."""
         shown = self._plain_lines.get(name)
         if shown is not None:
-            shown.visible = len(segments) > 0
+            show_changed(shown, "visible", len(segments) > 0)
         if shown is None and len(segments):
             self._plain_lines[name] = self._scene.add_line_segments(
                 f"/{self._name}/{name}", segments, _bytes_of(colour), thickness=thickness, thickness_units="screen"

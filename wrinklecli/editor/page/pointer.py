@@ -60,10 +60,13 @@ class Pointer:
         self._show_buttons()
 
     def press(self, number: str, _tab: viser.ClientHandle) -> None:
-        """Begin a new effect, or end it; called when a button is pressed."""
+        """Begin the new effect whose button is pressed, in place of any other; or end it, if it was begun."""
         chosen = chosen_of(number, len(NEW_KINDS))
-        if chosen is not None and not self.give_up():
-            self._begin([*NEW_KINDS][chosen])
+        if chosen is not None:
+            key, before = [*NEW_KINDS][chosen], self._new
+            self.give_up()
+            if key != before:
+                self._begin(key)
 
     def _begin(self, list_key: str) -> None:
         self._new = list_key

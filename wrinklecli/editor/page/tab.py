@@ -26,9 +26,9 @@ _HIDDEN = '<style>div:has(> div > div > p > label[for="{}"]){{display:none}}</st
 _SCRIPT = """
 if (!window.wrinkleKeys) {
   window.wrinkleKeys = true;
-  // viser drops a text that another one follows at once. The number makes each text a new one.
+  // viser drops a text that another one follows at once. A random number makes each text a new one.
   const waiting = new Map();
-  let sends = false, number = 0;
+  let sends = false;
   const send = () => {
     sends = waiting.size > 0;
     if (!sends) return;
@@ -38,7 +38,7 @@ if (!window.wrinkleKeys) {
     const box = line?.closest("div:has(input)").querySelector("input");
     if (box) {
       const set = Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, "value").set;
-      set.call(box, `${++number} ${kind} ${value}`);
+      set.call(box, `${Math.random()} ${kind} ${value}`);
       box.dispatchEvent(new Event("input", {bubbles: true}));
     }
     setTimeout(send, 100);
