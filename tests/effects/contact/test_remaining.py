@@ -44,19 +44,19 @@ def test_contact_fades_in_frames_in_which_it_would_cross_more(tmp_path: Path) ->
     crease = resolved(fold, most=7)
     followed = crease.follow(crease.march(clip, TIMES))
     assert not followed.faults
-    shown = shown_in([crease], [followed], clip, TIMES, [])
+    shown = shown_in([crease], [followed], [])
     assert shown.remaining == (None,)
     assert (shown.heights == 1.0).all()
     assert np.array_equal(shown.followed[0].weights, followed.weights)
-    error = crease.player_error(clip, TIMES, followed, scale=1.0)
+    error = crease.player_error(followed, scale=1.0)
     assert error.share < 0.1
     assert not error.silent
     # Where other joints keep the sides apart, players are nearer to the bake without contact.
     apart = replace(followed, weights=np.zeros_like(followed.weights))
-    assert crease.player_error(clip, TIMES, apart, scale=1.0) == PlayerError(0.0, 0.0, silent=True)
+    assert crease.player_error(apart, scale=1.0) == PlayerError(0.0, 0.0, silent=True)
 
     # A fit that presses what touches further in.
-    pressed = shown_in([crease], [replace(followed, weights=-followed.weights)], clip, TIMES, [])
+    pressed = shown_in([crease], [replace(followed, weights=-followed.weights)], [])
     (own,), (left,) = pressed.followed, pressed.remaining
     assert left is not None
     assert own.faults
@@ -70,7 +70,7 @@ def test_contact_fades_in_frames_in_which_it_would_cross_more(tmp_path: Path) ->
     assert left.resolved == left.wrinkled > 0
 
     silent = PlayerError(0.0, 0.0, silent=True)
-    words = ContactWords(crease, ("crease",), {"fold": (TIMES, own)}, (left,), {"fold": silent})
+    words = ContactWords(crease, ("crease",), {"fold": own}, (left,), {"fold": silent})
     found = contact_effect(words, "crease_contact", NonNegativeBasis(len(crease.shapes), 1.5), [], ())
     assert isinstance(found.drive, Drive)
     assert found.drive.strengths == {"fold": 0.0}

@@ -24,6 +24,7 @@ from wrinklecli.effects.contact.given_up import (
     TORN,
     GivenUp,
     UnresolvedError,
+    degenerate_given_up,
 )
 from wrinklecli.effects.contact.hinge import Hinge
 from wrinklecli.effects.contact.rise import Rise
@@ -162,14 +163,19 @@ class Surface:
         clip = fold.hinge.turn(way, tilt=lean)
         times = np.linspace(0.0, 1.0, len(way))
         poses = list[SolvedPose]()
-        for folded, time, found in zip(way, times, solutions_in(fold, self.tissue.again(), clip, times), strict=True):
-            solved = SolvedPose(clip, float(time), found.settled_in(self.tissue), float(folded), number)
-            if found.fault is not None:
-                return Sweep(number, poses, _refused(fold, [solved], found.fault))
-            if found.touches:
-                poses.append(solved)
-                if found.greatest_move > (_DEEPEST_LEANING if lean.any() else _DEEPEST):
-                    break
+        try:
+            with degenerate_given_up():
+                solutions = solutions_in(fold, self.tissue.again(), clip, times)
+                for folded, time, found in zip(way, times, solutions, strict=True):
+                    solved = SolvedPose(clip, float(time), found.settled_in(self.tissue), float(folded), number)
+                    if found.fault is not None:
+                        raise _refused(fold, [solved], found.fault)
+                    if found.touches:
+                        poses.append(solved)
+                        if found.greatest_move > (_DEEPEST_LEANING if lean.any() else _DEEPEST):
+                            break
+        except UnresolvedError as error:
+            return Sweep(number, poses, error)
         return Sweep(number, poses)
 
     def march(self, clip: Clip, times: Floats) -> "MarchedClip":
@@ -235,7 +241,7 @@ class Crease(Surface):
         """
         good = np.setdiff1d(np.arange(len(looked)), sorted(marched.faults))
         weights = interpolated(marched.times, marched.times[good], followed.weights[good]) if len(good) else looked
-        return replace(followed, weights=weights, faults=marched.faults)
+        return replace(followed, weights=weights)
 
     def _weights(self, marched: "MarchedClip", looked: Floats, *, keep: bool) -> tuple[Floats, list[int]]:
         """Fit (frames, shapes) weights to the solutions, frame by frame, and find the frames that they leave crossing.
@@ -274,7 +280,9 @@ class Crease(Surface):
             if frame not in crossing and _loses_volume(found, moved):
                 unspanned.append(frame)
         error *= self.fold.radius / UNITS
-        return Followed(weights, error, tuple(crossing), tuple(sorted(unspanned)), {})
+        return Followed(
+            marched.clip, marched.times, weights, error, tuple(crossing), tuple(sorted(unspanned)), marched.faults
+        )
 
     def _bring_together(self, marched: "MarchedClip", weights: Floats, known: Floats, crossing: Sequence[int]) -> None:
         """Let frames with the same turn of the joint leave known weights alike where this leaves no crossing.
@@ -348,14 +356,14 @@ class Crease(Surface):
                 found[frame] = CRUMPLED
         return found
 
-    def moves(self, times: Floats, weights: Floats) -> Moves:
-        """The moves under (frames, shapes) weights at (frames,) seconds of a clip."""
-        return Moves(self.vertices, self.shapes, times, weights)
+    def moves(self, followed: "Followed") -> Moves:
+        """The moves in a clip."""
+        return Moves(self.vertices, self.shapes, followed.times, followed.weights)
 
-    def with_path(self, clip: Clip, times: Floats, followed: "Followed") -> "Crease":
+    def with_path(self, followed: "Followed") -> "Crease":
         """The same fold with rows of a clip in its table if these bring what players show nearer to the bake.
 
-        Rows are added where players are furthest off at (frames,) seconds, of the frames in which the turn is fresh.
+        Rows are added where players are furthest off, of the frames in which the turn is fresh.
         """
         response, hinge, weights = self.response, self.fold.hinge, followed.weights
         largest = float(np.max(self._lengths(weights), initial=0.0))
@@ -363,7 +371,7 @@ class Crease(Surface):
             return self
         if len(response.paths) >= _MOST_PATHS:
             return self
-        reading = hinge.reading(self.fold.rig, clip, times)
+        reading = hinge.reading(self.fold.rig, followed.clip, followed.times)
         # Nothing touches in the stored pose, whatever other joints do.
         resting = np.sqrt(np.sum(reading.turns**2, axis=1)) < _AT_REST
         kept = np.where(resting[:, None], 0.0, weights)
@@ -379,15 +387,15 @@ class Crease(Surface):
             rows = sorted({*rows, int(further[errors[further].argmax()])}) if len(further) else []
         return replace(self, response=found)
 
-    def player_error(self, clip: Clip, times: Floats, followed: "Followed", *, scale: float) -> PlayerError:
-        """The error of what players look up at (frames,) seconds of a clip; `scale` is world over bind units.
+    def player_error(self, followed: "Followed", *, scale: float) -> PlayerError:
+        """The error of what players look up in a clip; `scale` is world over bind units.
 
         A joint may fold as in the sweeps while others keep its sides apart, or contact fades in the clip: then players
         show less that is wrong without contact.
         """
         greatest, apart = (
             scale * float(np.max(self._lengths(each), initial=0.0))
-            for each in (followed.weights, self._looked_up(clip, times) - followed.weights)
+            for each in (followed.weights, self._looked_up(followed.clip, followed.times) - followed.weights)
         )
         silent = apart > greatest + _AS_NEAR * self.fold.radius / UNITS
         return PlayerError(greatest if silent else apart, greatest, silent)
@@ -458,11 +466,6 @@ class MarchedClip:
     faults: Mapping[int, str]
 
     @property
-    def size(self) -> int:
-        """Bytes of the solutions, about."""
-        return sum(2 * (each.positions.nbytes + each.matrices.nbytes) for each in self.solutions if each is not None)
-
-    @property
     def touching(self) -> list[int]:
         """The frames in which contact moves something."""
         return [frame for frame, found in enumerate(self.solutions) if found is not None]
@@ -483,6 +486,8 @@ class Followed:
     """The fit of a crease's shapes to a clip.
 
     Attributes:
+        clip: The first of the clips with this motion.
+        times: (frames,) seconds.
         weights: (frames, shapes).
         error: Greatest distance of the shapes from the solutions, scene units.
         crossing: The frames in which the shapes leave crossings.
@@ -490,6 +495,8 @@ class Followed:
         faults: The reasons why contact does not count in frames, by their numbers: it is held there, or fades.
     """
 
+    clip: Clip
+    times: Floats
     weights: Floats
     error: float
     crossing: tuple[int, ...]
@@ -653,14 +660,10 @@ def _loses_volume(found: Solution, moved: Floats) -> bool:
     return found.volume_loss(moved) > max(MOST_LOST, found.volume_loss(found.moved))
 
 
-def _way(end: float, stride: float) -> Floats:
-    """(poses,) evenly spaced values from 0 to an end."""
-    return np.linspace(0.0, end, int(np.ceil(abs(end) / stride)) + 1)
-
-
 def _sweep(fold: Fold, lean: Floats, end: float) -> Floats:
-    """(poses,) the turns of a sweep of a leaning to an end."""
-    return _way(end, fold.hinge.stride * (_LEANING_STRIDES if lean.any() else 1.0))
+    """(poses,) evenly spaced turns of a sweep of a leaning to an end."""
+    stride = fold.hinge.stride * (_LEANING_STRIDES if lean.any() else 1.0)
+    return np.linspace(0.0, end, int(np.ceil(abs(end) / stride)) + 1)
 
 
 def sweep_poses(fold: Fold) -> int:
@@ -678,7 +681,7 @@ def distances_from_crossings(fold: Fold, further: Ints | None = None) -> Floats 
     marked = np.zeros(len(fold.own), bool)
     for lean in fold.hinge.leanings:
         for end in fold.hinge.ends:
-            clip = fold.hinge.turn(_way(end, fold.hinge.stride), tilt=lean)
+            clip = fold.hinge.turn(_sweep(fold, lean, end), tilt=lean)
             looks = np.linspace(0.0, 1.0, _CROSSING_POSES)[1:] if not lean.any() else np.ones(1)
             for positions in fold.posed(clip, looks)[0]:
                 marked |= fold.crossing(positions)

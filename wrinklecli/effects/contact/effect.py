@@ -87,7 +87,7 @@ def contact_effect(
         else tool_drive(crease.fold.patches[0], names, response)
     )
     silent = {name: 0.0 for name, error in words.player_errors.items() if error.silent}
-    rows = {name: Rows(times, written(each.weights)) for name, (times, each) in words.followed.items()}
+    rows = {name: Rows(each.times, written(each.weights)) for name, each in words.followed.items()}
     drive = replace(drive, strengths={**drive.strengths, **silent}, rows=rows)
     return Effect(identifier, SECTION, identifier, targets, drive, words)
 
@@ -99,7 +99,7 @@ class ContactWords:
     Attributes:
         crease: The fold with the shapes that resolve contact.
         tools: Names of all tools over the fold.
-        followed: By the names of clips, the times and the signed weights of the shapes.
+        followed: By the names of clips, the signed weights of the shapes.
         remaining: The intersections that remain in clips.
         player_errors: How far players that look contact up are off in each clip, by its name.
         heights: By the names of clips, the parts of their height that the tools keep over time; 1 in other clips.
@@ -107,7 +107,7 @@ class ContactWords:
 
     crease: "Crease"
     tools: tuple[str, ...]
-    followed: "Mapping[str, tuple[Floats, Followed]]"
+    followed: "Mapping[str, Followed]"
     remaining: tuple[Remaining, ...]
     player_errors: "Mapping[str, PlayerError]"
     heights: Mapping[str, Rows] = field(default_factory=dict)
@@ -122,7 +122,7 @@ class ContactWords:
         """The fold's entry in the report; lengths are scene units."""
         crease, hinge = self.crease, self.crease.fold.hinge
         # Clips of equal motion share their solution.
-        followed = list({id(each): each for _, each in self.followed.values()}.values())
+        followed = list({id(each): each for each in self.followed.values()}.values())
         return {
             "tools": list(self.tools),
             "clip": None,

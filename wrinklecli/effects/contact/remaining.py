@@ -94,16 +94,15 @@ def nearness(strides: Floats, chosen: Ints) -> Floats:
 def shown_in(
     creases: "Sequence[Crease]",
     followed: "Sequence[Followed]",
-    clip: Clip,
-    times: Floats,
     beside: "Sequence[Moves]",
 ) -> Shown:
-    """Find what folds that are solved together show at the (frames,) seconds at which a clip was marched.
+    """Find what folds that are solved together show in a clip.
 
     `beside` are the moves of folds that are solved before. Crossings are counted in frames in which contact acts, or
     has a fault.
     """
-    moves = [crease.moves(times, each.weights) for crease, each in zip(creases, followed, strict=True)]
+    clip, times = followed[0].clip, followed[0].times
+    moves = [crease.moves(each) for crease, each in zip(creases, followed, strict=True)]
     looks = [_Look(crease, clip, times, tuple(moves), tuple(beside)) for crease in creases]
     strides = np.stack([each.fold.hinge.strides(each.fold.rig, clip, times) for each in creases])
     acting = np.flatnonzero(np.any([each.weights.any(axis=1) for each in followed], axis=0))

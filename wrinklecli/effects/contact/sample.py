@@ -5,7 +5,7 @@ from contextlib import closing
 from dataclasses import replace
 from functools import partial
 from itertools import combinations
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -35,11 +35,12 @@ if TYPE_CHECKING:
         MarchedClip,
         SolvedPose,
         Surface,
-        Sweep,
     )
     from wrinklecli.effects.contact.fold import Fold
 
 _Result = TypeVar("_Result")
+# Folds that are solved together, with the weights of their shapes in clips, by the numbers of these.
+_Spanned: TypeAlias = "Sequence[tuple[Crease, Mapping[int, Followed]]]"
 
 # Most shapes of a fold, whatever their error: with the shape that `NonNegativeBasis` adds, eight morph targets.
 _MOST_SHAPES = 7
@@ -83,10 +84,11 @@ def resolve_folds(
         systems = _systems(folds, clips)
         at_once = max(1, min(how.jobs, len(systems)))
         _refuse_large(systems, clips, how, at_once, where=plan.rig.names[plan.rig.node])
-        chosen = _Clips.of(plan, clips, how, kept=_KEPT * how.memory.left / at_once)
+        kept = _KEPT * how.memory.left / at_once
+        chosen = _Clips(clips, duplicates_of(plan, clips), how.fps, how.mode == "frames", kept)
         # Processes beyond one for each system solve its folds, their sweeps and its clips.
         work = partial(_solved_system, clips=chosen, jobs=max(1, how.jobs // max(1, len(systems))))
-        shared = [*(fold for members in systems for fold, _ in members), *chosen.clips.values()]
+        shared = [*(fold for members in systems for fold, _ in members), *chosen.moving.values()]
         results = in_processes(work, systems, how.jobs, shared=shared, size=_free_count)
         for members, solved in zip(systems, results, strict=True):
             made += [_given_up(plan, fold, members, made, given_up) for fold, given_up in solved.given_up]
@@ -126,39 +128,30 @@ def _refuse_large(
 
 @dataclass(frozen=True, slots=True)
 class _Clips:
-    """The clips that differ in the motion of a mesh, by their numbers.
+    """The clips, of which some move a mesh alike.
 
     Attributes:
-        names: The names of all clips.
+        every: All clips.
         firsts: For each of them the number of the first with the same motion.
-        clips: The first clips with each motion.
-        times: (frames,) seconds of each; None if the folds decide.
         fps: Frames a second of a grid.
+        even: True if clips are marched at the grid alone; otherwise the folds decide.
         kept: Bytes of solutions that a system may keep.
     """
 
-    names: list[str]
+    every: Sequence[Clip]
     firsts: list[int]
-    clips: dict[int, Clip]
-    times: dict[int, Floats] | None
     fps: float
+    even: bool
     kept: float
 
-    @classmethod
-    def of(cls, plan: MeshPlan, clips: Sequence[Clip], how: SamplingOptions, *, kept: float) -> "_Clips":
-        """Find the clips that move the mesh alike."""
-        firsts = duplicates_of(plan, clips)
-        chosen = {number: clips[number] for number in sorted(set(firsts))}
-        times = None
-        if how.mode == "frames":
-            times = {number: clip_grid(clip, None, fps=how.fps) for number, clip in chosen.items()}
-        return cls([clip.name for clip in clips], firsts, chosen, times, how.fps, kept)
+    @property
+    def moving(self) -> dict[int, Clip]:
+        """The first clips with each motion, by their numbers."""
+        return {number: self.every[number] for number in sorted(set(self.firsts))}
 
-    def times_for(self, surfaces: "Sequence[Surface]") -> dict[int, Floats]:
-        """(frames,) seconds at which folds that are solved together are marched in each clip."""
-        if self.times is not None:
-            return self.times
-        return {number: _march_times(surfaces, clip, self.fps) for number, clip in self.clips.items()}
+    def times_for(self, surfaces: "Sequence[Surface]", clip: Clip) -> Floats:
+        """(frames,) seconds at which folds that are solved together are marched in a clip."""
+        return clip_grid(clip, None, fps=self.fps) if self.even else _march_times(surfaces, clip, self.fps)
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,46 +164,51 @@ class _SolvedSystem:
     """
 
     given_up: "list[tuple[Fold, GivenUp]]"
-    spanned: "list[tuple[Crease, dict[int, _Marched]]]"
+    spanned: "_Spanned"
 
 
 def _solved_system(members: "list[tuple[Fold, Floats | None]]", *, clips: _Clips, jobs: int) -> _SolvedSystem:
     """Resolve the folds of a system, and solve and follow the clips.
 
-    The first clip is solved beside the sweeps of the folds, as neither needs the other.
+    Clips are solved beside the sweeps of the folds, as neither needs the other.
     """
-    from wrinklecli.effects.contact.crease import Surface, Sweep
+    from wrinklecli.effects.contact.crease import Surface, resolve
 
     crossing = [(fold, apart) for fold, apart in members if apart is not None]
     ready = [_outcome(partial(Surface.of, *each)) for each in crossing]
     surfaces = [each for each in ready if not isinstance(each, UnresolvedError)]
     if not surfaces:
         return _SolvedSystem(_given_up_of(crossing, ready), [])
-    solver = _Solver(surfaces, clips, jobs)
+    solver = _Solver(surfaces, clips)
     sweeps = [partial(each.sweep, *sweep) for each in surfaces for sweep in each.sweeps_to_solve]
-    # The clip of several folds takes longest, so it is begun first. That of one fold comes last, and is solved while
+    # Clips of several folds take longest, so they are begun first. Those of one fold come last, and are solved while
     # the sweeps are compressed here.
-    first = solver.first
-    early = first if len(surfaces) > 1 else []
-    work: list[Callable[[], Any]] = [*sweeps, *first]
+    early = solver.work if len(surfaces) > 1 else []
+    work: list[Callable[[], Any]] = [*sweeps, *(early or solver.work)]
     with closing(
         in_processes(_outcome, work, jobs, shared=solver.shared, size=lambda each: float(each in early))
     ) as found:
-        solved = [[next(found) for _ in each.sweeps_to_solve] for each in surfaces]
-        poses = [pose.found for sweeps in solved for each in sweeps if isinstance(each, Sweep) for pose in each.poses]
-        pairs = [*zip(surfaces, solved, strict=True)]
-        resolved = iter([*in_processes(_resolved, pairs, jobs, shared=[*solver.shared, *poses])])
+        solved: list[list[Any]] = [[next(found) for _ in each.sweeps_to_solve] for each in surfaces]
+        poses = [pose.found for sweeps in solved for each in sweeps for pose in each.poses]
+        compress = partial(resolve, share=_SHAPE_ERROR, most=_MOST_SHAPES)
+        creased = [partial(compress, *each) for each in zip(surfaces, solved, strict=True)]
+        resolved = iter([*in_processes(_outcome, creased, jobs, shared=[*solver.shared, *poses])])
         outcomes = [each if isinstance(each, UnresolvedError) else next(resolved) for each in ready]
         creases = [each for each in outcomes if not isinstance(each, UnresolvedError)]
         given_up = _given_up_of(crossing, outcomes)
-        if len(creases) == len(surfaces):
-            solver.take(found)
-        elif creases:
-            solver = _Solver(creases, clips, jobs)
+        spanned: list[tuple[Crease, dict[int, Followed]]] = []
         try:
-            return _SolvedSystem(given_up, _all_spanned(creases, solver) if creases else [])
+            if len(creases) == len(surfaces):
+                solver.keep(found)
+            elif creases:
+                solver = _Solver(creases, clips)
+                solver.keep(in_processes(_outcome, solver.work, jobs, shared=solver.shared))
+            with degenerate_given_up():
+                for crease in creases:
+                    spanned.append(_spanned(crease, spanned, solver))
         except UnresolvedError as error:
             return _SolvedSystem([*given_up, *((each.fold, error.given_up) for each in creases)], [])
+        return _SolvedSystem(given_up, spanned)
 
 
 def _given_up_of(members: "Sequence[tuple[Fold, Floats]]", outcomes: Sequence[object]) -> "list[tuple[Fold, GivenUp]]":
@@ -226,32 +224,6 @@ def _outcome(work: Callable[[], _Result]) -> _Result | UnresolvedError:
             return work()
     except UnresolvedError as error:
         return error
-
-
-def _resolved(solved: "tuple[Surface, Sequence[Sweep | UnresolvedError]]") -> "Crease | UnresolvedError":
-    """Compress the sweeps of a fold."""
-    from wrinklecli.effects.contact.crease import resolve
-
-    surface, sweeps = solved
-    failed = [each for each in sweeps if isinstance(each, UnresolvedError)]
-    if failed:
-        return failed[0]
-    whole = [each for each in sweeps if not isinstance(each, UnresolvedError)]
-    return _outcome(partial(resolve, surface, whole, share=_SHAPE_ERROR, most=_MOST_SHAPES))
-
-
-def _all_spanned(creases: "Sequence[Crease]", solver: "_Solver") -> "list[tuple[Crease, dict[int, _Marched]]]":
-    """Solve clips for folds together.
-
-    Raises:
-        UnresolvedError: The surface is degenerate in a clip.
-    """
-    with degenerate_given_up():
-        spanned = []
-        for crease in creases:
-            spanned.append(_spanned(crease, solver))
-            solver.fix(*spanned[-1])
-        return spanned
 
 
 def _free_count(members: "Sequence[tuple[Fold, Floats | None]]") -> int:
@@ -359,96 +331,62 @@ def _given_up(
     return Effect(name, SECTION, name, (), None, GivenUpWords(tools, joint, given_up, beside, fold))
 
 
-@dataclass(frozen=True, slots=True)
-class _Marched:
-    """A clip, solved and followed.
-
-    Attributes:
-        clip: The first of the clips with this motion.
-        times: (frames,) seconds.
-        followed: The weights of the shapes.
-    """
-
-    clip: Clip
-    times: Floats
-    followed: "Followed"
-
-
 class _Solver:
-    """Solves clips for folds that are solved together, and keeps as many solutions as memory allows.
+    """Solves clips for folds that are solved together, and keeps as many solutions as memory allows."""
 
-    Args:
-        jobs: Number of clips that are solved at a time.
-    """
-
-    def __init__(self, surfaces: "Sequence[Surface]", clips: _Clips, jobs: int) -> None:
+    def __init__(self, surfaces: "Sequence[Surface]", clips: _Clips) -> None:
         from wrinklecli.effects.contact.system import System
 
-        self._system, self.clips, self.times = System(tuple(surfaces)), clips.clips, clips.times_for(surfaces)
-        self._jobs = jobs
-        self._begun: Iterator[MarchedClip | UnresolvedError] | None = None
-        self._ahead: dict[int, MarchedClip] = {}
+        self._system, self.clips = System(tuple(surfaces)), clips.moving
+        self._times = {number: clips.times_for(surfaces, clip) for number, clip in self.clips.items()}
+        size = sum(_VERTEX_BYTES * len(each.fold.vertices) + _FREE_BYTES * len(each.vertices) for each in surfaces)
+        frames = np.cumsum([len(times) for times in self._times.values()])
+        # Clips beyond these are solved again whenever they are asked for.
+        self._numbers = [*self.clips][: int(np.count_nonzero(frames * size <= clips.kept))]
         self._kept: dict[int, MarchedClip] = {}
-        self._room = clips.kept
-        self._fitted: list[tuple[Crease, dict[int, _Marched]]] = []
 
     @property
-    def first(self) -> "list[Callable[[], MarchedClip]]":
-        """The work to solve the first clip, if there is one."""
-        return [partial(self._march, number) for number in list(self.clips)[:1]]
+    def work(self) -> "list[Callable[[], MarchedClip]]":
+        """The work to solve the clips that are kept."""
+        return [partial(self._march, number) for number in self._numbers]
 
     @property
     def shared(self) -> list[object]:
         """The objects that the solutions of clips and of sweeps refer to."""
         return self._system.parts(self.clips.values())
 
-    def take(self, first: "Iterator[MarchedClip | UnresolvedError]") -> None:
-        """Take the next of some results, when it is needed, for the first clip."""
-        self._begun = first
+    def keep(self, solved: "Iterator[MarchedClip | UnresolvedError]") -> None:
+        """Keep the results of `work`.
 
-    def fix(self, crease: "Crease", marches: "dict[int, _Marched]") -> None:
-        """Take the weights of the next fold for granted in the parts of those behind it."""
-        self._fitted.append((crease, marches))
+        Raises:
+            UnresolvedError: The folds cannot be resolved in a clip.
+        """
+        for number, outcome in zip(self._numbers, solved, strict=True):
+            if isinstance(outcome, UnresolvedError):
+                raise outcome
+            self._kept[number] = outcome
 
-    def part(self, number: int) -> "MarchedClip":
-        """A clip, solved, for the next fold.
+    def part(self, before: "_Spanned", number: int) -> "MarchedClip":
+        """A clip, solved, for the fold behind those before it, whose weights are taken for granted.
 
         Raises:
             UnresolvedError: The folds cannot be resolved in the clip.
         """
-        fitted = [(crease, marches[number].followed.weights) for crease, marches in self._fitted]
-        return self._system.part(len(fitted), self._solved(number), fitted)
-
-    def _solved(self, number: int) -> "MarchedClip":
-        if number in self._kept:
-            return self._kept[number]
-        if self._begun is not None:
-            outcome, self._begun = next(self._begun), None
-            if isinstance(outcome, UnresolvedError):
-                raise outcome
-            self._ahead = {number: outcome}
-        if number not in self._ahead:
-            next_ones = [each for each in self.clips if each >= number and each not in self._kept][: self._jobs]
-            solved = in_processes(self._march, next_ones, self._jobs, shared=self.shared)
-            self._ahead = dict(zip(next_ones, solved, strict=True))
-        found = self._ahead.pop(number)
-        self._room -= found.size
-        if self._room > 0:
-            self._kept[number] = found
-        return found
+        fitted = [(crease, marches[number].weights) for crease, marches in before]
+        return self._system.part(len(fitted), self._kept.get(number) or self._march(number), fitted)
 
     def _march(self, number: int) -> "MarchedClip":
         clip = self.clips[number]
         try:
             with degenerate_given_up():
-                return self._system.march(clip, self.times[number])
+                return self._system.march(clip, self._times[number])
         except UnresolvedError as error:
             raise UnresolvedError(replace(error.given_up, clip=clip.name)) from error
 
 
 def _followed(
     plan: MeshPlan,
-    spanned: "Sequence[tuple[Crease, dict[int, _Marched]]]",
+    spanned: "_Spanned",
     clips: _Clips,
     effects: Sequence[Effect],
 ) -> list[Effect]:
@@ -456,30 +394,25 @@ def _followed(
     from wrinklecli.effects.contact.remaining import Shown, shown_in
 
     # Nothing touches where a fold that clips alone cross has no shapes.
-    spanned = [(crease, marches) for crease, marches in spanned if len(crease.shapes)]
+    spanned = [(crease, followed) for crease, followed in spanned if len(crease.shapes)]
     creases, shown = [crease for crease, _ in spanned], dict[int, Shown]()
     before = [each.words for each in effects if isinstance(each.words, ContactWords)]
     for first in spanned[0][1] if spanned else ():
-        marched = [marches[first] for _, marches in spanned]
-        clip, times = marched[0].clip, marched[0].times
-        known = [(each.crease, *each.followed[clip.name]) for each in before]
-        beside = [crease.moves(at, each.weights) for crease, at, each in known]
-        shown[first] = shown_in(creases, [each.followed for each in marched], clip, times, beside)
+        followed = [each[first] for _, each in spanned]
+        beside = [each.crease.moves(each.followed[followed[0].clip.name]) for each in before]
+        shown[first] = shown_in(creases, followed, beside)
     made: list[Effect] = []
-    named = list(zip(clips.names, clips.firsts, strict=True))
-    for number, (crease, marches) in enumerate(spanned):
-        own = {first: replace(each, followed=shown[first].followed[number]) for first, each in marches.items()}
+    named = [(clip.name, first) for clip, first in zip(clips.every, clips.firsts, strict=True)]
+    for number, crease in enumerate(creases):
+        own = {first: each.followed[number] for first, each in shown.items()}
         for each in own.values():
-            crease = crease.with_path(each.clip, each.times, each.followed)
-        errors = {
-            first: crease.player_error(each.clip, each.times, each.followed, scale=plan.scale)
-            for first, each in own.items()
-        }
+            crease = crease.with_path(each)
+        errors = {first: crease.player_error(each, scale=plan.scale) for first, each in own.items()}
         remaining = (each.remaining[number] for each in shown.values())
         words = ContactWords(
             crease=crease,
             tools=tuple(each.tool.name for each in crease.fold.patches),
-            followed={name: (own[first].times, own[first].followed) for name, first in named},
+            followed={name: own[first] for name, first in named},
             remaining=tuple(each for each in remaining if each is not None),
             player_errors={name: errors[first] for name, first in named},
             heights={
@@ -492,20 +425,19 @@ def _followed(
     return made
 
 
-def _spanned(crease: "Crease", solver: _Solver) -> "tuple[Crease, dict[int, _Marched]]":
+def _spanned(crease: "Crease", before: _Spanned, solver: _Solver) -> "tuple[Crease, dict[int, Followed]]":
     """Follow solved clips; if the shapes leave crossings, with the fewest others that do not.
 
     Raises:
         UnresolvedError: The folds that are solved together cannot be resolved in a clip.
     """
-    marches: dict[int, _Marched] = {}
+    found: dict[int, Followed] = {}
     chosen: list[SolvedPose] = []
-    for number, clip in solver.clips.items():
-        solved = solver.part(number)
-        followed = crease.follow(solved)
-        chosen += solved.poses(sorted({*_some(solved.touching), *_some(followed.unspanned)}))
-        marches[number] = _Marched(clip, solver.times[number], followed)
-    best, least = (crease, marches), _unspanned(marches)
+    for number in solver.clips:
+        solved = solver.part(before, number)
+        found[number] = crease.follow(solved)
+        chosen += solved.poses(sorted({*_some(solved.touching), *_some(found[number].unspanned)}))
+    best, least = (crease, found), _unspanned(found)
     for _ in range(_ROUNDS if crease.fold.per_clip else 0):
         if not any(least):
             break
@@ -514,20 +446,19 @@ def _spanned(crease: "Crease", solver: _Solver) -> "tuple[Crease, dict[int, _Mar
         except UnresolvedError:
             break  # shapes of all poses tear each pose of the fold's own motion
         again = {}
-        for number, each in marches.items():
-            solved = solver.part(number)
-            followed = wider.follow(solved)
-            again[number] = replace(each, followed=followed)
-            chosen += solved.poses(_some(followed.unspanned))
+        for number in solver.clips:
+            solved = solver.part(before, number)
+            again[number] = wider.follow(solved)
+            chosen += solved.poses(_some(again[number].unspanned))
         if _unspanned(again) < least:
             best, least = (wider, again), _unspanned(again)
     return best
 
 
-def _unspanned(marches: Mapping[int, _Marched]) -> tuple[int, int]:
+def _unspanned(followed: "Mapping[int, Followed]") -> tuple[int, int]:
     """Number of frames in which shapes leave crossings, and of those in which they also take volume away."""
-    followed = [each.followed for each in marches.values()]
-    return sum(len(each.crossing) for each in followed), sum(len(each.unspanned) for each in followed)
+    every = followed.values()
+    return sum(len(each.crossing) for each in every), sum(len(each.unspanned) for each in every)
 
 
 def _some(frames: Sequence[int]) -> list[int]:
