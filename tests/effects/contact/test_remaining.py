@@ -97,14 +97,17 @@ def test_what_fades_is_gone_in_a_pose_and_whole_a_few_strides_away() -> None:
 
 
 @pytest.mark.parametrize(
-    ("low", "keep", "state"), [(0.5, True, (1.0, 0.5)), (0.5, False, (0.0, 1.0)), (0.0, True, (0.0, 1.0))]
+    ("limits", "keep", "state"),
+    [((0.5, 0.5), True, (1.0, 0.5)), ((0.5, 0.5), False, (0.0, 0.5)), ((1.0, 0.5), True, (0.0, 1.0))],
 )
-def test_wrinkles_are_lowered_before_contact_is_lost(low: float, *, keep: bool, state: tuple[float, float]) -> None:
-    """With contact a pose crosses more than the skin, unless its wrinkles are low."""
+def test_the_tallest_wrinkles_are_kept_with_contact_if_they_can(
+    limits: tuple[float, float], *, keep: bool, state: tuple[float, float]
+) -> None:
+    """Poses cross more than the skin where wrinkles are higher than a limit, without contact and with it."""
     skin = np.array([4, 4])
 
     def found(_frames: np.ndarray, contact: float, height: float) -> np.ndarray:
-        return skin + (1 if contact and height > low else 0)
+        return skin + np.array([2, -1]) * (height > limits[int(contact)])
 
     look: Any = SimpleNamespace(crossings=found, skin=lambda _frames: skin)
     assert _state([look], np.array([0, 1]), keep=keep) == state

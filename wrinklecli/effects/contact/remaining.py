@@ -1,8 +1,8 @@
 """Poses of a clip that contact does not resolve: what it shows there, and the crossings that remain.
 
 A pose with a fault has the weights of the last good one (`Crease.follow`). Where poses with a fault that follow each
-other cross more than the skin alone, wrinkles are lowered in them, and contact is lost if this is not enough, or if it
-tears the surface. All other poses keep what they have, and it fades between.
+other cross more than the skin alone, they lose contact, or their wrinkles are lowered; contact that tears the surface
+is lost, too. All other poses keep what they have, and it fades between.
 
 What fades, fades with the turn of the joint, and not with the time, as players know the turn alone.
 
@@ -137,10 +137,11 @@ def shown_in(
 def _state(looks: "Sequence[_Look]", frames: Ints, *, keep: bool) -> tuple[float, float]:
     """The parts of contact and of the wrinkles' height in some frames, with which no fold crosses more than its skin.
 
-    Wrinkles are lowered before contact is lost, which is whole or 0; it is 0 if it is not to `keep`.
+    Wrinkles keep as much of their height as they can, and contact is kept where it does not ask for less: held in a
+    deep pose, it takes volume away. It is whole or 0, and 0 if it is not to `keep`.
     """
     heights = 0.5 ** np.arange(1.0 - np.log2(FAINT))
-    states = ((contact, height) for contact in (1.0, 0.0)[not keep :] for height in heights.tolist())
+    states = ((contact, height) for height in heights.tolist() for contact in (1.0, 0.0)[not keep :])
     return next(
         state
         for state in states

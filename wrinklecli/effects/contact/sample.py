@@ -164,7 +164,7 @@ class _SolvedSystem:
     """
 
     given_up: "list[tuple[Fold, GivenUp]]"
-    spanned: "_Spanned"
+    spanned: _Spanned
 
 
 def _solved_system(members: "list[tuple[Fold, Floats | None]]", *, clips: _Clips, jobs: int) -> _SolvedSystem:
@@ -366,7 +366,7 @@ class _Solver:
                 raise outcome
             self._kept[number] = outcome
 
-    def part(self, before: "_Spanned", number: int) -> "MarchedClip":
+    def part(self, before: _Spanned, number: int) -> "MarchedClip":
         """A clip, solved, for the fold behind those before it, whose weights are taken for granted.
 
         Raises:
@@ -386,7 +386,7 @@ class _Solver:
 
 def _followed(
     plan: MeshPlan,
-    spanned: "_Spanned",
+    spanned: _Spanned,
     clips: _Clips,
     effects: Sequence[Effect],
 ) -> list[Effect]:
