@@ -124,10 +124,10 @@ export function touchWeights(
   const { slide, depth, along = 0 } = contact(touchExtras, how);
   const far = Math.max(Math.hypot(...slide) / grip, 1);
   const [f, s] = slide.map((x) => x / grip / far);
-  const length = Math.hypot(f, s);
-  const ringsOf = ({ windows, rises }) => {
+  const ringsOf = ({ windows, rises }, share = 1) => {
+    const length = share * Math.hypot(f, s);
     const [steps, heights] = [0, 1].map((k) => rises.map((each) => each[k]));
-    const height = length > 0 ? between(steps, heights, length) / length : 0;
+    const height = length > 0 ? (share * between(steps, heights, length)) / length : 0;
     return windows.map((angle) => height * Math.max(f * Math.cos(angle) + s * Math.sin(angle), 0));
   };
   const [c, n] = [Math.cos(turn), Math.sin(turn)];
@@ -135,7 +135,7 @@ export function touchWeights(
   const ways = [onward, across, -onward, -across].map((x) => Math.max(x, 0));
   if (row) {
     const shares = sharesAt(touchExtras, along);
-    return placesOf(touchExtras).flatMap((own, k) => [ways[0], ways[2], ...ringsOf(own)].map((x) => shares[k] * x));
+    return placesOf(touchExtras).flatMap((own, k) => [shares[k] * ways[0], shares[k] * ways[2], ...ringsOf(own, shares[k])]);
   }
   const sine = limb ? bendOf(touchExtras, jointMatrixOf, morphWeightOf) : 0;
   const sides = limb ? [Math.max(sine, 0), Math.max(-sine, 0)] : [];

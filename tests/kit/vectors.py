@@ -140,7 +140,7 @@ def _touched(tip: Array | None = None, plate_of: dict[str, Any] | None = None, *
 
 
 def _stroked() -> Gltf:
-    spot = stroked(along=[[0.0, 0.0, 0.01], [0.04, 0.0, 0.0]], wrinkles={"bumps": 2}, release=_CRITICAL)
+    spot = stroked(along=[[0.0, 0.0, 0.01], [0.04, 0.0, 0.0]], wrinkles={"bumps": 2, "variation": 1}, release=_CRITICAL)
     top = {"touches": [spot], "refinement": {"max_levels": 0}}
     return bake_once(place(plate(tip=_ALONG)), top=top, tracks="none")
 

@@ -24,8 +24,8 @@ when it lets go between them. A clip that loops begins as it ends.
 A touch may travel along a row of places, `spacing` apart, each of which faces the next one. A tip has coordinates in
 the axes of each place; those that count are a mean, by the shares of the two places beside the tip, which are linear
 between them and sum to 1. The tip's way forward is the distance along the row. Where the tip is less its slide, two
-places share the weights in the same way. A place of a row has three targets, so that 24 are enough for eight places:
-slides forward and back, and the rings ahead.
+places share the slide in the same way, and each does what a fixed one does with its part. A place of a row has three
+targets, so that 24 are enough for eight places: slides forward and back, and the rings ahead.
 
 In extras, a drive has the `anchors` of its place (the middle, and the points before, beside and above it), `pad`,
 `grip` and `deepest` in scene units, `bend`, the tip `by` if there is one, `release` with `frequency` and `damping`,
@@ -349,9 +349,8 @@ class TouchDrive:
         limb = None if self.limb is None else sines
         found = []
         for share, place in zip(self.shares(contacts[:, 3:].sum(axis=1)), self.places, strict=True):
-            whole = weights_of(slides, depths, place.windows, place.rises, self.turn, limb)
-            chosen = [*self.slides, *range(len(EVERY), whole.shape[1])]
-            found.append(share[:, None] * whole[:, chosen])
+            whole = weights_of(slides, depths, place.windows, place.rises, self.turn, limb, share)
+            found.append(whole[:, [*self.slides, *range(len(EVERY), whole.shape[1])]])
         return np.concatenate(found, axis=1)
 
     def contact_of(self, weights: Floats) -> tuple[Floats, Floats]:
@@ -454,16 +453,23 @@ def read_touch(data: Json, nodes: Mapping[str, int], morph_names: Sequence[str])
 
 
 def weights_of(
-    slides: Floats, depths: Floats, windows: Floats, rises: Floats, turn: float, bends: Floats | None
+    slides: Floats,
+    depths: Floats,
+    windows: Floats,
+    rises: Floats,
+    turn: float,
+    bends: Floats | None,
+    share: Floats | float = 1.0,
 ) -> Floats:
     """(frames, targets) weights for (frames, 2) slides over the grip, and (frames,) depths over the deepest.
 
-    `bends` are (frames,) sines of a limb's bend; None without a limb. The rest is as in `TouchDrive`.
+    `bends` are (frames,) sines of a limb's bend; None without a limb. A place of a row slides by its (frames,) `share`.
+    The rest is as in `TouchDrive`.
     """
     lengths = np.sqrt((slides**2).sum(axis=1))
     # Beyond its grip the tip slips.
-    slides = slides / np.maximum(lengths, 1.0)[:, None]
-    lengths = np.minimum(lengths, 1.0)
+    slides = slides / np.maximum(lengths, 1.0)[:, None] * np.reshape(share, (-1, 1))
+    lengths = share * np.minimum(lengths, 1.0)
     ways = slides / np.maximum(lengths, 1e-12)[:, None]
     ahead = ways @ np.stack([np.cos(windows), np.sin(windows)])
     rings = np.interp(lengths, *rises.T)[:, None] * np.maximum(ahead, 0.0)

@@ -95,7 +95,7 @@ namespace Wrinkles
             if (spots.Length > 1)
             {
                 var shares = Shares(at);
-                return spots.SelectMany((spot, k) => new[] { ways[0], ways[2] }.Concat(spot.Rings(f, s)).Select(x => shares[k] * x)).ToArray();
+                return spots.SelectMany((spot, k) => new[] { shares[k] * ways[0], shares[k] * ways[2] }.Concat(spot.Rings(shares[k] * f, shares[k] * s))).ToArray();
             }
             var sine = limb.Length > 0 ? Bend(frame, morph) : 0;
             var sides = limb.Length > 0 ? new[] { Math.Max(sine, 0), Math.Max(-sine, 0) } : new double[0];

@@ -220,7 +220,7 @@ static func touch(body, data, state, hand):
 	if spots.size() > 1:
 		var shares = _shares(data, contact[3])
 		for k in range(spots.size()):
-			found += Numbers.times(shares[k], [ways[0], ways[2]] + _rings(spots[k], slide))
+			found += Numbers.times(shares[k], [ways[0], ways[2]]) + _rings(spots[k], Numbers.times(shares[k], slide))
 		return found
 	found += ways
 	found.append(Numbers.held(contact[2] / data["deepest"], 0.0, 1.0))

@@ -38,5 +38,5 @@ def test_skin_is_fitted_once_unless_a_tool_refines_it_too(
     assert layer is not None
     (spot,) = layer.attached
     # Whichever it was, it is what a fit to all of this skin gives.
-    assert layer.deltas[0] == pytest.approx(fit(spot, plan.fine), abs=1e-9 * spot.drive.grip)
+    assert layer.deltas[0] == pytest.approx(fit(spot.places[0], spot.drive, plan.fine), abs=1e-9 * spot.drive.grip)
     assert np.abs(layer.deltas[0]).max() > 0.5 * spot.drive.grip

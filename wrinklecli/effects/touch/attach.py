@@ -203,13 +203,11 @@ def _attach(tool: Touch, ground: Ground, settings: ToolsFile) -> AttachedTouch:
     )
     drive = replace(drive, ends=drive.ends_in(ground.rig.own, ground.clips))
     if tool.wrinkles is not None:
-        # The rings of a row are those ahead.
-        wanted = replace(tool.wrinkles, directions=1) if spacing else tool.wrinkles
-        main = 0.0 if spacing else _main_direction(drive, ground)
+        main = None if spacing else _main_direction(drive, ground)
         skin = fine.rest_positions, fine.rest_normals
         held = [
-            replace(each, rings=plan_rings(tool, wanted, each.place, grip, main, slid, *skin))
-            for each, slid in zip(held, slides, strict=True)
+            replace(each, rings=plan_rings(tool, tool.wrinkles, each.place, grip, main, number, slid, *skin))
+            for number, (each, slid) in enumerate(zip(held, slides, strict=True))
         ]
         drive = replace(
             drive,

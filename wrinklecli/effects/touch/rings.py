@@ -30,6 +30,9 @@ ROWS = 65
 _WANDER, _FADING, _WIDTH = 0.4, 0.9, 0.35
 # Waves round the pad of which furrows and crests are made: shorter ones would read as crumpled paper.
 _WAVES = np.array([2.0, 3.0, 4.0, 5.0, 7.0])
+# Power of the cosine by which rings of a row fade to the sides, which a tip that goes on leaves behind: with 2, an
+# eighth of the height was left a pad behind it.
+_AHEAD = 3
 # Cosines between the skin's normal and the place's between which rings fade in, as for a tool's patch.
 _FACING = (0.2, 0.6)
 # Halvings of an interval by which the part that the tissue takes itself is found.
@@ -52,6 +55,7 @@ class Rings:
         profile: The shape of a bump.
         wander: (2, rings + 1, waves) amplitudes of the furrows' cosines and sines, over the length.
         fading: (2, rings, waves) amplitudes of the loss of height along the crests.
+        travels: True in a row of places.
     """
 
     start: float
@@ -65,6 +69,7 @@ class Rings:
     profile: SmoothProfile
     wander: Floats
     fading: Floats
+    travels: bool = False
 
     @property
     def tallest(self) -> float:
@@ -75,7 +80,7 @@ class Rings:
         """(windows, …) shares of the windows in the directions of (…,) angles; they sum to 1 if there are several."""
         apart = np.abs((angles - self.angles.reshape(-1, *(1,) * angles.ndim) + np.pi) % (2.0 * np.pi) - np.pi)
         if len(self.angles) == 1:
-            return np.maximum(np.cos(apart), 0.0)
+            return np.maximum(np.cos(apart), 0.0) ** (_AHEAD if self.travels else 1)
         return np.maximum(1.0 - apart * len(self.angles) / (2.0 * np.pi), 0.0)
 
     def heights(self, distances: Floats, angles: Floats) -> Floats:
@@ -147,7 +152,8 @@ def plan_rings(
     wanted: TouchWrinkles,
     place: Place,
     grip: float,
-    main: float,
+    main: float | None,
+    number: int,
     slides: Floats,
     positions: Floats,
     normals: Floats,
@@ -159,20 +165,29 @@ def plan_rings(
         wanted: Its rings, as the tools file asks for them.
         place: Its place.
         grip: The greatest slide, scene units.
-        main: The direction of the only window, radians; unused if there are several.
+        main: The direction of the only window, radians; unused if there are several, and None in a row, whose window is
+            ahead.
+        number: Of the place in its row.
         slides: (2, vertices, 3) slides whose mean under the pad is 1.
         positions: (vertices, 3) of the skin.
         normals: (vertices, 3) unit vectors.
     """
     bumps, amount, seed = wanted.bumps, wanted.amount, drawn_from(tool.name, wanted.seed)
-    widths = 1.0 + _WIDTH * amount * drawn(seed, "rings", bumps)
+    # Each place of a row has rings of its own; those of all would be stamps.
+    rings_of = f"rings of {number}" if number else "rings"
+    widths = 1.0 + _WIDTH * amount * drawn(seed, rings_of, bumps)
     edges = np.append(0.0, np.cumsum(widths / widths.sum()))
     wander = (
-        _WANDER * amount / bumps * drawn(seed, "furrows of rings", 2, bumps + 1, len(_WAVES)) / np.sqrt(len(_WAVES))
+        _WANDER
+        * amount
+        / bumps
+        * drawn(seed, f"furrows of {rings_of}", 2, bumps + 1, len(_WAVES))
+        / np.sqrt(len(_WAVES))
     )
     wander[:, [0, -1]] = 0.0
-    fading = _FADING * amount * drawn(seed, "crests of rings", 2, bumps, len(_WAVES)) / np.sqrt(len(_WAVES))
-    several = np.linspace(0.0, 2.0 * np.pi, wanted.directions, endpoint=False)
+    fading = _FADING * amount * drawn(seed, f"crests of {rings_of}", 2, bumps, len(_WAVES)) / np.sqrt(len(_WAVES))
+    directions = 1 if main is None else wanted.directions
+    several = np.linspace(0.0, 2.0 * np.pi, directions, endpoint=False)
     start, length = place.pad, wanted.length.resolve(place.reach)
     profile = plan_smooth((), wanted.shape)
     rings = Rings(
@@ -183,10 +198,11 @@ def plan_rings(
         amplitudes=np.zeros(bumps),
         rises=np.zeros((ROWS, 2)),
         compressible=0.0,
-        angles=several if wanted.directions > 1 else np.array([main]),
+        angles=several if directions > 1 else np.array([main or 0.0]),
         profile=profile,
         wander=wander,
         fading=fading,
+        travels=main is None,
     )
     _, mean = mean_slides(place, slides, positions, normals, rings)
     shares = np.maximum(-np.diff(mean[:, 0]), 0.0)
