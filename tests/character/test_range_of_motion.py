@@ -78,16 +78,48 @@ def test_a_joint_goes_as_far_as_its_clips_where_these_tell(angle: float, ends: s
     assert {*motions(limb_asset(rings=5, sides=4, angle=angle))} == {f"joint_1 about {end}" for end in ends}
 
 
-def test_the_trunk_bends_less_and_a_face_hardly() -> None:
+def test_joints_of_a_body_turn_as_those_of_people_and_a_face_hardly() -> None:
     asset = limb_asset(rings=16, sides=4, joints=6, clip=None)
     names = ["root", "mixamorig:Spine2", "Arm", "Head", "jaw", "eyebrow.L"]
     for node, name in zip(asset.gltf["nodes"][1:7], names, strict=True):
         node["name"] = name
-    assert {name.replace("+", "-") for name in motions(asset)} == {
-        f"{name} about {axis}, {-min(bend, 45) if axis == 'x' else -bend}°"
-        for name, bend in (("mixamorig:Spine2", 45), ("Arm", 90), ("Head", 45), ("jaw", 20), ("eyebrow.L", 8))
-        for axis in "xyz"
+    ranges = {
+        "mixamorig:Spine2": {"ahead": (-15, 35), "aside": (-20, 20), "twisted": (-20, 20)},
+        "Arm": {"ahead": (-40, 80), "aside": (-70, 70), "twisted": (-40, 40)},
+        "Head": {"ahead": (-25, 25), "aside": (-20, 20), "twisted": (-35, 35)},
+        "jaw": {f"about {axis}": (-20, 20) for axis in "xyz"},
+        "eyebrow.L": {f"about {axis}": (-8, 8) for axis in "xyz"},
     }
+    wanted = {f"{name} {way}, {end:+d}°" for name, ways in ranges.items() for way, ends in ways.items() for end in ends}
+    assert {*motions(asset)} == wanted
+
+
+@pytest.mark.parametrize("own", [[0.0, 0.0, 0.0, 1.0], [0.5, 0.5, 0.5, 0.5], [0.6, 0.0, 0.8, 0.0]])
+def test_a_knee_bends_back_whatever_the_axes_of_its_bone(own: list[float]) -> None:
+    """The limb lies along x, and looks along z."""
+    asset = limb_asset(rings=5, sides=4, joints=3, clip=None)
+    nodes = asset.gltf["nodes"]
+    nodes[2]["name"] = "LeftKnee"
+    place = np.array(nodes[3]["translation"])
+    nodes[2]["rotation"], nodes[3]["translation"] = own, (rotation_matrix(own).T @ place).tolist()
+    document = as_document(asset)
+    made = {name: clip for name, clip in motions(asset).items() if name.startswith("LeftKnee")}
+    assert {*made} == {"LeftKnee ahead, -120°"}
+    (clip,) = made.values()
+    knee, end = node_matrices(read_rig(document, 0), clip, np.array([1.0]), [2, 3])[0, :, :3, 3]
+    length = np.linalg.norm(place)
+    assert (end - knee) / length == pytest.approx([-0.5, 0.0, -np.sqrt(0.75)], abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("bend", "ends"), [(20.0, {"bent, +90°"}), (2.0, {f"about {a}, {b}°" for a in "xyz" for b in ("-90", "+90")})]
+)
+def test_a_finger_bends_as_it_is_bent_in_the_stored_pose(bend: float, ends: set[str]) -> None:
+    asset = limb_asset(rings=5, sides=4, joints=3, clip=None)
+    turn = np.radians(bend) / 2.0
+    asset.gltf["nodes"][2] |= {"name": "LeftIndex2", "rotation": [0.0, 0.0, float(np.sin(turn)), float(np.cos(turn))]}
+    found = {name for name in motions(asset) if name.startswith("LeftIndex2")}
+    assert {name.replace("-45", "-90").replace("+45", "+90") for name in found} == {f"LeftIndex2 {end}" for end in ends}
 
 
 def test_morph_targets_of_one_name_rise_together_and_those_that_move_nothing_do_not() -> None:

@@ -307,7 +307,7 @@ def test_nine_of_ten_places_of_all_characters_are_right(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.long
 def test_layers_have_substances_of_their_own(tmp_path: Path) -> None:
-    clips = ["mixamorig:LeftLeg about x, +90°", "mixamorig:LeftHand about z, +90°", "mixamorig:LeftArm about z, +90°"]
+    clips = ["mixamorig:LeftLeg ahead, -120°", "mixamorig:LeftHand aside, +70°", "mixamorig:LeftArm aside, +70°"]
     found = places_on(tmp_path, characters.avatar(), clips=clips)
     kinds = {(each.mesh.node, each.substance.kind) for each in found if each.substance is not None}
     assert kinds == {("mesh_0", "skin"), ("mesh_1", "cloth"), ("mesh_2", "cloth")}

@@ -20,11 +20,12 @@ from typing import Literal
 
 import numpy as np
 
-from wrinklecli.character.rig import read_parents
+from wrinklecli.character.pose import node_matrices
+from wrinklecli.character.rig import Hierarchy, read_parents
 from wrinklecli.choices import Part
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
-from wrinklecli.numeric.arrays import Floats, Ints
+from wrinklecli.numeric.arrays import Floats, Ints, unit
 
 _Said = Part | Literal["arm", "leg"]
 # Parts and patterns of words in lower case with spaces between them, or in Japanese; the first match counts. An `arm`
@@ -85,6 +86,17 @@ def read_bones(document: Document) -> Bones:
     # A VRM of version 0 looks along -z.
     old = "VRM" in _extensions(document)
     return Bones(_resolved(named, read_parents(document)), np.array([0.0, 0.0, -1.0 if old else 1.0]))
+
+
+def forwards_of(rig: Hierarchy, bones: Bones) -> Floats:
+    """(3,) unit, the direction in which a character looks: along its feet, or as its file format says."""
+    toes = [k for k, part in enumerate(bones.parts) if part == "toes" and rig.parents[k] >= 0]
+    if toes:
+        places = node_matrices(rig, None, np.zeros(1), [*toes, *(int(rig.parents[k]) for k in toes)])[0, :, :3, 3]
+        along = (places[: len(toes)] - places[len(toes) :]).sum(axis=0) * [1.0, 0.0, 1.0]
+        if along.any():
+            return unit(along)
+    return bones.ahead
 
 
 def words_of(name: str) -> str:

@@ -1,6 +1,10 @@
 """Range of motion: each joint of a character turns about its axes, each morph target rises, one at a time.
 
-Riggers see so how a character deforms, and `suggest` where a character without clips folds.
+Riggers see so how a character deforms, and `suggest` and fields where a character without clips folds. A joint of a
+body turns as people do, whatever the axes of its bone: a knee bends back.
+
+Source: 38 CFR § 4.71, plates I and II, for the normal angles of knee, elbow, wrist and ankle. Differs: angles are those
+    of everyday motion, as far as rigs bend well; the joints of a spine share its angle, and those of a neck.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -8,9 +12,10 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 import numpy as np
 
 from wrinklecli.character.bent import bent_areas
-from wrinklecli.character.bones import Bones, read_bones
+from wrinklecli.character.bones import Bones, forwards_of, read_bones
 from wrinklecli.character.clip import Channel, Clip
 from wrinklecli.character.motion import motion_clip, quaternion_product, raising, turned_axis, turning
+from wrinklecli.character.pose import node_matrices
 from wrinklecli.character.rig import Rig, read_hierarchy, read_rig
 from wrinklecli.choices import Part
 from wrinklecli.errors import counted
@@ -18,15 +23,35 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats, unit, unit_quaternions
 
-# Degrees by which a limb's joint bends to either side,
+# Least and greatest degrees by which parts of a body turn ahead, aside, and about the bone.
+_TRUNK = ((-15.0, 35.0), (-20.0, 20.0), (-20.0, 20.0))
+_NECK = ((-25.0, 25.0), (-20.0, 20.0), (-35.0, 35.0))
+_BODY: Mapping[Part | None, Sequence[tuple[float, float]]] = {
+    "hips": _TRUNK,
+    "spine": _TRUNK,
+    "chest": _TRUNK,
+    "neck": _NECK,
+    "head": _NECK,
+    "shoulder": ((-15.0, 15.0), (-20.0, 20.0)),
+    "upper arm": ((-40.0, 80.0), (-70.0, 70.0), (-40.0, 40.0)),
+    "lower arm": ((0.0, 125.0), (0.0, 0.0), (-45.0, 45.0)),
+    "hand": ((-30.0, 20.0), (-70.0, 70.0)),  # where arms are spread or hang, thumbs point ahead
+    "palm": ((-10.0, 10.0), (-10.0, 10.0)),
+    "upper leg": ((-25.0, 95.0), (-30.0, 30.0), (-25.0, 25.0)),
+    "lower leg": ((-120.0, 0.0),),
+    "foot": ((-45.0, 20.0), (-20.0, 20.0)),
+    "toes": ((-30.0, 45.0),),
+}
+# Sine of the least angle between a bone and the way ahead at which it turns ahead. One that points ahead turns up.
+_LEAST_ACROSS = 0.3
+# Least angle of a finger's bones in the stored pose that shows which way it bends, degrees; it bends that way alone.
+_BENT = 5.0
+# Degrees by which other joints bend to either side,
 _BEND = 90.0
-# a joint of the trunk, about as far as Unity lets its humanoids bend,
-_TRUNK_BEND = 45.0
-# the jaw and the eyes, likewise,
+# the jaw and the eyes, about as far as Unity lets its humanoids turn them,
 _JAW_BEND = 20.0
 # and other joints of a face, which are muscles, often with a pivot behind the eyes: 8° move skin by a centimetre.
 _FACE_BEND = 8.0
-_TRUNK: tuple[Part, ...] = ("hips", "spine", "chest", "neck", "head", "shoulder", "palm")
 # Most degrees by which a joint turns about its own bone, as a forearm does: linear blend skinning wrings a limb that is
 # twisted further.
 _TWIST = 45.0
@@ -74,13 +99,13 @@ def range_of_motion(
     *,
     driven: Mapping[int, Collection[str]] | None = None,
 ) -> RangeOfMotion:
-    """Turn the joints of some nodes' meshes about their own axes, both ways, and raise the meshes' morph targets.
+    """Turn the joints of some nodes' meshes, both ways, and raise the meshes' morph targets.
 
-    A joint that the document's clips turn by 30° or more goes as far as in the clips. Other joints bend by 90° and
-    twist by 45°; those of the trunk bend by 45°, jaw and eyes by 20°, and others of a face by 8°. Joints are left out
-    if they bend nothing, since they move a whole mesh or a separate part of one, or if they are stored as a matrix; if
-    there are more than 100 others, those that bend the least area. Morph targets named in `driven`, by node, are left
-    out, too.
+    A joint that the document's clips turn by 30° or more goes as far as in the clips, about its own axes. Joints of a
+    body's trunk and limbs turn ahead, aside and about the bone as far as people's. Others bend about their own axes
+    by 90° and twist by 45°; jaw and eyes bend by 20°, and others of a face by 8°. Joints are left out if they bend
+    nothing, since they move a whole mesh or a separate part of one, or if they are stored as a matrix; if there are
+    more than 100 others, those that bend the least area. Morph targets named in `driven`, by node, are left out, too.
 
     Raises:
         AssetError: A mesh, a skin or the hierarchy is malformed.
@@ -94,7 +119,8 @@ def range_of_motion(
     moving = _morph_targets(document, rigs, driven or {})
     morphs = list(moving)[:_MOST_MORPHS]
     bones = read_bones(document)
-    made = [each for node in joints for each in _turns(rigs[0], node, bones, clips, moved > 0)]
+    forwards = forwards_of(hierarchy, bones)
+    made = [each for node in joints for each in _turns(rigs[0], node, bones, forwards, clips, moved > 0)]
     made += [(name, [raising(rig, dict.fromkeys(numbers, 1.0)) for rig, numbers in moving[name]]) for name in morphs]
     left_out = [
         counted(len(turnable) - len(joints), "joint") + " that bend less" if len(turnable) > len(joints) else "",
@@ -143,21 +169,51 @@ def _named(made: Sequence[tuple[str, Sequence[Channel]]], taken: set[str], first
 
 
 def _turns(
-    rig: Rig, node: int, bones: Bones, clips: Sequence[Clip], carrying: Bools
+    rig: Rig, node: int, bones: Bones, forwards: Floats, clips: Sequence[Clip], carrying: Bools
 ) -> Iterator[tuple[str, list[Channel]]]:
     """Make the turns of a joint about its axes, each way; `carrying` flags the (nodes,) that move something."""
     stored = unit_quaternions(rig.locals[node]["rotation"])
     bone = _bone(rig, node, carrying)
-    shown, bend = _shown_turns(node, stored, clips), _usual_bend(rig, node, bones)
-    for number, (axis, (least, most)) in enumerate(zip(np.eye(3), shown, strict=True)):
-        extents = [-least, most]
-        if max(-shown.min(), shown.max()) < TELLING:
-            extents = [min(bend, _TWIST) if abs(bone[number]) > _ALONG else bend] * 2
-        for sign, extent in zip((-1.0, 1.0), extents, strict=True):
-            if extent >= _LEAST_TURN:
-                angle = sign * min(extent, _MOST_TURN)
-                name = f"{rig.names[node]} about {'xyz'[number]}, {angle:+.0f}°"
-                yield name, [turning(node, stored, turned_axis(stored, axis), np.radians(angle))]
+    shown, turns = _shown_turns(node, stored, clips), []
+    if max(-shown.min(), shown.max()) < TELLING:
+        turns = list(_turns_of_body(rig, node, bones.parts[node], bone, forwards))
+        bend = _usual_bend(rig, node, bones)
+        most = np.where(np.abs(bone) > _ALONG, min(bend, _TWIST), bend)
+        shown = np.stack([-most, most], axis=1)
+    if not turns:
+        own = (turned_axis(stored, axis) for axis in np.eye(3))
+        turns = [(f"about {name}", *each) for name, *each in zip("xyz", own, shown.tolist(), strict=True)]
+    for way, axis, ends in turns:
+        for angle in ends:
+            if abs(angle) >= _LEAST_TURN:
+                angle = float(np.clip(angle, -_MOST_TURN, _MOST_TURN))
+                turned = turning(node, stored, axis, np.radians(angle))
+                yield f"{rig.names[node]} {way}, {angle:+.0f}°", [turned]
+
+
+def _turns_of_body(
+    rig: Rig, node: int, part: Part | None, bone: Floats, forwards: Floats
+) -> Iterator[tuple[str, Floats, Sequence[float]]]:
+    """The turns of a part of a body: in words, about which axis in the parent's space, and both ends in degrees.
+
+    There are none if the part has no usual turns, or if its `bone`, a (3,) direction in its space, is unclear.
+    """
+    parent = int(rig.parents[node])
+    own, over = node_matrices(rig, None, np.zeros(1), [node, max(parent, node * (parent < 0))])[0]
+    along, above = unit(own[:3, :3] @ bone), unit(own[:3, 3] - over[:3, 3])
+    into = np.linalg.pinv(over[:3, :3] if parent >= 0 else np.eye(3))
+    if not along.any():
+        return
+    if part == "finger" and above.any() and above @ along < np.cos(np.radians(_BENT)):
+        yield "bent", unit(into @ np.cross(above, along)), (0.0, _BEND)
+        return
+    swing, way = np.cross(along, forwards), "ahead"
+    if np.linalg.norm(swing) < _LEAST_ACROSS:
+        swing, way = np.cross(along, [0.0, 1.0, 0.0]), "up"
+    swing = unit(swing)
+    axes = swing, np.cross(along, swing), along
+    for word, axis, ends in zip((way, "aside", "twisted"), axes, _BODY.get(part, ()), strict=False):
+        yield word, unit(into @ axis), ends
 
 
 def _usual_bend(rig: Rig, node: int, bones: Bones) -> float:
@@ -167,7 +223,7 @@ def _usual_bend(rig: Rig, node: int, bones: Bones) -> float:
         if bones.parts[above] == "head":
             return _JAW_BEND if part in ("jaw", "eye") else _FACE_BEND
         above = int(rig.parents[above])
-    return _TRUNK_BEND if part in _TRUNK else _BEND
+    return _BEND
 
 
 def _shown_turns(node: int, stored: Floats, clips: Sequence[Clip]) -> Floats:

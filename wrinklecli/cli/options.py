@@ -165,7 +165,7 @@ def presets(text: str) -> Option:
 
 def range_of_motion(text: str) -> Option:
     """`--range-of-motion`."""
-    about = "Bend each joint about its axes and raise each morph target, one at a time, even if ASSET has clips."
+    about = "Turn each joint as far as it goes and raise each morph target, one at a time, even if ASSET has clips."
     return flag("--range-of-motion", text=f"{about} {text}")
 
 

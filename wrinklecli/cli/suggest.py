@@ -119,9 +119,9 @@ def suggest(
     all vertices of its mesh, so the figures are those after bake --split. Each suggestion has its own beside it; the
     best that fit are kept, and garments come first. --all has no budget.
 
-    An asset without clips is measured in its range of motion. Joints of limbs and the waist are bent about their
-    axes as far as a body's, and each morph target is raised. --clip takes the names of these motions too, such as
-    "LeftLeg about x, +90°". Joints are known by the names of common rigs, or by a VRM. If --range-of-motion found
+    An asset without clips is measured in its range of motion. Joints of limbs and the trunk turn ahead, aside and
+    about the bone as people's do, and each morph target is raised. --clip takes the names of these motions too, such as
+    "LeftLeg ahead, -120°". Joints are known by the names of common rigs, or by a VRM. If --range-of-motion found
     tools beside the clips, give it to check too, which otherwise warns of them.
 
     With --face, the tools are those of a face alone. Its morph targets are known by the names of ARKit, FACS units,

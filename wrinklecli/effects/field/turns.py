@@ -1,22 +1,19 @@
 """The turns of joints that fold a garment: the axes about which each turns, how far, and the poses that show it.
 
 Joints turn as far as clips turn them, about the principal axes of their turns there: a knee has one, a hip three. Where
-no clip turns any joint much, they turn about their own axes, as far as `character.range_of_motion` lets them; the
-limbs and the trunk of a body turn as people do.
+no clip turns any joint much, they turn as `character.range_of_motion` lets them.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from wrinklecli.character.bones import read_bones
 from wrinklecli.character.clip import Channel, Clip
-from wrinklecli.character.motion import motion_clip, quaternion_product, turned_axis, turning
-from wrinklecli.character.pose import joint_matrices, node_matrices, stored_positions
+from wrinklecli.character.motion import motion_clip, quaternion_product, turning
+from wrinklecli.character.pose import joint_matrices
 from wrinklecli.character.range_of_motion import TELLING, range_of_motion
 from wrinklecli.character.rig import Rig
-from wrinklecli.choices import Part
 from wrinklecli.drive.angle import JointAngle
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, unit, unit_quaternions
@@ -36,20 +33,8 @@ _MOST = 32
 _MIXTURES, _ALIKE = 8, 4
 # Turns that do so, in the mean, where no clip shows them.
 _TOGETHER = 4.0
-# Degrees by which parts swing back and ahead, to both sides, and twist where no clip says so: about what people do in
-# everyday motion. Other parts turn about their own axes.
-_TRUNK = ((-15.0, 35.0), (-20.0, 20.0), (-20.0, 20.0))
-_RANGES: Mapping[Part | None, Sequence[tuple[float, float]]] = {
-    "upper leg": ((-25.0, 95.0), (-30.0, 30.0), (-25.0, 25.0)),
-    "lower leg": ((-120.0, 0.0),),
-    "upper arm": ((-40.0, 80.0), (-70.0, 70.0), (-40.0, 40.0)),
-    "lower arm": ((0.0, 125.0), (0.0, 0.0), (-45.0, 45.0)),
-    "spine": _TRUNK,
-    "chest": _TRUNK,
-    "shoulder": ((-15.0, 15.0), (-20.0, 20.0)),
-}
-# Sine of the least angle between a bone and the way ahead at which it swings ahead.
-_LEAST_ACROSS = 0.3
+# Cosine above which two axes are one, but for rounding.
+_SAME_AXIS = 0.99
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,7 +58,7 @@ def turns_of(ground: Ground, moving: Sequence[int]) -> list[Turn]:
     """The turns of some nodes of a character, each about up to three axes, those of the first nodes first."""
     shown = {node: _shown(ground.rig, node, ground.clips) for node in moving if "rotation" in ground.rig.locals[node]}
     told = _are_told(shown.values())
-    usual = {} if told else _usual(ground) | _anatomical(ground)
+    usual = {} if told else _usual(ground)
     found = []
     for node, vectors in shown.items():
         stored, parent = unit_quaternions(ground.rig.locals[node]["rotation"]), int(ground.rig.parents[node])
@@ -126,53 +111,22 @@ def _angles(vectors: Floats, axis: Floats) -> tuple[float, float]:
 
 
 def _usual(ground: Ground) -> dict[int, list[tuple[Floats, tuple[float, float]]]]:
-    """By node the own axes about which it turns where no clip says so, with the range about each."""
-    found: dict[int, dict[int, list[float]]] = {}
+    """By node the axes, in its parent's space, about which it turns where no clip says so, with their ranges."""
+    found: dict[int, list[tuple[Floats, list[float]]]] = {}
     for clip in range_of_motion(ground.document, [ground.rig.node]).clips:
         (channel,) = clip.channels[:1]
         if channel.path != "rotation":
             continue
         stored = unit_quaternions(ground.rig.locals[channel.node]["rotation"])
-        turn = quaternion_product(channel.values[-1:], stored * [-1.0, -1.0, -1.0, 1.0])[0]
-        own = np.stack([turned_axis(stored, each) for each in np.eye(3)])
-        number = int(np.argmax(np.abs(own @ turn[:3])))
-        angle = 2.0 * np.arctan2(own[number] @ turn[:3], turn[3])
-        found.setdefault(channel.node, {}).setdefault(number, []).append(angle)
-    return {
-        node: [
-            (
-                turned_axis(unit_quaternions(ground.rig.locals[node]["rotation"]), np.eye(3)[number]),
-                (min(0.0, *ends), max(0.0, *ends)),
-            )
-            for number, ends in axes.items()
-        ]
-        for node, axes in found.items()
-    }
-
-
-def _anatomical(ground: Ground) -> dict[int, list[tuple[Floats, tuple[float, float]]]]:
-    """Those of the parts of a body, about axes by which a bone swings ahead, to the side, and twists."""
-    rig, bones, found = ground.rig, read_bones(ground.document), {}
-    for node in rig.joints.tolist():
-        part, below = bones.parts[node], np.flatnonzero(rig.parents == node)
-        if part not in _RANGES or not len(below):
-            continue
-        places = stored_positions(rig, [node, *below.tolist()])
-        # The bone runs to the joint that is farthest: twist bones hang beside it.
-        ends = places[1:] - places[0]
-        bone = unit(ends[np.argmax(np.sum(ends**2, axis=1))])
-        swing = np.cross(bone, bones.ahead)
-        if np.linalg.norm(swing) < _LEAST_ACROSS:
-            continue
-        axes = np.stack([unit(swing), unit(np.cross(bone, unit(swing))), bone])
-        parent = int(rig.parents[node])
-        world = np.eye(4) if parent < 0 else node_matrices(rig, None, np.zeros(1), [parent])[0, 0]
-        own, ranges = unit(axes @ np.linalg.pinv(world[:3, :3]).T), _RANGES[part]
-        found[node] = [
-            (axis, (np.radians(low), np.radians(high)))
-            for axis, (low, high) in zip(own[: len(ranges)], ranges, strict=True)
-        ]
-    return found
+        *turned, cosine = quaternion_product(channel.values[-1:], stored * [-1.0, -1.0, -1.0, 1.0])[0]
+        axis, angle = unit(np.array(turned)), 2.0 * np.arctan2(np.linalg.norm(turned), cosine)
+        known = found.setdefault(channel.node, [])
+        # The two ways about an axis follow each other.
+        if known and known[-1][0] @ axis < -_SAME_AXIS:
+            known[-1][1].append(-angle)
+        else:
+            known.append((axis, [angle]))
+    return {node: [(axis, (min(0.0, *ends), max(0.0, *ends))) for axis, ends in axes] for node, axes in found.items()}
 
 
 def _steps(least: float, most: float) -> Floats:

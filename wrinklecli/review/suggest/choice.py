@@ -18,7 +18,6 @@ from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.closest import pairs_within
 from wrinklecli.numeric.intersections import sides_of
 from wrinklecli.numeric.processes import in_processes
-from wrinklecli.review.suggest.anatomy import LIMBS
 from wrinklecli.review.suggest.candidates import Candidate
 from wrinklecli.review.suggest.cover import Layers, is_covered
 from wrinklecli.review.suggest.measure import MeasuredMesh
@@ -49,6 +48,9 @@ _SLIDING = re.compile(
 _NEAR_RIM = 0.8
 # Cosine of the normals of two sites that look at each other, at most.
 _OPPOSITE = -0.3
+# Parts of a body whose joints fold what is around them. Around others it slides, bulges or is stiff: of 64 places there
+# that were judged by eye, twice each, 4 % of looks kept one. An upper arm folds a garment, whose field is looked at.
+_FOLDING = frozenset(("hips", "spine", "lower arm", "hand", "palm", "finger", "upper leg", "lower leg", "toes"))
 
 
 def choose_candidates(
@@ -137,7 +139,7 @@ def _judged(
             fault = substance.fault
         elif _SLIDING.search(words_of(each.driver)):
             fault = f"where {split_side(each.driver)[0] or each.driver} moves, which slides or swells"
-        elif part is not None and part not in LIMBS:
+        elif part is not None and part not in _FOLDING:
             fault = "where no limb folds, as one does at an elbow or a knee"
         elif each.by_morph and _is_rim(each.region, rims(surface)):
             fault = "at a rim, such as of lips or lids"

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from wrinklecli.character.bones import read_bones
+from wrinklecli.character.bones import forwards_of, read_bones
 from wrinklecli.character.clip import read_clips
 from wrinklecli.character.pose import stored_positions
 from wrinklecli.character.rig import read_hierarchy
@@ -23,7 +23,6 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, unit
 from wrinklecli.numeric.rays import distances_along
-from wrinklecli.review.suggest.anatomy import forwards_of
 from wrinklecli.review.suggest.text import entry, quoted
 from wrinklecli.surface.ground import Ground, read_ground
 from wrinklecli.tools.body import Flesh

@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from wrinklecli.character.bones import Bones, read_bones
+from wrinklecli.character.bones import Bones, forwards_of, read_bones
 from wrinklecli.character.clip import read_clips
 from wrinklecli.character.contacts import Neighbours
 from wrinklecli.character.pose import stored_positions
@@ -24,7 +24,6 @@ from wrinklecli.errors import WrinkleError
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, unit
-from wrinklecli.review.suggest.anatomy import forwards_of
 from wrinklecli.review.suggest.text import entry, quoted
 from wrinklecli.surface.bones import BoneLines, SideOfBone
 from wrinklecli.surface.ground import Ground, read_ground

@@ -12,14 +12,13 @@ from typing import Literal
 
 import numpy as np
 
-from wrinklecli.character.bones import Bones, read_bones, words_of
+from wrinklecli.character.bones import Bones, forwards_of, read_bones, words_of
 from wrinklecli.character.pose import stored_positions
 from wrinklecli.character.rig import Hierarchy, read_hierarchy
 from wrinklecli.choices import Part
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, Ints, unit
-from wrinklecli.review.suggest.anatomy import forwards_of
 from wrinklecli.tools.mirror import split_side
 
 Aspect = Literal[

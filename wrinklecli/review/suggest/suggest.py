@@ -10,7 +10,6 @@ from wrinklecli.character.bones import read_bones
 from wrinklecli.character.clip import Clip, chosen_clips, read_clips
 from wrinklecli.character.joined import with_clips
 from wrinklecli.character.moved import Motions, moved
-from wrinklecli.character.rig import read_rig
 from wrinklecli.character.scene import deforms
 from wrinklecli.choices import Scheme
 from wrinklecli.errors import log_findings
@@ -19,9 +18,9 @@ from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.images import files_of
 from wrinklecli.numeric.guard import Progress, guarded, log_progress
 from wrinklecli.numeric.memory import Memory
-from wrinklecli.review.suggest.anatomy import limit_to_body
 from wrinklecli.review.suggest.candidates import LEAST_LOSS, find_candidates
 from wrinklecli.review.suggest.choice import choose_candidates
+from wrinklecli.review.suggest.expressions import joined_expressions
 from wrinklecli.review.suggest.faces import suggest_face
 from wrinklecli.review.suggest.fitted_tools import Suggestion, fit_tools
 from wrinklecli.review.suggest.flesh import SuggestedFlesh, flesh_text, suggest_flesh
@@ -158,7 +157,7 @@ def _suggest(asset: str | os.PathLike[str], options: SuggestOptions, progress: P
         if joined.range and not options.clips:
             generated = [clip for clip in clips if clip.name in joined.range]
             others = (clip for clip in clips if clip.name not in joined.range)
-            clips = (*others, *limit_to_body(generated, read_rig(document, next(iter(nodes))), read_bones(document)))
+            clips = (*others, *joined_expressions(generated))
         meshes = measure_meshes(document, nodes, clips, options, progress) if clips else []
         tried = TriedAsset(document, joined.clips, jobs=options.jobs)
         stage = Stage(tried.scene, (*clips, *joined.clips))
