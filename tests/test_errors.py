@@ -5,7 +5,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from kit.drawn import CHARACTERS
-from wrinklecli.errors import AssetError, RefusedError, WrinkleError, counted, listed, nearest, shortened
+from wrinklecli.errors import AssetError, RefusedError, WrinkleError, counted, listed, log_findings, nearest, shortened
 
 
 @given(st.text(CHARACTERS, max_size=60), st.integers(2, 40))
@@ -84,3 +84,8 @@ def test_a_fault_of_both_sides_of_a_mirrored_entry_is_one_line() -> None:
     ]
     alone = WrinkleError("is no joint", where="tools.yaml:5: muscles[1] (mirrored as calf.R).origin")
     assert WrinkleError.of_all([*both, alone]).lines == (*both[0].lines, *alone.lines)
+
+
+def test_a_name_that_is_no_text_is_logged_as_text(caplog: pytest.LogCaptureFixture) -> None:
+    log_findings(["is not used"], where="\udcff.glb")
+    assert caplog.messages == ["\\udcff.glb: is not used"]

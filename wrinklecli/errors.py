@@ -126,7 +126,8 @@ def log(level: Literal["debug", "info", "warning"], line: str) -> None:
         logger = logging.getLogger("wrinklecli")
         if not logger.handlers:  # otherwise Python prints warnings itself
             logger.addHandler(logging.NullHandler())
-        getattr(logger, level)(line)
+        # Names of files may hold bytes that are no text, which handlers cannot write.
+        getattr(logger, level)(line.encode(errors="backslashreplace").decode())
 
 
 def log_findings(warnings: Iterable[str], notes: Iterable[str] = (), *, where: str) -> None:

@@ -161,7 +161,7 @@ def z_up(values: Mapping[str, Any]) -> dict[str, Any]:
         if key in ("origin", "target", "insertion", "at", "towards", "offset") and isinstance(value, list):
             x, y, z = value
             return [x, 0.0 - z, y]
-        if key == "path":
+        if key in ("path", "along"):
             return [turned("at", each) if isinstance(each, list) else each for each in value]
         if key in ("defaults", "by", "origin", "insertion") and isinstance(value, dict):
             return {inner: turned(inner, each) for inner, each in value.items()}

@@ -199,11 +199,11 @@ def _turns_of_body(
     There are none if the part has no usual turns, or if its `bone`, a (3,) direction in its space, is unclear.
     """
     parent = int(rig.parents[node])
-    own, over = node_matrices(rig, None, np.zeros(1), [node, max(parent, node * (parent < 0))])[0]
+    own, over = node_matrices(rig, None, np.zeros(1), [node, node if parent < 0 else parent])[0]
     along, above = unit(own[:3, :3] @ bone), unit(own[:3, 3] - over[:3, 3])
-    into = np.linalg.pinv(over[:3, :3] if parent >= 0 else np.eye(3))
     if not along.any():
         return
+    into = np.eye(3) if parent < 0 else np.linalg.pinv(over[:3, :3])
     if part == "finger" and above.any() and above @ along < np.cos(np.radians(_BENT)):
         yield "bent", unit(into @ np.cross(above, along)), (0.0, _BEND)
         return
