@@ -24,7 +24,7 @@ def main(out: Path) -> None:
     with tempfile.TemporaryDirectory() as name:
         made = demo(Path(name) / "demo")
         options = PreviewOptions(
-            fps=FPS, views=("30:8",), focus=(0.0, 0.83, 0.03), radius=0.70, size=(480, 640), labels=("before", "after")
+            fps=FPS, views=("30:8",), focus=(0.0, 0.87, 0.03), radius=0.75, size=(480, 640), labels=("before", "after")
         )
         for clip in CLIPS:
             file = Path(name) / f"{clip}.webp"
