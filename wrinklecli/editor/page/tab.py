@@ -1,4 +1,4 @@
-"""What runs in each tab: a script for keys and the mouse, and the line by which it says what viser has no message for.
+"""A script runs in each tab for keys and the mouse, and says in a hidden line what viser has no message for.
 
 Elements of the page's own HTML say something when they are pressed (`data-say`), and when the mouse comes over them
 (`data-over`). While one of them has `data-hover`, the place of the mouse in the view is said, too.

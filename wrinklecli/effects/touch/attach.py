@@ -46,8 +46,8 @@ _ASLANT = 0.01
 _STEPS = 32
 # Least way between two points of a path, and distance of two places, over the pad.
 _LEAST_WAY, _APART = 0.5, 2.0
-MOST_PLACES = 8
-"""Places of a path: 24 targets are few enough for a phone beside those of other effects."""
+# Most places of a path: 24 targets are few enough for a phone beside those of other effects.
+_MOST_PLACES = 8
 # Intervals across the pad that the slide needs; rings are finer.
 _ACROSS = 6.0
 # Directions in which the strain is looked at.
@@ -158,7 +158,7 @@ def attach_touches(touches: Sequence[Touch], ground: Ground, settings: ToolsFile
 
 
 def _attach(tool: Touch, ground: Ground, settings: ToolsFile) -> AttachedTouch:
-    places, spacing = places_of(tool, ground, settings)
+    places, spacing = _places(tool, ground, settings)
     soft = _softness(tool, ground)
     grip, deepest = tool.grip.resolve(tool.pad), tool.press.resolve(tool.pad)
     held = [_held(tool, place, ground, soft) for place in places]
@@ -265,7 +265,7 @@ def _softness(tool: Touch, ground: Ground) -> Floats | None:
     return np.asarray(painted / np.maximum(counts, 1))
 
 
-def places_of(tool: Touch, ground: Ground, settings: ToolsFile) -> tuple[list[Place], float]:
+def _places(tool: Touch, ground: Ground, settings: ToolsFile) -> tuple[list[Place], float]:
     """The places of a touch on the skin, and their distance from each other: 0 for one place."""
     rest = ground.rest
     size = float(np.ptp(rest.positions, axis=0).max())
@@ -323,10 +323,10 @@ def _row(tool: Touch, feet: Floats, numbers: Sequence[int], rest: Rest) -> tuple
             )
     length = float(lengths[-1])
     count = int(np.ceil(length / (_APART * tool.pad))) + 1
-    if count > MOST_PLACES:
+    if count > _MOST_PLACES:
         raise BakeError(
             f"is {length:.4g} long and would take {count} places, {_APART:.0f} pads of {tool.pad:.4g} apart, of"
-            f" {MOST_PLACES} at most; a pad of {length / (_APART * (MOST_PLACES - 1)):.3g} reaches along it",
+            f" {_MOST_PLACES} at most; a pad of {length / (_APART * (_MOST_PLACES - 1)):.3g} reaches along it",
             where=tool.place("along"),
         )
     at = np.linspace(0.0, length, count)
