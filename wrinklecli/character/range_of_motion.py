@@ -8,6 +8,7 @@ Source: 38 CFR § 4.71, plates I and II, for the normal angles of knee, elbow, w
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from typing import TypeAlias
 
 import numpy as np
 
@@ -77,16 +78,22 @@ _MOST_JOINTS = 100
 _MOST_MORPHS = 200
 
 
+# A turn of a joint: in words, about which axis in its parent's space, and both ends in degrees.
+_Turn: TypeAlias = tuple[str, Floats, Sequence[float]]
+
+
 @dataclass(frozen=True, slots=True)
 class RangeOfMotion:
     """The motions of a character.
 
     Attributes:
+        turns: By joint, the axes about which it turns, in its parent's space, and least and greatest radians.
         clips: Clips of a second, from the stored pose on, named for their motions.
         telling: Names of a few clips, of the joints that bend most and of morph targets, which show how it moves.
         summary: The numbers of motions, joints and morph targets, and of those that are left out.
     """
 
+    turns: Mapping[int, Sequence[tuple[Floats, Floats]]]
     clips: tuple[Clip, ...]
     telling: tuple[str, ...]
     summary: str
@@ -120,7 +127,8 @@ def range_of_motion(
     morphs = list(moving)[:_MOST_MORPHS]
     bones = read_bones(document)
     forwards = forwards_of(hierarchy, bones)
-    made = [each for node in joints for each in _turns(rigs[0], node, bones, forwards, clips, moved > 0)]
+    turns = {node: _turns(rigs[0], node, bones, forwards, clips, moved > 0) for node in joints}
+    made = [each for node in joints for each in _motions(rigs[0], node, turns[node])]
     made += [(name, [raising(rig, dict.fromkeys(numbers, 1.0)) for rig, numbers in moving[name]]) for name in morphs]
     left_out = [
         counted(len(turnable) - len(joints), "joint") + " that bend less" if len(turnable) > len(joints) else "",
@@ -132,7 +140,10 @@ def range_of_motion(
     )
     named = tuple(_named(made, {clip.name for clip in clips}, len(document.items("animations"))))
     return RangeOfMotion(
-        named, _telling(named, areas), summary + "".join(f"; left out: {each}" for each in left_out if each)
+        {node: [(axis, np.radians(ends)) for _, axis, ends in of_joint] for node, of_joint in turns.items()},
+        named,
+        _telling(named, areas),
+        summary + "".join(f"; left out: {each}" for each in left_out if each),
     )
 
 
@@ -168,33 +179,33 @@ def _named(made: Sequence[tuple[str, Sequence[Channel]]], taken: set[str], first
         yield motion_clip(name, channels, index=index)
 
 
-def _turns(
-    rig: Rig, node: int, bones: Bones, forwards: Floats, clips: Sequence[Clip], carrying: Bools
-) -> Iterator[tuple[str, list[Channel]]]:
-    """Make the turns of a joint about its axes, each way; `carrying` flags the (nodes,) that move something."""
+def _turns(rig: Rig, node: int, bones: Bones, forwards: Floats, clips: Sequence[Clip], carrying: Bools) -> list[_Turn]:
+    """The turns of a joint; `carrying` flags the (nodes,) that move something."""
     stored = unit_quaternions(rig.locals[node]["rotation"])
-    bone = _bone(rig, node, carrying)
-    shown, turns = _shown_turns(node, stored, clips), []
-    if max(-shown.min(), shown.max()) < TELLING:
+    bone, ends = _bone(rig, node, carrying), _shown_turns(node, stored, clips)
+    if max(-ends.min(), ends.max()) < TELLING:
         turns = list(_turns_of_body(rig, node, bones.parts[node], bone, forwards))
+        if turns:
+            return turns
         bend = _usual_bend(rig, node, bones)
         most = np.where(np.abs(bone) > _ALONG, min(bend, _TWIST), bend)
-        shown = np.stack([-most, most], axis=1)
-    if not turns:
-        own = (turned_axis(stored, axis) for axis in np.eye(3))
-        turns = [(f"about {name}", *each) for name, *each in zip("xyz", own, shown.tolist(), strict=True)]
+        ends = np.stack([-most, most], axis=1)
+    own = [turned_axis(stored, axis) for axis in np.eye(3)]
+    return [(f"about {name}", *each) for name, *each in zip("xyz", own, ends.tolist(), strict=True)]
+
+
+def _motions(rig: Rig, node: int, turns: Sequence[_Turn]) -> Iterator[tuple[str, list[Channel]]]:
+    """Make the motions of a joint by its turns, each way."""
+    stored = unit_quaternions(rig.locals[node]["rotation"])
     for way, axis, ends in turns:
         for angle in ends:
             if abs(angle) >= _LEAST_TURN:
                 angle = float(np.clip(angle, -_MOST_TURN, _MOST_TURN))
-                turned = turning(node, stored, axis, np.radians(angle))
-                yield f"{rig.names[node]} {way}, {angle:+.0f}°", [turned]
+                yield f"{rig.names[node]} {way}, {angle:+.0f}°", [turning(node, stored, axis, np.radians(angle))]
 
 
-def _turns_of_body(
-    rig: Rig, node: int, part: Part | None, bone: Floats, forwards: Floats
-) -> Iterator[tuple[str, Floats, Sequence[float]]]:
-    """The turns of a part of a body: in words, about which axis in the parent's space, and both ends in degrees.
+def _turns_of_body(rig: Rig, node: int, part: Part | None, bone: Floats, forwards: Floats) -> Iterator[_Turn]:
+    """The turns of a part of a body.
 
     There are none if the part has no usual turns, or if its `bone`, a (3,) direction in its space, is unclear.
     """

@@ -33,8 +33,6 @@ _MOST = 32
 _MIXTURES, _ALIKE = 8, 4
 # Turns that do so, in the mean, where no clip shows them.
 _TOGETHER = 4.0
-# Cosine above which two axes are one, but for rounding.
-_SAME_AXIS = 0.99
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,12 +56,12 @@ def turns_of(ground: Ground, moving: Sequence[int]) -> list[Turn]:
     """The turns of some nodes of a character, each about up to three axes, those of the first nodes first."""
     shown = {node: _shown(ground.rig, node, ground.clips) for node in moving if "rotation" in ground.rig.locals[node]}
     told = _are_told(shown.values())
-    usual = {} if told else _usual(ground)
+    usual = {} if told else range_of_motion(ground.document, [ground.rig.node]).turns
     found = []
     for node, vectors in shown.items():
         stored, parent = unit_quaternions(ground.rig.locals[node]["rotation"]), int(ground.rig.parents[node])
-        for axis, (least, most) in _principal(vectors) if told else usual.get(node, []):
-            if -least > most:
+        for axis, (least, most) in _principal(vectors) if told else usual.get(node, ()):
+            if -least >= most:
                 axis, least, most = -axis, -most, -least
             if most >= _LEAST:
                 found.append(Turn(JointAngle(node, parent, unit(axis), stored), _steps(least, most)))
@@ -108,25 +106,6 @@ def _angles(vectors: Floats, axis: Floats) -> tuple[float, float]:
     halves = np.tan(np.minimum(sizes, 0.99 * np.pi) / 2.0)
     angles = 2.0 * np.arctan(halves * (vectors @ axis) / np.where(sizes > 0, sizes, 1.0))
     return min(float(angles.min()), 0.0), max(float(angles.max()), 0.0)
-
-
-def _usual(ground: Ground) -> dict[int, list[tuple[Floats, tuple[float, float]]]]:
-    """By node the axes, in its parent's space, about which it turns where no clip says so, with their ranges."""
-    found: dict[int, list[tuple[Floats, list[float]]]] = {}
-    for clip in range_of_motion(ground.document, [ground.rig.node]).clips:
-        (channel,) = clip.channels[:1]
-        if channel.path != "rotation":
-            continue
-        stored = unit_quaternions(ground.rig.locals[channel.node]["rotation"])
-        *turned, cosine = quaternion_product(channel.values[-1:], stored * [-1.0, -1.0, -1.0, 1.0])[0]
-        axis, angle = unit(np.array(turned)), 2.0 * np.arctan2(np.linalg.norm(turned), cosine)
-        known = found.setdefault(channel.node, [])
-        # The two ways about an axis follow each other.
-        if known and known[-1][0] @ axis < -_SAME_AXIS:
-            known[-1][1].append(-angle)
-        else:
-            known.append((axis, [angle]))
-    return {node: [(axis, (min(0.0, *ends), max(0.0, *ends))) for axis, ends in axes] for node, axes in found.items()}
 
 
 def _steps(least: float, most: float) -> Floats:
