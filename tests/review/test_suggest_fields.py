@@ -9,7 +9,7 @@ import pytest
 
 from kit import characters
 from kit.asset import Asset, attribute
-from kit.limb import limb_asset
+from kit.limb import RADIUS, limb_asset
 from kit.samples import sample
 from kit.suggested import in_assets, run, suggest_once
 from wrinklecli import bake
@@ -137,6 +137,19 @@ def test_where_a_mesh_is_cloth_in_part_its_field_is_kept_to_that(tmp_path: Path)
     (each,) = found.fields
     assert each.field.substance == ("cloth",)
     assert "substance: [cloth]" in found.text
+
+
+@pytest.mark.slow
+def test_a_field_on_a_whole_mesh_leaves_no_tools_where_a_seam_looks_like_skin(tmp_path: Path) -> None:
+    picture = np.concatenate([characters.denim(64), characters.skin(64)], axis=1)
+    asset = dressed(limb_asset(**SIZE), image=picture)
+    places, positions = attribute(asset, 0, "TEXCOORD_0"), attribute(asset, 0, "POSITION")
+    beside = np.argsort(np.linalg.norm(positions - [0.0, RADIUS, 0.0], axis=1))[: len(positions) // 40]
+    places[:, 0] = 0.2 + 0.1 * (places[:, 0] % 1.0)
+    places[beside, 0] = 0.7
+    found = suggest(asset.write(tmp_path / "limb.glb"), everything=True)
+    assert [each.field.substance for each in found.fields] == [None]
+    assert not found.tools
 
 
 @pytest.mark.quick(1, 2)

@@ -99,7 +99,7 @@ class Garment:
         mesh: The mesh.
         field: Without a strength.
         why: What of the mesh is cloth, in words.
-        cloth: (triangles,) 1 for those of the gauge that are, else 0.
+        cloth: (triangles,) 1 for those of the gauge that the field lies on, else 0.
     """
 
     mesh: MeasuredMesh
@@ -162,7 +162,7 @@ def _garment(
         mesh,
         Field(**Field.fields_of(values, {})),
         f"{'all' if whole else f'{100 * share:.0f} %'} of it looks like cloth",
-        cloth,
+        np.ones_like(cloth) if whole else cloth,
     )
 
 
