@@ -122,6 +122,24 @@ def test_a_finger_bends_as_it_is_bent_in_the_stored_pose(bend: float, ends: set[
     assert {name.replace("-45", "-90").replace("+45", "+90") for name in found} == {f"LeftIndex2 {end}" for end in ends}
 
 
+def test_all_joints_of_a_finger_bend_as_it_is_curled_however_it_is_spread() -> None:
+    """The limb lies along x. The finger is spread from it about y, and one of its joints is curled about z."""
+    asset = limb_asset(rings=12, sides=4, joints=6, clip=None)
+    nodes, angle = asset.gltf["nodes"], np.radians(10.0)
+    for number, place in enumerate(range(3, 7), 1):
+        nodes[place]["name"] = f"LeftIndex{number}"
+    nodes[3]["rotation"] = [0.0, float(np.sin(angle)), 0.0, float(np.cos(angle))]
+    nodes[4]["rotation"] = [0.0, 0.0, float(np.sin(angle)), float(np.cos(angle))]
+    document = as_document(asset)
+    rig, curl = read_rig(document, 0), rotation_matrix(nodes[3]["rotation"]) @ AXES["z"]
+    turns = range_of_motion(document, [0]).turns
+    for node in range(3, 7):
+        ((axis, ends),) = turns[node]
+        (world,) = node_matrices(rig, None, np.zeros(1), [node - 1])[0, :, :3, :3]
+        assert world @ axis == pytest.approx(curl, abs=1e-9)
+        assert ends.tolist() == pytest.approx([0.0, np.pi / 2])
+
+
 def test_morph_targets_of_one_name_rise_together_and_those_that_move_nothing_do_not() -> None:
     asset = limb_asset(rings=4, sides=3, morphs=3, skinned=False, clip=None, weights_at="node")
     (mesh,) = asset.gltf["meshes"]

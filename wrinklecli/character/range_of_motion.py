@@ -16,7 +16,7 @@ from wrinklecli.character.bent import bent_areas
 from wrinklecli.character.bones import Bones, forwards_of, read_bones
 from wrinklecli.character.clip import Channel, Clip
 from wrinklecli.character.motion import motion_clip, quaternion_product, raising, turned_axis, turning
-from wrinklecli.character.pose import node_matrices
+from wrinklecli.character.pose import node_matrices, stored_positions
 from wrinklecli.character.rig import Rig, read_hierarchy, read_rig
 from wrinklecli.choices import Part
 from wrinklecli.errors import counted
@@ -45,7 +45,8 @@ _BODY: Mapping[Part | None, Sequence[tuple[float, float]]] = {
 }
 # Sine of the least angle between a bone and the way ahead at which it turns ahead. One that points ahead turns up.
 _LEAST_ACROSS = 0.3
-# Least angle of a finger's bones in the stored pose that shows which way it bends, degrees; it bends that way alone.
+# Least angle by which a finger's bones turn along it in the stored pose, degrees, that shows which way it bends; it
+# bends that way alone.
 _BENT = 5.0
 # Degrees by which other joints bend to either side,
 _BEND = 90.0
@@ -184,7 +185,7 @@ def _turns(rig: Rig, node: int, bones: Bones, forwards: Floats, clips: Sequence[
     stored = unit_quaternions(rig.locals[node]["rotation"])
     bone, ends = _bone(rig, node, carrying), _shown_turns(node, stored, clips)
     if max(-ends.min(), ends.max()) < TELLING:
-        turns = list(_turns_of_body(rig, node, bones.parts[node], bone, forwards))
+        turns = list(_turns_of_body(rig, node, bones, bone, forwards))
         if turns:
             return turns
         bend = _usual_bend(rig, node, bones)
@@ -204,19 +205,20 @@ def _motions(rig: Rig, node: int, turns: Sequence[_Turn]) -> Iterator[tuple[str,
                 yield f"{rig.names[node]} {way}, {angle:+.0f}°", [turning(node, stored, axis, np.radians(angle))]
 
 
-def _turns_of_body(rig: Rig, node: int, part: Part | None, bone: Floats, forwards: Floats) -> Iterator[_Turn]:
+def _turns_of_body(rig: Rig, node: int, bones: Bones, bone: Floats, forwards: Floats) -> Iterator[_Turn]:
     """The turns of a part of a body.
 
     There are none if the part has no usual turns, or if its `bone`, a (3,) direction in its space, is unclear.
     """
-    parent = int(rig.parents[node])
+    parent, part = int(rig.parents[node]), bones.parts[node]
     own, over = node_matrices(rig, None, np.zeros(1), [node, node if parent < 0 else parent])[0]
-    along, above = unit(own[:3, :3] @ bone), unit(own[:3, 3] - over[:3, 3])
+    along = unit(own[:3, :3] @ bone)
     if not along.any():
         return
     into = np.eye(3) if parent < 0 else np.linalg.pinv(over[:3, :3])
-    if part == "finger" and above.any() and above @ along < np.cos(np.radians(_BENT)):
-        yield "bent", unit(into @ np.cross(above, along)), (0.0, _BEND)
+    curl = _curl(rig, node, bones) if part == "finger" else np.zeros(3)
+    if np.linalg.norm(curl) > np.sin(np.radians(_BENT)):
+        yield "bent", unit(into @ curl), (0.0, _BEND)
         return
     swing, way = np.cross(along, forwards), "ahead"
     if np.linalg.norm(swing) < _LEAST_ACROSS:
@@ -225,6 +227,22 @@ def _turns_of_body(rig: Rig, node: int, part: Part | None, bone: Floats, forward
     axes = swing, np.cross(along, swing), along
     for word, axis, ends in zip((way, "aside", "twisted"), axes, _BODY.get(part, ()), strict=False):
         yield word, unit(into @ axis), ends
+
+
+def _curl(rig: Rig, node: int, bones: Bones) -> Floats:
+    """(3,) axis about which the bones of a finger turn along it in the stored pose, as long as the sines; world space.
+
+    The bone of the palm above it counts where the finger has one bone alone: others spread from the palm's.
+    """
+    finger = [node]
+    while (above := int(rig.parents[finger[0]])) >= 0 and bones.parts[above] == "finger":
+        finger.insert(0, above)
+    while len(below := np.flatnonzero(rig.parents == finger[-1])) == 1:
+        finger.append(int(below[0]))
+    if len(finger) < 3 and above >= 0:
+        finger.insert(0, above)
+    along = unit(np.diff(stored_positions(rig, finger), axis=0))
+    return np.asarray(np.cross(along[:-1], along[1:]).sum(axis=0))
 
 
 def _usual_bend(rig: Rig, node: int, bones: Bones) -> float:
