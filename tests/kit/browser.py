@@ -57,7 +57,7 @@ class Page:
     """
 
     def __init__(self, connection: Any) -> None:
-        self._connection, self._sent, self._held = connection, 0, False
+        self._connection, self._sent, self._held, self._shift = connection, 0, False, False
 
     def call(self, method: str, **parameters: object) -> dict[str, Any]:
         """The answer of a method of the protocol."""
@@ -84,11 +84,12 @@ class Page:
         """Press and release the left button there, CSS pixels."""
         self.drag([(x, y)])
 
-    def drag(self, way: list[tuple[float, float]]) -> None:
+    def drag(self, way: list[tuple[float, float]], *, shift: bool = False) -> None:
         """Press the left button at the first place and release it at the last, each once the page has drawn itself.
 
         What is new in a scene can be hit only when it was drawn, and a loaded machine takes a second for that.
         """
+        self._shift = shift
         self.hold(way)
         self.release(way[-1])
 
@@ -114,8 +115,9 @@ class Page:
         return "pointer" in self.value(cursors)
 
     def release(self, place: tuple[float, float]) -> None:
-        """Release the left button."""
+        """Release the left button, and Shift if it is down."""
         self._mouse("mouseReleased", *place)
+        self._shift = False
 
     def _drawn(self) -> None:
         """Wait until the page has drawn what it holds."""
@@ -125,7 +127,8 @@ class Page:
         self._held = kind == "mousePressed" or (self._held and kind == "mouseMoved")
         button = {"button": "left"} if self._held or kind == "mouseReleased" else {}
         clicks = {} if kind == "mouseMoved" else {"clickCount": 1}
-        self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, buttons=int(self._held), **button, **clicks)
+        keys = {"modifiers": 8} if self._shift else {}
+        self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, buttons=int(self._held), **button, **clicks, **keys)
 
     def type(self, text: str) -> None:
         """Type text where the focus is, in place of what is selected."""

@@ -26,6 +26,7 @@ from kit.folds import CLIP, elbow
 from kit.limb import limb, tool, write_tools
 from kit.places import ROOT
 from wrinklecli.editor.page.page import Page
+from wrinklecli.editor.page.split import axes_of
 from wrinklecli.editor.session import Session
 from wrinklecli.tools.read import load_tools
 
@@ -198,6 +199,54 @@ def test_a_field_is_made_and_a_tool_is_drawn_tuned_and_saved(tmp_path: Path) -> 
     for tools, out in zip((saved, by_hand), outputs, strict=True):
         wrinklecli.bake(asset, tools, out, clips=["squat"], max_levels=1)
     assert outputs[0].read_bytes() == outputs[1].read_bytes()
+
+
+@pytest.mark.slow
+@pytest.mark.long
+def test_a_row_switches_its_tool_a_place_shows_its_compression_and_shift_turns_the_light(
+    folder: Path, tmp_path: Path
+) -> None:
+    session = Session(folder / "limb.glb", folder / "tools.yaml")
+    page = Page(session)
+    viewport = page._viewport
+    try:
+        with in_browser(tmp_path, page.address) as tab:
+            until(page.server.get_clients, "a connected tab")
+            (client,) = page.server.get_clients().values()
+            greatest = session.greatest_moves()["a"]
+            tab.wait(f"document.body.innerText.includes('{100 * greatest:.0f} %')")
+            take_picture(tab, "rows")
+            for label, enabled in (("on", False), ("off", True)):
+                tab.press_button(label)
+                until(lambda enabled=enabled: session.tools()[0].enabled is enabled, label)  # type: ignore[misc]
+
+            tab.press_button("Tool")
+            place = np.array([0.0, 0.0, 0.25])
+            (mesh,) = viewport.shown
+            compressed = session.compressed(mesh.source)
+            assert compressed is not None
+            (loss,), _ = compressed.at(place[None])
+
+            def hovered() -> bool:
+                tab.move(on_screen(page, place))
+                return f"Here {100 * loss:.0f} %, at" in viewport._here.content
+
+            until(hovered, "the compression under the mouse")
+            take_picture(tab, "compression")
+            tab.press("Escape", code=27)
+            until(lambda: viewport._compressed is None, "no place is sought any more")
+
+            width, height = client.camera.image_width, client.camera.image_height
+            eye, middle, side = client.camera.position.copy(), (width / 2, height / 2), (width - 20, height / 2)
+            tab.drag([middle, side], shift=True)
+            until(lambda: [light.visible for light in viewport._lights] == [True, False, False], "one light")
+            until(lambda: axes_of(client.camera)[:, 0] @ viewport._lights[0].position > 0.8e6, "light from the right")
+            take_picture(tab, "light")
+            assert np.allclose(client.camera.position, eye), "the view is not turned"
+            tab.press("l", code=76)
+            until(lambda: all(light.visible for light in viewport._lights), "light from all sides")
+    finally:
+        page.close()
 
 
 @pytest.mark.slow

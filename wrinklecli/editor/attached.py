@@ -221,6 +221,11 @@ class AttachedTool:
         return self.part.attached
 
     @property
+    def span(self) -> float:
+        """Length of the tool at rest, scene units."""
+        return float(self.attached.span)
+
+    @property
     def region(self) -> Region:
         """The region of the coarse mesh that it moves."""
         return self.attached.regions[0]
@@ -340,6 +345,14 @@ class AttachedTools:
         for name, below in self.below.items():
             _add_by_name(found, [name], below.clip_warnings(cache, clips))
         return found
+
+    def greatest_moves(self, cache: ClipCache, clips: Sequence[Clip]) -> dict[str, float]:
+        """How far each effect moves the skin at most in any clip, over its length, by name."""
+        every: dict[str, AttachedTool | AttachedBelow] = {**self.tools, **self.below}
+        return {
+            name: max((float(each.heights(cache, clip)[1].max()) for clip in clips), default=0.0) / each.span
+            for name, each in every.items()
+        }
 
 
 def _driven_warnings(plan: MeshPlan, clips: Sequence[Clip], settings: ToolsFile) -> Iterator[tuple[str, list[str]]]:

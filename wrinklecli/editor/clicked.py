@@ -57,6 +57,7 @@ class NewKind:
         title: Of the button.
         word: What the name of a new one begins with.
         asks: What asks for each click.
+        folds: True if it goes where clips compress the skin.
         then: What to do with the new one.
         keys: Its keys, but for `name` and `node`.
     """
@@ -64,6 +65,7 @@ class NewKind:
     title: str
     word: str
     asks: Sequence[str]
+    folds: bool
     then: str
     keys: Callable[[Clicked], dict[str, Any]]
 
@@ -107,6 +109,7 @@ NEW_KINDS: Mapping[str, NewKind] = {
         "Tool",
         "wrinkle",
         ("Click where the tool begins. It runs across the wrinkles.", "Now click where it ends."),
+        True,
         "drag its ends, and the dots at its sides for the width",
         _tool,
     ),
@@ -114,6 +117,7 @@ NEW_KINDS: Mapping[str, NewKind] = {
         "Field",
         "field",
         ("Click the garment that folds.",),
+        True,
         "Look shows it where it folds most; then move its sliders",
         lambda _: {},
     ),
@@ -121,6 +125,7 @@ NEW_KINDS: Mapping[str, NewKind] = {
         "Muscle",
         "muscle",
         ("Click the skin above where the muscle begins.", "Now click where it ends, beyond the joint that it bends."),
+        False,
         "play a clip that bends its joint, and move its sliders",
         _muscle,
     ),
@@ -128,6 +133,7 @@ NEW_KINDS: Mapping[str, NewKind] = {
         "Flesh",
         "flesh",
         ("Click the middle of flesh that swings.", "Now click how far it reaches."),
+        False,
         "play a clip that moves the body, and move its sliders",
         _flesh,
     ),
@@ -135,6 +141,7 @@ NEW_KINDS: Mapping[str, NewKind] = {
         "Touch",
         "touch",
         ("Click the skin that a tip touches.", "Now click where it drags that skin in the shown clip."),
+        False,
         "play the clip, or drag its dot: the skin slides; then move its sliders",
         _touch,
     ),

@@ -31,7 +31,7 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.guard import guarded
-from wrinklecli.review.suggest.placed import ToolGuesser
+from wrinklecli.review.suggest.placed import Compressed, ToolGuesser
 from wrinklecli.review.suggest.suggest import suggest
 from wrinklecli.tools.effective import EffectiveValue, effective_values, inherited_values
 from wrinklecli.tools.mirror import exchange_sides
@@ -255,6 +255,10 @@ class Session(Edits):
             header = {key: value for key, value in file.header.items() if key in ("up", "presets", "defaults")}
         return self._tried({**header, "tools": [{**values, "material": material, "mirror": "none"}]})
 
+    def compressed(self, mesh: PlayableMesh) -> Compressed | None:
+        """The greatest compression of a mesh over all clips, and in the pose that is set; this may take seconds."""
+        return self._measured_mesh(mesh).compressed
+
     def is_taken(self, proposal: Proposal) -> bool:
         """True if an effect of the file makes the folds that a proposed one would make."""
         node = proposal.values.get("node")
@@ -428,6 +432,13 @@ class Session(Edits):
         assert self._refined is not None
         with guarded(self.asset):
             return self._refined[1].warnings(self._loaded.cache, self.clips, self._settings_of(self._base.file))
+
+    def greatest_moves(self) -> dict[str, float]:
+        """How far each effect that fits moves the skin at most in any clip, over its length; may take seconds."""
+        self.refine()
+        assert self._refined is not None
+        with guarded(self.asset):
+            return self._refined[1].greatest_moves(self._loaded.cache, self.clips)
 
     # Internals.
 

@@ -107,6 +107,7 @@ class Page:
         self._pending: tuple[Hashable, Callable[[], None]] | None = None  # the key of a draft, and the edit it becomes
         self.keys = {"Shift+drag": "Light from where the mouse is", "?": "These keys"}
         self._warnings: dict[str, list[str]] = {}
+        self._moves: dict[str, float] = {}  # greatest moves of the skin over the length, by name
         # The text that was last checked, and what is said where there are no warnings.
         self._checked, self._verdict = "", _CHECKING
         self._said = self._found = ""  # HTML of the message, and of the problems below it
@@ -277,10 +278,10 @@ class Page:
     def _warn(self) -> None:
         """Collect the warnings of `check`; on the slow thread."""
         self._checked, self._verdict = self.session.text, ""  # which stays if the check fails
-        warnings = self.session.warnings()
+        warnings, moves = self.session.warnings(), self.session.greatest_moves()
 
         def show() -> None:
-            self._warnings, self._verdict = warnings, _NO_WARNINGS
+            self._warnings, self._moves, self._verdict = warnings, moves, _NO_WARNINGS
             self.refresh()
 
         self.work.put("warned", show)
@@ -291,7 +292,7 @@ class Page:
         self._typed_name.show(tool.name, tool.name)
         self._both_sides.value = tool.partner is not None
         attached = self.session.attached_tools().get(tool.name)
-        span = tool.length if attached is None else attached.attached.span
+        span = tool.length if attached is None else attached.span
         for key, controls in self._controls.items():
             controls.set_visible(visible=key == tool.list_key)
         controls = self._controls[tool.list_key]
@@ -332,10 +333,12 @@ class Page:
         marked = BAD if tool.problem else _WARNING if self._warnings.get(tool.name) else "inherit"
         said = f' <span style="color:{marked};opacity:.8">({html.escape(shown)})</span>' if shown else ""
         dot = f'<span style="{_DOT};background:{self._viewport.colour_of(tool.name)}"></span>'
+        height = f"{100 * self._moves[tool.name]:.0f} %" if tool.name in self._moves else ""
         switch, off = ("on", "") if tool.enabled else ("off", "opacity:.5")
         return (
             f'<div style="display:flex;padding:0 12px;{off}">'
             f'<button data-say="choose {number}" style="{_ROW};flex:1">{dot}{html.escape(tool.name)}{said}</button>'
+            f'<span style="{_ROW};opacity:.6" title="Greatest height over its length">{height}</span>'
             f'<button data-say="switch {number}" style="{_ROW}" title="Switch it on or off">{switch}</button></div>'
         )
 
@@ -350,7 +353,7 @@ class Page:
         attached = self.session.attached_tools().get(self.chosen) if self.chosen else None
         if self.chosen is not None:
             if attached is not None:
-                self._charts.set_ranges(attached.attached.span, attached.attached.greatest_height)
+                self._charts.set_ranges(attached.span, attached.attached.greatest_height)
             over = None if clip is None else self.session.heights(self.chosen, clip)
         self._charts.show_heights(over)
         self._chart_now()

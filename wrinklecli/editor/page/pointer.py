@@ -71,6 +71,7 @@ class Pointer:
     def _begin(self, list_key: str) -> None:
         self._new = list_key
         self._show_buttons()
+        self._viewport.seek(folds=NEW_KINDS[list_key].folds)
         self._page.say(NEW_KINDS[list_key].asks[0], ASKS)
 
     def _show_buttons(self) -> None:
@@ -104,6 +105,7 @@ class Pointer:
     def _end(self) -> None:
         self._new, self._hits = None, []
         self._viewport.point_at(())
+        self._viewport.seek(folds=False)
         self._show_buttons()
         self.make_room(for_tool=self._page.chosen is not None)
 

@@ -19,15 +19,18 @@ from wrinklecli.editor.page.player import Player
 from wrinklecli.editor.page.split import SplitPlane, axes_of
 from wrinklecli.editor.page.tab import numbers_of
 from wrinklecli.editor.page.viewpoints import FOV, SIDES, frame_asset, frame_tool
-from wrinklecli.editor.page.widgets import PageHost, add_group, add_shortcut, on_set, show_changed, value_within
+from wrinklecli.editor.page.widgets import QUIET, PageHost, add_group, add_shortcut, on_set, paragraph_of, show_changed, value_within
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
+from wrinklecli.gltf.pixels import linear_rgb
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.closest import closest_point
 from wrinklecli.numeric.rays import distances_along
 from wrinklecli.review.preview.camera import Camera
-from wrinklecli.review.preview.heat import HEAT, HEAT_TICKS, point_colours
+from wrinklecli.review.preview.heat import HEAT, HEAT_TICKS, heat_colours, point_colours
 from wrinklecli.review.preview.shown import INKS
+from wrinklecli.review.suggest.placed import Compressed
+from wrinklecli.surface.ground import Ground
 
 _READ_SECONDS = 0.08  # seconds in which a browser reads a coloured mesh
 _RESTS_SECONDS = 0.15  # after which a camera that was turned rests, and the split follows it
@@ -93,6 +96,8 @@ class Viewport:
         self._outlines: dict[str, tuple[object, ToolOutline]] = {}  # on the present triangles
         self._chosen: str | None = None
         self._hinted: AttachedTool | None = None
+        # The greatest compression of meshes, which is shown while a place is sought.
+        self._compressed: dict[Ground, Compressed] | None = None
         self._moment: tuple[str | None, float] = (None, 0.0)
         self.shown: list[ShownMesh] = []
         self._document: Document | None = None
@@ -120,6 +125,7 @@ class Viewport:
         self._legend: Any = gui.add_panel(visible=heat)
         with self._legend.add_tab("Compressed by"):
             gui.add_html(_heat_legend())
+            self._here: Any = gui.add_html("")
         self._legend.float(x=_LEGEND_X, y=-15, width=_LEGEND_WIDTH)
         for each in (self._look, self._wire, self._beside):
             on_set(self._page, each, "bodies", self._show_bodies)
@@ -140,6 +146,32 @@ class Viewport:
         """Colour the surface by its compression, or by its textures."""
         self._look.value = LOOKS[0] if self._look.value == "heat" else "heat"
         self._show_bodies()
+
+    def seek(self, *, folds: bool) -> None:
+        """Colour the surface by the greatest compression over all clips while a place that folds is sought."""
+        if folds is not (self._compressed is not None):
+            self._compressed = {} if folds else None
+            self._here.content = ""
+            self._show_bodies()
+            if folds:
+                self._page.slow.put("seek", self._measure)
+
+    def _measure(self) -> None:
+        """Measure the compression of each mesh; on the slow thread."""
+        for mesh in self.shown:
+            found = None if self._compressed is None else self._session.compressed(mesh.source)
+            if found is not None and self._compressed is not None:
+                self._compressed[mesh.source.ground] = found
+        self._work.put("sought", self._page.show)
+
+    def _say_compression(self, hit: Hit | None) -> None:
+        """Say below the legend how far the clips compress a point, and when."""
+        found = None if hit is None or not self._compressed else self._compressed.get(hit.mesh.source.ground)
+        said = ""
+        if hit is not None and found is not None:
+            (loss,), (pose,) = found.at(hit.place[None])
+            said = f"Here {100 * loss:.0f} %, at {found.peaks.times[pose]:.2f} s of {found.peaks.clips[pose].name}"
+        show_changed(self._here, "content", paragraph_of(said, QUIET) if said else "")
 
     def _halve(self) -> None:
         """Show the left half without wrinkles, or nothing."""
@@ -230,7 +262,7 @@ class Viewport:
 
     def _show_bodies(self) -> None:
         """Show meshes that are new or look different."""
-        look: Look = self._look.value
+        look: Look = self._look.value if self._compressed is None else "heat"
         show_changed(self._legend, "visible", look == "heat")
         wire, beside = bool(self._wire.value), self._meshes_beside()
         self._bodies = self._bodies_of(self.shown)
@@ -266,11 +298,19 @@ class Viewport:
             self._work.put_later("swap beside", _READ_SECONDS, self._beside_scene.swap)
 
     def _heats(self, meshes: Sequence[ShownMesh], moment: tuple[str | None, float]) -> list[Floats]:
-        """Colours for the points of meshes at a moment of a clip: the compression that wrinkles answer.
+        """Colours for the points of meshes by the compression that wrinkles answer; none if it is not shown.
 
-        None if it is not shown.
+        It is that at a moment of a clip, or the greatest one while a place is sought.
         """
-        if self._look.value != "heat":
+        if self._compressed:
+            known = [self._compressed.get(mesh.source.ground) for mesh in meshes]
+            rests = [mesh.source.rest_positions for mesh in meshes]
+            losses = [
+                np.zeros(len(rest)) if found is None else found.at(rest)[0]
+                for found, rest in zip(known, rests, strict=True)
+            ]
+            return [linear_rgb(heat_colours(each)) for each in losses]
+        if self._look.value != "heat" and self._compressed is None:
             return []
         plain = {mesh.source: mesh for mesh in self._session.meshes(*moment, wait=False, wrinkled=False)}
         return [
@@ -369,7 +409,11 @@ class Viewport:
             return self.hit(np.array(camera.position, float), axes @ [right, -up, 1.0])
 
     def point_at(self, hits: Sequence[Hit]) -> None:
-        """Show a dot on each of at most two points, and a line between them, unless their mesh was refined since."""
+        """Show a dot on each of at most two points, and a line between them, unless their mesh was refined since.
+
+        Say how far the last one is compressed.
+        """
+        self._say_compression(hits[-1] if hits else None)
         sources = {mesh.source for mesh in self.shown}
         self._scene.point_at([hit.spot for hit in hits if hit.mesh.source in sources], self._points)
 

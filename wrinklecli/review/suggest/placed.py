@@ -1,14 +1,20 @@
-"""First guesses of tools between two places that a user chooses: the width, bumps and `compressible` of `suggest`."""
+"""First guesses of tools between two places that a user chooses: the width, bumps and `compressible` of `suggest`.
+
+A guesser also measures how far clips compress each place at most.
+"""
 
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
-from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.arrays import Floats, Ints
+from wrinklecli.numeric.closest import nearest_of
 from wrinklecli.review.suggest.candidates import Candidate
 from wrinklecli.review.suggest.draft import tool_of, width_of
 from wrinklecli.review.suggest.measure import MeasuredMesh, clips_that_move
@@ -17,7 +23,7 @@ from wrinklecli.surface.compression import CompressedRegion, grow_region, triang
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.path import Path
 from wrinklecli.surface.region import Region
-from wrinklecli.surface.sites import at_sites, spread_sites
+from wrinklecli.surface.sites import Peaks, at_sites, find_peaks, spread_sites
 from wrinklecli.surface.strain import read_gauge
 from wrinklecli.surface.substance import facet_length, read_makeup, substance_of
 from wrinklecli.tools.json_schema import readers_of
@@ -34,6 +40,19 @@ _WIDEST = 3.0
 _LEAST_SHORTENING = 0.02
 
 
+@dataclass(frozen=True, slots=True)
+class Compressed:
+    """The greatest compression of (sites, 3) places of a surface at rest over some poses."""
+
+    sites: Floats
+    peaks: Peaks
+
+    def at(self, places: Floats) -> tuple[Floats, Ints]:
+        """(places,) the compression of (places, 3) at rest, at least 0, and (places,) the number of its pose."""
+        _, near = nearest_of(self.sites, places)
+        return np.maximum(self.peaks.losses[near], 0.0), self.peaks.poses[near]
+
+
 class ToolGuesser:
     """Guesses tools on a mesh. Measuring the mesh takes as long as a few frames."""
 
@@ -43,6 +62,12 @@ class ToolGuesser:
         times = tuple(np.linspace(clip.start, clip.end, _POSES) for clip in moving)
         self._mesh = MeasuredMesh(ground, sites, moving, times)
         self._makeup = read_makeup(document, ground.rig, sites.gauge)
+
+    @cached_property
+    def compressed(self) -> Compressed | None:
+        """The greatest compression over the clips; None if no clip moves the mesh."""
+        mesh = self._mesh
+        return Compressed(mesh.sites.positions, find_peaks(mesh.sites, mesh.clips, mesh.times)) if mesh.clips else None
 
     def tool(self, origin: Floats, target: Floats) -> WrinkleTool:
         """Guess the tool between two (3,) places at rest, world space.
