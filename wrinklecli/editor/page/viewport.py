@@ -19,7 +19,16 @@ from wrinklecli.editor.page.player import Player
 from wrinklecli.editor.page.split import SplitPlane, axes_of
 from wrinklecli.editor.page.tab import numbers_of
 from wrinklecli.editor.page.viewpoints import FOV, SIDES, frame_asset, frame_tool
-from wrinklecli.editor.page.widgets import QUIET, PageHost, add_group, add_shortcut, on_set, paragraph_of, show_changed, value_within
+from wrinklecli.editor.page.widgets import (
+    QUIET,
+    PageHost,
+    add_group,
+    add_shortcut,
+    on_set,
+    paragraph_of,
+    show_changed,
+    value_within,
+)
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.pixels import linear_rgb
