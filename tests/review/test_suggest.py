@@ -213,7 +213,7 @@ def test_command_writes_the_file_and_a_table(tmp_path: Path) -> None:
     assert result.stdout == ""
     assert (tmp_path / "tools.yaml").read_text() == suggest_once(path, count=1).text
     note, head, row = result.stderr.splitlines()
-    assert note == "note: limb: skin, as nothing says what it is made of (a guess)"
+    assert note == "note: 'limb': skin, as nothing says what it is made of (a guess)"
     assert head.split() == ["tool", "place", "of", "clip", "at", "keep", "shortens", "height", "on", "a", "GPU"]
     assert row.split()[:6] == ["joint_1", "joint", "joint_1", "skin", "fold", "0.93"]
     for arguments in ([path, "--count", 1], [path, "--count", 1, "-o", "-"]):

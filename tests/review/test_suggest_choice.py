@@ -84,7 +84,7 @@ def test_words_of_names_say_what_a_mesh_is_made_of(name: str, kind: str | None) 
 def test_the_file_says_what_wrinkles(tmp_path: Path, material: Json, kind: str) -> None:
     found = suggested(tmp_path, dressed(limb_asset(rings=11, sides=8), **material), count=1)
     assert found.tools[0].tool.material == kind
-    assert any(note.startswith(f"limb: {kind}, ") for note in found.notes)
+    assert any(note.startswith(f"'limb': {kind}, ") for note in found.notes)
 
 
 @pytest.mark.slow
@@ -147,7 +147,7 @@ def test_what_is_under_another_mesh_where_it_folds_is_left_out(tmp_path: Path) -
     found = suggested(tmp_path, sleeved(1.1))
     assert not found.tools
     assert [each.field.node for each in found.fields] == ["sleeve"]
-    assert any(note.startswith("limb: left out") and "under another layer" in note for note in found.notes)
+    assert any(note.startswith("'limb': left out") and "under another layer" in note for note in found.notes)
     assert {each.tool.node for each in suggest(tmp_path / "asset.glb", everything=True).tools} == {"limb"}
 
 

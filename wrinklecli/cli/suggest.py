@@ -111,9 +111,9 @@ def suggest(
     error say so, and --all keeps them. If the asset is symmetric about x = 0, the tools are symmetric too.
 
     Each field and tool is tried on the refined mesh, and drawn where it is tallest, from the best side. A score says
-    how likely an artist keeps it. It has four merits: one sees the wrinkles, and their crests, the surface is smooth,
-    and it is not harmed. Suggestions with a low score are left out, and the next best take their places. -v says why,
-    and with --all a comment beside the tool does.
+    how likely an artist keeps it. It has three merits: one sees the wrinkles, and their crests, and the surface is
+    smooth. Suggestions with a low score are left out, and the next best take their places. -v says why, and with --all
+    a comment beside the tool does. A fold gets one tool, on the outermost layer that folds there.
 
     A budget says how much memory on a GPU the morph targets of all suggestions may take. Engines unpack a target over
     all vertices of its mesh, so the figures are those after bake --split. Each suggestion has its own beside it; the

@@ -4,14 +4,16 @@ Lips, lids and nostrils are *rims*, where a surface slides over another and make
 """
 
 import re
-from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 
-from wrinklecli.character.bones import words_of
+from wrinklecli.character.bones import read_bones, words_of
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.rig import read_hierarchy, read_rig
+from wrinklecli.choices import Part
 from wrinklecli.errors import AssetError, counted, listed, nearest
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats
@@ -36,7 +38,6 @@ from wrinklecli.surface.substance import (
     substance_of,
 )
 from wrinklecli.surface.swatch import Pictures
-from wrinklecli.tools.mirror import split_side
 
 # Words of joints and morph targets that move what slides, swells or swings: lips and lids, cheeks, tails and ears.
 # VRoid's morph targets are `Fcl_MTH_A` and `Fcl_EYE_Close`.
@@ -51,6 +52,30 @@ _OPPOSITE = -0.3
 # Parts of a body whose joints fold what is around them. Around others it slides, bulges or is stiff: of 64 places there
 # that were judged by eye, twice each, 4 % of looks kept one. An upper arm folds a garment, whose field is looked at.
 _FOLDING = frozenset(("hips", "spine", "lower arm", "hand", "palm", "finger", "upper leg", "lower leg", "toes"))
+
+
+def why_unfolded(name: str, part: Part | None) -> str:
+    """Say why an artist wrinkles nothing where a joint, of a part of a body, or a morph target moves; empty if not."""
+    if _SLIDING.search(words_of(name)):
+        return "where something slides or swells, such as lips, lids, ears and hair"
+    return "where no limb folds, as one does at an elbow or a knee" if part and part not in _FOLDING else ""
+
+
+def folding(document: Document, nodes: Iterable[int], clips: Sequence[Clip]) -> list[Clip]:
+    """The motions of a range of motion, which move a joint or a morph target each, that fold what an artist wrinkles.
+
+    Animals, of which `nodes` have the meshes, fold anywhere.
+    """
+    names, parts = [str(node.get("name", "")) for node in document.items("nodes")], read_bones(document).parts
+    hierarchy = read_hierarchy(document)
+    animal = any(is_animal(read_rig(document, node, hierarchy)) for node in nodes)
+    found = []
+    for clip in clips:
+        ((node, path), *_) = clip.by_target
+        name, part = (clip.name, None) if path == "weights" else (names[node], None if animal else parts[node])
+        if not why_unfolded(name, part):
+            found.append(clip)
+    return found
 
 
 def choose_candidates(
@@ -71,25 +96,26 @@ def choose_candidates(
     judged = list(_judged(document, candidates, options, pictures))
     hidden = _hidden(asset, [each for each in judged if not each.fault])
     chosen: list[Candidate] = []
-    notes: Counter[str] = Counter(pictures.notes)
     hard: dict[str, None] = {}
-    left_out: Counter[tuple[str, str]] = Counter()
+    kinds: dict[str, dict[str, None]] = {}
+    left_out: dict[str, list[str]] = {}
     for each in judged:
         assert each.substance is not None
         where = each.mesh.rig.names[each.mesh.rig.node]
         fault = each.fault or hidden.get(id(each.region), "")
         if fault and not options.everything:
-            left_out[where, fault] += 1
+            left_out.setdefault(fault, []).append(where)
             if each.substance.kind == "hard":
                 hard[f"{where} is {each.substance.stiff}"] = None
         else:
             chosen.append(replace(each, fault=fault))
-            notes[f"{where}: {each.substance.words}"] += 1
-    lines = [
-        f"{where}: left out {counted(count, 'fold')}: {why}; --all takes all"
-        for (where, why), count in left_out.items()
+            kinds.setdefault(each.substance.words, {})[where] = None
+    lines = [f"{listed(meshes)}: {words}" for words, meshes in kinds.items()]
+    lines += [
+        f"{listed(dict.fromkeys(meshes))}: left out {counted(len(meshes), 'fold')}: {why}; --all takes all"
+        for why, meshes in left_out.items()
     ]
-    return chosen, [*notes, *lines], [*hard]
+    return chosen, [*dict.fromkeys(pictures.notes), *lines], [*hard]
 
 
 def _refuse_unknown(document: Document, names: Iterable[str]) -> None:
@@ -134,14 +160,8 @@ def _judged(
         # Instances share a surface, but the names of their nodes may say what each is made of.
         makeup = replace(makeups[surface], hints=hints[mesh.rig.node], bare=None if animal else bare, animal=animal)
         substance = substance_of(makeup, weights, part, by_morph=each.by_morph)
-        fault = ""
-        if substance.kind == "hard":
-            fault = substance.fault
-        elif _SLIDING.search(words_of(each.driver)):
-            fault = f"where {split_side(each.driver)[0] or each.driver} moves, which slides or swells"
-        elif part is not None and part not in _FOLDING:
-            fault = "where no limb folds, as one does at an elbow or a knee"
-        elif each.by_morph and _is_rim(each.region, rims(surface)):
+        fault = substance.fault if substance.kind == "hard" else why_unfolded(each.driver, part)
+        if not fault and each.by_morph and _is_rim(each.region, rims(surface)):
             fault = "at a rim, such as of lips or lids"
         found = replace(each, material=substance.material, facet=facet_length(makeup, weights), part=part, place=place)
         yield replace(found, substance=substance, presets=known, fault=fault)

@@ -70,6 +70,9 @@ _APART = 0.25
 _WITHIN = 0.8
 # Greatest distance of such a place from the patch over the patch's length or half width.
 _ABOVE = 0.5
+# Parts of a tool's length at which its line may come into another tool: the fold is one then, on whatever layer. The
+# outer quarters have the flanks of bumps.
+_LINE = (0.25, 0.5, 0.75)
 # Shortening of the left tool of a pair over the right one's below which the right one is written.
 _RESTS = 0.7
 # Per cent of its rest distance that a tool across the middle of a face has at weight 1 of its morph target; the first
@@ -94,10 +97,11 @@ class Suggestion:
             the character is hidden in all of the clip.
         shortening: The greatest, as a part of the span, or of the rest length if a morph target makes that longer.
         score: The region's loss 1 − σ summed over its area, scene units squared.
-        others: Tools that fit the same place where this one would do harm: straight in place of a path, with lower
-            wrinkles, with wide furrows. They are tried in this order.
+        others: Tools that fit the same place, tried in this order where `check` would warn of this one: straight in
+            place of a path, with lower wrinkles, with wide furrows.
         own_profile: True if the tool's profile is another one than its material's.
         twin_moment: The clip and the time in which its mirror image shortens most; None if that is not suggested.
+        twins_alike: True if it shortens as far, to a hundredth of its length, and so looks the same in a mirror.
         one_sided: True if no clip raises the wrinkles of its mirror image.
         substance: What the place is made of; None if it was not looked at.
         part: The part of the body of a driving joint, if known.
@@ -125,6 +129,7 @@ class Suggestion:
     others: "tuple[Suggestion, ...]" = ()
     own_profile: bool = False
     twin_moment: tuple[str, float] | None = None
+    twins_alike: bool = False
     one_sided: bool = False
     substance: Substance | None = None
     part: Part | None = None
@@ -203,23 +208,36 @@ class _Search:
     def ranked(self, candidates: Sequence[Candidate]) -> Iterator[Suggestion]:
         """Suggestions, best first."""
         order = sorted(candidates, key=lambda each: -each.score)
-        search = self
-        placed: list[tuple[MeasuredMesh, Region]] = []
+        search, placed = self, list[Region]()
         for candidate in order:
             if candidate.score < _LEAST_SCORE * order[0].score:
                 break
-            others = [region for mesh, region in placed if mesh is candidate.mesh]
-            if any(_covers(region, candidate.region.centre, candidate.region.normal) for region in others):
+            if any(_covers(region, candidate.region.centre, candidate.region.normal) for region in placed):
                 continue
             fitted = search._fit(candidate)
             if fitted is None:
                 continue
+            fitted = search._outermost(fitted, candidate, order)
             regions = [patch.regions[0] for patch in fitted.patches]
-            if any(_overlap(region, other) for region in regions for other in others):
+            if any(_overlap(region, other, _LINE) for region in regions for other in placed):
                 continue
-            placed += [(candidate.mesh, region) for region in regions]
+            placed += regions
             search = replace(search, names=search.names | {patch.tool.identifier for patch in fitted.patches})
             yield fitted.suggestion
+
+    def _outermost(self, fitted: _Fitted, candidate: Candidate, others: Sequence[Candidate]) -> _Fitted:
+        """A fitted candidate, or that of the outermost layer over it which folds at the same place."""
+        region = fitted.patches[0].regions[0].at_rest
+        above = [
+            (float(region.path.depths(each.region.centre)), each)
+            for each in others
+            if each.layer != candidate.layer and _covers(region, each.region.centre, each.region.normal)
+        ]
+        for depth, each in sorted(above, key=lambda pair: -pair[0]):
+            outer = self._fit(each) if depth > 0 else None
+            if outer is not None:
+                return outer
+        return fitted
 
     def _fit(self, candidate: Candidate) -> _Fitted | None:
         """The tool of a candidate, with its twin if it has one; None if it does not attach or shorten."""
@@ -263,7 +281,7 @@ class _Search:
             patches = attached(mesh, renamed(tools, stem, self.names))
             if patches is None:
                 continue
-            if len(patches) == 2 and _overlap(*(patch.regions[0] for patch in patches)):
+            if len(patches) == 2 and _overlap(patches[0].regions[0], patches[1].regions[0]):
                 if self.one_sided:
                     continue
                 return None
@@ -307,6 +325,7 @@ class _Search:
             substance=candidate.substance,
             fault=candidate.fault,
             twin_moment=None if twin is None else (twin.clip.name, twin.time),
+            twins_alike=twin is not None and abs(twin.ratio - best.ratio) < 0.01,
         )
         lower = [with_lower_bumps(patches, tools, every, part) for part in _LOWER]
         others = [replace(suggestion, tool=found[0]) for found in lower if found is not None]
@@ -327,10 +346,15 @@ def _covers(region: Region, place: Floats, normal: Floats) -> bool:
     return bool(on and region.cosines(u, normal) > 0)
 
 
-def _overlap(first: Region, second: Region) -> bool:
-    """True if the middle of one region lies on the other."""
-    middles = [each.path.middle for each in (first, second)]
-    return _covers(second, middles[0], first.path.normal) or _covers(first, middles[1], second.path.normal)
+def _overlap(first: Region, second: Region, parts: Sequence[float] = (0.5,)) -> bool:
+    """True if the line of one region, at these parts of its length, comes well within the other."""
+
+    def meets(one: Region, other: Region) -> bool:
+        path = one.path
+        along = path.length * path.directions(np.array(0.5))
+        return any(_covers(other, path.middle + (part - 0.5) * along, path.normal) for part in parts)
+
+    return meets(first, second) or meets(second, first)
 
 
 def _near_joint(candidate: Candidate) -> Candidate | None:

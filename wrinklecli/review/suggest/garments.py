@@ -12,7 +12,7 @@ import numpy as np
 from wrinklecli.baking.split import planned_bytes
 from wrinklecli.character.bent import bending_nodes
 from wrinklecli.character.bones import read_bones, words_of
-from wrinklecli.character.clip import clip_grid
+from wrinklecli.character.clip import Clip, clip_grid
 from wrinklecli.character.paints import texture_info
 from wrinklecli.choices import SUBSTANCES, MaterialName
 from wrinklecli.choices import Part as PartOfBody
@@ -27,7 +27,7 @@ from wrinklecli.numeric.arrays import Floats, diagonal
 from wrinklecli.numeric.guard import Progress
 from wrinklecli.numeric.processes import in_processes
 from wrinklecli.review.suggest.cover import Layers, is_covered
-from wrinklecli.review.suggest.measure import MeasuredMesh
+from wrinklecli.review.suggest.measure import MeasuredMesh, clips_that_move
 from wrinklecli.review.suggest.stage import Stage
 from wrinklecli.review.suggest.suggest_options import SuggestOptions
 from wrinklecli.review.suggest.text import entry, quoted
@@ -195,14 +195,19 @@ def beside_garments(
 
 
 def suggest_fields(
-    asset: TriedAsset, garments: Sequence[Garment], stage: Stage, budget: float, progress: Progress
+    asset: TriedAsset,
+    garments: Sequence[Garment],
+    clips: Sequence[Clip],
+    stage: Stage,
+    budget: float,
+    progress: Progress,
 ) -> tuple[list[SuggestedField], list[Dropped]]:
-    """Try a field on each garment; give those that are worth it within a budget, and the others, each with the reason.
+    """Try a field on each garment in clips; give those that are worth it, and the others, each with the reason.
 
     The budget is bytes on a GPU.
     """
     fields, dropped = list[SuggestedField](), list[Dropped]()
-    for step, each in enumerate(in_processes(partial(_tried, asset, stage), garments, asset.jobs), 1):
+    for step, each in enumerate(in_processes(partial(_tried, asset, clips, stage), garments, asset.jobs), 1):
         progress("fields", step, len(garments))
         if isinstance(each, Dropped):
             dropped.append(each)
@@ -215,7 +220,7 @@ def suggest_fields(
     return fields, dropped
 
 
-def _tried(asset: TriedAsset, stage: Stage, garment: Garment) -> SuggestedField | Dropped:
+def _tried(asset: TriedAsset, clips: Sequence[Clip], stage: Stage, garment: Garment) -> SuggestedField | Dropped:
     """A field as it bakes well, or the reason why it is left out."""
     mesh = garment.mesh
     # No edge is halved more often than it has to be.
@@ -229,17 +234,19 @@ def _tried(asset: TriedAsset, stage: Stage, garment: Garment) -> SuggestedField 
     for strength in _STRENGTHS:
         field = replace(garment.field, strength=strength)
         weaker = sketch(driven_by(part.attached, field), part.region, plan.fine, np.zeros(0, np.bool_), part)
-        found = _judged(plan, weaker or part, stage, replace(garment, field=field))
-        if isinstance(found, SuggestedField) or found.reason not in ("harm", "warned"):
+        found = _judged(plan, weaker or part, clips_that_move(mesh.rig, clips), stage, replace(garment, field=field))
+        if isinstance(found, SuggestedField) or found.reason != "warned":
             break
     return found
 
 
-def _judged(plan: MeshPlan, part: Part, stage: Stage, garment: Garment) -> SuggestedField | Dropped:
+def _judged(
+    plan: MeshPlan, part: Part, moving: Sequence[Clip], stage: Stage, garment: Garment
+) -> SuggestedField | Dropped:
     """A planned field that is worth it, or the reason why it is not."""
     field, mesh = garment.field, garment.mesh
     where = mesh.rig.names[mesh.rig.node]
-    seen = [seen_at(part, plan.rig, clip, clip_grid(clip, plan.rig, fps=Sampling().fps)) for clip in mesh.clips]
+    seen = [seen_at(part, plan.rig, clip, clip_grid(clip, plan.rig, fps=Sampling().fps)) for clip in moving]
     warnings = part.words(plan).warnings(plan, seen, up="y") + turned_warnings(plan, part, seen)
     if plan.fine.subdivision.limited:
         warnings.append(f"{plan.fine.subdivision.limited} edges stay too long for it at max_levels {MOST_LEVELS}")

@@ -27,20 +27,17 @@ class Merits:
         seen: Part of the wrinkles that is visible.
         crests: Part of what changes the light that is crests; the rest is lumps, specks and what one does not notice.
         smooth: Part of the edges that are not hard.
-        whole: Part of the place that neither crosses something, nor turns over, nor lets through what lies beneath.
     """
 
     seen: float
     crests: float
     smooth: float
-    whole: float
 
 
 REASONS = {
     "seen": ("hidden", "other parts hide it: {} of its wrinkles can be seen from the best side"),
     "crests": ("unseen", "its crests are hardly seen: they are {} of what changes the light"),
     "smooth": ("facets", "it lies on facets: {} of the edges there are smooth"),
-    "whole": ("harm", "the surface crosses itself, turns over or is bared: {} of the place is unharmed"),
 }
 """For each merit a word for the want of it, and that in a sentence with a place for the value."""
 

@@ -24,7 +24,7 @@ from wrinklecli.numeric.arrays import (
     vertex_normals,
 )
 from wrinklecli.numeric.intersections import Crossings, sides_of
-from wrinklecli.review.suggest.cover import Layers, met_from_inside
+from wrinklecli.review.suggest.cover import Layers
 
 # Part of a tool's greatest displacement above which a vertex is on its place.
 _LEAST = 0.05
@@ -32,10 +32,6 @@ _LEAST = 0.05
 _ROUND = 3.0
 # Reach of what is near a place over the greatest side of its box: what is further off hides it only from afar.
 _NEAR = 3.0
-# Rays by which the part of a place that another mesh comes through is measured, and their length over the place's size:
-# clothes lie closer to what they cover.
-_RAYS = 300
-_ABOVE = 0.1
 # Bits of a triangle that a box meets, as `np.packbits` fills them from the left.
 _ALL_SIDES = 0b11111100
 # Most meshes, ready to be posed, and poses of them, in memory: tools of one mesh are tallest at a few moments.
@@ -53,7 +49,6 @@ class StagedTool:
         wrinkled: (vertices, 3) with them.
         triangles: (triangles, 3) of the mesh, then those of other meshes.
         place: (triangles,) True for those that the tool moves.
-        others: (triangles,) True for those of other meshes.
         shaded_flat: True if the mesh has no normals.
         places: (vertices, 2) u along the curve of the wrinkles, which follows their crests, and v across; else NaN.
         bumps: Number of the tool's bumps.
@@ -65,7 +60,6 @@ class StagedTool:
     wrinkled: Floats
     triangles: Ints
     place: Bools
-    others: Bools
     shaded_flat: bool
     places: Floats
     bumps: int
@@ -98,31 +92,15 @@ class StagedTool:
         return len(distinct_values(low * len(self.plain) + high))
 
     @cached_property
-    def crossings(self) -> tuple[int, int]:
-        """The numbers of edges that pass through triangles at the place, of the coarse surface and with wrinkles."""
+    def crossings(self) -> int:
+        """The number of edges that pass through triangles at the place with wrinkles."""
         there = flags_of(distinct_values(self.triangles[self.place]), len(self.plain))
-        boxes = [_box(each[there]) for each in (self.flat_positions, self.wrinkled)]
-        low, high = np.minimum(boxes[0][0], boxes[1][0]), np.maximum(boxes[0][1], boxes[1][1])
-        crossing = [meets(each, self.triangles, low, high) for each in (self.flat_positions, self.wrinkled)]
-        crossings = Crossings.of(self.plain, self.triangles[crossing[0] | crossing[1]])
-
-        def count(positions: Floats) -> int:
-            edges, triangles = crossings.at(positions)
-            corners = np.concatenate([crossings.edges[edges], crossings.triangles[triangles]], axis=1)
-            return int(there[corners].any(axis=1).sum())
-
-        return count(self.flat_positions), count(self.wrinkled)
-
-    def bared(self) -> float:
-        """Part of the place that comes to lie beneath another mesh, as jeans do where skin shows through them."""
-        numbers = np.flatnonzero(self.place)
-        faces = self.triangles[numbers[:: -(-len(numbers) // _RAYS)]]
-        beneath = []
-        for positions in (self.flat_positions, self.wrinkled):
-            starts, rays = positions[faces].mean(axis=1), unit(face_normals(positions, faces))
-            corners = positions[self.triangles[self.others]]
-            beneath.append(met_from_inside(starts, rays, corners, self.size, _ABOVE * self.size) > 0)
-        return float(np.mean(beneath[1] & ~beneath[0]))
+        crossings = Crossings.of(
+            self.plain, self.triangles[meets(self.wrinkled, self.triangles, *_box(self.wrinkled[there]))]
+        )
+        edges, triangles = crossings.at(self.wrinkled)
+        corners = np.concatenate([crossings.edges[edges], crossings.triangles[triangles]], axis=1)
+        return int(there[corners].any(axis=1).sum())
 
 
 class Stage:
@@ -184,7 +162,6 @@ class Stage:
             wrinkled=np.concatenate([wrinkled[used], corners]),
             triangles=np.concatenate([numbers[faces[near]], beside]),
             place=np.append(place[near], np.zeros(len(others), np.bool_)),
-            others=np.arange(near.sum() + len(others)) >= near.sum(),
             shaded_flat=not plan.has_normals,
             places=np.concatenate([places[used], np.full((len(corners), 2), np.nan)]),
             bumps=1 if part.attached.segment is None else part.attached.tool.bumps,

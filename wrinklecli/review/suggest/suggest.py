@@ -19,7 +19,7 @@ from wrinklecli.gltf.images import files_of
 from wrinklecli.numeric.guard import Progress, guarded, log_progress
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.review.suggest.candidates import LEAST_LOSS, find_candidates
-from wrinklecli.review.suggest.choice import choose_candidates
+from wrinklecli.review.suggest.choice import choose_candidates, folding
 from wrinklecli.review.suggest.expressions import joined_expressions
 from wrinklecli.review.suggest.faces import suggest_face
 from wrinklecli.review.suggest.fitted_tools import Suggestion, fit_tools
@@ -157,12 +157,13 @@ def _suggest(asset: str | os.PathLike[str], options: SuggestOptions, progress: P
         if joined.range and not options.clips:
             generated = [clip for clip in clips if clip.name in joined.range]
             others = (clip for clip in clips if clip.name not in joined.range)
-            clips = (*others, *joined_expressions(generated))
+            folds = generated if options.everything else folding(document, nodes, generated)
+            clips = (*others, *joined_expressions(folds))
         meshes = measure_meshes(document, nodes, clips, options, progress) if clips else []
         tried = TriedAsset(document, joined.clips, jobs=options.jobs)
         stage = Stage(tried.scene, (*clips, *joined.clips))
         garments = find_garments(tried, [mesh for mesh, _ in meshes], options)
-        fields, unfit = suggest_fields(tried, garments, stage, budget, progress)
+        fields, unfit = suggest_fields(tried, garments, checked, stage, budget, progress)
         budget -= sum(each.gpu_bytes for each in fields)
         folded = {each.field.name for each in fields}
         bare = beside_garments(meshes, [each for each in garments if each.field.name in folded])
@@ -182,8 +183,10 @@ def _suggest(asset: str | os.PathLike[str], options: SuggestOptions, progress: P
                 "none has a skin or morph targets" if not there else "those that do are not drawn, as the notes say"
             )
             reason = f"no mesh deforms: {reason}"
-        elif not clips:
+        elif not checked:
             reason = "it has no clip, no joint that bends a mesh and no morph target: nothing moves"
+        elif not clips:
+            reason = "none of its motions folds a limb"
         elif not meshes:
             reason = "no clip moves a mesh that deforms"
         else:

@@ -1,7 +1,7 @@
 """Suggested tools that are worth keeping: each is tried on the refined mesh, looked at, scored and checked.
 
-A tool is looked at once, where it is tallest, or a little before, if the fold hides it then. One that does harm, or of
-which `check` would warn, gives way to others that fit the same place, so that the file passes `check --strict`.
+A tool is looked at once, where it is tallest, or a little before, if the fold hides it then. One of which `check`
+would warn gives way to others that fit the same place, so that the file passes `check --strict`.
 """
 
 import math
@@ -17,10 +17,10 @@ from wrinklecli.baking.split import planned_bytes
 from wrinklecli.character.clip import Clip, clip_grid
 from wrinklecli.character.rig import Rig
 from wrinklecli.choices import Part
-from wrinklecli.effects.faults import count_teeth, departure_warnings, turned_warnings
+from wrinklecli.effects.faults import departure_warnings, turned_warnings
 from wrinklecli.effects.order import kind_of
 from wrinklecli.effects.sampling import seen_at
-from wrinklecli.errors import BakeError, counted
+from wrinklecli.errors import BakeError, counted, listed
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.guard import Progress, log_progress
@@ -113,13 +113,12 @@ class Worthwhile:
 
     @property
     def summary(self) -> list[str]:
-        """A line for each mesh that counts what is dropped, by reason."""
-        lines = []
-        for mesh in dict.fromkeys(each.mesh for each in self.dropped):
-            reasons = Counter(each.reason for each in self.dropped if each.mesh == mesh)
-            why = ", ".join(f"{count} {reason}" for reason, count in reasons.items())
-            lines.append(f"{mesh}: left out {counted(reasons.total(), 'tool')} not worth it: {why}; -v says more")
-        return lines
+        """A line that counts what is dropped, by reason; none without any."""
+        reasons = Counter(each.reason for each in self.dropped)
+        why = ", ".join(f"{count} {reason}" for reason, count in reasons.items())
+        meshes = listed(dict.fromkeys(each.mesh for each in self.dropped))
+        line = f"{meshes}: left out {counted(reasons.total(), 'tool')} not worth it: {why}; -v says more"
+        return [line] if reasons else []
 
 
 def worthwhile(
@@ -186,7 +185,7 @@ def _tried(
     dropped = partial(Dropped, suggestion.tool.name, suggestion.mesh)
     try:
         trial = Trial.of(asset, suggestion)
-        best = Score.of(Merits(seen=1.0, crests=1.0, smooth=trial.smooth, whole=1.0))
+        best = Score.of(Merits(seen=1.0, crests=1.0, smooth=trial.smooth))
         if checked is not None and not best.is_kept:
             return dropped(*best.reason, keep=best.keep), refinement
         needed, placed = trial.placed(refinement)
@@ -208,17 +207,17 @@ def _judged(
 
     It is kept as it is if nothing is `checked`.
     """
-    moments = [(suggestion.clip, suggestion.time), suggestion.twin_moment]
+    alike = suggestion.twins_alike
+    moments = [(suggestion.clip, suggestion.time), None if alike else suggestion.twin_moment]
     limb = suggestion.part in _OF_CONTACT and not suggestion.by_morph
     installed, touches = kind_of("folds").is_installed, False
     looks, scores = list[_Look](), list[Score]()
     for name, moment in zip(names_of(suggestion, placed), moments, strict=False):
         look = None if moment is None else _look(stage, placed[name], *moment)
         if look is not None:
-            slit = limb and _has_slit(look.tallest)
-            touches |= slit
+            touches |= limb and _has_slit(look.tallest)
             looks.append(look)
-            scores.append(look.scored(resolved=slit and installed))
+            scores.append(look.score)
             if checked is not None and not scores[-1].is_kept:
                 break  # whatever the twin is like
         elif name == suggestion.tool.name and checked is not None:
@@ -227,7 +226,7 @@ def _judged(
     tallest = max((look.best.height for look in looks), default=0.0)
     sides = [score for look, score in zip(looks, scores, strict=True) if look.best.height > _AS_TALL * tallest]
     score = min(sides, key=lambda each: each.keep, default=None)
-    one_sided = suggestion.twin_moment is not None and len(looks) == 1
+    one_sided = suggestion.twin_moment is not None and not alike and len(looks) == 1
     judged = replace(
         suggestion,
         judgement=score,
@@ -243,10 +242,9 @@ def _judged(
         return judged
     if touches:
         tool = replace(suggestion.tool, contact=Contact()) if installed else suggestion.tool
-        judged = replace(judged, tool=tool, crossings=max(look.tallest.crossings[1] for look in looks))
+        judged = replace(judged, tool=tool, crossings=max(look.tallest.crossings for look in looks))
     if score is not None and not score.is_kept:
-        unkept = Dropped(suggestion.tool.name, suggestion.mesh, *score.reason, keep=score.keep)
-        return (suggestion.next if score.worst == "whole" else None) or unkept
+        return Dropped(suggestion.tool.name, suggestion.mesh, *score.reason, keep=score.keep)
     warning, needed = _checked(suggestion, placed, checked)
     if not warning:
         return judged
@@ -276,7 +274,7 @@ def fault_of(stage: Stage, placement: Placement, clip: str, time: float) -> tupl
     look = _look(stage, placement, clip, time)
     if look is None:
         return "not raised", 0.0
-    score = look.scored(resolved=False)
+    score = look.score
     return None if score.is_kept else score.reason
 
 
@@ -288,7 +286,6 @@ class _Look:
         placement: The tool on the refined mesh.
         best: The tool where one sees it best, with what may hide it then, and the side from which.
         tallest: The tool at its peak, where a fold may hide it.
-        teeth: Part of it at its peak that is turned over.
     """
 
     placement: Placement
@@ -296,12 +293,11 @@ class _Look:
     sight: Sight
     side: Side
     tallest: StagedTool
-    teeth: float
 
-    def scored(self, *, resolved: bool) -> Score:
-        """Measure and weigh the tool; contact keeps apart what is `resolved`."""
-        seen, staged = look_at(self.best, self.sight, self.side), self.tallest
-        before, after = (0, 0) if resolved else staged.crossings
+    @property
+    def score(self) -> Score:
+        """Measure and weigh the tool."""
+        seen = look_at(self.best, self.sight, self.side)
         hard = float(self.placement.plan.fine.hard_shares[self.placement.part.region])
         light = seen.crests.contrast + _UNNOTICED
         return Score.of(
@@ -309,7 +305,6 @@ class _Look:
                 seen=seen.side.visible,
                 crests=seen.crests.contrast * seen.crests.share / light,
                 smooth=1.0 - hard,
-                whole=1.0 - (self.teeth + staged.bared() + max(after - before, 0) / max(staged.edge_count, 1)),
             )
         )
 
@@ -331,13 +326,12 @@ def _look(stage: Stage, placement: Placement, name: str, peak: float) -> _Look |
     start = clip.start if clip.start < peak else clip.end
     best, side = best_moment(start, peak, look)
     assert best is not None
-    teeth = count_teeth(placement.plan, placement.part, clip, peak) / max(int(first.place.sum()), 1)
-    return _Look(placement, *best, side, first, teeth)
+    return _Look(placement, *best, side, first)
 
 
 def _has_slit(staged: StagedTool) -> bool:
     """True if a fold crosses along so much of its length that contact should close it."""
-    return staged.crossings[1] > _SLIT * float(np.sqrt(staged.edge_count))
+    return staged.crossings > _SLIT * float(np.sqrt(staged.edge_count))
 
 
 def _shortest_clips(suggestion: Suggestion, clips: Sequence[Clip]) -> list[Clip]:
