@@ -163,13 +163,18 @@ class Page:
 
     def fill(self, label: str, text: str) -> None:
         """Type into the field that has a label, in place of what it holds, and press Enter."""
-        of_label = f"[...document.querySelectorAll('label')].find(each => each.innerText.trim() === {label!r})"
-        row = f"{of_label}?.parentElement.parentElement.parentElement"
-        field = f"[...({row}?.querySelectorAll('input') ?? [])].at(-1)"
-        self.click(*self._middle(field))
+        field = self.press_field(label)
         self.value(f"{field}.select()")
         self.type(text)
         self.press("Enter", code=13)
+
+    def press_field(self, label: str) -> str:
+        """Click the field that has a label, and return the JavaScript expression for it."""
+        of_label = f"[...document.querySelectorAll('label')].find(each => each.innerText.trim() === {label!r})"
+        row = f"{of_label}?.parentElement.parentElement.parentElement"
+        field = f"[...({row}?.querySelectorAll('input:not([type=hidden])') ?? [])].at(-1)"
+        self.click(*self._middle(field))
+        return field
 
     def _middle(self, element: str) -> list[float]:
         """Where the middle of an element is, once it is there and moves no more."""

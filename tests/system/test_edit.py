@@ -25,6 +25,7 @@ from kit.browser import browsing, until
 from kit.folds import CLIP, elbow
 from kit.limb import limb, tool, write_tools
 from kit.places import ROOT
+from wrinklecli.editor.page.access import Access
 from wrinklecli.editor.page.page import Page
 from wrinklecli.editor.page.split import axes_of
 from wrinklecli.editor.session import Session
@@ -81,7 +82,7 @@ def take_picture(tab: Tab, name: str) -> None:
 @pytest.mark.slow
 @pytest.mark.long
 def test_a_browser_opens_the_page_by_its_token_alone_and_lets_no_site_in(tmp_path: Path) -> None:
-    page = Page(Session(shutil.copy(ROOT / "samples" / "wrist.glb", tmp_path)), "0.0.0.0")
+    page = Page(Session(shutil.copy(ROOT / "samples" / "wrist.glb", tmp_path)), Access.to("0.0.0.0"))
     start = f"http://127.0.0.1:{page.port}"
     attack = f"""<iframe src="{start}/"></iframe><script>
     const socket = new WebSocket("{start.replace("http", "ws")}", ["viser-v{viser.__version__}"]);
@@ -356,6 +357,20 @@ def started(folder: Path, *, browser: str = "true") -> Iterator[tuple[subprocess
         server.terminate()
         server.wait()
         server.stdout.close()
+
+
+@pytest.mark.slow
+@pytest.mark.long
+def test_another_asset_of_the_folder_is_opened_at_the_same_address(folder: Path, tmp_path: Path) -> None:
+    shutil.copy(ROOT / "samples" / "wrist.glb", folder)
+    write_tools(folder / "wrist.yaml", tool(name="over", origin=[-0.03, -0.02, 0], target=[0.03, -0.02, 0]))
+    (folder / "broken.glb").write_bytes(b"no glTF")
+    with started(folder) as (_, address), in_browser(tmp_path, address) as tab:
+        for name, words in (("broken.glb", "broken.glb: "), ("wrist.glb", "wrist.yaml"), ("limb.glb", "limb.yaml")):
+            tab.press_field("open")
+            tab.press_text(name)
+            tab.wait(f"document.body.innerText.includes({words!r})")
+            take_picture(tab, f"opened_{name}")
 
 
 @pytest.fixture

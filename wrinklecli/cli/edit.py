@@ -99,7 +99,7 @@ def edit(
 
         refuse_missing("edit")
         try:
-            from wrinklecli.editor.page.access import is_own
+            from wrinklecli.editor.page.access import Access, is_own
             from wrinklecli.editor.page.page import Page
         except ImportError as error:
             raise WrinkleError(f"needs viser ({error}): pip install 'wrinklecli[edit]'", where="edit") from None
@@ -113,7 +113,7 @@ def edit(
         ended.set()
 
     session = Session(asset, tools, ReadOptions(**options))
-    page = Page(session, host, port, names=allow_host, heat=heat)
+    page = Page(session, Access.to(host, allow_host), port, heat=heat)
     for each in (signal.SIGINT, signal.SIGTERM):
         signal.signal(each, end)
     emit(page.address)
@@ -127,10 +127,13 @@ def edit(
     with nullcontext() if no_browser else _browser_at(page.address, os.path.dirname(session.path)):
         # In steps, as a thread that waits for ever hears no signal on Windows.
         while not ended.wait(0.5):
-            pass
+            if page.wanted is not None:
+                page = page.instead()
+                say(f"edits {page.session.path}")
+                say_findings(page.session.notes, ())
     page.close()
-    if session.changed:
-        warn(f"{session.path}: not all was saved")
+    if page.session.changed:
+        warn(f"{page.session.path}: not all was saved")
 
 
 @contextmanager

@@ -29,7 +29,7 @@ def asset(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def own(asset: Path) -> Iterator[Page]:
     """A page for this machine, which other users reach too."""
-    page = Page(Session(asset), names=["Studio.example"])
+    page = Page(Session(asset), Access.to("127.0.0.1", ["Studio.example"]))
     yield page
     page.close()
 
@@ -37,7 +37,7 @@ def own(asset: Path) -> Iterator[Page]:
 @pytest.fixture(scope="module")
 def shared(asset: Path) -> Iterator[Page]:
     """A page for all who reach this machine."""
-    page = Page(Session(asset), "0.0.0.0")
+    page = Page(Session(asset), Access.to("0.0.0.0"))
     yield page
     page.close()
 

@@ -76,10 +76,12 @@ _HINT = (
 
 
 class Page:
-    """A page that shows a session until `close`, at a host and a port, of which 0 stands for any free one.
+    """A page that shows a session until `close`, to those of `access`, at a port, of which 0 stands for any free one.
 
-    `names` are further names by which the page may be asked for. With `heat` it begins with the surface coloured by its
-    compression. See `PageHost` for its attributes.
+    With `heat` it begins with the surface coloured by its compression. See `PageHost` for its attributes.
+
+    Attributes:
+        wanted: A session of another asset, which a user asks to see in place of this one.
 
     Raises:
         WrinkleError: The port is taken, or the host is no address of this machine.
@@ -88,17 +90,17 @@ class Page:
     def __init__(
         self,
         session: Session,
-        host: str = "127.0.0.1",
+        access: Access | None = None,
         port: int = 0,
         *,
-        names: Sequence[str] = (),
         heat: bool = False,
     ) -> None:
         self.session = session
+        self.wanted: Session | None = None
         self.work = WorkQueue(self._fail)
         # Actions that take seconds have a thread of their own, so that a clip plays on.
         self.slow = WorkQueue(lambda error: self.work.put(object(), lambda: self._fail(error)))
-        self._access = Access.to(host, names)
+        self._access = access or Access.to("127.0.0.1")
         self.server = serve(self._access, port)
         self._pointer = Pointer(self)
         self._viewport = Viewport(self, self._pointer.drag)
@@ -135,6 +137,13 @@ class Page:
         with contextlib.suppress(WrinkleError):
             self.commit()
         self.server.stop()
+
+    def instead(self) -> "Page":
+        """Close this page, and show the session that is wanted at the same address."""
+        assert self.wanted is not None
+        port = self.port
+        self.close()
+        return Page(self.wanted, self._access, port)
 
     def stop_work(self, patience: float | None = None) -> None:
         """End the threads of this page, and wait some seconds for slow work, or until it is done if None."""
@@ -314,7 +323,7 @@ class Page:
         show_changed(self._names, "options", names)
         self._names.value = self.chosen or _ALL
         # With a tool chosen, the rest makes room for its sliders.
-        for each in (self._list, self._suggest_panel.folder):
+        for each in (self._files.opened, self._list, self._suggest_panel.folder):
             show_changed(each, "visible", self.chosen is None)
         self._names.visible = self.chosen is not None
         self._pointer.make_room(for_tool=self.chosen is not None)

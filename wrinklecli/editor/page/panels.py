@@ -1,6 +1,7 @@
 """Panels of the page beside those of tools: the buttons for files, and the free pose."""
 
 import html
+import os
 import time
 from functools import partial
 from typing import Any
@@ -19,7 +20,9 @@ from wrinklecli.editor.page.widgets import (
     paragraph,
     value_within,
 )
+from wrinklecli.editor.session import Session
 from wrinklecli.errors import ConfigError
+from wrinklecli.files.formats import MODEL_ENDINGS
 from wrinklecli.gltf.document import Document
 
 _PROGRESS_SECONDS = 0.2  # seconds between two shown steps of a bake
@@ -29,6 +32,7 @@ _MAX_DEGREES = 180.0  # greatest turn of a joint, of either sign
 _DEGREES_STEP = 1.0  # step of a turn
 _WEIGHT_STEP = 0.01  # step of a morph target's weight, which goes from 0 to 1
 _NOTHING = "–"  # the only choice of an asset without joints or morph targets
+_OPEN_TIP = "Another asset of this folder, with the tools file of its name. Edits that are not saved here are kept."
 
 
 class _EndedError(Exception):
@@ -36,7 +40,7 @@ class _EndedError(Exception):
 
 
 class FileButtons:
-    """Widgets for the files of a session, at the current place of the panel."""
+    """Widgets for the files of a session, at the current place of the panel; `opened` chooses the asset."""
 
     def __init__(self, page: PageHost) -> None:
         self._page, self._session = page, page.session
@@ -44,6 +48,11 @@ class FileButtons:
         undo, redo = partial(self._step, forward=False), partial(self._step, forward=True)
         add_group(page, "file", {"Save": self._save, "Bake": self._bake, "Undo": undo, "Redo": redo})
         overwrite = partial(self._save, overwrite=True)
+        self._folder, shown = os.path.split(self._session.asset)
+        # Only files beside the shown one, so that a page which others reach opens no file of theirs.
+        beside = sorted(each for each in os.listdir(self._folder or ".") if each.lower().endswith(MODEL_ENDINGS))
+        self.opened: Any = page.server.gui.add_dropdown("open", [*dict.fromkeys([shown, *beside])], hint=_OPEN_TIP)
+        on_set(page, self.opened, "open", lambda: page.slow.put("open", self._open_beside))
         label = "Save over what others have written"
         self._overwrite = add_button(page, label, overwrite, color="red", visible=False)
         self._progress: Any = page.server.gui.add_progress_bar(0.0, visible=False)
@@ -57,6 +66,11 @@ class FileButtons:
         notes, self._noted = self._session.notes[self._noted :], len(self._session.notes)
         if notes:
             self._page.say("\n".join(notes), ASKS)
+
+    def _open_beside(self) -> None:
+        """Read another asset of the folder with its tools file; on the slow thread."""
+        name, self.opened.value = self.opened.value, os.path.basename(self._session.asset)
+        self._page.wanted = Session(os.path.join(self._folder, name), None, self._session.read_options)
 
     def _step(self, *, forward: bool) -> None:
         self._page.commit()

@@ -31,13 +31,15 @@ _OVER_VIEW += "pointer-events:none;background:#fffd;border-radius:4px"
 class PageHost(Protocol):
     """The page, as its parts see it, with a queue for quick actions and one for actions that take seconds.
 
-    `chosen` is the name of the tool that the page shows, `keys` what each key does.
+    `wanted` is a session to show in place of its own, `chosen` the name of the tool that the page shows, and `keys`
+    says what each key does.
     """
 
     server: viser.ViserServer
     session: Session
     work: WorkQueue
     slow: WorkQueue
+    wanted: Session | None
     chosen: str | None
     keys: dict[str, str]
 
