@@ -150,7 +150,7 @@ def rough(blue: float) -> Array:
 
 
 @pytest.mark.parametrize(
-    ("factor", "blue", "kind"), [(1.0, 1.0, "hard"), (None, 0.8, "hard"), (0.4, 1.0, "cloth"), (1.0, 0.1, "cloth")]
+    ("factor", "blue", "kind"), [(1.0, 1.0, "hard"), (None, 0.8, "hard"), (0.5, 1.0, "cloth"), (1.0, 0.1, "cloth")]
 )
 def test_metal_is_factor_times_texture(tmp_path: Path, factor: float | None, blue: float, kind: str) -> None:
     asset = painted(characters.cotton(64, (0.5, 0.5, 0.55)))

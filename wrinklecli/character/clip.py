@@ -87,6 +87,11 @@ class Clip:
         return {(channel.node, channel.path): channel for channel in self.channels}
 
     @cached_property
+    def moves(self) -> bool:
+        """True if a value changes from key to key: clips that exporters write of one pose hold still."""
+        return any((np.ptp(channel.points, axis=0) > _SAME_POSE).any() for channel in self.channels)
+
+    @cached_property
     def held(self) -> dict[tuple[int, str], Floats]:
         """The value of each translation and scale whose channel has the same one at all keys, as exporters write."""
         return {

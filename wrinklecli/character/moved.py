@@ -19,8 +19,8 @@ class Motions:
 
     Attributes:
         anims: Files with clips for nodes of the same names.
-        range_of_motion: Turn joints and raise morph targets, one at a time. None means only if there are no clips and
-            no pose.
+        range_of_motion: Turn joints and raise morph targets, one at a time. None means only if no clip moves anything
+            and there is no pose.
         pose: Joints to turn in one pose.
         morphs: Weights of morph targets in this pose.
     """
@@ -108,13 +108,17 @@ def moved(
         clips = read_clips(document)
         pose = clips[-1].name
         notes += [f"{document.path}: {line}" for line in matched_without_prefixes(joints_alike(document, motions.pose))]
-    if nodes and (motions.range_of_motion or (motions.range_of_motion is None and not clips)):
+    in_range = motions.range_of_motion
+    if in_range is None and pose is None:
+        in_range = not any(clip.moves for clip in clips)
+    if nodes and in_range:
         from wrinklecli.character.joined import with_clips, with_free_nodes
         from wrinklecli.character.range_of_motion import range_of_motion
 
         document = with_free_nodes(document, _joints(document, nodes))
         found = range_of_motion(document, nodes, clips, driven=driven)
-        notes.append(f"{document.path}: {'' if clips else 'has no clip; '}looked at in {found.summary}")
+        why = "" if motions.range_of_motion else "its clips hold still; " if clips else "has no clip; "
+        notes.append(f"{document.path}: {why}looked at in {found.summary}")
         document = with_clips(document, found.clips)
         clips, made, telling = read_clips(document), tuple(clip.name for clip in found.clips), found.telling
     further = tuple(clip.name for clip in clips if clip.index >= own)

@@ -128,7 +128,8 @@ def range_of_motion(
     morphs = list(moving)[:_MOST_MORPHS]
     bones = read_bones(document)
     forwards = forwards_of(hierarchy, bones)
-    turns = {node: _turns(rigs[0], node, bones, forwards, clips, moved > 0) for node in joints}
+    shown = [clip for clip in clips if clip.moves]
+    turns = {node: _turns(rigs[0], node, bones, forwards, shown, moved > 0) for node in joints}
     made = [each for node in joints for each in _motions(rigs[0], node, turns[node])]
     made += [(name, [raising(rig, dict.fromkeys(numbers, 1.0)) for rig, numbers in moving[name]]) for name in morphs]
     left_out = [

@@ -56,8 +56,9 @@ _JAPANESE: dict[SubstanceKind, str] = {
 }
 # Words of joints that people lack.
 _TAIL = re.compile(r"\btail\b|尾")
-# Least metallic factor of a metal; dirty metal, and cloth woven with wire, have less.
-_METALLIC = 0.5
+# Least metallic factor of a metal. Dirty metal, and cloth woven with wire, have less, and all materials that Blender
+# reads from FBX have what FBX calls reflection: 0.4 or 0.5.
+_METALLIC = 0.75
 # Least weight of a joint that a vertex follows alone.
 _RIGID_WEIGHT = 0.98
 # Part of a region's corners that follow one joint each in a rigid region.

@@ -38,6 +38,15 @@ def test_of_an_asset_without_clips_six_motions_are_shown_at_their_ends(tmp_path:
     assert {name for name, _ in shown(folds, PreviewOptions(), Motions(range_of_motion=True))} == {"fold"}
 
 
+def test_clips_that_hold_still_count_as_none(tmp_path: Path) -> None:
+    """As of an exporter that writes the pose of the character as a clip."""
+    path = limb(tmp_path / "limb.glb", angle=0.0)
+    assert {name for name, _ in shown(path, PreviewOptions(), Motions())} > {"joint_1 about x, +45°"}
+    assert {name for name, _ in shown(path, PreviewOptions(clips=["fold"]), Motions())} == {"fold"}
+    (note,) = moved(read_document(path), [0], Motions()).notes
+    assert note.endswith("its clips hold still; looked at in 6 motions of 1 joint and 0 morph targets")
+
+
 @pytest.mark.slow
 def test_the_command_shows_poses_motions_and_clips_of_other_files(tmp_path: Path, wrinkle: Wrinkle) -> None:
     pytest.importorskip("embreex")

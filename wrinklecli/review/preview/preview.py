@@ -160,11 +160,12 @@ def _read_assets(
 def with_motions(options: PreviewOptions, joined: Moved, *, animated: bool) -> PreviewOptions:
     """Choose what to show if the options name no clip: the pose, the first clip of other files, or a few motions.
 
-    The motions are those of an asset without clips. An asset with clips of its own keeps the options.
+    The motions are those of an asset without clips that move. An asset with others keeps the options.
     """
     clips = joined.chosen(options.clips)
     of_anims = [name for name in joined.further if name not in joined.range]
-    if clips or len(joined.range) < len(joined.clips):
+    moves = any(clip.moves for clip in joined.clips if clip.name not in joined.range)
+    if clips or moves or not joined.range:
         return replace(options, clips=clips or ([] if options.rest else of_anims[:1]))
     whole = animated or options.times or options.frames is not None or options.fps is not None
     return replace(options, clips=joined.telling, times=options.times if whole else (1.0,))
