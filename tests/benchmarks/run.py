@@ -28,6 +28,7 @@ import traceback
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -523,17 +524,17 @@ def written(folder: Path, name: str, tool: str) -> Path:
 
 def start(places: Places) -> Iterator[Row]:
     """Short commands, over a Python that imports numpy."""
-    folder, few = places.folder, places.few_vertices()
     over, repeats = "python importing numpy", places.repeats(11)
-    short, importing = timed(lambda: run("--help", code=WRINKLE), lambda: run(code="import numpy"), repeats=repeats)
-    yield Row("help", "wrinkle --help", over, short / importing, f"{short:.2f} s")
-    if few is None:
-        return
-    tools = written(folder, "bend", few.tool)
-    baking, importing = timed(
-        lambda: bake(few.asset, tools, folder / "out.glb"), lambda: run(code="import numpy"), repeats=repeats
-    )
-    yield Row("simple_skin", f"baking {few.asset.name}", over, baking / importing, f"{baking:.2f} s")
+    few, knees = places.few_vertices(), two_knees(places)
+    bakes = [("two_knees", knees, KNEES, ("--clip", "squat", "--max-levels", "1"))]
+    bakes += [] if few is None else [("simple_skin", few.asset, few.tool, ())]
+    ways = {"help": ("wrinkle --help", lambda: run("--help", code=WRINKLE))}
+    for name, asset, tool, options in bakes:
+        order = partial(bake, asset, written(places.folder, name, tool), places.folder / "out.glb", *options)
+        ways[name] = (f"baking {asset.name}", order)
+    for name, (what, order) in ways.items():
+        took, importing = timed(order, lambda: run(code="import numpy"), repeats=repeats)
+        yield Row(name, what, over, took / importing, f"{took:.2f} s")
 
 
 def edits(places: Places) -> Iterator[Row]:
