@@ -8,8 +8,6 @@ from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
-import pytest
-
 from wrinklecli.cli import cli
 from wrinklecli.effects.order import KINDS
 
@@ -108,25 +106,25 @@ KNOWING = ("effects", "drive", "tools")
 EFFECTS = "|".join(folder.parent.name for folder in (PACKAGE / "effects").glob("*/__init__.py"))
 
 
-@pytest.mark.parametrize("path", [path for path in SOURCES if room_of(path) not in KNOWING], ids=place_of)
-def test_other_rooms_know_effects_only_as_effects(path: Path) -> None:
+def test_other_rooms_know_effects_only_as_effects() -> None:
     """They ask what may be asked of any effect, and never what kind it is."""
-    known = {name for name in imports_of(path) if re.match(rf"wrinklecli\.effects\.({EFFECTS})\b", name)}
-    assert not known
-    classes = {
-        alias.asname or alias.name
-        for node in nodes_of(path)
-        if isinstance(node, ast.ImportFrom)
-        and (node.module or "").startswith(("wrinklecli.effects", "wrinklecli.drive"))
-        for alias in node.names
-    }
-    asked = [
-        node.args[1]
-        for node in nodes_of(path)
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "isinstance"
-    ]
-    names = {each.id for node in asked for each in ast.walk(node) if isinstance(each, ast.Name)}
-    assert not names & classes
+    for path in (path for path in SOURCES if room_of(path) not in KNOWING):
+        known = {name for name in imports_of(path) if re.match(rf"wrinklecli\.effects\.({EFFECTS})\b", name)}
+        assert not known, place_of(path)
+        classes = {
+            alias.asname or alias.name
+            for node in nodes_of(path)
+            if isinstance(node, ast.ImportFrom)
+            and (node.module or "").startswith(("wrinklecli.effects", "wrinklecli.drive"))
+            for alias in node.names
+        }
+        asked = [
+            node.args[1]
+            for node in nodes_of(path)
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "isinstance"
+        ]
+        names = {each.id for node in asked for each in ast.walk(node) if isinstance(each, ast.Name)}
+        assert not names & classes, place_of(path)
 
 
 def test_rooms_say_what_they_are_for() -> None:
@@ -134,18 +132,18 @@ def test_rooms_say_what_they_are_for() -> None:
         assert ast.get_docstring(ast.parse(path.read_text())), path
 
 
-@pytest.mark.parametrize("room", ROOMS)
-def test_modules_import_only_from_rooms_above_them(room: str) -> None:
-    allowed = ROOMS[: ROOMS.index(room) + 1]
-    if room == "cli":  # the package's front door is for its users
-        allowed = [*allowed, "bake"]
-    wrong = [
-        f"{place_of(path)} imports {name}, which is not above it"
-        for path in SOURCES
-        if room_of(path) == room
-        for name in imports_of(path)
-        if name.startswith("wrinklecli.") and name.split(".")[1] not in allowed
-    ]
+def test_modules_import_only_from_rooms_above_them() -> None:
+    wrong = []
+    for path in SOURCES:
+        allowed = {*ROOMS[: ROOMS.index(room_of(path)) + 1]}
+        if room_of(path) == "cli":  # the package's front door is for its users
+            allowed.add("bake")
+        names = {name for name in imports_of(path) if name.startswith("wrinklecli.")}
+        wrong += [
+            f"{place_of(path)} imports {name}, which is not above it"
+            for name in names
+            if name.split(".")[1] not in allowed
+        ]
     assert not wrong
 
 
