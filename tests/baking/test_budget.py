@@ -325,6 +325,7 @@ def test_unity_gets_weights_from_0_to_1_and_the_same_motion(base: Json, strength
     assert names == [f"wrinkle_palm_{number}" for number in range(1, len(names) + 1)]
 
 
+@pytest.mark.slow
 def test_unity_gets_weights_up_to_1_where_a_longer_rest_length_makes_wrinkles_higher() -> None:
     tool = {**PALM, "clips": {"flex": 2.0}, "rest_length": {"keys": {"flex": [[0, "100%"], [1, "125%"]]}}}
     plain, held = bake_once("wrist", tool), bake_once("wrist", tool, engine="unity")
@@ -442,7 +443,7 @@ def test_engines_that_need_a_base_get_one(engine: str, accessors: str) -> None:
     assert all("bufferView" in accessor for accessor in sparse)
 
 
-@pytest.mark.quick(3)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("made", "options", "most"),
     [
@@ -489,6 +490,7 @@ def test_targets_are_reduced_to_what_cesium_holds() -> None:
     assert 0 < apart.max() < 0.01 * tallest
 
 
+@pytest.mark.slow
 def test_vtk_gets_at_most_four_targets(tmp_path: Path) -> None:
     many = {**PALM, "strategy": "origin", "bumps": 6}
     assert len(bake_once("wrist", many).deltas("wrist")) == 6

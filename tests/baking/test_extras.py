@@ -73,6 +73,7 @@ def test_extras_say_what_else_drives_a_tool() -> None:
     )
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("clip", "acts"), [("raise_brows", True), ("think", False)])
 def test_extras_say_that_a_tool_acts_in_some_clips_alone(clip: str, acts: bool) -> None:
     after = bake_once("head", {**BROW, "strength": 0, "clips": {clip: -0.5}})
@@ -133,6 +134,7 @@ def test_joints_of_one_name_are_said(tmp_path: Path) -> None:
     assert any(f"{path}: several nodes are named 'bone'" in line for line in report.warnings)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("change", [sharp_keys, spline_keys])
 def test_new_weights_are_right_on_every_kind_of_track(change: Callable[[Editor], None]) -> None:
     """Replayed from the extras of the same file, at and between keys, jumps included."""
@@ -141,6 +143,7 @@ def test_new_weights_are_right_on_every_kind_of_track(change: Callable[[Editor],
     assert_replayed(after, "head", "raise_brows", times, 0.005 + TABLE_ERROR + 1e-3)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("morphs", "tracks", "told"), [(1, "all", True), (0, "all", False), (1, "none", False)])
 def test_morph_targets_below_a_node_with_new_weights_are_said(
     morphs: int, tracks: Tracks, told: bool, tmp_path: Path
@@ -175,6 +178,7 @@ def test_a_mesh_without_skin_and_name_is_its_own_joint(name: Json, tmp_path: Pat
     assert not made.warnings
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("change", "primitives", "told"),
     [

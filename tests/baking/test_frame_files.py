@@ -81,6 +81,7 @@ def test_obj_files_are_trimesh_s_without_its_materials(with_normals: bool, with_
         ]
 
 
+@pytest.mark.slow
 def test_obj_files_have_their_coordinates_and_normals(tmp_path: Path) -> None:
     tools = write_tools(tmp_path / "tools.yaml", PALM)
     wrinklecli.bake(sample("wrist"), tools, frames_dir=tmp_path, mode="frames", fps=1, clips=["flex"], **COARSE)
@@ -124,6 +125,7 @@ def test_clips_whose_files_would_have_one_name(tmp_path: Path) -> None:
     assert stems == {"x_", "x__2", "x__2_2"}
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("name", ["flex_0000.glb", "extend_0002.glb"])
 @pytest.mark.parametrize("output", ["asset", "OUT"])
 def test_frames_are_never_written_over_the_asset_or_the_output(name: str, output: str, tmp_path: Path) -> None:
@@ -147,6 +149,7 @@ def test_files_of_two_meshes_of_which_a_clip_moves_one(tmp_path: Path) -> None:
         assert vertices[:, 2].min() < 0 < 0.9 < vertices[:, 2].max()
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("there", [False, True])
 def test_no_partial_folder(there: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     tools = write_tools(tmp_path / "tools.yaml", PALM)
@@ -199,6 +202,7 @@ def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
     assert line.startswith(f"{tools}: cannot be written")
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("fails", ["a file", "OUT"])
 def test_frames_that_fail_half_way_leave_all_as_it_was(
     fails: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

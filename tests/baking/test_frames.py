@@ -62,7 +62,7 @@ def clip_times(file: Gltf, name: str, nodes: list[int]) -> dict[str, tuple[int, 
     return starts
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(("asset", "config"), SAMPLES)
 def test_each_frame_is_shown_exactly_during_its_interval(asset: str, config: str) -> None:
     file = bake_config(asset, config, mode="frames", fps=10)
@@ -80,7 +80,7 @@ def test_each_frame_is_shown_exactly_during_its_interval(asset: str, config: str
             assert shown(file, nodes, clip, times) == [[k] for k in wanted]
 
 
-@pytest.mark.quick(1, 2)
+@pytest.mark.quick(0, 2)
 @pytest.mark.parametrize(("asset", "config"), SAMPLES)
 def test_frames_are_what_morph_targets_show(asset: str, config: str) -> None:
     file, morphed = (bake_config(asset, config, mode=mode, fps=10) for mode in ("frames", "morph"))

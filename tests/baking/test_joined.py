@@ -80,6 +80,7 @@ def names(file: Gltf, node: str) -> list[str]:
     return found
 
 
+@pytest.mark.slow
 def test_nodes_stay_as_they_were() -> None:
     before, after = Gltf(apart()), baked()
     assert [each.get("name") for each in after.json["nodes"]] == [each.get("name") for each in before.json["nodes"]]
@@ -115,6 +116,7 @@ def test_the_original_comes_back_and_tracks_reach_both(tmp_path: Path) -> None:
     assert played == {"limb", "cuff"}
 
 
+@pytest.mark.slow
 def test_a_file_has_all_parts_whatever_is_split() -> None:
     """Nodes are parts already."""
     assert baked(split=True).path.read_bytes() == baked().path.read_bytes()

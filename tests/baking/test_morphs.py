@@ -45,7 +45,7 @@ atexit.register(shutil.rmtree, FOLDER, ignore_errors=True)
 # Targets
 
 
-@pytest.mark.quick(3, 7)
+@pytest.mark.quick(0, 7)
 @pytest.mark.parametrize("mode", ["sparse", "dense", "based"])
 @pytest.mark.quick(1)
 @pytest.mark.parametrize(("name", "config"), [("wrist", "wrist"), ("head", "head"), ("trousers", "trousers")])
@@ -105,7 +105,7 @@ def test_every_primitive_gets_every_target_and_the_untouched_share_zeros() -> No
     assert_valid(after.path)
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "config"), [("wrist", "wrist"), ("head", "head"), ("trousers", "trousers")])
 def test_min_and_max_are_those_of_the_stored_numbers(name: str, config: str) -> None:
     for mode in ("sparse", "dense", "based"):
@@ -247,6 +247,7 @@ def half_named_targets(editor: Editor) -> None:
     del editor.json["meshes"][0]["extras"]["targetNames"][1:]
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("change", [unnamed_targets, half_named_targets])
 def test_old_targets_without_names_are_numbered(change: Callable[[Editor], None]) -> None:
     """Names are all or nothing: readers take them by position."""
@@ -466,7 +467,7 @@ def test_a_mesh_of_two_nodes_is_cloned() -> None:
     assert_valid(after.path)
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("change", [shared_mesh, two_meshes])
 def test_tools_on_two_nodes(change: Callable[[Editor], None]) -> None:
     after = bake_once(edited("wrist", change), {**PALM, "node": "wrist"}, aside(BACK))
@@ -495,6 +496,7 @@ def test_weights_in_the_stored_pose_are_zero() -> None:
         assert not after.weights(name, None, [0.0])[:, wrinkle_columns(after, name)].any()
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("ending", ["glb", "gltf"])
 def test_both_containers_hold_the_same(ending: str, tmp_path: Path) -> None:
     tools = write_tools(tmp_path / "tools.yaml", PALM)
@@ -559,6 +561,7 @@ def test_a_vrm_is_written_as_a_glb(tmp_path: Path, wrinkle: Wrinkle) -> None:
     assert (tmp_path / "a.glb").read_bytes() == (tmp_path / "b.vrm").read_bytes()
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("node", "path"), [("lamp", "translation"), ("limb", "weights"), ("joint_1", "rotation")])
 def test_keys_that_are_not_finite_refuse_only_what_they_move(tmp_path: Path, node: str, path: str) -> None:
     asset = limb_asset(rings=12, sides=8, morphs=1)

@@ -202,7 +202,7 @@ def test_bakes_of_one_node_after_another_come_off_together(tmp_path: Path) -> No
     assert_same(restore.original(read_document(second)), read_document(asset))
 
 
-@pytest.mark.quick(1, 2)
+@pytest.mark.quick(0, 2)
 @pytest.mark.parametrize(
     ("earlier", "out"),
     [
@@ -314,6 +314,7 @@ def test_frames_of_the_original(options: Json, tmp_path: Path) -> None:
     assert len(files(tmp_path / "direct")) > ("frames" in options)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("levels", [0, 2])
 def test_without_the_option_it_is_named(levels: int, tmp_path: Path) -> None:
     earlier = bake(sample("wrist"), tmp_path / "b" / "earlier.glb", PALM, max_levels=levels)
@@ -348,6 +349,7 @@ def test_from_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert (tmp_path / "out.glb").read_bytes() == direct.read_bytes()
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("asset", "config"), [("wrist", "wrist"), ("head", "head"), ("trousers", "trousers")])
 def test_the_validator_calls_the_record_unused_and_nothing_else(asset: str, config: str) -> None:
     before, after = validate([sample(asset), bake_config(asset, config).path])

@@ -116,6 +116,7 @@ def test_without_tracks_animations_are_as_they_were() -> None:
     assert wrinkle_columns(after, "wrist")
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("options", [{"tracks": "none"}, {"clips": ["think"]}], ids=["tracks", "clips"])
 def test_weights_of_a_clip_that_was_not_baked_fit_the_new_targets(options: Json) -> None:
     """A weights channel holds a value for each target: the new ones get zeros."""
@@ -281,6 +282,7 @@ def test_strength_per_clip() -> None:
     assert not half.weights("wrist", "extend", times).any()
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("strength", [2.0, 0.5, -1.0])
 def test_strength_of_a_clip_stands_in_place_of_the_tools(strength: float) -> None:
     time = np.array([0.8])
@@ -401,6 +403,7 @@ def test_rest_length_of_a_morph_target() -> None:
     assert (after.weights("head", "raise_brows", low)[:, 2] > plain.weights("head", "raise_brows", low)[:, 2]).all()
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("length", "at_rest"), [("110%", True), ("90%", False)])
 def test_a_fixed_rest_length_shows_at_rest_or_has_slack(length: str, at_rest: bool) -> None:
     after, plain = bake_once("wrist", {**PALM, "rest_length": length}), bake_once("wrist", PALM)

@@ -129,6 +129,7 @@ def thinned(times: Floats, weights: Floats) -> tuple[Floats, Floats]:
     return times[kept], weights[kept]
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("damage", [late, swollen, thinned])
 def test_wrong_weights_are_refused(damage: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     widen = weight_track.widen

@@ -21,7 +21,7 @@ def vertex_accessors(primitive: Json) -> list[int]:
     return [*primitive["attributes"].values(), *chain.from_iterable(targets)]
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "tool", [PALM, {**PALM, "width": 0.004, "origin": [0.03, -0.0205, 0.0], "target": [0.06, -0.02, 0.0]}]
 )
@@ -146,7 +146,7 @@ def test_the_refined_surface_is_whole() -> None:
         assert counts[1][1] == counts[0][1], "the border has changed"
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("normals", [False, True])
 @pytest.mark.parametrize("accessors", ["sparse", "based"])
 def test_many_blendshapes_cost_no_more_than_they_did(normals: bool, accessors: str, tmp_path: Path) -> None:
@@ -195,6 +195,7 @@ def test_dense_is_dense_for_refined_targets_of_the_asset_too(tmp_path: Path) -> 
     assert_valid(tmp_path / "o.glb")
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("stops", ["features", "none"])
 def test_seams_that_are_equal_but_for_rounding_stay_closed(stops: str, tmp_path: Path) -> None:
     """The seam along the tool as exporters of cylinders write it: the last vertex of a ring is at the sine of 2π."""
@@ -232,6 +233,7 @@ def test_normals_and_tangents_are_unit_where_old_ones_cancel_or_are_0(mode: str)
         assert set(found[1][:, 3]) == {1.0, -1.0}
 
 
+@pytest.mark.slow
 def test_a_normal_of_0_becomes_that_of_the_surface() -> None:
     asset = limb_asset(rings=12, sides=8)
     normals = attribute(asset, 0, "NORMAL")

@@ -133,6 +133,7 @@ def test_parts_move_as_the_whole_did_to_the_bit(
     assert target_bytes(parted.path) < target_bytes(whole.path)
 
 
+@pytest.mark.quick(1)
 def test_each_target_of_a_part_moves_it(pair: tuple[Gltf, Gltf]) -> None:
     """Or turns normals where one would see it."""
     _, parted = pair
@@ -146,7 +147,7 @@ def test_each_target_of_a_part_moves_it(pair: tuple[Gltf, Gltf]) -> None:
                 assert moves or max(turns) > parts._UNSEEN / 2, (node, name)
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 def test_the_original_comes_back_from_parts(pair: tuple[Gltf, Gltf], tmp_path: Path) -> None:
     whole, parted = pair
     tools = parted.path.parent / "tools.yaml"
@@ -165,11 +166,12 @@ def test_pictures_find_the_peaks_of_tools_whose_mesh_is_in_parts(pair: tuple[Glt
     assert peaks[0] == peaks[1]
 
 
+@pytest.mark.quick(1)
 def test_diff_sees_no_difference_in_what_moves(pair: tuple[Gltf, Gltf]) -> None:
     assert diff(pair[0].path, pair[1].path, posed=True, tolerance=Length(1e-12)).same
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 def test_nothing_crosses_where_parts_meet(pair: tuple[Gltf, Gltf]) -> None:
     whole, parted = (crossings(file.path).data for file in pair)
     assert parted["stored_pose"] == whole["stored_pose"]
@@ -188,7 +190,7 @@ def test_babylon_plays_all_parts(pair: tuple[Gltf, Gltf]) -> None:
             assert np.abs(babylon_pose(parted.path, node, clip, times) - posed).max() < 2e-6 * np.abs(posed).max()
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["tools", "field"])
 def test_the_memory_of_parts_is_known_before_the_bake(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

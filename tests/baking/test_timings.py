@@ -62,6 +62,7 @@ def test_keys_and_what_they_count(tmp_path: Path) -> None:
     assert found["bytes_added"] == sizes[1] - sizes[0] > 0
 
 
+@pytest.mark.slow
 def test_vertices_of_two_tools_count_once(tmp_path: Path) -> None:
     same = {"seed": 1}
     alone = write_tools(tmp_path / "alone.yaml", tool(**same))
@@ -90,6 +91,7 @@ def test_stages_that_do_not_run_take_no_time(options: dict[str, Any], idle: list
     assert {stage for stage, each in seconds.items() if not each} == set(idle)
 
 
+@pytest.mark.slow
 def test_bytes_added_are_those_of_buffers_too(tmp_path: Path) -> None:
     asset = limb_asset().write(tmp_path / "limb.gltf")
     (tmp_path / "out").mkdir()

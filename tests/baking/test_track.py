@@ -146,7 +146,7 @@ def as_it_was(made: Gltf, before: Gltf) -> Json:
     return gltf
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("change", [with_bystanders, idle, skeleton_only, in_centimetres])
 def test_nothing_else_changes_and_the_stub_costs_three_points(change: Callable[[Editor], None], tmp_path: Path) -> None:
     anim = edited("trousers", change)
@@ -224,7 +224,7 @@ def test_three_js_drives_every_part_of_a_body(tmp_path: Path) -> None:
     assert_valid(made.path)
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["trousers", "head"])
 def test_the_files_own_body_takes_the_tracks(name: str, tmp_path: Path) -> None:
     """The original, with the mesh that the body had before: it keeps its weights and gets targets that do nothing."""
@@ -391,6 +391,7 @@ def test_a_file_of_layout_1_is_tracked_as_its_driver_plays_it(tmp_path: Path) ->
         assert np.abs(weights[:, 0] - column).max() < 0.01 + 1e-3
 
 
+@pytest.mark.slow
 def test_targets_that_no_extras_drive_rest_in_other_clips_and_stay_in_their_own(tmp_path: Path) -> None:
     asset = place(limb_asset(rings=12, sides=8))
     body = bake_once(asset, tool(), tool(name="paper", attachment="patch"), max_levels=0)
@@ -443,6 +444,7 @@ def test_weights_of_other_targets_go_to_those_of_the_same_names(tmp_path: Path) 
     assert_valid(made.path)
 
 
+@pytest.mark.slow
 def test_two_targets_of_one_name_are_refused(tmp_path: Path) -> None:
     editor = Editor(Gltf(edited("head", with_other_targets)))
     editor.json["meshes"][0]["extras"]["targetNames"][1] = "smirk"

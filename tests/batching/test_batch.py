@@ -215,6 +215,7 @@ def test_tools_files_that_are_merged_must_agree(chars: Wrinkle) -> None:
     ]
 
 
+@pytest.mark.slow
 def test_a_report_is_a_new_one_in_a_new_folder_or_goes_to_a_device(chars: Wrinkle) -> None:
     arguments = (*PATTERN, "--fail-fast", "--report")
     for _ in range(2):

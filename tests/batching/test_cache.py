@@ -77,7 +77,7 @@ def batch(wrinkle: Wrinkle, folder: Path) -> Batch:
 EVERY = {"frames_dir": "f", "timings": "o/t.json", "anims": "a/*.gltf", "tracked": "tracked", "max_error": "2%"}
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("keys", [{}, EVERY, {"out": "a/out.gltf"}, {"out": "o/limb.glb", "split": True}])
 @pytest.mark.usefixtures("folder")
 def test_every_output_comes_back(keys: dict[str, Any], folder: Path, wrinkle: Wrinkle) -> None:
@@ -94,7 +94,7 @@ def test_every_output_comes_back(keys: dict[str, Any], folder: Path, wrinkle: Wr
     assert files(folder) == first
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", [".gltf", ".glb"])
 def test_an_output_beside_its_asset_is_another_than_one_elsewhere(ending: str, wrinkle: Wrinkle, folder: Path) -> None:
     """Beside the asset it refers to the asset's buffer and image; elsewhere it has its own."""
@@ -182,7 +182,7 @@ def test_a_file_of_presets_is_an_input(wrinkle: Wrinkle, folder: Path) -> None:
     assert "studio.yaml" in (folder / "o.d").read_text().split()
 
 
-@pytest.mark.quick(3)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("uri", ["", "tex", "none.png", ".", "http://127.0.0.1:9/skin.png", "../skin.png"])
 def test_a_reference_that_is_no_file_beside_is_not_kept(uri: str, wrinkle: Wrinkle, folder: Path) -> None:
     asset = limb_asset(rings=7, sides=6)
@@ -357,7 +357,7 @@ def known(
     return baked
 
 
-@pytest.mark.quick(1, 2)
+@pytest.mark.quick(0, 2)
 @pytest.mark.parametrize("name", ["above", "an image of other content", "an unknown root alone", "NaN", "text"])
 def test_a_job_with_such_a_record_is_baked(name: str, batch: Batch, folder: Path) -> None:
     (folder / "victim").write_bytes(b"precious")
@@ -376,7 +376,7 @@ def test_a_job_with_such_a_record_is_baked(name: str, batch: Batch, folder: Path
     assert (told["result"], any("c/" in line for line in told["warnings"])) == ("hit", False)
 
 
-@pytest.mark.quick(1, 2)
+@pytest.mark.quick(0, 2)
 @pytest.mark.parametrize(
     "note",
     [
@@ -423,7 +423,7 @@ def as_other_content(path: Path) -> None:
     path.write_bytes(b"other")
 
 
-@pytest.mark.quick(1, 2)
+@pytest.mark.quick(0, 2)
 @pytest.mark.parametrize("spoilt", [as_pipe, as_device, as_loop, as_other_content])
 @pytest.mark.parametrize("kind", ["keys", "files", "outs"])
 def test_entries_that_are_no_files_are_misses(
@@ -442,6 +442,7 @@ def test_entries_that_are_no_files_are_misses(
     assert files(folder) == before, "and the cache has the right entries again"
 
 
+@pytest.mark.slow
 def test_an_entry_that_cannot_be_replaced_is_a_warning(batch: Batch) -> None:
     as_folder(batch.record)
     Path("o/limb.gltf").unlink()
@@ -450,7 +451,7 @@ def test_an_entry_that_cannot_be_replaced_is_a_warning(batch: Batch) -> None:
     assert any("the cache cannot be written: Is a directory" in line for line in told["warnings"])
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["keys", "files", "outs"])
 def test_a_link_in_the_cache_leads_nowhere(kind: str, batch: Batch, folder: Path) -> None:
     (folder / "elsewhere").mkdir()
@@ -468,7 +469,7 @@ def test_a_link_in_the_cache_leads_nowhere(kind: str, batch: Batch, folder: Path
 # A cache that cannot be written
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("reason", ["No space left on device", "Read-only file system", "Access Denied"])
 def test_outputs_are_done_whatever_the_cache_does(
     reason: str, wrinkle: Wrinkle, folder: Path, monkeypatch: pytest.MonkeyPatch

@@ -98,6 +98,7 @@ def test_two_jobs_have_two_folders(wrinkle: Wrinkle) -> None:
     assert not Path("o").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("folder")
 def test_no_map_is_a_file_that_the_batch_reads(wrinkle: Wrinkle) -> None:
     os.mkdir("maps")

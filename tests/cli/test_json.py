@@ -55,6 +55,7 @@ def test_other_commands_print_what_they_made(limb: Wrinkle) -> None:
     assert Path("p.png").exists()
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     "arguments",
     [

@@ -38,7 +38,7 @@ def run(arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
     )
 
 
-@pytest.mark.quick(1, 2)
+@pytest.mark.quick(0, 2)
 @FULL
 @pytest.mark.parametrize("away", [">/dev/full", ">&-"])
 @pytest.mark.parametrize(
@@ -73,7 +73,7 @@ def test_messages_that_are_lost_are_no_failure(away: str, folder: Path) -> None:
     assert (folder / "out.glb").read_bytes()[:4] == b"glTF", "no other file got the number of a stream"
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @FULL
 @pytest.mark.parametrize("away", ["2>/dev/full", "2>&-"])
 @pytest.mark.parametrize(("command", "code"), [("bake absent.glb tools.yaml -o out.glb", 1), ("bake limb.glb", 2)])

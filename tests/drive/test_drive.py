@@ -70,6 +70,7 @@ def assert_same_weights(drive: Drive, prepared: Prepared) -> Floats:
 WEIGHTS = st.lists(st.tuples(*[st.integers(-999, 999)] * 2), min_size=2, max_size=5)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("signal", range(len(SIGNALS)))
 @settings(max_examples=3)
 @given(WEIGHTS, st.integers(-200, 200).map(lambda each: each / 100.0), st.sampled_from(["fold", "another"]))

@@ -80,6 +80,7 @@ def test_sparse_straight_keys_swing_as_the_motion_that_they_sample(rig: Rig, key
     assert np.abs(found - wanted).max() < error * np.abs(wanted).max()
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("keys", [12.0, 24.0, 29.97, 30.0, 60.0])
 @pytest.mark.parametrize("speed", [0.3, 3.0])
 def test_nothing_moves_before_its_cause(rig: Rig, keys: float, speed: float) -> None:
@@ -109,6 +110,7 @@ BODY = read_rig(read_document(place(body(None))), 0)
 FINE = np.linspace(0.0, 1.9, 1901)
 
 
+@pytest.mark.quick(3)
 @pytest.mark.parametrize("frequency", [0.5, 2.0, 4.0, 8.0, 20.0])
 @pytest.mark.parametrize("speed", [0.5, 3.0, 10.0])
 def test_at_any_landing_frames_are_near_and_energy_falls(frequency: float, speed: float) -> None:
@@ -164,6 +166,7 @@ def test_a_hard_landing_is_that_of_a_fine_integration() -> None:
     assert close.max() < 0.03
 
 
+@pytest.mark.quick(3)
 @pytest.mark.parametrize("keys", [12.0, 15.0, 24.0, 30.0, 60.0])
 @pytest.mark.parametrize("frequency", [2.0, 4.0, 8.0])
 def test_a_sudden_start_leaves_flesh_behind_at_any_keys(keys: float, frequency: float) -> None:

@@ -84,6 +84,7 @@ def test_what_is_no_touch_is_not_held(tmp_path: Path) -> None:
     assert session.hand is None
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("slide", [(0.004, 0.003), (-0.006, 0.001), (0.0, -0.008)])
 def test_a_ray_meets_curved_skin_where_it_is(tmp_path: Path, slide: tuple[float, float]) -> None:
     session = session_of(tmp_path, bend=20.0)
@@ -96,6 +97,7 @@ def test_a_ray_meets_curved_skin_where_it_is(tmp_path: Path, slide: tuple[float,
     assert found == pytest.approx(slide, abs=1e-6)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("start", "way"), [((0, 0, 0.01), (1, 0, 0)), ((0, 0, 0.01), (0, 0, 1)), ((0, 0, -0.01), (0, 0, -1))]
 )

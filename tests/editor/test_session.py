@@ -189,6 +189,7 @@ def test_a_draft_knows_the_presets_of_its_file(tmp_path: Path) -> None:
     assert [across.keys[key].source_words for key in ("bumps", "gap")] == ["own key", "material cuff"]
 
 
+@pytest.mark.slow
 def test_the_presets_of_a_file_are_taken_watched_and_kept(tmp_path: Path) -> None:
     (tmp_path / "tools.yaml").write_text(TOOLS)
     asset = limb(tmp_path / "limb.glb", rings=20, sides=12)
@@ -246,6 +247,7 @@ def test_the_peak_of_a_tool_is_that_of_a_review(session: Session) -> None:
     assert session.raised("far") is None
 
 
+@pytest.mark.slow
 def test_a_draft_is_no_step(session: Session) -> None:
     before = session.meshes("fold", 1.0)[0]
     session.set_value("crease", ("bumps",), 5, draft=True)
@@ -475,6 +477,7 @@ def test_places_are_found_in_the_pose_that_is_set(tmp_path: Path) -> None:
     assert session.proposals() == in_motion
 
 
+@pytest.mark.slow
 def test_a_material_takes_the_place_of_a_tools_own_keys_in_one_step(session: Session) -> None:
     session.set_value("across", ("max_height",), "5%")
     before = session.text
@@ -599,6 +602,7 @@ def test_two_places_make_a_muscle(session: Session, tmp_path: Path) -> None:
     assert session.text == TOOLS
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("list_key", [key for key, kind in NEW_KINDS.items() if len(kind.asks) == 2])
 def test_what_does_not_fit_makes_no_step(session: Session, list_key: str) -> None:
     with pytest.raises(ConfigError):

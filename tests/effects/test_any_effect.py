@@ -72,6 +72,7 @@ def test_one_tool_is_attached_as_among_all(section: str) -> None:
     assert alone.span == part.attached.span > 0
 
 
+@pytest.mark.quick(1)
 @EACH
 def test_only_what_moves_the_skin_and_not_the_rig_is_on_the_skin(section: str) -> None:
     _, plan = planned(section)
@@ -138,6 +139,7 @@ def test_a_clip_is_played_at_times_between_which_moves_are_straight(section: str
     assert off[np.diff(times) > 2.0 * KEY_GAP].max() < plan.max_error
 
 
+@pytest.mark.quick(1)
 @EACH
 def test_a_part_says_of_itself_what_its_effect_says(section: str) -> None:
     (job, plan), part = planned(section), part_of(section)

@@ -56,6 +56,7 @@ def test_weights_at_a_time_do_not_depend_on_other_times(moments: list[float], da
         assert one.distances[rows] == pytest.approx(other.distances, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_straight_lines_between_keys_give_the_weights() -> None:
     """Lines are off by half of the bound, and 1.7 times that where roots start between two divisible times."""
     plan, clip, effects = planned()

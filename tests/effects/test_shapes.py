@@ -93,6 +93,7 @@ def test_fitted_normals_follow_the_wrinkled_surface(height: str, median: float, 
     assert unmoved.max() > steepest, "the case is one"
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("angle", "worst"), [(0.0, 4.0), (60.0, 8.0)])
 def test_normals_of_few_edges_are_those_of_many(angle: float, worst: float) -> None:
     """Degrees at the vertices of the default's mesh, which a mesh with eight edges on each half of a bump has too.

@@ -77,7 +77,7 @@ def test_the_surface_is_that_of_the_original(name: str) -> None:
     assert len(np.unique(twins)) == len(twins)
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("name", EVERY)
 def test_bakes_are_valid_and_pose_as_the_original_does(name: str) -> None:
     out = bake_once(compressed_sample(name), *TOOLS).path
@@ -92,7 +92,7 @@ def test_bakes_are_valid_and_pose_as_the_original_does(name: str) -> None:
             assert cKDTree(other).query(one)[0].max() < TOLERANCE
 
 
-@pytest.mark.quick(3)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("name", EVERY)
 def test_the_touched_mesh_is_plain_and_the_rest_as_it_was(name: str) -> None:
     out = bake_once(compressed_sample(name), *TOOLS).path
@@ -160,7 +160,7 @@ def twin(name: str, path: Path, change: Callable[[Json], None] = lambda _: None)
     return editor.save(path)
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("ending", [".glb", ".gltf"])
 @pytest.mark.parametrize("name", ["gltf_transform_meshopt", "gltf_transform_draco"])
 def test_an_untouched_mesh_stays_compressed(name: str, ending: str, tmp_path: Path) -> None:
@@ -184,7 +184,7 @@ def test_an_untouched_mesh_stays_compressed(name: str, ending: str, tmp_path: Pa
         assert {after.items("accessors")[index]["bufferView"] for index in users} <= set(compressed_views(after.gltf))
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("ending", [".glb", ".gltf"])
 @pytest.mark.parametrize("name", ["gltf_transform_meshopt", "gltf_transform_draco"])
 def test_a_mesh_of_two_nodes_stays_compressed_for_the_other(name: str, ending: str, tmp_path: Path) -> None:
@@ -204,6 +204,7 @@ def test_a_mesh_of_two_nodes_stays_compressed_for_the_other(name: str, ending: s
         assert "extensions" not in view
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("out", ["out.glb", "out.gltf", "beside/out.gltf"])
 def test_placeholders_may_come_first(out: str, tmp_path: Path) -> None:
     source = Gltf(twin("gltf_transform_meshopt", tmp_path / "in.glb"))
@@ -253,6 +254,7 @@ def test_nothing_compressed_is_left_where_every_view_is_replaced(tmp_path: Path)
         assert all(buffer.get("uri") for buffer in gltf["buffers"][ending == ".glb" :])
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("name", ["gltfpack_cc", "gltf_transform_draco"])
 def test_frames_of_a_compressed_mesh(name: str, tmp_path: Path) -> None:
     tools = write_tools(tmp_path / "tools.yaml", *TOOLS, sampling={"fps": 2})
@@ -344,6 +346,7 @@ def test_geometry_that_is_not_understood_is_refused_by_name(name: str, tmp_path:
         read_document(twin("gltf_transform_meshopt", tmp_path / "in.glb", require))
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     "name", ["KHR_texture_transform", "KHR_materials_unlit", "ACME_sound", "ACME_texture_compression"]
 )

@@ -81,7 +81,7 @@ def test_it_says_where_a_path_bends_too_sharply_or_leaves_the_mesh(tmp_path: Pat
 # --- What is measured ---
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("levels", [0, None])
 def test_it_says_what_a_bake_then_does(levels: int | None, tmp_path: Path) -> None:
     tools = write_tools(tmp_path / "tools.yaml", PALM, {**BACK, "strategy": "both_ends"})
@@ -194,6 +194,7 @@ def test_edges_split_are_the_new_vertices_where_one_tool_splits_them(tmp_path: P
     assert checked(asset, tool(), max_levels=0).data["tools"][0]["edges_split"] == 0
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("primitives", [1, 3])
 @pytest.mark.parametrize("up", ["y", "z"])
 def test_anchors_are_where_the_named_vertex_is_in_the_file_s_axes(up: str, primitives: int, tmp_path: Path) -> None:
@@ -268,6 +269,7 @@ def test_problems_of_all_tools_on_all_meshes_are_reported_at_once(tmp_path: Path
 # --- What is wrong with places ---
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("degrees", [20.0, 90.0, 130.0, 150.0, 165.0])
 def test_a_segment_across_a_bulge_is_warned_of_by_how_long_the_surface_below_is(degrees: float, tmp_path: Path) -> None:
     half = np.radians(degrees) / 2
@@ -303,7 +305,7 @@ def test_a_patch_over_two_layers_is_warned_of_by_their_share(fold: float, tmp_pa
         assert share == pytest.approx(100 * 2 * fold / (2 * REACH), abs=8.0)
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("strength", [1.0, -1.0])
 @pytest.mark.parametrize("share", [0.1, 0.9, 1.1])
 def test_wrinkles_taller_than_the_room_are_warned_of(strength: float, share: float, tmp_path: Path) -> None:
@@ -370,6 +372,7 @@ def test_tools_nearly_on_top_of_each_other_are_warned_of(
     assert not warnings(asset, across(clips={"squeeze": 0}), second, about=words)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("height", "far"), [(0.0, False), (0.03, False), (0.1, True)])
 def test_an_anchor_far_from_the_mesh_is_warned_of(height: float, far: bool, tmp_path: Path) -> None:
     asset = sheet(tmp_path / "a.glb", line(-0.5, 0.5))
@@ -502,6 +505,7 @@ def test_a_row_says_how_much_the_surface_is_rounded_at_rest(
     assert f"  {row}" in wrinkle("check", "limb.glb", "tools.yaml", "--verbose").out.splitlines()
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("scheme", "strength", "ends"),
     [
@@ -599,6 +603,7 @@ def test_without_matplotlib_it_says_what_to_install(
 # What moves an asset besides its own clips
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("options", "is_said"),
     [
@@ -684,6 +689,7 @@ def test_clips_of_other_files_are_checked(tmp_path: Path) -> None:
     assert found == expected
 
 
+@pytest.mark.slow
 def test_teeth_are_named_with_their_clip_and_time(tmp_path: Path) -> None:
     asset = limb(tmp_path / "limb.glb")
     tall = tool(max_height="none", bumps=3, width=0.4)
@@ -753,6 +759,7 @@ def test_a_pose_in_place_of_clips_is_no_want_of_clips(tmp_path: Path) -> None:
     assert not [line for line in check(still, tools).warnings if "there is no clip" in line]
 
 
+@pytest.mark.slow
 def test_a_picture_of_no_control_curve_is_refused(wrinkle: Wrinkle, tmp_path: Path) -> None:
     """Fields have none, nor have muscles and flesh."""
     asset, tools = sleeve_and_field(tmp_path)

@@ -169,6 +169,7 @@ def test_every_change_is_found_and_named(
     assert not back.same
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("change", "place", "message"),
     [
@@ -260,7 +261,7 @@ HARMLESS = [
 ]
 
 
-@pytest.mark.quick(5)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("change", HARMLESS, ids=lambda each: each.__name__)
 def test_what_means_the_same_is_the_same(tmp_path: Path, change: Callable[[Asset], None]) -> None:
     before, after = rich(), rich()
@@ -432,6 +433,7 @@ UNREADABLE = [
 ]
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize(
     "change",
     [joint_twice, channel_twice, texture_of_nothing, index_of_nothing, joint_of_nothing, *UNREADABLE],
@@ -491,6 +493,7 @@ def test_a_hierarchy_without_end_is_refused(tmp_path: Path) -> None:
         compared(tmp_path, before, after)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("change", UNREADABLE)
 def test_what_cannot_be_decoded_is_compared_as_it_is_stored(change: Callable[[Asset], None], tmp_path: Path) -> None:
     before, after = rich(), rich()

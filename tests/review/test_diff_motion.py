@@ -95,6 +95,7 @@ def test_posed_looks_at_positions_alone(tmp_path: Path) -> None:
     assert found.normal > 10.0
 
 
+@pytest.mark.quick(3)
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -295,6 +296,7 @@ def test_morph_and_frames_show_the_same_surface(tmp_path: Path) -> None:
     assert diff(paths[0], tmp_path / "fewer.glb", posed=True, tolerance=limit).same
 
 
+@pytest.mark.slow
 def test_a_dense_bake_is_the_same_as_a_sparse_one(tmp_path: Path) -> None:
     asset = limb_asset(rings=13, sides=12).write(tmp_path / "limb.glb")
     sparse = baked(tmp_path, "sparse", asset)

@@ -195,6 +195,7 @@ def test_what_cannot_be_read_has_no_bounds(tmp_path: Path) -> None:
     assert (found["bounds"], found["skins"][0]["rest"]) == (None, None)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("levels", [0, None])
 def test_a_baked_file_names_its_tools(levels: int | None, tmp_path: Path) -> None:
     limb(tmp_path / "limb.glb")

@@ -67,6 +67,7 @@ KEYS = [
 # Nothing to suggest
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("options", "reason"),
     [
@@ -342,6 +343,7 @@ def test_lengths_beyond_what_a_tools_file_takes_are_said(tmp_path: Path, scale: 
         suggest(limb(tmp_path / "limb.glb", root={"scale": [scale] * 3}))
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("scale", [1e-12, 1e-30])
 def test_where_no_tool_attaches_none_is_suggested(tmp_path: Path, scale: float) -> None:
     assert not suggest(limb(tmp_path / "limb.glb", root={"scale": [scale] * 3})).tools
@@ -370,7 +372,7 @@ def test_meshes_that_the_scene_does_not_draw_are_said(tmp_path: Path) -> None:
     assert found.notes[0].startswith("'limb': left out, as the scene does not draw it: it is in another scene")
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [None, "", "body", "\ud800"])
 def test_a_mesh_whose_name_tells_nothing_gets_one_that_works(name: str | None, tmp_path: Path) -> None:
     """On nodes without a name, of one name, and of one that no file can hold."""

@@ -72,7 +72,7 @@ def test_words_of_names_say_what_a_mesh_is_made_of(name: str, kind: str | None) 
     assert (found and found.kind) == kind
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("material", "kind"),
     [
@@ -107,7 +107,7 @@ def rigid() -> Asset:
     return asset
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("asset", "why"),
     [

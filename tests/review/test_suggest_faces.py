@@ -237,6 +237,7 @@ def test_targets_that_move_nothing_are_said(tmp_path: Path) -> None:
     assert any("bunny lines (noseSneer)" in note for note in found.notes)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("targets", "reason"),
     [

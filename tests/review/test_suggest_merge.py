@@ -66,7 +66,7 @@ def test_a_file_that_is_there_is_not_written_over(folder: Path, tmp_path: Path) 
     assert edited.read_text() == made
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("content", [None, ""])
 def test_a_file_without_content_is_written(folder: Path, tmp_path: Path, content: str | None) -> None:
     """An empty file, as `mktemp` makes it, is written, and so is one that is merged into nothing."""

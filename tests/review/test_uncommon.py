@@ -71,14 +71,14 @@ ASSETS: dict[str, Callable[[], Asset]] = {
 }
 
 
-@pytest.mark.quick(2, 3)
+@pytest.mark.quick(1, 3)
 @pytest.mark.parametrize("name", ASSETS)
 def test_an_uncommon_asset_gets_tools_or_a_reason(name: str, tmp_path: Path) -> None:
     found = suggest(ASSETS[name]().write(tmp_path / "asset.glb"))
     assert bool(found.tools) != bool(found.reason)
 
 
-@pytest.mark.quick(3)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("name", ASSETS)
 def test_an_uncommon_asset_is_compared_with_others(name: str, tmp_path: Path) -> None:
     asset, other = ASSETS[name]().write(tmp_path / "a.glb"), troop_asset(2).write(tmp_path / "b.glb")

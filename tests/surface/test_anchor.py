@@ -15,7 +15,7 @@ from wrinklecli.errors import BakeError, WrinkleError
 EPSILON = 1e-12  # rounding of a few dozen products of numbers near 1
 
 
-@pytest.mark.quick(6)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("joints", [1, 2, 5])
 @pytest.mark.parametrize(
     ("root", "snap", "morphs"),

@@ -92,6 +92,7 @@ def test_an_attribute_multiplies_the_height(tmp_path: Path, attachment: str) -> 
     assert quarter == pytest.approx(0.25 * whole, rel=1e-6)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("attachment", ["skin", "patch"])
 def test_a_bake_plays_the_masked_heights(tmp_path: Path, attachment: str) -> None:
     """The proof of a bake compares the file with the method, whose heights have the mask."""
@@ -268,6 +269,7 @@ ODD = {
 }
 
 
+@pytest.mark.quick(3)
 @pytest.mark.parametrize("name", ODD)
 def test_a_mask_that_does_not_fit_is_refused(tmp_path: Path, name: str, wrinkle: Wrinkle) -> None:
     mask, message = ODD[name]
@@ -323,6 +325,7 @@ def test_the_image_is_a_dependency_and_is_not_overwritten(tmp_path: Path, wrinkl
     assert (tmp_path / "mask.png").read_bytes() == before
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("turn", [0.3, 1.2])
 def test_a_border_in_an_image_is_seen_as_it_is_painted(tmp_path: Path, turn: float) -> None:
     """The border runs askew over faces that the wrinkles alone would leave large."""

@@ -72,6 +72,7 @@ def test_a_place_belongs_to_the_nearest_point_of_the_curve(steps: Any, across: f
     assert float(found.across) == pytest.approx(across, abs=1e-9)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("angles", [[0, 50, 80, 130], [0, 90, 180, 200, 180, 150]], ids=["arc", "hairpin"])
 def test_the_map_is_continuous_wherever_a_wrinkle_shows(angles: list[float]) -> None:
     # Steps of one length in these directions.

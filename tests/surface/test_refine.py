@@ -28,6 +28,7 @@ def refined_attribute(fine: Refinement, coarse: Floats) -> Floats:
 STORED = [{}, {"seam": False}, {"primitives": 3}, {"primitives": 2, "seam": False}, {"indices": None}]
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("options", STORED, ids=str)
 def test_corner_attributes_are_linear_on_each_coarse_triangle(options: dict[str, Any]) -> None:
     prepared = prepare(limb_asset(rings=7, sides=6, **options))
@@ -99,6 +100,7 @@ def test_old_vertices_and_untouched_triangles_are_as_they_were(levels: int) -> N
     assert fine.subdivision.levels <= levels
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("edges_per_interval", [1, 2, 4])
 @pytest.mark.parametrize("details", [[], [0.3]])
 def test_edges_are_as_short_along_u_as_the_curve_needs(edges_per_interval: int, details: list[float]) -> None:

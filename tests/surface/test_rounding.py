@@ -61,6 +61,7 @@ def shares_of(fine: Refinement, prepared: Prepared) -> Floats:
     return patch.presence(u, v, fine.rest_normals[new] @ patch.normal)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("name", [*SMOOTH, *FACETED])
 def test_texture_does_not_slide_and_the_surface_stays_near(name: str) -> None:
     prepared = prepare((SMOOTH | FACETED)[name]())
@@ -98,6 +99,7 @@ def test_a_fine_surface_is_as_round_as_the_whole_scheme_makes_it() -> None:
     assert found == pytest.approx(places + shares_of(fine, prepared) * (full - places), abs=2e-5)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("name", [*SMOOTH, *FACETED])
 def test_new_vertices_lie_on_hard_edges(name: str) -> None:
     fine = prepare((SMOOTH | FACETED)[name]()).refined()

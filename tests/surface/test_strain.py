@@ -70,6 +70,7 @@ def test_squashing_loses_what_it_takes_away(tmp_path: Path) -> None:
     assert np.abs(losses - np.maximum(wanted, 0.0)).max() < 0.04
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("root", [{}, {"scale": [1.0, 1.0, -1.0]}, {"scale": [30.0] * 3, "rotation": [0, 0, 0.6, 0.8]}])
 def test_rigid_motion_and_scale_lose_nothing(tmp_path: Path, root: Json) -> None:
     asset = limb_asset(clip="grow", root=root)

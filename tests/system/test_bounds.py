@@ -87,7 +87,7 @@ def test_a_file_of_many_buffers_is_read_once(tmp_path: Path) -> None:
     assert [each["name"] for each in found["files"]] == [str(path), str(path.with_suffix(".bin"))]
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", ["glb", "gltf"])
 def test_many_buffers_of_one_file_do_not_become_a_flood(tmp_path: Path, ending: str) -> None:
     path = bombs.many_buffers(tmp_path)

@@ -130,7 +130,7 @@ def test_a_field_is_driven_as_it_was_baked(clip: str) -> None:
     assert driver_warnings(bare.path) == []
 
 
-@pytest.mark.quick(1)
+@pytest.mark.quick(0, 1)
 @pytest.mark.parametrize("leaning", [False, True])
 def test_a_fold_that_touches_is_driven_as_it_is_tracked(leaning: bool, tmp_path: Path) -> None:
     """Nothing crosses in the joint's own motion, nor in clips of another file about axes that lean by up to 20°."""
@@ -198,7 +198,7 @@ def limb_with(*names: str | None) -> Asset:
     return asset
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     "names",
     [
@@ -222,7 +222,7 @@ def test_joints_are_found_whatever_their_names_are(names: tuple[str | None, ...]
     assert driver_warnings(bare.path) == []
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "names", [("limb", "upper", "tip", "tip", None), ("limb", "tip", "tip", "x/tip", "root")], ids=str
 )
@@ -406,7 +406,7 @@ def test_keyed_rest_lengths_of_a_sample(clip: str) -> None:
     assert_driven(bare, whole, "head", clip)
 
 
-@pytest.mark.quick(1, 2)
+@pytest.mark.quick(0, 2)
 @pytest.mark.parametrize(
     "look",
     [

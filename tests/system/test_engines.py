@@ -56,7 +56,7 @@ def played(file: Gltf, node: str, clip: str) -> Floats:
     return posed
 
 
-@pytest.mark.quick(3)
+@pytest.mark.quick(1)
 @bakes(("blendshapes", "idle_part", "skin"), ("sparse", "dense"), also=("contact", "touch", "face"))
 def test_babylon_plays_the_bake(case: str, stored: str) -> None:
     """Not based ones: it writes the first accessor's numbers into the zeros that all others stand on."""
@@ -66,7 +66,7 @@ def test_babylon_plays_the_bake(case: str, stored: str) -> None:
     assert np.abs(shown - posed).max() < 2e-6 * np.abs(posed).max()
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @bakes(("idle_part", "blendshapes", "skin"), ("based", "dense"))
 def test_three_plays_the_bake(case: str, stored: str) -> None:
     """Sparse ones are played in many other tests."""
@@ -104,7 +104,7 @@ def test_an_engine_plays_the_bake_where_it_is_installed(engine: str, package: st
     assert np.abs(shown - posed).max() < 5e-5 * np.abs(posed).max()
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @bakes(("blendshapes", "skin"), ("dense", "based"), also=("face",))
 def test_vtk_plays_the_bake(case: str, stored: str) -> None:
     """Four targets at most: a vertex that others move is left out. Of several primitives VTK bends only the first."""

@@ -182,6 +182,7 @@ def test_a_longer_clip_takes_as_many_evaluations_for_each_frame(baker: Baker, mo
     assert longer == pytest.approx(found[0], rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_long_clip_is_sampled_in_stretches(baker: Baker, monkeypatch: pytest.MonkeyPatch) -> None:
     counted = counting(monkeypatch, tracks, "_bisected", lambda grid, *_: grid)
     baker.sample(folding(400))

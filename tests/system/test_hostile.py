@@ -285,6 +285,7 @@ def test_products_that_overflow_say_where_in_the_program(tmp_path: Path) -> None
     assert ".py:" in line
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("bumps", "edges", "most"),
     [
@@ -402,7 +403,7 @@ def _after(calls: int, function: Callable[..., Any], fault: Callable[..., Any]) 
     return failing
 
 
-@pytest.mark.quick(3, 8)
+@pytest.mark.quick(1, 8)
 @pytest.mark.parametrize("calls", [0, 1, 2, 3])
 @pytest.mark.parametrize(
     ("module", "name", "fault"),
@@ -474,7 +475,7 @@ def test_lack_of_memory_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     assert err.count("\n") == 1
 
 
-@pytest.mark.quick(3)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     "arguments",
     [

@@ -527,6 +527,7 @@ def halves(asset: Asset) -> None:
     asset.gltf["scenes"][0]["nodes"].append(node)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("names", [["limb"], ["neck"], ["limb", "neck"]], ids="-".join)
 def test_no_gap_opens_between_meshes_that_touch(names: list[str]) -> None:
     """What touched touches at all times, although tools run right up to the border from either side, and over it."""
@@ -646,6 +647,7 @@ def test_forms_of_animation(change: Change | None, options: Json) -> None:
 # Documents
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("options", [{}, {"morphs": 2, "weights_at": "both", "morph_clip": "LINEAR", "primitives": 2}])
 def test_what_wrinkles_do_not_concern_is_kept_to_the_letter(options: Json) -> None:
     asset = limb_asset(rings=13, **options)

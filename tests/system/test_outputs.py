@@ -97,7 +97,7 @@ def read(folder: Path) -> Path:
     return folder
 
 
-@pytest.mark.quick(2, 4)
+@pytest.mark.quick(1, 4)
 @pytest.mark.parametrize(("command", "option"), KEPT_APART)
 def test_no_option_writes_over_what_another_reads(command: str, option: str, read: Path, wrinkle: Wrinkle) -> None:
     line, named = KEPT_APART[command, option]
@@ -197,7 +197,7 @@ def test_an_output_that_is_there_keeps_its_mode(name: str, folder: Path, wrinkle
     assert output.read_bytes() != b"old"
 
 
-@pytest.mark.quick(3)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("name", WRITING)
 def test_what_is_a_device_stays_one(name: str, folder: Path, wrinkle: Wrinkle) -> None:
     command, ending = WRITING[name]
@@ -207,6 +207,7 @@ def test_what_is_a_device_stays_one(name: str, folder: Path, wrinkle: Wrinkle) -
     assert not list(folder.glob(".wrinkle-*"))
 
 
+@pytest.mark.quick(6)
 @pytest.mark.parametrize("kind", ["pipe", "device", "folder"])
 @pytest.mark.parametrize(
     "command",

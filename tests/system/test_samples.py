@@ -128,7 +128,7 @@ def test_counts_and_clips(name: str) -> None:
     assert all(node["name"] for node in made.document["nodes"])
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("name", NAMES)
 def test_surface_is_manifold_with_the_stated_borders(name: str) -> None:
     positions, triangles, _ = sample(name).welded()

@@ -117,7 +117,7 @@ def test_a_missing_golden_fails_until_update_writes_it(pytester: pytest.Pytester
     run(pytester, obtained).assert_outcomes(passed=1)
 
 
-@pytest.mark.quick(3)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("options", "passes"),
     [

@@ -139,6 +139,7 @@ def test_a_driver_gives_the_weights_due(language: str, name: str) -> None:
         assert error.max() < case["tolerance"], (run["clip"], run["times"][frame], case["targets"][target], error.max())
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("language", DRIVERS)
 def test_a_driver_knows_how_often_a_loop_is_played_unseen(language: str) -> None:
     rounds = {}
@@ -180,7 +181,7 @@ def test_csharp_finds_the_extras_in_a_file(tmp_path: Path) -> None:
     assert run("mono", "mono-runtime", program, tmp_path / "out.gltf") == "wrist: palm_side, back_side\n"
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("name", "clip", "fps"),
     [("trunk", "jump", 30), ("trunk", "jump", 144), pytest.param("body", "walk", 60, marks=pytest.mark.long)],
@@ -204,7 +205,7 @@ def test_flesh_knows_the_clips_of_a_file(
         assert np.abs(np.array(found)[-len(due) :, columns] - due).max() < 0.01 * due.max(), each["name"]
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("play", [csharp, gdscript])
 def test_flesh_knows_clips_that_blend(play: Callable[..., dict[str, Any]], tmp_path: Path) -> None:
     """Each driver gives the weights of that of three.js, which is held to a motion that blends the curves of both."""
@@ -249,7 +250,7 @@ def test_the_nodes_of_godot_3_and_4_differ_in_what_the_engines_spell_otherwise()
     assert text == (GODOT / "driver_godot4.gd").read_text()
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["wrinkle", "joints", "clips", "numbers", "driver_godot4", "maps_godot4"])
 def test_godot_4_can_parse_the_driver(name: str) -> None:
     """By its grammar; there is no Godot 4 here to run it."""

@@ -219,6 +219,7 @@ def test_a_material_that_is_not_there_counts_as_none(wrinkle: Wrinkle, tmp_path:
     assert json.loads((tmp_path / "maps" / "maps.json").read_text())["materials"][0]["material"] is None
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("texture", ["x", ["x"], {"texCoord": {}}, {"rotation": "x"}, {"scale": [1]}, {"offset": None}])
 def test_a_malformed_texture_is_one_line(wrinkle: Wrinkle, tmp_path: Path, texture: Any) -> None:
     def broken(asset: Asset) -> None:

@@ -135,6 +135,7 @@ ORIGINS = {
 }
 
 
+@pytest.mark.quick(4)
 @pytest.mark.parametrize(("host", "origin"), ORIGINS)
 def test_no_other_site_is_let_in(own: Page, host: str, origin: str) -> None:
     assert got(own, Host=host, Origin=origin, Cookie=cookie_of(own))[0] == (200 if ORIGINS[host, origin] else 403)
@@ -147,6 +148,7 @@ def test_the_page_shows_no_other_server(own: Page) -> None:
     assert opens(own, Cookie=cookie_of(own))
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("host", ["127.0.0.1", "0.0.0.0"])
 def test_all_need_the_token_of_the_address(
     request: pytest.FixtureRequest, caplog: pytest.LogCaptureFixture, host: str

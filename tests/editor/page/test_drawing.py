@@ -22,6 +22,7 @@ WIDE = "{name: a, origin: [0.05, 0.75, 0.08], target: [0.05, 0.6, 0.08], width: 
 KNEE = "{name: a, origin: [0.115, 0.55, -0.078], target: [0.115, 0.4, -0.078], width: 120%}"
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("tool", [WIDE, KNEE])
 def test_an_outline_is_the_border_of_a_patch_and_never_leaves_the_surface(tool: str, tmp_path: Path) -> None:
     (tmp_path / "tools.yaml").write_text(f"version: 1\ntools: [{tool}]\n")
@@ -65,6 +66,7 @@ def test_an_outline_is_a_rectangle_in_the_pose_in_which_the_tool_is_laid(laid: s
     assert bends[bent] > 3.0 * bends[straight]
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("scale", [[1.0, 1.0, 1.0], [1.0, 1.0, -1.0], [-1.0, -1.0, -1.0]], ids=str)
 @pytest.mark.parametrize("refined", [False, True])
 def test_outlines_lie_above_the_surface_that_is_drawn_right_side_out(
@@ -93,6 +95,7 @@ def test_outlines_lie_above_the_surface_that_is_drawn_right_side_out(
     assert drawn.paint.opacity.alphas == pytest.approx(across, abs=0.1)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("refined", [False, True])
 def test_the_outline_of_a_touch_is_round_on_a_coarse_mesh(refined: bool, tmp_path: Path) -> None:
     """It crosses triangles half as long as its radius, and does not follow their sides."""

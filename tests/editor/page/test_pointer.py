@@ -86,6 +86,7 @@ def tools_of(page: Page) -> dict[str, Any]:
     return {tool["name"]: tool for tool in yaml.safe_load(page.session.text)["tools"]}
 
 
+@pytest.mark.slow
 def test_nothing_is_said_of_warnings_before_the_check(page: Page) -> None:
     page._checked = ""
     page.refresh()
@@ -139,7 +140,7 @@ def test_a_typed_value_that_is_refused_takes_no_click_away(page: Page) -> None:
     assert tools_of(page)["a"]["bumps"] == 3
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("tool", "number", "ways"),
     [
@@ -234,6 +235,7 @@ def test_a_value_that_is_refused_leaves_the_tool(page: Page, steps: tuple[str, .
         page.say("")
 
 
+@pytest.mark.slow
 def test_a_tool_of_the_list_is_shown_where_it_is_tallest(page: Page) -> None:
     page.player.go(None, 0.0)
     page.choose("a", look=True)

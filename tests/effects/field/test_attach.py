@@ -22,6 +22,7 @@ def near(field: AttachedField, where: Bools | Ints) -> float:
     return float(tallest(field)[where].max() / tallest(field).max())
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("stops", "fades"), [("features", True), ("none", False)])
 def test_heights_fade_at_a_hem(stops: str, fades: bool) -> None:
     """The tube is slit open along its compressed side."""
@@ -33,6 +34,7 @@ def test_heights_fade_at_a_hem(stops: str, fades: bool) -> None:
     assert (near(field, hem) < 1e-9) == fades
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("colours", "stops", "fades"),
     [((RED, BLUE), "features", True), ((RED, RED), "features", False), ((RED, BLUE), "none", False)],
@@ -124,6 +126,7 @@ def test_a_mask_is_a_factor() -> None:
     assert 0.25 <= tallest(field).max() / tallest(bent_tube()[1]).max() <= 0.51
 
 
+@pytest.mark.slow
 def test_wavelengths_are_scene_units_or_per_cent_of_the_girth() -> None:
     girth = 2.0 * np.pi * RADIUS
     _, units = bent_tube(wavelength=0.1 * girth)
@@ -160,6 +163,7 @@ def two_bends() -> Asset:
     return tube(joints=3, rings=31)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("joints", "folding"), [("all", {2, 3}), (["joint_1"], {2}), (["joint_2", "joint_1"], {2, 3})])
 def test_the_joints_that_a_field_names_fold_it(joints: str | list[str], folding: set[int]) -> None:
     ground, field = attached(two_bends(), joints=joints)

@@ -69,6 +69,7 @@ def without_triangles() -> Asset:
     return asset
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize(
     ("made", "line"),
     [
@@ -91,6 +92,7 @@ def test_a_mesh_that_cannot_wrinkle(wrinkle: Wrinkle, tmp_path: Path, made: Call
     assert line in refused(wrinkle, tmp_path, made())
 
 
+@pytest.mark.quick(6)
 @pytest.mark.parametrize(
     ("keys", "line"),
     [
@@ -151,6 +153,7 @@ def test_a_surface_that_hardly_bends_is_refused_with_its_slack(wrinkle: Wrinkle,
     assert "hardly anything of limb loses more than 50 % of its length, the slack, as its joints turn" in line
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("scale", [1e-20, 1e-12])
 def test_a_mesh_of_almost_no_size_is_baked_or_refused(wrinkle: Wrinkle, tmp_path: Path, scale: float) -> None:
     path = place(of_no_size(scale))
@@ -170,6 +173,7 @@ def noisy(seed: int) -> Asset:
     return asset
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "levels"), [(1, 0), pytest.param(2, 2, marks=pytest.mark.slow)])
 def test_noisy_weights_make_no_spikes(seed: int, levels: int) -> None:
     """No fold is higher than the tallest that a wave can be: half a wavelength from valley to crest, varied."""
@@ -180,6 +184,7 @@ def test_noisy_weights_make_no_spikes(seed: int, levels: int) -> None:
     assert moves.max() < 0.5 * entry["wavelength"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("levels", [0, pytest.param(4, marks=[pytest.mark.slow, pytest.mark.long])])
 def test_waves_that_are_shorter_than_edges_are_told(levels: int) -> None:
     """No refinement could show them: the line names the key that allows more."""
@@ -190,6 +195,7 @@ def test_waves_that_are_shorter_than_edges_are_told(levels: int) -> None:
     assert moves.max() < 0.002
 
 
+@pytest.mark.slow
 def test_a_joint_that_is_not_there_is_left_out_where_a_field_is_optional() -> None:
     file = bake_once(
         place(tube()), top={"fields": [{**FOLDS, "joints": ["joint_1", "tail"], "optional": True}]}, max_levels=0

@@ -57,6 +57,7 @@ def test_displacements_are_along_normals_and_no_higher_than_said() -> None:
     assert np.abs(cosines).min() > 0.9
 
 
+@pytest.mark.slow
 def test_folds_rise_more_than_they_sink() -> None:
     plan = plan_of()
     (deltas,) = layer_of(plan).deltas
@@ -100,7 +101,7 @@ def test_waves_are_level_with_their_mean_where_they_fork(fabric: object) -> None
     assert made[-1] == pytest.approx(fabric.wave(np.cos(angles)))
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [{"angle": 120.0}, {"angle": 110.0, "joints": 3}], ids=["one", "two"])
 def test_a_field_turns_no_triangle_over_that_the_skin_does_not(options: Json) -> None:
     """Between the poses of a sweep neither, nor beside the field."""
@@ -120,6 +121,7 @@ def test_a_field_turns_no_triangle_over_that_the_skin_does_not(options: Json) ->
     assert part.sizes(plan.fine).max() > 0.3 * part.attached.greatest_height
 
 
+@pytest.mark.slow
 def test_a_field_fades_under_a_tool() -> None:
     """A tool is by hand."""
     plan = plan_of({"name": "folds"}, tools=[tool(name="hand", bumps=2, **ENDS)])

@@ -37,7 +37,7 @@ def weights_of(file: Gltf, times: Floats = TIMES) -> Floats:
     return file.weights("limb", "fold", times)[:, wrinkle_columns(file, "limb")]
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("made", [TUBE, TWO_BENDS], ids=["one bend", "two bends"])
 def test_a_bake_is_valid_and_other_programs_show_it_as_it_is(made: object) -> None:
     file = bake_once(made(), top=ONE)
@@ -97,6 +97,7 @@ def test_weights_are_0_at_rest_and_never_above_1() -> None:
     assert weights.max() <= 1.0 + 1e-6
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("seed", [1, 2])
 def test_folds_rise_with_the_bend_until_a_crease_hides_some(seed: int) -> None:
     file = bake_once(place(tube(angle=40.0)), top={"fields": [{"name": "folds", "seed": seed}]})
@@ -145,11 +146,13 @@ def test_clips_have_strengths_of_their_own() -> None:
     assert drive_["strengths"] == {"fold": 0.25}
 
 
+@pytest.mark.slow
 def test_a_clip_in_which_a_field_has_no_strength_stays_smooth() -> None:
     file = bake_once(TUBE(), top={"fields": [{"name": "folds", "clips": {"fold": 0}}]}, **FLAT)
     assert not weights_of(file).any()
 
 
+@pytest.mark.slow
 def test_a_report_tells_of_turns_and_errors() -> None:
     (field,) = report_of(bake_once(TWO_BENDS(), top=ONE)).data["fields"]
     assert {each["joint"] for each in field["turns"]} == {"joint_1", "joint_2"}

@@ -214,6 +214,7 @@ def test_what_moves_as_a_whole_is_not_looked_at() -> None:
     assert not len(surface.bent(np.stack([turn, turn])))
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("one", "other"), [(0.0, 0.0), (0.03, 0.0), (0.0, 0.03), (-0.3, 0.0), (0.2, 0.2), (0.21, 0.2), (-0.3, -0.2)]
 )

@@ -64,6 +64,7 @@ def crossing(job: Job, plan: MeshPlan, part: float) -> Ints:
     return np.array([len(surface.pairs_at(each)) for each in posed])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("levels", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_a_field_with_contact_never_crosses_more_than_the_skin(levels: int) -> None:
     free, held = (planned(contact, 75.0, levels) for contact in ("off", "resolve"))

@@ -103,7 +103,7 @@ def sway(times: Array) -> Array:
     return np.stack([wide * np.sin(turn), 0 * times, wide * np.cos(turn)], axis=1)
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(("fps", "keys"), [(15, 29), (30, 60), (60, 29), (120, 60), (None, 29)])
 def test_the_driver_plays_flesh_at_any_frame_rate(bodies: dict[int, Path], keys: int, fps: int | None) -> None:
     """A second round of the clip is as it was baked: the driver knows the curve through the clip's keys.
@@ -116,6 +116,7 @@ def test_the_driver_plays_flesh_at_any_frame_rate(bodies: dict[int, Path], keys:
     assert_alike(found, swung(file.path)(times), len(times), 0.01)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("fps", [30, 60, 144, None])
 def test_the_driver_plays_a_motion_of_the_player(bodies: dict[int, Path], fps: int | None) -> None:
     """The player jumps with a body whose clip stays in place, or moves one that jumps by itself; neither is a loop."""
@@ -237,6 +238,7 @@ def test_a_joint_outlines_a_region(bodies: dict[int, Path]) -> None:
     assert (moved > 0).mean() > 0.9
 
 
+@pytest.mark.slow
 def test_flesh_carries_wrinkles(bodies: dict[int, Path]) -> None:
     """A tool on the belly is stretched and pressed as the belly swings up and down."""
     tool = {"name": "fold", "origin": [0.0, 0.0, 0.17], "target": [0.0, -0.09, 0.17], "width": 0.1, "bumps": 2}
@@ -332,6 +334,7 @@ def test_one_warning_names_clips_in_place(asset: Asset, lines: int) -> None:
     assert all(each.startswith("l, r: 'step' is in place") for each in said)
 
 
+@pytest.mark.slow
 def test_a_bake_without_flesh_imports_none_of_it() -> None:
     """Its solver would take longer to import than a small bake takes."""
     import subprocess

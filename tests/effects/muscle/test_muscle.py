@@ -150,7 +150,7 @@ def test_a_belly_that_is_activated_while_its_ends_stay_does_not_travel() -> None
     assert np.abs(travelling - still).max() < 0.01 * np.abs(still).max()
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(("engine", "ends"), [(None, BICEPS), ("unity", TRICEPS)])
 def test_tracks_and_players_activate_a_belly_that_travels_as_the_bake_does(
     engine: str | None, ends: Json, tmp_path: Path
@@ -169,6 +169,7 @@ def test_tracks_and_players_activate_a_belly_that_travels_as_the_bake_does(
         assert np.abs(moved_by(file, other) - moves).max() < 0.02 * np.abs(moves).max()
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("travel", "ends", "activation"),
     [(False, BICEPS, None), (True, TRICEPS, None), (True, BICEPS, FLEXED), (False, TRICEPS, FLEXED)],
@@ -202,6 +203,7 @@ def test_players_drive_muscles_as_the_bake_does() -> None:
         assert driven[name] == pytest.approx(played, abs=0.02 * max(played.max(), 1e-6))
 
 
+@pytest.mark.slow
 def test_wrinkles_follow_the_skin_that_a_muscle_moves() -> None:
     """The anchors' distance is that of the moved skin, and the file's wrinkles are right for it."""
     file = flexed(CREASE, activation=FLEXED, travel=False)
@@ -381,6 +383,7 @@ def test_a_muscle_below_clothes_is_as_thick_as_the_body_leaves_room(gap: float, 
     assert described["sleeve"]["thickness"] == pytest.approx(THICKNESS * share * described["sleeve"]["depth"], rel=0.02)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("gap", "every", "nodes", "warned"),
     [

@@ -150,6 +150,7 @@ def test_the_bend_is_counted_from_the_rest_pose_of_a_clip() -> None:
     assert len(drive.targets) == len(EVERY) + TouchDrive.bent
 
 
+@pytest.mark.slow
 def test_weights_of_changes_are_those_of_slides_times_the_bend(limb: tuple[Path, dict[str, TouchDrive]]) -> None:
     _, drives = limb
     drive = drives["inside"]

@@ -40,6 +40,7 @@ def test_each_ring_keeps_the_length_of_the_skin() -> None:
     assert 0.5 < rings.shares.sum() < 1.0
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("directions", "error"), [(16, 0.03), (8, 0.12)])
 def test_heights_are_those_of_the_control_curve_on_each_ray(directions: int, error: float) -> None:
     """Root mean square over rays and rings, relative to the tallest ring, at slides of any length and direction."""

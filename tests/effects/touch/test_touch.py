@@ -153,6 +153,7 @@ def test_rings_stand_in_front_and_thin_out_to_the_sides(skin: Path) -> None:
         assert np.abs(moved[near & (np.cos(apart) < -0.2), 1]).max() < 0.02 * tallest
 
 
+@pytest.mark.slow
 def test_a_touch_plays_in_three(skin: Path) -> None:
     file, times = baked(skin, touch()), np.linspace(0.0, SECONDS, 7)
     compare_with_three(file.path, "skin", "drag", times.tolist(), file.pose("skin", "drag", times))
@@ -201,6 +202,7 @@ def test_a_node_that_comes_near_drags_the_skin_and_slips() -> None:
     assert warned(file) == []
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     "ways",
     [
@@ -218,6 +220,7 @@ def test_a_loop_ends_as_it_begins(ways: list[tuple[float, float, float]]) -> Non
     assert start == pytest.approx(end, abs=0.003)
 
 
+@pytest.mark.slow
 def test_a_tip_lets_go_of_skin_that_is_hidden() -> None:
     """Scale hides the body at both ends of a loop, as where a character comes and goes."""
     sizes = {0.0: 0.0, 0.5: 1.0, 1.5: 0.0}
@@ -349,7 +352,7 @@ def test_a_tool_behind_the_tip_sees_the_stretched_skin(skin: Path) -> None:
     assert values[1] > 0.05
 
 
-@pytest.mark.quick(6)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

@@ -167,6 +167,7 @@ def bent(degrees: float) -> Surface:
     return shape
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("degrees", "stops"), [(90.0, True), (60.0, True), (30.0, False)])
 def test_a_hard_crease_is_a_feature_if_it_is_sharp(tmp_path: Path, degrees: float, stops: bool) -> None:
     asset = patchwork(((-1.0, 0.2), 0), ((0.2, 1.0), 0), shape=bent(degrees))
@@ -242,6 +243,7 @@ def with_more_faces(asset: Asset, faces: Callable[[Array], Array]) -> Asset:
     return asset
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     "faces",
     [

@@ -22,7 +22,7 @@ def mixed_normals(fine: Refinement) -> Any:
     return unit(fine.subdivision.interpolate(coarse))
 
 
-@pytest.mark.quick(6)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("root", "strategy", "strength"),
     # Each root with each strategy, and each strategy with both strengths.
@@ -69,6 +69,7 @@ def test_displacement_at_rest_has_the_intended_height_along_the_world_normal(
     assert world == pytest.approx(wanted, abs=1e-7 * span)  # weights in tables have seven decimals
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("root", ROOTS, ids=str)
 def test_wrinkles_point_out_of_the_limb(root: Any) -> None:
     prepared = prepare(limb_asset(rings=15, sides=12, root=root), placed(root, rest_length=MORE))
@@ -86,6 +87,7 @@ def test_nothing_moves_without_shortening(attachment: str) -> None:
     assert moved(prepared, carried, fine, [1.0]).any()
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("attachment", ["skin", "patch"])
 @pytest.mark.parametrize(
     ("path", "values"),
@@ -169,6 +171,7 @@ def test_tools_that_overlap_add_up() -> None:
     assert total == pytest.approx(scattered(one, fine, moved(whole, one, fine, [0.0, 1.0])), abs=1e-15)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("strength", [1.0, 2.0, 0.0])
 def test_strength_in_a_clip_takes_the_place_of_the_tool_s(strength: float) -> None:
     asset = limb_asset(rings=9, sides=8)

@@ -90,7 +90,7 @@ def test_clips_have_nothing_to_do_with_it() -> None:
     assert np.array_equal(with_clip.directions, without.directions)
 
 
-@pytest.mark.quick(3)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("root", ROOTS, ids=str)
 def test_a_limb_that_is_moved_scaled_or_mirrored_has_the_same_creases(root: Any) -> None:
     plain, moved = (

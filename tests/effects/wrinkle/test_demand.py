@@ -50,6 +50,7 @@ def test_a_path_on_the_inside_of_a_bend_keeps_its_length() -> None:
     assert wrinkled_lengths(prepared, replace(curve, demand=None), times)[-1] < 0.95
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("keys", [{}, {"profile": "polyline", "max_height": "none"}, {"strength": -0.5}])
 def test_a_mesh_whose_edges_cut_corners_is_as_long(keys: dict[str, Any]) -> None:
     prepared, times = folded(**keys), np.linspace(0.2, 1.0, 5)

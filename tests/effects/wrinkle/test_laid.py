@@ -81,6 +81,7 @@ def test_a_vertex_moves_along_its_normal_at_rest() -> None:
     assert carried.directions[:, 2].max() > 0.9
 
 
+@pytest.mark.slow
 def test_a_pose_equal_to_rest_gives_the_same_bytes(tmp_path: Path) -> None:
     """At the start of the clip the brows are as at rest; the middle of it is another pose."""
     asset, baked = forehead().write(tmp_path / "forehead.glb"), {}
@@ -111,6 +112,7 @@ def with_clip(asset: Asset, name: str, path: str, values: Any) -> Asset:
     return asset
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("targets", [("browsUp", "blink"), SIDES])
 def test_clips_change_no_geometry(targets: tuple[str, ...]) -> None:
     """Not even one that raises another target, or none at all."""
@@ -234,6 +236,7 @@ def test_an_optional_tool_without_its_clip_is_laid_as_by_default(wrinkle: Wrinkl
     assert json.loads(result.out)["tools"][0]["laid"] == "stored"
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("laid", "data", "line"),
     [

@@ -197,7 +197,7 @@ REMIXES: dict[str, Callable[[CurveResponse, list[Target]], Any]] = {
 
 
 # Curves of a polyline with details take five times as long as others, and have most columns with both ends.
-@pytest.mark.quick(5, 6)
+@pytest.mark.quick(1, 6)
 @pytest.mark.parametrize(
     ("strategy", "kind"),
     [

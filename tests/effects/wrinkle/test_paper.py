@@ -78,13 +78,13 @@ def test_the_preset_is_the_paper(name: str) -> None:
     assert off(CASES[name], PROJECTED, attachment="patch") == 0.0
 
 
-@pytest.mark.quick(2, 3)
+@pytest.mark.quick(1, 3)
 @pytest.mark.parametrize("name", CASES)
 def test_the_preset_is_the_paper_on_the_skin(name: str) -> None:
     assert off(CASES[name], AS_BAKED) == 0.0
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["wrist", "knees"])
 def test_wrinkles_that_are_lower_in_creases_are_not_the_paper_s(name: str) -> None:
     assert off(CASES[name], AS_BAKED, creases="lower") > 0.05

@@ -80,6 +80,7 @@ def test_members_face_the_patch_and_are_never_on_the_back_of_a_thin_limb() -> No
     assert (prepared.rest.positions[members].mean(axis=1)[:, 1] > 0).all()
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("width", [0.05, 0.2, 1.0])
 @pytest.mark.parametrize("root", [None, {"scale": [1, -1, 1]}, {"scale": [2, 2, 2]}])
 def test_members_are_the_connected_facing_triangles_that_the_patch_meets(width: float, root: Any) -> None:

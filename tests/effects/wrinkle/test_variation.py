@@ -223,6 +223,7 @@ def test_joined_bumps_end_as_one_where_the_surface_turns_away(case: Case) -> Non
         assert not np.diff(turned, axis=0)[on_both & (np.diff(places.joined_us, axis=0) > 0)].any()
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("profile", ["skin", "cloth", "polyline"])
 def test_a_furrow_that_fills_up_is_nowhere_steeper_than_an_open_one(profile: Any) -> None:
     """The furrow between two merging crests of nearly ruled bumps ends softly, not like a cut."""

@@ -60,7 +60,7 @@ def test_the_distance_is_that_of_the_message_and_goes_along_with_the_skin(tmp_pa
             assert places[:, 1] == pytest.approx(np.array([FAR["origin"], tool()["target"]]))
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("keys", "said", "ends"),
     [

@@ -50,7 +50,7 @@ def test_the_same_input_gives_the_same_bytes(tmp_path: Path, ending: str) -> Non
     assert (tmp_path / f"a.{ending}").read_bytes() == (tmp_path / f"b.{ending}").read_bytes()
 
 
-@pytest.mark.quick(3)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("ending", ["webp", "gif"])
 @pytest.mark.parametrize(
     ("options", "count", "milliseconds"),

@@ -14,7 +14,7 @@ from wrinklecli.review.preview.rays import Occluders, _seen, first_hits, trace
 MAIN = "from wrinklecli.cli import main; main()"
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("size", ["50MB", "150MB"])
 def test_too_little_memory_is_a_line_and_no_crash(tmp_path: Path, size: str) -> None:
     limb_asset(rings=7, sides=6).write(tmp_path / "limb.glb")
