@@ -122,6 +122,19 @@ def test_a_finger_bends_as_it_is_bent_in_the_stored_pose(bend: float, ends: set[
     assert {name.replace("-45", "-90").replace("+45", "+90") for name in found} == {f"LeftIndex2 {end}" for end in ends}
 
 
+def test_a_spine_turns_as_a_spine_though_a_leg_hangs_from_it() -> None:
+    """As of 3ds Max's Biped. The limb lies along x, and the leg goes the other way."""
+    asset = limb_asset(rings=12, sides=4, joints=4, clip=None)
+    nodes = asset.gltf["nodes"]
+    for node, name in zip(nodes[2:5], ("Bip01 Spine", "Bip01 Spine1", "Bip01 L Thigh"), strict=True):
+        node["name"] = name
+    nodes[2]["children"], nodes[3]["children"] = [3, 4], []
+    nodes[4]["translation"] = [-x for x in nodes[4]["translation"]]
+    found = {name for name in motions(asset) if name.startswith("Bip01 Spine ")}
+    ways = {"ahead": (-15, 35), "aside": (-20, 20), "twisted": (-20, 20)}
+    assert found == {f"Bip01 Spine {way}, {end:+d}°" for way, ends in ways.items() for end in ends}
+
+
 def test_all_joints_of_a_finger_bend_as_it_is_curled_however_it_is_spread() -> None:
     """The limb lies along x. The finger is spread from it about y, and one of its joints is curled about z."""
     asset = limb_asset(rings=12, sides=4, joints=6, clip=None)

@@ -184,7 +184,7 @@ def _named(made: Sequence[tuple[str, Sequence[Channel]]], taken: set[str], first
 def _turns(rig: Rig, node: int, bones: Bones, forwards: Floats, clips: Sequence[Clip], carrying: Bools) -> list[_Turn]:
     """The turns of a joint; `carrying` flags the (nodes,) that move something."""
     stored = unit_quaternions(rig.locals[node]["rotation"])
-    bone, ends = _bone(rig, node, carrying), _shown_turns(node, stored, clips)
+    bone, ends = _bone(rig, node, bones, carrying), _shown_turns(node, stored, clips)
     if max(-ends.min(), ends.max()) < TELLING:
         turns = list(_turns_of_body(rig, node, bones, bone, forwards))
         if turns:
@@ -272,16 +272,22 @@ def _shown_turns(node: int, stored: Floats, clips: Sequence[Clip]) -> Floats:
     return extents
 
 
-def _bone(rig: Rig, node: int, carrying: Bools) -> Floats:
-    """(3,) unit direction of a joint's bone, to the joints below or from the parent, in its space; 0 if unclear."""
+def _bone(rig: Rig, node: int, bones: Bones, carrying: Bools) -> Floats:
+    """(3,) unit direction of a joint's bone, to the joints below or from the parent, in its space; 0 if unclear.
+
+    Where the joints below lie on all sides, those of the joint's own part count: a biped's legs hang from its spine.
+    """
     below = np.flatnonzero((rig.parents == node) & carrying)
-    offsets = rig.rows[:, 3, below].T
     if not len(below):
         linear = rig.rows[:, :3, node]
-        offsets = (np.linalg.pinv(linear) @ rig.rows[:, 3, node])[None]
-    total = offsets.sum(axis=0)
-    agreed = np.linalg.norm(total) >= _LEAST_AGREED * np.linalg.norm(offsets, axis=1).sum()
-    return unit(total) if agreed else np.zeros(3)
+        return unit(np.linalg.pinv(linear) @ rig.rows[:, 3, node])
+    own = [each for each in below if bones.parts[each] == bones.parts[node]]
+    for some in (below, own):
+        offsets = rig.rows[:, 3, some].T
+        total = offsets.sum(axis=0)
+        if np.linalg.norm(total) >= _LEAST_AGREED * np.linalg.norm(offsets, axis=1).sum():
+            return unit(total)
+    return np.zeros(3)
 
 
 def _morph_targets(
