@@ -116,9 +116,22 @@ def test_the_command_says_what_a_field_costs(jeans: tuple[Path, Suggestions], tm
 
 @pytest.mark.slow
 @pytest.mark.long
+def test_folds_are_wider_where_a_budget_asks_for_it(jeans: tuple[Path, Suggestions], tmp_path: Path) -> None:
+    path, found = jeans
+    budget = 0.7 * found.fields[0].gpu_bytes
+    frugal = suggest(path, budget=budget)
+    (each,) = frugal.fields
+    assert each.gpu_bytes <= budget
+    assert each.wavelength == pytest.approx(found.fields[0].wavelength * 1.1 / 0.7**0.5, rel=0.02)
+    (tmp_path / "tools.yaml").write_text(frugal.text)
+    assert not check(path, tmp_path / "tools.yaml").warnings
+
+
+@pytest.mark.slow
+@pytest.mark.long
 def test_a_garment_without_a_field_gets_tools(jeans: tuple[Path, Suggestions]) -> None:
     path, found = jeans
-    poor = suggest(path, budget=found.fields[0].gpu_bytes - 1)
+    poor = suggest(path, budget=found.fields[0].gpu_bytes / 3)
     assert not poor.fields
     assert [each.reason for each in poor.dropped][:1] == ["costly"]
     assert poor.tools

@@ -3,6 +3,7 @@
 A field lies on cloth alone, and the joints of the trunk and of limbs fold it: collars, gloves and shoes fold otherwise.
 """
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -27,6 +28,7 @@ from wrinklecli.numeric.arrays import Floats, diagonal
 from wrinklecli.numeric.guard import Progress
 from wrinklecli.numeric.processes import in_processes
 from wrinklecli.review.suggest.cover import Layers, is_covered
+from wrinklecli.review.suggest.draft import written_length
 from wrinklecli.review.suggest.measure import MeasuredMesh, clips_that_move
 from wrinklecli.review.suggest.stage import Stage
 from wrinklecli.review.suggest.suggest_options import SuggestOptions
@@ -35,9 +37,9 @@ from wrinklecli.review.suggest.trial import MOST_LEVELS, Placement, TriedAsset
 from wrinklecli.review.suggest.worth import Dropped, fault_of
 from wrinklecli.surface.sites import Peaks
 from wrinklecli.surface.substance import WORDS, PrimitiveHints, is_rigid, read_hints, substances_at
-from wrinklecli.tools.fields import Field
+from wrinklecli.tools.fields import OF_MATERIALS, Field
 from wrinklecli.tools.mirror import numbered
-from wrinklecli.tools.records import ONE_PERCENT, RefinementSettings, Sampling, ToolsFile
+from wrinklecli.tools.records import ONE_PERCENT, RefinementSettings, Sampling, ToolsFile, parse_length
 from wrinklecli.tools.yaml_tree import printable
 
 _CLOTH: MaterialName = "cloth"
@@ -58,6 +60,10 @@ _STRENGTHS = (1.0, 0.7, 0.5)
 _LOOKS = 4
 # Part of the surface round a place from which on the place lies on a garment, whose field wrinkles it.
 _MOSTLY = 0.5
+# Most that folds are widened to take less memory: they still look like those of the material.
+_WIDEST = 1.5
+# Edges are halved as a whole, so that a wavelength that should just fit may not.
+_TO_FIT = 1.1
 # Characters of a line of a list.
 _LONGEST = 100
 
@@ -204,11 +210,18 @@ def suggest_fields(
 ) -> tuple[list[SuggestedField], list[Dropped]]:
     """Try a field on each garment in clips; give those that are worth it, and the others, each with the reason.
 
-    The budget is bytes on a GPU.
+    The budget is bytes on a GPU. Where a field takes more, wider folds, which need fewer vertices, may fit.
     """
     fields, dropped = list[SuggestedField](), list[Dropped]()
-    for step, each in enumerate(in_processes(partial(_tried, asset, clips, stage), garments, asset.jobs), 1):
+    tried = in_processes(partial(_tried, asset, clips, stage), garments, asset.jobs)
+    for step, (garment, each) in enumerate(zip(garments, tried, strict=True), 1):
         progress("fields", step, len(garments))
+        # Vertices are as many as squares of a wavelength's side.
+        wider = 0.0 if isinstance(each, Dropped) or budget <= 0 else math.sqrt(each.gpu_bytes / budget)
+        if 1.0 < wider < _WIDEST:
+            wavelength = garment.field.wavelength
+            length = replace(wavelength, value=round(wavelength.value * min(_TO_FIT * wider, _WIDEST), 1))
+            each = _tried(asset, clips, stage, replace(garment, field=replace(garment.field, wavelength=length)))
         if isinstance(each, Dropped):
             dropped.append(each)
         elif each.gpu_bytes > budget:
@@ -294,11 +307,13 @@ def written_fields(fields: Sequence[SuggestedField]) -> list[str]:
     ]
     for each in fields:
         field = each.field
+        usual = parse_length(OF_MATERIALS[field.material]["wavelength"])
         keys = {
             "node": None if field.node is None else quoted(field.node),
             "substance": field.substance and f"[{', '.join(field.substance)}]",
             "material": field.material,
             "joints": None if field.joints == "all" else _in_lines(map(quoted, field.joints)),
+            "wavelength": None if field.wavelength == usual else written_length(field.wavelength),
             "strength": None if field.strength == 1.0 else f"{field.strength:g}",
         }
         lines += [
