@@ -108,7 +108,8 @@ class Sheet:
         import scipy.sparse as sparse
 
         form = self.stiffness if stiffness is None else stiffness
-        return Average(self.areas, factorised((sparse.diags_array(self.areas) + length**2 / 4.0 * form).tocsc()))
+        diffusion = sparse.diags_array(self.areas) + length**2 / 4.0 * form
+        return Average(self.areas, factorised(diffusion.tocsc(), relax=1))
 
     def to_vertices(self, of_triangles: Floats) -> Floats:
         """(vertices, …) integrals over the cells of vertices of (triangles, …) values."""

@@ -116,7 +116,8 @@ def phases(sides: Sides, positions: Floats, triangles: Ints, trust: Floats, wave
     masses = np.repeat(vertex_areas(positions, triangles) * (trust + _LEAST_TRUST), 2)
     found = _drawn_at(positions, wavelength, seed)
     for length in (_LONG, _SHARP):
-        factors = factorised((sparse.diags_array(masses) + (length * wavelength) ** 2 / 4.0 * energy).tocsc())
+        diffusion = sparse.diags_array(masses) + (length * wavelength) ** 2 / 4.0 * energy
+        factors = factorised(diffusion.tocsc(), relax=1)
         for _ in range(_TIMES):
             found = factors.solve(masses * _restored(found).reshape(-1)).reshape(-1, 2)
     return np.asarray(found)
