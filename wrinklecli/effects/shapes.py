@@ -190,13 +190,15 @@ def _fit_normals(
     acting, groups = np.unique(weights != 0, axis=0, return_inverse=True)
     for number, shapes in enumerate(acting):
         chosen = np.flatnonzero(groups.ravel() == number)
-        own, factors, bent = moving[shapes].any(axis=0), weights[np.ix_(chosen, shapes)], None
+        own, factors, bent = np.flatnonzero(moving[shapes].any(axis=0)), weights[np.ix_(chosen, shapes)], None
         if middles is not None and bending is not None:
             edges = np.flatnonzero(bending[shapes].any(axis=0))
-            bent = Middles(middles.edges[edges], np.tensordot(factors, middles.deltas[np.ix_(shapes, edges)], axes=1))
-        part = normals if own.all() else DisplacedNormals.of(fine, vertices[own])
+            bent = Middles(
+                middles.edges[edges], np.tensordot(factors, middles.deltas[shapes].take(edges, axis=1), axes=1)
+            )
+        part = normals if len(own) == len(vertices) else DisplacedNormals.of(fine, vertices[own])
         true[np.ix_(chosen, np.searchsorted(touched, part.touched))] = part.in_poses(
-            np.einsum("fs,svx->fvx", factors, deltas[np.ix_(shapes, own)]),
+            np.einsum("fs,svx->fvx", factors, deltas[shapes].take(own, axis=1)),
             [samples[each].pose for each in chosen.tolist()],
             [samples[each].beneath for each in chosen.tolist()],
             folded=folded,
@@ -267,20 +269,23 @@ class DisplacedNormals:
     def of(cls, fine: Refinement, vertices: Ints) -> "DisplacedNormals":
         """Find what is round the (vertices,) that are displaced."""
         touched = distinct_values(fine.triangles[fine.around.faces_of(vertices)])
-        around, triangles = np.unique(fine.triangles[fine.around.faces_of(touched)], return_inverse=True)
-        triangles = triangles.reshape(-1, 3)
-        ends = sides_of(triangles)
-        edges, firsts, sides = np.unique(Middles.numbers_of(around[ends], fine), return_index=True, return_inverse=True)
+        corners = fine.triangles[fine.around.faces_of(touched)]
+        around = distinct_values(corners)
+        rows = np.zeros(len(fine.positions), np.intp)
+        rows[around] = np.arange(len(around))
+        # `np.unique` takes half as long if it need not say where each is first.
+        edges, sides = np.unique(Middles.numbers_of(sides_of(corners), fine), return_inverse=True)
+        ends = np.stack(np.divmod(edges, len(fine.positions)), axis=1)
         return cls(
             fine,
             touched,
             around,
-            triangles,
+            rows[corners],
             edges,
-            ends[firsts],
+            rows[ends],
             sides.reshape(-1, 3),
-            np.searchsorted(around, touched),
-            np.searchsorted(around, vertices),
+            rows[touched],
+            rows[vertices],
             fine.dense_weights(around, fine.weights.joint_count),
             fine.normals_at(touched),
         )

@@ -369,23 +369,34 @@ def _numbered(triangles: Ints, count: int) -> tuple[Ints, Ints]:
 
 
 class _Turning(_Look):
-    """A look at triangles that may turn over.
+    """A look at triangles that may turn over, by the normals of their corners.
 
     Args:
         pose: Of the vertices of the part.
-        triangles: (triangles, 3) of the part.
-        judged: (triangles,) True for those that count, as the skin does not turn them over itself.
-        faces: Three (triangles,) coordinates of their normals in the skin.
+        part: Triangles that the skin turns over itself do not count.
     """
 
-    def __init__(self, pose: _Pose, triangles: Ints, judged: Bools, faces: list[Floats]) -> None:
+    def __init__(self, pose: _Pose, part: _Part) -> None:
         super().__init__(pose)
-        self._triangles, self._judged, self._skinned = triangles, judged, faces
+        self._triangles, self._skinned = part.triangles, np.array(_faces(pose.still, part.triangles))
+        self._turned, self._normals = np.zeros(len(part.triangles), np.bool_), np.zeros(pose.still.shape)
+        self._turn(pose.still, self._changed)
+        self._judged = part.judged & ~self._turned
 
-    def _look(self, places: Floats, _changed: Bools) -> Ints:
-        # All of them take less time than to choose those near what has changed.
-        turned = _turned_over(places, self._triangles, self._skinned)
-        return distinct_values(self._triangles[self._judged & turned])
+    def _look(self, places: Floats, changed: Bools) -> Ints:
+        self._turn(places, changed)
+        return distinct_values(self._triangles[self._judged & self._turned])
+
+    def _turn(self, places: Floats, changed: Bools) -> None:
+        """Turn the triangles whose corners' normals have changed."""
+        around = flags_of(self._triangles[any_of(changed, self._triangles)], len(changed))
+        beside = np.flatnonzero(any_of(around, self._triangles))
+        triangles = self._triangles.take(beside, axis=0)
+        faces = _faces(places, triangles)
+        for known, found in zip(self._normals, _sums(faces, triangles, len(changed)), strict=True):
+            np.copyto(known, found, where=around)
+        away = dot(faces, self._skinned.take(beside, axis=1)) < 0.0
+        self._turned[beside] = away | turned_over(triangles, faces, self._normals)
 
 
 def _turning(poses: _Poses, slopes: _Slopes) -> Iterator[_Turning]:
@@ -395,15 +406,15 @@ def _turning(poses: _Poses, slopes: _Slopes) -> Iterator[_Turning]:
     whole = _Part.of(poses.inside < poses.moves.shape[2] - 1, fine.triangles)
     faults = np.zeros(len(fine.positions), np.bool_)
     for each, moved in zip(poses.of_part(whole.vertices), raised, strict=True):
-        turned = _turned_over(each.places(moved), whole.triangles, _faces(each.still, whole.triangles))
+        faces, skinned = (_faces(places, whole.triangles) for places in (each.places(moved), each.still))
+        normals = _sums(faces, whole.triangles, len(whole.vertices))
+        turned = (dot(faces, skinned) < 0.0) | turned_over(whole.triangles, faces, normals)
         faults[whole.vertices[whole.triangles[whole.judged & turned]]] = True
     if not faults.any():
         return
     part = _Part.of(slopes.reached(faults), fine.triangles)
     for each in poses.of_part(part.vertices):
-        faces = _faces(each.still, part.triangles)
-        judged = part.judged & ~_turned_over(each.still, part.triangles, faces)
-        yield _Turning(each, part.triangles, judged, faces)
+        yield _Turning(each, part)
 
 
 def _faces(places: Floats, triangles: Ints) -> list[Floats]:
@@ -412,11 +423,10 @@ def _faces(places: Floats, triangles: Ints) -> list[Floats]:
     return cross(b - a, c - a)
 
 
-def _turned_over(places: Floats, triangles: Ints, skinned: list[Floats]) -> Bools:
-    """(triangles,) True for those turned over at (3, vertices) places, or that face away from their skinned normals."""
-    faces, at = _faces(places, triangles), triangles.ravel()
-    around = [np.asarray(np.bincount(at, np.repeat(each, 3), places.shape[1]), np.float64) for each in faces]
-    return (dot(faces, skinned) < 0.0) | turned_over(triangles, faces, around)
+def _sums(faces: list[Floats], triangles: Ints, count: int) -> Floats:
+    """(3, vertices) sums of three (triangles,) coordinates of normals around each of so many vertices."""
+    at = triangles.ravel()
+    return np.array([np.bincount(at, np.repeat(each, 3), count) for each in faces])
 
 
 class _Crossing(_Look):
