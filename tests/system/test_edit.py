@@ -252,6 +252,44 @@ def test_a_row_switches_its_tool_a_place_shows_its_compression_and_shift_turns_t
 
 @pytest.mark.slow
 @pytest.mark.long
+def test_a_mask_is_painted_on_the_skin_and_named_by_the_tool(tmp_path: Path) -> None:
+    asset, tools = (shutil.copy(ROOT / each, tmp_path) for each in ("samples/wrist.glb", "configs/wrist.yaml"))
+    session = Session(asset, tools)
+    page = Page(session)
+    try:
+        with in_browser(tmp_path, page.address) as tab:
+            until(page.server.get_clients, "a connected tab")
+            (client,) = page.server.get_clients().values()
+            tab.press_button("palm_side")
+            tab.wait("document.body.innerText.includes('is tallest')")
+            tab.press_button("Paint mask")
+            tab.wait("!!document.querySelector('[data-brush]')")
+            eye = client.camera.position.copy()
+            places = page._viewport._scene._dots
+            ends = [np.array(places["anchor", number].position) for number in (0, 1)]
+            tab.drag([on_screen(page, place) for place in (ends[0], ends.pop())])
+            canvas = page._brush._canvas
+            assert canvas is not None
+            until(lambda: (canvas.pixels < 128).any(), "what is painted")
+            take_picture(tab, "mask")
+            assert np.allclose(client.camera.position, eye), "the view is not turned"
+            tab.press_button("Mask is done")
+
+            def named() -> object:
+                tools = {each["name"]: each for each in yaml.safe_load(session.text)["tools"]}
+                return tools["palm_side"].get("mask")
+
+            until(lambda: named() == {"image": "wrist.palm_side_1.png"}, "a mask that the tool names")
+            assert (tmp_path / "wrist.palm_side_1.png").exists()
+            tab.press("z", code=90, modifiers=2)
+            until(lambda: named() is None, "a mask that is taken away")
+            take_picture(tab, "mask_undone")
+    finally:
+        page.close()
+
+
+@pytest.mark.slow
+@pytest.mark.long
 def test_a_proposal_is_pictured_pointed_at_taken_and_compared(tmp_path: Path) -> None:
     session = Session(limb(tmp_path / "limb.glb"))
     page = Page(session)

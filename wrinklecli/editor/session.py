@@ -7,6 +7,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -22,11 +23,13 @@ from wrinklecli.editor.clip_cache import RecentResults, frame_times
 from wrinklecli.editor.edits import Draft, Edits, Step, length_of
 from wrinklecli.editor.free_pose import POSE, FreePose
 from wrinklecli.editor.hand import Hand, slide_to
+from wrinklecli.editor.mask_canvas import MaskCanvas
 from wrinklecli.editor.proposals import Proposal, proposals_of
 from wrinklecli.editor.raised import RaisedTool, raised_tool
 from wrinklecli.editor.store import Store, without_empty_list
 from wrinklecli.errors import ConfigError, WrinkleError
 from wrinklecli.files.inputs import Watched
+from wrinklecli.files.outputs import Outputs
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats
@@ -278,6 +281,38 @@ class Session(Edits):
                 values.setdefault("mirror", "none")
             self._become(without_empty_list(file.with_tool(values).of_list("tools")), f"accept {name}")
             return name
+
+    # Masks.
+
+    def mask_canvas(self, tool: str) -> tuple[MaskCanvas, float]:
+        """The mask of a tool to paint on, as it is or white, and the tool's length, scene units.
+
+        Raises:
+            WrinkleError: The tool does not fit, or can have no image as its mask.
+        """
+        with self._guarded():
+            attached = self._attached()
+            found = attached.tools.get(tool) or attached.below.get(tool)
+            if found is None:
+                raise ConfigError(attached.problems.get(tool, "is switched off"), where=tool)
+            members = found.region.members if isinstance(found, AttachedTool) else np.flatnonzero(found.outlined)
+            return MaskCanvas(found.attached.tool, found.ground, members), found.span
+
+    def set_mask(self, tool: str, canvas: MaskCanvas) -> str:
+        """Write a mask as a PNG beside the tools file, under a new name, so that it can be undone; return the name.
+
+        Raises:
+            WrinkleError: The file cannot be written.
+        """
+        with self._guarded():
+            stem, folder = os.path.splitext(self.path)[0] + f".{identifier(tool)}", os.path.dirname(self.path)
+            path = next(each for k in count(1) if not os.path.exists(each := f"{stem}_{k}.png"))
+            with Outputs() as outputs:
+                outputs.add_bytes(path, canvas.png())
+            image = os.path.relpath(path, folder or ".")
+            texcoord = {"texcoord": canvas.texcoord} if canvas.texcoord else {}
+            self.set_value(tool, ("mask",), {"image": image, **texcoord})
+            return image
 
     # The files.
 

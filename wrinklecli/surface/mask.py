@@ -129,11 +129,23 @@ def read_mask(tool: WrinkleTool | Flesh | Touch | Field, ground: Ground, members
     if isinstance(tool.mask, MaskAttribute):
         painted = _attribute(ground, primitives, tool.mask.name, tool.place("mask", "attribute"))
         return Mask(_component(tool, tool.mask, painted, distinct_values(ground.surface.corners[members])), None)
-    name, where = f"TEXCOORD_{tool.mask.texcoord}", tool.place("mask", "texcoord")
-    coordinates = _attribute(ground, primitives, name, where)
+    coordinates = mask_coordinates(tool, tool.mask, ground, members)
+    return Mask(coordinates, _image(tool.mask, ground, tool.place("mask", "image")))
+
+
+def mask_coordinates(
+    tool: WrinkleTool | Flesh | Touch | Field, mask: MaskImage, ground: Ground, members: Ints
+) -> Floats:
+    """(glTF vertices, 2) texture coordinates of an image on the primitives of a tool's coarse `members`.
+
+    Raises:
+        WrinkleError: They are missing or malformed.
+    """
+    name, where = f"TEXCOORD_{mask.texcoord}", tool.place("mask", "texcoord")
+    coordinates = _attribute(ground, distinct_values(ground.surface.primitives[members]), name, where)
     if coordinates.shape[1] != 2:
         raise BakeError(f"{name} has {coordinates.shape[1]} components, expected 2", where=where)
-    return Mask(coordinates, _image(tool.mask, ground, tool.place("mask", "image")))
+    return coordinates
 
 
 def _attribute(ground: Ground, primitives: Ints, name: str, where: str) -> Floats:

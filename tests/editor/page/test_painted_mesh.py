@@ -48,7 +48,7 @@ def test_a_large_texture_is_averaged_for_the_browser(height: int, width: int, se
     rows = np.arange(height, dtype=np.uint8)[:, None, None] % 200
     pixels = np.broadcast_to(rows, (height, width, 3)).copy()
     mesh = PaintedMesh(TRIANGLES, PLACES, Texture(pixels, ("repeat", "repeat")))
-    found = np.array(Image.open(io.BytesIO(mesh._image)))
+    found = np.array(Image.open(io.BytesIO(mesh.image)))
     assert found.shape == (*sent, 3)
     step = height // sent[0]
     means = rows[: sent[0] * step, 0, 0].reshape(-1, step).mean(axis=1)

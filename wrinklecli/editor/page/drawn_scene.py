@@ -8,10 +8,10 @@ import viser
 
 from wrinklecli.character.paints import Colour
 from wrinklecli.editor.page.drawing import Body, DrawnMesh, SurfacePoints, ToolOutline, line_between
-from wrinklecli.editor.page.painted_mesh import PaintedMesh
+from wrinklecli.editor.page.painted_mesh import PaintedMesh, image_of
 from wrinklecli.editor.page.widgets import show_changed
 from wrinklecli.frozen import dataclass
-from wrinklecli.gltf.pixels import srgb
+from wrinklecli.gltf.pixels import Bytes, srgb
 from wrinklecli.numeric.arrays import Floats, vertex_normals
 from wrinklecli.review.preview.overlay import INK
 
@@ -124,6 +124,12 @@ class DrawnScene:
                     painted.waiting = True
         self._move_outlines(points)
         return bool(self._painted)
+
+    def repaint(self, body: int, pixels: Bytes) -> None:
+        """Give a body other (height, width, 3) pixels, which it shows when it moves next."""
+        for (number, _), painted in self._painted.items():
+            if number == body:
+                painted.mesh.image = image_of(pixels)
 
     def swap(self) -> None:
         """Show the meshes that the browser has read meanwhile."""

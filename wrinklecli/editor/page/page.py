@@ -16,6 +16,7 @@ from wrinklecli.editor.free_pose import POSE
 from wrinklecli.editor.page.access import Access
 from wrinklecli.editor.page.contact_panel import ContactPanel, has_contact
 from wrinklecli.editor.page.controls import ToolControls
+from wrinklecli.editor.page.mask_brush import MaskBrush
 from wrinklecli.editor.page.material_panel import MaterialPanel
 from wrinklecli.editor.page.panels import FileButtons, PosePanel
 from wrinklecli.editor.page.player import Charts, Player
@@ -197,6 +198,7 @@ class Page:
             add_group(self, "tool", {"Look": self._look, **edits})
             self._contact = ContactPanel(self, self.player)
             self._materials = MaterialPanel(self, self._viewport)
+            self._brush = MaskBrush(self, self._viewport)
             clips = [clip.name for clip in session.clips if clip.name not in session.range_clips]
             self._controls = {key: ToolControls(gui, self._changed, clips, key) for key in ToolsFile.LISTS}
             self._charts = Charts(gui)
@@ -207,6 +209,7 @@ class Page:
             "new": self._pointer.press,
             "at": self._pointer.hover,
             "light": self._viewport.light_from,
+            "paint": self._brush.paint,
             "material": self._materials.take,
             "proposal": self._suggest_panel.point_at,
             "keys": self._show_keys,
@@ -263,6 +266,8 @@ class Page:
         self._contact.refresh(chosen)
         if chosen is not None:
             self._show_tool(chosen)
+        else:
+            self._brush.show(None)
         if not self.session.is_refined or self._checked != self.session.text:
             self._verdict = _CHECKING
             self.slow.put("refine", self._refine)
@@ -306,6 +311,7 @@ class Page:
             controls.set_visible(visible=key == tool.list_key)
         controls = self._controls[tool.list_key]
         controls.show(tool.keys, self.session.inherited(tool), span or 1.0, [*self.session.presets])
+        self._brush.show(tool.name if "mask" in tool.keys else None)
         self._materials.show(tool.name if tool.list_key == "tools" else None)
 
     def _problems_of(self, tool: EditedTool) -> str:
@@ -500,7 +506,7 @@ class Page:
 
     def _escape(self) -> None:
         """Cancel what is pending, or else leave the chosen tool."""
-        if not (self._pointer.give_up() or self._contact.give_up() or self._materials.give_up()):
+        if not any(each.give_up() for each in (self._pointer, self._brush, self._contact, self._materials)):
             self.choose(None, look=False)
 
     def _rename(self) -> None:

@@ -18,20 +18,20 @@ _MOST_PIXELS = 1024  # along each side of a texture, which the browser reads aga
 
 
 class PaintedMesh:
-    """The parts of the .glb that stay while its vertices move: (triangles, 3) vertices, and a texture.
+    """The parts of the .glb that stay while its vertices move: (triangles, 3) vertices, and a texture, as `image`.
 
     Each vertex has (vertices, 2) coordinates in the texture, which multiplies the vertex colours.
     """
 
     def __init__(self, triangles: Ints, coordinates: Floats, texture: Texture | None) -> None:
         self._fixed: list[Array] = [triangles.astype(np.uint32).reshape(-1, 1)]
-        self._image = b""
+        self.image = b""
         shine = pygltflib.PbrMetallicRoughness(metallicFactor=0.0, roughnessFactor=_ROUGHNESS)
         self._material = pygltflib.Material(doubleSided=True, pbrMetallicRoughness=shine)
         self._samplers: list[pygltflib.Sampler] = []
         if texture is not None:
             self._fixed.append(coordinates.astype(np.float32))
-            self._image = jpeg_of(_small(texture.pixels))
+            self.image = image_of(texture.pixels)
             shine.baseColorTexture = pygltflib.TextureInfo(index=0)
             across, along = (_MODES[wrap] for wrap in texture.wraps)
             self._samplers.append(pygltflib.Sampler(wrapS=across, wrapT=along))
@@ -43,7 +43,7 @@ class PaintedMesh:
         arrays = [*self._fixed, positions.astype(np.float32), normals.astype(np.float32), shades]
         # Without normals the browser would shade each triangle flat.
         attributes = {name: len(self._fixed) + k for k, name in enumerate(("POSITION", "NORMAL", "COLOR_0"))}
-        if self._image:
+        if self.image:
             attributes["TEXCOORD_0"] = 1
         primitive = pygltflib.Primitive(attributes=pygltflib.Attributes(**attributes), indices=0, material=0)
         gltf = pygltflib.GLTF2(
@@ -57,7 +57,7 @@ class PaintedMesh:
             textures=[pygltflib.Texture(source=0, sampler=0) for _ in self._samplers],
             images=[pygltflib.Image(bufferView=len(arrays), mimeType="image/jpeg") for _ in self._samplers],
         )
-        parts = [*(array.tobytes() for array in arrays), *([self._image] if self._image else [])]
+        parts = [*(array.tobytes() for array in arrays), *([self.image] if self.image else [])]
         start = 0
         for part in parts:
             gltf.bufferViews.append(pygltflib.BufferView(buffer=0, byteOffset=start, byteLength=len(part)))
@@ -78,6 +78,11 @@ def _accessor(view: int, array: Array, normalized: bool) -> pygltflib.Accessor:
     if array.shape[1] == 3:
         accessor.min, accessor.max = array.min(axis=0).tolist(), array.max(axis=0).tolist()
     return accessor
+
+
+def image_of(pixels: Bytes) -> bytes:
+    """A JPEG of (height, width, 3) pixels, reduced for the browser."""
+    return jpeg_of(_small(pixels))
 
 
 def _small(pixels: Bytes) -> Bytes:

@@ -92,22 +92,26 @@ if (!window.wrinkleKeys) {
     if (found !== over) sayOf(found || over.split(" ")[0] + " ");
     over = found;
   });
-  const sayPlace = (kind, event) => {
+  const sayPlace = (kind, event, more = "") => {
     const box = event.target.getBoundingClientRect();
-    say(kind, `${(event.clientX - box.x) / box.width} ${(event.clientY - box.y) / box.height}`);
+    say(kind, `${(event.clientX - box.x) / box.width} ${(event.clientY - box.y) / box.height}${more}`);
   };
   document.addEventListener("pointermove", event => {
     if (event.target.matches("canvas") && document.querySelector("[data-hover]")) sayPlace("at", event);
   }, true);
-  // Shift-drag turns the light, and not the view.
-  let lights = false;
+  // A drag with Shift turns the light, and one with a brush paints; neither turns the view.
+  let drags = "";
   for (const kind of ["pointerdown", "pointermove", "pointerup"])
     document.addEventListener(kind, event => {
-      if (kind === "pointerdown") lights = event.shiftKey && event.button === 0 && event.target.matches("canvas");
-      if (!lights) return;
+      if (kind === "pointerdown") {
+        const brush = document.querySelector("[data-brush]") ? "paint" : "";
+        drags = event.button === 0 && event.target.matches("canvas") ? (event.shiftKey ? "light" : brush) : "";
+      }
+      if (!drags) return;
       event.stopPropagation();
-      if (event.target.matches("canvas")) sayPlace("light", event);
-      if (kind === "pointerup") lights = false;
+      const more = drags === "light" ? "" : ` ${Number(event.altKey) + 2 * Number(kind === "pointerup")}`;
+      if (event.target.matches("canvas")) sayPlace(drags, event, more);
+      if (kind === "pointerup") drags = "";
     }, true);
   const reset = event => {
     const field = event.target, label = field.closest("div:has(label)")?.querySelector("label");

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 import viser
 
-from wrinklecli.character.paints import Colour, Paint, read_paints
+from wrinklecli.character.paints import Colour, Paint, Texture, read_paints
 from wrinklecli.character.scene import read_scene
 from wrinklecli.editor.attached import AttachedBelow, AttachedTool, ShownMesh
 from wrinklecli.editor.baked_file import BakedFile
+from wrinklecli.editor.mask_canvas import MaskCanvas
 from wrinklecli.editor.page.drawing import Body, SurfacePoints, ToolOutline, body_of, outline_below, outline_of
 from wrinklecli.editor.page.drawn_scene import HINT, HINTED, LOOKS, Drag, DrawnScene, Look
 from wrinklecli.editor.page.player import Player
@@ -107,6 +108,7 @@ class Viewport:
         self._hinted: AttachedTool | None = None
         # The greatest compression of meshes, which is shown while a place is sought.
         self._compressed: dict[Ground, Compressed] | None = None
+        self._canvas: MaskCanvas | None = None  # that is painted
         self._moment: tuple[str | None, float] = (None, 0.0)
         self.shown: list[ShownMesh] = []
         self._document: Document | None = None
@@ -164,6 +166,25 @@ class Viewport:
             self._show_bodies()
             if folds:
                 self._page.slow.put("seek", self._measure)
+
+    def show_mask(self, canvas: MaskCanvas | None) -> None:
+        """Show a mask that is painted in place of the textures of its node; None for none."""
+        self._canvas = canvas
+        self._show_bodies()
+
+    def repaint(self, canvas: MaskCanvas) -> None:
+        """Show what was painted since."""
+        self._scene.repaint([mesh.source.ground.rig.node for mesh in self.shown].index(canvas.node), canvas.shown)
+        self._page.show()
+
+    def _painted(self, node: int) -> list[Paint]:
+        """The paints of a node, or the mask that is painted there."""
+        canvas = self._canvas
+        if canvas is None or canvas.node != node:
+            return self.paints[node]
+        ends = np.cumsum([len(paint.coordinates) for paint in self.paints[node]])[:-1]
+        texture = Texture(canvas.shown, ("clamp", "clamp"))
+        return [Paint(np.ones((len(each), 3)), each, texture) for each in np.split(canvas.coordinates, ends)]
 
     def _measure(self) -> None:
         """Measure the compression of each mesh; on the slow thread."""
@@ -272,6 +293,7 @@ class Viewport:
     def _show_bodies(self) -> None:
         """Show meshes that are new or look different."""
         look: Look = self._look.value if self._compressed is None else "heat"
+        look = look if self._canvas is None else "textures"
         show_changed(self._legend, "visible", look == "heat")
         wire, beside = bool(self._wire.value), self._meshes_beside()
         self._bodies = self._bodies_of(self.shown)
@@ -287,8 +309,9 @@ class Viewport:
     def _bodies_of(self, meshes: Sequence[ShownMesh]) -> tuple[Body, ...]:
         """Make the bodies of meshes, of the baked file or of the edited asset."""
         baked = self._baked is not None and any(mesh.source in self._baked.sources for mesh in meshes)
-        paints = self._baked_paints if baked else self.paints
-        return tuple(body_of(mesh.source, paints[mesh.source.ground.rig.node]) for mesh in meshes)
+        nodes = [mesh.source.ground.rig.node for mesh in meshes]
+        paints = [self._baked_paints[node] if baked else self._painted(node) for node in nodes]
+        return tuple(body_of(mesh.source, each) for mesh, each in zip(meshes, paints, strict=True))
 
     def _meshes_beside(self) -> list[ShownMesh]:
         """The meshes to show beside those of the moment."""
@@ -319,7 +342,7 @@ class Viewport:
                 for found, rest in zip(known, rests, strict=True)
             ]
             return [linear_rgb(heat_colours(each)) for each in losses]
-        if self._look.value != "heat" and self._compressed is None:
+        if self._canvas is not None or (self._look.value != "heat" and self._compressed is None):
             return []
         plain = {mesh.source: mesh for mesh in self._session.meshes(*moment, wait=False, wrinkled=False)}
         return [
