@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from kit.suggested import along
 from wrinklecli import bake
 from wrinklecli.gltf.document import read_document
 from wrinklecli.review.check import check
+from wrinklecli.review.suggest.candidates import _digits
 from wrinklecli.review.suggest.suggest import Suggestions, suggest
 from wrinklecli.tools.read import load_tools, parse_tools
 from wrinklecli.tools.records import Contact
@@ -114,3 +116,16 @@ def test_a_preset_of_a_file_is_taken_for_its_parts_of_a_body(tmp_path: Path) -> 
     assert [replace(tool, where="") for tool in read[: len(found.tools)]] == [each.tool for each in found.tools]
     assert check(tmp_path / "limb.glb", tools).data["tools"]
     assert "presets" not in suggest(tmp_path / "limb.glb", everything=True).text
+
+
+def test_a_place_is_of_the_finger_that_moves_it_most() -> None:
+    """Joints of one chain are one finger. What none moves is of none, as all is of a hand with one finger."""
+    influences = np.array([[1.0, 0.0, 0.0, 0.0], [0.1, 0.9, 0.0, 0.0], [0.0, 0.2, 0.8, 0.0], [0.4, 0.0, 0.0, 0.6]])
+    triangles = np.arange(4)[:, None].repeat(3, axis=1)
+    mesh: Any = SimpleNamespace(
+        rig=SimpleNamespace(joints=np.arange(4), parents=np.array([-1, 0, 1, 0])),
+        gauge=SimpleNamespace(influences=influences, triangles=triangles),
+        sites=SimpleNamespace(positions=np.zeros((4, 3)), gather=np.eye(4)),
+    )
+    assert _digits(mesh, ["hand", "finger", "finger", "finger"]).tolist() == [-1, 0, 0, 1]
+    assert _digits(mesh, ["hand", "finger", "finger", "hand"]).tolist() == [-1] * 4

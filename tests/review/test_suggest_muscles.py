@@ -21,8 +21,10 @@ NAMES = ["biceps", "triceps", "forearm_flexors", "quadriceps", "hamstrings", "ca
 
 
 def plumed() -> Asset:
-    """A person with a plume, which the head alone carries: no muscle is below it."""
+    """A person with a plume, which the head alone carries: no muscle is below it. The right forearm is longer."""
     asset = tubes()
+    hand = next(node for node in asset.gltf["nodes"] if node["name"] == "hand.R")
+    hand["translation"] = [1.15 * x for x in hand["translation"]]
     joints = asset.gltf["skins"][0]["joints"]
     head = next(k for k, joint in enumerate(joints) if asset.gltf["nodes"][joint]["name"].lower().endswith("head"))
     places = np.array([[0.0, 1.8, 0.0], [0.1, 1.8, 0.0], [0.0, 2.0, 0.0]])
@@ -60,6 +62,7 @@ def test_muscles_lie_on_the_sides_of_their_bones(tmp_path: Path) -> None:
         sides[each.muscle.name] = z if abs(z) > 1e-9 else y
     signs = [np.sign(sides[f"{name}.L"]) for name in NAMES]
     assert signs == [1.0, -1.0, -1.0, 1.0, -1.0, -1.0]
+    assert [each.muscle.name for each in found.muscles if each.mirrored] == [f"{name}.L" for name in NAMES[3:]]
 
 
 @pytest.mark.slow
