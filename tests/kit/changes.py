@@ -188,6 +188,10 @@ def swapped_joints(asset: Asset) -> None:
     joints[1], joints[2] = joints[2], joints[1]
 
 
+def further_joint(asset: Asset) -> None:
+    asset.gltf["skins"][0]["joints"].append(0)
+
+
 def moved_bind(asset: Asset) -> None:
     stored(asset, asset.gltf["skins"][0]["inverseBindMatrices"])[1, 12] += 0.01
 

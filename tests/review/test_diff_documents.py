@@ -29,6 +29,7 @@ from kit.changes import (
     extras_number,
     flipped_triangle,
     fold,
+    further_joint,
     future_key,
     hidden_in_scene,
     idle_target,
@@ -92,6 +93,7 @@ Json = dict[str, Any]
 
 # What is changed, where it is said to differ, and what is said of it.
 CHANGES: list[tuple[Callable[[Asset], None], str, str]] = [
+    (further_joint, "/skins/0/joints/3", "none -> "),
     (moved_vertex, f"{PRIMITIVE}/attributes/POSITION", "vertex 17 is 0.01 off"),
     (bent_normal, f"{PRIMITIVE}/attributes/NORMAL", "vertex 5"),
     (other_uv, f"{PRIMITIVE}/attributes/TEXCOORD_0", "vertex 6 differs by 0.001"),
@@ -150,7 +152,7 @@ CHANGES: list[tuple[Callable[[Asset], None], str, str]] = [
 ]
 
 
-@pytest.mark.quick(4, 12)
+@pytest.mark.quick(5, 13)
 @pytest.mark.parametrize(("change", "place", "message"), CHANGES, ids=lambda each: getattr(each, "__name__", ""))
 def test_every_change_is_found_and_named(
     tmp_path: Path, change: Callable[[Asset], None], place: str, message: str
