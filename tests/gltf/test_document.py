@@ -163,6 +163,18 @@ def test_sparse_accessor(tmp_path: Path, index_dtype: str, base: bool) -> None:
     assert np.array_equal(written(asset, tmp_path).accessor(0), wanted)
 
 
+def test_a_sparse_accessor_changes_what_it_substitutes_and_what_its_base_has(tmp_path: Path) -> None:
+    asset, values = Asset(), np.zeros((9, 3))
+    values[[0, 4, 8]] = 5.0
+    base, over = asset.accessor(np.eye(9)[:, :3]), asset.sparse(values, base=False)
+    asset.gltf["accessors"][base]["sparse"] = asset.gltf["accessors"][over]["sparse"]
+    document = written(asset, tmp_path)
+    for index, changed in ((base, [0, 1, 2, 4, 8]), (over, [0, 4, 8])):
+        indices, found = document.changes(index)
+        assert indices.tolist() == changed
+        assert np.array_equal(found, document.accessor(index)[changed])
+
+
 def test_accessor_without_view_is_zero(tmp_path: Path) -> None:
     asset = Asset()
     asset.append("accessors", {"componentType": 5126, "count": 4, "type": "VEC3"})

@@ -364,6 +364,17 @@ def test_numbers_have_the_slack_of_their_size_and_lengths_that_of_the_asset(
     assert limits.slack(values, lengths=True) == pytest.approx(max(length, ratio * most))
 
 
+@given(st.floats(-1e6, 1e6), st.floats(1e-9, 1e-2), st.integers(-(10**6), 10**6))
+def test_numbers_are_apart_by_more_than_a_ratio_of_their_size_and_counts_by_one(
+    number: float, ratio: float, count: int
+) -> None:
+    limits, slack = Limits(1.0, ratio), ratio * max(1.0, abs(number))
+    assert not limits.are_apart(number, number + 0.9 * slack)
+    assert limits.are_apart(number, number + 1.1 * slack)
+    assert limits.are_apart(count, count + 1)
+    assert not limits.are_apart(count, count)
+
+
 def test_numbers_that_are_no_lengths_may_differ_by_the_same_share(tmp_path: Path) -> None:
     before, after = rich(), rich()
     after.gltf["materials"][0]["pbrMetallicRoughness"]["baseColorFactor"][0] += 0.009
