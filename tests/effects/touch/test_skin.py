@@ -10,7 +10,9 @@ from kit.touch import plate, touch
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.effects.touch import attach
+from wrinklecli.effects.touch.disc import Disc
 from wrinklecli.effects.touch.layer import TouchLayer
+from wrinklecli.effects.touch.skin import Place
 
 
 def fold(x: float) -> dict[str, Any]:
@@ -40,3 +42,14 @@ def test_skin_is_fitted_once_unless_a_tool_refines_it_too(
     # Whichever it was, it is what a fit to all of this skin gives.
     assert layer.deltas[0] == pytest.approx(fit(spot.places[0], spot.drive, plan.fine), abs=1e-9 * spot.drive.grip)
     assert np.abs(layer.deltas[0]).max() > 0.5 * spot.drive.grip
+
+
+def test_a_disc_has_the_coordinates_of_its_two_diameters() -> None:
+    random = np.random.default_rng(1)
+    axes = np.linalg.qr(random.normal(size=(3, 3)))[0]
+    at, points = random.normal(size=3), random.normal(size=(9, 3))
+    nothing: Any = None
+    for disc in Disc(Place(at, axes, 0.1, 0.2), 0.3, 4.0, 1.0, nothing, nothing).both:
+        (u, v), line = disc.coordinates(points), disc.path.locate(points)
+        assert u == pytest.approx(line.u)
+        assert np.abs(v) == pytest.approx(np.abs(line.across) / disc.half_width)
