@@ -18,7 +18,6 @@ from wrinklecli.effects.field.layer import FieldLayer
 from wrinklecli.effects.field.material import FABRICS
 from wrinklecli.effects.plan import skin_parts
 from wrinklecli.numeric.arrays import Floats, face_normals
-from wrinklecli.numeric.laplacian import Sheet
 
 # Along the inner side of the bend.
 ENDS = {"origin": [-0.15, RADIUS, 0.0], "target": [0.15, RADIUS, 0.0]}
@@ -72,21 +71,6 @@ def test_nothing_moves_where_no_shape_has_a_height() -> None:
     far = np.abs(plan.fine.rest_positions[:, 0]) > 0.8
     assert far.any()
     assert not deltas[:, far].any()
-
-
-def test_folds_are_level_where_lines_meet_at_right_angles() -> None:
-    """Straight lines keep theirs, and those that meet keep them a wavelength away from there."""
-    wavelength, steps = 0.2, np.linspace(-0.5, 0.5, 41)
-    places = np.stack([*np.meshgrid(steps, steps), np.zeros((41, 41))], axis=-1).reshape(-1, 3)
-    corners = (np.arange(40)[:, None] * 41 + np.arange(40)).reshape(-1, 1)
-    sheet = Sheet.of(places, (corners + np.array([0, 1, 42, 0, 42, 41])).reshape(-1, 3))
-    normals = np.tile([0.0, 0.0, 1.0], (len(places), 1))
-    straight = np.tile([1.0, 0.0, 0.0], (len(places), 1))
-    assert carry._alike(sheet, normals, straight, wavelength) == pytest.approx(np.ones(len(places)))
-    meeting = np.where(places[:, :1] < -1e-9, straight, [0.0, 1.0, 0.0])
-    alike = carry._alike(sheet, normals, meeting, wavelength)
-    assert alike[np.abs(places[:, 0]) < 0.01].max() < 0.1
-    assert alike[np.abs(places[:, 0]) > wavelength].min() > 0.9
 
 
 @pytest.mark.parametrize("fabric", FABRICS.values(), ids=list(FABRICS))

@@ -75,6 +75,20 @@ def test_the_height_at_the_middle_of_a_side_does_not_depend_on_signs() -> None:
     assert len(triangles) > 0
 
 
+def test_crests_fade_where_lines_meet_at_right_angles() -> None:
+    """No direction is right there; two wavelengths away from there crests run on."""
+    wavelength = 0.1
+    positions, triangles = plane(LENGTH, WIDTH, CELLS)
+    middle = positions[:, 0] - positions[:, 0].mean()
+    straight = np.tile([1.0, 0.0, 0.0], (len(positions), 1))
+    lengths = []
+    for lines in (straight, np.where(middle[:, None] < 0, straight, [0.0, 1.0, 0.0])):
+        lengths.append(np.linalg.norm(striped(positions, triangles, lines, wavelength)[1], axis=1))
+    assert lengths[0].min() > 0.95
+    assert np.median(lengths[1][np.abs(middle) < wavelength / 5.0]) < 0.6
+    assert np.median(lengths[1][np.abs(middle) > 2.0 * wavelength]) > 0.85
+
+
 def test_lines_that_come_back_turned_round_have_no_seam() -> None:
     """Round the middle of a ring lines turn by 180°, so that their signs must jump somewhere: crests do not show where.
 

@@ -23,7 +23,6 @@ from wrinklecli.numeric.arrays import (
 )
 from wrinklecli.numeric.laplacian import Average, Sheet
 from wrinklecli.surface.refine import Refinement
-from wrinklecli.surface.strain import product
 
 # Replaces a divisor of 0.
 _TINY = 1e-300
@@ -31,11 +30,11 @@ _TINY = 1e-300
 _LEAST = 0.01
 # Half height over the wavelength from which on a fold is seen well: later fields leave it alone.
 _SEEN = 0.04
-# Length of ψ below which waves level out: it is 0 at a fork, and 1 half a wavelength beside it.
-_FORK = 0.7
-# Waves along a side of a triangle that shows them, the quantile of a field's sides that are usual beyond that, as in a
-# draft, and length over the usual one from which on a side shows none.
-_SHORT_ENOUGH, _USUAL, _TOO_LONG = 0.25, 0.75, 1.6
+# Length of ψ below which waves level out: beside it, crests run on.
+_STRAIGHT = 0.9
+# Waves along a side of a triangle that shows them, and the quantile of a field's sides that are usual beyond that, as
+# in a draft.
+_SHORT_ENOUGH, _USUAL = 0.25, 0.75
 # Waves along a side from crest to furrow.
 _LONGEST = 0.5
 
@@ -114,15 +113,17 @@ def _waves(
     """
     fabric, places, seed = attached.fabric, sheet.positions, attached.seed
     _, lines, _ = shortest(values[:, :6], normals)
-    alike = _alike(sheet, normals, lines, attached.wavelength)
-    trust = np.clip(shares * alike, 0.0, 1.0)
     drawn = (attached.wavelength, attached.tool.variation, seed)
     longer, higher = irregular.varied(places, lines, *drawn)
     lines = irregular.turned(lines, normals, places, *drawn)
     wavelengths = values[:, 6] * longer
     sides = Sides.of(places, sheet.triangles, normals, lines, wavelengths)
-    psi = phases(sides, places, sheet.triangles, trust, attached.wavelength, seed=seed)
-    uneven = alike * _shown(sides, sheet, average) * higher
+    # One broad fold where sides are too long for more, and none where even it would become knobs.
+    broader = sheet.averaging(attached.wavelength / 2.0).of(_lengths(sides, sheet))
+    sides = Sides.of(places, sheet.triangles, normals, lines, wavelengths * broader)
+    shown = np.clip(average.of(np.clip(2.0 - _lengths(sides, sheet), 0.0, 1.0)), 0.0, 1.0)
+    psi = phases(sides, places, sheet.triangles, np.clip(shares, 0.0, 1.0), attached.wavelength, seed=seed)
+    uneven = shown / broader * higher
     heights = uneven * _height(fabric, psi)
     middles = uneven[sides.ends].mean(axis=1) * _height(fabric, sides.middles(psi))
     # A side from crest to furrow says nothing of what is between: its middle is then halfway.
@@ -131,25 +132,15 @@ def _waves(
     return _Waves(heights, sides.ends, straight + told * (middles - straight))
 
 
-def _alike(sheet: Sheet, normals: Floats, lines: Floats, wavelength: float) -> Floats:
-    """(vertices,) from 0 to 1 how alike (vertices, 3) unit lines are over half a wavelength, from a crest to a furrow.
-
-    Where poses fold the surface across each other, lines turn at once, and no direction is right: folds become pits.
-    """
-    least, _, most = shortest(sheet.averaging(wavelength / 2.0).of(product(lines, lines)), normals)
-    return np.clip(most - least, 0.0, 1.0) ** 2
-
-
-def _shown(sides: Sides, sheet: Sheet, average: Average) -> Floats:
-    """(vertices,) from 1 to 0 where sides of triangles are so much longer than elsewhere that waves become knobs.
+def _lengths(sides: Sides, sheet: Sheet) -> Floats:
+    """(vertices,) waves along the longest side over those that show them, 1 at least.
 
     Refinement splits no side whose middle would need too many joints, as in a groin.
     """
     longest = np.zeros(len(sheet.positions))
     np.maximum.at(longest, sides.ends, sides.waves[:, None])
     usual = max(float(weighted_quantiles(longest, sheet.areas, np.array([_USUAL]))[0]), _SHORT_ENOUGH)
-    shown = np.clip((_TOO_LONG - longest / usual) / (_TOO_LONG - 1.0), 0.0, 1.0)
-    return np.clip(average.of(shown), 0.0, 1.0)
+    return np.maximum(longest / usual, 1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -165,5 +156,5 @@ def _height(fabric: Fabric, psi: Floats) -> Floats:
     """(n,) heights of waves over the half height, at (n, 2) ψ; level with their mean at forks."""
     length = np.linalg.norm(psi, axis=1)
     waves = fabric.wave(psi[:, 0] / np.where(length > 0, length, 1.0))
-    level = np.clip(length / _FORK, 0.0, 1.0)
+    level = np.clip(length / _STRAIGHT, 0.0, 1.0)
     return np.asarray(level * waves + (1.0 - level) * fabric.mean)

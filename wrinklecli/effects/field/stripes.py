@@ -3,7 +3,7 @@
 Each vertex has a complex number ψ of length 1, whose angle is the phase. Along an edge e between lines d it should turn
 by 2π d·e / λ. Where lines have no signs, ψ or its conjugate counts: the height is an even function of the phase, which
 is the same for both. The energy Σ w |ψ_j − ψ_i turned|² is least for ψ of any length, and then lies in one region
-alone. So ψ diffuses and is made as long as 1 in turns, over shorter and shorter lengths.
+alone. So ψ is made as long as 1 and diffuses in turns, over shorter and shorter lengths, and at last along the crests.
 
 Sources: F. Knöppel, K. Crane, U. Pinkall, P. Schröder, *Stripe Patterns on Surfaces*, SIGGRAPH 2015 (the energy);
 B. Merriman, J. Bence, S. Osher, *Diffusion Generated Motion by Mean Curvature*, 1992 (diffuse, then restore).
@@ -19,6 +19,8 @@ from wrinklecli.numeric.laplacian import side_weights, vertex_areas
 
 # Lengths of the diffusion, in wavelengths, and rounds over each: one joins regions, the other makes forks sharp.
 _LONG, _SHARP, _TIMES = 3.0, 0.5, 8
+# Length of the average along crests, in wavelengths: what is shorter than a fold that is twice as long as wide fades.
+_FOLD = 2.0
 # Trust that any place has: phases go on where nothing asks for them.
 _LEAST_TRUST = 1e-3
 # Waves in space, one wavelength long, of which the first phases are made: some of them run across any crest.
@@ -36,12 +38,14 @@ class Sides:
         weights: (sides,) of the energy.
         turns: (sides,) radians by which the phase should turn from the first end to the second,
         signs: (sides,) and 1 if the lines at both ends point the same way, -1 if the second counts conjugated.
+        crests: (sides,) from 0 to 1, how much sides run along the crests at their ends.
     """
 
     ends: Ints
     weights: Floats
     turns: Floats
     signs: Floats
+    crests: Floats
 
     @classmethod
     def of(cls, positions: Floats, triangles: Ints, normals: Floats, lines: Floats, wavelengths: Floats) -> "Sides":
@@ -53,11 +57,41 @@ class Sides:
         a, b = ends.T
         signs = np.where(np.sum(lines[a] * lines[b], axis=1) < 0, -1.0, 1.0)
         way = positions[b] - positions[a]
-        steps = [
-            _within(way, normals[end], sign[:, None] * lines[end]) / wavelengths[end]
-            for end, sign in ((a, np.ones(len(ends))), (b, signs))
-        ]
-        return cls(ends, weights, np.pi * (steps[0] + steps[1]), signs)
+        steps = np.stack([_within(way, normals[a], lines[a]), _within(way, normals[b], signs[:, None] * lines[b])])
+        turns = np.pi * (steps / wavelengths[ends.T]).sum(axis=0)
+        across = (steps**2).mean(axis=0) / np.maximum(np.sum(way**2, axis=1), _TINY)
+        return cls(ends, weights, turns, signs, np.maximum(1.0 - across, 0.0) ** 2)
+
+    def diffused(self, psi: Floats, times: int, weights: Floats, masses: Floats) -> Floats:
+        """(vertices, 2) ψ made as long as 1, then diffused, so many times.
+
+        Args:
+            psi: (vertices, 2) ψ before.
+            times: How often.
+            weights: (sides,) factors of the weights of sides.
+            masses: (vertices,) how much each place keeps its ψ.
+        """
+        import scipy.sparse as sparse
+
+        a, b = self.ends.T
+        count, weights = len(psi), weights * self.weights
+        cosine, sine = np.cos(self.turns), np.sin(self.turns)
+        turned = -weights * np.array([[cosine, -sine], [self.signs * sine, self.signs * cosine]])
+        rows, columns, values = [], [], []
+        for i in range(2):
+            for j in range(2):
+                rows += [2 * b + i, 2 * a + j]
+                columns += [2 * a + j, 2 * b + i]
+                values += [turned[i, j], turned[i, j]]
+        masses = np.repeat(masses, 2)
+        whole = np.repeat(np.bincount(a, weights, count) + np.bincount(b, weights, count), 2) + masses
+        diagonal = np.arange(2 * count)
+        places = (np.concatenate([*rows, diagonal]), np.concatenate([*columns, diagonal]))
+        form = sparse.csc_array((np.concatenate([*values, whole]), places), shape=(2 * count, 2 * count))
+        factors = factorised(form, relax=1)
+        for _ in range(times):
+            psi = factors.solve(masses * _restored(psi).reshape(-1)).reshape(-1, 2)
+        return np.asarray(psi)
 
     @property
     def waves(self) -> Floats:
@@ -81,7 +115,10 @@ def _within(ways: Floats, normals: Floats, lines: Floats) -> Floats:
 
 
 def phases(sides: Sides, positions: Floats, triangles: Ints, trust: Floats, wavelength: float, *, seed: str) -> Floats:
-    """(vertices, 2) real and imaginary parts of ψ; its length is 1 but near forks and ends, where it is 0.
+    """(vertices, 2) real and imaginary parts of ψ, averaged along the crests.
+
+    A fold is longer than it is wide. So ψ is about 1 long where crests run on, and short at forks and ends, where they
+    are dashes, and where no direction is right as lines turn at once.
 
     Args:
         sides: The sides of the triangles.
@@ -91,36 +128,17 @@ def phases(sides: Sides, positions: Floats, triangles: Ints, trust: Floats, wave
         wavelength: Typical, scene units.
         seed: From which the first phases are drawn.
     """
-    import scipy.sparse as sparse
-
-    count = len(positions)
     a, b = sides.ends.T
-    weights = sides.weights * (np.sqrt(trust[a] * trust[b]) + _LEAST_TRUST)
-    cosine, sine = np.cos(sides.turns), np.sin(sides.turns)
-    turned = -weights * np.array([[cosine, -sine], [sides.signs * sine, sides.signs * cosine]])
-    rows, columns, values = [], [], []
-    for i in range(2):
-        for j in range(2):
-            rows += [2 * b + i, 2 * a + j]
-            columns += [2 * a + j, 2 * b + i]
-            values += [turned[i, j], turned[i, j]]
-    whole = np.bincount(a, weights, count) + np.bincount(b, weights, count)
-    diagonal = np.arange(2 * count)
-    energy = sparse.csc_array(
-        (
-            np.concatenate([*values, np.repeat(whole, 2)]),
-            (np.concatenate([*rows, diagonal]), np.concatenate([*columns, diagonal])),
-        ),
-        shape=(2 * count, 2 * count),
-    )
-    masses = np.repeat(vertex_areas(positions, triangles) * (trust + _LEAST_TRUST), 2)
+    trusted = np.sqrt(trust[a] * trust[b]) + _LEAST_TRUST
+    areas = vertex_areas(positions, triangles)
     found = _drawn_at(positions, wavelength, seed)
-    for length in (_LONG, _SHARP):
-        diffusion = sparse.diags_array(masses) + (length * wavelength) ** 2 / 4.0 * energy
-        factors = factorised(diffusion.tocsc(), relax=1)
-        for _ in range(_TIMES):
-            found = factors.solve(masses * _restored(found).reshape(-1)).reshape(-1, 2)
-    return np.asarray(found)
+    for length, times, weights, masses in (
+        (_LONG, _TIMES, trusted, areas * (trust + _LEAST_TRUST)),
+        (_SHARP, _TIMES, trusted, areas * (trust + _LEAST_TRUST)),
+        (_FOLD, 1, sides.crests, areas),
+    ):
+        found = sides.diffused(found, times, (length * wavelength) ** 2 / 4.0 * weights, masses)
+    return found
 
 
 def _drawn_at(positions: Floats, wavelength: float, seed: str) -> Floats:
