@@ -131,7 +131,7 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
     if not turns:
         raise BakeError("no joint of its mesh turns", where=where)
     seed = drawn_from(tool.name, tool.seed)
-    sweeps = Sweeps.of(ground.rig, turns, seed=seed, together=acting_together(ground, turns))
+    sweeps = Sweeps.of(ground.rig, turns, ground.clips, seed=seed, together=acting_together(ground, turns))
     poses = len(sweeps.angles)
     ground.document.memory.check(_HELD * 8 * poses * len(rest.positions), f"heights in {poses} poses", where=where)
     allowed = _allowed(tool, ground, members, sheet, wave, wavelength)

@@ -4,7 +4,7 @@ Joints turn as far as clips turn them, about the principal axes of their turns t
 no clip turns any joint much, they turn as `character.range_of_motion` lets them.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -29,8 +29,12 @@ _STEP = float(np.radians(25.0))
 _LEAST_STEPS = 2
 # Most turns, those of the joints that bend the most: a body in clothes has twenty that fold them.
 _MOST = 32
-# Poses in which joints turn at once, each by its own part of its range; and those in which all turn by the same part.
-_MIXTURES, _ALIKE = 8, 4
+# Poses in which joints turn at once, each by its own part of its range, twice as many without clips; and those in which
+# all turn by the same part.
+_MIXTURES, _ALIKE = 4, 4
+# Moments of clips, evenly spread over all, that are among the poses: what is played should be right. They take a third
+# off the errors of heights in the sample's squat.
+_MOMENTS = 12
 # Turns that do so, in the mean, where no clip shows them.
 _TOGETHER = 4.0
 
@@ -134,21 +138,24 @@ class Sweeps:
     matrices: Floats
 
     @classmethod
-    def of(cls, rig: Rig, turns: Sequence[Turn], *, seed: str, together: float = np.inf) -> "Sweeps":
-        """Let joints turn one by one, then so many `together`, in the mean."""
+    def of(
+        cls, rig: Rig, turns: Sequence[Turn], clips: Sequence[Clip] = (), *, seed: str, together: float = np.inf
+    ) -> "Sweeps":
+        """Let joints turn one by one, then so many `together`, in the mean, and then as in clips."""
         rows, owners = [], []
         for number, turn in enumerate(turns):
             for angle in turn.angles[turn.angles != 0]:
                 rows.append(np.eye(len(turns))[number] * angle)
                 owners.append(number)
         least, most = (np.array([end(turn.angles) for turn in turns]) for end in (np.min, np.max))
-        shares = (drawn(seed, "mixtures", _MIXTURES, len(turns)) + 1.0) / 2.0
+        count = _MIXTURES if clips else 2 * _MIXTURES
+        shares = (drawn(seed, "mixtures", count, len(turns)) + 1.0) / 2.0
         # As in a squat, on the way down and at its end.
         alike = np.linspace(0.0, 1.0, _ALIKE + 1)[1:, None] * most
         mixed = np.concatenate([alike, least + shares * (most - least)])
         acting = (drawn(seed, "turning", len(mixed), len(turns)) + 1.0) / 2.0 < together / len(turns)
-        rows += list(np.where(acting, mixed, 0.0))
-        owners += [-1] * len(mixed)
+        rows += [*np.where(acting, mixed, 0.0), *_in_clips(rig, turns, clips)]
+        owners += [-1] * (len(rows) - len(owners))
         angles = np.array(rows).reshape(-1, len(turns))
         return cls(tuple(turns), angles, np.array(owners), np.stack([_matrices(rig, turns, each) for each in angles]))
 
@@ -161,6 +168,16 @@ class Sweeps:
             np.array([end(turn.angles) for turn in self.turns])[self.owners[own]] for end in (np.min, np.max)
         )
         return np.asarray(own[(angles == least) | (angles == most)])
+
+
+def _in_clips(rig: Rig, turns: Sequence[Turn], clips: Sequence[Clip]) -> Iterator[Floats]:
+    """The (turns,) radians at moments that are evenly spread over all clips."""
+    ends = np.cumsum([clip.end - clip.start for clip in clips])
+    moments = ends[-1:] * (np.arange(_MOMENTS)[:, None] + 0.5) / _MOMENTS
+    owners = np.searchsorted(ends, moments[:, 0]) if len(ends) else np.zeros(0, np.intp)
+    for number in np.unique(owners).tolist():
+        times = clips[number].end - (ends[number] - moments[owners == number, 0])
+        yield from np.stack([turn.signal.angles(rig, clips[number], times).rows for turn in turns], axis=1)
 
 
 def _matrices(rig: Rig, turns: Sequence[Turn], angles: Floats) -> Floats:
