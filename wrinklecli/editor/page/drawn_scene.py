@@ -51,14 +51,10 @@ class _PaintedNodes:
 
 
 class DrawnScene:
-    """Bodies and tools in the 3D view of all tabs; `drag` is called when the user drags a tool's dot.
+    """Bodies and tools in the 3D view of all tabs; `drag` is called when the user drags a tool's dot."""
 
-    Several scenes, each with a name, may stand side by side.
-    """
-
-    def __init__(self, server: viser.ViserServer, name: str, drag: Drag) -> None:
-        self._scene, self._name, self._drag = server.scene, name, drag
-        self._root = self._scene.add_frame(f"/{name}", show_axes=False)
+    def __init__(self, server: viser.ViserServer, drag: Drag) -> None:
+        self._scene, self._drag = server.scene, drag
         self._bodies: tuple[Body, ...] = ()
         self._plain: dict[tuple[int, int], viser.MeshHandle] = {}
         self._painted: dict[tuple[int, int], _PaintedNodes] = {}
@@ -71,11 +67,6 @@ class DrawnScene:
         self._chosen: str | None = None
         self._size = 1.0
 
-    def place_at(self, offset: Sequence[float], *, visible: bool) -> None:
-        """Move the scene to a (3,) place, or hide it."""
-        self._root.position = np.array(offset, float)
-        self._root.visible = visible
-
     def show_bodies(self, bodies: Sequence[Body], points: Sequence[Floats], look: Look, *, wire: bool) -> None:
         """Show other bodies, each with (points, 3) positions."""
         self._clear_bodies()
@@ -84,7 +75,7 @@ class DrawnScene:
         self._size = float(np.ptp(every, axis=0).max()) or 1.0
         for number, (body, places) in enumerate(zip(bodies, points, strict=True)):
             for part, mesh in enumerate(body.meshes):
-                key, name = (number, part), f"/{self._name}/body{number}.{part}"
+                key, name = (number, part), f"/asset/body{number}.{part}"
                 if look == "heat" or (look == "textures" and _has_colours(mesh)):
                     texture = None if look == "heat" else mesh.paint.texture
                     painted = PaintedMesh(mesh.triangles, mesh.paint.coordinates, texture)
@@ -100,7 +91,7 @@ class DrawnScene:
                     )
             if wire:
                 self._wires[number] = self._scene.add_mesh_simple(
-                    f"/{self._name}/wire{number}", places, body.triangles, color=_bytes_of(INK), wireframe=True
+                    f"/asset/wire{number}", places, body.triangles, color=_bytes_of(INK), wireframe=True
                 )
 
     def move_bodies(self, points: Sequence[Floats], heats: Sequence[Floats] = ()) -> bool:
@@ -152,7 +143,7 @@ class DrawnScene:
             line = self._lines.get(outline.name)
             if line is None:
                 line = self._lines[outline.name] = self._scene.add_line_segments(
-                    f"/{self._name}/tool {outline.name}", ends, colour, thickness=thickness, thickness_units="screen"
+                    f"/asset/tool {outline.name}", ends, colour, thickness=thickness, thickness_units="screen"
                 )
             else:
                 line.points, line.thickness = ends, thickness
@@ -190,7 +181,7 @@ class DrawnScene:
             show_changed(shown, "visible", len(segments) > 0)
         if shown is None and len(segments):
             self._plain_lines[name] = self._scene.add_line_segments(
-                f"/{self._name}/{name}", segments, _bytes_of(colour), thickness=thickness, thickness_units="screen"
+                f"/asset/{name}", segments, _bytes_of(colour), thickness=thickness, thickness_units="screen"
             )
         elif shown is not None and len(segments):
             shown.points = segments.astype(np.float32)
@@ -211,7 +202,7 @@ class DrawnScene:
 
     def _add_dot(self, name: str, radius: float, colour: tuple[int, int, int], place: Floats) -> viser.IcosphereHandle:
         return self._scene.add_icosphere(
-            f"/{self._name}/{name}", radius, colour, subdivisions=2, position=place, cast_shadow=False
+            f"/asset/{name}", radius, colour, subdivisions=2, position=place, cast_shadow=False
         )
 
     def _listen(self, dot: viser.IcosphereHandle, kind: str, number: int) -> None:

@@ -44,9 +44,6 @@ from wrinklecli.surface.ground import Ground
 
 _READ_SECONDS = 0.08  # seconds in which a browser reads a coloured mesh
 _RESTS_SECONDS = 0.15  # after which a camera that was turned rests, and the split follows it
-_BESIDE_DISTANCE = 1.15  # widths of the asset between it and what is shown beside it
-_UNWRINKLED, _AT_REST = "without wrinkles", "at rest"
-_BESIDE = ("nothing", _UNWRINKLED, _AT_REST)  # what may be shown beside it
 # Strength of each light by its direction: one aslant on either side, so that folds stand out from everywhere, and one
 # from below.
 _LIGHTS = {(0.7, 1.0, 1.0): 2.0, (-0.7, 0.8, -1.0): 1.8, (-0.6, -1.0, 0.6): 0.5}
@@ -100,8 +97,7 @@ class Viewport:
             for number, strength in enumerate(_LIGHTS.values())
         ]
         self._light(_DIRECTIONS)
-        self._scene = DrawnScene(server, "asset", drag)
-        self._beside_scene = DrawnScene(server, "beside", lambda *_: None)
+        self._scene = DrawnScene(server, drag)
         self._bodies: tuple[Body, ...] = ()
         self._outlines: dict[str, tuple[object, ToolOutline]] = {}  # on the present triangles
         self._chosen: str | None = None
@@ -128,8 +124,6 @@ class Viewport:
         self._wire: Any = gui.add_checkbox("wire", initial_value=False)
         tip = "Show what Bake has written, in place of what is edited; its clips, as it plays them."
         self._as_baked: Any = gui.add_checkbox("baked file", initial_value=False, hint=tip, visible=False)
-        tip = "Show it a second time: at the same moment without wrinkles, or at rest."
-        self._beside: Any = gui.add_dropdown("beside", _BESIDE, hint=tip)
         tip = "Part of the view, from the left, that is shown without wrinkles. V shows a half so, or nothing."
         self._split: Any = gui.add_slider("split (%)", 0, 100, 1, 0, hint=tip)
         add_group(self._page, "look from", {side: partial(self.look_at_all, side) for side in SIDES})
@@ -138,7 +132,7 @@ class Viewport:
             gui.add_html(_heat_legend())
             self._here: Any = gui.add_html("")
         self._legend.float(x=_LEGEND_X, y=-15, width=_LEGEND_WIDTH)
-        for each in (self._look, self._wire, self._beside):
+        for each in (self._look, self._wire):
             on_set(self._page, each, "bodies", self._show_bodies)
         own: tuple[Any, ...] = (self._wrinkled, self._as_baked, self._split)
         for each in own:
@@ -295,39 +289,19 @@ class Viewport:
         look: Look = self._look.value if self._compressed is None else "heat"
         look = look if self._canvas is None else "textures"
         show_changed(self._legend, "visible", look == "heat")
-        wire, beside = bool(self._wire.value), self._meshes_beside()
-        self._bodies = self._bodies_of(self.shown)
+        nodes = [mesh.source.ground.rig.node for mesh in self.shown]
+        paints = [self._baked_paints[node] if self._is_baked else self._painted(node) for node in nodes]
+        self._bodies = tuple(body_of(mesh.source, each) for mesh, each in zip(self.shown, paints, strict=True))
         with self._server.atomic():
-            self._scene.show_bodies(self._bodies, self._points, look, wire=wire)
+            self._scene.show_bodies(self._bodies, self._points, look, wire=bool(self._wire.value))
             self._show_tools()
-            points = [mesh.positions for mesh in beside]
-            self._beside_scene.show_bodies(self._bodies_of(beside), points, look, wire=wire)
-            width = max(float(np.ptp(each[:, 0])) for each in (self._all_points(), *points) if len(each))
-            self._beside_scene.place_at((-_BESIDE_DISTANCE * width, 0.0, 0.0), visible=bool(beside))
             self._move_bodies()
-
-    def _bodies_of(self, meshes: Sequence[ShownMesh]) -> tuple[Body, ...]:
-        """Make the bodies of meshes, of the baked file or of the edited asset."""
-        baked = self._baked is not None and any(mesh.source in self._baked.sources for mesh in meshes)
-        nodes = [mesh.source.ground.rig.node for mesh in meshes]
-        paints = [self._baked_paints[node] if baked else self._painted(node) for node in nodes]
-        return tuple(body_of(mesh.source, each) for mesh, each in zip(meshes, paints, strict=True))
-
-    def _meshes_beside(self) -> list[ShownMesh]:
-        """The meshes to show beside those of the moment."""
-        if self._beside.value == _UNWRINKLED:
-            return self._meshes(*self._moment, wrinkled=False)
-        return self._meshes(None, 0.0) if self._beside.value == _AT_REST else []
 
     def _move_bodies(self) -> None:
         cuts = [] if self._plane is None else [self._plane.cut(mesh.positions, mesh.faces) for mesh in self.shown]
         self._scene.show_cut(np.concatenate(cuts) if cuts else None)
         if self._scene.move_bodies(self._points, self._heats(self.shown, self._moment)):
             self._work.put_later("swap", _READ_SECONDS, self._scene.swap)
-        beside = self._meshes_beside()
-        at = (None, 0.0) if self._beside.value == _AT_REST else self._moment
-        if self._beside_scene.move_bodies([mesh.positions for mesh in beside], self._heats(beside, at)):
-            self._work.put_later("swap beside", _READ_SECONDS, self._beside_scene.swap)
 
     def _heats(self, meshes: Sequence[ShownMesh], moment: tuple[str | None, float]) -> list[Floats]:
         """Colours for the points of meshes by the compression that wrinkles answer; none if it is not shown.
