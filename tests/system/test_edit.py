@@ -404,7 +404,7 @@ def test_another_asset_of_the_folder_is_opened_at_the_same_address(folder: Path,
     write_tools(folder / "wrist.yaml", tool(name="over", origin=[-0.03, -0.02, 0], target=[0.03, -0.02, 0]))
     (folder / "broken.glb").write_bytes(b"no glTF")
     with started(folder) as (_, address), in_browser(tmp_path, address) as tab:
-        for name, words in (("broken.glb", "broken.glb: "), ("wrist.glb", "wrist.yaml"), ("limb.glb", "limb.yaml")):
+        for name, words in (("broken.glb", "broken.glb: "), ("wrist.glb", "wrist.yaml"), ("limb.glb", "tools.yaml")):
             tab.press_field("open")
             tab.press_text(name)
             tab.wait(f"document.body.innerText.includes({words!r})")

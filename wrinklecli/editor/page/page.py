@@ -5,7 +5,7 @@ import html
 import logging
 import os
 import threading
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -83,6 +83,7 @@ class Page:
 
     Attributes:
         wanted: A session of another asset, which a user asks to see in place of this one.
+        known: The tools file of each asset that was shown so far, by its path.
 
     Raises:
         WrinkleError: The port is taken, or the host is no address of this machine.
@@ -95,8 +96,10 @@ class Page:
         port: int = 0,
         *,
         heat: bool = False,
+        known: Mapping[str, str] | None = None,
     ) -> None:
         self.session = session
+        self.known = {**(known or {}), session.asset: session.path}
         self.wanted: Session | None = None
         self.work = WorkQueue(self._fail)
         # Actions that take seconds have a thread of their own, so that a clip plays on.
@@ -144,7 +147,7 @@ class Page:
         assert self.wanted is not None
         port = self.port
         self.close()
-        return Page(self.wanted, self._access, port)
+        return Page(self.wanted, self._access, port, known=self.known)
 
     def stop_work(self, patience: float | None = None) -> None:
         """End the threads of this page, and wait some seconds for slow work, or until it is done if None."""

@@ -32,7 +32,7 @@ _MAX_DEGREES = 180.0  # greatest turn of a joint, of either sign
 _DEGREES_STEP = 1.0  # step of a turn
 _WEIGHT_STEP = 0.01  # step of a morph target's weight, which goes from 0 to 1
 _NOTHING = "–"  # the only choice of an asset without joints or morph targets
-_OPEN_TIP = "Another asset of this folder, with the tools file of its name. Edits that are not saved here are kept."
+_OPEN_TIP = "Another asset of this folder, with its tools file. Edits that are not saved here are kept."
 
 
 class _EndedError(Exception):
@@ -70,7 +70,8 @@ class FileButtons:
     def _open_beside(self) -> None:
         """Read another asset of the folder with its tools file; on the slow thread."""
         name, self.opened.value = self.opened.value, os.path.basename(self._session.asset)
-        self._page.wanted = Session(os.path.join(self._folder, name), None, self._session.read_options)
+        path = os.path.join(self._folder, name)
+        self._page.wanted = Session(path, self._page.known.get(path), self._session.read_options)
 
     def _step(self, *, forward: bool) -> None:
         self._page.commit()
