@@ -285,6 +285,7 @@ def test_unity_gets_no_weights_of_a_field_above_1() -> None:
     assert (drive["strength"], drive.get("strengths", {}).get("fold", 1.0)) == (0.25, 1.0)
 
 
+@pytest.mark.slow
 def test_more_targets_than_three_takes_are_refused(tmp_path: Path) -> None:
     def many_targets(editor: Editor) -> None:
         for primitive in editor.json["meshes"][0]["primitives"]:
@@ -399,6 +400,7 @@ def test_gpu_bytes_of_a_document_are_those_of_its_targets(targets: list[Json], a
     assert mesh_texture_bytes(gltf, {"primitives": parts}) == (5 * attributes + 7) * 16
 
 
+@pytest.mark.slow
 def test_gpu_bytes_are_those_of_float_textures(tmp_path: Path) -> None:
     """targets x vertices x (POSITION, NORMAL) x 16 bytes, however sparse the file."""
     made = wrinklecli.bake(sample("head"), write_tools(tmp_path / "tools.yaml", BROW), tmp_path / "out.glb")
@@ -431,7 +433,7 @@ def test_the_command_line_refuses_with_its_exit_code(
     assert not (tmp_path / "out.glb").exists()
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("engine", ["godot3", "vtk", "filament"])
 @pytest.mark.parametrize("accessors", ["sparse", "dense"])
 def test_engines_that_need_a_base_get_one(engine: str, accessors: str) -> None:

@@ -58,12 +58,14 @@ def test_extras_are_enough_to_play_the_wrinkles(name: str, config: str, clip: st
     assert_replayed(after, name, clip, times, TABLE_ERROR + 1e-3)
 
 
+@pytest.mark.slow
 def test_extras_of_a_clip_that_was_not_baked() -> None:
     part, whole = bake_config("wrist", "wrist", clips=["extend"]), bake_config("wrist", "wrist")
     assert part.sampler("flex", 0, "weights") is None
     assert described(part) == described(whole)
 
 
+@pytest.mark.slow
 def test_extras_say_what_else_drives_a_tool() -> None:
     """A rest length that follows a morph target cannot be played from the table alone, unless they say so."""
     tool = {**BROW, "rest_length": {"morph": "browsDown", "full": "130%"}}
@@ -164,6 +166,7 @@ def test_morph_targets_below_a_node_with_new_weights_are_said(
     assert (line in report.warnings) == told
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("name", [{}, {"name": ""}], ids=str)
 def test_a_mesh_without_skin_and_name_is_its_own_joint(name: Json, tmp_path: Path) -> None:
     asset = limb_asset(skinned=False, morphs=1, morph_clip="LINEAR", rings=12, sides=8)

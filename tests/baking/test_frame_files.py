@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import trimesh
 
 import wrinklecli
 from kit.bakes import COARSE, bake_once
@@ -21,7 +20,9 @@ from wrinklecli.files.outputs import Outputs
 from wrinklecli.numeric.arrays import unit
 
 
-def read_frame(path: Path) -> trimesh.Trimesh:
+def read_frame(path: Path) -> Any:
+    import trimesh  # 0.4 s of each worker, if it were at the top
+
     loaded: Any = trimesh.load(path, process=False)
     return loaded.to_geometry() if isinstance(loaded, trimesh.Scene) else loaded
 
@@ -138,6 +139,7 @@ def test_frames_are_never_written_over_the_asset_or_the_output(name: str, output
     assert files(tmp_path) == before
 
 
+@pytest.mark.slow
 def test_files_of_two_meshes_of_which_a_clip_moves_one(tmp_path: Path) -> None:
     """Every file holds both meshes, the still one as stored."""
     tools = write_tools(tmp_path / "tools.yaml", {**PALM, "node": "wrist"}, aside(BACK))

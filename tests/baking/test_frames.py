@@ -125,6 +125,7 @@ def test_frames_of_patch_attachment_are_its_own_method() -> None:
     assert tallest > 0.003
 
 
+@pytest.mark.slow
 def test_a_clip_that_was_not_baked_shows_one_frame_throughout() -> None:
     file = bake_config("wrist", "wrist", mode="frames", fps=5, clips=["extend"])
     nodes = frame_nodes(file, "wrist")

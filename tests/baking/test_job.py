@@ -12,6 +12,7 @@ from wrinklecli.errors import WrinkleError
 from wrinklecli.review.inspect import inspect
 
 
+@pytest.mark.slow
 def test_options_are_a_record_or_named_or_both(tmp_path: Path) -> None:
     asset, tools = limb(tmp_path / "limb.glb"), write_tools(tmp_path / "tools.yaml", sampling={"fps": 10})
     record = BakeOptions(max_levels=0, accessors="dense")

@@ -69,6 +69,7 @@ def test_names_counts_and_weights_fit(name: str, config: str, mode: str) -> None
         assert np.abs(values[:, len(old_names) :]).max() <= 1.0
 
 
+@pytest.mark.slow
 def test_every_primitive_gets_every_target_and_the_untouched_share_zeros() -> None:
     def far_part(editor: Editor) -> None:
         """Triangles beyond the knuckles are a primitive of their own."""
@@ -247,7 +248,7 @@ def half_named_targets(editor: Editor) -> None:
     del editor.json["meshes"][0]["extras"]["targetNames"][1:]
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("change", [unnamed_targets, half_named_targets])
 def test_old_targets_without_names_are_numbered(change: Callable[[Editor], None]) -> None:
     """Names are all or nothing: readers take them by position."""
@@ -526,6 +527,7 @@ def test_names_on_primitives_are_read_and_joined() -> None:
         assert len(primitive["targets"]) == len(joined)
 
 
+@pytest.mark.slow
 def test_keys_before_0_s_make_no_more_of_them(tmp_path: Path) -> None:
     asset = limb_asset(rings=12, sides=8, morphs=1, morph_clip="LINEAR")
     for sampler in asset.gltf["animations"][0]["samplers"]:
@@ -552,6 +554,7 @@ def test_a_node_with_a_matrix_is_said_not_to_move() -> None:
     assert any("clips cannot move 'joint_1': a node with a matrix is not animated" in line for line in warnings)
 
 
+@pytest.mark.slow
 def test_a_vrm_is_written_as_a_glb(tmp_path: Path, wrinkle: Wrinkle) -> None:
     limb_asset(rings=12, sides=8).write(tmp_path / "limb.glb")
     write_tools(tmp_path / "tools.yaml")

@@ -202,6 +202,7 @@ def test_replacing_again_and_again_is_replacing_once(tmp_path: Path) -> None:
     assert files(tmp_path / "0") == files(tmp_path / "3")
 
 
+@pytest.mark.slow
 def test_bakes_of_one_node_after_another_come_off_together(tmp_path: Path) -> None:
     asset = edited("wrist", two_meshes)
     first = bake(asset, tmp_path / "first" / "out.glb", {**PALM, "node": "wrist"})
@@ -249,7 +250,7 @@ def test_a_glb_is_the_same_in_the_original_s_folder_too(tmp_path: Path) -> None:
     assert direct.read_bytes() == replaced.read_bytes()
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", ["glb", "gltf"])
 def test_images_from_outside_the_folder(ending: str, tmp_path: Path) -> None:
     asset = limb_asset(rings=13)
@@ -265,6 +266,7 @@ def test_images_from_outside_the_folder(ending: str, tmp_path: Path) -> None:
     assert files(tmp_path / "direct") == files(tmp_path / "replaced")
 
 
+@pytest.mark.slow
 def test_images_come_back_through_two_bakes(tmp_path: Path) -> None:
     """The second file holds the image itself, the first had it beside, where it is no more."""
     (tmp_path / "in.glb").write_bytes(edited("wrist", two_meshes).read_bytes())

@@ -116,7 +116,7 @@ def test_without_tracks_animations_are_as_they_were() -> None:
     assert wrinkle_columns(after, "wrist")
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [{"tracks": "none"}, {"clips": ["think"]}], ids=["tracks", "clips"])
 def test_weights_of_a_clip_that_was_not_baked_fit_the_new_targets(options: Json) -> None:
     """A weights channel holds a value for each target: the new ones get zeros."""
@@ -223,6 +223,7 @@ def test_midpoint_keeps_the_coarse_shape() -> None:
 # Motion
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("asset", "config", "clip"),
     [("wrist", "wrist", "flex"), ("head", "head", "think"), ("trousers", "trousers", "walk")],

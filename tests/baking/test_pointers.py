@@ -139,6 +139,7 @@ def test_the_original_comes_back(tmp_path: Path) -> None:
     assert [bytes(each) for each in restored.buffers] == [bytes(each) for each in source.buffers]
 
 
+@pytest.mark.slow
 def test_frames_have_no_weights_left() -> None:
     asset = by_pointers(small(morph_clip="LINEAR"))
     top = {"sampling": {"fps": 3}}
@@ -149,6 +150,7 @@ def test_frames_have_no_weights_left() -> None:
         assert first.moves_as(second)
 
 
+@pytest.mark.slow
 def test_parts_follow_pointers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(parts, "_WORTH", 200)
     monkeypatch.setattr(split, "_MATTERS", 0)
@@ -185,6 +187,7 @@ def test_track_reads_pointers_of_clips(tmp_path: Path) -> None:
         assert first.moves_as(second)
 
 
+@pytest.mark.slow
 def test_clips_of_other_files_are_read_by_pointers(tmp_path: Path) -> None:
     made = []
     for number, pointed in enumerate((False, True)):

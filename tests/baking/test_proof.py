@@ -100,6 +100,7 @@ def stray_vertex(target: Target) -> Target:
     return dataclasses.replace(target, shape=changed)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("damage", [bend_shape, stray_vertex])
 def test_a_wrong_shape_is_refused(
     damage: Callable[[Target], Target], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -154,6 +155,7 @@ def test_wrong_old_morph_weights_are_refused(tmp_path: Path, monkeypatch: pytest
     refused(tmp_path, sample("head"), BROW)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("clip", ["flex", "extend"])  # in extend no wrinkle rises
 def test_wrong_skin_weights_of_new_vertices_are_refused(
     clip: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -171,6 +173,7 @@ def test_wrong_skin_weights_of_new_vertices_are_refused(
     assert clip in refused(tmp_path, sample("wrist"), PALM, clips=[clip])
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("path", ["rotation", "weights"])
 def test_a_clip_without_wrinkles_that_plays_otherwise_is_refused(
     path: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

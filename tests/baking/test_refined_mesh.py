@@ -195,7 +195,7 @@ def test_dense_is_dense_for_refined_targets_of_the_asset_too(tmp_path: Path) -> 
     assert_valid(tmp_path / "o.glb")
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("stops", ["features", "none"])
 def test_seams_that_are_equal_but_for_rounding_stay_closed(stops: str, tmp_path: Path) -> None:
     """The seam along the tool as exporters of cylinders write it: the last vertex of a ring is at the sine of 2π."""
@@ -214,6 +214,7 @@ def test_seams_that_are_equal_but_for_rounding_stay_closed(stops: str, tmp_path:
     assert found[1] == pytest.approx(found[0], abs=1e-5)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("mode", ["morph", "frames"])
 def test_normals_and_tangents_are_unit_where_old_ones_cancel_or_are_0(mode: str) -> None:
     asset = limb_asset(rings=12, sides=8, tangents=True)

@@ -147,7 +147,7 @@ def test_each_target_of_a_part_moves_it(pair: tuple[Gltf, Gltf]) -> None:
                 assert moves or max(turns) > parts._UNSEEN / 2, (node, name)
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 def test_the_original_comes_back_from_parts(pair: tuple[Gltf, Gltf], tmp_path: Path) -> None:
     whole, parted = pair
     tools = parted.path.parent / "tools.yaml"

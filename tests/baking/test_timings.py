@@ -72,7 +72,7 @@ def test_vertices_of_two_tools_count_once(tmp_path: Path) -> None:
     assert found["targets"] == 2
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("options", "idle"),
     [

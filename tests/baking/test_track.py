@@ -354,6 +354,7 @@ def test_extras_that_are_not_ours(value: object, tmp_path: Path) -> None:
         track(editor.save(tmp_path / "body.glb"), [sample("trousers")], tmp_path / "out")
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize(
     "wrong",
     [
@@ -665,6 +666,7 @@ def test_extras_of_a_later_layout_are_refused(tmp_path: Path) -> None:
         track(editor.save(tmp_path / "later.glb"), [sample("wrist")], tmp_path / "tracks")
 
 
+@pytest.mark.slow
 def test_warnings_refuse_on_request(wrinkle: Wrinkle, tmp_path: Path) -> None:
     body = body_of("trousers").path
     ran = wrinkle("track", body, edited("trousers", skeleton_only), edited("trousers", idle), "-o", "out", "--strict")

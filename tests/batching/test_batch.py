@@ -123,6 +123,7 @@ def test_a_job_that_fails_does_so_alone_with_its_line(chars: Wrinkle, tmp_path: 
     assert chars("batch", "n.yaml").code == 3
 
 
+@pytest.mark.slow
 def test_folders_of_outputs_are_made(chars: Wrinkle, tmp_path: Path) -> None:
     Path("m.yaml").write_text(
         "version: 1\ndefaults: {tools: tools.yaml, out: 'new/{folder}/{stem}.glb'}\n"

@@ -182,7 +182,7 @@ def test_a_file_of_presets_is_an_input(wrinkle: Wrinkle, folder: Path) -> None:
     assert "studio.yaml" in (folder / "o.d").read_text().split()
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("uri", ["", "tex", "none.png", ".", "http://127.0.0.1:9/skin.png", "../skin.png"])
 def test_a_reference_that_is_no_file_beside_is_not_kept(uri: str, wrinkle: Wrinkle, folder: Path) -> None:
     asset = limb_asset(rings=7, sides=6)

@@ -184,7 +184,7 @@ def run(wrinkle: Wrinkle, *jobs: dict[str, Any]) -> tuple[int, list[str]]:
     return ran.code, [line for line in ran.lines if line.startswith(MANIFEST)]
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "other", [{"asset": "o/fold_0001.glb", "out": "z.glb"}, {"asset": "a/run.gltf", "out": "o/fold_0001.glb"}]
 )

@@ -71,7 +71,7 @@ def small(gain: float = 0.1, **changes: Any) -> SwingDrive:
     return drive(modes=tuple(replace(each, gain=gain) for each in drive().modes), **changes)
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("keys", "error"), [(60, 0.01), (30, 0.01), (30.5, 0.01), (29.5, 0.01), (24, 0.02)])
 def test_sparse_straight_keys_swing_as_the_motion_that_they_sample(rig: Rig, keys: float, error: float) -> None:
     """Straight lines between 30 keys a second would be 3 % off. At 29.5, no key lies at a half of the clip."""
@@ -190,6 +190,7 @@ def test_a_steady_walk_is_no_motion_of_the_flesh(rig: Rig) -> None:
     assert np.abs(drive().weights_in(rig, walk)(TIMES)).max() < 1e-6
 
 
+@pytest.mark.slow
 def test_a_loop_ends_as_it_begins(rig: Rig) -> None:
     times = np.linspace(0.0, 1.0, 31)
     bob = np.stack([0 * times, 0.03 * np.sin(4 * np.pi * times), 1.4 * times], axis=1)

@@ -237,6 +237,7 @@ def test_presets_that_the_tools_file_cannot_name_are_refused(tmp_path: Path) -> 
         Session(asset, tools, ReadOptions(presets=[studio], allow_external=True))
 
 
+@pytest.mark.slow
 def test_the_peak_of_a_tool_is_that_of_a_review(session: Session) -> None:
     raised, heights = session.raised("crease"), session.heights("crease", "fold")
     assert raised is not None
@@ -289,6 +290,7 @@ def test_a_draft_of_one_side_leaves_the_other_as_it_is(tmp_path: Path) -> None:
     assert set(session.attached_tools()) == {"crease.L"}
 
 
+@pytest.mark.slow
 def test_a_frame_that_is_looked_up_is_the_one_that_is_computed(session: Session) -> None:
     time = float(session.frame_times("fold")[20])
     (looked_up,), (computed,) = (session.meshes("fold", at) for at in (time, float(np.nextafter(time, 1.0))))
@@ -387,6 +389,7 @@ def test_what_a_bake_would_refuse_or_leave_out_is_the_tools_problem(session: Ses
     assert third == "far: is left out, as its strength is 0 in every clip"
 
 
+@pytest.mark.slow
 def test_a_tool_with_a_partner_names_its_side(session: Session) -> None:
     assert session.mirror("far", "x") == "far.R"
     assert [tool.partner for tool in session.tools()] == [None, None, "far.L"]

@@ -109,6 +109,7 @@ def test_a_crash_loses_nothing(path: Path) -> None:
     assert opened(path).undoable is None
 
 
+@pytest.mark.slow
 def test_a_crash_beside_another_edit_loses_neither(path: Path) -> None:
     first = opened(path)
     first.set_value("a.L", ("bumps",), 7)
@@ -134,7 +135,7 @@ MERGING = TEXT.replace("- name: a.L     # the first", "- &T0   # the first\n    
 )
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("theirs", [MERGING.replace("1.50]\n\n", "1.50]\n    bumps: 9\n\n"), TEXT])
 def test_a_copy_stays_as_it_is_where_others_change_what_it_merges(path: Path, theirs: str) -> None:
     path.write_text(MERGING)

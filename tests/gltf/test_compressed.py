@@ -114,7 +114,7 @@ def test_the_touched_mesh_is_plain_and_the_rest_as_it_was(name: str) -> None:
     assert (elements(before, matrices[0]) == elements(after, matrices[1])).all()
 
 
-@pytest.mark.quick(1, 3)
+@pytest.mark.quick(0, 3)
 @pytest.mark.parametrize("name", EVERY)
 @pytest.mark.parametrize("levels", [0, 4])
 def test_no_warnings_that_plain_files_lack(name: str, levels: int) -> None:
@@ -184,7 +184,7 @@ def test_an_untouched_mesh_stays_compressed(name: str, ending: str, tmp_path: Pa
         assert {after.items("accessors")[index]["bufferView"] for index in users} <= set(compressed_views(after.gltf))
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", [".glb", ".gltf"])
 @pytest.mark.parametrize("name", ["gltf_transform_meshopt", "gltf_transform_draco"])
 def test_a_mesh_of_two_nodes_stays_compressed_for_the_other(name: str, ending: str, tmp_path: Path) -> None:
@@ -254,7 +254,7 @@ def test_nothing_compressed_is_left_where_every_view_is_replaced(tmp_path: Path)
         assert all(buffer.get("uri") for buffer in gltf["buffers"][ending == ".glb" :])
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["gltfpack_cc", "gltf_transform_draco"])
 def test_frames_of_a_compressed_mesh(name: str, tmp_path: Path) -> None:
     tools = write_tools(tmp_path / "tools.yaml", *TOOLS, sampling={"fps": 2})

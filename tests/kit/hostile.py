@@ -36,6 +36,9 @@ class Source:
     tools: Json
 
 
+SOURCES = 31  # in the corpus
+
+
 @cache
 def corpus() -> list[Source]:
     """Small assets that between them have every feature that is read."""

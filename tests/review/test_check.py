@@ -214,6 +214,7 @@ def test_anchors_are_where_the_named_vertex_is_in_the_file_s_axes(up: str, primi
     assert {found["origin"]["primitive"], found["target"]["primitive"]} == ({0} if primitives == 1 else {0, 2})
 
 
+@pytest.mark.slow
 def test_overlaps_are_the_vertices_that_both_tools_move(tmp_path: Path) -> None:
     asset = limb(tmp_path / "limb.glb")
     tools = [
@@ -282,6 +283,7 @@ def test_a_segment_across_a_bulge_is_warned_of_by_how_long_the_surface_below_is(
     )
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("gap", [0.0, 0.02, 0.3])
 def test_a_segment_over_a_gap_is_warned_of_by_its_share(gap: float, tmp_path: Path) -> None:
     asset = sheet(tmp_path / "a.glb", line(-0.5, -gap / 2), line(gap / 2, 0.5))
@@ -292,6 +294,7 @@ def test_a_segment_over_a_gap_is_warned_of_by_its_share(gap: float, tmp_path: Pa
         assert share == pytest.approx(100 * gap / (2 * REACH), abs=2.0)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("fold", [0.0, 0.1, 0.2])
 def test_a_patch_over_two_layers_is_warned_of_by_their_share(fold: float, tmp_path: Path) -> None:
     # Forward on top, back below it, forward again below that: between -fold and fold there are two layers that face up.
@@ -355,7 +358,7 @@ def test_collisions_are_the_same_in_small_portions_and_found_among_fewer_vertice
     assert thinned != whole
 
 
-@pytest.mark.quick(1, 3)
+@pytest.mark.quick(0, 3)
 @pytest.mark.parametrize("turned", [False, True])
 @pytest.mark.parametrize(("shift", "near"), [(0.02, True), (0.07, True), (0.09, False)])
 def test_tools_nearly_on_top_of_each_other_are_warned_of(
@@ -485,6 +488,7 @@ def test_names_cannot_command_a_terminal(wrinkle: Wrinkle, tmp_path: Path) -> No
 # --- Rounding at rest ---
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("asset", "row"),
     [
@@ -680,6 +684,7 @@ def test_a_pose_takes_the_place_of_clips(tmp_path: Path, wrinkle: Wrinkle) -> No
     assert "did you mean 'joint_1'?" in ran.lines[0]
 
 
+@pytest.mark.slow
 def test_clips_of_other_files_are_checked(tmp_path: Path) -> None:
     whole, body = limb(tmp_path / "whole.glb"), limb(tmp_path / "body.glb", clip=None)
     tools = write_tools(tmp_path / "tools.yaml")

@@ -218,6 +218,7 @@ def test_points_and_lines_are_compared_by_their_vertices(tmp_path: Path) -> None
         assert found.worst.side == side
 
 
+@pytest.mark.slow
 def test_other_triangles_of_one_surface_are_the_same_as_posed(tmp_path: Path) -> None:
     before, after = limb_asset(**SMALL), limb_asset(**SMALL, mode="strip")
     assert not compared(tmp_path, before, after).same

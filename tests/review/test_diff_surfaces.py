@@ -40,7 +40,7 @@ def farthest(points: Floats, corners: Floats) -> float:
     return float(away.reshape(len(points), -1).min(axis=1).max())
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("rings", [9, 10])
 def test_the_farthest_vertex_of_all_times_is_found(rings: int) -> None:
     sides = (

@@ -337,6 +337,7 @@ def test_too_much_work_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         suggest(limb(tmp_path / "limb.glb"))
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("scale", [1e15, 1e25, 1e200])
 def test_lengths_beyond_what_a_tools_file_takes_are_said(tmp_path: Path, scale: float) -> None:
     with pytest.raises(AssetError):

@@ -237,7 +237,7 @@ def test_targets_that_move_nothing_are_said(tmp_path: Path) -> None:
     assert any("bunny lines (noseSneer)" in note for note in found.notes)
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("targets", "reason"),
     [
@@ -260,7 +260,7 @@ def test_a_face_that_says_too_little_has_nothing(tmp_path: Path, targets: list[s
     assert reason in found.reason
 
 
-@pytest.mark.quick(3)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     "expressions",
     [

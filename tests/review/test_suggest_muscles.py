@@ -77,7 +77,7 @@ def test_hamstrings_begin_right_below_the_buttock(tmp_path: Path) -> None:
     assert 0.80 < heights.max() < 0.84
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(("part", "node"), [(0.2, "Figure"), (0.4, "sleeve")])
 def test_a_sleeve_is_lifted_that_has_enough_of_the_arm(part: float, node: str, tmp_path: Path) -> None:
     """As much of the skin weights of the upper arm as the layers of a garment have, and not a ribbon."""

@@ -174,6 +174,7 @@ def test_a_limb_says_nothing_of_its_stuff(name: str) -> None:
     assert named([name], "it") is None
 
 
+@pytest.mark.slow
 def test_the_picture_counts_more_than_names(tmp_path: Path) -> None:
     skin = painted(characters.skin(128), name="Clothes_Atlas", node="Trousers")
     assert kind_of(tmp_path, skin) == "skin"

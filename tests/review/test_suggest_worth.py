@@ -106,7 +106,7 @@ def test_the_next_best_take_the_place_of_what_is_left_out(tmp_path: Path) -> Non
     assert [each.tool.name for each in found.tools] == ["tall"]
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(("time", "one_sided"), [(0.0, True), (1.0, False)])
 def test_the_twin_of_a_one_sided_clip_stays_and_the_file_says_so(tmp_path: Path, time: float, one_sided: bool) -> None:
     pair = replace(suggestion("fold.L", start=0.05, stop=0.4, height=8.0), mirrored=True, twin_moment=("squeeze", time))

@@ -200,6 +200,7 @@ def test_morph_deltas_with_a_weight_at_rest_stay_near_the_coarse_surface() -> No
     assert offsets.max() <= 2.0 * np.linalg.norm(fine.positions - places_of(fine), axis=1).max()
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("count", [9, 17])
 def test_an_expression_is_as_round_at_the_old_edges_as_the_whole_scheme_makes_it(count: int) -> None:
     """On a plane all angles between faces come from the morph target."""
@@ -263,6 +264,7 @@ def test_seams_of_smooth_surfaces_are_not_hard() -> None:
     assert fine.schemes == ("butterfly",)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("scheme", ["butterfly", "butterfly_full", "midpoint"])
 def test_shading_at_rest_is_the_authored_one(scheme: str) -> None:
     """Normals of new vertices are mixed from those of their coarse triangle, whatever the positions are."""

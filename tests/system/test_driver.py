@@ -117,7 +117,7 @@ def test_tissue_lags_at_any_frame_rate_as_if_it_were_baked(name: str, clip: str)
                 assert error[told].max() < 0.02, (fps, names[column], times[told][error[told].argmax()])
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("clip", ["fold", "wave"])
 def test_a_field_is_driven_as_it_was_baked(clip: str) -> None:
     bare, whole = (bake_field({"clips": {"fold": 0.5}}, tracks=tracks) for tracks in ("none", "all"))

@@ -160,6 +160,7 @@ def test_only_joints_that_move_anchors_are_evaluated(baker: Baker, monkeypatch: 
     assert {node for nodes, count in evaluated if count > 1 for node in nodes} == wanted
 
 
+@pytest.mark.slow
 def test_a_longer_clip_takes_as_many_evaluations_for_each_frame(baker: Baker, monkeypatch: pytest.MonkeyPatch) -> None:
     evaluated = counting(monkeypatch, pose, "_local_rows", lambda _rig, _clip, times, nodes: (nodes, len(times)))
     found = []

@@ -508,6 +508,7 @@ def test_forms_of_skins(change: Change | None, options: Json, keys: Json) -> Non
     assert sum(counts(after, "limb")) > sum(counts(before, "limb")), "nothing was refined"
 
 
+@pytest.mark.slow
 def test_only_the_named_node_of_a_shared_mesh_changes() -> None:
     asset = limb_asset(rings=13)
     statue(asset)

@@ -106,6 +106,7 @@ def test_the_readme_is_short() -> None:
 # --- Streams ---
 
 
+@pytest.mark.slow
 def test_a_reader_that_leaves_early_is_no_bug() -> None:
     read, write = os.pipe()
     os.close(read)

@@ -169,7 +169,7 @@ def test_each_output_has_a_name_of_its_own(options: str, folder: Path, wrinkle: 
     assert files(folder) == before
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("uri", ["d/x=\nall:;touch${IFS}PWNED;", "x;touch PWNED", "SHELL=x;"])
 def test_a_name_that_would_be_a_command_in_a_makefile_is_refused(uri: str, folder: Path, wrinkle: Wrinkle) -> None:
     (folder / "d").mkdir()
@@ -185,7 +185,7 @@ def test_a_name_that_would_be_a_command_in_a_makefile_is_refused(uri: str, folde
     assert wrinkle("bake", "limb.gltf", "tools.yaml", "-o", "out.glb").code == 0
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("name", WRITING)
 def test_an_output_that_is_there_keeps_its_mode(name: str, folder: Path, wrinkle: Wrinkle) -> None:
     command, ending = WRITING[name]

@@ -225,6 +225,7 @@ def face_normals(positions: NDArray[np.float64], triangles: NDArray[np.intp]) ->
     return normals / np.linalg.norm(normals, axis=1)[:, None]
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize(
     "config",
     [*sorted((ROOT / "configs").glob("*.yaml")), path_of("figure").with_suffix(".yaml")],

@@ -84,6 +84,7 @@ def test_memory_of_a_scene_grows_with_its_nodes(tmp_path: Path) -> None:
     assert sizes[1] < 2.2 * sizes[0]
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("prefix", ["limb", "renamed"])
 def test_instances_are_posed_a_few_times_each(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, prefix: str) -> None:
     calls = []

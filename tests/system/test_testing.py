@@ -137,7 +137,7 @@ def test_options_are_those_of_the_comparison(
     result.assert_outcomes(passed=int(passes), failed=int(not passes))
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("tolerance", ["'wide'", "0", "'-1%'", "float('nan')"])
 def test_a_tolerance_that_is_none_is_an_error_of_the_test(
     pytester: pytest.Pytester, folder: Path, tmp_path: Path, tolerance: str

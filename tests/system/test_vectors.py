@@ -181,7 +181,7 @@ def test_csharp_finds_the_extras_in_a_file(tmp_path: Path) -> None:
     assert run("mono", "mono-runtime", program, tmp_path / "out.gltf") == "wrist: palm_side, back_side\n"
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "clip", "fps"),
     [("trunk", "jump", 30), ("trunk", "jump", 144), pytest.param("body", "walk", 60, marks=pytest.mark.long)],

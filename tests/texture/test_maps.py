@@ -254,6 +254,7 @@ def test_a_mesh_without_texture_coordinates_gets_one_line(wrinkle: Wrinkle, tmp_
     assert not (tmp_path / "maps").exists()
 
 
+@pytest.mark.slow
 def test_tools_that_move_the_body_are_left_out_and_named(wrinkle: Wrinkle, tmp_path: Path) -> None:
     asset, _ = small(tmp_path)
     flesh = {"name": "belly", "at": [0.3, 0.1, 0.0], "radius": 0.4}

@@ -95,7 +95,7 @@ def test_outlines_lie_above_the_surface_that_is_drawn_right_side_out(
     assert drawn.paint.opacity.alphas == pytest.approx(across, abs=0.1)
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("refined", [False, True])
 def test_the_outline_of_a_touch_is_round_on_a_coarse_mesh(refined: bool, tmp_path: Path) -> None:
     """It crosses triangles half as long as its radius, and does not follow their sides."""

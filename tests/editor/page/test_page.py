@@ -94,6 +94,7 @@ def unpacked(data: str | bytes) -> bytes:
     return zstandard.ZstdDecompressor().decompress(data[16 : 16 + size])
 
 
+@pytest.mark.slow
 def test_hostile_messages_end_no_other_tab(page: Page) -> None:
     with tab(page) as other:
         other.recv(timeout=PATIENCE)

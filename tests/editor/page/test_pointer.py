@@ -130,6 +130,7 @@ def test_a_tool_that_is_refused_leaves_its_first_end(page: Page, monkeypatch: py
     assert "wrinkle_1 is new" in click(page, 0.3)
 
 
+@pytest.mark.slow
 def test_a_typed_value_that_is_refused_takes_no_click_away(page: Page) -> None:
     page.choose("a", look=False)
     page._pointer._begin("tools")
@@ -140,7 +141,7 @@ def test_a_typed_value_that_is_refused_takes_no_click_away(page: Page) -> None:
     assert tools_of(page)["a"]["bumps"] == 3
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("tool", "number", "ways"),
     [
@@ -163,6 +164,7 @@ def test_a_point_that_is_dragged_onto_its_neighbour_stays_where_it_was(
     assert [each.problem for each in page.session.tools()] == [None, None]
 
 
+@pytest.mark.slow
 def test_an_end_that_is_dragged_to_where_the_tool_does_not_fit_is_dragged_back(page: Page) -> None:
     page.choose("a", look=False)
     page.session.move_point("a", 0, [9, 9, 9])
@@ -192,6 +194,7 @@ def test_a_drag_that_pauses_is_one_step_to_undo(tmp_path: Path) -> None:
         page.close()
 
 
+@pytest.mark.slow
 def test_a_draft_that_is_refused_leaves_the_one_before_it(page: Page) -> None:
     page.choose("a", look=False)
     for bumps in (5, 99, 98):

@@ -153,7 +153,7 @@ def test_a_surface_that_hardly_bends_is_refused_with_its_slack(wrinkle: Wrinkle,
     assert "hardly anything of limb loses more than 50 % of its length, the slack, as its joints turn" in line
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [1e-20, 1e-12])
 def test_a_mesh_of_almost_no_size_is_baked_or_refused(wrinkle: Wrinkle, tmp_path: Path, scale: float) -> None:
     path = place(of_no_size(scale))

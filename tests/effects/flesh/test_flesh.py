@@ -134,6 +134,7 @@ def test_the_driver_plays_a_motion_of_the_player(bodies: dict[int, Path], fps: i
         assert_alike(found, swung(still, motion)(times), 0, 0.02)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("fps", [30, 60, 144, None])
 def test_the_driver_plays_clips_that_blend(bodies: dict[int, Path], fps: int | None) -> None:
     """It follows both curves, each by its share; uneven frames tell least of how the shares change."""
@@ -275,6 +276,7 @@ def test_what_does_not_fit_is_one_line(bodies: dict[int, Path], tmp_path: Path, 
     assert not (tmp_path / "out.glb").exists()
 
 
+@pytest.mark.slow
 def test_warnings_say_what_a_clip_does_not_hold(bodies: dict[int, Path]) -> None:
     def said(asset: Path) -> str:
         return "\n".join(report_of(baked(asset, region())).data["warnings"])

@@ -325,6 +325,7 @@ def test_a_fold_over_a_muscle_that_is_given_up_has_lower_wrinkles(
     assert report.data["muscles"][0]["targets"] == ["wrinkle_biceps_1", "wrinkle_biceps_2"]
 
 
+@pytest.mark.slow
 def test_a_marker_and_a_position_are_carried_by_their_bones() -> None:
     """A marker below a joint and a place near a bone move as the same ends given by joints do."""
     asset = limb_asset(rings=41, sides=24, angle=90.0)
@@ -337,7 +338,7 @@ def test_a_marker_and_a_position_are_carried_by_their_bones() -> None:
     assert marked.weights("limb", "fold", [1.0]) == pytest.approx(plain.weights("limb", "fold", [1.0]), abs=1e-5)
 
 
-@pytest.mark.quick(3)
+@pytest.mark.slow
 def test_a_coarse_limb_is_split_where_the_bulge_curves() -> None:
     """On eight faces the bulge is as high and as round as on many, and a fine limb stays as it is."""
     found = {}
@@ -407,6 +408,7 @@ def test_clothes_that_a_muscle_reaches_and_that_do_not_swell_are_warned_of(
     ]
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("depth", [0.045, 0.05])
 def test_a_biceps_at_a_right_angle_bulges_as_much_as_that_of_a_human(depth: float) -> None:
     """8 to 14 mm, on an arm of which bone and skin are 45 or 50 mm apart."""

@@ -131,6 +131,7 @@ def test_the_bend_is_the_sine_of_the_joints_angle(limb: tuple[Path, dict[str, To
     assert abs(bends["inside"][0]) < 1e-6
 
 
+@pytest.mark.slow
 def test_the_bend_is_counted_from_the_rest_pose_of_a_clip() -> None:
     """Laid where the joint is bent by 30°, the same place of the skin has the same bends, less those 30°."""
     turn = np.radians(30.0)
@@ -163,6 +164,7 @@ def test_weights_of_changes_are_those_of_slides_times_the_bend(limb: tuple[Path,
     assert len(drive.targets) == len(weights)
 
 
+@pytest.mark.slow
 def test_skin_that_no_joint_bends_has_no_more_targets() -> None:
     file = bake_once(place(plate()), top={"touches": [touch()], "refinement": {"max_levels": 0}})
     (stored,) = read_bodies(read_document(file.path))[0].drives

@@ -202,7 +202,7 @@ def test_a_node_that_comes_near_drags_the_skin_and_slips() -> None:
     assert warned(file) == []
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "ways",
     [

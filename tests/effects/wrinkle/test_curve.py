@@ -525,6 +525,7 @@ def test_default_amplitudes_of_full_bumps_need_no_unabsorbed_length():
         np.testing.assert_allclose(amplitudes_of(curve, shares, np.ones(1)), 0.03, rtol=1e-12)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("profile", ["smooth", "polyline"])
 def test_ten_thousand_frames_take_a_moment(profile):
     curve = plan(profile=profile, bumps=8, details=(0.2, 0.1), strategy="origin", max_height=0.04)

@@ -78,7 +78,7 @@ def test_the_preset_is_the_paper(name: str) -> None:
     assert off(CASES[name], PROJECTED, attachment="patch") == 0.0
 
 
-@pytest.mark.quick(1, 3)
+@pytest.mark.quick(0, 3)
 @pytest.mark.parametrize("name", CASES)
 def test_the_preset_is_the_paper_on_the_skin(name: str) -> None:
     assert off(CASES[name], AS_BAKED) == 0.0

@@ -10,7 +10,7 @@ from kit.limb import limb_asset, tool
 from kit.prepared import prepare
 
 
-@pytest.mark.quick(3)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("root", ROOTS[:4], ids=str)
 @pytest.mark.parametrize("profile", ["smooth", "polyline"])
 def test_projected_anew_at_rest_is_carried_by_the_skin(root: Any, profile: str) -> None:

@@ -60,7 +60,7 @@ def test_the_distance_is_that_of_the_message_and_goes_along_with_the_skin(tmp_pa
             assert places[:, 1] == pytest.approx(np.array([FAR["origin"], tool()["target"]]))
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("keys", "said", "ends"),
     [
@@ -115,7 +115,7 @@ NOTHING: dict[str, tuple[Callable[[Asset], Any], str]] = {
 }
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("name", NOTHING)
 def test_tools_are_not_shown_on_nothing(tmp_path: Path, name: str) -> None:
     change, said = NOTHING[name]

@@ -231,6 +231,7 @@ def seen_through(frame: Snapshot, *alphas: float, cutoff: float = np.inf) -> Sna
     return replace(frame, opacities=Opacities(corners, cutoffs, frame.coordinates, np.full(count, -1), ()))
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("order", [(0, 1, 2), (2, 0, 1), (1, 2, 0)])
 def test_what_is_behind_blended_triangles_shows_through_them(order: Sequence[int]) -> None:
     squares = [

@@ -182,6 +182,7 @@ def test_a_tool_that_no_clip_raises_is_shown_at_its_full_height(tmp_path: Path) 
     assert "no clip raises it" in words(peak)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("angle", "hidden"), [(60.0, False), (120.0, True)])
 def test_what_a_fold_hides_at_its_peak_is_shown_before_it(tmp_path: Path, angle: float, hidden: bool) -> None:
     asset = limb_asset(rings=33, sides=12, angle=angle).write(tmp_path / "limb.glb")
