@@ -21,6 +21,7 @@ from wrinklecli.numeric.arrays import (
     determinants,
     distinct_values,
     dot,
+    greatest_coordinates,
     matches,
     smoothstep,
     unit,
@@ -123,7 +124,7 @@ def make_shapes(
         folded: As `DisplacedNormals` takes it.
         middles: With (shapes, edges, 3) deltas.
     """
-    lengths = np.abs(deltas).max(axis=2)
+    lengths = greatest_coordinates(deltas)
     moving = lengths > LEAST_SHARE * lengths.max(initial=0.0)
     normal_vertices, normal_deltas = np.zeros(0, np.intp), np.zeros((len(deltas), 0, 3))
     if samples and moving.any():
@@ -138,7 +139,7 @@ def make_shapes(
         )
     shapes: list[Shape | None] = []
     for shape, moves in enumerate(moving):
-        changed = np.abs(normal_deltas[shape]).max(axis=1) > LEAST_SHARE
+        changed = greatest_coordinates(normal_deltas[shape]) > LEAST_SHARE
         shapes.append(
             Shape(
                 vertices[moves],
@@ -156,7 +157,7 @@ def make_shapes(
 
 def _bent(edges: Ints, deltas: Floats) -> Middles | None:
     """The middles of one shape, without those of straight edges; None if there is none."""
-    lengths = np.abs(deltas).max(axis=1)
+    lengths = greatest_coordinates(deltas)
     bent = lengths > LEAST_SHARE * lengths.max(initial=0.0)
     return Middles(edges[bent], deltas[bent]) if bent.any() else None
 

@@ -389,7 +389,8 @@ class _Turning(_Look):
 
     def _turn(self, places: Floats, changed: Bools) -> None:
         """Turn the triangles whose corners' normals have changed."""
-        around = flags_of(self._triangles[any_of(changed, self._triangles)], len(changed))
+        fresh = np.flatnonzero(any_of(changed, self._triangles))
+        around = flags_of(self._triangles.take(fresh, axis=0), len(changed))
         beside = np.flatnonzero(any_of(around, self._triangles))
         triangles = self._triangles.take(beside, axis=0)
         faces = _faces(places, triangles)
