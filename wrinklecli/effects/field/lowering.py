@@ -382,6 +382,7 @@ class _Turning(_Look):
         self._turned, self._normals = np.zeros(len(part.triangles), np.bool_), np.zeros(pose.still.shape)
         self._turn(pose.still, self._changed)
         self._judged = part.judged & ~self._turned
+        self._changed = pose.moved
 
     def _look(self, places: Floats, changed: Bools) -> Ints:
         self._turn(places, changed)
@@ -407,10 +408,12 @@ def _turning(poses: _Poses, slopes: _Slopes) -> Iterator[_Turning]:
     whole = _Part.of(poses.inside < poses.moves.shape[2] - 1, fine.triangles)
     faults = np.zeros(len(fine.positions), np.bool_)
     for each, moved in zip(poses.of_part(whole.vertices), raised, strict=True):
-        faces, skinned = (_faces(places, whole.triangles) for places in (each.places(moved), each.still))
-        normals = _sums(faces, whole.triangles, len(whole.vertices))
-        turned = (dot(faces, skinned) < 0.0) | turned_over(whole.triangles, faces, normals)
-        faults[whole.vertices[whole.triangles[whole.judged & turned]]] = True
+        near = _Part.of(each.moved, whole.triangles)
+        own = each.of(near.vertices)
+        faces, skinned = (_faces(places, near.triangles) for places in (own.places(moved), own.still))
+        normals = _sums(faces, near.triangles, len(near.vertices))
+        turned = (dot(faces, skinned) < 0.0) | turned_over(near.triangles, faces, normals)
+        faults[whole.vertices[near.vertices[near.triangles[near.judged & turned]]]] = True
     if not faults.any():
         return
     part = _Part.of(slopes.reached(faults), fine.triangles)
